@@ -52,7 +52,7 @@ def ended_by(number: int) -> str:
     return NAMES.get(signal.Signals(number), signal.Signals(number).name)
 
 
-def say_end(number: int) -> None:
+def print_end(number: int) -> None:
     """Say in one line that a signal has ended the program."""
     with contextlib.suppress(BaseException):
         sys.stdout.flush()
@@ -63,7 +63,7 @@ def say_end(number: int) -> None:
 
 def end(number: int) -> None:
     """Say that a signal has ended the program and leave, without waiting for threads. Does not return."""
-    say_end(number)
+    print_end(number)
     os._exit(0 if _command[1] in STAYING else 128 + number)
 
 

@@ -41,7 +41,7 @@ class Pilot:
         return MODES[self.state.supervisor.state]
 
     @property
-    def told(self) -> RudderCommand:
+    def last_command(self) -> RudderCommand:
         """The last command."""
         return self.state.command
 

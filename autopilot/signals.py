@@ -32,7 +32,7 @@ class RateSample(NamedTuple):
 
 
 class RudderSample(NamedTuple):
-    """Rudder angle [rad]: measured, or, where `ordered`, what the steering gear was told (SERVO_OUTPUT_RAW)."""
+    """Rudder angle [rad]: measured, or, where `ordered`, the command to the steering gear (SERVO_OUTPUT_RAW)."""
 
     time: float
     angle: float
@@ -190,7 +190,7 @@ class Order(NamedTuple):
     is_led: bool = False
 
     def is_same(self, other: Order) -> bool:
-        """Return whether both ask for the same: two headings that are nan are the same wish."""
+        """Return whether both ask for the same: two headings that are nan are the same request."""
         both_present = self.heading != self.heading and other.heading != other.heading
         return self == (other._replace(heading=self.heading) if both_present else other)
 
@@ -291,5 +291,5 @@ class Tick(NamedTuple):
     alarms: tuple[AlarmEvent, ...]
     supervisor: SupervisorState = SupervisorState.STANDBY
     siren: Siren = Siren.QUIET
-    heard: tuple[AlarmState, ...] = ()
+    alarm_states: tuple[AlarmState, ...] = ()
     """The state of each of `alarms`; empty where it is not known, as in old logs."""

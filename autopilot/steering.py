@@ -1,8 +1,8 @@
 """What steers, stage by stage: waves, reference, limits. Scalar functions over NamedTuples.
 
-The pilot calls them as they are, and campaigns compile them (`sitl.campaign.brain`): there is one truth about what a
-state and an order come to. What goes before, the samples' way to a state, is `autopilot.estimation`'s; what stands
-beside, monitors and supervisor, is `autopilot.supervision`'s.
+The pilot calls them as they are, and campaigns compile them (`sitl.campaign.compiled_tick`): there is one truth about
+what a state and an order come to. What goes before, the samples' way to a state, is `autopilot.estimation`'s; what
+stands beside, monitors and supervisor, is `autopilot.supervision`'s.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.control.limits import Rest, RudderLimits, limit, rested
-from autopilot.control.met_waves import Corners, Met, Waves, met
+from autopilot.control.wave_feedforward import CornerFrequencies, WaveFeedforward, Waves, wave_feedforward
 from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.guidance.reference import Guide, Steering, led
 from autopilot.guidance.turn import TurnLimits, preset_rate, side_hard_over, turn_limits
@@ -40,7 +40,7 @@ class SteeringConfig(NamedTuple):
     rudder_share: float
     turn_rate_max: float
     turn_curvature_max: float
-    wave_corners: Corners
+    corner_frequencies: CornerFrequencies
     rudder_is_ours: bool
     uses_bias: bool
 
@@ -65,11 +65,11 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
     return Turning(turn_limits(model, limits.angle_max, limits.rate_max, config.rudder_share, preset), speed)
 
 
-def wave_rudder(config: SteeringConfig, model: Norrbin, state: NavState) -> Met:
+def wave_rudder(config: SteeringConfig, model: Norrbin, state: NavState) -> WaveFeedforward:
     """Return which share of the waves the law is not shown, and the rudder that undoes some of the rest."""
     waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
     quickness = model.reference_speed / config.estimator.model.reference_speed
-    return met(model, config.estimator.gear, config.limits, config.wave_corners, quickness, waves)
+    return wave_feedforward(model, config.estimator.gear, config.limits, config.corner_frequencies, quickness, waves)
 
 
 def steered_by(state: NavState, share: float) -> NavState:

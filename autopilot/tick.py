@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 from autopilot.control.law import NO_ROLL, LawInForce, LawInput, RollInput
 from autopilot.control.limits import Rest, RudderLimits, limit
-from autopilot.control.met_waves import Corners, Met
 from autopilot.control.roll_damping import RollDamper, RollDamping, damped, rolled
+from autopilot.control.wave_feedforward import CornerFrequencies, WaveFeedforward
 from autopilot.estimation import estimator
 from autopilot.estimation.estimator import (
     Beliefs,
@@ -93,7 +93,7 @@ class PilotConfig(NamedTuple):
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading, so that only what it reports says where the rudder
-    is. wave_corners hold at the model's speed: which waves are kept from the rudder, steered against, or undone, see
+    is. wave_corners hold at the model's speed: which waves are filtered out, steered against, or cancelled, see
     `met_waves`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
     for this where steerage_over_ground says so. roll: the rudder damps roll too, while that helps; None: it does not.
     dead_band [rad]: on a course the rudder rests until it is wrong by more.
@@ -108,7 +108,7 @@ class PilotConfig(NamedTuple):
     turn_rate_max: float = math.inf
     turn_curvature_max: float = math.inf
     rudder_is_ours: bool = True
-    wave_corners: Corners = Corners(0.0)
+    corner_frequencies: CornerFrequencies = CornerFrequencies(0.0)
     steerage: float = 0.0
     steerage_over_ground: bool = False
     roll: RollDamping | None = None
@@ -145,7 +145,7 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
         rudder_share=config.rudder_share,
         turn_rate_max=config.turn_rate_max,
         turn_curvature_max=config.turn_curvature_max,
-        wave_corners=config.wave_corners,
+        corner_frequencies=config.corner_frequencies,
         rudder_is_ours=config.rudder_is_ours,
         uses_bias=law.kind.uses_bias,
     )
@@ -210,7 +210,7 @@ def first_state(config: Config) -> State:
         monitors=MonitorState(),
         supervisor=supervisor.NOTHING_SEEN,
         panel=panel.QUIET,
-        failsafe=failsafe.NOTHING_HEARD,
+        failsafe=failsafe.NO_MEMORY,
         law=config.law.first(0.0),
     )
 
@@ -261,7 +261,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         reference = work.refer(order, steady)
         demand = work.demand(order, reference, steady)
     command = work.limit(order, seen, demand, work.picture(order, reference, steady))
-    alarms, siren, heard = work.show(samples, order)
+    alarms, siren, alarm_states = work.show(samples, order)
     tick = Tick(
         number=state.number + 1,
         now=now,
@@ -275,7 +275,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         alarms=alarms,
         supervisor=work.supervisor.state,
         siren=siren,
-        heard=heard,
+        alarm_states=alarm_states,
     )
     return work.state(tick), tick
 
@@ -301,7 +301,7 @@ class _Work:
         )
         self.wave_rudder, self.mean_bias = state.wave_rudder, state.mean_bias
         self.waits, self.is_reckoned = state.waits, state.is_reckoned
-        self.waves = Met(0.0, 0.0)
+        self.waves = WaveFeedforward(0.0, 0.0)
 
     def state(self, tick: Tick) -> State:
         """Return what is to be remembered."""
@@ -336,7 +336,7 @@ class _Work:
         steers_blindly = self.boat.failsafe.action in STEERING_ACTIONS
         for sample in samples:
             if isinstance(sample, HelmSample):
-                self.supervisor.hear(sample)
+                self.supervisor.on_sample(sample)
                 if sample.cause is HelmCause.STOOD_STILL:
                     self.monitors.forget_past()
             elif isinstance(sample, AlarmSample):
@@ -348,7 +348,7 @@ class _Work:
                 self._note_rudder_order(sample.angle)
         if steers_blindly:
             # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
-            self.failsafe.hear(samples, takes_rates=not self.monitors.rate_is_reversed)
+            self.failsafe.on_sample(samples, takes_rates=not self.monitors.rate_is_reversed)
 
     def _take_roll(self, sample: RollSample) -> None:
         if self.monitors.softer > 1.0 or self.monitors.rests_roll:
@@ -402,7 +402,7 @@ class _Work:
                 self.command.angle if ours else 0.0,
                 boat.limits.angle_max,
                 abs(seen.speed) >= boat.steerage,
-                estimate.fusion.surprise,
+                estimate.fusion.innovation_mean,
                 self.waits,
                 zigzag_divergence(self.guide, self.order_in_force, seen.heading) if is_engaged else 0.0,
                 push=estimate.push,
@@ -436,7 +436,7 @@ class _Work:
         start = clip(there, -self.boat.limits.angle_max, self.boat.limits.angle_max)
         self._begin_law(start)
         waves = wave_rudder(self.config.steering, self.estimate.model, seen)
-        self._plan_anew(steered_by(seen, waves.alone))
+        self._plan_anew(steered_by(seen, waves.filtered))
         self.order_in_force = Order()
         self.command = RudderCommand(self.now, start, True)
         self.rest = Rest(start, start)
@@ -447,7 +447,7 @@ class _Work:
         the mean bias of late. What a boat does that is not its model is taken for wind that comes and goes with each
         swing, and steering against that keeps it swinging."""
         self.waves = wave_rudder(self.config.steering, self.estimate.model, seen)
-        state = steered_by(seen, self.waves.alone)
+        state = steered_by(seen, self.waves.filtered)
         share = -math.expm1(-self.dt / (CALM * self.estimate.model.time_constant))
         self.mean_bias += share * (state.bias - self.mean_bias)
         return state._replace(bias=self.mean_bias) if self.monitors.softer > 1.0 else state
@@ -570,13 +570,13 @@ class _Work:
         previous = self.command.angle if self.command.engaged else seen.rudder
         if self.supervisor.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING and not self.waits:
             # only a course that is held has a dead band
-            before = self.rest._replace(told=previous)
+            before = self.rest._replace(command=previous)
             rest = limited(self.config.steering, before, Moved(previous, dt), demand)
         else:
             allowed = limit(self.boat.limits, previous, demand, dt)
             rest = Rest(allowed, allowed)
-        command = self.supervisor.check(self.now, previous, demand, rest.told, dt, picture)
-        self.rest = rest if command.angle == rest.told else Rest(command.angle, command.angle)
+        command = self.supervisor.check(self.now, previous, demand, rest.command, dt, picture)
+        self.rest = rest if command.angle == rest.command else Rest(command.angle, command.angle)
         if command.engaged and self.boat.rudder_is_ours:
             self._note_rudder_order(command.angle)
         self.command = command

@@ -141,7 +141,7 @@ class TrueStation:
         self._line.setblocking(False)
         signing = Signing(KEY, CountingTimestamps(clock_timestamp()))
         self._codec = MavlinkCodec(255, 190, signing=LinkSigning(signing, 0))
-        self.told: dict[str, float] = {}
+        self.received: dict[str, float] = {}
 
     def turn(self) -> None:
         """Say that we are here, ask for a number, and read what came."""
@@ -161,12 +161,12 @@ class TrueStation:
             for message in self._codec.decode(data):
                 kind = message.get_type()
                 if kind == "PARAM_VALUE":
-                    self.told["BS_K1"] = message.param_value
-                    self.told["answers"] = self.told.get("answers", 0) + 1
+                    self.received["BS_K1"] = message.param_value
+                    self.received["answers"] = self.received.get("answers", 0) + 1
                 elif kind == "NAV_CONTROLLER_OUTPUT":
-                    self.told["target_deg"] = message.target_bearing
+                    self.received["target_deg"] = message.target_bearing
                 elif kind == "HEARTBEAT":
-                    self.told["mode"] = message.custom_mode
+                    self.received["mode"] = message.custom_mode
 
 
 def vessel_file(folder: Path) -> Path:
@@ -230,7 +230,7 @@ def exchange(
 
 
 def run(seconds: float) -> tuple[dict, dict, str]:
-    """Start all, measure, stop all; return the measurement, what the true station was told, and the pilot's output."""
+    """Start all, measure, stop all; return the measurement, what the true station received, and the pilot's output."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         key = folder / "signing.key"
@@ -266,7 +266,7 @@ def run(seconds: float) -> tuple[dict, dict, str]:
                 for process in (*others, pilot):
                     process.terminate()
                     process.wait()
-        return measured, true.told, (folder / "output").read_text()
+        return measured, true.received, (folder / "output").read_text()
 
 
 def await_tcp(port: int) -> None:
@@ -307,17 +307,17 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="time of each of the three conditions")
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
     arguments = parser.parse_args()
-    measured, told, output = run(arguments.seconds)
+    measured, received, output = run(arguments.seconds)
     table = summary(measured)
     refused = [line for line in output.splitlines() if "refused" in line or "let in" in line]
     if arguments.json:
-        print(json.dumps({"table": table, "told": told, "refused": refused, "load": os.getloadavg()[0]}, indent=2))
+        print(json.dumps({"table": table, "told": received, "refused": refused, "load": os.getloadavg()[0]}, indent=2))
         return
     print(f"{RATE_HZ} Hz loop, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}")
     print(f"{'':18s}" + "".join(f"{name:>14s}" for name in table))
     for key in next(iter(table.values())):
         print(f"{key:18s}" + "".join(f"{figures[key]:14.2f}" for figures in table.values()))
-    print(f"what the true station was told at the end: {told}")
+    print(f"what the true station received at the end: {received}")
     print(*refused, sep="\n")
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/campaign_engines.py [--runs 400] [--turns 3] [--workers 2]
 
-Two times are told: starting the engine until every worker has loaded the compiled loop, and from there to the last
+Two times are reported: starting the engine until every worker has loaded the compiled loop, and from there to the last
 batch. Efficiency is of the work: the local pool's time over the engine's, each the best of the turns; the results are
 compared as well. A first turn of the local pool, not counted, compiles what is not yet on disk.
 """

@@ -17,10 +17,10 @@ from collections.abc import Callable
 from typing import Any
 
 from autopilot.control.design import DESIGNED
-from sitl.campaign.setting import rooms_of, run_fully, setting_of
+from sitl.campaign.compiled_run import run_compiled
+from sitl.campaign.setting import run_reference, setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Job, SeaSection, Study
-from sitl.campaign.swift import run_swiftly
-from sitl.campaign.work import done_swiftly, swift
+from sitl.campaign.work import compiled_loop, done_compiled
 from sitl.scenario import IttcSection, SecondOrderSection, WavesSection, WindSection
 from sitl.world import STEP
 
@@ -53,19 +53,19 @@ def best(function: Callable[[], Any], repeats: int) -> float:
 
 def measured(sea: str, seconds: float, repeats: int) -> dict[str, float]:
     """Return steps a second: compiled loop alone, whole compiled run, the same loop plain, full simulator."""
-    quick = swift(DESIGNED)
+    quick = compiled_loop(DESIGNED)
     assert quick is not None
     job, short = study_in(sea, seconds), study_in(sea, PLAIN_S)
     setting, part = setting_of(job, 0), setting_of(short, 0)
     assert setting is not None
     assert part is not None
     steps, few = seconds / STEP, PLAIN_S / STEP
-    quick(setting, rooms_of(setting))
+    quick(setting, workspace_of(setting))
     return {
-        "loop": steps / best(lambda: quick(setting, rooms_of(setting)), repeats),
-        "run": steps / best(lambda: done_swiftly(job, 0), repeats),
-        "plain": few / best(lambda: run_swiftly(part, rooms_of(part)), PLAIN_REPEATS),
-        "full": few / best(lambda: run_fully(short, 0), PLAIN_REPEATS),
+        "loop": steps / best(lambda: quick(setting, workspace_of(setting)), repeats),
+        "run": steps / best(lambda: done_compiled(job, 0), repeats),
+        "plain": few / best(lambda: run_compiled(part, workspace_of(part)), PLAIN_REPEATS),
+        "full": few / best(lambda: run_reference(short, 0), PLAIN_REPEATS),
     }
 
 

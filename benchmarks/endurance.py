@@ -16,11 +16,11 @@ later than two control periods after the one before is a missed deadline: with o
 after one and a half. `--report FILE.html` writes the page of a run (extra `report`).
 Alarms: pilot, monitors and supervisor on each plant with healthy instruments and their noise, in calm, sea state 3 and
 5 by the hour, a new course every five minutes; the seed is the day's date. An alarm that says what is so (a boat that
-is off course indeed, a rudder that is at its stop, a boat that turns against it, a whole turn) is counted apart. The
+is off heading indeed, a rudder that is at its stop, a boat that turns against it, a whole turn) is counted apart. The
 boats of the closed-loop tests have no hull there; here they have one as long as their turning makes it.
 
 Exit code 1 where a descriptor stays open, simulated where a release was missed, real where the process did not steer to
-the end; there a missed release is told beside what cyclictest saw, for a machine that stands still misses
+the end; there a missed release is reported beside what cyclictest saw, for a machine that stands still misses
 them too; of the alarms where a plant has more than one that is false in 24 hours, or any fail-safe.
 """
 
@@ -74,26 +74,26 @@ def simulated(hours: float, with_mavlink: bool, report: Path | None) -> bool:
         kept = sum(path.stat().st_size for path in Path(name).iterdir())
         day.session.close()
     reached, wall = day.sailed_s / 3600.0, time.monotonic() - started
-    told = [
+    facts = [
         f"{reached:.1f} simulated hours in {wall:.0f} s, {'MAVLink' if with_mavlink else 'direct'} link",
         f"changes of mode: {', '.join(f'{count} to {mode}' for mode, count in sorted(day.modes.items()))}",
         f"releases of the rudder {day.releases}, missed {day.kept_hold}",
         f"ticks {day.ticks}, more than {PERIODS_MISSED:g} periods after the one before {day.missed}",
         f"log folder {kept / 1e6:.1f} MB of {LIMITS.total / 1e6:.0f}, ticks not written: {day.recorder.dropped}",
     ]
-    tell(f"Endurance: {reached:.1f} simulated hours", told, day.readings, report)
+    report_run(f"Endurance: {reached:.1f} simulated hours", facts, day.readings, report)
     is_flat = not day.readings or day.readings[-1].descriptors <= day.readings[0].descriptors
     return is_flat and not (day.kept_hold or day.missed or day.recorder.dropped)
 
 
-def tell(
-    title: str, told: list[str], readings: list[Reading], report: Path | None, gaps: np.ndarray[Any, Any] | None = None
+def report_run(
+    title: str, facts: list[str], readings: list[Reading], report: Path | None, gaps: np.ndarray[Any, Any] | None = None
 ) -> None:
     """Print a run, and write its page where asked for."""
-    print("\n".join(told))
+    print("\n".join(facts))
     print_table(readings)
     if report is not None:
-        report.write_text(page(title, told, readings, gaps), encoding="utf-8")
+        report.write_text(page(title, facts, readings, gaps), encoding="utf-8")
 
 
 @contextlib.contextmanager
@@ -140,7 +140,7 @@ def real(minutes: float, count: int, nice: int, options: list[str], report: Path
         first = min(logs.glob("*.tlog"))
         ticks = [tick for log in read_logs(*following_parts(first)) for tick in log.ticks]
     gaps = np.diff([tick.now for tick in ticks])
-    told = [
+    facts = [
         f"{minutes:g} minutes, {count} hogs on {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}",
         hardware,
         f"exit code {code}, rudder given back at the end: {'yes' if released else 'NO'}",
@@ -148,8 +148,8 @@ def real(minutes: float, count: int, nice: int, options: list[str], report: Path
     ]
     if tester is not None:
         said = tester.communicate(timeout=60.0)[0].strip().splitlines()
-        told.append(f"cyclictest, 1 ms, priority 40 [us]: {said[-1] if said else 'said nothing'}")
-    tell(f"Endurance: {minutes:g} minutes beside {count} hogs", told, readings, report, gaps)
+        facts.append(f"cyclictest, 1 ms, priority 40 [us]: {said[-1] if said else 'said nothing'}")
+    report_run(f"Endurance: {minutes:g} minutes beside {count} hogs", facts, readings, report, gaps)
     is_flat = readings[-1].descriptors <= readings[0].descriptors
     return code == 0 and released and is_flat and _others(ticks) == "none"
 

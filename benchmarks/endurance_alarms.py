@@ -114,9 +114,9 @@ def sailed(boat: StudyBoat, sea: StudySea, random: np.random.Generator, seconds:
             ended = now
         if AGAIN_S < now - ended < math.inf:
             order, ended = order._replace(serial=order.serial + 1), -math.inf
-        told = tick.command.angle if tick.command.engaged else 0.0
+        facts = tick.command.angle if tick.command.engaged else 0.0
         for part in range(PLANT_HZ // COMPASS_HZ):
-            vessel.step(now + part * dt, told, speed, water.step(now + part * dt, vessel.state), dt)
+            vessel.step(now + part * dt, facts, speed, water.step(now + part * dt, vessel.state), dt)
     return hour
 
 
@@ -148,8 +148,8 @@ def moved(truth: Truth, pilot: Pilot, before: BoatState, state: BoatState, now: 
 
 
 def is_so(alarm: str, pilot: Pilot, state: BoatState, truth: Truth, now: float) -> bool:
-    """Return whether an alarm says what is the case: the boat off course indeed, or round by a whole turn, the rudder
-    at its stop; overpowered is a boat off course with the true rudder at its stop against it, or one that turned on
+    """Return whether an alarm says what is the case: the boat off heading indeed, or round by a whole turn, the rudder
+    at its stop; overpowered is a boat off heading with the true rudder at its stop against it, or one that turned on
     against it."""
     off, config = wrap(truth.away), pilot.config
     if alarm == "off_course":

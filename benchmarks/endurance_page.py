@@ -76,8 +76,10 @@ def print_table(readings: Sequence[Reading]) -> None:
         print(line)
 
 
-def page(title: str, told: Sequence[str], readings: Sequence[Reading], gaps: np.ndarray[Any, Any] | None = None) -> str:
-    """Return the page of a run: what is told of it, its readings, and how far apart [s] its ticks were."""
+def page(
+    title: str, facts: Sequence[str], readings: Sequence[Reading], gaps: np.ndarray[Any, Any] | None = None
+) -> str:
+    """Return the page of a run: what is known of it, its readings, and how far apart [s] its ticks were."""
     hours = np.array([each.hours for each in readings])
     panels = []
     for name, label, _ in FIGURES:
@@ -86,7 +88,7 @@ def page(title: str, told: Sequence[str], readings: Sequence[Reading], gaps: np.
             panels.append(Panel(label, [Line(label.partition(" [")[0], hours, values)]))
     figure = time_figure(panels, "time [h]")
     sections = [
-        Section("What was run, and what came of it", text=told),
+        Section("What was run, and what came of it", text=facts),
         Section(
             "Memory and file descriptors", rows(readings), slopes(readings), figure, "one reading every few minutes"
         ),

@@ -3,7 +3,7 @@
     python benchmarks/esso_crossvalidation.py [FOLDER]
 
 FOLDER holds the recordings `zigzag*.csv` and `turn*.csv` (NAOE-5thLab/FRT-DS-ESSO, CC BY-NC 4.0; not part of this
-project); without it, `frt_ds_esso` in the folder named by NORRBIN_DATA or in `../shared/data`. Each run is foretold
+project); without it, `frt_ds_esso` in the folder named by NORRBIN_DATA or in `../shared/data`. Each run is predicted
 over its whole length, once from its rudder and speed alone and once from propeller and wind too: by the fit to all
 runs, by the fit to the zigzags, and by fits that have not seen it. Last, the run left out until its propeller stops for
 good and the boat is fetched in, and windows of 120 s of it, every 60 s, the model starting afresh in each.
@@ -68,9 +68,9 @@ def _table(runs: Sequence[Run]) -> None:
     for run in runs:
         is_zigzag = run in zigzags
         without = identify([other for other in runs if other is not run])
-        unseen[is_zigzag].append(without.foretell(run).yaw_rate_r2 or 0.0)
-        windows += [r2 for part in _windows(run) if (r2 := without.foretell(part).yaw_rate_r2) is not None]
-        driven[is_zigzag].append(without.foretell(_driven(run)).yaw_rate_r2 or 0.0)
+        unseen[is_zigzag].append(without.predict(run).yaw_rate_r2 or 0.0)
+        windows += [r2 for part in _windows(run) if (r2 := without.predict(part).yaw_rate_r2) is not None]
+        driven[is_zigzag].append(without.predict(_driven(run)).yaw_rate_r2 or 0.0)
         cells = [_score(found, run) for found in (everything, from_zigzags, without)]
         if is_zigzag:
             cells.append(_score(identify([other for other in zigzags if other is not run]), run))
@@ -124,7 +124,7 @@ def _between(run: Run, start: float, end: float) -> Run:
 
 
 def _score(found: Identified, run: Run) -> str:
-    prediction = found.foretell(run)
+    prediction = found.predict(run)
     return f"{prediction.yaw_rate_r2:.3f} / {math.degrees(prediction.heading_rms or 0.0):.0f}"
 
 

@@ -37,7 +37,7 @@ WATCHED_S = 16.0
 """A skipper looks elsewhere for so long, and every fault is watched for so long at least."""
 
 BORNE_DEG = 10.0
-"""A good helmsman in a seaway stays within this: nobody needs to be told."""
+"""A good helmsman in a seaway stays within this: nobody needs to know."""
 REVERSED_DEG = 15.0
 """A rudder that works the wrong way makes every correction worse."""
 NOTICED_DEG = 20.0
@@ -92,7 +92,7 @@ def yields(says: str, within: float) -> Expect:
     return Expect(("override",), says, within, BORNE_DEG, off_deg=BORNE_DEG)
 
 
-def told(says: str, within: float) -> Expect:
+def announced(says: str, within: float) -> Expect:
     """It is said, and steering goes on, in doubt or not; an alarm that is new ends a trial."""
     return Expect(GOES_ON, says, within, BORNE_DEG, off_deg=BORNE_DEG)
 
@@ -131,15 +131,15 @@ NEEDS: Mapping[str, Expect] = {
     "compass 0.3 s late": noticed(),
     "gyro 0.3 s late": noticed(),
     "compass and gyro 0.3 s late": noticed(),
-    "second compass off by 30 deg": told("compasses disagree", KNOWN_S),
-    "second compass drifts by 1 deg/s": told("compasses disagree", NOTICED_DEG / 1.0),
-    "first of two compasses lost": told("compasses is silent", AT_ONCE_S),
-    "first of two compasses frozen": told("stands still|frozen", SOON_S),
-    "first of two compasses jumps by 40 deg": told("jumps", AT_ONCE_S),
-    "first of two compasses noisy, 10 deg": told("jumps|is noisy", SOON_S),
-    "first of two compasses drifts by 1 deg/s": noticed("compasses disagree"),
+    "second compass off by 30 deg": announced("heading monitor: two compasses disagree", KNOWN_S),
+    "second compass drifts by 1 deg/s": announced("heading monitor: two compasses disagree", NOTICED_DEG / 1.0),
+    "first of two compasses lost": announced("compasses is silent", AT_ONCE_S),
+    "first of two compasses frozen": announced("stands still|frozen", SOON_S),
+    "first of two compasses jumps by 40 deg": announced("jumps", AT_ONCE_S),
+    "first of two compasses noisy, 10 deg": announced("jumps|is noisy", SOON_S),
+    "first of two compasses drifts by 1 deg/s": noticed("heading monitor: two compasses disagree"),
     "second of two compasses lost": BORNE,
-    "second of two compasses frozen": told("stands still|disagree", SOON_S),
+    "second of two compasses frozen": announced("stands still|disagree", SOON_S),
     "both compasses lost": stops(LOST, AT_ONCE_S),
     "both compasses frozen": stops(FROZEN, SOON_S),
     "rate off by 5 deg/s": noticed("rate of turn"),
@@ -157,8 +157,8 @@ NEEDS: Mapping[str, Expect] = {
     "log lost in a head stream": noticed(),
     "position lost": BORNE,
     "position jumps by 200 m": BORNE,
-    "rudder stuck": noticed("rudder|pushed|off course"),
-    "rudder stuck, with a rudder sensor": reported("rudder does not move|does not obey"),
+    "rudder stuck": noticed("rudder|pushed|off heading"),
+    "rudder stuck, with a rudder sensor": reported("rudder not responding|does not obey"),
     "rudder reversed": REVERSED,
     "rudder reversed, with a rudder sensor": REVERSED,
     "rudder at a tenth of its rate": noticed(),
@@ -179,7 +179,7 @@ NEEDS: Mapping[str, Expect] = {
     "engine astern": noticed(),
     "pushed by a gust worth 15 deg of rudder": WITHSTOOD,
     "pushed by more than the rudder can hold": OVERWHELMED,
-    "heels by 35 deg": told("heeling", KNOWN_S),
+    "heels by 35 deg": announced("heeling", KNOWN_S),
     "firmware reboots": yields("rebooted", AT_ONCE_S),
     "somebody chooses HOLD": yields("mode HOLD", HANDS_S),
     "somebody disarms": yields("disarmed", HANDS_S),
@@ -187,9 +187,9 @@ NEEDS: Mapping[str, Expect] = {
     "the radio's override switch goes off": yields("switch", AT_ONCE_S),
     "overrides ignored": IGNORED,
     "another ground station steers": yields("does not obey", REPORTED_S),
-    "battery low": told("battery", WARNED_S),
-    "geofence breached": told("fence", WARNED_S),
-    "shallow water": told("hallow", WARNED_S),
+    "battery low": announced("battery", WARNED_S),
+    "geofence breached": announced("fence", WARNED_S),
+    "shallow water": announced("hallow", WARNED_S),
     "vehicle's clock steps 5 s ahead": BORNE,
     "vehicle's clock steps 5 s back": yields("rebooted", AT_ONCE_S),
     "heartbeats lost": yields("no heartbeat", KNOWN_S),
@@ -210,9 +210,9 @@ NEEDS: Mapping[str, Expect] = {
 }
 
 ON_A_TRACK: Mapping[str, Expect] = {
-    "speed lost": told("", SOON_S),
-    "position lost": told("", SOON_S),
-    "position jumps by 200 m": told("", SOON_S),
+    "speed lost": announced("", SOON_S),
+    "position lost": announced("", SOON_S),
+    "position jumps by 200 m": announced("", SOON_S),
 }
 """On a track the position is what is steered by; elsewhere it is not looked at."""
 IN_A_TRIAL: Mapping[str, Expect] = {

@@ -68,11 +68,11 @@ def main() -> int:
     done = 0
     with ProgressBar(f"fault matrix of {day}") as bar:
         for seed in seeds_of(arguments.date, arguments.seeds):
-            bar.show(done, total)
+            bar.update(done, total)
             for cell in run_cells(rows, states, arguments.workers, seed):
                 runs.setdefault((cell.row, cell.state), {})[seed] = cell
                 done += 1
-                bar.show(done, total)
+                bar.update(done, total)
             if arguments.cells is not None:
                 arguments.cells.write_bytes(pickle.dumps((day, runs)))
     found = {key: list(by_seed.values()) for key, by_seed in runs.items()}

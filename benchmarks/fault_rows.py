@@ -64,15 +64,15 @@ def stream(speed_m_s: float) -> Injected:
     return Injected("stream", speed_m_s, ramp=EDGE_S)
 
 
-def told_always(rudder: float) -> LawInForce:
-    """Return a law that has lost its mind: it says `rudder` [rad] whatever it is given."""
+def constant_demand(rudder: float) -> LawInForce:
+    """Return a law that returns nonsense: it says `rudder` [rad] whatever it is given."""
     return LawInForce(trial.LAW._replace(name="nan", step=lambda _, memory, __: (rudder, memory)), trial.NoGains())
 
 
 def law_of_no_numbers(boat: FaultBoat) -> None:
     """Put a law in that returns no number."""
     pilot = boat.session._pilot
-    pilot._config = pilot._config._replace(law=told_always(math.nan))
+    pilot._config = pilot._config._replace(law=constant_demand(math.nan))
 
 
 def limits_broken(boat: FaultBoat) -> None:
@@ -81,7 +81,7 @@ def limits_broken(boat: FaultBoat) -> None:
     config = pilot._config
     wide = config.boat.limits._replace(angle_max=math.radians(60.0), rate_max=math.inf)
     pilot._config = config._replace(
-        law=told_always(math.radians(60.0)),
+        law=constant_demand(math.radians(60.0)),
         boat=config.boat._replace(limits=wide),
         steering=config.steering._replace(limits=wide),
     )

@@ -11,8 +11,8 @@ import math
 
 from turns import BOATS, vessel_of
 
-from autopilot.control.margins import Observed, observed_margins
-from autopilot.runtime.build import observed_of, verdict_of
+from autopilot.control.margins import OutputFeedbackLoop, output_feedback_margins
+from autopilot.runtime.build import output_feedback_loop, verdict_of
 
 LEVELS = {"lanxin": (1, 5, 9), "esso": (5,), "coaster": (5,), "unstable": (1, 5, 9)}
 
@@ -26,12 +26,12 @@ def main() -> None:
             vessel = vessel_of(BOATS[name]._replace(level=level))
             alone = verdict_of(vessel).margins
             row = f"{name:9s} {level:5d} {alone.delay:10.2f} {alone.sensitivity:8.2f}"
-            print(row + told(observed_of(vessel)) + told(observed_of(vessel, in_gusts=True)))
+            print(row + cells(output_feedback_loop(vessel)) + cells(output_feedback_loop(vessel, disturbed=True)))
 
 
-def told(loop: Observed) -> str:
+def cells(loop: OutputFeedbackLoop) -> str:
     """Return the margins of a loop as the table's columns."""
-    found = observed_margins(loop)
+    found = output_feedback_margins(loop)
     most = f"{found.gain_up:.1f}" if math.isfinite(found.gain_up) else "any"
     return f" {found.delay:11.2f} {found.sensitivity:8.2f} {found.gain_down:7.2f} {most:>5s}"
 

@@ -22,7 +22,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from starlette.responses import JSONResponse
 
-from autopilot.cli.helm_keys import wish_of
+from autopilot.cli.helm_keys import request_of
 from autopilot.cli.identify_report import Result
 from autopilot.cli.identify_report import as_json as identified_json
 from autopilot.cli.identify_report import as_text as identified_text
@@ -72,12 +72,12 @@ from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
 from autopilot.vessel.parameters import parameters_of, value_of, with_value
 from autopilot.vessel.schema import Vessel
 from autopilot.web.hub import Hub
-from autopilot.web.parameter_desk import descriptions_from
+from autopilot.web.parameter_service import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import BoatLine, Station
 from autopilot.web.view import NAMED, alarms_from
-from sitl.fault_desk import obey
+from sitl.fault_service import obey
 from sitl.scenario import load_scenario, scenario_from
 from sitl.serve import chaos_faults
 from sitl.world import World
@@ -195,11 +195,11 @@ def _typed(text: str) -> None:
     skipper = RouteSkipper(0.6, PlotterGuide(), Mission(TrackGuide()))
     skipper.engage(0.0)
     try:
-        wish = wish_of(text)
+        request = request_of(text)
     except InputError:
-        wish = None
-    if wish is not None:
-        asked_of(Station(), wish)
+        request = None
+    if request is not None:
+        asked_of(Station(), request)
     said = skipper.type_line(text)
     assert isinstance(said, str)
     order = skipper(0.0, None)
@@ -212,12 +212,12 @@ def _page_order(data: bytes) -> None:
 
 def _signalk_order(data: bytes) -> None:
     try:
-        wish = parse(data, TOKEN).wish
+        request = parse(data, TOKEN).order
     except BadRequestError as error:
         assert answer(error.id, error.status, str(error)).count(b"\n") == 1
         raise
-    if wish is not None:
-        asked_of(Station(), wish)
+    if request is not None:
+        asked_of(Station(), request)
 
 
 class Display:
@@ -240,8 +240,8 @@ class Display:
             assert all(len(line.text) <= size[0] for line in screen(self.station, now, size))
         assert Hub(self.station, self.line, lambda: now).first().endswith(b"\n\n")
         JSONResponse({"rows": list(self.station.view.history), **self.station.parameters.table()})
-        told = Deltas().due(self.station, now)
-        assert told is not None and line_of(told).count(b"\n") == 1
+        deltas = Deltas().due(self.station, now)
+        assert deltas is not None and line_of(deltas).count(b"\n") == 1
 
 
 def _alarm_list(data: bytes) -> None:
@@ -301,8 +301,8 @@ def _said_by_a_boat() -> list[bytes]:
 def _boat(data: bytes) -> None:
     """What a boat says to a helm display that gives it orders, with the right checksums."""
     display = Display()
-    for wish in ({"do": "engage"}, {"do": "set", "name": "CTL_RATE", "value": 20}):
-        asked_of(display.station, wish)(0.0, lambda taken, words: None)
+    for request in ({"do": "engage"}, {"do": "set", "name": "CTL_RATE", "value": 20}):
+        asked_of(display.station, request)(0.0, lambda taken, words: None)
     now = 0.0
     for now, frame in enumerate(_sealed(data)):
         display.line.turn(float(now))
@@ -360,9 +360,9 @@ def _mavlink_order() -> Callable[[bytes], None]:
         for frame in _sealed(data):
             far.send(frame)
         boat.receive(0.1)
-        boat.keep(0.1)
+        boat.poll(0.1)
         boat.receive(2.0)
-        boat.keep(2.0)
+        boat.poll(2.0)
         for packet in far.receive():
             assert len(packet) <= 280
 
@@ -517,7 +517,7 @@ def _measured(recording: Recording) -> None:
 def _identified(run: Run) -> None:
     """The cheapest method, as the command has it."""
     found = METHOD.identify([run], Question("nomoto"))
-    predictions = [(run, "fit", found.foretell(run))]
+    predictions = [(run, "fit", found.predict(run))]
     tests = residual_tests([run], found.model)
     result = Result("nomoto", found, None, predictions, tests, None, rudder_rate_of([run]))
     assert_short(identified_text(result))

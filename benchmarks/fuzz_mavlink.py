@@ -129,7 +129,7 @@ def encoded(system: int, component: int, messages: Iterable[Any]) -> list[bytes]
 
 
 def telemetry(mode: int = 0) -> list[Any]:
-    """Return what a vehicle in `mode` sends, with headings that can be told again."""
+    """Return what a vehicle in `mode` sends, with headings that can be recognised."""
     words = [dialect.MAVLink_attitude_message(1000, 0.1, 0.0, heading, 0.0, 0.0, 0.01) for heading in HEADINGS]
     return [
         *words,
@@ -207,7 +207,7 @@ def tick_of(now: float, mode: Mode, order: Order) -> Tick:
 
 
 class Echo:
-    """A vehicle that does as it is told: reports the steering pulse or the bearing last asked for."""
+    """A vehicle that does as it is ordered: reports the steering pulse or the bearing last asked for."""
 
     def __init__(self) -> None:
         self._reader = MavlinkCodec()
@@ -266,8 +266,8 @@ def fuzz_companion(method: Any, system: int, is_stream: bool = False) -> Fuzzer:
                     strangers += round(sample.heading, 4) not in HEADINGS
             tick = tick_of(now, modes[number // 500 % 2], order)
             link.send(now, tick.command)
-            link.show(tick)
-            link.keep(now)
+            link.publish_tick(tick)
+            link.poll(now)
             link.take_packets()
             sent = far.receive()
             if number % 3 == 0:
@@ -330,8 +330,8 @@ def fuzz_boat(rng: random.Random, count: int) -> Result:
         accepted += not order.is_same(before)
         before = order
         wrong += not (math.isfinite(order.rudder) and abs(order.rudder) <= FULL and not math.isinf(order.heading))
-        link.show(tick_of(now, Mode.ENGAGED if number // 500 % 2 else Mode.STANDBY, order))
-        link.keep(now)
+        link.publish_tick(tick_of(now, Mode.ENGAGED if number // 500 % 2 else Mode.STANDBY, order))
+        link.poll(now)
         link.take_packets()
         _drain(far)
         if number % 1000 == 0:

@@ -6,9 +6,9 @@
 
 Size: modules and lines of `autopilot` and `sitl`, functions of more than six arguments (those that stand for a codec's
 fields apart), cycles of imports file by file. One tick: a pilot steers the simulated boat over MAVLink, in lockstep and
-in calm water; of the ticks that a heading caused, the one with the median number of calls is told: the calls that the
-program makes from the arrival of the bytes to the wait for the next, the files they lie in, and how often a call or a
-return leads from one file into another. `Pilot.step`: the samples of the same ticks given again in a tight
+in calm water; of the ticks that a heading caused, the one with the median number of calls is reported: the calls that
+the program makes from the arrival of the bytes to the wait for the next, the files they lie in, and how often a call or
+a return leads from one file into another. `Pilot.step`: the samples of the same ticks given again in a tight
 loop, the best of the repeats.
 """
 

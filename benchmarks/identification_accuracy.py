@@ -79,8 +79,10 @@ def estimate_by(method: str, run: Run, boat: Boat) -> Estimate:
         found = METHODS[method].identify([run], question)
     except InputError as refused:
         return Estimate({}, time.process_time() - began, str(refused).partition(": ")[2])
-    told = [name for name in PARAMETERS if found.standard_errors[name] is not None or name in ("gain", "time_constant")]
-    values = {name: (float(getattr(found.model, name)), found.standard_errors[name]) for name in told}
+    known = [
+        name for name in PARAMETERS if found.standard_errors[name] is not None or name in ("gain", "time_constant")
+    ]
+    values = {name: (float(getattr(found.model, name)), found.standard_errors[name]) for name in known}
     return Estimate(values, time.process_time() - began)
 
 
@@ -114,11 +116,12 @@ def trial(boat: Boat, method: str, seed: int) -> Estimate:
 
 
 def row(boat: Boat, method: str, name: str, bound: float, estimates: Sequence[Estimate]) -> dict[str, object]:
-    """Return the errors of one parameter: rms and bias over the bound, cover, and in how many trials it was told."""
-    told = [estimate.values[name] for estimate in estimates if name in estimate.values]
+    """Return the errors of one parameter: rms and bias over the bound, cover, and in how many trials it was
+    determined."""
+    values = [estimate.values[name] for estimate in estimates if name in estimate.values]
     truth = float(getattr(boat.model, name))
-    errors = np.array([value - truth for value, _ in told])
-    inside = [abs(value - truth) <= 1.96 * error for value, error in told if error is not None]
+    errors = np.array([value - truth for value, _ in values])
+    inside = [abs(value - truth) <= 1.96 * error for value, error in values if error is not None]
     rms = float(np.sqrt(np.mean(errors**2)))
     return {
         "boat": boat.name,
@@ -130,7 +133,7 @@ def row(boat: Boat, method: str, name: str, bound: float, estimates: Sequence[Es
         "bias_over_bound": float(np.mean(errors)) / bound,
         "rms_over_bound": rms / bound,
         "covered": float(np.mean(inside)) if inside else None,
-        "told": len(told),
+        "determined": len(values),
         "trials": len(estimates),
         "seconds": float(np.median([estimate.seconds for estimate in estimates])),
     }
@@ -150,7 +153,7 @@ def study(
                 for estimate in pool.map(partial(trial, boat, method), range(seeds)):
                     estimates.append(estimate)
                     done += 1
-                    bar.show(done, total)
+                    bar.update(done, total)
                 named = [name for name in PARAMETERS if any(name in estimate.values for estimate in estimates)]
                 rows += [row(boat, method, name, bound[name], estimates) for name in named]
                 if not named:
@@ -160,7 +163,7 @@ def study(
 
 def as_table(rows: Sequence[dict[str, object]]) -> str:
     """Return the table in Markdown: a line for each boat and method; of each parameter rms and bias over the bound and
-    the cover of 95 % intervals, and in how many trials it was told where that is not all."""
+    the cover of 95 % intervals, and in how many trials it was determined where that is not all."""
     lines = [f"| boat | method | {' | '.join(SYMBOLS.values())} | time [s] |", "|---|---|---|---|---|---|---|"]
     pairs = dict.fromkeys((str(r["boat"]), str(r["method"])) for r in rows)
     for boat, method in pairs:
@@ -169,15 +172,15 @@ def as_table(rows: Sequence[dict[str, object]]) -> str:
             lines.append(f"| {boat} | {method} | refused: {mine[0]['refusal']} | | | | |")
             continue
         cells = {str(r["parameter"]): _cell(r) for r in mine}
-        told = " | ".join(cells.get(symbol, "-") for symbol in SYMBOLS.values())
-        lines.append(f"| {boat} | {method} | {told} | {float(str(mine[0]['seconds'])):.2g} |")
+        row_cells = " | ".join(cells.get(symbol, "-") for symbol in SYMBOLS.values())
+        lines.append(f"| {boat} | {method} | {row_cells} | {float(str(mine[0]['seconds'])):.2g} |")
     return "\n".join(lines)
 
 
 def _cell(r: dict[str, object]) -> str:
     covered = "" if r["covered"] is None else f", {100.0 * float(str(r['covered'])):.0f} %"
-    told = "" if r["told"] == r["trials"] else f" ({r['told']} of {r['trials']})"
-    return f"{r['rms_over_bound']:.2f}, {r['bias_over_bound']:+.2f}{covered}{told}"
+    row_cells = "" if r["determined"] == r["trials"] else f" ({r['determined']} of {r['trials']})"
+    return f"{r['rms_over_bound']:.2f}, {r['bias_over_bound']:+.2f}{covered}{row_cells}"
 
 
 def main() -> None:

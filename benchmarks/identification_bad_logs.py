@@ -168,18 +168,20 @@ def answer(case: Case, seed: int) -> tuple[Identified, str] | str:
 def row(case: Case, seeds: int) -> tuple[str, ...]:
     """Return a line of the table."""
     answers = [answer(case, seed) for seed in range(seeds)]
-    told = [each for each in answers if not isinstance(each, str)]
+    answered = [each for each in answers if not isinstance(each, str)]
     refused = [each for each in answers if isinstance(each, str)]
-    if not told:
+    if not answered:
         return case.name, "-", "-", "-", refused[0]
-    errors = {name: [getattr(found.model, name) / getattr(BOAT.model, name) - 1.0 for found, _ in told] for name in KT}
+    errors = {
+        name: [getattr(found.model, name) / getattr(BOAT.model, name) - 1.0 for found, _ in answered] for name in KT
+    }
     rms = [f"{100.0 * float(np.sqrt(np.mean(np.square(errors[name])))):.2f}" for name in KT]
     inside = [
         abs(getattr(found.model, name) - getattr(BOAT.model, name)) <= 1.96 * (found.standard_errors[name] or 0.0)
-        for found, _ in told
+        for found, _ in answered
         for name in KT
     ]
-    said = told[0][1] + (f" ({len(refused)} of {seeds} refused: {refused[0]})" if refused else "")
+    said = answered[0][1] + (f" ({len(refused)} of {seeds} refused: {refused[0]})" if refused else "")
     return case.name, *rms, f"{np.count_nonzero(inside)}/{len(inside)}", said
 
 

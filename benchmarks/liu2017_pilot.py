@@ -52,9 +52,9 @@ from naval_vessel import (
 
 from autopilot.angles import wrap
 from autopilot.control.law import LawInForce, LawInput
-from autopilot.control.met_waves import Corners
 from autopilot.control.sliding_roll import RollMemory, RollNumbers, place_of
 from autopilot.control.sliding_roll import steered as steered_by
+from autopilot.control.wave_feedforward import CornerFrequencies
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment
 from autopilot.models.motion import Motion
@@ -133,7 +133,7 @@ def pilot_of(case: Steered) -> Pilot:
         kind, gains = pilot.law
         return Pilot(pilot.config, LawInForce(kind._replace(step=steps[case.variant]), gains))
     if case.variant == "waves left alone":
-        return Pilot(pilot.config._replace(wave_corners=Corners(WAVES_LEFT)), pilot.law)
+        return Pilot(pilot.config._replace(corner_frequencies=CornerFrequencies(WAVES_LEFT)), pilot.law)
     return pilot
 
 

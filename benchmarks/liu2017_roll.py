@@ -122,7 +122,7 @@ class Result(NamedTuple):
 
 
 def sail(ship: Ship, laws: Laws, load: Array, noise: Array, dt: float, keep: int) -> Array:
-    """Return v, p, r, phi, psi, rudder, travel so far, weight and the rudder's drag, a row for every `keep` steps."""
+    """Return v, p, r, phi, psi, rudder, travel so far, weight and the rudder's drag, a row for every `poll` steps."""
     out = np.empty((load.shape[0] // keep, 9))
     state, schedule = Motion(0.0, 0.0, 0.0, 0.0, 0.0), begin_schedule()
     rudder, travel = 0.0, 0.0

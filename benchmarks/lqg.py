@@ -48,7 +48,7 @@ class LqgGains(NamedTuple):
 
 
 def lqg_step(gains: LqgGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
-    """Return the rudder demand [rad]: its rate by state feedback; the rudder is that which was told last, the bias the
+    """Return the rudder demand [rad]: its rate by state feedback; the rudder is the last command, the bias the
     filter's."""
     state, reference = given.state, given.reference
     error, rate = wrap(state.heading - reference.heading), state.rate - reference.rate

@@ -90,7 +90,7 @@ class Linear(NamedTuple):
     """The boat on a straight course by steps of 1/HZ s: x' = transition x + move u + what has the covariance `driven`,
     and instruments that show x with `noise`.
 
-    x: psi, r, rudder, gust [m/s], what nobody told it as a lasting rudder angle [rad], and two of each oscillator,
+    x: psi, r, rudder, gust [m/s], what nobody knows as a lasting rudder angle [rad], and two of each oscillator,
     scaled; spread: what their variances are about. u: the rudder's movement [rad]. steady: the mean wind as a rudder
     angle [rad].
     """
@@ -114,7 +114,7 @@ def linear_of(
     unknown: float = 0.0,
 ) -> Linear:
     """Return the boat about a course with the sea `side` deg off its bow, its damping that of E[r^2] [rad^2/s^2];
-    `unknown` [rad] is the deviation of what nobody told it."""
+    `unknown` [rad] is the deviation of what nobody knows."""
     model, sensors = model_of(boat.vessel), boat.vessel.sensors
     n, dt, time = FIRST_WAVE + 2 * len(waves), 1.0 / HZ, model.time_constant
     load, speed, start = wind.WindLoad(math.radians(0.003)), model.reference_speed, math.radians(side)
@@ -156,7 +156,7 @@ def linear_of(
 def _riccati(linear: Linear, weight: float) -> tuple[Floats, Floats] | None:
     cost = np.zeros_like(linear.transition)
     cost[0, 0] = 1.0
-    # a rudder nobody needs goes amidships, which the equation must be told to have a solution
+    # a rudder nobody needs goes amidships, which the equation must know to have a solution
     cost[2, 2] = cost[4, 4] = cost[2, 4] = cost[4, 2] = 1.0e-9
     input_cost = np.array([[(weight * HZ) ** 2]])
     try:

@@ -4,7 +4,7 @@ It knows the boat, the mean wind to half a degree of rudder, the gusts, the inst
 waves on a straight course, and nothing of what makes the run harder than its equations: the rudder's stops, rate, lag
 and delay, waves that push otherwise when the boat yaws, damping that grows with the rate. Its filter begins with what
 is known before the first reading; it takes in each reading with the Kalman gain of that moment, and starts from the
-rudder that was really told.
+rudder that was really commanded.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pareto_peer import afloat_step, set_afloat
 from autopilot.angles import wrap
 from autopilot.control.limits import limit
 from autopilot.errors import InputError
-from sitl.campaign.swift import NOTHING, Rooms, Score, Setting, figures, readings, scored
+from sitl.campaign.compiled_run import NOTHING, Score, Setting, Workspace, figures, readings, scored
 from sitl.compiled import compiled
 
 Floats = npt.NDArray[np.float64]
@@ -57,13 +57,13 @@ def kalman_gains(linear: Linear, count: int) -> Floats:
     return np.array(found)
 
 
-def run_lqg(setting: Setting, rooms: Rooms, helm: LqgHelm) -> Score:
+def run_lqg(setting: Setting, workspace: Workspace, helm: LqgHelm) -> Score:
     """Return the score of a run on the course 0 steered by the law."""
-    instruments, limits, afloat = setting.instruments, setting.brain.config.limits, set_afloat(setting)
+    instruments, limits, afloat = setting.instruments, setting.campaign.config.limits, set_afloat(setting)
     every, ticks = instruments.every * setting.dt, 0
     heading, rate, _ = readings(instruments, 0, afloat.state)
     x = np.zeros(len(helm.move))
-    score, told, moved = NOTHING, 0.0, 0.0
+    score, command, moved = NOTHING, 0.0, 0.0
     for step in range(setting.steps):
         if step % instruments.every == 0:
             time, state = step * setting.dt, afloat.state
@@ -75,31 +75,31 @@ def run_lqg(setting: Setting, rooms: Rooms, helm: LqgHelm) -> Score:
                 x[place] += gain[place, 0] * off
                 if len(helm.shown) > 1:
                     x[place] += gain[place, 1] * turning
-            x[2] = told + helm.steady
-            wanted = told
+            x[2] = command + helm.steady
+            wanted = command
             for place in range(len(x)):
                 wanted -= helm.feedback[place] * x[place]
-            next_told = limit(limits, told, wanted, every)
-            score = scored(score, setting.course, time, state, told, next_told)
-            moved, told, ticks = next_told - told, next_told, ticks + 1
-        afloat = afloat_step(setting, rooms, afloat, step, told)
+            next_command = limit(limits, command, wanted, every)
+            score = scored(score, setting.course, time, state, command, next_command)
+            moved, command, ticks = next_command - command, next_command, ticks + 1
+        afloat = afloat_step(setting, workspace, afloat, step, command)
         if (step + 1) % instruments.every == 0:
             heading, rate, _ = readings(instruments, (step + 1) // instruments.every, afloat.state)
     return score
 
 
 @functools.cache
-def _swift() -> Callable[..., Any]:
+def _compiled() -> Callable[..., Any]:
     try:
         return compiled(run_lqg, quick=True)
     except InputError:
         return run_lqg
 
 
-def sailed(linear: Linear, runs: Sequence[tuple[Setting, Rooms]], is_plain: bool = False) -> list[Point]:
+def sailed(linear: Linear, runs: Sequence[tuple[Setting, Workspace]], is_plain: bool = False) -> list[Point]:
     """Return heading rms and rudder travel over all runs together, a point for each weight; without numba where it is
     to be `is_plain`."""
-    sail = run_lqg if is_plain else _swift()
+    sail = run_lqg if is_plain else _compiled()
     setting = runs[0][0]
     gains = kalman_gains(linear, setting.steps // setting.instruments.every)
     found = []
@@ -108,7 +108,7 @@ def sailed(linear: Linear, runs: Sequence[tuple[Setting, Rooms]], is_plain: bool
         if feedback is None:
             continue
         helm = LqgHelm(linear.transition, linear.move[:, 0].copy(), gains, linear.shown, feedback[0], linear.steady)
-        scores = [figures(sail(one, rooms, helm), one.instruments.every * one.dt, 1.0) for one, rooms in runs]
+        scores = [figures(sail(one, workspace, helm), one.instruments.every * one.dt, 1.0) for one, workspace in runs]
         rms = math.sqrt(sum(score.heading_rms_deg**2 for score in scores) / len(scores))
         found.append(Point(rms, sum(score.travel_deg_s for score in scores) / len(scores)))
     return found

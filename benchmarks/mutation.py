@@ -330,10 +330,10 @@ def _is_bare_star(node: Any) -> bool:
     return node.type == "operator" and node.parent is not None and node.parent.type == "parameters"
 
 
-def drawn(rooms: Sequence[str], count: int, seed: str) -> list[Mutant]:
+def drawn(workspace: Sequence[str], count: int, seed: str) -> list[Mutant]:
     """Return `count` mutants, the same for the same seed and code: a place by chance, then one of its changes."""
     chance = random.Random(seed)
-    places = [(room, place) for room in rooms for path in files_of(room) for place in places_of(path)]
+    places = [(room, place) for room in workspace for path in files_of(room) for place in places_of(path)]
     chosen = chance.sample(places, min(count, len(places)))
     return [Mutant(room, place.file, place.line, *chance.choice(place.changes)) for room, place in chosen]
 
@@ -632,7 +632,7 @@ def judge_all(mutants: Sequence[Mutant], reached: Reach, jobs: int) -> Iterator[
     tests = [reached.tests_of(mutant.file, mutant.line) for mutant in mutants]
     with ProcessPoolExecutor(jobs, initializer=_prepare) as pool, ProgressBar("mutants") as bar:
         for number, each in enumerate(pool.map(judged, mutants, tests), 1):
-            bar.show(number, len(mutants))
+            bar.update(number, len(mutants))
             if not each.is_noticed:
                 print(f"survives: {each.mutant.file}:{each.mutant.line}: {each.text}", file=sys.stderr, flush=True)
             yield each
@@ -647,10 +647,10 @@ def main() -> int:
     options.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="at a time (the cores)")
     options.add_argument("--map", type=Path, default=ROOT / "build" / "mutation", help="folder of the tests' reach")
     given = options.parse_args()
-    rooms = given.rooms.split(",")
-    if unknown := [room for room in rooms if room not in ROOMS]:
+    workspace = given.workspace.split(",")
+    if unknown := [room for room in workspace if room not in ROOMS]:
         options.error(f"there is no room {unknown[0]}; allowed are {', '.join(ROOMS)}")
-    mutants = drawn(rooms, given.count, given.date)
+    mutants = drawn(workspace, given.count, given.date)
     began = time.monotonic()
     reached = reach(given.map)
     code = report(judge_all(mutants, reached, given.jobs))

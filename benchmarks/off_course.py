@@ -35,11 +35,11 @@ from autopilot.supervision.course_watch import course_step
 from autopilot.supervision.monitor_input import AlarmLimits
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
-from sitl.campaign.brain import Heard, first_mind, tick
-from sitl.campaign.setting import rooms_of, setting_of
+from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, ordered, readings
+from sitl.campaign.compiled_tick import Measurement, initial_state, tick
+from sitl.campaign.environment import WaterState, water_step
+from sitl.campaign.setting import setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Job, SeaSection, Study, number_of_runs
-from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, ordered, readings
-from sitl.campaign.waters import WaterState, water_step
 from sitl.compiled import compiled
 from sitl.scenario import HullSection, IttcSection, WavesSection, WindSection
 
@@ -66,30 +66,33 @@ class Seen(NamedTuple):
     gone: bool
 
 
-def watched_run(setting: Setting, rooms: Rooms, limits: AlarmLimits, jams_at: float, jam: float) -> Seen:
-    """Run as `sitl.campaign.swift.run_swiftly` does, watched; from `jams_at` [s] on the rudder stays at `jam` [rad]."""
+def watched_run(setting: Setting, workspace: Workspace, limits: AlarmLimits, jams_at: float, jam: float) -> Seen:
+    """Run as `sitl.campaign.compiled_run.run_compiled` does, watched; from `jams_at` [s] on the rudder stays at `jam`
+    [rad]."""
     instruments, course, dt = setting.instruments, setting.course, setting.dt
     state = setting.start
     water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
     lag = math.ceil(instruments.latency / dt - 1.0e-7)
-    taken, order, told = 0, 0.0, 0.0
+    taken, order, command = 0, 0.0, 0.0
     heading, rate, speed = readings(instruments, 0, state)
-    rooms.readings[0, 0], rooms.readings[0, 1], rooms.readings[0, 2] = heading, rate, speed
-    heard = Heard(Measured(0.0, wrap(heading), rate), speed)
-    mind = first_mind(setting.brain, setting.filtered, lag * dt, heard, rooms.rudder)
+    workspace.readings[0, 0], workspace.readings[0, 1], workspace.readings[0, 2] = heading, rate, speed
+    measurement = Measurement(Measured(0.0, wrap(heading), rate), speed)
+    pilot_state = initial_state(setting.campaign, setting.filtered, lag * dt, measurement, workspace.rudder)
     since, is_off, away_since = math.nan, False, math.nan
     alarms, first, departed, worst = 0, math.inf, math.inf, 0.0
     for step in range(setting.steps):
         now = step * dt
         if step >= lag and (step - lag) % instruments.every == 0:
-            heard = heard_of(instruments, rooms, (step - lag) // instruments.every, dt)
+            measurement = measurement_of(instruments, workspace, (step - lag) // instruments.every, dt)
             target = ordered(course, now)
-            mind = tick(setting.brain, mind, rooms.rudder, now, heard, target)
-            told = mind.told
+            pilot_state = tick(setting.campaign, pilot_state, workspace.rudder, now, measurement, target)
+            command = pilot_state.command
             if now >= SETTLED_S:
-                past = RudderPast(rooms.rudder.times, rooms.rudder.angles, mind.rudder.ticks)
-                at = Moment(now, mind.speed.value, mind.heading_time)
-                seen = seen_at(mind.model, setting.brain.config.estimator.noises, mind.fusion, past, at)
+                past = RudderPast(workspace.rudder.times, workspace.rudder.angles, pilot_state.rudder.ticks)
+                at = Moment(now, pilot_state.speed.value, pilot_state.heading_time)
+                seen = seen_at(
+                    pilot_state.model, setting.campaign.config.estimator.noises, pilot_state.fusion, past, at
+                )
                 was_off = is_off
                 error = shortest_turn(target, seen.heading)
                 since, is_off = course_step(limits, since, is_off, now, error)
@@ -104,20 +107,26 @@ def watched_run(setting: Setting, rooms: Rooms, limits: AlarmLimits, jams_at: fl
                     away_since = now
                 elif now - away_since >= limits.off_course_time:
                     departed = min(departed, now)
-        rooms.orders[step % len(rooms.orders)] = told
+        workspace.orders[step % len(workspace.orders)] = command
         while taken <= step and taken * dt + setting.plant.gear.delay <= now:
-            order = rooms.orders[taken % len(rooms.orders)]
+            order = workspace.orders[taken % len(workspace.orders)]
             taken += 1
         if step % setting.water_every == 0:
-            water, acting = water_step(setting.water, rooms.surface, water, step // setting.water_every, felt_dt, state)
+            water, acting = water_step(
+                setting.water, workspace.surface, water, step // setting.water_every, felt_dt, state
+            )
         steered = jam if now >= jams_at else order
         state = boat_step(setting.plant, setting.step, state, steered, setting.thrust_speed, acting)
         if (step + 1) % instruments.every == 0:
             reading = (step + 1) // instruments.every
             heading, rate, speed = readings(instruments, reading, state)
-            place = reading % len(rooms.readings)
-            rooms.readings[place, 0], rooms.readings[place, 1], rooms.readings[place, 2] = heading, rate, speed
-    return Seen(alarms, first, departed, worst, mind.gone)
+            place = reading % len(workspace.readings)
+            workspace.readings[place, 0], workspace.readings[place, 1], workspace.readings[place, 2] = (
+                heading,
+                rate,
+                speed,
+            )
+    return Seen(alarms, first, departed, worst, pilot_state.gone)
 
 
 def study_of(boat: str, runs: int, seconds: float, seed: int) -> Job:
@@ -164,7 +173,7 @@ def quiet(boat: str, hours: int, limits: AlarmLimits, run: Callable[..., Seen], 
             continue
         began, setting = time.process_time(), setting_of(job, side * runs + seed)
         assert setting is not None
-        seen = run(setting, rooms_of(setting), limits, NEVER, 0.0)
+        seen = run(setting, workspace_of(setting), limits, NEVER, 0.0)
         spent = time.process_time() - began
         done[name] = {"run": name, "alarms": seen.alarms, "worst": seen.worst, "gone": seen.gone, "seconds": spent}
         if kept is not None:
@@ -189,11 +198,11 @@ def compared(boat: str, count: int, limits: AlarmLimits, run: Callable[..., Seen
         setting, again = setting_of(job, number), setting_of(job, number)
         assert setting is not None
         assert again is not None
-        swift = run(setting, rooms_of(setting), limits, jams_at, 0.3)
-        plain = watched_run(again, rooms_of(again), limits, jams_at, 0.3)
-        same = (swift.alarms, swift.first, swift.departed, swift.gone)
-        assert same == (plain.alarms, plain.first, plain.departed, plain.gone), f"run {number}: {swift} {plain}"
-        apart = max(apart, abs(swift.worst - plain.worst))
+        compiled_loop = run(setting, workspace_of(setting), limits, jams_at, 0.3)
+        plain = watched_run(again, workspace_of(again), limits, jams_at, 0.3)
+        same = (compiled_loop.alarms, compiled_loop.first, compiled_loop.departed, compiled_loop.gone)
+        assert same == (plain.alarms, plain.first, plain.departed, plain.gone), f"run {number}: {compiled_loop} {plain}"
+        apart = max(apart, abs(compiled_loop.worst - plain.worst))
     print(
         f"{number_of_runs(job)} runs of 120 s: the same alarms at the same ticks, largest error {apart:.1e} rad apart"
     )
@@ -211,7 +220,7 @@ def departures(boat: str, count: int, limits: AlarmLimits, run: Callable[..., Se
         jams_at, jam = random.uniform(90.0, 150.0), math.radians(random.uniform(-30.0, 30.0))
         setting = setting_of(job, number)
         assert setting is not None
-        seen = run(setting, rooms_of(setting), limits, jams_at, jam)
+        seen = run(setting, workspace_of(setting), limits, jams_at, jam)
         if math.isinf(seen.departed) or seen.departed > 230.0:
             continue
         made, worst = made + 1, max(worst, seen.worst)

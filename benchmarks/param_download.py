@@ -6,7 +6,7 @@
 A responder on UDP stands in for a vehicle: it streams the list at 500 a second and answers reads by index and by
 name. Each client is a process of its own and listens on a port of its own; packets are lost at random in both
 directions, a tenth arrives twice. A download's time runs from the first PARAM_REQUEST_LIST that the responder
-receives to the line in which the client says that it has written them all into its file. MAVProxy is told to use
+receives to the line in which the client says that it has written them all into its file. MAVProxy is set to use
 the parameter protocol, not FTP, which the responder does not speak.
 """
 
@@ -61,10 +61,10 @@ class Responder:
             if self.random.random() >= self.loss:
                 self.line.sendto(packet, self.address)
 
-    def send_value(self, index: int, told_index: int) -> None:
+    def send_value(self, index: int, index_sent: int) -> None:
         name, value = self.table[index]
         self.packets += 1
-        self.send(dialect.MAVLink_param_value_message(name.encode(), value, 9, COUNT, told_index))
+        self.send(dialect.MAVLink_param_value_message(name.encode(), value, 9, COUNT, index_sent))
 
     def turn(self) -> None:
         """Do what is due and wait a little for the client."""

@@ -187,8 +187,8 @@ def _row(tuned: str, boat: str, sea: str, cases: Sequence[Compared]) -> str:
     rms, travel = (median([getattr(one.beside, name) for one in held]) for name in ("rms", "travel"))
     won = sum(is_won(one.beside) for one in held)
     lost, surely = sum(is_lost(one.beside) for one in held), sum(is_surely_lost(one) for one in held)
-    told = f"{tuned:10s}{boat:10s}{sea:9s}{len(held):4d} of {len(cases):3d}{rms:14.2f}{travel:22.2f}"
-    return f"{told}{won:12d}{lost:6d}{surely:15d}"
+    text = f"{tuned:10s}{boat:10s}{sea:9s}{len(held):4d} of {len(cases):3d}{rms:14.2f}{travel:22.2f}"
+    return f"{text}{won:12d}{lost:6d}{surely:15d}"
 
 
 def lost_cases(cases: Sequence[Compared]) -> str:
@@ -270,7 +270,7 @@ def main() -> None:
         def shown() -> None:
             nonlocal done
             done += 1
-            bar.show(done, total)
+            bar.update(done, total)
 
         for boat in boats:
             cases += study(boat, count, asked.seeds, shown, asked.quick, out=asked.out)

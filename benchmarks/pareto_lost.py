@@ -122,7 +122,7 @@ def linear_in(case: Case, compass: str) -> tuple[Linear, list[Point]]:
 
 def lqg_front(case: Case, compass: str, seeds: int, is_plain: bool = False) -> Floats:
     """Return what the LQG law, sailed in the runs held out, comes to."""
-    runs = [(run.setting, run.rooms) for run in runs_in(case, compass, HELD_OUT, seeds)]
+    runs = [(run.setting, run.workspace) for run in runs_in(case, compass, HELD_OUT, seeds)]
     return np.array(sailed(linear_in(case, compass)[0], runs, is_plain))
 
 
@@ -158,7 +158,7 @@ def main() -> None:
     with ProgressBar("cases") as bar:
         for case in places:
             alone[case] = tuned_in(case, compass_of(case), seeds, asked.alone)
-            bar.show(len(alone), len(places))
+            bar.update(len(alone), len(places))
     print(table(lost, alone, {case: lqg_front(case, compass_of(case), seeds) for case in places}))
 
 
@@ -191,8 +191,8 @@ def table(lost: Sequence[Compared], alone: dict[Case, Compared], lqg: dict[Case,
         ratios = "".join(f"{found.rms:7.2f}/{found.travel:5.2f} " for found in (one.beside, alone[key].beside))
         at = beside_lqg(one, lqg[key])
         numbers = "".join(f"{value:9.2f}" for value in at[1:])
-        told = f"{tuned:10s}{boat:10s}{sea:8s}{side:5.0f}  {mismatch:7s}"
-        lines.append(f"{told}{on:>8s}{ratios}{at.travel:10.3f}{numbers}")
+        text = f"{tuned:10s}{boat:10s}{sea:8s}{side:5.0f}  {mismatch:7s}"
+        lines.append(f"{text}{on:>8s}{ratios}{at.travel:10.3f}{numbers}")
     return "\n".join(lines)
 
 

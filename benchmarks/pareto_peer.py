@@ -23,8 +23,8 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Reference
 from sitl.boat import BoatState, Disturbance, boat_step
-from sitl.campaign.swift import CALM, NOTHING, Rooms, Score, Setting, ordered, readings, scored
-from sitl.campaign.waters import WaterState, water_step
+from sitl.campaign.compiled_run import CALM, NOTHING, Score, Setting, Workspace, ordered, readings, scored
+from sitl.campaign.environment import WaterState, water_step
 
 ANY_BOAT = Norrbin(1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
 """The peer knows no model: on a straight course its feed-forward is nought for any."""
@@ -40,7 +40,7 @@ class Peer(NamedTuple):
     dead_band: float
 
 
-class PeerMind(NamedTuple):
+class PeerState(NamedTuple):
     """Filtered heading [rad] and derivative [rad/s], the integrator, the order and the dead band's memory."""
 
     heading: float
@@ -49,20 +49,22 @@ class PeerMind(NamedTuple):
     rest: Rest
 
 
-def peer_tick(peer: Peer, limits: RudderLimits, mind: PeerMind, dt: float, heading: float, target: float) -> PeerMind:
-    """Return the mind `dt` [s] later, with a `heading` [rad] on the way to the heading `target` [rad]."""
-    moved = wrap(heading - mind.heading) * low_pass(dt, peer.heading_time)
-    filtered = wrap(mind.heading + moved)
-    rate = mind.rate + (moved / dt - mind.rate) * low_pass(dt, peer.rate_time)
+def peer_tick(
+    peer: Peer, limits: RudderLimits, pilot_state: PeerState, dt: float, heading: float, target: float
+) -> PeerState:
+    """Return the state `dt` [s] later, with a `heading` [rad] on the way to the heading `target` [rad]."""
+    moved = wrap(heading - pilot_state.heading) * low_pass(dt, peer.heading_time)
+    filtered = wrap(pilot_state.heading + moved)
+    rate = pilot_state.rate + (moved / dt - pilot_state.rate) * low_pass(dt, peer.rate_time)
     error = wrap(filtered - target)
     seen = target + error - clip(error, -peer.weather, peer.weather)
     state = NavState(0.0, seen, rate, 1.0, 0.0, 0.0, 0.0, True)
     given = LawInput(
-        ANY_BOAT, 1.0, Reference(target, 0.0, 0.0), state, NO_ROLL, mind.rest.allowed, limits.angle_max, dt
+        ANY_BOAT, 1.0, Reference(target, 0.0, 0.0), state, NO_ROLL, pilot_state.rest.allowed, limits.angle_max, dt
     )
-    wanted, pid = pid_step(BoatPid(peer.gains, math.nan), mind.pid, given)
-    limited = limit(limits, mind.rest.told, wanted, dt)
-    return PeerMind(filtered, rate, pid, rested(limits, peer.dead_band, mind.rest, wanted, limited))
+    wanted, pid = pid_step(BoatPid(peer.gains, math.nan), pilot_state.pid, given)
+    limited = limit(limits, pilot_state.rest.command, wanted, dt)
+    return PeerState(filtered, rate, pid, rested(limits, peer.dead_band, pilot_state.rest, wanted, limited))
 
 
 def low_pass(dt: float, time: float) -> float:
@@ -85,35 +87,36 @@ def set_afloat(setting: Setting) -> Afloat:
     return Afloat(setting.start, WaterState(setting.swell, 0.0, 0.0, 0), CALM, 0, 0.0)
 
 
-def afloat_step(setting: Setting, rooms: Rooms, afloat: Afloat, step: int, told: float) -> Afloat:
-    """Return boat and sea after step number `step` with the rudder told `told` [rad]; as in `sitl.campaign.swift`."""
+def afloat_step(setting: Setting, workspace: Workspace, afloat: Afloat, step: int, command: float) -> Afloat:
+    """Return boat and sea after step number `step` with the commanded rudder `command` [rad]; as in
+    `sitl.campaign.compiled_run`."""
     dt, taken, order = setting.dt, afloat.taken, afloat.order
     water, acting = afloat.water, afloat.acting
-    rooms.orders[step % len(rooms.orders)] = told
+    workspace.orders[step % len(workspace.orders)] = command
     while taken <= step and taken * dt + setting.plant.gear.delay <= step * dt:
-        order = rooms.orders[taken % len(rooms.orders)]
+        order = workspace.orders[taken % len(workspace.orders)]
         taken += 1
     if step % setting.water_every == 0:
         number, felt_dt = step // setting.water_every, dt * setting.water_every
-        water, acting = water_step(setting.water, rooms.surface, water, number, felt_dt, afloat.state)
+        water, acting = water_step(setting.water, workspace.surface, water, number, felt_dt, afloat.state)
     state = boat_step(setting.plant, setting.step, afloat.state, order, setting.thrust_speed, acting)
     return Afloat(state, water, acting, taken, order)
 
 
-def run_peer(setting: Setting, rooms: Rooms, peer: Peer) -> Score:
+def run_peer(setting: Setting, workspace: Workspace, peer: Peer) -> Score:
     """Return the score of a run steered by the peer, compass up to date."""
     instruments, course, afloat = setting.instruments, setting.course, set_afloat(setting)
-    every, limits = instruments.every * setting.dt, setting.brain.config.limits
+    every, limits = instruments.every * setting.dt, setting.campaign.config.limits
     heading, _, _ = readings(instruments, 0, afloat.state)
-    mind = PeerMind(wrap(heading), 0.0, PidMemory(0.0, math.nan), Rest(0.0, 0.0, False))
-    score, told = NOTHING, 0.0
+    pilot_state = PeerState(wrap(heading), 0.0, PidMemory(0.0, math.nan), Rest(0.0, 0.0, False))
+    score, command = NOTHING, 0.0
     for step in range(setting.steps):
         if step % instruments.every == 0:
             time, state = step * setting.dt, afloat.state
-            mind = peer_tick(peer, limits, mind, every, wrap(heading), ordered(course, time))
-            score = scored(score, course, time, state, told, mind.rest.told)
-            told = mind.rest.told
-        afloat = afloat_step(setting, rooms, afloat, step, told)
+            pilot_state = peer_tick(peer, limits, pilot_state, every, wrap(heading), ordered(course, time))
+            score = scored(score, course, time, state, command, pilot_state.rest.command)
+            command = pilot_state.rest.command
+        afloat = afloat_step(setting, workspace, afloat, step, command)
         if (step + 1) % instruments.every == 0:
             heading, _, _ = readings(instruments, (step + 1) // instruments.every, afloat.state)
     return score

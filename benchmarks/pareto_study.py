@@ -27,10 +27,10 @@ from autopilot.runtime.build import bias_time_of, model_of, verdict_of
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
 from sitl.boat import step_of
-from sitl.campaign.setting import brain_of, rooms_of, setting_of
+from sitl.campaign.compiled_run import Setting, Workspace, figures, run_compiled
+from sitl.campaign.setting import campaign_of, setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Case, Job, MismatchSection, SeaSection, Study, case_and_seed, cases_of
-from sitl.campaign.swift import Rooms, Setting, figures, run_swiftly
-from sitl.campaign.work import swift
+from sitl.campaign.work import compiled_loop
 from sitl.compiled import compiled
 from sitl.scenario import HullSection, IttcSection, SensorsSection, WavesSection, WindSection
 from sitl.world import STEP
@@ -82,7 +82,7 @@ class Run(NamedTuple):
     mismatch: str
     compass: str
     setting: Setting
-    rooms: Rooms
+    workspace: Workspace
 
 
 def job_of(boat: str, seed: int, runs: int) -> Job:
@@ -116,7 +116,7 @@ def runs_of(job: Job, wanted: Callable[[int], bool] = lambda _: True) -> list[Ru
         setting = setting_of(job, number)
         assert setting is not None
         setting = stepped(setting)
-        found.append(Run(case.sea, case.side_deg, case.mismatch, case.instruments, setting, rooms_of(setting)))
+        found.append(Run(case.sea, case.side_deg, case.mismatch, case.instruments, setting, workspace_of(setting)))
     return found
 
 
@@ -171,7 +171,7 @@ class Ours:
     def __init__(self, boat: str, plain: bool = False) -> None:
         self.vessel = filed(boat)
         self._natural = natural_of(self.vessel)
-        self._run = run_swiftly if plain else swift(DESIGNED) or run_swiftly
+        self._run = run_compiled if plain else compiled_loop(DESIGNED) or run_compiled
         self.low = np.array([math.log(0.05), math.log(0.3), math.log(0.5), -4.6, 0.0, math.log(0.01), math.log(0.3)])
         self.high = np.array([math.log(3.0), math.log(4.0), math.log(40.0), 1.6, 1.0, math.log(1.5), math.log(100.0)])
         self.starts = _begun(
@@ -208,14 +208,14 @@ class Ours:
             refused = bool(verdict_of(vessel, "backstepping").refusal)
         except ArithmeticError:
             refused = True
-        brain = None if refused else brain_of(vessel, "backstepping")
-        if brain is None:
+        campaign = None if refused else campaign_of(vessel, "backstepping")
+        if campaign is None:
             return np.full((len(runs), 2), LOST)
         found = []
         for run in runs:
             setting = run.setting
-            state = initial(0.0, setting.filtered.psi, None, brain.config.estimator.noises.usual)
-            score, _ = self._run(setting._replace(brain=brain, filtered=state), run.rooms)
+            state = initial(0.0, setting.filtered.psi, None, campaign.config.estimator.noises.usual)
+            score, _ = self._run(setting._replace(campaign=campaign, filtered=state), run.workspace)
             found.append(_point(score, setting))
         return np.array(found)
 
@@ -226,7 +226,7 @@ class Theirs:
     def __init__(self, boat: str, plain: bool = False) -> None:
         vessel = filed(boat)
         self._natural, self._model = natural_of(vessel), model_of(vessel)
-        self._run = run_peer if plain else _swift_peer() or run_peer
+        self._run = run_peer if plain else _compiled_peer() or run_peer
         self.low = np.array([math.log(0.05), math.log(0.3), math.log(1e-3), math.log(0.01), math.log(0.02), -4.6, -4.6])
         self.high = np.array([math.log(3.0), math.log(4.0), 0.0, math.log(3.0), math.log(10.0), 1.1, 1.6])
         self.starts = _begun(
@@ -251,7 +251,7 @@ class Theirs:
     def sailed(self, numbers: Floats, runs: Sequence[Run]) -> Floats:
         """See `Helmsman`."""
         peer = self.peer_of(numbers)
-        return np.array([_point(self._run(run.setting, run.rooms, peer), run.setting) for run in runs])
+        return np.array([_point(self._run(run.setting, run.workspace, peer), run.setting) for run in runs])
 
 
 def _begun(*settings: tuple[float, ...]) -> Floats:
@@ -266,7 +266,7 @@ def _point(score: Any, setting: Setting) -> tuple[float, float]:
 
 
 @functools.cache
-def _swift_peer() -> Callable[..., Any] | None:
+def _compiled_peer() -> Callable[..., Any] | None:
     try:
         return compiled(run_peer, quick=True)
     except InputError:

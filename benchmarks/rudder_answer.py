@@ -29,11 +29,11 @@ from autopilot.supervision.rudder_response import Rudders, first_response, noise
 from autopilot.supervision.tuning import LATE_S
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
-from sitl.campaign.brain import Heard, first_mind, tick
-from sitl.campaign.setting import rooms_of, setting_of
+from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, readings
+from sitl.campaign.compiled_tick import Measurement, initial_state, tick
+from sitl.campaign.environment import WaterState, water_step
+from sitl.campaign.setting import setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Job, MismatchSection, SeaSection, Study, number_of_runs
-from sitl.campaign.swift import CALM, Rooms, Setting, heard_of, readings
-from sitl.campaign.waters import WaterState, water_step
 from sitl.compiled import compiled
 from sitl.scenario import HullSection, SecondOrderSection, WavesSection
 
@@ -70,41 +70,45 @@ class Seen(NamedTuple):
 
 
 def watched_run(
-    setting: Setting, rooms: Rooms, variance: float, fault: int, begins: float, courses: np.ndarray
+    setting: Setting, workspace: Workspace, variance: float, fault: int, begins: float, courses: np.ndarray
 ) -> Seen:
-    """Run as `sitl.campaign.swift.run_swiftly` does, watched; the steering gear fails at `begins` [s]."""
+    """Run as `sitl.campaign.compiled_run.run_compiled` does, watched; the steering gear fails at `begins` [s]."""
     instruments, dt = setting.instruments, setting.dt
     state = setting.start
     water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
     lag = math.ceil(instruments.latency / dt - 1.0e-7)
-    taken, order, told = 0, 0.0, 0.0
+    taken, order, command = 0, 0.0, 0.0
     heading, rate, speed = readings(instruments, 0, state)
-    rooms.readings[0, 0], rooms.readings[0, 1], rooms.readings[0, 2] = heading, rate, speed
-    heard = Heard(Measured(0.0, wrap(heading), rate), speed)
-    mind = first_mind(setting.brain, setting.filtered, lag * dt, heard, rooms.rudder)
-    memory = first_response(noise_of(mind.model, variance, 0.0, 0.0), lag * dt - instruments.latency, wrap(heading))
+    workspace.readings[0, 0], workspace.readings[0, 1], workspace.readings[0, 2] = heading, rate, speed
+    measurement = Measurement(Measured(0.0, wrap(heading), rate), speed)
+    pilot_state = initial_state(setting.campaign, setting.filtered, lag * dt, measurement, workspace.rudder)
+    memory = first_response(
+        noise_of(pilot_state.model, variance, 0.0, 0.0), lag * dt - instruments.latency, wrap(heading)
+    )
     alarms, evidence, seen, off, is_reversed, moved = 0, 0.0, math.inf, 0.0, False, math.inf
     held = math.nan
     for step in range(setting.steps):
         now = step * dt
         if step >= lag and (step - lag) % instruments.every == 0:
-            heard = heard_of(instruments, rooms, (step - lag) // instruments.every, dt)
+            measurement = measurement_of(instruments, workspace, (step - lag) // instruments.every, dt)
             target = courses[min(int(now / HELD_S), len(courses) - 1)]
-            mind = tick(setting.brain, mind, rooms.rudder, now, heard, target)
-            told = mind.told
-            if heard.measured.time > memory.time:
-                past = RudderPast(rooms.rudder.times, rooms.rudder.angles, mind.rudder.ticks)
-                at = Moment(now, mind.speed.value, mind.heading_time)
-                felt = seen_at(mind.model, setting.brain.config.estimator.noises, mind.fusion, past, at)
-                sea = mind.fusion.state.sea
+            pilot_state = tick(setting.campaign, pilot_state, workspace.rudder, now, measurement, target)
+            command = pilot_state.command
+            if measurement.measured.time > memory.time:
+                past = RudderPast(workspace.rudder.times, workspace.rudder.angles, pilot_state.rudder.ticks)
+                at = Moment(now, pilot_state.speed.value, pilot_state.heading_time)
+                felt = seen_at(
+                    pilot_state.model, setting.campaign.config.estimator.noises, pilot_state.fusion, past, at
+                )
+                sea = pilot_state.fusion.state.sea
                 pace = waves.frequency(sea)
-                middle = 0.5 * (memory.time + heard.measured.time)
+                middle = 0.5 * (memory.time + measurement.measured.time)
                 memory = response_step(
                     memory,
-                    mind.model,
-                    noise_of(mind.model, variance, math.sqrt(sea.heading), pace),
+                    pilot_state.model,
+                    noise_of(pilot_state.model, variance, math.sqrt(sea.heading), pace),
                     felt.rate,
-                    (heard.measured.time, heard.measured.heading),
+                    (measurement.measured.time, measurement.measured.heading),
                     Rudders(rudder_at(past, middle), rudder_at(past, middle - LATE_S), rudder_at(past, middle)),
                 )
                 sure = max(min(memory.stuck, memory.stuck_late), min(memory.reversed, memory.reversed_late))
@@ -117,29 +121,37 @@ def watched_run(
                         return Seen(alarms, evidence, now - begins, off, found < 0, moved)
                     alarms += 1
                     memory = first_response(
-                        noise_of(mind.model, variance, 0.0, 0.0), heard.measured.time, heard.measured.heading
+                        noise_of(pilot_state.model, variance, 0.0, 0.0),
+                        measurement.measured.time,
+                        measurement.measured.heading,
                     )
-        rooms.orders[step % len(rooms.orders)] = told
+        workspace.orders[step % len(workspace.orders)] = command
         while taken <= step and taken * dt + setting.plant.gear.delay <= now:
-            order = rooms.orders[taken % len(rooms.orders)]
+            order = workspace.orders[taken % len(workspace.orders)]
             taken += 1
         if step % setting.water_every == 0:
-            water, acting = water_step(setting.water, rooms.surface, water, step // setting.water_every, felt_dt, state)
+            water, acting = water_step(
+                setting.water, workspace.surface, water, step // setting.water_every, felt_dt, state
+            )
         steered = order
         if now >= begins and fault != WORKS:
             held = state.rudder if math.isnan(held) else held
-            steered = spoilt(fault, order, held)
-            moved = now - begins if moved == math.inf and abs(told - held) > math.radians(5.0) else moved
+            steered = faulty(fault, order, held)
+            moved = now - begins if moved == math.inf and abs(command - held) > math.radians(5.0) else moved
         state = boat_step(setting.plant, setting.step, state, steered, setting.thrust_speed, acting)
         if (step + 1) % instruments.every == 0:
             reading = (step + 1) // instruments.every
             heading, rate, speed = readings(instruments, reading, state)
-            place = reading % len(rooms.readings)
-            rooms.readings[place, 0], rooms.readings[place, 1], rooms.readings[place, 2] = heading, rate, speed
+            place = reading % len(workspace.readings)
+            workspace.readings[place, 0], workspace.readings[place, 1], workspace.readings[place, 2] = (
+                heading,
+                rate,
+                speed,
+            )
     return Seen(alarms, evidence, seen, off, is_reversed, moved)
 
 
-def spoilt(fault: int, order: float, held: float) -> float:
+def faulty(fault: int, order: float, held: float) -> float:
     """Return where the gear goes [rad] that is stuck at `held`, works the wrong way, or lets the rudder trail."""
     if fault == STUCK:
         return held
@@ -180,7 +192,7 @@ def quiet(boat: str, sea: str, mismatch: str, hours: float, run: Callable[..., S
     for number in range(number_of_runs(job)):
         setting = setting_of(job, number)
         assert setting is not None
-        seen.append(run(setting, rooms_of(setting), variance, WORKS, math.inf, courses))
+        seen.append(run(setting, workspace_of(setting), variance, WORKS, math.inf, courses))
     alarms, most = sum(each.alarms for each in seen), max(each.evidence for each in seen)
     print(
         f"| {boat}, {mismatch} | {sea} | {0.5 * len(seen):g} h | {alarms} | {most:.1f} |",
@@ -202,7 +214,7 @@ def faults(boat: str, sea: str, mismatch: str, name: str, count: int, run: Calla
             # in the turn it fails while the rudder is at work
             begins = random.uniform(70.0, 90.0) if turn == 0.0 else HELD_S + random.uniform(0.5, 2.0)
             courses = np.radians(np.array([0.0, turn, turn]))
-            seen = run(setting, rooms_of(setting), variance, FAULTS[name], begins, courses)
+            seen = run(setting, workspace_of(setting), variance, FAULTS[name], begins, courses)
             if math.isinf(seen.seen):
                 continue
             times.append(seen.seen)

@@ -76,8 +76,8 @@ def helm(folder: Path) -> Iterator[tuple[str, int]]:
             *("--logs", str(logs)),
         )
         assert web.stdout is not None
-        for told in web.stdout:
-            if found := re.search(r"http://\S+token=\S+", told):
+        for printed in web.stdout:
+            if found := re.search(r"http://\S+token=\S+", printed):
                 break
         else:
             raise SystemExit("the page did not start")
@@ -123,7 +123,7 @@ def in_a_terminal(browser: Any, port: int, path: Path) -> None:
         time.sleep(0.02)
     rows = screen(station, time.monotonic(), TERMINAL)
     line.close()
-    text = "\n".join(f'<span style="color:{INKS[row.look]}">{html.escape(row.text)}</span>' for row in rows)
+    text = "\n".join(f'<span style="color:{INKS[row.style]}">{html.escape(row.text)}</span>' for row in rows)
     page = browser.new_page(viewport={"width": 800, "height": 420})
     page.set_content(f'<body style="margin:0;background:#11161c"><pre style="margin:12px;font-size:14px">{text}</pre>')
     keep(page, path)

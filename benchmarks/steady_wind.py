@@ -88,7 +88,7 @@ def sailed(
     return headings
 
 
-def sailed_swiftly(
+def sailed_compiled(
     vessel: Vessel, factor: float, push: Push, seconds: float, random: np.random.Generator, has_gyro: bool
 ) -> list[float]:
     """Return the same by the campaigns' tick, compiled, for the backstepping law."""
@@ -169,7 +169,7 @@ def main() -> None:
     if arguments.pushes:
         pushes_table()
         return
-    sails, seeds = sailed if arguments.pilot else sailed_swiftly, range(FIRST_SEED, FIRST_SEED + arguments.seeds)
+    sails, seeds = sailed if arguments.pilot else sailed_compiled, range(FIRST_SEED, FIRST_SEED + arguments.seeds)
     print("boat     gyro     K    mean error  worst   blown off   past   second  worst  [deg]")
     for (name, boat), has_gyro, factor in itertools.product(BOATS.items(), (False, True), FACTORS):
         if boat.model.n1 < 0.0:

@@ -168,10 +168,10 @@ def sail(
             samples = (HeadingSample(now, heading, state.rate + rate_noise * random.standard_normal()),)
         if index % CONTROL_HZ == 0:
             samples += (SpeedSample(now, state.speed),)
-        told = steer(now, samples)
-        rows[index] = now, state.heading, told
+        command = steer(now, samples)
+        rows[index] = now, state.heading, command
         for part in range(PLANT_HZ // CONTROL_HZ):
-            vessel.step(now + part * dt, told, speed, water.step(now + part * dt, vessel.state), dt)
+            vessel.step(now + part * dt, command, speed, water.step(now + part * dt, vessel.state), dt)
     return Record(*rows.T)
 
 

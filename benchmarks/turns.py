@@ -35,8 +35,8 @@ from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, Sample
 from autopilot.vessel.schema import Control, Model, Rudder, Sensors, Vessel
-from sitl.campaign.brain import Brain, Heard, Mind, first_mind, tick
-from sitl.campaign.setting import brain_of
+from sitl.campaign.compiled_tick import CampaignConfig, Measurement, State, initial_state, tick
+from sitl.campaign.setting import campaign_of
 from sitl.compiled import compiled
 
 CONTROL_S, STEPS_A_TICK = 0.05, 5
@@ -141,9 +141,9 @@ def turned(boat: Boat, gain_factor: float, noise_deg: float, seconds: float, see
             noise = math.radians(noise_deg) * random.standard_normal(2) * (1.0, 2.0 / 3.0)
             samples = (HeadingSample(now, wrap(heading + noise[0]), rate + noise[1]),)
         order = Order(OrderKind.HEADING, 0.0 if now < BEFORE_S else TURN, serial=1)
-        told = pilot.step(now, samples, order).command.angle
-        assert abs(told) <= limits.angle_max
-        line.give(now, told)
+        command = pilot.step(now, samples, order).command.angle
+        assert abs(command) <= limits.angle_max
+        line.give(now, command)
         for step in range(STEPS_A_TICK):
             rudder = gear_step(gear, rudder, line.effective(now + step * h), h)
             before, rate = rate, rate_step(true, rate, rudder, h)
@@ -159,16 +159,16 @@ def swiftly(vessel: Vessel, factor: float, targets: Floats, noise: Floats, pushe
     targets: the heading ordered [rad], noise: of heading [rad] and rate [rad/s], nan: there is no gyro, pushed: rudder
     [rad], all tick by tick. K is `factor` times the model's.
     """
-    brain, gear = brain_of(vessel, "backstepping"), gear_of(vessel)
-    assert brain is not None
+    campaign, gear = campaign_of(vessel, "backstepping"), gear_of(vessel)
+    assert campaign is not None
     memory = RudderMemory(*np.zeros((5, RING)))
-    filtered = initial(0.0, *seen_first(noise[0]), brain.config.estimator.noises.usual)
-    heard = Heard(Measured(0.0, filtered.psi, math.nan), math.nan)
-    mind = first_mind(brain, filtered, 0.0, heard, memory)
-    model = brain.config.estimator.model
+    filtered = initial(0.0, *seen_first(noise[0]), campaign.config.estimator.noises.usual)
+    measurement = Measurement(Measured(0.0, filtered.psi, math.nan), math.nan)
+    pilot_state = initial_state(campaign, filtered, 0.0, measurement, memory)
+    model = campaign.config.estimator.model
     true = model._replace(gain=model.gain * factor)
     delayed = round(gear.delay * STEPS_A_TICK / CONTROL_S)
-    return np.asarray(_swift()(brain, mind, memory, true, gear, delayed, targets, noise, pushed))
+    return np.asarray(_compiled()(campaign, pilot_state, memory, true, gear, delayed, targets, noise, pushed))
 
 
 def seen_first(noise: Floats) -> tuple[float, float | None]:
@@ -177,13 +177,13 @@ def seen_first(noise: Floats) -> tuple[float, float | None]:
 
 
 @functools.cache
-def _swift() -> Any:
+def _compiled() -> Any:
     return compiled(_headings, instead=own_step("backstepping"))
 
 
 def _headings(
-    brain: Brain,
-    mind: Mind,
+    campaign: CampaignConfig,
+    pilot_state: State,
     memory: RudderMemory,
     true: Norrbin,
     gear: SteeringGear,
@@ -193,18 +193,20 @@ def _headings(
     pushed: Floats,
 ) -> Floats:
     heading, rate, rudder, order, h = 0.0, 0.0, 0.0, 0.0, CONTROL_S / STEPS_A_TICK
-    headings, told = np.zeros(len(pushed)), np.zeros(len(pushed))
+    headings, command = np.zeros(len(pushed)), np.zeros(len(pushed))
     for index in range(len(pushed)):
         now = index * CONTROL_S
         if index > 0:
             seen = wrap(heading + noise[index, 0]) if index % 2 == 0 else math.nan
             turning = rate + noise[index, 1] if index % 2 == 0 else math.nan
-            mind = tick(brain, mind, memory, now, Heard(Measured(now, seen, turning), math.nan), targets[index])
-        told[index] = mind.told
+            pilot_state = tick(
+                campaign, pilot_state, memory, now, Measurement(Measured(now, seen, turning), math.nan), targets[index]
+            )
+        command[index] = pilot_state.command
         for step in range(STEPS_A_TICK):
             effective = index * STEPS_A_TICK + step - delayed
             if effective >= 0:
-                order = told[effective // STEPS_A_TICK]
+                order = command[effective // STEPS_A_TICK]
             rudder = gear_step(gear, rudder, order, h)
             before, rate = rate, rate_step(true, rate, rudder + pushed[index], h)
             heading += 0.5 * h * (before + rate)
@@ -219,7 +221,7 @@ def judged(errors: Floats) -> Turned:
     return Turned(math.degrees(float(np.max(errors))), settling)
 
 
-def turned_swiftly(vessel: Vessel, gain_factor: float, sailed: Sailed, seconds: float, seed: int) -> Turned:
+def turned_compiled(vessel: Vessel, gain_factor: float, sailed: Sailed, seconds: float, seed: int) -> Turned:
     """Return how the campaigns' tick turns a boat whose K is `gain_factor` times the model's, watched for `seconds`."""
     random, ticks = np.random.default_rng(seed), round((BEFORE_S + seconds) / CONTROL_S)
     before = np.arange(ticks) * CONTROL_S < BEFORE_S
@@ -250,7 +252,7 @@ def table(boats: list[tuple[str, Boat]], sailed: Sailed, seeds: range) -> None:
         vessel, least = vessel_of(boat), quickest(boat)
         settling = past = worst = far = ""
         for factor in (WEAKER, 1.0, STRONGER):
-            found = np.array([turned_swiftly(vessel, factor, sailed, WATCHED * least, seed) for seed in seeds])
+            found = np.array([turned_compiled(vessel, factor, sailed, WATCHED * least, seed) for seed in seeds])
             settling += f"{np.median(found[:, 1]) / least:6.2f}"
             past += f"{np.median(found[:, 0]):6.2f}"
             worst += f"{min(np.max(found[:, 0]), 99.9):6.1f}"

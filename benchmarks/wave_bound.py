@@ -29,10 +29,10 @@ from autopilot.control.design import DESIGNED
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Estimator
 from sitl.boat import Hull
-from sitl.campaign.setting import rooms_of, setting_of
+from sitl.campaign.compiled_run import Setting, Workspace, figures, run_compiled
+from sitl.campaign.setting import setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Job, SeaSection, Study
-from sitl.campaign.swift import Rooms, Setting, figures, run_swiftly
-from sitl.campaign.work import swift
+from sitl.campaign.work import compiled_loop
 from sitl.scenario import HullSection, IttcSection, WavesSection, WindSection
 
 NAMES = ("lanxin", "launch", "coaster", "tanker", "esso")
@@ -58,7 +58,7 @@ def sea_of(sea: StudySea) -> SeaSection:
     return SeaSection(WavesSection(ittc=IttcSection(sea.height, sea.period)), WindSection(sea.wind, gust_m_s=sea.gust))
 
 
-def runs_of(name: str, boat: StudyBoat, side: float, wave_filter: str, seeds: int) -> list[tuple[Setting, Rooms]]:
+def runs_of(name: str, boat: StudyBoat, side: float, wave_filter: str, seeds: int) -> list[tuple[Setting, Workspace]]:
     """Return a run for each seed."""
     seconds, since = SECONDS.get(name, SECONDS_ELSE)
     vessel = dataclasses.replace(boat.vessel, estimator=Estimator(wave_filter=wave_filter))  # type: ignore[arg-type]
@@ -80,14 +80,14 @@ def runs_of(name: str, boat: StudyBoat, side: float, wave_filter: str, seeds: in
         for number in range(seeds):
             setting = setting_of(Job(study, folder), number)
             assert setting is not None
-            found.append((setting._replace(is_watched=False), rooms_of(setting)))
+            found.append((setting._replace(is_watched=False), workspace_of(setting)))
     return found
 
 
-def points_of(runs: list[tuple[Setting, Rooms]]) -> list[Point]:
+def points_of(runs: list[tuple[Setting, Workspace]]) -> list[Point]:
     """Return what the pilot does in each run."""
-    run = swift(DESIGNED) or run_swiftly
-    found = [figures(run(setting, rooms)[0], 1.0 / HZ, 1.0) for setting, rooms in runs]
+    run = compiled_loop(DESIGNED) or run_compiled
+    found = [figures(run(setting, workspace)[0], 1.0 / HZ, 1.0) for setting, workspace in runs]
     return [Point(one.heading_rms_deg, one.travel_deg_s) for one in found]
 
 
@@ -98,13 +98,13 @@ def middle_of(found: list[Point]) -> Point:
 
 def held_row(name: str, boat: StudyBoat, side: float, seeds: int) -> str:
     """Return a boat's row of the table of runs in which it is not held."""
-    told = f"{name:9s}{side:6.0f}"
+    text = f"{name:9s}{side:6.0f}"
     for mode in ("off", "auto"):
         found = points_of(runs_of(name, boat, side, mode, seeds))
         middle, worst = middle_of(found), max(one.rms_deg for one in found)
         lost = sum(one.rms_deg > HELD_DEG for one in found)
-        told += f"{lost:10d}{middle.rms_deg:8.1f}{worst:8.1f}{middle.travel_deg_s:8.2f}"
-    return told
+        text += f"{lost:10d}{middle.rms_deg:8.1f}{worst:8.1f}{middle.travel_deg_s:8.2f}"
+    return text
 
 
 def row(name: str, boat: StudyBoat, side: float, seeds: int) -> str:
@@ -116,10 +116,10 @@ def row(name: str, boat: StudyBoat, side: float, seeds: int) -> str:
     allowed = ALLOWED * off.rms_deg
     least = [least_travel(found, allowed) / off.travel_deg_s for found in (points, sailed(linear, runs["off"]))]
     held = "" if min(off.rms_deg, auto.rms_deg, meet.rms_deg) < HELD_DEG else "   not held"
-    told = f"{name:9s}{side:6.0f}{off.rms_deg:9.2f}{off.travel_deg_s:7.2f}"
+    text = f"{name:9s}{side:6.0f}{off.rms_deg:9.2f}{off.travel_deg_s:7.2f}"
     for one in (auto, meet):
-        told += f"{one.rms_deg / off.rms_deg:11.2f}{one.travel_deg_s / off.travel_deg_s:8.2f}"
-    return told + "".join(f"{value:9.2f}" for value in least) + f"{worth_of(boat, covariance):9.0f}{held}"
+        text += f"{one.rms_deg / off.rms_deg:11.2f}{one.travel_deg_s / off.travel_deg_s:8.2f}"
+    return text + "".join(f"{value:9.2f}" for value in least) + f"{worth_of(boat, covariance):9.0f}{held}"
 
 
 def main() -> None:

@@ -39,7 +39,7 @@ class Seed(NamedTuple):
     errors: dict[str, FloatArray]
     tracks: dict[str, FloatArray]
     bound: FloatArray
-    surprise: dict[str, float]
+    normalised_error: dict[str, float]
     unidentified: dict[str, tuple[str, ...]]
 
 
@@ -88,7 +88,7 @@ def run_seed(scenario: Scenario, seed: int, compiled: bool = False) -> Seed:
         errors={**errors, "batch": (batch.estimate - truth) / size},
         tracks={name: np.abs(found.estimate - truth) / size for name, found in filters.items()},
         bound=bound / size,
-        surprise={name: normalised_error(found, truth) for name, found in filters.items()},
+        normalised_error={name: normalised_error(found, truth) for name, found in filters.items()},
         unidentified={**left, "batch": unidentified(case, np.sqrt(np.diag(batch.covariance)))},
     )
 
@@ -106,9 +106,9 @@ def summary(scenario: Scenario, seeds: list[Seed]) -> dict[str, object]:
             "rms over bound": dict(zip(names, rms / bound, strict=True)),
             "cannot be identified": {name: sum(name in seed.unidentified[method] for seed in seeds) for name in names},
         }
-        if method in seeds[0].surprise:
+        if method in seeds[0].normalised_error:
             tracks = np.median([seed.tracks[method] for seed in seeds], axis=0)
-            row["normalised error"] = float(np.mean([seed.surprise[method] for seed in seeds]))
+            row["normalised error"] = float(np.mean([seed.normalised_error[method] for seed in seeds]))
             row["median at step 140"] = dict(zip(names, 100.0 * tracks[EARLY_STEP - 1], strict=True))
             far = [np.flatnonzero(tracks[:, i] > NEAR) for i in range(len(names))]
             row["within 5 % from step"] = {

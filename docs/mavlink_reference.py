@@ -22,7 +22,7 @@ NAMED_ONLY = frozenset(
     {"links/ground_station/telemetry", "links/mavlink/router", "links/mavlink/signing", "web/station"}
 )
 """Numbers of messages stand here to send, ask for or pass them on, not to read them."""
-TOLD_ONLY = frozenset({"links/mavlink/guided"})
+ONE_WAY_ONLY = frozenset({"links/mavlink/guided"})
 """Names of messages stand here in sentences for people."""
 LOGS = ("logs/", "runtime/record")
 """What reads logs obeys nobody and is documented with the logs; what writes them sends."""
@@ -120,7 +120,7 @@ def _looked_for(module: str, node: ast.AST) -> str:
     """Return the name of the message whose number or name this is."""
     if isinstance(node, ast.Attribute) and node.attr.startswith("MAVLINK_MSG_ID_"):
         return "" if module in NAMED_ONLY else node.attr.removeprefix("MAVLINK_MSG_ID_")
-    if module in TOLD_ONLY or not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
+    if module in ONE_WAY_ONLY or not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
         return ""
     is_known = hasattr(dialect, f"MAVLINK_MSG_ID_{node.value}") or node.value in {k.msgname for k in EXTRA.values()}
     return node.value if node.value and is_known else ""

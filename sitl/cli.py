@@ -13,11 +13,11 @@ from autopilot import __version__
 from autopilot.cli.main import answer
 from autopilot.cli.options import SEED, SPEEDUP, add_waiting_option, number, patience_of, whole_number
 from autopilot.errors import ExitCode, InputError
-from autopilot.interruption import say_end
+from autopilot.interruption import print_end
 from sitl.campaign import command as campaign
 from sitl.scenario import shipped_scenarios
 
-DEFAULT_DESK = "127.0.0.1:14599"
+DEFAULT_SERVICE = "127.0.0.1:14599"
 DEFAULT_MAVLINK = "udpout:127.0.0.1:14550"
 DEFAULT_SENTENCES = "HDG,ROT,RSA,VHW"
 SIMULATED = number(0.001, 1.0e6)
@@ -145,7 +145,7 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         "half_open=",
     )
     serve.add_argument(
-        "--control", metavar="HOST:PORT", help=f"listen there for `sitl fault`, e.g. {DEFAULT_DESK}; loopback only"
+        "--control", metavar="HOST:PORT", help=f"listen there for `sitl fault`, e.g. {DEFAULT_SERVICE}; loopback only"
     )
     serve.add_argument("--speedup", metavar="X", action=SPEEDUP, default=1.0, help="simulated seconds per second")
     serve.add_argument("--seed", metavar="N", action=SEED, help="seed of all random numbers (default: the scenario's)")
@@ -180,7 +180,7 @@ def _add_fault_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
         help="KIND [size=X] [for=S] [ramp=S] [after=S] [source=first|second], list, clear",
     )
     fault.add_argument(
-        "--control", metavar="HOST:PORT", default=DEFAULT_DESK, help="where the boat listens (default %(default)s)"
+        "--control", metavar="HOST:PORT", default=DEFAULT_SERVICE, help="where the boat listens (default %(default)s)"
     )
     fault.add_argument("--kinds", action="store_true", help="print the table of faults, and stop")
     add_waiting_option(fault)
@@ -189,7 +189,7 @@ def _add_fault_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
 
 def _run_fault(arguments: argparse.Namespace) -> int:
     """Pass one line to a served boat and print its answer."""
-    from sitl.fault_desk import ask, kinds_table
+    from sitl.fault_service import ask, kinds_table
 
     if arguments.kinds:
         print(kinds_table())
@@ -217,7 +217,7 @@ class _StopOnSignal:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self._stopped = True
-        say_end(number)
+        print_end(number)
 
     def __call__(self) -> bool:
         return self._stopped
@@ -232,9 +232,9 @@ def run_wave_glider(arguments: argparse.Namespace) -> int:
 
 
 def run_serve(arguments: argparse.Namespace) -> int:
-    """Serve until told to stop."""
+    """Serve until stopped."""
     from autopilot.links.mavlink.signing_key import open_signing
-    from sitl.fault_desk import FaultDesk
+    from sitl.fault_service import FaultService
     from sitl.serve import Pace, TruthFile, open_ports, serve, world_from
 
     should_stop = _StopOnSignal()
@@ -242,23 +242,23 @@ def run_serve(arguments: argparse.Namespace) -> int:
     truth = TruthFile(arguments.truth, world) if arguments.truth else None
     if truth is not None and truth.path != arguments.truth:
         print(f"{arguments.truth} exists and is kept: the truth goes to {truth.path}", flush=True)
-    ports, desk = [], None
+    ports, service = [], None
     try:
         urls = arguments.mavlink or ([] if arguments.nmea or arguments.drive else [DEFAULT_MAVLINK])
         signing = open_signing(arguments.signing_key) if arguments.signing_key else None
         ports = open_ports(world, urls, arguments.nmea, arguments.sentences, arguments.drive, signing)
         if arguments.control:
-            desk = FaultDesk(world, arguments.control)
+            service = FaultService(world, arguments.control)
             print(f"ready control {arguments.control}", flush=True)
         for line, _ in ports:
             print(f"ready {line}", flush=True)
         pace = Pace(arguments.speedup)
-        serve(world, [port for _, port in ports], pace, arguments.duration, should_stop, desk)
+        serve(world, [port for _, port in ports], pace, arguments.duration, should_stop, service)
     finally:
         for _, port in ports:
             port.transport.close()
-        if desk is not None:
-            desk.close()
+        if service is not None:
+            service.close()
         if truth:
             truth.close()
     if pace.lost > 0.0:
@@ -267,7 +267,7 @@ def run_serve(arguments: argparse.Namespace) -> int:
 
 
 def run_physics(arguments: argparse.Namespace) -> int:
-    """Move the boat for ArduPilot until told to stop."""
+    """Move the boat for ArduPilot until stopped."""
     from autopilot.vessel.file import load_vessel
     from sitl.ardupilot import ArdupilotPhysics, Outputs, open_socket, serve_physics
     from sitl.scenario import load_scenario

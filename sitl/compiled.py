@@ -32,7 +32,7 @@ REORDERED = (
     "autopilot.estimation.heading_ekf",
     "autopilot.estimation.waves",
     "sitl.boat",
-    "sitl.campaign.waters",
+    "sitl.campaign.environment",
 )
 """What the quick compilation may do to sums and quotients, another order, one rounding less, and where: in smooth
 equations, which it moves by parts in 1e15, never where times are compared, which must fall on the same tick."""

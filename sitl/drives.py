@@ -458,10 +458,10 @@ class PypilotController(DriveLine):
         if self._has_sensor:
             self.flags |= FLAG_MIN * (self.raw < self._raw_min) | FLAG_MAX * (self.raw > self._raw_max)
         while self._credit >= CREDIT_EACH:
-            self._say(time, CYCLE[self._turn % len(CYCLE)])
+            self._send(time, CYCLE[self._turn % len(CYCLE)])
             self._turn += 1
 
-    def _say(self, time: float, what: str) -> None:
+    def _send(self, time: float, what: str) -> None:
         if what == "current":
             self._credit -= CREDIT_EACH
         values = {

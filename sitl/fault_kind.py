@@ -44,7 +44,7 @@ class Moved(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What a fault does; `unit` of its size, empty where it has none, the size unless told, and its range.
+    """What a fault does; `unit` of its size, empty where it has none, the default size, and its range.
 
     of_a_compass: one of two compasses may have it, with its rate gyro. is_tabled: what it does is known before a run
     begins, so that compiled campaigns have it. silences: messages and sentences that it keeps from being sent.

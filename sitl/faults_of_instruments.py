@@ -1,4 +1,4 @@
-"""Faults of compass, rate gyro, speed log and GPS; `sitl.sensors` spoils its readings by them."""
+"""Faults of compass, rate gyro, speed log and GPS; `sitl.sensors` corrupts its readings by them."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ class Firmware:
         self._stick_arming = StickArming()
         self.channels = [0] * CHANNELS
         self.servos = [0] * CHANNELS
-        self._has_heard_radio = False
+        self._has_received_radio = False
         self._last_radio_time = time
         self._radio_failed_since: float | None = None
         self._station_time: float | None = None
@@ -132,7 +132,7 @@ class Firmware:
         for name in ("INS_GYROFFS_X", "INS_GYR2OFFS_X"):
             table.move(name, table[name] + GYRO_DRIFT_RAD_S)
 
-    def _keep_house(self, time: float) -> None:
+    def _housekeeping(self, time: float) -> None:
         """Move the parameters that move by themselves; nothing of how the boat steers follows from them."""
         if time - self._housekeeping_time < HOUSEKEEPING_S:
             return
@@ -161,9 +161,9 @@ class Firmware:
         return late and not self.world.faults.is_on("position_lost", time)
 
     @property
-    def has_heard_radio(self) -> bool:
+    def has_received_radio(self) -> bool:
         """Whether a radio receiver has sent anything since the start."""
-        return self._has_heard_radio
+        return self._has_received_radio
 
     @property
     def setup(self) -> Setup:
@@ -199,14 +199,14 @@ class Firmware:
         self.armed = armed
         return True
 
-    def station_heard(self, time: float) -> None:
+    def on_station(self, time: float) -> None:
         """Note a sign of life from the ground station (SYSID_MYGCS)."""
         self._station_time = time
 
     def orders(self, time: float) -> Orders:
         """Run one loop of the firmware; return where the servos put the rudder and the engine."""
         self._faults.work(time)
-        self._keep_house(time)
+        self._housekeeping(time)
         if self.mode is FirmwareMode.INITIALISING:
             if time < self._ready_time:
                 return Orders(0.0, 0.0)
@@ -252,19 +252,19 @@ class Firmware:
         """Sticks or overrides into the channels; without either for RC_FS_TIMEOUT the radio has failed."""
         has_news = self.receiver or self.overrides.are_new
         self.overrides.are_new = False
-        self._has_heard_radio = self._has_heard_radio or self.receiver
+        self._has_received_radio = self._has_received_radio or self.receiver
         if has_news and self._update_channels(time, setup):
             self._last_radio_time = time
             self._arm_by_stick(time, setup)
-        is_low = self._has_heard_radio and self._pulse(setup.throttle_channel) < setup.radio_failsafe_pulse
+        is_low = self._has_received_radio and self._pulse(setup.throttle_channel) < setup.radio_failsafe_pulse
         has_failed = setup.radio_failsafe and (is_low or time - self._last_radio_time > setup.radio_timeout)
         self._radio_failed_since = self._watch("Radio", has_failed, self._radio_failed_since, time, setup)
 
     def _update_channels(self, time: float, setup: Setup) -> bool:
         overrides = self.overrides.active(time, setup.override_time)
-        if self._has_heard_radio:
+        if self._has_received_radio:
             self.channels = list(self.sticks)
-            is_taken = self._permit.look(setup, self.sticks, bool(overrides))
+            is_taken = self._permit.update(setup, self.sticks, bool(overrides))
             if is_taken:
                 self.notices.append((5, "RC overrides cleared by pilot input"))
             if not self._permit.is_given:
@@ -272,16 +272,16 @@ class Firmware:
                 overrides = {}
         for channel, pulse in overrides.items():
             self.channels[channel - 1] = pulse
-        return self._has_heard_radio or bool(overrides)
+        return self._has_received_radio or bool(overrides)
 
     def _arm_by_stick(self, time: float, setup: Setup) -> None:
         """ARMING_RUDDER: an override of the steering counts as the stick."""
         steering = input_angle(setup.steering_input, self._pulse(setup.steering_channel), STEERING_FULL)
         throttle = input_angle(setup.throttle_input, self._pulse(setup.throttle_channel), THROTTLE_FULL)
-        wish = self._stick_arming.wish(time, setup, steering, throttle)
-        if wish and self.mode is not FirmwareMode.GUIDED:
+        arming_wanted = self._stick_arming.arming_wanted(time, setup, steering, throttle)
+        if arming_wanted and self.mode is not FirmwareMode.GUIDED:
             self.set_armed(True)
-        elif wish is False and not self.throttle:
+        elif arming_wanted is False and not self.throttle:
             self.set_armed(False)
 
     def _check_station(self, time: float, setup: Setup) -> None:

@@ -130,7 +130,7 @@ class OverridePermit:
         self._switch = ""
         self._throttle: int | None = None
 
-    def look(self, setup: Setup, sticks: Sequence[int], are_active: bool) -> bool:
+    def update(self, setup: Setup, sticks: Sequence[int], are_active: bool) -> bool:
         """Take where the sticks are, behind overrides too; return whether just now one of them ended the overrides.
 
         The steering stick does out of its dead zone, the throttle where it moves by more since overrides began.
@@ -166,7 +166,7 @@ class StickArming:
     def __init__(self) -> None:
         self._since: float | None = None
 
-    def wish(self, time: float, setup: Setup, steering: int, throttle: int) -> bool | None:
+    def arming_wanted(self, time: float, setup: Setup, steering: int, throttle: int) -> bool | None:
         """Return True where the stick has asked for arming, False for disarming, None for neither."""
         is_over = setup.stick_arms != 0 and abs(steering) > STICK_OVER
         if not is_over or (steering > 0 and throttle != 0 and setup.arming_checks_throttle):

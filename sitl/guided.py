@@ -125,7 +125,7 @@ class GuidedHelm:
         self._time = time
         if dt > CONTROLLER_TIMEOUT_S or self._rate_wanted is None:
             self._rate_wanted, self._integral, self._error, dt = rate, 0.0, 0.0, 0.0
-        wanted = self._limited(gains, self._wish(gains, self.target, heading), speed, dt)
+        wanted = self._limited(gains, self._wanted_rate(gains, self.target, heading), speed, dt)
         self._rate_wanted = wanted
         error = wanted - rate
         integral = self._integral + gains.rate_i * error * dt
@@ -158,7 +158,7 @@ class GuidedHelm:
             most = gains.speed_max if gains.speed_max > 0.0 else gains.cruise_speed / gains.cruise_share
         return min(max(most, 0.0), SPEED_LIMIT)
 
-    def _wish(self, gains: GuidedGains, target: Target, heading: float) -> float:
+    def _wanted_rate(self, gains: GuidedGains, target: Target, heading: float) -> float:
         if target.heading is None:
             return target.turn_rate
         error = wrap(target.heading - heading)
@@ -169,12 +169,12 @@ class GuidedHelm:
             rate = min(max(rate, -most), most)
         return rate
 
-    def _limited(self, gains: GuidedGains, wish: float, speed: float, dt: float) -> float:
+    def _limited(self, gains: GuidedGains, wanted_rate: float, speed: float, dt: float) -> float:
         before = self._rate_wanted or 0.0
         if gains.acceleration_max > 0.0:
             change = gains.acceleration_max * dt
-            wish = min(max(wish, before - change), before + change)
+            wanted_rate = min(max(wanted_rate, before - change), before + change)
         if gains.rate_max > 0.0:
-            wish = min(max(wish, -gains.rate_max), gains.rate_max)
+            wanted_rate = min(max(wanted_rate, -gains.rate_max), gains.rate_max)
         most = max(gains.lateral_max / max(abs(speed), SLOWEST), LEAST_LIMIT)
-        return min(max(wish, -most), most)
+        return min(max(wanted_rate, -most), most)

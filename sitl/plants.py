@@ -10,7 +10,7 @@ from sitl.plant_kind import PlantKind
 MODULES = (
     "boat",
 )  # fmt: skip
-"""Modules of `sitl` with a constant PLANT; the one to take unless told otherwise comes first."""
+"""Modules of `sitl` with a constant PLANT; the one to take unless another is named comes first."""
 PLANTS: dict[str, PlantKind] = {
     kind.name: kind for kind in (import_module(f"sitl.{module}").PLANT for module in MODULES)
 }

@@ -43,7 +43,7 @@ class ChartPlotter:
                 return
             self._leg += 1
 
-    def say(self, kind: str, reading: Reading) -> bytes:
+    def sentence(self, kind: str, reading: Reading) -> bytes:
         """Return the sentence of `kind`; status V where the route is over."""
         if self.is_over:
             return format_sentence(TALKER, kind, ["V"] * (2 if kind != "HTD" else 1))

@@ -49,7 +49,7 @@ class Reading(NamedTuple):
 
 
 class SensorFaults:
-    """Spoils the readings of one source, one after the other. Memory: values that have frozen or are on their way."""
+    """Corrupts the readings of one source, one after the other. Memory: values that have frozen or are on their way."""
 
     def __init__(self, faults: FaultBoard, seed: np.random.SeedSequence, source: Source = "first") -> None:
         self._faults = faults
@@ -61,7 +61,7 @@ class SensorFaults:
         self._on_their_way: dict[str, deque[tuple[float, float]]] = {}
         self._effects = Effects(faults, "reads")
 
-    def spoil(self, time: float, reading: Reading) -> Reading:
+    def corrupt(self, time: float, reading: Reading) -> Reading:
         """Return the reading measured at `time` [s] as the faults of that time leave it."""
         if not self._faults:
             return reading
@@ -145,7 +145,7 @@ class Sensors:
         self._section = section
         self._faults = faults = FaultBoard(scenario.faults) if faults is None else faults
         first, second = seed.spawn(2)
-        self._spoilers = SensorFaults(faults, first), SensorFaults(faults, second, "second")
+        self._corruptions = SensorFaults(faults, first), SensorFaults(faults, second, "second")
         self._start = scenario.start
         self._heading_noise = math.radians(or_else(section.heading_noise_deg, vessel.sensors.heading_noise_deg))
         self._rate_noise = math.radians(or_else(section.rate_noise_deg_s, vessel.sensors.rate_noise_deg_s))
@@ -171,7 +171,7 @@ class Sensors:
         longitude = self._start.longitude_deg + math.degrees((state.east + position * deviate()) / parallel)
         reading = Reading(
             time=time,
-            heading=self._shown_heading(heading),
+            heading=self._reported_heading(heading),
             rate=state.rate + self._rate_noise * deviate(),
             roll=state.roll + math.radians(section.roll_noise_deg) * deviate(),
             roll_rate=state.roll_rate + self._rate_noise * deviate(),
@@ -184,10 +184,10 @@ class Sensors:
             north_speed=north_speed,
             east_speed=east_speed,
         )
-        one, other = self._spoilers
-        self._on_their_way.append((one.spoil(time, reading), other.spoil(time, reading)))
+        one, other = self._corruptions
+        self._on_their_way.append((one.corrupt(time, reading), other.corrupt(time, reading)))
 
-    def _shown_heading(self, heading: float) -> float:
+    def _reported_heading(self, heading: float) -> float:
         """Resolution, after noise and offset."""
         step = math.radians(self._section.heading_step_deg)
         return wrap_positive(round(heading / step) * step if step > 0.0 else heading)

@@ -64,7 +64,7 @@ class Endpoint(Protocol):
         """Return what has left by `now` [s]."""
 
 
-class Desk(Protocol):
+class Service(Protocol):
     """Where faults are ordered while the boat sails."""
 
     def fileno(self) -> int:
@@ -160,10 +160,10 @@ def serve(
     pace: Pace,
     duration: float | None,
     should_stop: Callable[[], bool],
-    desk: Desk | None = None,
+    service: Service | None = None,
 ) -> None:
     """Run until `should_stop` or for `duration` simulated seconds. Raises LinkError when a transport is gone."""
-    heard = [world.time] * len(ports)
+    received = [world.time] * len(ports)
     while not should_stop():
         now = pace.simulated(world.time)
         if duration is not None and now >= duration:
@@ -172,19 +172,19 @@ def serve(
         # ports in turn, in the order the user gave them: one clock reading for all
         for number, (transport, endpoint) in enumerate(ports):
             for data in transport.receive():
-                heard[number] = now
+                received[number] = now
                 endpoint.receive(now, data)
-            if now - heard[number] > SILENT_PEER_S:
+            if now - received[number] > SILENT_PEER_S:
                 # whoever starts again speaks from another port
-                heard[number] = now
+                received[number] = now
                 transport.forget_peer()
         world.advance(now)
-        if desk is not None:
-            desk.serve()
+        if service is not None:
+            service.serve()
         for transport, endpoint in ports:
             for packet in endpoint.transmit(now):
                 transport.send(packet)
-        descriptors = [port.transport.fileno() for port in ports] + ([desk.fileno()] if desk is not None else [])
+        descriptors = [port.transport.fileno() for port in ports] + ([service.fileno()] if service is not None else [])
         _sleep(descriptors, pace.wait_for(world.time + STEP))
 
 
@@ -203,7 +203,7 @@ NAMES: dict[str, FaultKind] = {
     "flood": "link_flood",
     "half_open": "link_half_open",
 }
-"""Names of `--chaos`, and the faults that they stand for: one works all the time, the other when it is told to."""
+"""Names of `--chaos`, and the faults that they stand for: one works all the time, the other when it is ordered to."""
 REORDER_S = 0.1
 """A packet that is overtaken waits so long."""
 NOISE_MOST = 64

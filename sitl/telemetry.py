@@ -167,7 +167,7 @@ def rc_channels(firmware: Firmware, time: float, reading: Reading) -> Any:
 
     The count of channels is that of the receiver's last frame, and stays when frames stay away.
     """
-    count = 16 if firmware.has_heard_radio else 0
+    count = 16 if firmware.has_received_radio else 0
     return dialect.MAVLink_rc_channels_message(
         boot_ms(firmware, time), count, *firmware.channels, 0, 0, _rssi(firmware)
     )
@@ -175,7 +175,7 @@ def rc_channels(firmware: Firmware, time: float, reading: Reading) -> Any:
 
 def _rssi(firmware: Firmware) -> int:
     kind = firmware.parameters["RSSI_TYPE"]
-    if kind == 0 or not firmware.has_heard_radio:
+    if kind == 0 or not firmware.has_received_radio:
         return RSSI_UNKNOWN
     return 0 if kind == RSSI_ANALOGUE and not firmware.receiver else RSSI_GOOD
 

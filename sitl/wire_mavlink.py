@@ -246,13 +246,13 @@ class MavlinkVehicle:
 
     def _on_heartbeat(self, message: Any, time: float) -> None:
         if self._is_from_station(message):
-            self.firmware.station_heard(time)
+            self.firmware.on_station(time)
 
     def _on_override(self, message: Any, time: float) -> None:
         """From anyone but the ground station it is ignored without a word, as the firmware does."""
         if not self._is_from_station(message):
             return
-        self.firmware.station_heard(time)
+        self.firmware.on_station(time)
         if self.world.faults.is_on("overrides_ignored", time):
             return
         for channel in range(1, firmware_setup.CHANNELS + 1):
@@ -268,7 +268,7 @@ class MavlinkVehicle:
         """y steers, z is the throttle; an axis of INT16_MAX is released."""
         if not self._is_from_station(message) or message.target != self.codec.system:
             return
-        self.firmware.station_heard(time)
+        self.firmware.on_station(time)
         if self.world.faults.is_on("overrides_ignored", time):
             return
         setup = self.firmware.setup

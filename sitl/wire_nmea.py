@@ -177,7 +177,7 @@ class NmeaInstruments(BoatSide):
         }
         self._plotter = ChartPlotter(world.scenario)
         for name in PLOTTER:
-            self._compose[name] = functools.partial(self._plotter.say, name)
+            self._compose[name] = functools.partial(self._plotter.sentence, name)
 
     def transmit(self, now: float) -> list[bytes]:
         """Return the bytes that have passed the line by `now` [s]: one chunk, cut anywhere, or none.
@@ -197,9 +197,9 @@ class NmeaInstruments(BoatSide):
             if due <= time + 1.0e-9:
                 following = due + self._period[name]
                 self._due[name] = following if following > time else time + self._period[name]
-                self._say(name, time)
+                self._send(name, time)
 
-    def _say(self, name: str, time: float) -> None:
+    def _send(self, name: str, time: float) -> None:
         sensors = self.world.sensors
         reading = sensors.second(time)
         if reading is None or sensors.is_silent(time):

@@ -1,4 +1,4 @@
-"""What people are told, in tests: the sentences of a tick's alarms."""
+"""What people are warned, in tests: the sentences of a tick's alarms."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def zigzag_boat(
     straight: float = 5.0,
     dt: float = 0.02,
 ) -> Boat:
-    """Return a zigzag of a Nomoto boat, Heun steps of `dt`; `order` is what the steering gear was told."""
+    """Return a zigzag of a Nomoto boat, Heun steps of `dt`; `order` is the command to the steering gear."""
     count = int(seconds / dt) + 1
     rows = np.zeros((count, 8))
     heading, rate, rudder, order, side, north, east = 2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0

@@ -33,7 +33,7 @@ from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState, Sample
 
 
-class Observed:
+class OutputFeedbackLoop:
     """A rudder that is observed."""
 
     def __init__(self, gear: SteeringGear) -> None:

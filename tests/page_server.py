@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 import uvicorn
-from watched_boat import Watched
+from monitored_boat import Watched
 
 from autopilot.web.hub import Access, Hub
-from autopilot.web.server import LogShelf, build_app
+from autopilot.web.server import LogIndex, build_app
 
 TOKEN = "a-token-of-many-letters"
 CHROMIUM_OPTIONS = (
@@ -55,7 +55,7 @@ def served(sea: Watched, logs: Path | None = None) -> Iterator[tuple[str, Sailin
     """Serve the page of `sea` while the block lasts; yield its address and the hub."""
     hub = SailingHub(sea)
     config = uvicorn.Config(
-        build_app(hub, Access(TOKEN), LogShelf(logs)), log_level="warning", ws="none", timeout_graceful_shutdown=1
+        build_app(hub, Access(TOKEN), LogIndex(logs)), log_level="warning", ws="none", timeout_graceful_shutdown=1
     )
     server = Served(config)
     with socket.create_server(("127.0.0.1", 0)) as sock:

@@ -31,7 +31,8 @@ def asked(model: Norrbin, reference: Reference, heading: float, rate: float, **m
 
 
 class Steersman:
-    """One law at sea: `reset`, `hear`, `update`, as the pilot does; its memory and its last roll can be looked at."""
+    """One law at sea: `reset`, `on_sample`, `update`, as the pilot does; its memory and its last roll can be looked
+    at."""
 
     def __init__(self, law: LawInForce, reference_speed: float, rudder_max: float = math.inf) -> None:
         self.law, self.reference_speed, self.rudder_max = law, reference_speed, rudder_max
@@ -52,7 +53,7 @@ class Steersman:
     def reset(self, rudder: float) -> None:
         self.memory, self.roll = self.law.first(rudder), None
 
-    def hear(self, sample: RollSample) -> None:
+    def on_sample(self, sample: RollSample) -> None:
         self.roll: RollSample | None = sample if sample.rate is not None else self.roll
 
     def update(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float, dt: float) -> float:

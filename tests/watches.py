@@ -8,7 +8,7 @@ from typing import Any
 
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
-from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput
+from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.panel import sentences_of
 
@@ -19,7 +19,7 @@ class Stepped:
     def __init__(self, step: Callable[..., Any], value: Any) -> None:
         self.step, self.value = step, value
 
-    def look(self, *given: Any) -> Any:
+    def update(self, *given: Any) -> Any:
         """Go on to the next value, and return it."""
         self.value = self.step(self.value, *given)
         return self.value
@@ -57,13 +57,13 @@ class Following(Stepped):
         super().__init__(self._seen, rudder_watch.State())
         self.limits, self.angles = limits._replace(rudder_answer=False), list[RudderSample]()
 
-    def hear(self, sample: RudderSample) -> None:
+    def on_sample(self, sample: RudderSample) -> None:
         """Take an angle."""
         self.angles.append(sample)
 
     def _seen(self, before: rudder_watch.State, seen: MonitorInput) -> rudder_watch.State:
         angles, self.angles = tuple(self.angles), []
-        return rudder_watch.update(self.limits, before, seen, Heard(angles=angles))[0]
+        return rudder_watch.update(self.limits, before, seen, Measured(angles=angles))[0]
 
     @property
     def found(self) -> str:
@@ -84,7 +84,7 @@ class Answering(Stepped):
         self.limits = AlarmLimits(heading_noise=noise, rudder_rate=rudder_rate)
         self.headings, self.past = list[HeadingSample](), ()
 
-    def hear(self, sample: HeadingSample) -> None:
+    def on_sample(self, sample: HeadingSample) -> None:
         """Take a heading."""
         self.headings.append(sample)
 
@@ -95,7 +95,7 @@ class Answering(Stepped):
 
     def found(self, seen: MonitorInput) -> str:
         """Return the alarm's name after a tick, '' for none."""
-        verdict = self.look(seen).verdict
+        verdict = self.update(seen).verdict
         return rudder_watch.VERDICTS[verdict].name if verdict else ""
 
 
@@ -106,7 +106,7 @@ class Frozen(Stepped):
         super().__init__(self._seen, (compass_watch.Standing(), compass_watch.Sea()))
         self.headings = list[HeadingSample]()
 
-    def hear(self, sample: HeadingSample) -> None:
+    def on_sample(self, sample: HeadingSample) -> None:
         """Take a heading."""
         self.headings.append(sample)
 
@@ -116,7 +116,7 @@ class Frozen(Stepped):
 
     def is_frozen(self, seen: MonitorInput) -> bool:
         """Return whether it stands still."""
-        return bool(self.look(seen)[0].is_frozen)
+        return bool(self.update(seen)[0].is_frozen)
 
 
 class Jumping(Stepped):
@@ -126,27 +126,27 @@ class Jumping(Stepped):
         super().__init__(self._seen, compass_watch.State())
         self.limits, self.headings = AlarmLimits(heading_jump=most), list[HeadingSample]()
 
-    def hear(self, sample: HeadingSample) -> None:
+    def on_sample(self, sample: HeadingSample) -> None:
         """Take a heading."""
         self.headings.append(sample)
 
     def _seen(self, before: Any, seen: MonitorInput) -> Any:
         headings, self.headings = tuple(self.headings), []
-        return compass_watch.update(self.limits, before, seen, Heard(headings))[0]
+        return compass_watch.update(self.limits, before, seen, Measured(headings))[0]
 
     def found(self, seen: MonitorInput) -> str:
         """Return how far it jumped, where it has of late; empty where not."""
-        return str(self.look(seen).jumping.text)
+        return str(self.update(seen).jumping.text)
 
 
 class Turning(Stepped):
-    """A step of the course watch, which is told what the boat has done since the tick before."""
+    """A step of the course watch, which knows what the boat has done since the tick before."""
 
     def __init__(self, step: Callable[..., Any], value: Any) -> None:
         super().__init__(step, value)
         self.last: MonitorInput | None = None
 
-    def look(self, seen: MonitorInput) -> Any:
+    def update(self, seen: MonitorInput) -> Any:
         """Go on to the next value, and return it."""
         last, self.last = self.last, seen
         turn = course_watch.turn_since(

@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out != arguments.out:
         print(f"{arguments.out} is not empty and is kept: this demo is {out}", file=sys.stderr)
     with ProgressBar("demo") as bar:
-        result = sail_demo(out, arguments.seed, bar.show)
+        result = sail_demo(out, arguments.seed, bar.update)
     summary = as_json(result)
     save_text(out / "demo.json", json.dumps(summary, indent=2) + "\n")
     if not arguments.no_report:

@@ -47,7 +47,7 @@ from autopilot.vessel.schema import Model, Vessel
 
 PACES = (4.0, 2.0, 1.0)
 """Simulated seconds per second: with the first the whole demo fits into a minute and a half of a small machine. A leg
-that a busy machine has spoilt is sailed again at the next: a second taken from us is then fewer seconds at sea."""
+that a busy machine has disturbed is sailed again at the next: a second taken from us is then fewer seconds at sea."""
 READY_TIMEOUT = 30.0
 STALL = 2.0
 """Wall time [s] that a shared machine may take a process away from us."""

@@ -91,15 +91,15 @@ def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
 
     from autopilot.cli.options import patience_of
     from autopilot.doctor.vehicle import examine
-    from autopilot.links.arrivals import HeardTransport, came
+    from autopilot.links.arrivals import RecordingTransport, came
     from autopilot.runtime.build_links import LinkOptions, open_links
     from autopilot.runtime.clock import MonotonicClock
 
-    heard: dict[str, HeardTransport] = {}
-    options = LinkOptions(as_gcs=arguments.as_gcs, heard=heard, opened=patience_of(arguments))
+    arrivals: dict[str, RecordingTransport] = {}
+    options = LinkOptions(as_gcs=arguments.as_gcs, arrivals=arrivals, opened=patience_of(arguments))
     opened = partial(open_links, vessel, arguments.link, options)
     clock, timeout = MonotonicClock(), vessel.failsafe.heading_timeout_s
-    return examine(opened, clock, arguments.seconds, timeout, vessel, lambda: came(heard.values()))
+    return examine(opened, clock, arguments.seconds, timeout, vessel, lambda: came(arrivals.values()))
 
 
 def _show(findings: list[Finding]) -> None:

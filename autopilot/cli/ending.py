@@ -96,7 +96,7 @@ class Ending:
         self.why = ""
         self._asked_to_stand_still = False
         self._heading_timeout = plan.vessel.failsafe.heading_timeout_s
-        self._heard = {} if plan.options.heard is None else plan.options.heard
+        self._arrivals = {} if plan.options.arrivals is None else plan.options.arrivals
         self._signing = plan.options.signing
         self._links = ", ".join(plan.urls)
         self._wait = wait
@@ -111,7 +111,7 @@ class Ending:
         if self._first_heading is None:
             if tick.state.valid:
                 self._first_heading = tick.now
-                for line in self._heard.values():
+                for line in self._arrivals.values():
                     line.forget()
             elif 0.0 < self._wait <= tick.now:
                 raise self._silence(self._wait)
@@ -178,7 +178,7 @@ class Ending:
     def _silence(self, seconds: float) -> LinkError:
         return LinkError(
             f"no heading came over {self._links} in {seconds:.0f} s: "
-            f"{came(self._heard.values()) or 'check that the compass is on and sends here'}{hint_of(self._signing)}"
+            f"{came(self._arrivals.values()) or 'check that the compass is on and sends here'}{hint_of(self._signing)}"
         )
 
     def _refusal(self, tick: Tick) -> RefusedError:

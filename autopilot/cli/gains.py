@@ -109,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
     rows |= {f"file's {law}": judged(vessel, law) for law in filed_laws() if getattr(vessel.control, law) is not None}
     if arguments.report:
-        _write_report(arguments, vessel, request.spares, rows)
+        _write_report(arguments, vessel, request.rate_weighted, rows)
     if arguments.json:
         print(json.dumps({name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}, indent=2))
     else:
@@ -130,8 +130,8 @@ def _request(arguments: argparse.Namespace) -> GainRequest:
     if damping is not None and arguments.spare_rudder:
         raise InputError("--damping and --spare-rudder exclude each other: the weight on the rudder's rate sets it")
     # who asks for a damping asks for gains that do not spare the rudder
-    spares = False if damping is not None else arguments.spare_rudder
-    return GainRequest(5 if level is None else level, bandwidth, 0.8 if damping is None else damping, spares)
+    rate_weighted = False if damping is not None else arguments.spare_rudder
+    return GainRequest(5 if level is None else level, bandwidth, 0.8 if damping is None else damping, rate_weighted)
 
 
 def _check_bandwidth(vessel: Vessel, request: GainRequest) -> None:
@@ -184,7 +184,9 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
         print(f"\nWrote {arguments.out}.")
 
 
-def _write_report(arguments: argparse.Namespace, vessel: Vessel, spares: bool | None, rows: dict[str, Judged]) -> None:
+def _write_report(
+    arguments: argparse.Namespace, vessel: Vessel, rate_weighted: bool | None, rows: dict[str, Judged]
+) -> None:
     from autopilot.control.design import DESIGNED
     from autopilot.files.saving import save_page
     from autopilot.report.gains import gains_page, judged
@@ -192,7 +194,7 @@ def _write_report(arguments: argparse.Namespace, vessel: Vessel, spares: bool | 
 
     levels = {}
     for level in range(1, 10):
-        levels[level] = judged(designed(vessel, GainRequest(level, spares=spares)), DESIGNED)
+        levels[level] = judged(designed(vessel, GainRequest(level, rate_weighted=rate_weighted)), DESIGNED)
     save_page(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(arguments.typed)))
     if not arguments.json:
         print(f"Wrote the report to {arguments.report}.\n")

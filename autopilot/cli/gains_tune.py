@@ -64,7 +64,7 @@ def tuned(arguments: argparse.Namespace) -> int:
     better = replace(vessel, control=replace(vessel.control, **{law: type(section)(**found["gains"])}))
     if refusal := verdict_of(better, law).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {refusal}")
-    print(json.dumps(found, indent=2) if arguments.json else _told(found, law))
+    print(json.dumps(found, indent=2) if arguments.json else _as_text(found, law))
     if arguments.out:
         write_vessel(arguments, better)
     return int(ExitCode.OK)
@@ -85,7 +85,7 @@ def _simulated(arguments: argparse.Namespace, law: str) -> dict[str, Any]:
     return found
 
 
-def _told(found: dict[str, Any], law: str) -> str:
+def _as_text(found: dict[str, Any], law: str) -> str:
     gains = ", ".join(f"{name} {value:g}" for name, value in found["gains"].items())
     lines = [f"control.{law}: {gains}", f"the best of {found['candidates']} candidates", ""]
     lines.append(f"{'on held-out seeds':20s}{'heading rms [deg]':>20s}{'rudder travel [deg/s]':>24s}{'cost':>10s}")

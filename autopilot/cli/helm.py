@@ -58,13 +58,13 @@ def run(arguments: argparse.Namespace) -> int:
     os.environ.setdefault("ESCDELAY", "25")
     try:
         with as_exceptions():  # the terminal is left as it was found
-            curses.wrapper(lambda window: show(window, station, line, keys, time.monotonic))
+            curses.wrapper(lambda window: draw(window, station, line, keys, time.monotonic))
     finally:
         line.close()
     return int(ExitCode.OK)
 
 
-def show(
+def draw(
     window: curses.window, station: Station, line: BoatLine, keys: Any, clock: Callable[[], float], waits: bool = True
 ) -> None:
     """Keep the line, draw five times a second, obey the keys, until one of them quits."""
@@ -73,7 +73,7 @@ def show(
 
     window.nodelay(True)
     window.keypad(True)
-    looks = _looks()
+    styles = _styles()
     drawn = -1.0
     while not keys.quit:
         now = clock()
@@ -88,26 +88,26 @@ def show(
             lines = screen(station, now, (columns - 1, rows), line.trouble, keys.said, keys.may)
             window.erase()
             for row, each in enumerate(lines):
-                window.addstr(row, 0, escaped(each.text)[: columns - 1], looks.get(each.look, 0))
+                window.addstr(row, 0, escaped(each.text)[: columns - 1], styles.get(each.style, 0))
             window.refresh()
         if waits:
             watched = [0, line.fileno()] if line.fileno() >= 0 else [0]
             select.select(watched, [], [], 0.05)
 
 
-def _looks() -> dict[str, int]:
+def _styles() -> dict[str, int]:
     """Return the terminal's attribute of each look; words say the same, for terminals without colour."""
     import curses
 
-    looks = {"dim": curses.A_DIM, "strong": curses.A_BOLD, "on": curses.A_REVERSE | curses.A_BOLD}
-    looks |= {"alarm": curses.A_REVERSE, "bad": curses.A_REVERSE | curses.A_BOLD}
+    styles = {"dim": curses.A_DIM, "strong": curses.A_BOLD, "on": curses.A_REVERSE | curses.A_BOLD}
+    styles |= {"alarm": curses.A_REVERSE, "bad": curses.A_REVERSE | curses.A_BOLD}
     try:
         curses.curs_set(0)
         curses.use_default_colors()
         colours = {"on": curses.COLOR_GREEN, "alarm": curses.COLOR_YELLOW, "bad": curses.COLOR_RED}
-        for number, (look, colour) in enumerate(colours.items(), 1):
+        for number, (style, colour) in enumerate(colours.items(), 1):
             curses.init_pair(number, colour, -1)
-            looks[look] |= curses.color_pair(number)
+            styles[style] |= curses.color_pair(number)
     except curses.error:
         pass
-    return looks
+    return styles

@@ -16,7 +16,7 @@ ESCAPE = 27
 ENTER = (10, 13, curses.KEY_ENTER)
 ERASE = (8, 127, curses.KEY_BACKSPACE)
 TYPED_MOST = 120
-WISHES: dict[int, dict[str, Any]] = {
+REQUESTS: dict[int, dict[str, Any]] = {
     ESCAPE: {"do": "release"},
     curses.KEY_LEFT: {"do": "turn", "degrees": -1},
     curses.KEY_RIGHT: {"do": "turn", "degrees": 1},
@@ -55,16 +55,16 @@ class HelmKeys:
             self.quit = True
         elif key == ord(":") and self.may:
             self._typed, self.said = "", ":"
-        elif key in WISHES:
+        elif key in REQUESTS:
             self._typed = None
-            self._ask(now, WISHES[key])
+            self._ask(now, REQUESTS[key])
 
     def _type(self, now: float, key: int) -> None:
         typed = self._typed or ""
         if key in ENTER:
             self._typed = None
             try:
-                self._ask(now, wish_of(typed))
+                self._ask(now, request_of(typed))
             except InputError as error:
                 self.said = str(error)
             return
@@ -74,27 +74,27 @@ class HelmKeys:
             typed += chr(key)
         self._typed, self.said = typed, f":{typed}"
 
-    def _ask(self, now: float, wish: dict[str, Any]) -> None:
+    def _ask(self, now: float, request: dict[str, Any]) -> None:
         if not self.may:
             self.said = "only looking: start without --look to steer"
             return
         if self._station.target is None:
             self.said = "no boat that runs this pilot is heard"
             return
-        name = " ".join(str(value) for value in wish.values())
+        name = " ".join(str(value) for value in request.values())
 
-        def told(taken: Answer, words: str) -> None:
+        def on_done(taken: Answer, words: str) -> None:
             self.said = f"{name}: {'done' if taken else words}"
 
         self.said = f"{name} ..."
         try:
-            asked_of(self._station, wish)(now, told)
+            asked_of(self._station, request)(now, on_done)
         except InputError as error:
             self.said = str(error)
 
 
-def wish_of(line: str) -> dict[str, Any]:
-    """Return the wish of a typed line. Raises InputError."""
+def request_of(line: str) -> dict[str, Any]:
+    """Return the request of a typed line. Raises InputError."""
     word, *rest = line.split() or [""]
     if word in PLAIN and not rest:
         return {"do": word}

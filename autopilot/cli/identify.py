@@ -152,14 +152,14 @@ def run(arguments: argparse.Namespace) -> int:
         assert steady is not None
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
-    from autopilot.cli.log_measures import log_options, refuse_twice, say_newer, vessel_of
+    from autopilot.cli.log_measures import log_options, print_newer, refuse_twice, vessel_of
     from autopilot.logs.reading import load_run
 
     vessel = vessel_of(arguments)
     options = log_options(arguments, vessel)
     refuse_twice(arguments.logs)
     refuse_twice(arguments.holdout)
-    say_newer([*arguments.logs, *arguments.holdout])
+    print_newer([*arguments.logs, *arguments.holdout])
     fitted, held_out = (
         [load_run(path, None, arguments.reverse_rudder, options) for path in paths]
         for paths in (arguments.logs, arguments.holdout)
@@ -248,13 +248,13 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None, fitted:
             weighting=arguments.weighting,
             quadratic=form.quadratic,
             trim=form.trim,
-            progress=bar.show,
+            progress=bar.update,
         )
-        choice = chosen(fitted, question, bar.show) if arguments.model == "auto" else None
+        choice = chosen(fitted, question, bar.update) if arguments.model == "auto" else None
         found = method.identify(fitted, question) if choice is None else choice.found
     stage_one = nomoto_stage(fitted, found.model.reference_speed)
-    predictions = [(run, "fit", found.foretell(run)) for run in fitted]
-    predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
+    predictions = [(run, "fit", found.predict(run)) for run in fitted]
+    predictions += [(run, "holdout", found.predict(run)) for run in held_out]
     tests = residual_tests(fitted, found.model, found.around, found.train, dict(found.trims))
     kind, rate = choice.chosen if choice else arguments.model, rudder_rate_of(fitted)
     return Result(kind, found, stage_one, predictions, tests, choice, rate)
@@ -291,7 +291,7 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
     convergence = {}
     with ProgressBar("reporting") as bar:
         for number, method in enumerate(METHODS):
-            bar.show(number, len(METHODS))
+            bar.update(number, len(METHODS))
             try:
                 found = result.found
                 if method.name != asked.name:

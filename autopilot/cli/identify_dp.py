@@ -106,10 +106,10 @@ def _answers(arguments: argparse.Namespace, ship_trial: ShipTrial, random: np.ra
 
     case, steps = ship_trial.case, trial_steps(ship_trial.hull, ship_trial.trial)
     with ProgressBar("identifying") as bar:
-        bar.show(0, 3)
+        bar.update(0, 3)
         kalman = by_kalman_filter(case, steps)
-        bar.show(1, 3)
+        bar.update(1, 3)
         particles = by_particle_filter(case, steps, arguments.particles, random, GAINS[arguments.gain])
-        bar.show(2, 3)
+        bar.update(2, 3)
         batch = by_prediction_errors(case, steps, kalman.estimate[-1])
     return Answers(ship_trial.source, case, steps, kalman, particles, batch, arguments.gain, ship_trial.truth)

@@ -197,7 +197,7 @@ def left(answers: Answers) -> FloatArray:
 
 def warnings(answers: Answers) -> list[str]:
     """Return what the user should know beside the numbers, a sentence each."""
-    told = [
+    sentences = [
         f"{name} cannot be identified from this trial: {share:.0%} of what was unknown of it still is; make the trial "
         "longer, or its thrusts larger."
         for name, share in zip(answers.case.names, left(answers), strict=True)
@@ -205,11 +205,11 @@ def warnings(answers: Answers) -> list[str]:
     ]
     misfit = answers.batch.misfit
     if not MISFIT[0] <= misfit <= MISFIT[1]:
-        told.append(
+        sentences.append(
             f"The prediction errors have {misfit:.2g} times the variance that the assumed noise explains: correct the "
             f"noise in the ship's file; until then every deviation is about {misfit**-0.5:.2g} of what it should be."
         )
-    return told
+    return sentences
 
 
 def as_json(answers: Answers) -> str:

@@ -98,7 +98,7 @@ def choice_sentence(choice: Choice) -> str:
         return f"Chosen: {choice.chosen}, by BIC alone: the record is too short to hold parts of it back."
     parts = f"{choice.folds} blocks of the run" if choice.by_blocks else f"{choice.folds} runs"
     return (
-        f"Chosen: {choice.chosen}. Each of {parts} was foretold by a fit that had not seen it; of the candidates that "
+        f"Chosen: {choice.chosen}. Each of {parts} was predicted by a fit that had not seen it; of the candidates that "
         "do so equally well the one with the least BIC is taken."
     )
 
@@ -190,7 +190,7 @@ def as_json(result: Result) -> str:
         "model": result.kind,
         "parameters": {
             quantity.symbol: _parameter(quantity, value, found.standard_errors[quantity.name])
-            for quantity, value in _told_quantities(found)
+            for quantity, value in _known_quantities(found)
         },
         "reference_speed_m_s": model.reference_speed,
         "reference_propeller_rps": found.around.reference_propeller if found.around else None,
@@ -228,7 +228,7 @@ def _quantities(found: Identified) -> list[tuple[Quantity, float]]:
     return pairs
 
 
-def _told_quantities(found: Identified) -> list[tuple[Quantity, float | None]]:
+def _known_quantities(found: Identified) -> list[tuple[Quantity, float | None]]:
     """Return the same with None for a K or T that the recordings do not determine."""
     return [(q, None if q.symbol in undetermined(found) else value) for q, value in _quantities(found)]
 
@@ -303,7 +303,7 @@ def as_text(result: Result) -> str:
     found, model = result.found, result.found.model
     stages = _stages(result)
     rows = [("", "estimate", "standard error", "unit", "in degrees", "two-stage (RLS)")]
-    for quantity, value in _told_quantities(found):
+    for quantity, value in _known_quantities(found):
         std = found.standard_errors[quantity.name]
         in_degrees = None if value is None or quantity.factor == 1.0 else value / quantity.factor
         degrees = "" if in_degrees is None else f"{in_degrees:.5g} {quantity.unit_deg}"
@@ -414,7 +414,7 @@ def identify_wave_glider(arguments: argparse.Namespace) -> str:
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
     question = Question(arguments.model, arguments.reference_speed_m_s, forgetting=arguments.forgetting)
     with ProgressBar("identifying") as bar:
-        found = identify_bodies(fitted, method, question._replace(progress=bar.show))
+        found = identify_bodies(fitted, method, question._replace(progress=bar.update))
     results = {
         name: _result(arguments.model, body, [r[place] for r in fitted], [r[place] for r in held_out])
         for place, (name, body) in enumerate((("float", found.surface), ("glider", found.glider)))
@@ -439,6 +439,6 @@ def _load(paths: list[str], arguments: argparse.Namespace) -> list[BodyRuns]:
 
 
 def _result(kind: str, found: Identified, fitted: list[Run], held_out: list[Run]) -> Result:
-    predictions = [(run, "fit", found.foretell(run)) for run in fitted]
-    predictions += [(run, "holdout", found.foretell(run)) for run in held_out]
+    predictions = [(run, "fit", found.predict(run)) for run in fitted]
+    predictions += [(run, "holdout", found.predict(run)) for run in held_out]
     return Result(kind, found, nomoto_stage(fitted, found.model.reference_speed), predictions)

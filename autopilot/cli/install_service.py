@@ -233,7 +233,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"wrote {arguments.root / path}")
     print(vessel)
     if arguments.root == Path("/"):
-        _tell_system(["systemd-sysusers", f"/etc/sysusers.d/{name}.conf"])
+        _run_system(["systemd-sysusers", f"/etc/sysusers.d/{name}.conf"])
         _reload()
         print(f"start it now and at every power-on: systemctl enable --now {name}")
         print(f"what it says: journalctl -fu {name}")
@@ -277,7 +277,7 @@ def _put_vessel(source: str, target: Path) -> str:
 
 def _uninstall(name: str, root: Path) -> int:
     if root == Path("/"):
-        _tell_system(["systemctl", "disable", "--now", f"{name}.service"])
+        _run_system(["systemctl", "disable", "--now", f"{name}.service"])
     asked = Service(name, name, (), (Adapter("any", "any"),))
     there = [root / path for path in files_of(asked) if (root / path).exists()]
     for path in there:
@@ -303,7 +303,7 @@ def _write(path: Path, text: str) -> None:
 
     try:
         if path.exists() and not path.is_file():
-            raise InputError(f"{path}: is no file, as where systemd is told to leave it out; remove it first")
+            raise InputError(f"{path}: is no file, as where systemd is set to leave it out; remove it first")
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text)
     except OSError as error:
@@ -315,12 +315,12 @@ def _cannot(path: Path, error: OSError) -> InputError:
 
 
 def _reload() -> None:
-    _tell_system(["systemctl", "daemon-reload"])
-    _tell_system(["udevadm", "control", "--reload"])
-    _tell_system(["udevadm", "trigger", "--subsystem-match=tty"])
+    _run_system(["systemctl", "daemon-reload"])
+    _run_system(["udevadm", "control", "--reload"])
+    _run_system(["udevadm", "trigger", "--subsystem-match=tty"])
 
 
-def _tell_system(command: list[str]) -> None:
+def _run_system(command: list[str]) -> None:
     """Run a command of the system; where it fails, say what is left to do by hand."""
     found = shutil.which(command[0])
     done = subprocess.run([found, *command[1:]], capture_output=True, text=True, check=False) if found else None

@@ -56,11 +56,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the log and do what was asked; return the exit code."""
-    from autopilot.cli.log_measures import log_options, say_newer, vessel_of
+    from autopilot.cli.log_measures import log_options, print_newer, vessel_of
     from autopilot.files.saving import refuse_existing
     from autopilot.logs.reading import load_recording
 
-    say_newer([arguments.log])
+    print_newer([arguments.log])
     options = log_options(arguments, vessel_of(arguments))
     if arguments.action in ("csv", "export") and not arguments.overwrite:
         refuse_existing(arguments.out if arguments.action == "csv" else arguments.to)
@@ -129,7 +129,7 @@ def as_text(info: LogInfo) -> str:
     heads = f"{'samples':>8s} {'Hz':>6s} {'from s':>8s} {'to s':>8s} {'gaps':>5s} {'longest s':>9s}  range"
     lines.append(f"{'quantity':18s} {'source':38s} {heads}")
     for series in info.series:
-        name, factor = _shown(series.quantity)
+        name, factor = _unit_of(series.quantity)
         lines.append(
             f"{name:18s} {printable(series.source, 60):38s} {series.samples:8d} {fixed(series.rate_hz, 1):>6s} "
             f"{fixed(series.begins, 1):>8s} {fixed(series.ends, 1):>8s} {series.gaps:5d} "
@@ -142,7 +142,7 @@ def as_text(info: LogInfo) -> str:
     else:
         runs = "one stretch" if info.segments == 1 else f"{info.segments} stretches"
         lines.append(f"Identification can use {fixed(info.usable, 1)} s in {runs}:")
-    lines += [f"  {_shown(column)[0].rsplit(' ', 1)[0]}: {printable(source)}" for column, source in info.uses.items()]
+    lines += [f"  {_unit_of(column)[0].rsplit(' ', 1)[0]}: {printable(source)}" for column, source in info.uses.items()]
     return "\n".join(lines + [f"- {printable(note, SENTENCE)}" for note in info.notes])
 
 
@@ -155,7 +155,7 @@ def _date(began: float | None) -> str:
         return ", begun at no date of the calendar"
 
 
-def _shown(quantity: str) -> tuple[str, float]:
+def _unit_of(quantity: str) -> tuple[str, float]:
     """Return a quantity's name with the unit it is shown in, and the factor to it."""
     for ending, unit in (("_rad_s", "deg/s"), ("_rad", "deg")):
         if quantity.endswith(ending):

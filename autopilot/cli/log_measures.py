@@ -90,7 +90,7 @@ def refuse_twice(logs: Iterable[str]) -> None:
             seen[file] = source.path
 
 
-def say_newer(logs: Iterable[str]) -> None:
+def print_newer(logs: Iterable[str]) -> None:
     """Say on standard error which of `logs` an earlier run wrote: `--log` leaves what exists, and takes a new name."""
     for log in logs:
         newer = newer_numbered(Path(log))
@@ -199,11 +199,11 @@ def _without_nan(value: Any) -> Any:
 def as_text(source: str, measures: Measures, length: float | None, notes: Sequence[str] = ()) -> str:
     """Return the measures for people, each beside its criterion where there is one and `length` [m] is known, and the
     log's notes."""
-    told = [f"- {printable(note, SENTENCE)}" for note in notes]
+    remarks = [f"- {printable(note, SENTENCE)}" for note in notes]
     lines = [f"{source}: positions by {measures.position}"]
     blocks = blocks_of(measures, length)
     if not blocks:
-        return "\n".join([*lines, NOTHING, *told])
+        return "\n".join([*lines, NOTHING, *remarks])
     for block in blocks:
         lines += ["", block.title]
         for name, value, criterion in block.rows:
@@ -211,4 +211,4 @@ def as_text(source: str, measures: Measures, length: float | None, notes: Sequen
     lines += ["", f"({criteria.SHIPS})"]
     if length is None:
         lines.append("Give the boat's length with --length-m to see distances in lengths and all criteria.")
-    return "\n".join(lines + told)
+    return "\n".join(lines + remarks)

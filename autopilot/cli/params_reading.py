@@ -164,7 +164,7 @@ def _compared(session: ParameterSession, file: str, *, calibration: bool) -> tup
     wanted, left = settings_of(parameters.wanted, session.vehicle.firmware, calibration=calibration, marks=marks)
     reading = Upload(session.vehicle.target, wanted)
     with ProgressBar("reading") as bar:
-        session.run(reading, bar.show)
+        session.run(reading, bar.update)
     return reading, left
 
 
@@ -173,7 +173,7 @@ def own_marks(session: ParameterSession) -> Marks:
     vehicle = session.vehicle
     client = MetadataDownload(vehicle.target, PX4_WAIT_S if vehicle.firmware == "px4" else WAIT_S)
     with ProgressBar("metadata") as bar:
-        session.run(client, bar.show)
+        session.run(client, bar.update)
     trouble = client.trouble
     if vehicle.firmware == "px4" and not client.is_offered:
         trouble = "it offers no metadata"
@@ -246,7 +246,7 @@ def fetched(session: ParameterSession, names: list[str], link: str) -> list[Type
         raise RefusedError(f"vehicle {vehicle.system} is {vehicle.firmware}; firmware files are for {known}.")
     client = NamedDownload(vehicle.target, names) if names else Download(vehicle.target)
     with ProgressBar("downloading") as bar:
-        session.run(client, bar.show)
+        session.run(client, bar.update)
     _refuse_incomplete(client, link)
     if isinstance(client, Download) and client.hash_agrees is not None:
         words = "agrees" if client.hash_agrees else "differs, as it does where the vehicle has volatile parameters"

@@ -28,8 +28,8 @@ from autopilot.firmware.journal import (
     carry_out,
     continued,
     discard_journal,
+    held_side,
     journal_path,
-    look,
     of_settings,
     put,
     read_journal,
@@ -69,7 +69,7 @@ def upload(arguments: argparse.Namespace, *, settles: bool = False) -> int:
             earlier = _unfinished(session, arguments, wanted if settles else [], marks)
         attempt = Upload(session.vehicle.target, wanted)
         with ProgressBar("reading") as bar:
-            session.run(attempt, bar.show)
+            session.run(attempt, bar.update)
         report = Report(str(arguments.file), left_out=tuple(left))
         if arguments.dry_run or not attempt.differs:
             code = _report(arguments, session.vehicle, attempt.outcomes(), report)
@@ -128,7 +128,7 @@ class _Writing:
         self._goal = {each.name: each.wanted for each in attempt.outcomes()}
         try:
             with ProgressBar("uploading") as bar:
-                carry_out(self._session, attempt, self._keep, bar.show)
+                carry_out(self._session, attempt, self._save, bar.update)
         except KeyboardInterrupt:
             print("\ninterrupted", file=sys.stderr)
             code = INTERRUPTED
@@ -147,7 +147,7 @@ class _Writing:
             self._go_back()
         return verdict if code is None else code
 
-    def _keep(self, changes: list[Change]) -> None:
+    def _save(self, changes: list[Change]) -> None:
         """Save the old values before anything changes: what cannot be saved stops the upload."""
         if self._backup:
             self._save_backup(self._backup, changes)
@@ -194,7 +194,7 @@ class _Writing:
         except (KeyboardInterrupt, LinkError) as error:
             reason = "interrupted again" if isinstance(error, KeyboardInterrupt) else str(error)
             raise LinkError(f"{reason} {_how_to_restore(self._arguments.link)}") from None
-        _say_end(outcomes, Holds.OLD, self._session.vehicle, self._path, self._arguments.link)
+        _print_end(outcomes, Holds.OLD, self._session.vehicle, self._path, self._arguments.link)
 
 
 def restore(arguments: argparse.Namespace) -> int:
@@ -212,7 +212,7 @@ def restore(arguments: argparse.Namespace) -> int:
         _refuse_other_board(session, journal, path)
         journal = of_settings(journal, own_marks(session))
         with ProgressBar("reading") as bar:
-            holds = look(session, journal, bar.show)
+            holds = held_side(session, journal, bar.update)
         if arguments.to == "as-is":
             return _leave(session, journal)
         side = Holds(arguments.to) if arguments.to else (Holds.OLD if holds is Holds.MIXED else holds)
@@ -225,14 +225,14 @@ def restore(arguments: argparse.Namespace) -> int:
         _report(arguments, session.vehicle, outcomes, Report("restore", journal.backup or None))
         if arguments.to:
             return _settle_on(outcomes, side, session.vehicle, path, arguments.link)
-        return _say_end(outcomes, side, session.vehicle, path, arguments.link)
+        return _print_end(outcomes, side, session.vehicle, path, arguments.link)
 
 
 def _leave(session: ParameterSession, journal: Journal) -> int:
     """Settle an upload that was cut off by what the vehicle holds: say what that is, and forget the rest."""
     client = NamedDownload(session.vehicle.target, [each.name for each in journal.changes])
     with ProgressBar("reading") as bar:
-        session.run(client, bar.show)
+        session.run(client, bar.update)
     held = {name: each.value for name, each in client.values.items()}
     print(settled_table(journal.changes, held))
     kept = f"the old values are in {journal.backup}" if journal.backup else "the old values are kept nowhere else"
@@ -251,7 +251,7 @@ def _settle_on(outcomes: list[Outcome], side: Holds, vehicle: Vehicle, path: Pat
     """Say what the vehicle holds of the side its owner chose; only what could not be read back keeps the journal."""
     bad = [each for each in outcomes if not each.is_good]
     if not bad or any(each.verdict is Verdict.UNCONFIRMED for each in bad):
-        return _say_end(outcomes, side, vehicle, path, link)
+        return _print_end(outcomes, side, vehicle, path, link)
     discard_journal(path)
     print(
         f"vehicle {vehicle.system} holds the {side} values but for {', '.join(each.name for each in bad)}, which it "
@@ -264,10 +264,10 @@ def _settle_on(outcomes: list[Outcome], side: Holds, vehicle: Vehicle, path: Pat
 def put_back(session: ParameterSession, journal: Journal, side: Holds = Holds.OLD) -> list[Outcome]:
     """Set one side of the journal and return what became of each parameter."""
     with ProgressBar("restoring") as bar:
-        return put(session, journal, side, bar.show)
+        return put(session, journal, side, bar.update)
 
 
-def _say_end(outcomes: list[Outcome], side: Holds, vehicle: Vehicle, path: Path, link: str) -> int:
+def _print_end(outcomes: list[Outcome], side: Holds, vehicle: Vehicle, path: Path, link: str) -> int:
     """Say what the vehicle holds after the way back; the journal stays until it holds exactly that."""
     if bad := [each.name for each in outcomes if not each.is_good]:
         print(

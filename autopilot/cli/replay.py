@@ -39,9 +39,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay and report; exit code 6 where a command differs."""
-    from autopilot.cli.log_measures import say_newer
+    from autopilot.cli.log_measures import print_newer
 
-    say_newer([str(arguments.log)])
+    print_newer([str(arguments.log)])
     if arguments.link:
         return _play(arguments)
     from autopilot.runtime.replay import replay
@@ -60,7 +60,7 @@ def _play(arguments: argparse.Namespace) -> int:
     import signal
 
     from autopilot.cli.options import signing_of
-    from autopilot.interruption import say_end
+    from autopilot.interruption import print_end
     from autopilot.logs.replay_onto import replay_onto
     from autopilot.runtime.clock import MonotonicClock
 
@@ -70,5 +70,5 @@ def _play(arguments: argparse.Namespace) -> int:
     clock, signing = MonotonicClock(arguments.speed), signing_of(arguments)
     print(replay_onto(arguments.log, arguments.link, clock, lambda: bool(stopped), signing))
     if stopped:
-        say_end(stopped[0])
+        print_end(stopped[0])
     return int(ExitCode.OK)

@@ -59,7 +59,7 @@ def _serve(arguments: argparse.Namespace) -> int:
 
     from autopilot.cli.options import patience_of, signing_of
     from autopilot.cli.web import listening_address
-    from autopilot.interruption import say_end
+    from autopilot.interruption import print_end
     from autopilot.signalk.bridge import Bridge, LineClients
     from autopilot.signalk.messages import LINE_MOST
     from autopilot.web.hub import token_of
@@ -86,5 +86,5 @@ def _serve(arguments: argparse.Namespace) -> int:
             bridge.turn(time.monotonic())
     finally:
         bridge.close()
-    say_end(stopped[0])
+    print_end(stopped[0])
     return int(ExitCode.OK)

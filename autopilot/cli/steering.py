@@ -130,7 +130,7 @@ def plan_of(vessel: Vessel, arguments: argparse.Namespace, orders: Orders) -> Pl
         reconnect=arguments.reconnect,
         with_other_pilot=arguments.with_other_pilot,
         opened=patience_of(arguments),
-        heard={},
+        arrivals={},
     )
     bell = terminal_of(sys.stderr) if sys.stderr.isatty() else None
     return Plan(
@@ -173,11 +173,11 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
 
             def after(tick: Tick) -> bool:
                 is_over = voyage.watch(app, tick)  # takes the keys before the status line, which would echo them
-                line.show(tick)
+                line.update(tick)
                 held(tick)
                 for news in (app.learning.news(tick) if app.learning is not None else "", ending.news()):
                     if news:
-                        line.say(news)
+                        line.print_line(news)
                 return ending(tick) or (is_over and ending.is_wanted())
 
             app.run(voyage.duration, after)

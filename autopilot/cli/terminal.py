@@ -33,15 +33,15 @@ class ProgressBar:
 
     def __init__(self, label: str) -> None:
         self._label = label
-        self._is_shown = sys.stderr.isatty()
+        self._is_terminal = sys.stderr.isatty()
         self._line = ""
 
     def __enter__(self) -> ProgressBar:
         return self
 
-    def show(self, done: int, total: int) -> None:
+    def update(self, done: int, total: int) -> None:
         """Draw the bar; `total` 0 means that it is not known yet."""
-        if not self._is_shown:
+        if not self._is_terminal:
             return
         filled = WIDTH * done // total if total else 0
         line = f"{self._label} [{'#' * filled}{' ' * (WIDTH - filled)}] {done}/{total or '?'}"
@@ -206,22 +206,22 @@ class StatusLine:
         self._typed = typed
         self._live = sys.stdout.isatty()
         self._next = -math.inf
-        self._said: tuple[Mode, tuple[AlarmEvent, ...]] | None = None
-        self._shown_text = ""
+        self._printed: tuple[Mode, tuple[AlarmEvent, ...]] | None = None
+        self._printed_text = ""
         self._measured = -math.inf
 
-    def show(self, tick: Tick) -> None:
+    def update(self, tick: Tick) -> None:
         """Show the tick where it is time to."""
         if any(isinstance(sample, RudderSample) and not sample.ordered for sample in tick.samples):
             self._measured = tick.now
         text = self._typed.text if self._typed is not None else ""
-        if (tick.mode, tick.alarms) != self._said:
-            self._said = (tick.mode, tick.alarms)
+        if (tick.mode, tick.alarms) != self._printed:
+            self._printed = (tick.mode, tick.alarms)
             said = "".join(f"  ! {printable(said, ALARM_CHARACTERS)}" for said in sentences_of(tick.alarms))
-            self.say(f"{tick.now:8.1f} s  {tick.mode.name}{said}")
-        elif self._live and (tick.now >= self._next or text != self._shown_text):
+            self.print_line(f"{tick.now:8.1f} s  {tick.mode.name}{said}")
+        elif self._live and (tick.now >= self._next or text != self._printed_text):
             self._next = tick.now + STATUS_PERIOD
-            self._shown_text = text
+            self._printed_text = text
             ahead = self._describe(tick) if self._describe is not None else ""
             is_measured = tick.now - self._measured <= MEASURED_S
             rewrite_line(sys.stdout, line_of(tick, is_measured, ahead, text, columns(), self._north))
@@ -233,7 +233,7 @@ class StatusLine:
         if self._live:
             rewrite_line(sys.stdout, "")
 
-    def say(self, text: str) -> None:
+    def print_line(self, text: str) -> None:
         """Print a text above the line."""
         if self._live:
             rewrite_line(sys.stdout, text, "\n")

@@ -115,9 +115,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"{arguments.vessel}: helm.method guided moves no rudder; write rc_override for trials")
     script = _script(arguments, vessel)
     if arguments.foretell:
-        from autopilot.cli.trial_foretold import foretold
+        from autopilot.cli.trial_prediction import predicted_accuracy
 
-        print(foretold(script, vessel))
+        print(predicted_accuracy(script, vessel))
         return int(ExitCode.OK)
     if not arguments.link:
         raise InputError("a trial needs --link URL, the way to the boat; with --foretell nothing is sailed")

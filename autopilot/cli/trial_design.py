@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     vessel = load_vessel(arguments.vessel)
     boat, water = _boat(vessel, arguments), _water(arguments)
     with ProgressBar("designing") as bar:
-        found = designs(boat, water, KINDS, bar.show)
+        found = designs(boat, water, KINDS, bar.update)
     if not found:
         raise RefusedError(
             f"--water {arguments.water} does not hold ten seconds of any trial at {boat.speed:.1f} m/s: it needs more "
@@ -109,8 +109,8 @@ def _finite(value: float) -> float | None:
 def _as_text(found: list[Design], boat: Boat, vessel: str) -> str:
     lines = ["Least standard errors that any estimate can reach (Cramer and Rao), best trial first:", ""]
     for design in found:
-        told = told_at_best(design.errors, boat.model)
-        lines.append(f"{_words(design.candidate)}, {design.duration:.0f} s: {told}")
+        accuracy = accuracy_in_words(design.errors, boat.model)
+        lines.append(f"{_words(design.candidate)}, {design.duration:.0f} s: {accuracy}")
         lines += [f"  {_place(design.berth)}", f"  autopilot trial {_command(design, vessel)}", ""]
     lines.append("The plan stands on the vessel file's model, without wind and current: keep a lookout and a margin.")
     return "\n".join(lines)
@@ -124,12 +124,12 @@ def _place(berth: Berth) -> str:
     )
 
 
-def told_at_best(errors: Mapping[str, float], model: Norrbin) -> str:
-    """Return how nearly K, T and n3 are told by standard errors [SI units], in words."""
+def accuracy_in_words(errors: Mapping[str, float], model: Norrbin) -> str:
+    """Return how nearly K, T and n3 are determined, from their standard errors [SI units], in words."""
     return ", ".join(
         f"{symbol} to {100.0 * errors[name] / getattr(model, name):.2g} %"
         if errors[name] < getattr(model, name)
-        else f"{symbol} not told"
+        else f"{symbol} not determined"
         for name, symbol in SYMBOLS.items()
         if name in errors
     )

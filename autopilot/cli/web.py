@@ -42,12 +42,12 @@ def run(arguments: argparse.Namespace) -> int:
     require_extra()
     from autopilot.cli.options import patience_of, signing_of
     from autopilot.web.hub import Access, Hub, token_of
-    from autopilot.web.server import LogShelf, build_app, known_hosts, serve
+    from autopilot.web.server import LogIndex, build_app, known_hosts, serve
     from autopilot.web.station import BoatLine, Station
 
     host, port = listening_address(arguments.listen)
     patience = patience_of(arguments)
-    shelf = patience(lambda: LogShelf(arguments.logs))
+    logs = patience(lambda: LogIndex(arguments.logs))
     token = token_of(arguments.token_file)
     station = Station()
     sock = _bound(host, port)
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         sock.close()
         raise
     hub = Hub(station, line)
-    app = build_app(hub, Access(token), shelf)
+    app = build_app(hub, Access(token), logs)
     _announce(host, sock.getsockname()[1], token)
     serve(known_hosts(app, host), sock, hub.close)
     return int(ExitCode.OK)

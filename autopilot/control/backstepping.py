@@ -5,7 +5,7 @@ With z1 = wrap(psi - psi_d), alpha = -k1 z1 + psi_d', z2 = r - alpha and V = (g 
     delta = (T/K) [-k2 z2 - g z1 + (n1 r + n2 r^2 + n3 r^3 + n0)/T + psi_d'' - k1 (r - psi_d')] - b
 
 makes V' = -g k1 z1^2 - k2 z2^2 and z1'' + (k1 + k2) z1' + (g + k1 k2) z1 = 0. b is the rudder angle that
-wind, current and trim are worth: the estimator learns it from the rudder that was really told, so that there
+wind, current and trim are worth: the estimator learns it from the rudder that was really commanded, so that there
 is nothing here to wind up.
 
 A heading error larger than E counts as E: the law then turns the boat back at the rate (W/S) E, with W = g + k1 k2 and
@@ -34,8 +34,8 @@ slope, and
 
 stable, however large the error, where k3 + d'(r)/T > W/S at every rate; nothing but e = e' = 0 keeps e'' = 0. The
 linear-quadratic regulator with a weight on the rudder's rate is of this form (`autopilot.control.design`). u begins
-each time at the rudder that was really told: nothing winds up, and engaging makes no bump. A planned turn that takes
-rudder is steered without this step, as the plan wants its rudder at once.
+each time at the rudder that was really commanded: nothing winds up, and engaging makes no bump. A planned turn that
+takes rudder is steered without this step, as the plan wants its rudder at once.
 
 The paper has g = 1 1/s^2, hidden in V = (z1^2 + z2^2)/2. Left at 1 it asks a boat with K = 0.1 1/s and
 T = 20 s for at least 200 deg of rudder per degree of error however small k1 and k2 are; so g is a gain here.
@@ -159,7 +159,7 @@ def backstepping_rudder(bounded: BoundedGains, given: LawInput) -> float:
 
 
 def smoothed_rudder(smoothing: float, wanted: float, last_rudder: float, dt: float) -> float:
-    """Return the demand [rad] of the third step, `dt` [s] after the rudder was told `last_rudder` [rad].
+    """Return the demand [rad] of the third step, `dt` [s] after the rudder was commanded to `last_rudder` [rad].
 
     wanted: what `backstepping_rudder` asks for [rad].
     """

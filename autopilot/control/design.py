@@ -45,7 +45,7 @@ DESIGNED = backstepping.LAW.name
 """The law whose gains are designed; those of the others follow from its loop."""
 
 
-def spared_gains(model: Norrbin, bandwidth: float) -> BacksteppingGains:
+def lqr_gains(model: Norrbin, bandwidth: float) -> BacksteppingGains:
     """Return the regulator's gains for the `bandwidth` w [rad/s], see the module's equations."""
     n, q = model.n1 / model.time_constant, bandwidth**3
     low, high = abs(n), abs(n) + 2.0 * bandwidth
@@ -209,9 +209,10 @@ def design_backstepping(
     loop_delay: float,
     level: int = MIDDLE_LEVEL,
     *,
-    spares: bool = False,
+    rate_weighted: bool = False,
 ) -> BacksteppingGains:
-    """Return gains of a response `level` from 1 (calm) to 9 (quick); with a weight on the rudder's rate if it `spares`.
+    """Return gains of a response `level` from 1 (calm) to 9 (quick); with a weight on the rudder's rate if it
+    `rate_weighted`.
 
     Level 5 is the quickest loop that keeps WORST_SENSITIVITY and leaves the rudder's rate room for LEAST_ERROR. Three
     levels down the loop is half as quick. Three levels up it is twice as quick where the margins allow it: each level
@@ -224,7 +225,7 @@ def design_backstepping(
         raise ValueError(f"response level {level}: allowed is 1 (calm) to 9 (quick)")
 
     def at(k: float) -> BacksteppingGains:
-        return spared_gains(model, k / DAMPING) if spares else _at(model, k)
+        return lqr_gains(model, k / DAMPING) if rate_weighted else _at(model, k)
 
     steered = Steered(model, gear, rate_max, gear.delay + loop_delay, at)
     k = _quickest(steered, WORST_SENSITIVITY, LEAST_ERROR)

@@ -1,6 +1,6 @@
-"""What the rudder may be told: angle and rate, in this order, whatever comes in.
+"""What the rudder may be commanded: angle and rate, in this order, whatever comes in.
 
-The law sees what was really told through `last_command`, which is its anti-windup: no integrator and no
+The law sees the command that was really given through `last_command`, which is its anti-windup: no integrator and no
 observer here believes a demand that the limits have cut.
 
 The rate of the rudder as it is seen to slew, where the file's is not true of the boat.
@@ -29,10 +29,10 @@ class RudderLimits(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """What the dead band leaves: `told` [rad]; `allowed` [rad], what the law may take for its own, since the dead band
-    is nothing to unwind from; whether the rudder is on its way."""
+    """What the dead band leaves: `command` [rad]; `allowed` [rad], what the law may take for its own, since the dead
+    band is nothing to unwind from; whether the rudder is on its way."""
 
-    told: float = 0.0
+    command: float = 0.0
     allowed: float = 0.0
     is_moving: bool = False
 
@@ -41,8 +41,8 @@ def rested(limits: RudderLimits, band: float, before: Rest, demand: float, limit
     """Return the order after the dead `band` [rad]: a rudder at rest stays until it is wrong by more, and then goes all
     the way. `limited` [rad] is what `limit` made of the `demand` [rad]; a band of 0 leaves it as it is."""
     wanted = clip(demand, -limits.angle_max, limits.angle_max)
-    if not before.is_moving and abs(wanted - before.told) <= band:
-        return Rest(before.told if band > 0.0 else limited, wanted, False)
+    if not before.is_moving and abs(wanted - before.command) <= band:
+        return Rest(before.command if band > 0.0 else limited, wanted, False)
     return Rest(limited, limited, limited != wanted)
 
 

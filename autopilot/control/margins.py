@@ -1,11 +1,11 @@
 """The margins of the loop that sails, and what its law does with errors that saturate the rudder.
 
-Large errors are simulated, with the loop itself. A describing function foretells whether a saturated rate leads to a
-limit cycle; with angle and rate both saturated, a lag and a dead time the simulation of the very functions that steer
-says it more simply, and at which error it begins.
+The large-signal response is simulated, with the loop itself. A describing function predicts whether a saturated rate
+leads to a limit cycle; with angle and rate both saturated, a lag and a dead time the simulation of the very functions
+that steer says it more simply, and at which error it begins.
 
 The loop is law and estimator together, cut at the rudder. `design.margins` takes heading and rate for known. Here they
-come from the filter, which is told of every order the rudder gets, so that cutting the loop at the boat's rudder leaves
+come from the filter, which knows every order the rudder gets, so that cutting the loop at the boat's rudder leaves
 a loop inside of the pilot closed. With the filter's transfers X_y from the measurements and X_d from the rudder that it
 reckons with, the law's u = -F x with its smoothing, the gear g and the boat P
 
@@ -38,7 +38,7 @@ LOWEST = 1.0e-3
 GAIN_MOST = 20.0
 GAIN_LEAST = 0.02
 BISECTIONS = 24
-WEAKER = 0.7
+RUDDER_LOSS = 0.7
 """A course-unstable boat must stay steerable with this share of the rudder's effect that its model has."""
 
 
@@ -50,7 +50,7 @@ class Delays(NamedTuple):
     latency: float = 0.0
 
 
-class ObservedMargins(NamedTuple):
+class OutputFeedbackMargins(NamedTuple):
     """The loop with the estimator: stable or not; by which factor K may be smaller (0: by any) and larger (inf: by any)
     than the model's; delay margin [s]; worst sensitivity [-]."""
 
@@ -61,7 +61,7 @@ class ObservedMargins(NamedTuple):
     sensitivity: float
 
 
-class Observed(NamedTuple):
+class OutputFeedbackLoop(NamedTuple):
     """The boat as the filter knows it, its gear, what passes unknown, the law's gains, whether it takes the filter's
     bias away, and the filter."""
 
@@ -79,16 +79,16 @@ class _Curve(NamedTuple):
     outer: list[complex]
 
 
-def observed_margins(observed: Observed) -> ObservedMargins:
+def output_feedback_margins(loop: OutputFeedbackLoop) -> OutputFeedbackMargins:
     """Return the margins of law and filter together."""
-    curve, wanted = _curve(observed), _wanted(observed)
+    curve, wanted = _curve(loop), _wanted(loop)
     if not _holds(curve, wanted, 1.0):
-        return ObservedMargins(False, 1.0, 1.0, 0.0, math.inf)
+        return OutputFeedbackMargins(False, 1.0, 1.0, 0.0, math.inf)
 
     def holds(factor: float) -> bool:
         return _holds(curve, wanted, factor)
 
-    return ObservedMargins(
+    return OutputFeedbackMargins(
         True,
         0.0 if holds(GAIN_LEAST) else _end(holds, 1.0, GAIN_LEAST),
         math.inf if holds(GAIN_MOST) else _end(holds, 1.0, GAIN_MOST),
@@ -97,14 +97,14 @@ def observed_margins(observed: Observed) -> ObservedMargins:
     )
 
 
-def refusal_of(observed: Observed) -> str:
+def refusal_of(loop: OutputFeedbackLoop) -> str:
     """Return why this loop must not be engaged with the filter in it, or ""."""
-    curve, wanted = _curve(observed), _wanted(observed)
+    curve, wanted = _curve(loop), _wanted(loop)
     cure = "design them anew with `autopilot gains`, or a calmer --level"
     if not _holds(curve, wanted, 1.0):
         return f"refused to engage: these gains are unstable with the heading filter in the loop; {cure}"
-    if observed.model.n1 < 0.0 and not _holds(curve, wanted, WEAKER):
-        less = round(100.0 * (1.0 - WEAKER))
+    if loop.model.n1 < 0.0 and not _holds(curve, wanted, RUDDER_LOSS):
+        less = round(100.0 * (1.0 - RUDDER_LOSS))
         return (
             f"refused to engage: with these gains this course-unstable boat is lost where its rudder is {less} % "
             f"weaker than the model's; {cure}"
@@ -112,10 +112,10 @@ def refusal_of(observed: Observed) -> str:
     return ""
 
 
-def _wanted(observed: Observed) -> float:
+def _wanted(loop: OutputFeedbackLoop) -> float:
     """Return how far [rad] D + N has to turn: for every integrator a quarter, for an unstable boat a half."""
-    integrators = 1 + (1 if observed.gains.integral > 0.0 else 0)
-    return math.pi * (0.5 * integrators + (1 if observed.model.n1 < 0.0 else 0))
+    integrators = 1 + (1 if loop.gains.integral > 0.0 else 0)
+    return math.pi * (0.5 * integrators + (1 if loop.model.n1 < 0.0 else 0))
 
 
 def _holds(curve: _Curve, wanted: float, factor: float, late: float = 0.0) -> bool:
@@ -153,18 +153,18 @@ def _crossover(curve: _Curve) -> float:
     return max(crossing, default=curve.omegas[0])
 
 
-def _curve(observed: Observed) -> _Curve:
+def _curve(loop: OutputFeedbackLoop) -> _Curve:
     """Return D and N from far below the loop's own frequencies to half of the sampling frequency."""
-    model, gear, delays, gains, uses_bias, steady = observed
+    model, gear, delays, gains, uses_bias, steady = loop
     curve = _Curve([], [], [])
-    for omega, told, seen in _transfers(model.time_constant, steady, delays.latency):
+    for omega, from_command, seen in _transfers(model.time_constant, steady, delays.latency):
         s = 1j * omega
         acts = cmath.exp(-s * gear.delay) / (gear.lag * s + 1.0)
         boat = model.gain / (s * (model.time_constant * s + model.n1))
         asked = (gains.proportional + gains.integral / s, complex(gains.derivative), 1.0 if uses_bias else 0.0)
         law = tuple(f / (1.0 + s * gains.smoothing) for f in asked)
         curve.omegas.append(omega)
-        curve.inner.append(1.0 + sum(f * x for f, x in zip(law, told, strict=True)) * acts)
+        curve.inner.append(1.0 + sum(f * x for f, x in zip(law, from_command, strict=True)) * acts)
         curve.outer.append(
             sum(f * x for f, x in zip(law, seen, strict=True)) * boat * acts * cmath.exp(-s * delays.unknown)
         )
@@ -184,9 +184,9 @@ def _transfers(
         omega = lowest * (highest / lowest) ** (index / (GRID - 1))
         s, late = 1j * omega, cmath.exp(-1j * omega * latency)
         from_rudder, from_boat = _estimates(steady, s)
-        told = _carried(steady.ahead, [late * x for x in from_rudder], _mean(s, latency))
+        from_command = _carried(steady.ahead, [late * x for x in from_rudder], _mean(s, latency))
         seen = _carried(steady.ahead, [late * x for x in from_boat], 0.0)
-        found.append((omega, tuple(told), tuple(seen)))
+        found.append((omega, tuple(from_command), tuple(seen)))
     return tuple(found)
 
 
@@ -298,17 +298,17 @@ def trace(loop: Loop, law: LawInForce, error: float, duration: float) -> Trace:
     """Return the motion after an initial heading error [rad], towards the course 0, everything known exactly."""
     dt = 1.0 / loop.rate_hz
     h = dt / STEPS_A_TICK
-    heading, rate, rudder, told = error, 0.0, 0.0, 0.0
+    heading, rate, rudder, command = error, 0.0, 0.0, 0.0
     line = DelayLine(loop.delay + loop.gear.delay)
     memory = law.first(0.0)
     result = Trace([], [], [])
     for tick in range(round(duration / dt)):
         now = tick * dt
         state = NavState(now, wrap(heading), rate, loop.model.reference_speed, rudder, 0.0, 0.0, True)
-        given = LawInput(loop.model, 1.0, Reference(0.0), state, NO_ROLL, told, loop.limits.angle_max, dt)
+        given = LawInput(loop.model, 1.0, Reference(0.0), state, NO_ROLL, command, loop.limits.angle_max, dt)
         demand, memory = law.step(memory, given)
-        told = limit(loop.limits, told, demand, dt)
-        line.give(now, told)
+        command = limit(loop.limits, command, demand, dt)
+        line.give(now, command)
         result.time.append(now)
         result.error.append(wrap(heading))
         result.rudder.append(rudder)

@@ -1,4 +1,4 @@
-"""PID heading law with the derivative on the rate error and anti-windup by what was really told.
+"""PID heading law with the derivative on the rate error and anti-windup by the command that was really given.
 
     delta = -kp z1 - kd (r - psi_d') + I + F,   I' = -ki z1 + (delta_told - delta_wanted)/t_track
 

@@ -276,7 +276,7 @@ def roll_numbers(ship: RollShip, quiet: SwayYawGains, roll: RollGains) -> RollNu
     if growing >= 0.0:
         raise ValueError(
             f"the linear model with the rudder amidships must be stable, it has an eigenvalue of real part "
-            f"{growing:.3g} 1/s; the law foretells the boat by it"
+            f"{growing:.3g} 1/s; the law predicts the boat by it"
         )
     places = range(_step_at(SPEED_RANGE[0]), _step_at(SPEED_RANGE[1]) + 1)
     speeds = tuple(laws_at(ship, quiet, roll, math.exp(SPEED_STEP * place)) for place in places)

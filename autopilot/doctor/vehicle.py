@@ -142,7 +142,7 @@ SLOW_HZ = 4.0
 PACE_S = 0.05
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """When headings arrived [s] and how old they were [s], by their sources; the last word on the helm, and alarms."""
 
     arrivals: dict[str, list[float]]
@@ -152,27 +152,27 @@ class Heard(NamedTuple):
     seconds: float
 
 
-def listen(links: Sequence[Link], clock: Clock, seconds: float) -> Heard:
+def listen(links: Sequence[Link], clock: Clock, seconds: float) -> Received:
     """Listen for so long. Raises LinkError where a link is lost."""
-    heard = Heard(defaultdict(list), defaultdict(list), {}, {}, seconds)
+    received = Received(defaultdict(list), defaultdict(list), {}, {}, seconds)
     end = clock.now() + seconds
     while (now := clock.now()) < end:
         for link in links:
             for sample in link.receive(now):
-                _take(heard, now, sample)
-            link.keep(now)
+                _take(received, now, sample)
+            link.poll(now)
         clock.wait([fd for fd in (link.fileno() for link in links) if fd >= 0], min(end, now + PACE_S))
-    return heard
+    return received
 
 
-def _take(heard: Heard, now: float, sample: object) -> None:
+def _take(received: Received, now: float, sample: object) -> None:
     if isinstance(sample, HeadingSample):
-        heard.arrivals[sample.source].append(now)
-        heard.ages[sample.source].append(now - sample.time)
+        received.arrivals[sample.source].append(now)
+        received.ages[sample.source].append(now - sample.time)
     elif isinstance(sample, HelmSample):
-        heard.helm[sample.source] = "" if sample.available else sample.reason
+        received.helm[sample.source] = "" if sample.available else sample.reason
     elif isinstance(sample, AlarmSample):
-        heard.alarms[sample.source] = sample.event
+        received.alarms[sample.source] = sample.event
 
 
 def nothing_known() -> str:
@@ -180,30 +180,30 @@ def nothing_known() -> str:
     return ""
 
 
-def judged(heard: Heard, timeout: float, came: Callable[[], str] = nothing_known) -> list[Finding]:
+def judged(received: Received, timeout: float, came: Callable[[], str] = nothing_known) -> list[Finding]:
     """Return what was heard as findings; `timeout` [s] is the fail-safe's patience with a silent compass."""
-    findings = [_heading(source, heard, timeout) for source in sorted(heard.arrivals)]
+    findings = [_heading(source, received, timeout) for source in sorted(received.arrivals)]
     if not findings:
         cure = came() or "check that the compass or vehicle is on, its wiring, and the baud rate"
-        findings.append(Finding("heading", Verdict.NO_GO, f"none came in {heard.seconds:.0f} s", cure))
-    for source, reason in heard.helm.items():
+        findings.append(Finding("heading", Verdict.NO_GO, f"none came in {received.seconds:.0f} s", cure))
+    for source, reason in received.helm.items():
         verdict = Verdict.NO_GO if reason else Verdict.GO
         findings.append(Finding("helm", verdict, f"{source}: {reason or 'obeys us'}", "as it says; see --as-gcs"))
-    said = sentences_of(event for event in heard.alarms.values() if event is not None)
+    said = sentences_of(event for event in received.alarms.values() if event is not None)
     findings += [Finding("alarm", Verdict.WARN, text, "as it says") for text in said]
     return findings
 
 
-def _heading(source: str, heard: Heard, timeout: float) -> Finding:
-    arrivals = heard.arrivals[source]
+def _heading(source: str, received: Received, timeout: float) -> Finding:
+    arrivals = received.arrivals[source]
     gaps = [later - sooner for sooner, later in itertools.pairwise(arrivals)]
     if not gaps:
         cure = "check the compass and its wiring"
-        return Finding(f"heading {source}", Verdict.NO_GO, f"one in {heard.seconds:.0f} s", cure)
+        return Finding(f"heading {source}", Verdict.NO_GO, f"one in {received.seconds:.0f} s", cure)
     rate = len(gaps) / (arrivals[-1] - arrivals[0]) if arrivals[-1] > arrivals[0] else float("inf")
     usual, longest = share_below(gaps, 0.5), max(gaps)
     jitter = share_below([abs(gap - usual) for gap in gaps], 0.95)
-    age = share_below(heard.ages[source], 0.5)
+    age = share_below(received.ages[source], 0.5)
     figures = {"rate_hz": rate, "jitter_ms": jitter * 1e3, "longest_gap_ms": longest * 1e3, "age_ms": age * 1e3}
     found = (
         f"{rate:.1f} Hz, 95 % within {jitter * 1e3:.0f} ms of even, longest gap {longest * 1e3:.0f} ms, "

@@ -44,7 +44,7 @@ class Means(NamedTuple):
     third: float
 
 
-class Gusts(NamedTuple):
+class Intensity(NamedTuple):
     """density: q [rad^2/s], 0 where it is not learnt; the means of bias and rudder, and the bias's variance [rad^2], 0
     before anything is known."""
 
@@ -55,7 +55,7 @@ class Gusts(NamedTuple):
 
 
 NO_MEANS = Means(0.0, 0.0, 0.0)
-NO_GUSTS = Gusts(0.0, NO_MEANS, NO_MEANS, 0.0)
+NO_INTENSITY = Intensity(0.0, NO_MEANS, NO_MEANS, 0.0)
 
 
 class Changes(NamedTuple):
@@ -73,31 +73,33 @@ def followed(means: Means, angle: float, quick: float, slow: float) -> Means:
     return Means(first, second, means.third + slow * (second - means.third))
 
 
-def bias_seen(gusts: Gusts, changes: Changes, bias: float, variance: float, rudder: float, dt: float) -> Gusts:
+def adapt_intensity(
+    intensity: Intensity, changes: Changes, bias: float, variance: float, rudder: float, dt: float
+) -> Intensity:
     """Return what is known of the gusts `dt` [s] later: a `bias` [rad], known to a `variance` [rad^2], and the `rudder`
     [rad] as it stands."""
-    density, known = min(max(gusts.density, changes.least), changes.most), gusts.variance
+    density, known = min(max(intensity.density, changes.least), changes.most), intensity.variance
     if (
         known == 0.0
         or variance > GUST_BIAS_UNKNOWN
         or variance < known * math.exp(-dt / (GUST_BIAS_FOUND * changes.time))
     ):
-        return Gusts(density, Means(bias, bias, bias), Means(rudder, rudder, rudder), variance)
+        return Intensity(density, Means(bias, bias, bias), Means(rudder, rudder, rudder), variance)
     quick, slow = -math.expm1(-dt / changes.time), -math.expm1(-dt / (GUST_LONGER * changes.time))
-    pushed, steered = followed(gusts.bias, bias, quick, slow), followed(gusts.rudder, rudder, quick, slow)
+    pushed, steered = followed(intensity.bias, bias, quick, slow), followed(intensity.rudder, rudder, quick, slow)
     apart, explained = pushed.second - pushed.third, STRENGTH_ERROR * (steered.second - steered.third)
     scale = 1.0 / (GUST_SPREAD * changes.time)
     moved = max(apart * apart - explained * explained, 0.0)
     seen = min(scale * moved, GUST_SURGE * density) + min(scale * DOUBT_SHARE * variance, density)
     density -= math.expm1(-dt / max(GUST_MEMORY, 2.0 * GUST_LONGER * changes.time)) * (seen - density)
-    return Gusts(min(max(density, changes.least), changes.most), pushed, steered, variance)
+    return Intensity(min(max(density, changes.least), changes.most), pushed, steered, variance)
 
 
-def unsettled(gusts: Gusts) -> Gusts:
+def unsettled_intensity(intensity: Intensity) -> Intensity:
     """Return the gusts for a bias that is to be found anew."""
-    return Gusts(gusts.density, NO_MEANS, NO_MEANS, 0.0)
+    return Intensity(intensity.density, NO_MEANS, NO_MEANS, 0.0)
 
 
-def is_finite(gusts: Gusts) -> bool:
+def is_finite(intensity: Intensity) -> bool:
     """Return whether everything is finite."""
-    return math.isfinite(gusts.density + sum(gusts.bias) + sum(gusts.rudder) + gusts.variance)
+    return math.isfinite(intensity.density + sum(intensity.bias) + sum(intensity.rudder) + intensity.variance)

@@ -373,7 +373,7 @@ def _begun(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample
     )
     return _counted(
         state._replace(
-            fusion=Fusion(first, before.surprise),
+            fusion=Fusion(first, before.innovation_mean),
             has_begun=True,
             needs_reinit=False,
             first_time=min(state.first_time, sample.time),

@@ -17,9 +17,9 @@ from autopilot.estimation.heading_ekf import (
     fuse_heading,
     fuse_rate,
     heading_variance,
-    learn_gusts,
+    learn_intensity,
     learn_waves,
-    surprise,
+    normalised_innovation,
 )
 from autopilot.estimation.rudder_observer import RudderPast, angle_at, stretch, tick_at
 from autopilot.estimation.tuning import (
@@ -27,11 +27,11 @@ from autopilot.estimation.tuning import (
     GATE_LEAST,
     GATE_SIGMAS,
     GRAIN_SHARE,
+    INNOVATION_LASTING,
+    INNOVATION_MEAN_TIME,
+    INNOVATION_MOST,
     LONGEST_SHARE,
     PREDICT_LONGEST,
-    SURPRISE_MOST,
-    SURPRISE_TIME,
-    SURPRISED,
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
@@ -43,7 +43,7 @@ class Fusion(NamedTuple):
     [standard deviations], how many spikes in a row agree, and the newest of them [rad]."""
 
     state: FilterState
-    surprise: float = 0.0
+    innovation_mean: float = 0.0
     spikes: int = 0
     spike: float = 0.0
 
@@ -88,7 +88,7 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     state = fusion.state
     longest = LONGEST_SHARE * model.time_constant
     end = min(to, state.time + PREDICT_LONGEST)
-    moving = noises.usual if abs(fusion.surprise) < SURPRISED else noises.pushed
+    moving = noises.usual if abs(fusion.innovation_mean) < INNOVATION_LASTING else noises.pushed
     tick = tick_at(past, state.time)
     while state.time < end:
         until, angle, tick = stretch(past, tick, state.time, end, GRAIN_SHARE * model.time_constant)
@@ -145,8 +145,8 @@ def fuse_measured(
     time, heading, rate = measured
     noise, dt = noises.usual, time - fusion.state.time
     state = carried(model, noises, fusion, past, time)
-    off = clip(surprise(state, heading, rate, noise), -SURPRISE_MOST, SURPRISE_MOST)
-    lasting = fusion.surprise - math.expm1(-dt / SURPRISE_TIME) * (off - fusion.surprise)
+    off = clip(normalised_innovation(state, heading, rate, noise), -INNOVATION_MOST, INNOVATION_MOST)
+    lasting = fusion.innovation_mean - math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - fusion.innovation_mean)
     spikes, spike = fusion.spikes, fusion.spike
     if not math.isnan(heading):
         gate = max(GATE_LEAST, GATE_SIGMAS * math.sqrt(heading_variance(state) + noise.heading))
@@ -157,6 +157,6 @@ def fuse_measured(
         state = fuse_heading(state, heading, noise.heading)
     if not math.isnan(rate):
         state = fuse_rate(state, rate, noise.rate)
-    if noise.waves and abs(lasting) < SURPRISED:
-        state = learn_gusts(learn_waves(state, dt), noise, angle_at(past, time), dt)
+    if noise.waves and abs(lasting) < INNOVATION_LASTING:
+        state = learn_intensity(learn_waves(state, dt), noise, angle_at(past, time), dt)
     return Fusion(state, lasting, spikes, spike), True

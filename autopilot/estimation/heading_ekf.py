@@ -15,7 +15,14 @@ from typing import NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.estimation import waves
-from autopilot.estimation.disturbance import NO_GUSTS, Changes, Gusts, bias_seen, is_finite, unsettled
+from autopilot.estimation.disturbance import (
+    NO_INTENSITY,
+    Changes,
+    Intensity,
+    adapt_intensity,
+    is_finite,
+    unsettled_intensity,
+)
 from autopilot.estimation.tuning import (
     BIAS_CHANGE,
     BIAS_CHANGE_IN_WAVES,
@@ -72,7 +79,7 @@ class FilterState(NamedTuple):
     p45: float = 0.0
     p55: float = 0.0
     sea: Sea = NO_SEA
-    gusts: Gusts = NO_GUSTS
+    intensity: Intensity = NO_INTENSITY
 
 
 def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
@@ -81,7 +88,7 @@ def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
     waves = (state.wave, state.wave_rate, state.wave_lag, state.p03, state.p04, state.p05)
     across = (state.p13, state.p14, state.p15, 0.0, 0.0, 0.0)
     own = (state.p33, state.p34, state.p35, state.p44, state.p45, state.p55)
-    return FilterState(*boat, *waves, *across, *own, state.sea, before.gusts)
+    return FilterState(*boat, *waves, *across, *own, state.sea, before.intensity)
 
 
 Waves = tuple[
@@ -100,13 +107,13 @@ class FilterNoise(NamedTuple):
 
     model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share, as white noise. With `waves` the
     sea is learnt and kept out of psi and r, and so is learnt how quickly the bias wanders, from `bias` to `gusty_bias`
-    [rad^2/s], by what it does over `gust_time` [s] (`gusts`). `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take the
-    places of `acceleration` and of that while the boat is pushed further than waves would; `gust_bias` also while the
-    measurements lie to one side of what was expected for seconds. While the rudder is further over than `stop` [rad]
-    the bias wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong rudder
-    until the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is learnt.
-    rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates that no
-    ship turns with, and what a heavy one is once believed to do it needs minutes to be believed out of.
+    [rad^2/s], by what it does over `gust_time` [s] (`intensity`). `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take
+    the places of `acceleration` and of that while the boat is pushed further than waves would; `gust_bias` also while
+    the measurements lie to one side of what was expected for seconds. While the rudder is further over than `stop`
+    [rad] the bias wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong
+    rudder until the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is
+    learnt. rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates
+    that no ship turns with, and what a heavy one is once assumed to do it takes minutes to correct.
     """
 
     heading: float
@@ -199,13 +206,15 @@ def initial(
         p45=p45,
         p55=p55,
         sea=sea,
-        gusts=NO_GUSTS if before is None else before.gusts,
+        intensity=NO_INTENSITY if before is None else before.intensity,
     )
 
 
 def without_bias(state: FilterState) -> FilterState:
     """Return the state with a bias of which nothing is known."""
-    unknown = state._replace(bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN, gusts=unsettled(state.gusts))
+    unknown = state._replace(
+        bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN, intensity=unsettled_intensity(state.intensity)
+    )
     return unknown._replace(p23=0.0, p24=0.0, p25=0.0)
 
 
@@ -269,7 +278,7 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     a12 = decay * p12 + gain * p22
     # counted from the rudder that keeps the boat straight, so that it needs no more trust to port than to starboard
     steered = noise.model_error * (model.gain * (rudder + bias) - model.n0) / model.time_constant
-    pushed, wandered = noise.acceleration, max(noise.bias, state.gusts.density)
+    pushed, wandered = noise.acceleration, max(noise.bias, state.intensity.density)
     if noise.waves and waves.is_extreme(state.sea, state.wave):
         pushed, wandered = noise.gust, noise.gust_bias
     q = (pushed + steered * steered) * dt
@@ -286,8 +295,8 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
         p22 + wandered * dt,
     )
     if state.sea.heading <= 0.0:
-        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_GUSTS)
-    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), state.sea, state.gusts)
+        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_INTENSITY)
+    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), state.sea, state.intensity)
 
 
 def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float, gain: float, dt: float) -> Waves:
@@ -380,7 +389,7 @@ def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
     )
 
 
-def surprise(state: FilterState, heading: float, rate: float, noise: FilterNoise) -> float:
+def normalised_innovation(state: FilterState, heading: float, rate: float, noise: FilterNoise) -> float:
     """Return how many standard deviations the measured rate [rad/s] is above the expected one; by the heading [rad]
     where the rate is nan, not measured."""
     if not math.isnan(rate):
@@ -410,7 +419,7 @@ def _fuse(
         p22 - g2 * c2,
     )
     if state.sea.heading <= 0.0:
-        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_GUSTS)
+        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_INTENSITY)
     h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, gusts = state[10:]
     g3, g4, g5 = c3 * share, c4 * share, c5 * share
     return FilterState(
@@ -443,13 +452,13 @@ def learn_waves(state: FilterState, dt: float) -> FilterState:
     if waves.is_extreme(state.sea, state.wave):
         return state
     heading, rate = state.wave * state.wave + state.p33, state.wave_rate * state.wave_rate + state.p44
-    return FilterState(*state[:-2], waves.learn(state.sea, heading, rate, dt), state.gusts)
+    return FilterState(*state[:-2], waves.learn(state.sea, heading, rate, dt), state.intensity)
 
 
-def learn_gusts(state: FilterState, noise: FilterNoise, rudder: float, dt: float) -> FilterState:
+def learn_intensity(state: FilterState, noise: FilterNoise, rudder: float, dt: float) -> FilterState:
     """Return the state with what its bias says of the gusts after `dt` [s] with the `rudder` [rad] taken in."""
     changes = Changes(noise.bias, noise.gusty_bias, noise.gust_time)
-    return FilterState(*state[:-1], bias_seen(state.gusts, changes, state.bias, state.p22, rudder, dt))
+    return FilterState(*state[:-1], adapt_intensity(state.intensity, changes, state.bias, state.p22, rudder, dt))
 
 
 def is_sound(state: FilterState) -> bool:
@@ -457,6 +466,6 @@ def is_sound(state: FilterState) -> bool:
     # a sum is finite only where every part of it is
     return (
         math.isfinite(sum(state[:-2]) + sum(state.sea))
-        and is_finite(state.gusts)
+        and is_finite(state.intensity)
         and min(state.p00, state.p11, state.p22, state.p33, state.p44, state.p55) >= 0.0
     )

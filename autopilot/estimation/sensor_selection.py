@@ -105,7 +105,7 @@ class _Compass:
 
 
 class CompassWatch:
-    """`hear` every heading; `reason` has what is wrong with a compass, '' where nothing is.
+    """`on_sample` every heading; `reason` has what is wrong with a compass, '' where nothing is.
 
     jump [rad]: no boat turns further between two headings; inf: not watched. frozen: watched or not.
     """
@@ -127,7 +127,7 @@ class CompassWatch:
         """Return the compasses that are heard and not selected, and why."""
         return [(name, it.reason) for name, it in self._compasses.items() if it.reason and now - it.last <= SILENT_S]
 
-    def hear(self, now: float, name: str, heading: float) -> None:
+    def on_sample(self, now: float, name: str, heading: float) -> None:
         """Take a heading [rad] that arrived at `now` [s]."""
         compass = self._compasses.get(name)
         if compass is None or now - compass.last > SILENT_S:
@@ -245,7 +245,7 @@ class SelectionSettings(NamedTuple):
     frozen: bool = False
 
 
-class _Heard:
+class _Received:
     """One source of one kind."""
 
     __slots__ = ("first", "heading", "last", "rank", "stale")
@@ -270,7 +270,7 @@ class SensorSelection:
         """Forget every source."""
         self.dropped = 0
         self._compasses.reset()
-        self._heard: dict[str, dict[str, _Heard]] = {}
+        self._received: dict[str, dict[str, _Received]] = {}
         self._selected: dict[str, str] = {}
         self._apart, self._compared = 0.0, math.inf
         self._headings: deque[tuple[float, float]] = deque()
@@ -301,38 +301,43 @@ class SensorSelection:
         return kept
 
     def _choose(self, now: float, kind: str, source: str, sample: Sample) -> bool:
-        heard = self._heard.setdefault(kind, {})
-        entry = heard.get(source)
+        received = self._received.setdefault(kind, {})
+        entry = received.get(source)
         if entry is None:
-            if len(heard) >= SOURCES_MOST:
+            if len(received) >= SOURCES_MOST:
                 return False
-            entry = heard[source] = self._new(now, kind, source)
+            entry = received[source] = self._new(now, kind, source)
         elif now - entry.last > entry.stale:
             entry.first = now
         entry.last = now
         if isinstance(sample, HeadingSample):
             entry.heading = sample.heading
-            self._compasses.hear(now, source, sample.heading)
+            self._compasses.on_sample(now, source, sample.heading)
             if self._compasses.reason(source):
                 return False
         best = self._selected.get(kind)
         has_failed = best is not None and kind == "heading" and self._compasses.reason(best)
-        if best is None or has_failed or self._goes_before(now, entry, heard[best]):
-            if kind == "heading" and best is not None and best != source and now - heard[best].last > heard[best].stale:
+        if best is None or has_failed or self._goes_before(now, entry, received[best]):
+            if (
+                kind == "heading"
+                and best is not None
+                and best != source
+                and now - received[best].last > received[best].stale
+            ):
                 self._left = (best, now)
             self._selected[kind] = source
             return True
         return best == source
 
-    def _new(self, now: float, kind: str, source: str) -> _Heard:
+    def _new(self, now: float, kind: str, source: str) -> _Received:
         most = self._settings.heading_stale if kind == "heading" else math.inf
         name = source.partition("@")[0]
         for rank, rule in enumerate(self._settings.rules):
             if fnmatchcase(name, rule.pattern) or fnmatchcase(source, rule.pattern):
-                return _Heard(now, rank, min(rule.stale, most))
-        return _Heard(now, len(self._settings.rules), min(self._settings.stale, most))
+                return _Received(now, rank, min(rule.stale, most))
+        return _Received(now, len(self._settings.rules), min(self._settings.stale, most))
 
-    def _goes_before(self, now: float, entry: _Heard, best: _Heard) -> bool:
+    def _goes_before(self, now: float, entry: _Received, best: _Received) -> bool:
         if now - best.last > best.stale:
             return True
         is_settled = now - entry.first >= SETTLE_S or best.first == entry.first or now - best.first < SETTLE_S
@@ -352,7 +357,7 @@ class SensorSelection:
         if self._left is None:
             return None
         name, since = self._left
-        entry = self._heard["heading"][name]
+        entry = self._received["heading"][name]
         if now - since > SILENT_SAID_S or now - entry.last <= entry.stale:
             self._left = None
             return None
@@ -361,12 +366,12 @@ class SensorSelection:
 
     def _compare(self, now: float) -> AlarmEvent | None:
         """Return the alarm of two fresh headings that disagree for long; None where they agree."""
-        heard = self._heard.get("heading", {})
-        best = heard.get(self._selected.get("heading", ""))
+        received = self._received.get("heading", {})
+        best = received.get(self._selected.get("heading", ""))
         if best is None or best.heading is None or not math.isfinite(self._settings.disagree):
             return None
         others = [
-            (name, entry) for name, entry in heard.items() if entry is not best and now - entry.last <= entry.stale
+            (name, entry) for name, entry in received.items() if entry is not best and now - entry.last <= entry.stale
         ]
         limit = self._settings.disagree + LATENCIES_S * self._turning(now, best.heading)
         far = [

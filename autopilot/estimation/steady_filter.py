@@ -72,9 +72,9 @@ def steady_filter(model: Norrbin, noise: FilterNoise, interval: float, latency: 
     state, gains = ekf.initial(0.0, 0.0, 0.0, calm), [(0.0, 0.0)] * 3
     for _ in range(STEPS_MOST):
         # the mean stays at rest: only how well it is known matters
-        foretold = ekf.predict(straight, calm, state._replace(time=0.0, psi=0.0, rate=0.0), RUDDER_IN_USE, interval)
-        foretold = foretold._replace(psi=0.0, rate=0.0, bias=0.0)
-        by_heading = fuse_heading(foretold, 1.0, calm.heading)
+        predicted = ekf.predict(straight, calm, state._replace(time=0.0, psi=0.0, rate=0.0), RUDDER_IN_USE, interval)
+        predicted = predicted._replace(psi=0.0, rate=0.0, bias=0.0)
+        by_heading = fuse_heading(predicted, 1.0, calm.heading)
         by_rate = fuse_rate(by_heading._replace(psi=0.0, rate=0.0, bias=0.0), 1.0, calm.rate)
         # the rate is fused after the heading, whose part of it is known by then
         on_heading = (by_heading.psi, by_heading.rate, by_heading.bias)

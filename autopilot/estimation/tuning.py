@@ -52,9 +52,9 @@ GATE_SIGMAS = 6.0
 GATE_LEAST = math.radians(10.0)
 GATE_PATIENCE = 5
 """A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
-SURPRISE_TIME = 3.0
-SURPRISE_MOST = 5.0
-SURPRISED = 1.5
+INNOVATION_MEAN_TIME = 3.0
+INNOVATION_MOST = 5.0
+INNOVATION_LASTING = 1.5
 """White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
 longer, wind has changed or the model is wrong, and neither is a wave."""
 BIAS_MOST = 0.5

@@ -120,7 +120,7 @@ def is_extreme(sea: Sea, wave: float) -> bool:
     return wave * wave > _most_squared(sea.heading)
 
 
-def believed(deviation: float, wave: float) -> float:
+def plausible_share(deviation: float, wave: float) -> float:
     """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
     up to where it is too much for them, and no more than that."""
     return min(math.sqrt(_most_squared(deviation * deviation)) / abs(wave), 1.0) if wave != 0.0 else 1.0
@@ -144,7 +144,7 @@ def learn(sea: Sea, heading: float, rate: float, dt: float) -> Sea:
     return Sea(variance, min(max(rate_variance, slowest), fastest), watched)
 
 
-def left_alone(frequency: float, corner: float) -> float:
+def filtered_share(frequency: float, corner: float) -> float:
     """Return which share of waves of `frequency` [rad/s] is kept from the rudder: half of it at `corner` [rad/s].
 
     A boat whose loop is quicker than the waves holds its heading against them; a slower one only wears its rudder.

@@ -25,7 +25,7 @@ from autopilot.files.printable import printable
 
 SIZE_MOST = 4 << 30
 """Bytes of the largest file that is read whole: days of any log."""
-UNTOLD = 1 << 20
+UNNAMED = 1 << 20
 """Bytes that are asked for of a file that tells no size, as those of /proc."""
 
 
@@ -52,7 +52,7 @@ def read_regular(path: str | Path, most: int = SIZE_MOST) -> bytes:
             raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
         try:
             # no more than there is: all that is asked for is reserved before anything is read
-            return file.read(min(most, size or UNTOLD))
+            return file.read(min(most, size or UNNAMED))
         except MemoryError:
             raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)) from None
 

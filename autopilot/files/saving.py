@@ -72,7 +72,7 @@ class Worker:
 class BackgroundSaver:
     """Saves files from a thread of its own: flushing to a memory card takes longer than a tick. Call it to save.
 
-    warn: is told what went wrong.
+    warn: is called with what went wrong.
     """
 
     def __init__(self, warn: Callable[[str], None]) -> None:

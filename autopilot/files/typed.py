@@ -68,7 +68,7 @@ UNIT_SUFFIXES = (
         "_percent",
     ),
 )
-"""Ends of key names that say a unit, so that a wrong unit is told from an unknown key."""
+"""Ends of key names that say a unit, so that a wrong unit is distinguished from an unknown key."""
 
 
 _HINTS: dict[type[Any], dict[str, Any]] = {}

@@ -71,7 +71,7 @@ SLOPE_SHARE = 1.0e-3
 """Part of a standard deviation over which slopes are taken."""
 
 SMALLEST_STEP = 1.0e-9
-"""Slopes are never taken over less than this share of one or of the value: rounding would spoil them."""
+"""Slopes are never taken over less than this share of one or of the value: rounding would falsify them."""
 
 
 class Gaussian(NamedTuple):

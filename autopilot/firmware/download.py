@@ -57,7 +57,7 @@ class Download:
     QUIET_S = 0.8
     """A list that has paused this long has ended, and what is missing is asked for."""
     LIST_TRIES = 8
-    SMALLER_TO_BELIEVE = 20
+    SMALLER_TO_ACCEPT = 20
     """So many packets in a row must tell of a smaller table before it counts."""
     RESTARTS_MAX = 3
     """A vehicle whose table changes under our hands is read again, this often."""
@@ -136,7 +136,7 @@ class Download:
             self._smaller_in_a_row = 0
             return False
         self._smaller_in_a_row += 1
-        return self._smaller_in_a_row < self.SMALLER_TO_BELIEVE
+        return self._smaller_in_a_row < self.SMALLER_TO_ACCEPT
 
     def _has_changed(self, value: ParameterValue) -> bool:
         known = self._by_index.get(value.position)
@@ -202,7 +202,7 @@ class NamedDownload:
     def receive(self, now: float, message: Message) -> None:
         """Take any message; those that are not the target's PARAM_VALUE of a name wanted are ignored."""
         if is_from(message, self._target):
-            self._quality.heard(now)
+            self._quality.on_packet(now)
         if (refused := refused_name(message, self._target)) is not None:
             self._requests.refused(refused)
         value = parameter_value(message, self._target)

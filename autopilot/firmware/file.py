@@ -320,8 +320,8 @@ def dump_firmware(values: Iterable[TypedValue], heading: Heading) -> str:
         f"firmware: {heading.firmware}",
         f"frame: {string_text(heading.frame)}",
     ]
-    told = {key: str(getattr(heading, key)) for key in ("description", "source", "date")}
-    lines += [f"{key}: {string_text(text)}" for key, text in told.items() if text]
+    texts = {key: str(getattr(heading, key)) for key in ("description", "source", "date")}
+    lines += [f"{key}: {string_text(text)}" for key, text in texts.items() if text]
     if heading.checked_with:
         lines.append(f"checked_with: [{', '.join(string_text(version) for version in heading.checked_with)}]")
     values = sorted(values)

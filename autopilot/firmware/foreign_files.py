@@ -4,7 +4,7 @@
 `#` begins a comment. Sources: Mission Planner's ParamFile.cs, pymavlink's mavparm.py. `.params` holds vehicle id,
 component id, name, value and MAV_PARAM_TYPE with tabs between. Source: QGroundControl's ParameterManager.cc.
 
-A parameter file of any kind: a vessel or firmware file, told apart by its keys, or a ground station's.
+A parameter file of any kind: a vessel or firmware file, distinguished by its keys, or a ground station's.
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ def _unusable(path: Path, reason: str) -> InputError:
     )
 
 
-Keep = Callable[[list[Change]], None]
+Save = Callable[[list[Change]], None]
 
 
 class Holds(StrEnum):
@@ -140,30 +140,30 @@ class Holds(StrEnum):
     MIXED = "mixed"
 
 
-def carry_out(session: ParameterSession, upload: Upload, keep: Keep, show: Progress) -> None:
-    """Set everything that differs and read it back. `keep` gets every change before it is made.
+def carry_out(session: ParameterSession, upload: Upload, save: Save, progress: Progress) -> None:
+    """Set everything that differs and read it back. `save` gets every change before it is made.
 
-    Raises LinkError when the vehicle falls silent; whatever ends it early, what `keep` got covers what was sent.
+    Raises LinkError when the vehicle falls silent; whatever ends it early, what `save` got covers what was sent.
     """
     while not upload.is_over:
-        keep(upload.changes())
+        save(upload.changes())
         upload.proceed()
-        session.run(upload, show)
+        session.run(upload, progress)
 
 
-def put(session: ParameterSession, journal: Journal, side: Holds, show: Progress) -> list[Outcome]:
+def put(session: ParameterSession, journal: Journal, side: Holds, progress: Progress) -> list[Outcome]:
     """Set every parameter of the journal to its old or new value and return what became of each."""
     wanted = [Wanted((change.name,), change.old if side is Holds.OLD else change.new) for change in journal.changes]
     upload = Upload(session.vehicle.target, wanted)
-    session.run(upload, show)
-    carry_out(session, upload, lambda changes: None, show)
+    session.run(upload, progress)
+    carry_out(session, upload, lambda changes: None, progress)
     return upload.outcomes()
 
 
-def look(session: ParameterSession, journal: Journal, show: Progress) -> Holds:
+def held_side(session: ParameterSession, journal: Journal, progress: Progress) -> Holds:
     """Return which of the journal's sets the vehicle holds; where both are the same, the new one."""
     client = NamedDownload(session.vehicle.target, [change.name for change in journal.changes])
-    session.run(client, show)
+    session.run(client, progress)
     if holds_side(journal.changes, client.values, Holds.NEW):
         return Holds.NEW
     return Holds.OLD if holds_side(journal.changes, client.values, Holds.OLD) else Holds.MIXED

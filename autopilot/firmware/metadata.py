@@ -335,7 +335,7 @@ WAIT_S = 0.4
 PX4_WAIT_S = 2.0
 FETCH_MOST_S = 40.0
 """So long at most both files may take; QGroundControl allows each as much."""
-FORETOLD_S = 5.0
+FORECAST_S = 5.0
 """After this a file that would not be there in time is given up."""
 UNDER_WAY = (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS)
 XZ = b"\xfd7zXZ\0"
@@ -429,7 +429,7 @@ class MetadataDownload:
         if size == 0:  # no file is open: the clock of the next one has not begun
             self._began = now
         passed = now - self._began
-        if now > self._fetched_until or (passed > FORETOLD_S and done * FETCH_MOST_S < size * passed):
+        if now > self._fetched_until or (passed > FORECAST_S and done * FETCH_MOST_S < size * passed):
             self._files.abandon()
             self.trouble = f"its metadata take more than {FETCH_MOST_S:g} s on this link"
 

@@ -154,11 +154,11 @@ class LinkQuality:
         self._answered = 0
         self.round_trip_s = 0.0
         self._timed = 0
-        self.last_heard = -math.inf
+        self.last_packet = -math.inf
 
-    def heard(self, now: float) -> None:
+    def on_packet(self, now: float) -> None:
         """Note that the vehicle has just sent something, whatever it was."""
-        self.last_heard = now
+        self.last_packet = now
 
     def controls(self) -> int:
         """Return how many questions with a sure answer to send along with repeated ones, and count them."""
@@ -249,7 +249,7 @@ class Requests(Generic[Key]):
             wait_s = self._quality.wait_s(1 if key in self._doubted else tries, self._patience.interval_s)
             if now - last < wait_s:
                 continue
-            in_vain += self._quality.last_heard > last
+            in_vain += self._quality.last_packet > last
             if tries >= self._patience.tries or in_vain >= self._quality.tries_needed:
                 del self._asked[key]
                 self.given_up.append(key)

@@ -16,7 +16,7 @@ from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing, hint_of
-from autopilot.links.url import believe_signed, open_transport, parse_url
+from autopilot.links.url import accept_signed, open_transport, parse_url
 
 GROUND_STATION_SYSTEM = 255
 """The id that ground stations use, so that a vehicle that enforces its SYSID_MYGCS still listens."""
@@ -137,7 +137,7 @@ class ParameterSession:
             raise InputError(f"link {url!r}: parameters travel over MAVLink; give a udpin, udpout, tcp or serial link.")
         self._transport: Transport = open_transport(link)
         ours = signing.link() if signing is not None else None
-        believe_signed(self._transport, ours)
+        accept_signed(self._transport, ours)
         self._signing = signing
         self._codec = MavlinkCodec(GROUND_STATION_SYSTEM, GROUND_STATION_COMPONENT, self._transport.is_stream, ours)
         self._next_heartbeat = 0.0
@@ -156,25 +156,25 @@ class ParameterSession:
     ) -> None:
         self._transport.close()
 
-    def run(self, client: Client, show: Progress) -> None:
+    def run(self, client: Client, progress: Progress) -> None:
         """Drive `client` until it is finished; LinkError when the vehicle falls silent meanwhile."""
-        heard = time.monotonic()
+        received = time.monotonic()
         while not client.finished:
             now = time.monotonic()
             for message in self._receive():
                 if message.get_srcSystem() == self.vehicle.system:
-                    heard = now
+                    received = now
                 self._note_arming(message)
                 client.receive(now, message)
             for message in client.due(now):
                 # a full line drops it, and the client asks again
                 self._transport.send(self._codec.encode(message))
-            if now - heard > SILENCE_MAX_S:
+            if now - received > SILENCE_MAX_S:
                 raise LinkError(
                     f"link {self._url!r}: vehicle {self.vehicle.system} has been silent for {SILENCE_MAX_S:g} s; "
                     "check the cable or the radio, and run this command again."
                 )
-            show(*client.progress)
+            progress(*client.progress)
             self._send_heartbeat(now)
             if not client.finished:
                 self._wait()

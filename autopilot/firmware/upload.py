@@ -86,7 +86,7 @@ def enabled_group(name: str) -> str | None:
     return None
 
 
-MISMATCHES_TO_BELIEVE = 3
+MISMATCHES_TO_ACCEPT = 3
 """A different value must come this often before it is the vehicle's last word: single ones may be late answers."""
 
 LIST_FROM = 64
@@ -203,7 +203,7 @@ class Upload:
     def receive(self, now: float, message: Message) -> None:
         """Take any message; those that are not the target's PARAM_VALUE of a name wanted are ignored."""
         if is_from(message, self._target):
-            self._quality.heard(now)
+            self._quality.on_packet(now)
         if (refused := refused_name(message, self._target)) is not None and self.phase is not Phase.SETTING:
             self._requests.refused(refused)
         if (refusal := refused_value(message, self._target)) is not None and refusal[0] in self._by_name:
@@ -221,7 +221,7 @@ class Upload:
         item.now = value
         if item.old is None:
             self._take_first(item, value, now)
-        elif self._is_believed(item):
+        elif self._is_accepted(item):
             self._requests.answered(value.name, now)
             # a late answer to an earlier question must not overwrite what was read back
             item.is_settled = self.phase is Phase.VERIFYING
@@ -237,12 +237,12 @@ class Upload:
             item.reason = str(error)
         item.is_due = not item.reason and not item.holds_wanted()
 
-    def _is_believed(self, item: _Item) -> bool:
+    def _is_accepted(self, item: _Item) -> bool:
         if item.holds_wanted() or self.phase in (Phase.READING, Phase.READING_AGAIN):
             return True
         item.mismatches += 1
         self._requests.doubt(item.name)
-        return min(item.mismatches, self._requests.tries(item.name)) >= MISMATCHES_TO_BELIEVE
+        return min(item.mismatches, self._requests.tries(item.name)) >= MISMATCHES_TO_ACCEPT
 
     def due(self, now: float) -> list[Message]:
         """Return the messages to send now."""

@@ -62,7 +62,7 @@ class Fix:
     """Take every `PositionSample`; what to believe is in `newest`.
 
     A position that the boat cannot have reached is doubted, and with it all that go on from there. Which of the two
-    places is wrong no position tells: the doubt ends with a position near the believed place, or with `believe`.
+    places is wrong no position tells: the doubt ends with a position near the believed place, or with `accept`.
     """
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ class Fix:
                 return
         self.newest, self._doubted, self.jump = sample, None, 0.0
 
-    def believe(self) -> None:
+    def accept(self) -> None:
         """Believe the place that two positions have agreed on, however far off it is."""
         if self.jump > 0.0:
             self.newest, self._doubted, self.jump = self._doubted, None, 0.0

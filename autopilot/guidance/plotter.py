@@ -28,7 +28,7 @@ DT_MOST = 2.0
 
 
 class PlotterLeg(NamedTuple):
-    """A leg as one plotter sentence told it at `time` [s].
+    """A leg as one plotter sentence gave it at `time` [s].
 
     track [rad]: its true bearing.  cross_track [m]: positive with the boat to starboard of it.  step [m]: what the
     last digit of the error is worth.  waypoint: where it ends.
@@ -154,11 +154,11 @@ class PlotterGuide:
     def _event(self, now: float, message: PlotterLeg | PlotterHeading | None) -> AlarmEvent | None:
         held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
         newest = self._candidate
-        is_heard = newest is not None and now - newest.time <= TIMEOUT_S
-        if is_heard and newest is not None and message is not newest and not self._may_turn(newest):
+        is_fresh = newest is not None and now - newest.time <= TIMEOUT_S
+        if is_fresh and newest is not None and message is not newest and not self._may_turn(newest):
             far = f"further than {math.degrees(TURN_MOST):.0f} deg from the leg before"
             return AlarmEvent("plotter_turn", f"{compass_deg(self._wants_far):05.1f} deg, {far}")
-        if message is not None or is_heard or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
+        if message is not None or is_fresh or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
             return None
         if self._invalid:
             return AlarmEvent("plotter_invalid", f"({self._invalid}): {held}")

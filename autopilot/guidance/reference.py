@@ -11,23 +11,23 @@ from typing import NamedTuple
 from autopilot.angles import shortest_turn, wrap
 from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import (
-    NOTHING_SHOWN,
+    NO_EVIDENCE,
     TurnLimits,
     VirtualBoat,
-    caught_up,
-    in_company,
-    replan_beyond,
-    replanned,
+    advance,
+    couple,
+    hold_back,
+    relaxed,
+    reset_reference,
+    reset_threshold,
     turn_step,
     turning_time,
-    within_reach,
-    without_haste,
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Order, OrderKind
 
-REPLAN_GUIDED = math.radians(90.0)
+RESET_BEYOND_GUIDED = math.radians(90.0)
 """A firmware that steers by itself turns in its own time: it is only never led the wrong way round."""
 
 
@@ -59,7 +59,7 @@ class Steering(NamedTuple):
 
 def started(guide: Guide, limits: TurnLimits, state: NavState) -> Guide:
     """Return the guide with a plan from where the boat is, turning no faster than it may."""
-    boat = VirtualBoat(state.heading, clip(state.rate, -limits.rate_max, limits.rate_max), 0.0, NOTHING_SHOWN)
+    boat = VirtualBoat(state.heading, clip(state.rate, -limits.rate_max, limits.rate_max), 0.0, NO_EVIDENCE)
     return Guide(guide.heading, boat, guide.side, guide.turning_until, state.time)
 
 
@@ -76,16 +76,16 @@ def led(guide: Guide, model: Norrbin, limits: TurnLimits, state: NavState, steer
     boat, heading, rate, now = guide.boat, state.heading, state.rate, state.time
     is_late = now >= guide.turning_until
     free_time = now if steering.hard_over == 0 else guide.free_time
-    beyond = replan_beyond(model, limits, is_late, now - free_time) if steering.is_ours else REPLAN_GUIDED
+    beyond = reset_threshold(model, limits, is_late, now - free_time) if steering.is_ours else RESET_BEYOND_GUIDED
     if abs(shortest_turn(boat.heading, heading)) > beyond:
-        boat = replanned(model, limits, heading, rate, state.rudder + state.bias)
-    pace = without_haste(limits) if is_late else limits
+        boat = reset_reference(model, limits, heading, rate, state.rudder + state.bias)
+    pace = relaxed(limits) if is_late else limits
     if steering.is_ours and steering.by_bias and is_late:
-        boat = caught_up(model, limits, boat, heading, guide.heading)
+        boat = advance(model, limits, boat, heading, guide.heading)
     if steering.is_ours and (steering.by_bias or not is_late):
-        boat = within_reach(boat, heading, rate, steering.hard_over)
+        boat = hold_back(boat, heading, rate, steering.hard_over)
     if limits.watches and steering.is_ours:
-        boat = in_company(model, limits, boat, state, dt)
+        boat = couple(model, limits, boat, state, dt)
     boat = turn_step(model, pace, boat, guide.heading, dt)
     if not math.isfinite(boat.heading + boat.rate + boat.rudder):
         # far quicker than the model of a boat that has lost its way allows: the turn is planned anew

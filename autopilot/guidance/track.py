@@ -139,7 +139,7 @@ class TrackGuide:
         if not 0 <= target < len(route):
             raise ValueError(f"track: there is no waypoint {target} in a route of {len(route)}")
         self.leave()
-        self.fix.believe()
+        self.fix.accept()
         self.route, self.target = tuple(route), target
         self.following = True
         self._ending = ending
@@ -159,7 +159,7 @@ class TrackGuide:
         """Take where the boat is; a jump counts where no route is followed, or when the next one is begun."""
         self.fix.take(sample, self._speed)
         if not self.following:
-            self.fix.believe()
+            self.fix.accept()
 
     def course(self, now: float, heading: float, speed: float) -> float:
         """Return the course [rad] to steer at `now` [s], with the boat on `heading` [rad] at `speed` [m/s]."""

@@ -9,13 +9,13 @@ now would leave, e - D, the wanted acceleration is
     r' = -kappa r + mu (e - D),   held to what rate and rudder allow.
 
 A turn is begun with more of the rudder than it is ended with: a boat whose rudder is weaker than the model's is slow to
-turn then, and `within_reach` waits for it, but the rudder left is enough to stop it in time.
+turn then, and `hold_back` waits for it, but the rudder left is enough to stop it in time.
 
 A course-unstable boat whose rudder is weaker than the model's may not be stopped any more from a rate that is easy for
-the model. So it is watched (`Shown`). Turns begin carefully; with evidence that the model is right the rest
-is planned with more of the rudder, and what it needs more, or less, than planned is told beforehand from then on
-(`reference_of`). What it lags behind the plan is not caught up with while it turns: that would take it beyond the
-rate that the plan keeps to. The plan goes with it instead (`in_company`).
+the model. So its rudder's effectiveness is estimated (`Effectiveness`). Turns begin carefully; with evidence that the
+model is right the rest is planned with more of the rudder, and what it needs more, or less, than planned is fed forward
+from then on (`reference_of`). What it lags behind the plan is not caught up with while it turns: that would take it
+beyond the rate that the plan keeps to. The plan goes with it instead (`couple`).
 
 Close to the goal D = r/kappa, and the poles are -kappa and -mu/kappa: no overshoot; far from it, e = D is
 the moment to meet the turn with counter-rudder.
@@ -32,7 +32,7 @@ Low-passed over tau = SMOOTHED T this needs no derivative of r:
 
 where _ marks what is low-passed. q and b0 are found by least squares, weighed against the belief that q is 1 and b0 is
 0. Rudder to one side alone does not tell a strong boat from one that is pushed, counter-rudder does; until then q is
-left in doubt, and who asks with care is told less.
+left in doubt, and with caution a lower share is returned.
 
 Derived here; a low-pass in place of a derivative is the state variable filter of Young (1981, Automatica 17, 23).
 """
@@ -61,7 +61,7 @@ FORGOTTEN = 4.0
 """Evidence fades in so many time constants."""
 
 
-class Shown(NamedTuple):
+class Effectiveness(NamedTuple):
     """r_, m_ and u_ [rad/s], and the sums over time of u_^2, u_ y, u_, 1, y and y^2."""
 
     rate: float = 0.0
@@ -75,54 +75,58 @@ class Shown(NamedTuple):
     sum_found_squared: float = 0.0
 
 
-NOTHING_SHOWN = Shown(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_EVIDENCE = Effectiveness(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def watched(model: Norrbin, shown: Shown, rate: float, rudder: float, dt: float) -> Shown:
+def updated_effectiveness(
+    model: Norrbin, estimate: Effectiveness, rate: float, rudder: float, dt: float
+) -> Effectiveness:
     """Return what has been shown after `dt` [s] more at `rate` r [rad/s] with `rudder` delta [rad], bias included."""
     if dt <= 0.0:
-        return shown
+        return estimate
     tau = SMOOTHED * model.time_constant
     share, kept = 1.0 - math.exp(-dt / tau), math.exp(-dt / (FORGOTTEN * model.time_constant))
-    before = shown.rate if shown.sum_time > 0.0 else rate
+    before = estimate.rate if estimate.sum_time > 0.0 else rate
     slow = before + share * (rate - before)
-    moment = shown.moment + share * (model.time_constant * yaw_acceleration(model, rate, rudder) - shown.moment)
-    drive = shown.drive + share * (model.gain * rudder - shown.drive)
+    moment = estimate.moment + share * (model.time_constant * yaw_acceleration(model, rate, rudder) - estimate.moment)
+    drive = estimate.drive + share * (model.gain * rudder - estimate.drive)
     found = model.time_constant * (slow - before) / dt + drive - moment
-    return Shown(
+    return Effectiveness(
         slow,
         moment,
         drive,
-        kept * shown.sum_drive_squared + dt * drive * drive,
-        kept * shown.sum_drive_found + dt * drive * found,
-        kept * shown.sum_drive + dt * drive,
-        kept * shown.sum_time + dt,
-        kept * shown.sum_found + dt * found,
-        kept * shown.sum_found_squared + dt * found * found,
+        kept * estimate.sum_drive_squared + dt * drive * drive,
+        kept * estimate.sum_drive_found + dt * drive * found,
+        kept * estimate.sum_drive + dt * drive,
+        kept * estimate.sum_time + dt,
+        kept * estimate.sum_found + dt * found,
+        kept * estimate.sum_found_squared + dt * found * found,
     )
 
 
-def strength(model: Norrbin, rudder: float, shown: Shown, care: float = 0.0) -> float:
-    """Return q [-], less `care` times what is left of the doubt: 1 - care before anything was shown.
+def rudder_effectiveness(model: Norrbin, rudder: float, estimate: Effectiveness, caution: float = 0.0) -> float:
+    """Return q [-], less `caution` times what is left of the doubt: 1 - caution without evidence.
 
     `rudder` [rad] is what turns are planned with.
     """
     most = model.gain * rudder
     doubt, doubt_bias = DOUBT * model.time_constant * most * most, DOUBT_BIAS * model.time_constant
-    more, off = shown.sum_drive_found - shown.sum_drive_squared, shown.sum_found - shown.sum_drive
-    share, push, _ = _fitted(shown, doubt, doubt_bias, more, off)
-    strange = shown.sum_found_squared - 2.0 * shown.sum_drive_found + shown.sum_drive_squared
-    left = max(strange - share * more - push * off, 0.0) / (shown.sum_time + doubt_bias)
+    more, off = estimate.sum_drive_found - estimate.sum_drive_squared, estimate.sum_found - estimate.sum_drive
+    share, push, _ = _fitted(estimate, doubt, doubt_bias, more, off)
+    unexplained = estimate.sum_found_squared - 2.0 * estimate.sum_drive_found + estimate.sum_drive_squared
+    left = max(unexplained - share * more - push * off, 0.0) / (estimate.sum_time + doubt_bias)
     grown = 1.0 + LEFT * left / (DOUBT * most * most)
-    share, _, spread = _fitted(shown, grown * doubt, grown * doubt_bias, more, off)
-    return clip(1.0 + share - care * spread, WEAKEST, STRONGEST)
+    share, _, spread = _fitted(estimate, grown * doubt, grown * doubt_bias, more, off)
+    return clip(1.0 + share - caution * spread, WEAKEST, STRONGEST)
 
 
-def _fitted(shown: Shown, doubt: float, doubt_bias: float, more: float, off: float) -> tuple[float, float, float]:
+def _fitted(
+    estimate: Effectiveness, doubt: float, doubt_bias: float, more: float, off: float
+) -> tuple[float, float, float]:
     """Return q - 1 and b0 [rad/s], and how much of the doubt in q is left [-]; more, off: of y - u_, as the sums."""
-    squared, time = shown.sum_drive_squared + doubt, shown.sum_time + doubt_bias
-    known = squared * time - shown.sum_drive * shown.sum_drive
-    share, push = more * time - off * shown.sum_drive, off * squared - more * shown.sum_drive
+    squared, time = estimate.sum_drive_squared + doubt, estimate.sum_time + doubt_bias
+    known = squared * time - estimate.sum_drive * estimate.sum_drive
+    share, push = more * time - off * estimate.sum_drive, off * squared - more * estimate.sum_drive
     return share / known, push / known, math.sqrt(doubt * time / known)
 
 
@@ -155,7 +159,7 @@ EASED_UNSTABLE = 0.71
 """
 SURE_RUDDER, SURE_RATE = 1.34, 1.8
 """Rudder and deceleration, and fastest rate, in units of the careful ones, for a boat as strong as its model."""
-CARE = 0.36
+CAUTION = 0.36
 """Until it has shown its strength such a boat is taken to be weaker than its model by this."""
 DRAWN, DRAWN_RATE = 9.0, 1.5
 """At its fastest the plan is drawn to the real boat's heading and rate in so many parts of its time constant."""
@@ -167,7 +171,7 @@ BEHIND = math.radians(2.0)
 AHEAD = math.radians(4.0)
 """A boat that is led back turns no further [rad] ahead of the virtual one."""
 HARD_OVER = 0.98
-"""A rudder told this share of its angle is at its stop."""
+"""A rudder commanded to this share of its angle is at its stop."""
 TURNING_RUDDER = math.radians(1.0)
 TURNING_SHARE = 0.1
 """A planned turn with more rudder [rad] or more of the boat's fastest turn than this shows how strong the rudder is,
@@ -176,9 +180,9 @@ NO_TURN = math.radians(5.0)
 TURNING_SLACK = 1.5
 SETTLING_TIME_CONSTANTS = 5.0
 """A turn may take this much longer than planned, and this many time constants to settle, before it is off course."""
-REPLAN = math.radians(20.0)
+RESET_BEYOND = math.radians(20.0)
 """Carried off this far [rad] from the turn that was ordered, the boat is led on by a turn planned from where it is."""
-REPLAN_SOON = math.radians(8.0)
+RESET_BEYOND_EARLY = math.radians(8.0)
 """A course-unstable boat that swings further than its rudder's rate can follow is lost: the plan, which knows that
 rate, takes over early. So it does where something holds any boat off its course."""
 STOP_STEPS = 24
@@ -203,7 +207,7 @@ class TurnLimits(NamedTuple):
     watches: bool
 
 
-def without_haste(limits: TurnLimits) -> TurnLimits:
+def relaxed(limits: TurnLimits) -> TurnLimits:
     """Return the limits of a turn that nobody ordered: it leads a boat back that was carried off, with rudder to spare.
 
     With more a boat that turns 40 % better than its model swings for minutes after a gust that its rudder did not hold.
@@ -218,7 +222,7 @@ class VirtualBoat(NamedTuple):
     heading: float
     rate: float = 0.0
     rudder: float = 0.0
-    shown: Shown = NOTHING_SHOWN
+    effectiveness: Effectiveness = NO_EVIDENCE
 
 
 def turn_limits(
@@ -232,7 +236,7 @@ def turn_limits(
     """Return what the virtual boat may do with `share` of the rudder's angle [rad] and rate [rad/s].
 
     A turn is begun with `begins` times as much, where the rudder has it.
-    A course-unstable boat brakes against its own wish to turn: the worst of it is taken off.
+    A course-unstable boat brakes against its own tendency to turn: the worst of it is taken off.
     """
     usable = share * rudder_max
     begins = clip(MOST_SHARE / share, 1.0, begins)
@@ -329,8 +333,8 @@ def turn_step(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: flo
     straight = rudder_for(model, 0.0, 0.0)
     if abs(wrap(target - boat.heading)) + abs(boat.rate) + abs(boat.rudder - straight) < ARRIVED:
         # no need to look ahead from where there is nowhere to go
-        return VirtualBoat(target, 0.0, straight, NOTHING_SHOWN)
-    limits = paced(model, limits, boat)
+        return VirtualBoat(target, 0.0, straight, NO_EVIDENCE)
+    limits = scaled_by_confidence(model, limits, boat)
     finest = min(0.2 * model.time_constant, 0.4 / limits.kappa)
     steps = max(1, min(20, math.ceil(dt / finest)))
     for _ in range(steps):
@@ -347,7 +351,7 @@ def _substep(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: floa
     wanted = clip(wanted, -most, most)
     rate, rudder = _rate_and_rudder(model, limits, (boat.rate, boat.rudder), wanted, dt, more)
     heading = wrap(boat.heading + 0.5 * dt * (boat.rate + rate))
-    return VirtualBoat(heading, rate, rudder, boat.shown)
+    return VirtualBoat(heading, rate, rudder, boat.effectiveness)
 
 
 def _towards(limits: TurnLimits, left: float) -> float:
@@ -357,7 +361,7 @@ def _towards(limits: TurnLimits, left: float) -> float:
     return min(limits.kappa * left, math.sqrt(2.0 * limits.eases * left))
 
 
-def in_company(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, real: NavState, dt: float) -> VirtualBoat:
+def couple(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, real: NavState, dt: float) -> VirtualBoat:
     """Return the virtual boat after `dt` [s] beside the real one, and drawn to it the more the faster it turns."""
     rate = real.rate
     over = abs(boat.rudder - rudder_for(model, 0.0, 0.0)) / limits.rudder_max
@@ -366,14 +370,16 @@ def in_company(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, real: NavS
     slow = boat.rate + min(DRAWN_RATE * turning, 1.0) * (rate - boat.rate)
     if abs(rate) > CARRIED_OFF * limits.rate_max:
         slow = clip(slow, -limits.rate_max, limits.rate_max)
-    return VirtualBoat(near, slow, boat.rudder, watched(model, boat.shown, rate, real.rudder + real.bias, dt))
+    return VirtualBoat(
+        near, slow, boat.rudder, updated_effectiveness(model, boat.effectiveness, rate, real.rudder + real.bias, dt)
+    )
 
 
-def paced(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> TurnLimits:
+def scaled_by_confidence(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> TurnLimits:
     """Return the limits for a boat that has shown itself as strong as `boat` knows of it."""
     if not limits.watches:
         return limits
-    strong = strength(model, limits.rudder_max, boat.shown, CARE)
+    strong = rudder_effectiveness(model, limits.rudder_max, boat.effectiveness, CAUTION)
     sure = clip((strong - WEAKEST) / (1.0 - WEAKEST), 0.0, 1.0)
     rudder = 1.0 + sure * (SURE_RUDDER - 1.0)
     return TurnLimits(
@@ -397,11 +403,11 @@ def reference_of(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> Refer
     """
     rudder = boat.rudder
     if limits.watches:
-        rudder /= strength(model, limits.rudder_max, boat.shown)
+        rudder /= rudder_effectiveness(model, limits.rudder_max, boat.effectiveness)
     return Reference(boat.heading, boat.rate, yaw_acceleration(model, boat.rate, rudder))
 
 
-def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int) -> VirtualBoat:
+def hold_back(boat: VirtualBoat, heading: float, rate: float, hard_over: int) -> VirtualBoat:
     """Return the virtual boat, waiting where the real one at `heading` [rad] and `rate` [rad/s] cannot keep up with it.
 
     hard_over: the side, 1 or -1, on which the real rudder is at its stop; 0: at neither. A boat that turns worse than
@@ -412,16 +418,16 @@ def within_reach(boat: VirtualBoat, heading: float, rate: float, hard_over: int)
     if behind <= BEHIND or hard_over * boat.rate <= max(hard_over * rate, 0.0):
         return boat
     caught = hard_over * max(hard_over * rate, 0.0)
-    return VirtualBoat(wrap(heading + hard_over * BEHIND), caught, boat.rudder, boat.shown)
+    return VirtualBoat(wrap(heading + hard_over * BEHIND), caught, boat.rudder, boat.effectiveness)
 
 
-def caught_up(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: float, target: float) -> VirtualBoat:
+def advance(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: float, target: float) -> VirtualBoat:
     """Return the virtual boat, taken along where the real one at `heading` [rad] is far ahead on the way to `target`
     [rad], but no further than where it must begin to stop.
 
     The plan keeps its rate. A law that saw more error would have the boat wait with more rudder than the rudder's rate
     can take off again in time, and a boat that turns better than its model would swing about the plan. A plan that goes
-    with a course-unstable boat anyway, `in_company`, is left to that.
+    with a course-unstable boat anyway, `couple`, is left to that.
     """
     ahead = wrap(heading - boat.heading)
     if limits.watches or ahead * boat.rate <= 0.0 or abs(ahead) <= AHEAD or not is_turning(model, limits, boat):
@@ -429,14 +435,14 @@ def caught_up(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: fl
     side = math.copysign(1.0, ahead)
     room = side * (wrap(target - boat.heading) - stop_angle(model, limits, boat.rate, boat.rudder))
     shift = min(abs(ahead) - AHEAD, max(room, 0.0))
-    return VirtualBoat(wrap(boat.heading + side * shift), boat.rate, boat.rudder, boat.shown)
+    return VirtualBoat(wrap(boat.heading + side * shift), boat.rate, boat.rudder, boat.effectiveness)
 
 
-def side_hard_over(told: float, angle_max: float) -> int:
-    """Return the side, 1 or -1, on which a rudder `told` [rad] stands at its stop; 0: on neither."""
-    if abs(told) < HARD_OVER * angle_max:
+def side_hard_over(command: float, angle_max: float) -> int:
+    """Return the side, 1 or -1, on which a rudder `command` [rad] stands at its stop; 0: on neither."""
+    if abs(command) < HARD_OVER * angle_max:
         return 0
-    return 1 if told > 0.0 else -1
+    return 1 if command > 0.0 else -1
 
 
 def is_turning(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> bool:
@@ -452,7 +458,7 @@ def turning_time(model: Norrbin, limits: TurnLimits, turn: float) -> float:
     return TURNING_SLACK * abs(turn) / limits.rate_max + SETTLING_TIME_CONSTANTS * model.time_constant
 
 
-def replan_beyond(model: Norrbin, limits: TurnLimits, is_late: bool, stuck: float) -> float:
+def reset_threshold(model: Norrbin, limits: TurnLimits, is_late: bool, stuck: float) -> float:
     """Return how far [rad] the boat may be carried off from the planned turn before it is planned anew.
 
     is_late: no ordered turn is under way any more. stuck: how long [s] the rudder has been at its stop. A boat that
@@ -460,14 +466,14 @@ def replan_beyond(model: Norrbin, limits: TurnLimits, is_late: bool, stuck: floa
     less is a wave, and the law brings the boat back from it sooner than a turn planned from where the wave threw it.
     """
     if model.n1 < 0.0:
-        return REPLAN_SOON
+        return RESET_BEYOND_EARLY
     if not is_late:
-        return REPLAN
-    return REPLAN_SOON if stuck * limits.rudder_rate > 2.0 * limits.rudder_max else math.inf
+        return RESET_BEYOND
+    return RESET_BEYOND_EARLY if stuck * limits.rudder_rate > 2.0 * limits.rudder_max else math.inf
 
 
-def replanned(model: Norrbin, limits: TurnLimits, heading: float, rate: float, rudder: float) -> VirtualBoat:
+def reset_reference(model: Norrbin, limits: TurnLimits, heading: float, rate: float, rudder: float) -> VirtualBoat:
     """Return a virtual boat where the real one is, turning no faster than it may; `rudder` [rad] as it acts."""
     most = limits.rudder_max * limits.begins
     begun = clip(rudder, -most, most)
-    return VirtualBoat(heading, clip(rate, -limits.rate_max, limits.rate_max), begun, NOTHING_SHOWN)
+    return VirtualBoat(heading, clip(rate, -limits.rate_max, limits.rate_max), begun, NO_EVIDENCE)

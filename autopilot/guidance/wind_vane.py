@@ -18,7 +18,7 @@ SMOOTHING_S = 5.0
 WIND_LEAST = 0.5
 """In less apparent wind [m/s] than this a vane points anywhere."""
 SHIFT = math.radians(30.0)
-"""A wind that leads the boat this far from where it went when the hold began is told of."""
+"""A wind that leads the boat this far from where it went when the hold began is reported."""
 
 
 class WindGuide:
@@ -34,7 +34,7 @@ class WindGuide:
         self.alarm: AlarmEvent | None = None
         self.leave()
 
-    def hear(self, sample: WindSample, heading: float) -> None:
+    def on_sample(self, sample: WindSample, heading: float) -> None:
         """Take a wind, heard with the boat on `heading` [rad]; calms and what is not finite are none."""
         bearing = heading + sample.angle
         if not (math.isfinite(sample.time) and math.isfinite(bearing) and sample.speed >= WIND_LEAST):

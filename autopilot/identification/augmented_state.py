@@ -89,7 +89,7 @@ class Found(NamedTuple):
     covariance: FloatArray
 
 
-class _Told:
+class _History:
     """Keeps what a filter says of the parameters after each step."""
 
     def __init__(self, case: Case) -> None:
@@ -109,24 +109,24 @@ class _Told:
 
 def by_kalman_filter(case: Case, steps: Steps) -> Found:
     """Return the extended Kalman filter's estimates."""
-    belief, told = case.prior, _Told(case)
+    belief, history = case.prior, _History(case)
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
         belief = ekf_predict(belief, case.drift, inputs, case.noise, float(dt), case.substeps)
         belief = ekf_update(belief, case.observe, z, case.R).belief
-        told.add(belief.mean, np.diagonal(belief.covariance))
-    return told.found(belief.covariance)
+        history.add(belief.mean, np.diagonal(belief.covariance))
+    return history.found(belief.covariance)
 
 
 def by_particle_filter(
     case: Case, steps: Steps, count: int, random: np.random.Generator, gain: Gain | None = None
 ) -> Found:
     """Return the feedback particle filter's estimates with `count` particles; gain: constant by default."""
-    particles, told = fpf_start(case.prior, count, random), _Told(case)
+    particles, history = fpf_start(case.prior, count, random), _History(case)
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
         particles = fpf_predict(particles, case.drift, inputs, case.noise, float(dt), random, case.substeps)
         particles = fpf_update(particles, case.observe, z, case.R, gain)
-        told.add(particles.mean(axis=0), particles.var(axis=0, ddof=1))
-    return told.found(fpf_belief(particles).covariance)
+        history.add(particles.mean(axis=0), particles.var(axis=0, ddof=1))
+    return history.found(fpf_belief(particles).covariance)
 
 
 class BatchFit(NamedTuple):

@@ -27,14 +27,14 @@ from autopilot.identification.norrbin_filter import (
     Separated,
     beliefs,
     covariance_of,
+    disturbance_intensity,
     entered,
-    gust_strength,
     instruments,
     model_of,
     passage,
     prior_about,
     segment_steps,
-    together_told,
+    stacked,
     yaw_case,
 )
 from autopilot.identification.norrbin_filter import STEPS_PER_TIME_CONSTANT as RUNNING
@@ -49,7 +49,7 @@ SETTLED = 0.1
 """Of a standard deviation: what moves by less has settled."""
 
 ALIKE = 0.8
-"""Where the gusts' strength moves by less of its logarithm, a step of the ladder, it is known."""
+"""Where the disturbance intensity moves by less of its logarithm, a step of the ladder, it is known."""
 
 LARGEST_MOVE = 1.0
 """Of ln K, ln T, n0/w and n3 w^2 from pass to pass."""
@@ -87,8 +87,8 @@ class Passes(NamedTuple):
         about, noise, weighed = prior.mean, self._noise(self.model(prior.mean)), False
         for _ in range(PASSES):
             model = self.model(about)
-            told = self._told(model, noise, cubic)
-            estimates, covariance = beliefs(together_told(told), about, prior)
+            innovations = self._linearised(model, noise, cubic)
+            estimates, covariance = beliefs(stacked(innovations), about, prior)
             self._check(estimates)
             off = estimates[-1] - about
             far = float(np.max(np.abs(off) / np.sqrt(np.diag(covariance))))
@@ -101,7 +101,7 @@ class Passes(NamedTuple):
             before, noise = noise, self._noise(self.model(about), noise.process)
             weighed = abs(math.log(noise.process / before.process)) < ALIKE
         convergence = self._convergence(estimates, model)
-        return Passed(estimates[-1], covariance_of(told, off, prior.covariance), convergence)
+        return Passed(estimates[-1], covariance_of(innovations, off, prior.covariance), convergence)
 
     def filtered(self, kalman: Passed, filter_: Filter) -> Passed:
         """Return what another filter makes of the record from where the Kalman filter ended, far less sure: the record
@@ -135,11 +135,11 @@ class Passes(NamedTuple):
         sizes = instruments(model, self.runs)
         passages = [passage(segment, model, sizes, self.unit) for segment in self._segments()]
         try:
-            return RunNoise(gust_strength(model, self.unit, passages, near), *sizes)
+            return RunNoise(disturbance_intensity(model, self.unit, passages, near), *sizes)
         except (OverflowError, ValueError, ZeroDivisionError) as error:
             raise self._lost() from error
 
-    def _told(self, model: Norrbin, noise: RunNoise, cubic: bool) -> list[Innovations]:
+    def _linearised(self, model: Norrbin, noise: RunNoise, cubic: bool) -> list[Innovations]:
         filter_ = Separated(model, self.unit, cubic, noise.process)
         sizes = noise.rate, noise.heading
         try:
@@ -172,8 +172,8 @@ class Passes(NamedTuple):
             times.append(begun + time)
             rows.append(estimates[first + last])
             begun, first = begun + float(segment.time[-1] - segment.time[0]), first + steps.dt.size
-        told = [[getattr(self.model(row), key) for key in NAMES] for row in np.concatenate(rows)]
-        return Convergence(np.concatenate(times), NAMES, np.array(told))
+        models = [[getattr(self.model(row), key) for key in NAMES] for row in np.concatenate(rows)]
+        return Convergence(np.concatenate(times), NAMES, np.array(models))
 
 
 PARTICLES = 300
@@ -194,7 +194,7 @@ class KalmanMethod:
     takes = NOTHING_MORE
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
-        """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be told."""
+        """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be determined."""
         return _identify(runs, question, None, self.name)
 
 
@@ -216,7 +216,7 @@ class ParticleMethod:
         return ParticleMethod(gain, self._particles)
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
-        """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be told."""
+        """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be determined."""
         random = np.random.default_rng(SEED)
 
         def filtered(case: Case, steps: Steps) -> Found:
@@ -234,8 +234,8 @@ def _identify(runs: Sequence[Run], question: Question, filter_: Filter | None, n
     unit, shortest = typical_rate(segments), shortest_time_constant(segments)
     passes = Passes(runs, unit, start if cubic else start._replace(n3=0.0), name, steps, shortest)
     result, reasons = passes.kalman(cubic), {}
-    if cubic and not _tells_n3(result):
-        reason = _untold(result, unit)
+    if cubic and not _determines_n3(result):
+        reason = _undetermined(result, unit)
         if question.course_unstable:
             raise InputError(f"{sources_of(runs)}: a course-unstable boat has no steady turn without n3, but {reason}.")
         reasons["n3"] = (
@@ -251,13 +251,13 @@ def _identify(runs: Sequence[Run], question: Question, filter_: Filter | None, n
     return _identified(passes, result, reasons, notes)
 
 
-def _tells_n3(result: Passed) -> bool:
+def _determines_n3(result: Passed) -> bool:
     return bool(np.sqrt(result.covariance[-1, -1]) <= LARGEST_RELATIVE_ERROR * result.mean[-1])
 
 
-def _untold(result: Passed, unit: float) -> str:
+def _undetermined(result: Passed, unit: float) -> str:
     value, error = float(result.mean[-1]) / unit**2, float(result.covariance[-1, -1]) ** 0.5 / unit**2
-    return f"n3: {value:.3g} with a standard error of {error:.2g} s^2/rad^2 cannot be told from 0"
+    return f"n3: {value:.3g} with a standard error of {error:.2g} s^2/rad^2 cannot be distinguished from 0"
 
 
 def _identified(passes: Passes, result: Passed, reasons: dict[str, str], notes: list[str]) -> Identified:

@@ -18,10 +18,10 @@ from autopilot.models.wind import RaceAndWind
 
 ModelKind = Literal["nomoto", "norrbin"]
 Progress = Callable[[int, int], None]
-"""Told how many of how many steps are done."""
+"""Called with how many of how many steps are done."""
 
 LARGEST_RELATIVE_ERROR = 0.5
-"""A parameter whose standard error is more than this share of it cannot be told from zero at two sigma."""
+"""A parameter whose standard error is more than this share of it cannot be distinguished from zero at two sigma."""
 
 
 class Steps:
@@ -77,12 +77,12 @@ class Identified(NamedTuple):
     train: RudderTrain = DIRECT
     trims: tuple[tuple[str, float], ...] = ()
 
-    def foretell(self, run: Run) -> Prediction:
-        """Return how well `run` is foretold, with propeller and wind where both model and run know them."""
+    def predict(self, run: Run) -> Prediction:
+        """Return how well `run` is predicted, with propeller and wind where both model and run know them."""
         return predict(*self._known_to(run))
 
     def simulated(self, run: Run) -> list[FloatArray]:
-        """Return the motion foretold for `run`, per segment rate [rad/s] and heading [rad] of shape (N, 2)."""
+        """Return the motion predicted for `run`, per segment rate [rad/s] and heading [rad] of shape (N, 2)."""
         return simulate_run(*self._known_to(run))
 
     def _known_to(self, run: Run) -> tuple[Norrbin, Run, RaceAndWind | None, RudderTrain]:
@@ -134,7 +134,7 @@ def _too_uncertain(solution: Solution) -> dict[str, str]:
 
 
 def too_quick(shortest: float) -> str:
-    """Return why no T is told where it would be below the `shortest` [s] that the samples can tell."""
+    """Return why no T is given where it would be below the `shortest` [s] that the samples can tell."""
     return (
         f"T: below {shortest:.2g} s, a fifth of the time between two samples: the boat answers faster than these runs "
         "can show; record a zigzag, with heading and rate more often."

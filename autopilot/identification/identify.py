@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.beside_rudder import CUBIC, START_N3, with_extras
 from autopilot.identification.identified import (
     LARGEST_RELATIVE_ERROR,
     Identified,
@@ -21,6 +20,7 @@ from autopilot.identification.identified import (
     Steps,
     identified_from,
 )
+from autopilot.identification.model_extensions import CUBIC, START_N3, extended
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
 from autopilot.identification.residuals import RunTrims, Trim, initial_state, own_trims, triangle, typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind, shortest_time_constant
@@ -218,18 +218,19 @@ def identify(
 
     A "norrbin" has n3: from `steady_turns` where given (with K held at `gain` [1/s], or else at the fitted K),
     otherwise fitted with the rest and dropped again, with the reason, where it ends on its bound or cannot be
-    told from zero: the linear model that is left is stable everywhere. reference_speed [m/s]: default the mean.
+    distinguished from zero: the linear model that is left is stable everywhere. reference_speed [m/s]: default the
+    mean.
 
     course_unstable: the boat will not go straight by itself, n1 = -1; then n3 is what bounds its turning, is always
     fitted, and there is no smaller model to fall back to.
 
     rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water; those that
-    cannot be told from 0 are left out again. Not with `steady_turns`, nor `course_unstable`.
+    cannot be distinguished from 0 are left out again. Not with `steady_turns`, nor `course_unstable`.
 
     weighting: "prediction-error" knows gusts from instrument noise; K, T, n3 and n0 alone, of a course-stable boat.
 
-    quadratic: n2 too, of a boat that turns otherwise to one side; left out again where it cannot be told from 0 or
-    would let the boat turn without bound. trim: "per-run" fits an n0 for each run; the model has their mean.
+    quadratic: n2 too, of a boat that turns otherwise to one side; left out again where it cannot be distinguished from
+    0 or would let the boat turn without bound. trim: "per-run" fits an n0 for each run; the model has their mean.
 
     Raises InputError where the rudder never moves, the boat makes no way, the motion does not follow the
     rudder, or follows it backwards.
@@ -246,7 +247,7 @@ def identify(
         return _unstable(fit, unstable_starting_point(runs, start.model), quadratic)
     if kind == "nomoto":
         plain = identified_from(fit.solve(start.model, LINEAR), {}, runs)
-        return with_extras(runs, plain, rudder_train, steps, (*LINEAR, *fit.trims.names), fit.trims)
+        return extended(runs, plain, rudder_train, steps, (*LINEAR, *fit.trims.names), fit.trims)
     if steady_turns is not None:
         return _with_steady_turns(fit, fit.solve(start.model, LINEAR), steady_turns, gain)
     return _norrbin(fit, start.model, quadratic, rudder_train)
@@ -268,31 +269,31 @@ class _Fit(NamedTuple):
 
 def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[str]) -> Identified:
     """Return the model with n3 and n2 as far as the runs tell them, and with what else they show."""
-    runs, told = fit.runs, dict[str, str]()
+    runs, reasons = fit.runs, dict[str, str]()
     found = fit.solve(start, CUBIC)
     if reason := _why_no_cubic(found):
-        told["n3"] = reason
+        reasons["n3"] = reason
     if quadratic:
         n3 = max(found.model.n3, START_N3 / typical_rate([s for run in runs for s in run.segments]) ** 2)
         asymmetric = fit.solve(found.model._replace(n3=n3), (*CUBIC, "n2"))
         if reason := _why_no_quadratic(asymmetric):
-            told["n2"] = reason
+            reasons["n2"] = reason
         else:
             found = asymmetric
-            told.pop("n3", None)
+            reasons.pop("n3", None)
     base = (*CUBIC, "n2") if "n2" in found.free else CUBIC
-    if "n3" in told:
+    if "n3" in reasons:
         found = fit.solve(found.model._replace(n3=0.0), LINEAR)
-    plain = identified_from(found, told, runs)
+    plain = identified_from(found, reasons, runs)
     if fit.weighting == "prediction-error":
         return plain
-    result = with_extras(runs, plain, rudder_train, fit.steps, (*base, *fit.trims.names), fit.trims)
-    kept = {symbol: reason for symbol, reason in told.items() if symbol == "n2"}
+    result = extended(runs, plain, rudder_train, fit.steps, (*base, *fit.trims.names), fit.trims)
+    kept = {symbol: reason for symbol, reason in reasons.items() if symbol == "n2"}
     return result._replace(unidentifiable={**kept, **result.unidentifiable})
 
 
 def _unstable(fit: _Fit, start: Norrbin, quadratic: bool) -> Identified:
-    solution, told = fit.solve(start, CUBIC), {}
+    solution, reasons = fit.solve(start, CUBIC), {}
     if "n3" in solution.at_bound:
         raise InputError(
             f"{sources_of(fit.runs)}: a course-unstable model (n1 = -1) does not fit: n3 ends at 0, and nothing would "
@@ -301,10 +302,10 @@ def _unstable(fit: _Fit, start: Norrbin, quadratic: bool) -> Identified:
     if quadratic:
         asymmetric = fit.solve(solution.model, (*CUBIC, "n2"))
         if reason := _why_no_quadratic(asymmetric):
-            told["n2"] = reason
+            reasons["n2"] = reason
         else:
             solution = asymmetric
-    return identified_from(solution, told, fit.runs)
+    return identified_from(solution, reasons, fit.runs)
 
 
 def steady_damping(turns: SteadyTurns, gain: float, reference_speed: float) -> CubicDamping:
@@ -341,8 +342,8 @@ def _why_no_cubic(solution: Solution) -> str:
         )
     if error > LARGEST_RELATIVE_ERROR * n3:
         return (
-            f"n3: {n3:.3g} with a standard error of {error:.2g} s^2/rad^2 cannot be told from 0, so it is held at 0; "
-            f"{remedy}"
+            f"n3: {n3:.3g} with a standard error of {error:.2g} s^2/rad^2 cannot be distinguished from 0, so it is "
+            f"held at 0; {remedy}"
         )
     return ""
 
@@ -351,8 +352,8 @@ def _why_no_quadratic(solution: Solution) -> str:
     model, error = solution.model, solution.standard_error("n2") or 0.0
     if error > LARGEST_RELATIVE_ERROR * abs(model.n2):
         return (
-            f"n2: {model.n2:.3g} with a standard error of {error:.2g} s/rad cannot be told from 0, so it is held at 0; "
-            "turns to both sides at large rudder angles would tell it."
+            f"n2: {model.n2:.3g} with a standard error of {error:.2g} s/rad cannot be distinguished from 0, so it is "
+            "held at 0; turns to both sides at large rudder angles would tell it."
         )
     if folds(model):
         return (

@@ -1,11 +1,12 @@
 """K, T, n3 and n0 from the integrated equation of all windows together, recursively and in constant memory.
 
 Least squares over the windows (zeta = phi, the terms themselves) is biased: the yaw rate on the equation's right side
-is measured too, and its noise lowers every estimate, the more so the less n3 can be told from K. So as soon as K and T
-are known well enough to simulate a boat with, each equation is multiplied by instruments in place of its own terms: the
-same integrals of a boat that is simulated beside, under the recorded rudder and with the present estimate, whose motion
-knows nothing of the noise (the refined instrumental variable of Young, 1976). Sums with instruments from the beginning
-are kept beside, and are taken once they are about as sure: in wind least squares may never be sure of anything.
+is measured too, and its noise lowers every estimate, the more so the less n3 can be distinguished from K. So as soon as
+K and T are known well enough to simulate a boat with, each equation is multiplied by instruments in place of its own
+terms: the same integrals of a boat that is simulated beside, under the recorded rudder and with the present estimate,
+whose motion knows nothing of the noise (the refined instrumental variable of Young, 1976). Sums with instruments from
+the beginning are kept beside, and are taken once they are about as sure: in wind least squares may never be sure of
+anything.
 
 Where a law holds the course, the rudder answers to wind and waves, and whoever takes its movements for causes finds a
 boat that hardly turns. There the boat beside follows the law's reference, whose turns nobody but the skipper caused,
@@ -83,7 +84,7 @@ class WindowSums:
 RATE_BOUND_RAD_S = 3.0
 
 
-class BoatBeside:
+class SimulatedBoat:
     """Heading [rad] and rate [rad/s] of a boat that knows the rudder and no noise.
 
     Args:
@@ -94,9 +95,9 @@ class BoatBeside:
     a reference last [s]; lead_time, the time constant [s] of leading it back.
     """
 
-    def __init__(self, longest_gap: float, *, led_back: bool) -> None:
-        self._longest_gap, self._led_back = longest_gap, led_back
-        self.lead_time = 1.0
+    def __init__(self, longest_gap: float, *, drawn_back: bool) -> None:
+        self._longest_gap, self._drawn_back = longest_gap, drawn_back
+        self.return_time = 1.0
         self.heading = self.rate = self.moved_by = 0.0
         self.followed = self._at = -math.inf
         self._rudder, self._measured = 0.0, math.nan
@@ -112,8 +113,8 @@ class BoatBeside:
             self._measured = math.nan
         elif dt > 0.0 and math.isfinite(rudder):
             self._move(at_speed_ratio(model, max(ratio, SPEED_FLOOR_RATIO)), dt, rudder)
-            if self._led_back:
-                self._lead_back(dt, heading, rate)
+            if self._drawn_back:
+                self._draw_back(dt, heading, rate)
         self._at = max(time, self._at)
         self._rudder = self.moved_by = rudder if math.isfinite(rudder) else self._rudder
         self._measured = math.nan if heading is None else heading
@@ -127,8 +128,8 @@ class BoatBeside:
             self.rate = min(max(moved, -RATE_BOUND_RAD_S), RATE_BOUND_RAD_S)
             self.heading += 0.5 * dt / steps * (before + self.rate)
 
-    def _lead_back(self, dt: float, heading: float | None, rate: float | None) -> None:
-        share = min(dt / self.lead_time, 1.0)
+    def _draw_back(self, dt: float, heading: float | None, rate: float | None) -> None:
+        share = min(dt / self.return_time, 1.0)
         if rate is not None and math.isfinite(rate):
             self.rate += share * (rate - self.rate)
         elif heading is not None and math.isfinite(heading - self._measured):
@@ -136,7 +137,7 @@ class BoatBeside:
             self.rate += share * (turned / dt - self.rate)
 
     def follow(self, model: Norrbin, time: float, ratio: float, reference: Reference) -> None:
-        """Go where a law is told to go; its rudder is what that takes without any waves."""
+        """Go where a law is ordered to go; its rudder is what that takes without any waves."""
         dt = time - self._at
         if 0.0 < dt <= self._longest_gap:
             self.heading += 0.5 * dt * (self.rate + reference.rate)
@@ -175,7 +176,7 @@ RATE_MEMORY = 200
 ENOUGH = 2 * BLOCKS
 """Windows before which no standard error is believed."""
 
-LED = 0.1
+EXCITES_BELOW = 0.1
 """The simulated boat's motion serves from when K and T are known to this share; until then the measured one does."""
 
 UNBIASED_WORTH, UNBIASED_WORTH_HEADINGS = 1.25, 4.0
@@ -223,12 +224,12 @@ class IntegralFit:
         if first.n2:
             raise ValueError("the integral method knows no n2")
         self.first, self.settings = first, settings
-        self._boat = BoatBeside(settings.longest_gap, led_back=first.n1 < 0.0)
+        self._boat = SimulatedBoat(settings.longest_gap, drawn_back=first.n1 < 0.0)
         length = settings.length or window_length(first.time_constant / CAUTION)
         self._open_windows(length)
         self.model = self._guide = simulated or first
         self._is_guided = simulated is not None
-        self._led_since = -math.inf
+        self._excited_since = -math.inf
         self.windows = 0
         size = len(NAMES)
         self._sums = self._trusted = WindowSums(size, EXPECTED_ERROR_RAD)
@@ -237,7 +238,7 @@ class IntegralFit:
         self._last: NDArray[np.float64] = np.zeros(size + 1)
         self._counted = 0.0
         self._rate_square = 0.0
-        self._led = simulated is not None
+        self._excites = simulated is not None
         self._has_rates: bool | None = None
 
     @property
@@ -289,10 +290,10 @@ class IntegralFit:
         missing = self.first.n1 * window.turned - float(regressors @ first)
         is_steered = window.time - self._boat.followed <= self.length
         # a window in which the boat beside was given another model is no instrument
-        is_whole = is_steered or window.time - self._led_since > self.length
+        is_whole = is_steered or window.time - self._excited_since > self.length
         if is_whole:
             self._unbiased.add(self._fading, instruments, regressors, missing)
-        is_measured = not (self._led or is_steered) or not is_whole
+        is_measured = not (self._excites or is_steered) or not is_whole
         self._sums.add(self._fading, regressors if is_measured else instruments, regressors, missing)
         self._count(np.array([self.first.n1 * window.turned, *regressors]))
         self.windows += 1
@@ -301,18 +302,18 @@ class IntegralFit:
         if self.windows < ENOUGH:
             return
         errors = self.standard_errors()
-        self._led = self._led or self._is_settled(errors, LED)
+        self._excites = self._excites or self._is_settled(errors, EXCITES_BELOW)
         if self._is_settled(errors, REFIT):
-            self._lead(window.time)
+            self._excite(window.time)
             if self.settings.length is None:
                 self._refit_window()
 
-    def _lead(self, time: float) -> None:
+    def _excite(self, time: float) -> None:
         """Simulate the boat beside with what was found, unless it has been given a model for good."""
         if self._is_guided:
             return
-        if self._led_since == -math.inf:
-            self._led_since = time
+        if self._excited_since == -math.inf:
+            self._excited_since = time
             self._unbiased = WindowSums(len(NAMES), EXPECTED_ERROR_RAD)
         self._guide = self.model
 
@@ -330,7 +331,7 @@ class IntegralFit:
         self._window = IntegralWindow(length, BLOCKS, gap, from_mean=True)
         self._beside = IntegralWindow(length, BLOCKS, gap, from_mean=True)
         self._fading = math.exp(-length / BLOCKS / self.settings.memory)
-        self._boat.lead_time = 2.0 * length
+        self._boat.return_time = 2.0 * length
 
     def _solve(self, first: NDArray[np.float64]) -> None:
         spread, square = self._spread(), max(self._error_square(self._least_squares()), 1.0)

@@ -69,7 +69,8 @@ class IntegralMethod:
     takes = NOTHING_MORE
 
     def identify(self, runs: Sequence[Run], question: Question) -> Identified:
-        """Return the estimate; see `Method.identify`. n3 is held at 0, with the reason, where it cannot be told."""
+        """Return the estimate; see `Method.identify`. n3 is held at 0, with the reason, where it cannot be
+        determined."""
         start = question.start or begin(runs, question).model
         cubic = question.kind == "norrbin"
         fit, convergence = self._fit(runs, start, cubic, question)
@@ -81,8 +82,8 @@ class IntegralMethod:
         errors, reasons = fit.standard_errors(), {}
         if cubic and start.n1 > 0.0 and errors["n3"] > LARGEST_RELATIVE_ERROR * fit.model.n3:
             reasons["n3"] = (
-                f"n3: {fit.model.n3:.3g} with a standard error of {errors['n3']:.2g} s^2/rad^2 cannot be told from 0, "
-                "so it is held at 0; steady turns at large rudder angles would tell it (--steady-turns)."
+                f"n3: {fit.model.n3:.3g} with a standard error of {errors['n3']:.2g} s^2/rad^2 cannot be distinguished "
+                "from 0, so it is held at 0; steady turns at large rudder angles would tell it (--steady-turns)."
             )
             # what is not known of n3 is not known of K and T either: their errors are those of the fit with it
             fit, convergence = self._fit(runs, start._replace(n3=0.0), False, question)

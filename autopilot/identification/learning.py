@@ -1,7 +1,7 @@
-"""Learning while sailing: the integral method fed with the ticks, and a candidate model that must foretell what comes.
+"""Learning while sailing: the integral method fed with the ticks, and a candidate model that must predict what comes.
 
 It only proposes. A model that the windows tell well enough is put forward as a candidate, and from that moment on
-both it and the present model foretell the boat's heading, stretch by stretch, from the rudder alone: what they are
+both it and the present model predict the boat's heading, stretch by stretch, from the rudder alone: what they are
 judged by is what the candidate has not learnt from. Memory is constant: `integral_fit`, the last few rudder angles,
 one running prediction, and the outcomes of the last `STRETCHES` stretches.
 """
@@ -21,7 +21,7 @@ from autopilot.identification.integral_window import (
     RecursionSettings,
     recursion_step,
 )
-from autopilot.identification.model_choice import Foretelling, Outcome
+from autopilot.identification.model_choice import Outcome, PredictionTest
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, Mode, OrderKind, RateSample, RudderSample, Tick
 
@@ -47,7 +47,7 @@ RATE_MOST_RAD_S = 3.0
 class Proposal(NamedTuple):
     """A model that was learnt, and how it did since.
 
-    standard_errors by parameter; windows it was learnt from, each of `length` [s]; stretches foretold since it was put
+    standard_errors by parameter; windows it was learnt from, each of `length` [s]; stretches predicted since it was put
     forward, each of `ahead` [s]; root mean square heading errors [rad] of the present model and the proposed one.
     """
 
@@ -62,7 +62,7 @@ class Proposal(NamedTuple):
 
     @property
     def is_proved(self) -> bool:
-        """Whether it foretold what came afterwards clearly better than the present model."""
+        """Whether it predicted what came afterwards clearly better than the present model."""
         return self.stretches >= LEAST_STRETCHES and self.proposed_error < BETTER * self.present_error
 
 
@@ -92,11 +92,11 @@ class Learner:
         gap = self._settings.longest_gap
         self._window = IntegralWindow(window_length(present.time_constant), BLOCKS, gap)
         self._rudders: deque[tuple[float, float]] = deque(maxlen=16)
-        self._rudder_heard = -math.inf
+        self._rudder_time = -math.inf
         self._rate: tuple[float, float] | None = None
         self._last_motion = self._moved = -math.inf
         self._candidate: _Candidate | None = None
-        self._foretelling: Foretelling | None = None
+        self._prediction_test: PredictionTest | None = None
         self._outcomes: deque[Outcome] = deque(maxlen=STRETCHES)
         self._proved: Proposal | None = None
 
@@ -112,7 +112,7 @@ class Learner:
 
     @property
     def windows(self) -> int:
-        """How many windows told something so far."""
+        """How many windows carried information so far."""
         return self._fit.windows
 
     @property
@@ -125,8 +125,8 @@ class Learner:
         is learnt."""
         state = tick.state
         if any(isinstance(sample, RudderSample) for sample in tick.samples):
-            self._rudder_heard = tick.now
-        if not state.valid or not (steered or tick.now - self._rudder_heard <= RUDDER_FRESH_S):
+            self._rudder_time = tick.now
+        if not state.valid or not (steered or tick.now - self._rudder_time <= RUDDER_FRESH_S):
             self._rudders.clear()
             return
         self._rudders.append((tick.now, state.rudder))
@@ -189,12 +189,12 @@ class Learner:
             if any(errors[name] > MUCH_BETTER * before[name] for name in ("gain", "time_constant")):
                 return
         self._candidate = _Candidate(model, errors, self._fit.windows)
-        self._foretelling = Foretelling(self.present, model)
+        self._prediction_test = PredictionTest(self.present, model)
         self._outcomes.clear()
 
     def _judge(self, time: float, rudder: float, ratio: float, heading: float, rate: float | None) -> None:
-        if self._foretelling is not None:
-            outcome = self._foretelling.update(time, rudder, ratio, heading, rate, self._fit.moved_by)
+        if self._prediction_test is not None:
+            outcome = self._prediction_test.update(time, rudder, ratio, heading, rate, self._fit.moved_by)
             if outcome is not None:
                 self._outcomes.append(outcome)
                 judged = self._judged()
@@ -207,7 +207,7 @@ class Learner:
         return self._proved or self._judged()
 
     def _judged(self) -> Proposal | None:
-        if self._candidate is None or self._foretelling is None:
+        if self._candidate is None or self._prediction_test is None:
             return None
         count = len(self._outcomes)
         squares = [sum(each[i] ** 2 for each in self._outcomes) / count if count else math.nan for i in (0, 1)]
@@ -217,7 +217,7 @@ class Learner:
             windows=self._candidate.windows,
             length=self._fit.length,
             stretches=count,
-            ahead=self._foretelling.ahead,
+            ahead=self._prediction_test.ahead,
             present_error=math.sqrt(squares[0]),
             proposed_error=math.sqrt(squares[1]),
         )

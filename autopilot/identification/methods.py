@@ -48,7 +48,7 @@ class Question(NamedTuple):
     recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
     rudder_train: names of RudderTrain to be fitted too, by methods that can. weighting: of the
     output-error fit. quadratic: n2 too, trim: one n0 or one for each run, by methods that can.
-    progress: told how far it is.
+    progress: called with how far it is.
     """
 
     kind: ModelKind = "norrbin"

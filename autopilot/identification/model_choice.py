@@ -1,17 +1,17 @@
-"""Which model the runs deserve: candidates compared by what they foretell and by an information criterion.
+"""Which model the runs deserve: candidates compared by what they predict and by an information criterion.
 
-Each candidate is fitted to all runs but one, which it then foretells open loop from rudder and speed; where there is
-one run alone, blocks of it stand for runs. What was not foretold, over all runs left out together, makes the held-out
+Each candidate is fitted to all runs but one, which it then predicts open loop from rudder and speed; where there is
+one run alone, blocks of it stand for runs. What was not predicted, over all runs left out together, makes the held-out
 R2. Schwarz's criterion (1978) is taken of the fit to everything,
 
     BIC = sum over rate and heading of N_eff ln s^2 + k ln N_eff,   N_eff = N (1 - rho)/(1 + rho),
 
 with N_eff the independent samples that correlated residuals are worth (rho from sample to sample, of the candidate that
-explains the rate best, the same for all). Of the candidates that foretell as well as the best one within one standard
+explains the rate best, the same for all). Of the candidates that predict as well as the best one within one standard
 error of the difference, from run to run (Breiman et al. 1984), or within what matters, the one with the least BIC is
-chosen. A candidate that explains even the runs it is fitted to much worse than another need foretell nothing.
+chosen. A candidate that explains even the runs it is fitted to much worse than another need predict nothing.
 
-Two models foretell the same boat, stretch after stretch, from the rudder alone.
+Two models predict the same boat, stretch after stretch, from the rudder alone.
 
 The model that steers: what laws and gains are designed from, where the fit knows more than they do.
 """
@@ -71,7 +71,7 @@ class _Boat:
             self.turned += 0.5 * dt / steps * (was + self.rate)
 
 
-class Foretelling:
+class PredictionTest:
     """Feed it with `update`; it answers at the end of each stretch that tells something. Constant memory."""
 
     def __init__(self, present: Norrbin, other: Norrbin) -> None:
@@ -262,8 +262,8 @@ def _candidate(
         return Candidate(name, form, None, reason=str(error))
     for other in others:
         if other.found is not None and _is_like(found, other.found):
-            told = " ".join(found.unidentifiable.values())
-            return Candidate(name, form, None, reason=f"comes to the same as {other.name}. {told}".strip())
+            reasons = " ".join(found.unidentifiable.values())
+            return Candidate(name, form, None, reason=f"comes to the same as {other.name}. {reasons}".strip())
         if other.found is not None and _size(found) > MUCH_WORSE * _size(other.found):
             return Candidate(name, form, None, reason=f"explains the runs much worse than {other.name}.")
     lost, spread = [], []
@@ -301,7 +301,8 @@ def _size(found: Identified) -> float:
 
 
 def _missed(found: Identified, run: Run) -> tuple[float, float]:
-    """Return the sum of squares that was not foretold, and that about the mean: of the rate, or else of the heading."""
+    """Return the sum of squares that was not predicted, and that about the mean: of the rate, or else of the
+    heading."""
     simulated = found.simulated(run)
     column = 0 if any(np.isfinite(segment.rate).any() for segment in run.segments) else 1
     measured = np.concatenate([segment.rate if column == 0 else segment.heading for segment in run.segments])
@@ -334,14 +335,14 @@ def _criterion(candidate: Candidate, worth: Sequence[float]) -> float:
 
 
 def _best(judged: Sequence[Candidate]) -> Candidate:
-    """Return the one with the least criterion of those that foretell as well as the best."""
+    """Return the one with the least criterion of those that predict as well as the best."""
     fitted = [candidate for candidate in judged if candidate.found is not None]
     first = max(fitted, key=lambda candidate: candidate.held_out)
-    alike = [candidate for candidate in fitted if _foretells_like(candidate, first)]
+    alike = [candidate for candidate in fitted if _predicts_like(candidate, first)]
     return min(alike, key=lambda candidate: candidate.bic)
 
 
-def _foretells_like(candidate: Candidate, best: Candidate) -> bool:
+def _predicts_like(candidate: Candidate, best: Candidate) -> bool:
     if candidate is best:
         return True
     if not candidate.errors or len(candidate.errors) != len(best.errors):

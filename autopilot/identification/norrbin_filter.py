@@ -1,4 +1,5 @@
-"""Norrbin's model in a Kalman filter over heading, rate and parameters: its case, the gusts' strength, its estimate.
+"""Norrbin's model in a Kalman filter over heading, rate and parameters: its case, the disturbance intensity, its
+estimate.
 
 The state is (psi, r, ln K, ln T, n0/w, n3 w^2) with w a typical rate, so that every parameter is of order one, and K
 and T stay positive; n3 enters the equation as it is, for its logarithm would make a straight problem crooked.
@@ -86,7 +87,7 @@ which is closer than a record tells them."""
 ROUGHLY = 4
 """Where nothing is known, every fourth strength is tried before the search goes uphill."""
 
-LONGEST_LOOK = 20000
+LONGEST_STRETCH = 20000
 """Steps of a long record that the strength is taken from; the others would cost more than they tell."""
 
 
@@ -263,7 +264,7 @@ def instruments(model: Norrbin, runs: Sequence[Run]) -> tuple[float, float]:
     return _typical(rates), _typical(headings)
 
 
-def gust_strength(model: Norrbin, unit: float, passages: Sequence[Passage], near: float | None = None) -> float:
+def disturbance_intensity(model: Norrbin, unit: float, passages: Sequence[Passage], near: float | None = None) -> float:
     """Return the process noise [rad/s/sqrt(s)] with which `model` explains the passages best; unit: a typical rate;
     near: where to look first."""
     memory = math.sqrt(2.0 / model.time_constant)
@@ -289,7 +290,7 @@ def gust_strength(model: Norrbin, unit: float, passages: Sequence[Passage], near
 
 
 def _of_all(model: Norrbin, process: float, passages: Sequence[Passage]) -> float:
-    total, left = 0.0, LONGEST_LOOK
+    total, left = 0.0, LONGEST_STRETCH
     for passage in passages:
         total += _unlikeliness(model, process * process, passage, left)
         left -= min(left, passage.steps.dt.size)
@@ -334,8 +335,8 @@ def _typical(noises: Sequence[float]) -> float:
 
 
 class Innovations(NamedTuple):
-    """What each of n steps told, in units of its standard deviation: the innovations of heading and rate, shape (n, 2),
-    and how they fall with the parameters, shape (n, 2, p); 0 where nothing was measured."""
+    """What each of n steps contributed, in units of its standard deviation: the innovations of heading and rate, shape
+    (n, 2), and how they fall with the parameters, shape (n, 2, p); 0 where nothing was measured."""
 
     value: FloatArray
     slope: FloatArray
@@ -401,58 +402,64 @@ class Separated:
         return rate, [*(decay * m + f for m, f in zip(beside[:-1], push, strict=False)), decay * beside[-1]]
 
     def _take_heading(self, measured: float, variance: float) -> tuple[float, list[float]]:
-        size, e, told = self._a + variance, measured - self._psi, self._by_psi
-        self._correct(self._a / size, self._b / size, e, told)
+        size, e, slopes = self._a + variance, measured - self._psi, self._by_psi
+        self._correct(self._a / size, self._b / size, e, slopes)
         self._a, self._b, self._c = (
             self._a * variance / size,
             self._b * variance / size,
             self._c - self._b * self._b / size,
         )
         root = math.sqrt(size)
-        return e / root, [m / root for m in told]
+        return e / root, [m / root for m in slopes]
 
     def _take_rate(self, measured: float, variance: float) -> tuple[float, list[float]]:
-        size, e, told = self._c + variance, measured - self._r, self._by_r
-        self._correct(self._b / size, self._c / size, e, told)
+        size, e, slopes = self._c + variance, measured - self._r, self._by_r
+        self._correct(self._b / size, self._c / size, e, slopes)
         self._a, self._b, self._c = (
             self._a - self._b * self._b / size,
             self._b * variance / size,
             self._c * variance / size,
         )
         root = math.sqrt(size)
-        return e / root, [m / root for m in told]
+        return e / root, [m / root for m in slopes]
 
-    def _correct(self, of_psi: float, of_r: float, e: float, told: list[float]) -> None:
+    def _correct(self, of_psi: float, of_r: float, e: float, slopes: list[float]) -> None:
         self._psi += of_psi * e
         self._r += of_r * e
-        self._by_psi = [m - of_psi * x for m, x in zip(self._by_psi, told, strict=True)]
-        self._by_r = [m - of_r * x for m, x in zip(self._by_r, told, strict=True)]
+        self._by_psi = [m - of_psi * x for m, x in zip(self._by_psi, slopes, strict=True)]
+        self._by_r = [m - of_r * x for m, x in zip(self._by_r, slopes, strict=True)]
 
 
 def _ahead(values: list[float], step: float, slopes: list[float]) -> list[float]:
     return [m + step * f for m, f in zip(values, slopes, strict=True)]
 
 
-def beliefs(told: Innovations, about: FloatArray, prior: Gaussian) -> tuple[FloatArray, FloatArray]:
+def beliefs(innovations: Innovations, about: FloatArray, prior: Gaussian) -> tuple[FloatArray, FloatArray]:
     """Return the parameters after each step, shape (n, p), and their covariance at the end, shape (p, p), by what was
-    told about the point `about`, shape (p,), after a prior."""
+    contributed about the point `about`, shape (p,), after a prior."""
     root = np.linalg.inv(prior.covariance)
-    information = root + np.cumsum(np.einsum("nci,ncj->nij", told.slope, told.slope), axis=0)
-    score = root @ (prior.mean - about) + np.cumsum(np.einsum("nci,nc->ni", told.slope, told.value), axis=0)
+    information = root + np.cumsum(np.einsum("nci,ncj->nij", innovations.slope, innovations.slope), axis=0)
+    score = root @ (prior.mean - about) + np.cumsum(
+        np.einsum("nci,nc->ni", innovations.slope, innovations.value), axis=0
+    )
     return about + np.linalg.solve(information, score[:, :, None])[:, :, 0], np.linalg.inv(information[-1])
 
 
-def together_told(told: Sequence[Innovations]) -> Innovations:
+def stacked(innovations: Sequence[Innovations]) -> Innovations:
     """Return one segment's innovations after the other's."""
-    return Innovations(np.concatenate([each.value for each in told]), np.concatenate([each.slope for each in told]))
+    return Innovations(
+        np.concatenate([each.value for each in innovations]), np.concatenate([each.slope for each in innovations])
+    )
 
 
-def covariance_of(told: Sequence[Innovations], off: FloatArray, prior: FloatArray) -> FloatArray:
-    """Return the covariance, shape (p, p), of an estimate that lies `off` the point of what each segment told, beside
-    a prior's: of scores that may remember (`robust_covariance`). What the record does not tell stays as it was.
+def covariance_of(innovations: Sequence[Innovations], off: FloatArray, prior: FloatArray) -> FloatArray:
+    """Return the covariance, shape (p, p), of an estimate that lies `off` the point of what each segment contributed,
+    beside a prior's: of scores that may remember (`robust_covariance`). What the record does not tell stays as it was.
     """
-    flat = np.concatenate([each.slope.reshape(-1, off.size) for each in told])
+    flat = np.concatenate([each.slope.reshape(-1, off.size) for each in innovations])
     information, certain = flat.T @ flat, np.linalg.inv(prior)
-    scores = robust_covariance([each.slope for each in told], [each.value - each.slope @ off for each in told])
+    scores = robust_covariance(
+        [each.slope for each in innovations], [each.value - each.slope @ off for each in innovations]
+    )
     outer = np.linalg.inv(information + certain)
     return np.asarray(outer @ (information @ scores @ information + certain) @ outer)

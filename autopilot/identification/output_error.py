@@ -8,7 +8,7 @@ where r and psi are the open-loop response to recorded rudder and speed. The wei
 themselves, found by repeating the fit: s^2 is their mean square times (1 + rho)/(1 - rho), rho their correlation
 from sample to sample. Where instruments are to blame for the residuals (rho = 0) that is plain weighting by
 noise; where gusts and what the model leaves out are (rho near 1), heading errors are sums of rate errors and
-tell little that the rate has not told already, and their long memory takes their weight away.
+tell little that the rate does not hold already, and their long memory takes their weight away.
 
 The initial state is fitted, but held near the first measured one within the instrument's own noise, as seen in
 the second differences of the record: a boat at rest forgets nothing, and must not start with an invented turn.
@@ -28,7 +28,7 @@ from autopilot.identification.residuals import (
     Noise,
     Problem,
     RunTrims,
-    gusts_in,
+    disturbance_in,
     initial_state,
     residual_noise,
     robust_covariance,
@@ -76,7 +76,7 @@ SETTLED = 0.01
 
 Weighting = Literal["residuals", "prediction-error"]
 """How rate and heading are weighed: each by its residuals' size and memory, or by how far each sample could not be
-foretold from those before it (`identification.whitening`): better where gusts push the boat."""
+predicted from those before it (`identification.whitening`): better where gusts push the boat."""
 
 
 class Solution(NamedTuple):
@@ -134,7 +134,7 @@ def solve(
         )
         if weighting == "prediction-error":
             residuals = [values for values, _ in problem.response(problem.vector(states))]
-            problem = replace(problem, gusts=gusts_in(residuals, segments, base.time_constant))
+            problem = replace(problem, disturbance=disturbance_in(residuals, segments, base.time_constant))
         start_z = problem.vector(states)
         z = _minimise(problem, start_z, noise or _noise(problem, start_z), TOLERANCE if noise else FIRST_TOLERANCE)
         base, around, train, trims = (

@@ -16,7 +16,7 @@ MODULES = (
 METHODS: tuple[Method, ...] = tuple(
     method for module in MODULES for method in import_module(f"autopilot.identification.{module}").METHODS
 )
-"""The one to use unless told otherwise comes first."""
+"""The one to use unless another is named comes first."""
 
 NAMES = tuple(method.name for method in METHODS)
 

@@ -4,7 +4,7 @@ White residuals are the instruments' noise, and the model explains all the rest.
 gusts or from what the model leaves out; residuals that follow the rudder come from the model. Source: Ljung and Box
 1978 for whiteness; Ljung 1999, section 16.6, for the correlation with the input.
 
-How well a model foretells a run: open loop over its whole length, from rudder and speed alone.
+How well a model predicts a run: open loop over its whole length, from rudder and speed alone.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LONGEST_STEP_S = 0.5
 
 
 class Prediction(NamedTuple):
-    """seconds: length of the run. yaw_rate_r2: share of the measured yaw rate's variance that was foretold, None
+    """seconds: length of the run. yaw_rate_r2: share of the measured yaw rate's variance that was predicted, None
     where none was measured. heading_rms: root mean square heading error [rad], None likewise."""
 
     seconds: float
@@ -37,7 +37,7 @@ class Prediction(NamedTuple):
 
 
 def predict(model: Norrbin, run: Run, around: RaceAndWind | None = None, train: RudderTrain = DIRECT) -> Prediction:
-    """Return how well `model`, with what propeller and wind add where given and behind `train`, foretells the run.
+    """Return how well `model`, with what propeller and wind add where given and behind `train`, predicts the run.
 
     It starts each segment from the first measured heading and rate and sees nothing but rudder and speed, propeller
     and wind afterwards; only a gap in the recording starts it anew.

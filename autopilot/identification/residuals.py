@@ -15,7 +15,7 @@ Prediction-error weighting: residuals of a simulation through the Kalman filter 
 
 Gusts push the boat, and what they push it off course it keeps for a while. The errors of a simulated boat are then a
 process of their own, x' = -x/T + w in the rate and its integral in the heading, seen through the instruments' noise. A
-steady Kalman filter of that process turns residuals e_k into innovations, what of e_k could not be foretold from those
+steady Kalman filter of that process turns residuals e_k into innovations, what of e_k could not be predicted from those
 before it:
 
     n_k = S^(-1/2) (e_k - H x_k),    x_k+1 = A x_k + A K (e_k - H x_k)
@@ -180,7 +180,7 @@ LEAST_SHARE = 1.0e-3
 """Gusts and noise are never taken to be below this share of the residuals."""
 
 
-class Gusts(NamedTuple):
+class DisturbanceModel(NamedTuple):
     """What makes residuals of rate and heading: process [rad/s/sqrt(s)], the root of the intensity that drives the
     rate; memory [s], how long the boat keeps it; rate [rad/s] and heading [rad], the instruments' noise, inf where
     nothing is measured."""
@@ -191,7 +191,7 @@ class Gusts(NamedTuple):
     heading: float
 
 
-def gusts_in(residuals: Sequence[FloatArray], segments: Sequence[Segment], memory: float) -> Gusts:
+def disturbance_in(residuals: Sequence[FloatArray], segments: Sequence[Segment], memory: float) -> DisturbanceModel:
     """Return what explains `residuals`, per segment of shape (N, 2), rate and heading, of a boat of that memory [s].
 
     The part of the rate's residuals that is still there a sample later is the gusts', of variance q^2 memory/2; the
@@ -205,17 +205,17 @@ def gusts_in(residuals: Sequence[FloatArray], segments: Sequence[Segment], memor
     if np.isfinite(rate):
         rate = max(min(rate, (variance - lasting) ** 0.5), LEAST_SHARE * variance**0.5)
     heading = _together([instrument_noise(segment.heading) for segment in segments])
-    return Gusts((2.0 * lasting / memory) ** 0.5, memory, rate, heading)
+    return DisturbanceModel((2.0 * lasting / memory) ** 0.5, memory, rate, heading)
 
 
-def innovations(table: FloatArray, spacing: float, gusts: Gusts) -> FloatArray:
+def innovations(table: FloatArray, spacing: float, disturbance: DisturbanceModel) -> FloatArray:
     """Return the columns of `table`, shape (N, 2, C), rate and heading every `spacing` [s], through the filter: what is
     new in each sample, in units of its standard deviation. A channel that is not measured gives 0."""
-    measured = [i for i, size in enumerate((gusts.rate, gusts.heading)) if np.isfinite(size)]
-    states = 2 if np.isfinite(gusts.heading) else 1  # an angle that nobody sees counts for nothing
+    measured = [i for i, size in enumerate((disturbance.rate, disturbance.heading)) if np.isfinite(size)]
+    states = 2 if np.isfinite(disturbance.heading) else 1  # an angle that nobody sees counts for nothing
     H = np.eye(2)[measured, :states]
-    A, Q = (matrix[:states, :states] for matrix in _process(gusts, spacing))
-    R = np.diag(np.square([(gusts.rate, gusts.heading)[i] for i in measured]))
+    A, Q = (matrix[:states, :states] for matrix in _process(disturbance, spacing))
+    R = np.diag(np.square([(disturbance.rate, disturbance.heading)[i] for i in measured]))
     P = solve_discrete_are(A.T, H.T, Q, R)
     S = H @ P @ H.T + R
     gain = A @ np.linalg.solve(S, H @ P).T
@@ -243,11 +243,11 @@ def bridged(table: FloatArray) -> FloatArray:
     return result
 
 
-def _process(gusts: Gusts, spacing: float) -> tuple[FloatArray, FloatArray]:
+def _process(disturbance: DisturbanceModel, spacing: float) -> tuple[FloatArray, FloatArray]:
     """Return transition and noise of (rate error, heading error) over a sample, after Van Loan 1978."""
-    F = np.array([[-1.0 / gusts.memory, 0.0], [1.0, 0.0]])
+    F = np.array([[-1.0 / disturbance.memory, 0.0], [1.0, 0.0]])
     block = np.zeros((4, 4))
-    block[:2, :2], block[:2, 2:], block[2:, 2:] = -F, np.diag([gusts.process**2, 0.0]), F.T
+    block[:2, :2], block[:2, 2:], block[2:, 2:] = -F, np.diag([disturbance.process**2, 0.0]), F.T
     exponential = expm(block * spacing)
     A = exponential[2:, 2:].T
     return A, A @ exponential[:2, 2:]
@@ -295,8 +295,8 @@ class Problem:
     units: dict[str, float]
     train: RudderTrain = DIRECT
     trims: RunTrims = NO_TRIMS
-    gusts: Gusts | None = None
-    """Where residuals are weighted by how well they could be foretold, what explains them."""
+    disturbance: DisturbanceModel | None = None
+    """Where residuals are weighted by how well they could be predicted, what explains them."""
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
     """The latest response by its vector: minimiser, noise and standard errors ask for the same one in turn."""
     latest: dict[str, Trajectory] = field(default_factory=dict, repr=False)
@@ -415,7 +415,7 @@ class Problem:
     def weighted(self, z: FloatArray, noise: Sequence[Noise]) -> list[tuple[FloatArray, FloatArray]]:
         """Return the response times the weights of rate and heading, 0 where nothing was measured; with gusts its
         innovations."""
-        if self.gusts is not None:
+        if self.disturbance is not None:
             return [
                 self._innovations(segment, *each) for segment, each in zip(self.segments, self.response(z), strict=True)
             ]
@@ -427,9 +427,9 @@ class Problem:
         return result
 
     def _innovations(self, segment: Segment, values: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
-        assert self.gusts is not None
+        assert self.disturbance is not None
         table = bridged(np.concatenate([slope, values[:, :, None]], axis=2))
-        new = innovations(table, float(np.median(np.diff(segment.time))), self.gusts)
+        new = innovations(table, float(np.median(np.diff(segment.time))), self.disturbance)
         new *= np.isfinite(values)[:, :, None]
         return new[:, :, -1], new[:, :, :-1]
 

@@ -6,7 +6,7 @@ cut there. Heading and yaw rate are only compared with, so a blank among them si
 
 What instruments write that was never so: spikes, a compass that froze, a rudder in another unit.
 
-A bad sample becomes a blank, never another number; whoever reads the recording is told how many there were.
+A bad sample becomes a blank, never another number; whoever reads the recording gets their number.
 """
 
 from __future__ import annotations
@@ -171,8 +171,8 @@ SHORTEST_SEGMENT_SAMPLES = 8
 
 
 SHORTEST_SHARE = 0.2
-"""A time constant below this share of the time between two samples is not told from none: it is held there, or it would
-be taken for ever shorter, and simulated on ever smaller steps."""
+"""A time constant below this share of the time between two samples is not distinguished from none: it is held there, or
+it would be taken for ever shorter, and simulated on ever smaller steps."""
 
 NOTHING: FloatArray = np.empty(0)
 
@@ -237,7 +237,7 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     and `heading_rad` or `yaw_rate_rad_s` or both; nan where a value is missing. `propeller_rps`, and
     `wind_speed_m_s` with `wind_direction_rad` (off the bow, as felt on board), are taken where they are.
 
-    Rows without a time are dropped; spikes and a frozen heading become blanks and are told in `notes`. Raises
+    Rows without a time are dropped; spikes and a frozen heading become blanks and are reported in `notes`. Raises
     InputError, naming `source`, where a needed column is missing, time does not increase, the rudder is in another
     unit, the heading never moves, or no stretch is long enough.
     """

@@ -25,7 +25,7 @@ from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.wind import RaceAndWind, inflow_ratio, wind_acceleration
 
-BESIDE_RUDDER = ("speed", "propeller", "beam_wind", "quarter_wind")
+INPUTS_BESIDE_RUDDER = ("speed", "propeller", "beam_wind", "quarter_wind")
 
 
 IntArray = NDArray[np.intp]
@@ -87,7 +87,7 @@ def forcing(segments: Sequence[Segment], longest_step: float, together: float | 
         name: np.concatenate(
             [_recorded(segment, name, times) for segment, times in zip(segments, moments, strict=True)], axis=1
         )
-        for name in BESIDE_RUDDER
+        for name in INPUTS_BESIDE_RUDDER
     }
     samples = tuple(
         _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
@@ -280,7 +280,7 @@ def linear_responses(model: Norrbin, forcing: Forcing) -> tuple[FloatArray, Floa
 
 def _finite(slope: FloatArray) -> FloatArray:
     """Return derivatives held inside the bound: one that overflowed says as much as a large one."""
-    # as a rule none is near it, and that is told without writing them anew; nan is in no order
+    # as a rule none is near it, and that is found without writing them anew; nan is in no order
     if slope.min() > -SLOPE_BOUND and slope.max() < SLOPE_BOUND:
         return slope
     return np.fmax(np.fmin(slope, SLOPE_BOUND), -SLOPE_BOUND)

@@ -35,8 +35,8 @@ from autopilot.models.wind import RaceAndWind
 Helm = Callable[[float, float], float]
 """Rudder order [rad] at a time [s] and heading [rad]."""
 
-TOLD = 1.0e-12
-"""Directions of the parameters with less than this share of the largest information are not told at all."""
+INFORMED = 1.0e-12
+"""Directions of the parameters with less than this share of the largest information are not determined at all."""
 
 
 class InstrumentNoise(NamedTuple):
@@ -84,17 +84,17 @@ def _without_initial_state(slope: FloatArray, F: int) -> FloatArray:
 def _least_errors(information: FloatArray) -> FloatArray:
     """Return the roots of the inverse's diagonal, inf where a direction that matters holds no information."""
     size = np.sqrt(np.maximum(np.diag(information), 0.0))
-    told = size > 0.0
+    informed = size > 0.0
     result = np.full(size.size, np.inf)
-    if not told.any():
+    if not informed.any():
         return result
-    scaled = information[np.ix_(told, told)] / np.outer(size[told], size[told])
+    scaled = information[np.ix_(informed, informed)] / np.outer(size[informed], size[informed])
     values, vectors = np.linalg.eigh(scaled)
-    inverse = np.where(values > TOLD * values[-1], 1.0 / np.maximum(values, TOLD * values[-1]), np.inf)
+    inverse = np.where(values > INFORMED * values[-1], 1.0 / np.maximum(values, INFORMED * values[-1]), np.inf)
     # 0 times inf: a direction without information counts only for the parameters it moves
-    share = np.where(vectors**2 > TOLD, vectors**2, 0.0)
+    share = np.where(vectors**2 > INFORMED, vectors**2, 0.0)
     parts = np.multiply(share, inverse, out=np.zeros_like(share), where=share > 0.0)
-    result[told] = np.sqrt(parts.sum(axis=1)) / size[told]
+    result[informed] = np.sqrt(parts.sum(axis=1)) / size[informed]
     return result
 
 

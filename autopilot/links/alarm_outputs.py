@@ -27,10 +27,10 @@ RELAY_REPEAT_S = 5.0
 RELAY_MOST = 15
 
 
-class Hearing(Protocol):
-    """Who acknowledges alarms: sets `heard`."""
+class Acknowledger(Protocol):
+    """Who acknowledges alarms: sets `has_acknowledged`."""
 
-    heard: bool
+    has_acknowledged: bool
 
 
 class Acknowledgements(SilentLink):
@@ -38,13 +38,13 @@ class Acknowledgements(SilentLink):
 
     name = "skipper"
 
-    def __init__(self, skipper: Hearing) -> None:
+    def __init__(self, skipper: Acknowledger) -> None:
         self._skipper = skipper
 
     def receive(self, now: float) -> list[Sample]:
         """Return it where it was given since the last call."""
-        heard, self._skipper.heard = self._skipper.heard, False
-        return [AcknowledgeSample(now, "", self.name)] if heard else []
+        has_acknowledged, self._skipper.has_acknowledged = self._skipper.has_acknowledged, False
+        return [AcknowledgeSample(now, "", self.name)] if has_acknowledged else []
 
 
 class Guide(Protocol):
@@ -80,7 +80,7 @@ class Bell(SilentLink):
         self._terminal = terminal
         self._next = -math.inf
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Ring where it is time to."""
         if tick.siren is Siren.QUIET:
             self._next = -math.inf
@@ -111,7 +111,7 @@ class SwitchFile(SilentLink):
         self._said = self._failed
         return [AlarmSample(now, self._failed, self.name)]
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Switch."""
         self._switch(tick.siren is not Siren.QUIET)
 
@@ -139,7 +139,7 @@ class VehicleSounder:
         self._next_tune = self._next_relay = -math.inf
         self._relay_on = False
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Take what is to be heard."""
         if tick.siren is not self._siren:
             self._next_tune = self._next_relay = -math.inf

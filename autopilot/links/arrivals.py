@@ -1,6 +1,6 @@
 """What came over a line on which no heading was found: kept until the first heading, put into words where none comes.
 
-So a skipper is told what is wrong: a silent port, another protocol, another baud rate, or messages without a heading.
+So a skipper reads what is wrong: a silent port, another protocol, another baud rate, or messages without a heading.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAGNETIC = ("HDG", "HDM")
 MAVLINK_HEADING = "ATTITUDE"
 
 
-class HeardTransport:
+class RecordingTransport:
     """A transport that keeps the beginning of what comes, until `forget`."""
 
     def __init__(self, inside: Transport, protocol: str) -> None:
@@ -106,9 +106,9 @@ def message_names(data: bytes, is_stream: bool = True) -> Counter[str]:
     return Counter({name: count for name, count in found.items() if name != "BAD_DATA"})
 
 
-def came(heard: Iterable[HeardTransport]) -> str:
+def came(transports: Iterable[RecordingTransport]) -> str:
     """Return what came over each line, as a sentence."""
-    return "; ".join(each.words for each in heard)
+    return "; ".join(each.words for each in transports)
 
 
 def _listed(names: Counter[str]) -> str:

@@ -66,10 +66,10 @@ class Transport(Protocol):
 
 
 @runtime_checkable
-class Shows(Protocol):
+class TickListener(Protocol):
     """A link that can pass on what the pilot knows, beside what every `Link` does."""
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Send on what falls due with `tick`; called after the command has left."""
 
 
@@ -101,10 +101,10 @@ class Link(Protocol):
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command, or the release where it is not engaged. The command leaves first."""
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Pass on who has the rudder and what is wrong, where the link has a way to say it."""
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Do what falls due in the slack: heartbeats, stream and parameter requests, reconnection."""
 
     def release(self, now: float) -> None:
@@ -133,10 +133,10 @@ class SilentLink:
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing."""
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Do nothing."""
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Do nothing."""
 
     def release(self, now: float) -> None:

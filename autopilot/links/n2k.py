@@ -130,7 +130,7 @@ class NodeAddress:
         """Return identifier and data of our claim."""
         return identifier(ADDRESS_CLAIM, self.current, 6), struct.pack("<Q", self.name)
 
-    def heard(self, group: int, source: int, data: bytes) -> bool:
+    def on_frame(self, group: int, source: int, data: bytes) -> bool:
         """Take a claim or request of another node; return whether we have to claim (again)."""
         if group == REQUEST and len(data) >= 3:
             return int.from_bytes(data[:3], "little") == ADDRESS_CLAIM
@@ -210,7 +210,7 @@ class N2kLink(SilentLink):
         self._follow = RudderFollow(settings.follow)
         self._variation = settings.variation
         self._unusable = 0
-        self._told_of = UnusableHeadings(name)
+        self._unusable_headings = UnusableHeadings(name)
         self._helm_reason: str | None = None
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._next_control = -math.inf
@@ -237,7 +237,7 @@ class N2kLink(SilentLink):
                 break
             if frame.is_extended_id and not frame.is_error_frame and not frame.is_remote_frame:
                 self._take(now, frame, samples)
-        samples += self._told_of.news(now, samples, self._unusable)
+        samples += self._unusable_headings.news(now, samples, self._unusable)
         reason = self._follow.reason(now)
         if reason != self._helm_reason and (self._settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
@@ -247,7 +247,7 @@ class N2kLink(SilentLink):
     def _take(self, now: float, frame: Any, samples: list[Sample]) -> None:
         group, source = group_and_source(frame.arbitration_id)
         if group in (ADDRESS_CLAIM, REQUEST):
-            if self.address.heard(group, source, bytes(frame.data)) and self._settings.steers:
+            if self.address.on_frame(group, source, bytes(frame.data)) and self._settings.steers:
                 self._claim()
             return
         if group not in READ or source == self.address.current:
@@ -282,14 +282,14 @@ class N2kLink(SilentLink):
             self._release.has_ordered = self._release.has_ordered or self._settings.steers
         self._push(now)
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Claim our address at the start, and send what is due."""
         if not self._is_claimed and self._settings.steers:
             self._is_claimed = True
             self._claim()
         self._push(now)
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Send heading/track control at its rate."""
         if not self._settings.steers or tick.now < self._next_control or not tick.state.valid:
             return
@@ -323,7 +323,7 @@ class N2kLink(SilentLink):
 
     def _push(self, now: float) -> None:
         if self._settings.steers:
-            self._order.say(now, self._send_order)
+            self._order.send(now, self._send_order)
 
     def _send_order(self, angle: float | None) -> bool:
         fields: dict[str, object] = {"instance": 0, "directionOrder": "No Order"}

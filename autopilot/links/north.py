@@ -8,7 +8,7 @@ from autopilot.angles import wrap
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, Sample
 
 UNUSABLE_FOR_S = 3.0
-"""Headings that take an unknown variation are told of after this long without others on the same link."""
+"""Headings that take an unknown variation are reported after this long without others on the same link."""
 
 MAGNETIC_LEADS = (
     "courses are magnetic here (sensors.magnetic) and positions lead by true ones: set sensors.variation_deg instead"
@@ -37,7 +37,7 @@ class UnusableHeadings:
         self._source = f"{name}, variation"
         self._count = 0
         self._since: float | None = None
-        self._is_told = False
+        self._is_reported = False
 
     def news(self, now: float, samples: Iterable[Sample], count: int) -> list[Sample]:
         """Return what is to be said at `now` [s]. count: how many headings have been unusable so far."""
@@ -47,7 +47,7 @@ class UnusableHeadings:
             self._since = now
         self._count = count
         is_due = self._since is not None and now - self._since >= UNUSABLE_FOR_S
-        if is_due == self._is_told:
+        if is_due == self._is_reported:
             return []
-        self._is_told = is_due
+        self._is_reported = is_due
         return [AlarmSample(now, AlarmEvent("variation_unknown") if is_due else None, self._source)]

@@ -57,7 +57,7 @@ class Release(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Return what a person is told, without a full stop."""
+        """Return what a person reads, without a full stop."""
         behind = f": {self.lapse}" if self.lapse else ""
         if self.state is ReleaseState.NOT_HELD:
             return "rudder not held"

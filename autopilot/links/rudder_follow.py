@@ -1,4 +1,4 @@
-"""Whether the rudder does what it is told, from what a rudder sensor shows. Pure.
+"""Whether the rudder follows its command, from what a rudder sensor shows. Pure.
 
 Time in which the rudder is off its order by more than `tolerance` and does not move towards it fills a bucket;
 time in which it is right, or on its way, empties it. A full bucket is a rudder that does not follow:
@@ -143,7 +143,7 @@ class StandingOrder:
             self._angle = None
         return self._angle
 
-    def say(self, now: float, write: Callable[[float | None], bool]) -> None:
+    def send(self, now: float, write: Callable[[float | None], bool]) -> None:
         """Call `write` with the order, or with None for a release, where one is due.
 
         A release that `write` could not pass on (False) stays to be said; an order does not, a newer one follows.

@@ -94,7 +94,7 @@ def _exposed(link: LinkUrl, transport: Transport) -> Transport:
     return transport
 
 
-def believe_signed(
+def accept_signed(
     transport: Transport, signing: LinkSigning | None, hears: Callable[[Message], bool] | None = None
 ) -> None:
     """Let nobody become the peer of a listening MAVLink transport who does not sign with our key, where we have one.

@@ -116,7 +116,7 @@ def _offset(first: Recording, other: Recording) -> tuple[float, str]:
     if ours is None or theirs is None:
         reason = "one of them has neither heading nor yaw rate"
     raise InputError(
-        f"{other.source}: when it begins against {first.source} cannot be told ({reason}); give it as "
+        f"{other.source}: when it begins against {first.source} cannot be determined ({reason}); give it as "
         f"{Path(other.source).name}@SECONDS."
     )
 

@@ -188,8 +188,8 @@ def read_nmea(path: str, data: bytes, variation: float | None = None) -> Recordi
     time, date, notes = _times(path, lines)
     if bad:
         notes.append(f"{path}: {bad} sentences with a wrong checksum or form are left out.")
-    series, told = _series(path, lines, time, variation)
-    notes.extend(told)
+    series, remarks = _series(path, lines, time, variation)
+    notes.extend(remarks)
     if not series:
         raise InputError(
             f"{path}: holds no heading, rate, rudder or speed (HDG, HDM, HDT, THS, ROT, RSA, VHW, RMC, VTG)."
@@ -222,8 +222,8 @@ def _times(path: str, lines: list[Line]) -> tuple[FloatArray, float | None, list
     if time is None:
         stamped = sum(stamp is not None for stamp in stamps)
         raise InputError(
-            f"{path}: when its sentences came cannot be told: {stamped} of {len(lines)} have a time stamp before them, "
-            f"and {len(marks)} a UTC inside (RMC, GGA, GLL, ZDA); record with time stamps."
+            f"{path}: when its sentences came cannot be determined: {stamped} of {len(lines)} have a time stamp before "
+            f"them, and {len(marks)} a UTC inside (RMC, GGA, GLL, ZDA); record with time stamps."
         )
     note = f"{path}: has no time stamps; times are spread between the UTC in its sentences."
     return time, _day(lines), [note]

@@ -159,7 +159,7 @@ class RudderSettings(NamedTuple):
     """Where the rudder comes from.
 
     choice: see CHOICES. at_full [rad]: rudder at full share, negative where the servo turns the other way, None where
-    not known. gear: the steering gear behind servo or commands, None to take the rudder to stand where it is told.
+    not known. gear: the steering gear behind servo or commands, None to take the rudder to stand where it is commanded.
     """
 
     choice: RudderChoice = "auto"

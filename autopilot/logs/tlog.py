@@ -75,7 +75,7 @@ class TlogPackets:
         self.torn = end - place
 
     def _is_start(self, place: int) -> bool:
-        """Return whether a record begins at `place`, or the file ends before that can be told."""
+        """Return whether a record begins at `place`, or the file ends before that can be seen."""
         data = self._data
         if place + STAMP >= len(data):
             return place <= len(data)
@@ -178,7 +178,7 @@ class VehicleLog:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The vehicle's parameters as far as they were told."""
+        """The vehicle's parameters as far as they were reported."""
         return {
             name: float(decode(value, raw, kind, self._is_bytewise))
             for name, (value, raw, kind) in self._parameters.items()

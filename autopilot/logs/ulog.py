@@ -85,8 +85,8 @@ def read_ulog(path: str, data: bytes, servo: Servo | ServoScale | None = None) -
     if not any(found.quantity == HEADING for found in series):
         raise InputError(f"{path}: holds no vehicle_attitude, so no heading; let the logger write it (SDLOG_PROFILE).")
     notes = (f"{path}: is damaged or torn; what pyulog could read is used.",) if is_corrupt else ()
-    told = log.initial_parameters.items()
-    parameters = {name: float(value) for name, value in told if isinstance(value, int | float)}
+    initial = log.initial_parameters.items()
+    parameters = {name: float(value) for name, value in initial if isinstance(value, int | float)}
     with np.errstate(all="ignore"):
         steering = tuple(_steering(path, topics, servo, parameters))
     return on_one_clock(Recording(path, "PX4 log", (*series, *steering), _began(topics), notes))
@@ -98,16 +98,16 @@ def _load(path: str, data: bytes) -> tuple[Any, bool]:
         from pyulog.core import ULogException
     except ImportError as error:
         raise InputError(f"{path}: reading PX4 logs needs pyulog; install it with pip install '.[ulog]'.") from error
-    told = io.StringIO()
+    printed = io.StringIO()
     try:
         # pyulog prints what it thinks of a damaged file
-        with contextlib.redirect_stdout(told):
+        with contextlib.redirect_stdout(printed):
             log = ULog(_Bounded(data), list(TOPICS))
     except ULogException as error:
         raise InputError(f"{path}: is no PX4 log that can be read: {error}.") from error
     except Exception as error:
         raise InputError(f"{path}: is damaged beyond use (pyulog: {type(error).__name__}).") from error
-    return log, bool(log.file_corruption or told.getvalue().strip())
+    return log, bool(log.file_corruption or printed.getvalue().strip())
 
 
 def _first_of(log: Any, topic: str) -> Topic:

@@ -5,7 +5,7 @@ Sway and yaw, from a side thruster:  y' = v cos psi,   psi' = r,   (v, r) = M^-1
     M = [[M22, M26], [M26, M66]],   D = [[Yv, Yr], [Nv, Nr]],   t = (1, lever)
 
 Everything is made dimensionless in the bis system (Norrbin 1970): lengths by L, times by sqrt(L/g), masses by the
-ship's own m, and so forces by m g. k is 1 where a thruster gives what it is told.
+ship's own m, and so forces by m g. k is 1 where a thruster gives what it is commanded.
 
 Source: Zheng et al. 2019, eqs (1)-(5), (12), (13), with X_u u where (12) prints X_u mu. Table 1 lists entries of D,
 positive; it has no units, and in no standard scaling do all five numbers of D belong to one ship: in this one Nr

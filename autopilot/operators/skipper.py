@@ -46,7 +46,7 @@ class Skipper:
         self._order = Order()
         self._adopt = False
         self.quit = False
-        self.heard = False
+        self.has_acknowledged = False
         """Whether alarms have been acknowledged since `Acknowledgements` looked last."""
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
@@ -67,7 +67,7 @@ class Skipper:
         self._order = order._replace(serial=self._order.serial + 1)
 
     def turn_to(self, heading: float) -> None:
-        """Change the heading [rad] ordered; the same serial: no wish to engage again after an override."""
+        """Change the heading [rad] ordered; the same serial: no request to engage again after an override."""
         if self._order.kind is OrderKind.HEADING:
             self._adopt = False
             self._order = self._order._replace(heading=wrap(heading), is_led=False)
@@ -78,7 +78,7 @@ class Skipper:
 
     def acknowledge(self) -> None:
         """Silence what sounds."""
-        self.heard = True
+        self.has_acknowledged = True
 
     def type_line(self, line: str) -> str:
         """Act on a typed line and return what to answer. Raises InputError."""
@@ -111,7 +111,7 @@ class Skipper:
         if self._order.kind is not OrderKind.HEADING or not math.isfinite(self._order.heading):
             raise InputError("no heading is being steered yet: engage first with e")
         heading = wrap(self._order.heading + turn)
-        # the same serial: a change of heading is no wish to engage again after an override
+        # the same serial: a change of heading is no request to engage again after an override
         self._order = self._order._replace(heading=heading, is_led=False)
         return f"heading {compass_deg(heading):05.1f} deg"
 
@@ -286,7 +286,7 @@ class RouteSkipper(PlotterSkipper):
                 if isinstance(sample, PositionSample):
                     self.track.take(sample)
                 elif isinstance(sample, WindSample) and tick.state.valid:
-                    self.wind.hear(sample, tick.state.heading)
+                    self.wind.on_sample(sample, tick.state.heading)
             if self._awaits_wind and self.wind.is_known(tick.now):
                 self.hold_wind()
         if self._script is not None:

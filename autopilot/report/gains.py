@@ -1,10 +1,10 @@
-"""The gain design's page: margins, the loop's curves, response levels, and what large errors do.
+"""The gain design's page: margins, the loop's curves, response levels, and the large-signal response.
 
 What becomes of a planned turn where the rudder is weaker than the model's: the pilot itself, simulated.
 
 For course-unstable boats: one that turns faster than its rudder can stop is lost, and linear margins do not say so.
 
-Gains judged from every side: margins, the worst boat within the model's uncertainty, and large errors.
+Gains judged from every side: margins, the worst boat within the model's uncertainty, and the large-signal response.
 
 The gains in force and the margins they leave, from a fifth of the trial's speed to one and a half times it.
 """
@@ -27,7 +27,7 @@ from autopilot.runtime.build import gear_of, law_of, loop_gains_of, model_of, sh
 
 if TYPE_CHECKING:
     from autopilot.control.design import Margins, Spread, Verdict
-    from autopilot.control.margins import Loop, ObservedMargins, Recovery
+    from autopilot.control.margins import Loop, OutputFeedbackMargins, Recovery
     from autopilot.vessel.schema import Vessel
 
 TURN = math.radians(90.0)
@@ -37,7 +37,7 @@ TURNING_TIMES = 1.5
 SETTLED = math.radians(3.0)
 SEEDS = (1, 2, 3)
 """The instruments' noise decides whether a boat on the brink is lost: the worst of these runs counts."""
-WEAKER = 0.7
+RUDDER_LOSS = 0.7
 PAST_MOST = math.radians(5.0)
 """A turn that leads further past with WEAKER times the model's K is not well in hand."""
 
@@ -52,7 +52,7 @@ def overshoot(vessel: Vessel, gain_factor: float) -> float:
 
 def survives(vessel: Vessel) -> bool:
     """Return whether a turn stays in hand where the rudder is 30 % weaker than the model's."""
-    return all(_one(vessel, WEAKER, seed) <= PAST_MOST for seed in SEEDS)
+    return all(_one(vessel, RUDDER_LOSS, seed) <= PAST_MOST for seed in SEEDS)
 
 
 def _one(vessel: Vessel, gain_factor: float, seed: int) -> float:
@@ -72,11 +72,11 @@ def _one(vessel: Vessel, gain_factor: float, seed: int) -> float:
         vessel.sensors.rate_noise_deg_s,
     )
     heading = rate = rudder = 0.0
-    heard, errors = -math.inf, list[float]()
+    sampled, errors = -math.inf, list[float]()
     for tick in range(round((STRAIGHT_S + TURNING_TIMES * turning_time(model, turn, TURN)) / dt)):
         now, samples = tick * dt, tuple[HeadingSample, ...]()
-        if now >= heard + HEADING_EVERY_S - 1.0e-6:
-            heard = now
+        if now >= sampled + HEADING_EVERY_S - 1.0e-6:
+            sampled = now
             seen = heading + random.gauss(0.0, math.radians(noise)), rate + random.gauss(0.0, math.radians(rate_noise))
             samples = (HeadingSample(now, wrap(seen[0]), seen[1]),)
         order = Order(OrderKind.HEADING, 0.0 if now < STRAIGHT_S else TURN, serial=1)
@@ -93,11 +93,11 @@ def _one(vessel: Vessel, gain_factor: float, seed: int) -> float:
 ASSUMED_SPREAD = 0.2
 """How far K and T may be off, to either side, where the file holds no standard errors."""
 SIGMAS = 2.0
-LARGE_ERRORS_DEG = (5.0, 20.0, 45.0, 90.0)
+LARGE_SIGNAL_DEG = (5.0, 20.0, 45.0, 90.0)
 
 
 class Judged(NamedTuple):
-    """A vessel's law: its verdict, the worst margins within `spread`, said in words, what large errors do, and the
+    """A vessel's law: its verdict, the worst margins within `spread`, said in words, the large-signal response, and the
     margins with the heading filter in the loop, in calm water and in the strongest gusts that it learns."""
 
     vessel: Vessel
@@ -106,15 +106,23 @@ class Judged(NamedTuple):
     worst: Margins
     spread: str
     recoveries: list[Recovery]
-    observed: ObservedMargins
-    in_gusts: ObservedMargins
+    output_feedback: OutputFeedbackMargins
+    disturbed: OutputFeedbackMargins
 
 
 def judged(vessel: Vessel, law: str) -> Judged:
     """Return the gains of the vessel's `law` judged."""
     from autopilot.control.design import worst_margins
-    from autopilot.control.margins import observed_margins, recoveries
-    from autopilot.runtime.build import gear_of, law_of, limits_of, loop_gains_of, model_of, observed_of, verdict_of
+    from autopilot.control.margins import output_feedback_margins, recoveries
+    from autopilot.runtime.build import (
+        gear_of,
+        law_of,
+        limits_of,
+        loop_gains_of,
+        model_of,
+        output_feedback_loop,
+        verdict_of,
+    )
 
     verdict = verdict_of(vessel, law)
     spread, words = spread_of(vessel)
@@ -122,14 +130,16 @@ def judged(vessel: Vessel, law: str) -> Judged:
     worst = worst_margins(
         model_of(vessel), gear_of(vessel), limits_of(vessel).rate_max, vessel.control.loop_delay_s, gains, spread
     )
-    errors = [math.radians(error) for error in LARGE_ERRORS_DEG]
+    errors = [math.radians(error) for error in LARGE_SIGNAL_DEG]
     found = recoveries(loop_of(vessel), law_of(vessel, law), verdict.margins.crossover, errors)
-    calm, gusty = (observed_margins(observed_of(vessel, law, in_gusts=in_gusts)) for in_gusts in (False, True))
+    calm, gusty = (
+        output_feedback_margins(output_feedback_loop(vessel, law, disturbed=disturbed)) for disturbed in (False, True)
+    )
     return Judged(vessel, law, verdict, worst, words, found, calm, gusty)
 
 
 def loop_of(vessel: Vessel) -> Loop:
-    """Return the vessel's boat and rudder as the simulation of large errors takes them."""
+    """Return the vessel's boat and rudder as the large-signal simulation takes them."""
     from autopilot.control.margins import Loop
     from autopilot.runtime.build import gear_of, limits_of, model_of
 
@@ -161,8 +171,8 @@ def as_json(each: Judged) -> dict[str, Any]:
         "phase_margin_deg": math.degrees(found.phase),
         "delay_margin_s": _finite(found.delay),
         "worst_sensitivity": found.sensitivity,
-        "with_heading_filter": _observed(each.observed),
-        "with_heading_filter_in_gusts": _observed(each.in_gusts),
+        "with_heading_filter": _output_feedback(each.output_feedback),
+        "with_heading_filter_in_gusts": _output_feedback(each.disturbed),
         "crossover_rad_s": found.crossover,
         "rudder_rate_saturates_at_heading_error_deg": _finite(math.degrees(found.saturation)),
         "worst_boat": {
@@ -185,7 +195,7 @@ def as_json(each: Judged) -> dict[str, Any]:
     }
 
 
-def _observed(found: ObservedMargins) -> dict[str, Any]:
+def _output_feedback(found: OutputFeedbackMargins) -> dict[str, Any]:
     return {
         "stable": found.stable,
         "delay_margin_s": _finite(found.delay),
@@ -222,12 +232,12 @@ def as_text(rows: dict[str, Judged]) -> str:
 
 
 def sentences(each: Judged) -> list[str]:
-    """Return what the worst boat and large errors do, and why the gains are refused where they are."""
+    """Return what the worst boat and the large-signal response are, and why the gains are refused where they are."""
     said = []
     if each.verdict.margins.stable:
-        said.append(f"with the heading filter: {_observed_in_words(each.observed)}")
-        if each.in_gusts != each.observed:
-            said.append(f"in the strongest gusts: {_observed_in_words(each.in_gusts)}")
+        said.append(f"with the heading filter: {_margins_in_words(each.output_feedback)}")
+        if each.disturbed != each.output_feedback:
+            said.append(f"in the strongest gusts: {_margins_in_words(each.disturbed)}")
         outcome = f"worst sensitivity {each.worst.sensitivity:.2f}" if each.worst.stable else "UNSTABLE"
         said.append(f"worst boat ({each.spread}): {outcome}")
     good = [row for row in each.recoveries if row.corrected]
@@ -237,7 +247,7 @@ def sentences(each: Judged) -> list[str]:
             f"{math.degrees(row.error):.0f} deg: {math.degrees(row.overshoot):.1f} deg past in {row.settling:.1f} s"
             for row in good
         )
-        said.append(f"large errors, without a planned turn: {past}")
+        said.append(f"large-signal response, without a planned turn: {past}")
     if bad:
         said.append(
             f"from {math.degrees(bad[0].error):.0f} deg the rudder's limits leave it swinging by "
@@ -246,7 +256,7 @@ def sentences(each: Judged) -> list[str]:
     return [*said, each.verdict.refusal] if each.verdict.refusal else said
 
 
-def _observed_in_words(found: ObservedMargins) -> str:
+def _margins_in_words(found: OutputFeedbackMargins) -> str:
     if not found.stable:
         return "UNSTABLE"
     least = f"{found.gain_down:.2f}" if found.gain_down > 0.0 else "next to nothing"
@@ -372,7 +382,9 @@ def gains_page(name: str, rows: Mapping[str, Judged], levels: Mapping[int, Judge
             "Sensitivity", figure=_sensitivity(rows), caption="what the loop makes of disturbances: above 1 it adds"
         ),
         *(_step(rows, degrees) for degrees in STEP_DEG),
-        Section("Large errors", _large_errors(rows), ("Without a planned turn: in the pilot a turn is planned.",)),
+        Section(
+            "Large-signal response", _large_signal(rows), ("Without a planned turn: in the pilot a turn is planned.",)
+        ),
         *(Section(f"By speed: {name}", speed_table(each), (UNSCHEDULED,)) for name, each in chosen(rows).items()),
         Section("Response levels", _levels(levels), ("Level 5 is the quickest loop with good margins.",)),
     ]
@@ -464,9 +476,9 @@ def _step(rows: Mapping[str, Judged], degrees: float) -> Section:
     return Section(f"An error of {degrees:.0f}° put right", figure=figure, caption="the boat starts at rest in yaw")
 
 
-def _large_errors(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
+def _large_signal(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
     table: list[tuple[str, ...]] = [
-        ("gains", *(f"from {degrees:.0f} deg: past [deg], settled [s]" for degrees in LARGE_ERRORS_DEG))
+        ("gains", *(f"from {degrees:.0f} deg: past [deg], settled [s]" for degrees in LARGE_SIGNAL_DEG))
     ]
     for name, each in rows.items():
         cells = []

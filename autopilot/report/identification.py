@@ -1,4 +1,4 @@
-"""The identification's report: what was found, how sure it is, and measured beside foretold for every run."""
+"""The identification's report: what was found, how sure it is, and measured beside predicted for every run."""
 
 from __future__ import annotations
 
@@ -59,20 +59,20 @@ class Findings(NamedTuple):
     chosen: str = ""
 
 
-class Shown(NamedTuple):
-    """A run, its role, and the motion foretold for it: per segment rate [rad/s] and heading [rad], shape (N, 2)."""
+class PredictedRun(NamedTuple):
+    """A run, its role, and the motion predicted for it: per segment rate [rad/s] and heading [rad], shape (N, 2)."""
 
     run: Run
     role: str
-    foretold: list[FloatArray]
+    predicted: list[FloatArray]
 
 
 def identification_page(findings: Findings, command: str) -> str:
     """Return the report as one HTML file."""
     model = findings.found.model
-    shown = [Shown(run, role, findings.found.simulated(run)) for run, role, _ in findings.runs]
+    shown = [PredictedRun(run, role, findings.found.simulated(run)) for run, role, _ in findings.runs]
     sections = [
-        Section("Parameters", _parameters(findings), _told(findings)),
+        Section("Parameters", _parameters(findings), _unidentified(findings)),
         *_correlation(findings.found),
         *([Section("Candidates", findings.choice, (findings.chosen,))] if findings.choice else []),
         Section("Predictions", _predictions(findings.runs), ("Open loop, from what drove the boat alone.",)),
@@ -126,7 +126,7 @@ def _bound(findings: Findings) -> dict[str, float]:
     return cramer_rao(runs, found.model, free, InstrumentNoise(rate, heading), found.around, found.train)
 
 
-def _told(findings: Findings) -> tuple[str, ...]:
+def _unidentified(findings: Findings) -> tuple[str, ...]:
     found = findings.found
     return (
         *found.unidentifiable.values(),
@@ -144,32 +144,37 @@ def _correlation(found: Identified) -> list[Section]:
     symbols = [SYMBOLS[name][0] for name in found.free]
     rows = [("", *symbols)]
     rows += [(symbol, *(f"{value:+.2f}" for value in row)) for symbol, row in zip(symbols, correlation, strict=True)]
-    said = "Two that are close to ±1 are told apart badly: the runs fix one combination of them much better than each."
+    said = (
+        "Two that are close to ±1 are hard to distinguish: the runs fix one combination of them much better than each."
+    )
     return [Section("Correlation of the errors", rows, (said,))]
 
 
 def _predictions(runs: Sequence[tuple[Run, str, Prediction]]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [("run", "role", "length [s]", "R² of yaw rate [-]", "heading rms [deg]")]
-    for run, role, told in runs:
-        r2 = "-" if told.yaw_rate_r2 is None else fixed(told.yaw_rate_r2, 3)
-        rms = "-" if told.heading_rms is None else fixed(math.degrees(told.heading_rms), 1)
-        rows.append((_name(run), role, f"{told.seconds:.0f}", r2, rms))
+    for run, role, prediction in runs:
+        r2 = "-" if prediction.yaw_rate_r2 is None else fixed(prediction.yaw_rate_r2, 3)
+        rms = "-" if prediction.heading_rms is None else fixed(math.degrees(prediction.heading_rms), 1)
+        rows.append((_name(run), role, f"{prediction.seconds:.0f}", r2, rms))
     return rows
 
 
-def _run(shown: Shown) -> Section:
-    """Measured beside foretold, and what drove the boat."""
+def _run(shown: PredictedRun) -> Section:
+    """Measured beside predicted, and what drove the boat."""
     run, role, simulated = shown
     time = _joined([segment.time for segment in run.segments])
     panels = []
     for column, label in ((0, "yaw rate [deg/s]"), (1, "heading [deg]")):
         measured = _joined([s.rate if column == 0 else s.heading for s in run.segments])
         if np.isfinite(measured).any():
-            foretold = _joined([values[:, column] for values in simulated])
+            predicted = _joined([values[:, column] for values in simulated])
             panels.append(
                 Panel(
                     label,
-                    [Line("measured", time, np.degrees(measured), True), Line("foretold", time, np.degrees(foretold))],
+                    [
+                        Line("measured", time, np.degrees(measured), True),
+                        Line("predicted", time, np.degrees(predicted)),
+                    ],
                 )
             )
     panels.append(Panel("rudder [deg]", [Line("rudder", time, np.degrees(_joined([s.rudder for s in run.segments])))]))
@@ -188,7 +193,7 @@ def _joined(parts: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate([piece for part in parts for piece in (part, np.array([np.nan]))])
 
 
-def _residuals(tests: Sequence[ResidualTest], fitted: Sequence[Shown]) -> Section:
+def _residuals(tests: Sequence[ResidualTest], fitted: Sequence[PredictedRun]) -> Section:
     sentences = tuple(" ".join(test.sentences()) for test in tests)
     panels = []
     for column, label in ((0, "yaw rate"), (1, "heading")):
@@ -199,9 +204,9 @@ def _residuals(tests: Sequence[ResidualTest], fitted: Sequence[Shown]) -> Sectio
     return Section("Residuals", text=sentences, figure=figure, caption="how long the residuals remember")
 
 
-def _autocorrelation(fitted: Sequence[Shown], column: int) -> tuple[FloatArray, FloatArray]:
+def _autocorrelation(fitted: Sequence[PredictedRun], column: int) -> tuple[FloatArray, FloatArray]:
     """Return lags [s] and the residuals' correlation there, of the longest segment."""
-    pairs = [pair for each in fitted for pair in zip(each.run.segments, each.foretold, strict=True)]
+    pairs = [pair for each in fitted for pair in zip(each.run.segments, each.predicted, strict=True)]
     segment, simulated = max(pairs, key=lambda pair: pair[0].time.size)
     measured = segment.rate if column == 0 else segment.heading
     known = np.isfinite(measured)
@@ -224,7 +229,7 @@ def _steady_turn_curve(findings: Findings) -> list[Section]:
         return []
     rudder = np.linspace(-LARGEST_RUDDER, LARGEST_RUDDER, 71)
     rates = _rates(steering_model(found), rudder)
-    lines = [Line("model, 95 % band", np.degrees(rudder), np.degrees(rates), beside=_band(found, rudder, rates))]
+    lines = [Line("model, 95 % band", np.degrees(rudder), np.degrees(rates), band=_band(found, rudder, rates))]
     turns = findings.steady_turns
     if turns is not None:
         ratio = 1.0 if turns.speed is None else turns.speed / found.model.reference_speed

@@ -31,7 +31,7 @@ class Line(NamedTuple):
     values: FloatArray
     wanted: bool = False
     dots: bool = False
-    beside: FloatArray | None = None
+    band: FloatArray | None = None
 
 
 class Panel(NamedTuple):
@@ -90,8 +90,8 @@ def _draw(axis: Any, panel: Panel) -> None:
         else:
             colour = next(colours)
             axis.plot(line.time, line.values, color=colour, linewidth=1.2, label=line.name)
-            if line.beside is not None:
-                low, high = line.values - line.beside, line.values + line.beside
+            if line.band is not None:
+                low, high = line.values - line.band, line.values + line.band
                 axis.fill_between(line.time, low, high, color=colour, alpha=0.18, linewidth=0.0)
     axis.set_ylabel(panel.label)
     axis.grid(True, color="#e3e6ea", linewidth=0.6)

@@ -182,7 +182,7 @@ class App:
         from autopilot.links.ground_station.mission import dump_items
 
         plan, mission, kept = self._plan, skipper.mission, mission_file(self._plan.path)
-        mission.keep = lambda items: self._saver(kept, dump_items(items))
+        mission.save_route = lambda items: self._saver(kept, dump_items(items))
         mission.guide.settings = track_settings_of(plan.vessel)
         links: list[Link] = [GuideAlarms(mission.guide, "track"), GuideAlarms(skipper.wind, "wind")]
         if plan.learns or plan.stations.urls:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from autopilot.control.design import Verdict, judge
 from autopilot.control.law import LawBoat, LawInForce, LoopGains
 from autopilot.control.limits import RudderLimits
-from autopilot.control.margins import Delays, Observed, refusal_of
-from autopilot.control.met_waves import Corners
+from autopilot.control.margins import Delays, OutputFeedbackLoop, refusal_of
 from autopilot.control.registry import LAWS
 from autopilot.control.roll_damping import RollDamping, checked
+from autopilot.control.wave_feedforward import CornerFrequencies
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
 from autopilot.estimation.steady_filter import steady_filter
@@ -124,11 +124,11 @@ def radians_or_unlimited(degrees: float | None) -> float:
 
 UNATTENDED_S = 3.0
 """A rudder drive without a time-out of its own is left without orders for so long, as ArduPilot's overrides are."""
-WAVE_CORNER_SHARE = 0.4
-"""Waves quicker than this share of the steering loop's natural frequency are left alone: below it the rudder still
+FILTER_SHARE = 0.4
+"""Waves quicker than this share of the steering loop's natural frequency are filtered out: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
-UNDONE_SHARE = 1.2
-"""Waves slower than this share of it are undone where they are to be met, see `met_waves`."""
+FEEDFORWARD_SHARE = 1.2
+"""Waves slower than this share of it are cancelled where the vessel file says `meet`, see `wave_feedforward`."""
 STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_INTERVAL = 0.1
@@ -163,15 +163,15 @@ def bias_time_of(vessel: Vessel) -> float:
     return vessel.estimator.bias_time_s or usual_bias_time(model_of(vessel))
 
 
-def wave_corners_of(vessel: Vessel, law: str | None = None) -> Corners:
+def corner_frequencies_of(vessel: Vessel, law: str | None = None) -> CornerFrequencies:
     """Return which waves the law is shown, all of them where it closes no loop or works against roll in the waves, and
-    which of them are undone."""
+    which of them are cancelled."""
     chosen = LAWS[law or vessel.control.law]
     if chosen.linear is None or chosen.takes_roll:
-        return Corners(math.inf)
+        return CornerFrequencies(math.inf)
     natural = math.sqrt(loop_gains_of(vessel, law).proportional * vessel.model.K_1_s / vessel.model.T_s)
     meets = vessel.estimator.wave_filter == "meet"
-    return Corners(WAVE_CORNER_SHARE * natural, UNDONE_SHARE * natural if meets else 0.0)
+    return CornerFrequencies(FILTER_SHARE * natural, FEEDFORWARD_SHARE * natural if meets else 0.0)
 
 
 def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Verdict:
@@ -186,7 +186,9 @@ def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> V
         vessel.control.loop_delay_s,
         loop_gains_of(vessel, name, ratio),
     )
-    return verdict if verdict.refusal else verdict._replace(refusal=refusal_of(observed_of(vessel, name, ratio)))
+    return (
+        verdict if verdict.refusal else verdict._replace(refusal=refusal_of(output_feedback_loop(vessel, name, ratio)))
+    )
 
 
 def refusal_to_engage(vessel: Vessel, name: str | None = None) -> str:
@@ -194,15 +196,17 @@ def refusal_to_engage(vessel: Vessel, name: str | None = None) -> str:
     return verdict_of(vessel, name).refusal if LAWS[name or vessel.control.law].linear else ""
 
 
-def observed_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0, in_gusts: bool = False) -> Observed:
+def output_feedback_loop(
+    vessel: Vessel, name: str | None = None, ratio: float = 1.0, disturbed: bool = False
+) -> OutputFeedbackLoop:
     """Return the loop of the vessel's law with the heading filter in it, at `ratio` times the speed of the trial.
 
     in_gusts: with the bias as quick as the filter learns it to be at most; without waves it learns nothing.
     """
     model, noise = at_speed_ratio(model_of(vessel), ratio), noise_of(vessel)
-    if in_gusts and noise.waves:
+    if disturbed and noise.waves:
         noise = noise._replace(bias=noise.gusty_bias)
-    return Observed(
+    return OutputFeedbackLoop(
         model,
         gear_of(vessel),
         Delays(vessel.control.loop_delay_s, vessel.sensors.heading_latency_s),
@@ -253,7 +257,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         turn_rate_max=radians_or_unlimited(vessel.guidance.turn_rate_max_deg_s),
         turn_curvature_max=curvature_max_of(vessel),
         rudder_is_ours=vessel.helm.method != "guided",
-        wave_corners=wave_corners_of(vessel, law),
+        corner_frequencies=corner_frequencies_of(vessel, law),
         steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
         steerage_over_ground=steerage is not None,
         roll=roll_damping_of(vessel),

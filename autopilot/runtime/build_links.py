@@ -13,7 +13,7 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
-from autopilot.links.arrivals import HeardTransport
+from autopilot.links.arrivals import RecordingTransport
 from autopilot.links.base import Link, Transport, close_all
 from autopilot.links.drives import DRIVES, drive_of
 from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules
@@ -142,8 +142,8 @@ class LinkOptions(NamedTuple):
     are heard, None: those of AccessRules().
     `with_other_pilot`: engage though another pilot steers the boat.
     `reconnect`: lines that are lost, or not there yet, are opened again.
-    `opened`: returns what an opener opens, in its own time.  `heard`: takes the lines, to say what came over them.
-    `warn`: is told what somebody should know who expects orders to be taken.
+    `opened`: returns what an opener opens, in its own time.  `arrivals`: takes the lines, to say what came over them.
+    `warn`: is called with what somebody should know who expects orders to be taken.
     `has_compass`: headings may come over other links than the flight controller's, so slow ones there are no bar.
     """
 
@@ -156,7 +156,7 @@ class LinkOptions(NamedTuple):
     reconnect: bool = False
     with_other_pilot: bool = False
     opened: Callable[[Callable[[], Link]], Link] = opened_now
-    heard: dict[str, HeardTransport] | None = None
+    arrivals: dict[str, RecordingTransport] | None = None
     warn: Callable[[str], None] = to_stderr
     has_compass: bool = False
 
@@ -217,9 +217,9 @@ def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | 
 
         return N2kLink(parsed.text, open_bus(parsed.text, parsed.host, parsed.path), n2k_settings_of(vessel, parsed))
     transport = open_transport(parsed, networks_of(vessel))
-    if options.heard is not None:
-        transport = HeardTransport(transport, parsed.protocol)
-        options.heard[url] = transport
+    if options.arrivals is not None:
+        transport = RecordingTransport(transport, parsed.protocol)
+        options.arrivals[url] = transport
     if parsed.protocol == "nmea":
         from autopilot.links.nmea.link import NmeaLink
 

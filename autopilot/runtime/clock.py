@@ -42,7 +42,7 @@ class MonotonicClock:
 
 
 class ManualClock:
-    """A clock that moves when it is told to: waiting is arriving."""
+    """A clock that moves when it is ordered to: waiting is arriving."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start

@@ -147,7 +147,7 @@ class FolderLimits(NamedTuple):
 class FolderSink(_OpenFile):
     """Parts in a folder: norrbin-00012-20260504T101500Z.001.tlog is part 1 of the folder's 12th run.
 
-    The number orders the runs where the clock cannot: many boards know no time before the network or the GPS has told
+    The number orders the runs where the clock cannot: many boards know no time before the network or the GPS has set
     them. Before a part begins the oldest parts are removed until it fits; another program's files, and what another
     run is writing, are left alone. A full disk is waited for. Raises InputError where the folder cannot be written.
     """

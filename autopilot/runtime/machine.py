@@ -56,7 +56,7 @@ class LoopHealth(SilentLink):
         self._checked = monotonic()
         self._stepped_at: float | None = None
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Take the time of a tick."""
         if self._last is not None and tick.now - self._last > self._longest:
             self._late.append(tick.now)
@@ -121,7 +121,7 @@ def make_real_time(wanted: RealTime) -> list[str]:
     """
     refused = []
     if wanted.cpus:
-        refused.append(_keep_to(wanted.cpus))
+        refused.append(_pin_to(wanted.cpus))
     if wanted.priority is not None:
         refused.append(_lock_memory())
         refused.append(_schedule(wanted.priority))
@@ -137,7 +137,7 @@ def cpus_of(text: str) -> tuple[int, ...]:
     return tuple(int(word) for word in words)
 
 
-def _keep_to(cpus: Sequence[int]) -> str:
+def _pin_to(cpus: Sequence[int]) -> str:
     try:
         os.sched_setaffinity(0, cpus)
     except OSError as error:

@@ -1,6 +1,6 @@
 """What keeps a steering process well, beside the steering: the service manager, real time, garbage, and a restart.
 
-What a service manager is told: ready, alive, why not well, leaving. Without one nothing is sent. The protocol is
+What a service manager gets to know: ready, alive, why not well, leaving. Without one nothing is sent. The protocol is
 sd_notify(3) of systemd: datagrams of VARIABLE=value lines to the socket named in NOTIFY_SOCKET. Signs of life come from
 the tick and from no other place: when it hangs they stop, and after WatchdogSec the manager aborts the process and
 starts another.

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from autopilot.links.base import ConfirmsRelease, Link, Shows
+from autopilot.links.base import ConfirmsRelease, Link, TickListener
 from autopilot.links.release import LONGEST_S, Release, ReleaseState
 from autopilot.pilot import Pilot
 from autopilot.runtime.clock import Clock
@@ -75,7 +75,7 @@ class Session:
     ) -> None:
         self._pilot = pilot
         self._links = tuple(links)
-        self._showing = [link for link in links if isinstance(link, Shows)]
+        self._showing = [link for link in links if isinstance(link, TickListener)]
         self._clock = clock
         self._period = 1.0 / rate_hz
         self._orders = orders
@@ -157,7 +157,7 @@ class Session:
                 self._fresh = self._fresh or isinstance(sample, HeadingSample)
         if now < self._due():
             for link in self._links:
-                link.keep(now)
+                link.poll(now)
             return False
         self._step(now)
         return True
@@ -182,10 +182,10 @@ class Session:
             for link in self._links:
                 link.send(now, tick.command)
             for showing in self._showing:
-                showing.show(tick)
+                showing.publish_tick(tick)
             for link in self._links:
-                link.tell(now, tick.mode, tick.alarms)
-                link.keep(now)
+                link.publish_status(now, tick.mode, tick.alarms)
+                link.poll(now)
         finally:
             # the tick whose command met a broken link is the one worth reading afterwards
             packets = self._packets()

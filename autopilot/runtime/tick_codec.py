@@ -127,8 +127,8 @@ def encode_tick(tick: Tick) -> bytes:
             tick.siren,
         )
     )
-    heard = tick.heard if len(tick.heard) == len(tick.alarms) else (_UNKNOWN,) * len(tick.alarms)
-    parts.extend(bytes([state]) + _encode_event(alarm) for state, alarm in zip(heard, tick.alarms, strict=True))
+    alarm_states = tick.alarm_states if len(tick.alarm_states) == len(tick.alarms) else (_UNKNOWN,) * len(tick.alarms)
+    parts.extend(bytes([state]) + _encode_event(alarm) for state, alarm in zip(alarm_states, tick.alarms, strict=True))
     return b"".join(parts)
 
 
@@ -150,9 +150,9 @@ def _decode_tick(record: bytes) -> Tick:
     out = _OUTPUTS.unpack_from(record, place)
     place += _OUTPUTS.size
     alarms: list[AlarmEvent] = []
-    heard: list[int] = []
+    alarm_states: list[int] = []
     while place < len(record):
-        heard.append(record[place])
+        alarm_states.append(record[place])
         alarm, place = _decode_event(record, place + 1)
         alarms.append(alarm)
     return Tick(
@@ -168,7 +168,7 @@ def _decode_tick(record: bytes) -> Tick:
         alarms=tuple(alarms),
         supervisor=SupervisorState(out[19]),
         siren=Siren(out[20]),
-        heard=() if _UNKNOWN in heard else tuple(AlarmState(state) for state in heard),
+        alarm_states=() if _UNKNOWN in alarm_states else tuple(AlarmState(state) for state in alarm_states),
     )
 
 

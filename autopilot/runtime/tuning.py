@@ -1,8 +1,8 @@
 """Gains by a response level or a bandwidth, and learnt models: designed for a vessel, put in force while it steers.
 
 Designing takes some hundred milliseconds, which is several ticks: it is done beside the loop, in a thread, and what
-comes out is put in force between two ticks, by the loop itself. What was learnt (`run --learn`) is told, and adopted or
-taken back only when the skipper says so.
+comes out is put in force between two ticks, by the loop itself. What was learnt (`run --learn`) is reported, and
+adopted or taken back only when the skipper says so.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import astuple, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from autopilot.control.design import DESIGNED, design_backstepping, placed, spared_gains
+from autopilot.control.design import DESIGNED, design_backstepping, lqr_gains, placed
 from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import Worker
@@ -40,18 +40,20 @@ class GainRequest(NamedTuple):
     level: int = 5
     bandwidth: float | None = None
     damping: float = 0.8
-    spares: bool | None = None
+    rate_weighted: bool | None = None
 
 
 def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  # noqa: B008 - nobody can change it
     """Return the vessel with gains designed for it. Raises RefusedError where no gain serves."""
-    model, spares = model_of(vessel), spares_rudder(vessel, request)
+    model, rate_weighted = model_of(vessel), is_rate_weighted(vessel, request)
     try:
         if request.bandwidth is not None:
-            loop = spared_gains(model, request.bandwidth) if spares else placed(request.bandwidth, request.damping)
+            loop = lqr_gains(model, request.bandwidth) if rate_weighted else placed(request.bandwidth, request.damping)
         else:
             rate_max, delay = limits_of(vessel).rate_max, vessel.control.loop_delay_s
-            loop = design_backstepping(model, gear_of(vessel), rate_max, delay, request.level, spares=spares)
+            loop = design_backstepping(
+                model, gear_of(vessel), rate_max, delay, request.level, rate_weighted=rate_weighted
+            )
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
     boat = law_boat_of(vessel)
@@ -63,20 +65,21 @@ def _rounded(section: Any) -> Any:
     return type(section)(*(rounded(gain) for gain in astuple(section)))
 
 
-def spares_rudder(vessel: Vessel, request: GainRequest) -> bool:
+def is_rate_weighted(vessel: Vessel, request: GainRequest) -> bool:
     """Return whether designed gains are to weigh the rudder's rate."""
     filed = getattr(vessel.control, DESIGNED)
-    return request.spares if request.spares is not None else filed is not None and filed.smoothing_s > 0.0
+    return request.rate_weighted if request.rate_weighted is not None else filed is not None and filed.smoothing_s > 0.0
 
 
 class LearningService:
-    """Between the skipper's terminal and a pilot that learns the boat: what was learnt is told, adopted, taken back."""
+    """Between the skipper's terminal and a pilot that learns the boat: what was learnt is reported, adopted, taken
+    back."""
 
     def __init__(self, learner: Learner, store: VesselStore) -> None:
         self._learner, self._store = learner, store
         self._before: list[Vessel] = []
         self._looked = -math.inf
-        self._told: tuple[Norrbin, bool] | None = None
+        self._last_news: tuple[Norrbin, bool] | None = None
 
     def news(self, tick: Tick) -> str:
         """Return what the skipper should know unasked: a model put forward, or one that has proved itself; else ''."""
@@ -85,9 +88,9 @@ class LearningService:
         self._looked = tick.now
         proposal = self._learner.proposal()
         now = None if proposal is None else (proposal.model, proposal.is_proved)
-        if proposal is None or now == self._told:
+        if proposal is None or now == self._last_news:
             return ""
-        self._told = now
+        self._last_news = now
         what = "learnt" if not proposal.is_proved else "learnt and proved (type adopt)"
         return f"{what}: {_numbers(proposal)}; {_check(proposal)}"
 
@@ -122,14 +125,14 @@ class LearningService:
         if proposal is None:
             raise InputError(f"nothing to adopt yet: {_progress(self._learner)}")
         if not proposal.is_proved:
-            raise InputError(f"not adopted: it must foretell better than the present model first; {_check(proposal)}")
+            raise InputError(f"not adopted: it must predict better than the present model first; {_check(proposal)}")
         return running, with_learnt(running, proposal)
 
     def put(self, before: Vessel, after: Vessel) -> str:
         """Put an adopted vessel in force, `before` being what `revert` goes back to. Raises RefusedError."""
         kept = self._store.put(steered_as(self._store.stored, after))
         self._before.append(before)
-        self._told = None
+        self._last_news = None
         return "; ".join(filter(None, ["adopted", _changes(before, after), kept]))
 
     def revert(self) -> str:
@@ -148,7 +151,7 @@ class LearningService:
     def values(self) -> dict[str, float]:
         """Return model in force, learnt so far and proposed (`lrn_p`, `lrn_s`: standard errors), and how it did.
 
-        Errors of foretelling [deg]; `lrn_state` 0 nothing is proposed yet, 1 it is, 2 it has proved itself.
+        Errors of prediction [deg]; `lrn_state` 0 nothing is proposed yet, 1 it is, 2 it has proved itself.
         """
         learner, proposal = self._learner, self._learner.proposal()
         values = {"lrn_win": float(learner.windows), "lrn_state": 0.0}
@@ -208,7 +211,7 @@ def _check(proposal: Proposal) -> str:
 
 def _progress(learner: Learner) -> str:
     return (
-        f"{learner.windows} windows have told something, and K and T are not known to 10 % yet; windows tell where the "
+        f"{learner.windows} windows carried information, and K and T are not known to 10 % yet; windows tell where the "
         "rudder moves by 4 deg or more: turn or zigzag"
     )
 

@@ -122,7 +122,7 @@ class VesselStore:
         if refusal := refusal_to_engage(vessel, self._law):
             raise RefusedError(refusal)
         config = pilot_config(vessel, self._law)
-        if abs(self._pilot.told.angle) > config.limits.angle_max:
+        if abs(self._pilot.last_command.angle) > config.limits.angle_max:
             raise RefusedError("the rudder stands further over now; try again when it is nearer to amidships")
         self._pilot.reconfigure(config, law_of(vessel, self._law))
         self.changed(vessel)

@@ -35,7 +35,7 @@ LINES_MOST = 20
 """Lines of one client in one turn."""
 
 
-class Heard(NamedTuple):
+class ReceivedLine(NamedTuple):
     """A line and who said it."""
 
     client: int
@@ -78,13 +78,13 @@ class LineClients:
         """What to wait on."""
         return [self._listener.fileno(), *(client.fileno() for client in self._clients.values())]
 
-    def turn(self) -> tuple[list[int], list[Heard]]:
+    def turn(self) -> tuple[list[int], list[ReceivedLine]]:
         """Take who and what has come: new clients, and whole lines."""
         new = self._accept()
-        heard = [Heard(number, line) for number in list(self._clients) for line in self._lines_of(number)]
-        return new, heard
+        received = [ReceivedLine(number, line) for number in list(self._clients) for line in self._lines_of(number)]
+        return new, received
 
-    def say(self, line: bytes, client: int | None = None) -> None:
+    def send(self, line: bytes, client: int | None = None) -> None:
         """Send a line to one client, or to all; what does not fit now goes with the next."""
         for number in list(self._clients) if client is None else [client]:
             if number in self._clients:
@@ -183,12 +183,13 @@ class _Refused(NamedTuple):
 
 
 class Bridge:
-    """Call `turn` often. `token`: what an order must carry; "": no orders are taken. `say` takes news for people."""
+    """Call `turn` often. `token`: what an order must carry; "": no orders are taken. `print_line` takes news for
+    people."""
 
     def __init__(
-        self, station: Station, line: BoatLine, clients: LineClients, token: str, say: Callable[[str], None]
+        self, station: Station, line: BoatLine, clients: LineClients, token: str, print_line: Callable[[str], None]
     ) -> None:
-        self._station, self._line, self._clients, self._token, self._say = station, line, clients, token, say
+        self._station, self._line, self._clients, self._token, self._print = station, line, clients, token, print_line
         self._deltas = Deltas()
         self._next = -math.inf
         self._refused: list[_Refused] = []
@@ -202,22 +203,22 @@ class Bridge:
     def turn(self, now: float) -> None:
         """Do what falls due at `now` [s]."""
         self._line.turn(now)
-        new, heard = self._clients.turn()
+        new, received = self._clients.turn()
         for client in new:
-            self._clients.say(
+            self._clients.send(
                 line_of(delta_of(values_of(self._station, now) | notifications_of(self._station))), client
             )
-        for client, line in heard:
+        for client, line in received:
             self._take(now, client, line)
-        if heard:
+        if received:
             self._line.turn(now)
         self._answer_refusals(now)
         if now >= self._next:
             self._next = now + PERIOD_S
             delta = self._deltas.due(self._station, now)
             if delta is not None:
-                self._clients.say(line_of(delta))
-        self._tell()
+                self._clients.send(line_of(delta))
+        self._publish()
 
     def close(self) -> None:
         """Hang up on everybody."""
@@ -228,41 +229,41 @@ class Bridge:
         try:
             request = parse(line, self._token)
         except BadRequestError as error:
-            self._clients.say(answer(error.id, error.status, str(error)), client)
+            self._clients.send(answer(error.id, error.status, str(error)), client)
             return
         self._clients.trust(client)
-        if request.wish is None:
-            self._clients.say(answer(request.id, 200), client)
+        if request.order is None:
+            self._clients.send(answer(request.id, 200), client)
             return
         if self._station.target is None:
-            self._clients.say(answer(request.id, 503, "no pilot is heard"), client)
+            self._clients.send(answer(request.id, 503, "no pilot is heard"), client)
             return
-        if request.wish["do"] == "heading" and self._station.view.value("magnetic"):
-            self._clients.say(answer(request.id, REFUSED, MAGNETIC), client)
+        if request.order["do"] == "heading" and self._station.view.value("magnetic"):
+            self._clients.send(answer(request.id, REFUSED, MAGNETIC), client)
             return
-        said = self._station.view.texts.said
+        said = self._station.view.texts.count
 
-        def told(answered: Answer, words: str) -> None:
+        def on_done(answered: Answer, words: str) -> None:
             if answered:
-                self._clients.say(answer(request.id, 200, words), client)
+                self._clients.send(answer(request.id, 200, words), client)
             else:
                 until = now + REASON_S if answered is Answer.REFUSED else -math.inf
                 status = SILENT if answered is Answer.SILENT else REFUSED
                 self._refused.append(_Refused(client, request.id, status, words, said, until))
 
-        asked_of(self._station, request.wish)(now, told)
+        asked_of(self._station, request.order)(now, on_done)
 
     def _answer_refusals(self, now: float) -> None:
         for refused in list(self._refused):
             reasons = [text.words for text in self._station.view.texts.kept if text.number > refused.said]
             if reasons or now >= refused.until:
                 self._refused.remove(refused)
-                self._clients.say(answer(refused.id, refused.status, (reasons or [refused.words])[-1]), refused.client)
+                self._clients.send(answer(refused.id, refused.status, (reasons or [refused.words])[-1]), refused.client)
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         for news in self._clients.news:
-            self._say(news)
+            self._print(news)
         self._clients.news.clear()
         if self._line.trouble != self._trouble:
             self._trouble = self._line.trouble
-            self._say(self._trouble or f"{self._line.name}: the line to the pilot is open again")
+            self._print(self._trouble or f"{self._line.name}: the line to the pilot is open again")

@@ -6,7 +6,7 @@ A request is one line of JSON, as https://signalk.org/specification/1.7.0/doc/pu
 {"requestId": "1", "token": "...", "put": {"path": "steering.autopilot.state", "value": "auto"}}
 Without `put` it is a greeting, which orders nothing. The token is looked at before what is wanted.
 
-What Signal K is told of the boat: deltas made of what a helm display knows. Pure.
+What Signal K gets to know of the boat: deltas made of what a helm display knows. Pure.
 
 Paths and units of the Signal K specification 1.7: radians, radians a second, metres, metres a second.
 """
@@ -78,18 +78,18 @@ def values_of(station: Station, now: float) -> dict[str, Any]:
 
 def notifications_of(station: Station) -> dict[str, Any]:
     """Return the notification of each alarm that is on, by path: it sounds until somebody has acknowledged it."""
-    told: dict[str, Any] = {}
-    for alarm in station.alarms.shown:
+    notifications: dict[str, Any] = {}
+    for alarm in station.alarms.active:
         path = path_of(alarm)
-        alike = sum(each.startswith(path) for each in told)
+        alike = sum(each.startswith(path) for each in notifications)
         # two lines may be lost at a time
-        told[f"{path}{alike + 1}" if path in told else path] = {
+        notifications[f"{path}{alike + 1}" if path in notifications else path] = {
             "state": "alarm" if alarm["sounds"] or alarm["acknowledged"] else "alert",
             "method": ["visual", "sound"] if alarm["sounds"] else ["visual"],
             "message": alarm["words"],
             **OURS_ALONE,
         }
-    return told
+    return notifications
 
 
 def path_of(alarm: dict[str, Any]) -> str:
@@ -106,7 +106,7 @@ class Deltas:
     """How long it is repeated that an alarm is over."""
 
     def __init__(self) -> None:
-        self._told: dict[str, Any] = {}
+        self._sent: dict[str, Any] = {}
         self._over: dict[str, float] = {}
         self._next = -math.inf
 
@@ -114,9 +114,9 @@ class Deltas:
         """Return what to tell at `now` [s], None where nothing has changed."""
         values = values_of(station, now) | self._notifications(station, now)
         if now >= self._next:
-            self._next, self._told = now + self.ALL_S, {}
-        changed = {path: value for path, value in values.items() if path not in self._told or self._told[path] != value}
-        self._told = values
+            self._next, self._sent = now + self.ALL_S, {}
+        changed = {path: value for path, value in values.items() if path not in self._sent or self._sent[path] != value}
+        self._sent = values
         return delta_of(changed) if changed else None
 
     def _notifications(self, station: Station, now: float) -> dict[str, Any]:
@@ -132,10 +132,10 @@ def delta_of(values: dict[str, Any]) -> dict[str, Any]:
 
     Notifications are an update of their own: signalk-server 2.23 gives all of an update that has one another source.
     """
-    told = [{"path": path, "value": value} for path, value in values.items()]
+    changes = [{"path": path, "value": value} for path, value in values.items()]
     groups = [
-        [each for each in told if not str(each["path"]).startswith("notifications.")],
-        [each for each in told if str(each["path"]).startswith("notifications.")],
+        [each for each in changes if not str(each["path"]).startswith("notifications.")],
+        [each for each in changes if str(each["path"]).startswith("notifications.")],
     ]
     source = {"label": LABEL, "type": "MAVLink"}
     return {
@@ -162,7 +162,7 @@ class Request(NamedTuple):
     """A request: its id, and what is wanted as a helm display would say it; None: nothing, it is a greeting."""
 
     id: str
-    wish: dict[str, Any] | None
+    order: dict[str, Any] | None
 
 
 class BadRequestError(InputError):
@@ -189,10 +189,10 @@ def parse(line: bytes, token: str) -> Request:
     put = found["put"]
     if not isinstance(put, dict):
         raise BadRequestError(id, 400, "put: an object with path and value is needed")
-    return Request(id, wish_of(id, put.get("path"), put.get("value")))
+    return Request(id, order_of(id, put.get("path"), put.get("value")))
 
 
-def wish_of(id: str, path: Any, value: Any) -> dict[str, Any]:
+def order_of(id: str, path: Any, value: Any) -> dict[str, Any]:
     """Return what a path and its value ask for. Raises BadRequestError."""
     if path == STATE:
         if not isinstance(value, str) or value not in STATE_ORDERS:

@@ -1,7 +1,7 @@
 """The words of every alarm: what is the case, what to do about it, when it is raised, and who watches for it.
 
 Nothing is decided by them: what follows from an alarm stands in `autopilot.supervision.alarms`. They are read where
-people are told, by `autopilot.supervision.panel` and the page docs/alarms.md. Pure.
+people read, by `autopilot.supervision.panel` and the page docs/alarms.md. Pure.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ WORDS = {
         key="alarms.heading_jump_deg",
     ),
     "heading_disagrees": Words(
-        "two compasses disagree",
+        "heading monitor: two compasses disagree",
         "compare both with the hand-bearing compass, take the wrong one out of sensors.priority",
         "further apart than the file says for several seconds",
         key="sensors.heading_monitor_deg",
@@ -83,21 +83,21 @@ WORDS = {
         key="alarms.innovation_sigmas",
     ),
     "rudder_stuck": Words(
-        "the rudder does not move",
+        "steering gear: rudder not responding",
         "steer by hand, check drive, clutch and fuse",
         "off its order by more than the tolerance and standing for 1.2 s and the gear's delay and lag, or the boat "
         "does not answer to it",
         key="rudder.follow_tolerance_deg, alarms.reversed_rudder",
     ),
     "rudder_not_following": Words(
-        "the rudder does not follow its orders",
+        "steering gear: rudder does not follow its orders",
         "steer by hand, check drive, clutch and rudder sensor",
         "off its order by more than the tolerance and not on its way for 1.2 s and the gear's delay and lag; a "
         "rudder a quarter as quick as filed, with a course-unstable boat",
         key="rudder.follow_tolerance_deg",
     ),
     "rudder_reversed": Words(
-        "the rudder moves the wrong way",
+        "steering gear: rudder moves the wrong way",
         "steer by hand, check drive.reversed or helm.reversed and the rudder sensor's sign",
         "its sensor shows it going away from its order, or the boat answers as to the opposite rudder",
         key="alarms.reversed_rudder",
@@ -110,13 +110,13 @@ WORDS = {
         "deg beyond",
     ),
     "rudder_at_stop": Words(
-        "the rudder stands at its stop",
+        "rudder limit: the rudder stands at its stop",
         "slow down or ease sheets: there is no rudder left to steer with",
         "nine tenths of the limit for 15 s, turns apart",
         key="limits.angle_max_deg",
     ),
     "off_course": Words(
-        "off course",
+        "off heading",
         "check rudder, speed and wind, or order another course",
         "this angle for this time, not while a turn may last",
         key="alarms.off_course_deg, alarms.off_course_s",

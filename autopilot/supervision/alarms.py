@@ -27,7 +27,7 @@ class Severity(IntEnum):
 class Response(Enum):
     """What the pilot does about an alarm; the value says what it is."""
 
-    TELL = "steers on"
+    NOTIFY = "steers on"
     DEGRADE = "steers on, degraded"
     FAILSAFE = "fail-safe of the vessel file"
     LET_GO = "fail-safe, rudder released at once"
@@ -37,7 +37,7 @@ class Response(Enum):
 
 
 OVERRIDDEN, AT_STOP, APART, FAILED, VERBATIM = "overridden", "at_stop", "apart", "failed", "verbatim"
-"""Forms of an `AlarmEvent`: the helm is taken; off course, hard over; compasses far apart, one that has failed; and
+"""Forms of an `AlarmEvent`: the helm is taken; off heading, hard over; compasses far apart, one that has failed; and
 the detail as it stands, where that is the whole sentence."""
 OTHER = "other"
 """The kind of what has none: no more than its words is known."""
@@ -53,13 +53,13 @@ class AlarmKind(NamedTuple):
     name: str
     response: Response
     severity: Severity
-    is_heard: bool = False
+    is_audible: bool = False
     is_borne: bool = False
 
     @property
     def sounds(self) -> bool:
         """Whether it is to be acknowledged: notices make no noise and never escalate."""
-        return self.is_heard or (self.severity <= Severity.WARNING and self.response is not Response.WAIT)
+        return self.is_audible or (self.severity <= Severity.WARNING and self.response is not Response.WAIT)
 
     @property
     def ends_steering(self) -> bool:
@@ -79,7 +79,7 @@ class AlarmKind(NamedTuple):
 
 def _notice(name: str) -> AlarmKind:
     """Return what is shown as no more than a notice, and heard all the same."""
-    return AlarmKind(name, Response.TELL, Severity.NOTICE, is_heard=True)
+    return AlarmKind(name, Response.NOTIFY, Severity.NOTICE, is_audible=True)
 
 
 _KINDS = (
@@ -88,7 +88,7 @@ _KINDS = (
     AlarmKind("heading_frozen", Response.FAILSAFE, Severity.CRITICAL),
     AlarmKind("heading_jumping", Response.FAILSAFE, Severity.CRITICAL),
     AlarmKind("heading_disagrees", Response.DEGRADE, Severity.WARNING),
-    AlarmKind("variation_unknown", Response.TELL, Severity.NOTICE),
+    AlarmKind("variation_unknown", Response.NOTIFY, Severity.NOTICE),
     AlarmKind("rate_disagrees", Response.DEGRADE, Severity.WARNING),
     AlarmKind("innovation", Response.DEGRADE, Severity.WARNING, is_borne=True),
     # of the rudder
@@ -98,9 +98,9 @@ _KINDS = (
     AlarmKind("runaway", Response.LET_GO, Severity.CRITICAL),
     AlarmKind("rudder_at_stop", Response.DEGRADE, Severity.WARNING, is_borne=True),
     # of the boat's motion
-    AlarmKind("off_course", Response.TELL, Severity.WARNING, is_borne=True),
-    AlarmKind("overpowered", Response.TELL, Severity.ERROR, is_borne=True),
-    AlarmKind("trial_doubtful", Response.TELL, Severity.WARNING),
+    AlarmKind("off_course", Response.NOTIFY, Severity.WARNING, is_borne=True),
+    AlarmKind("overpowered", Response.NOTIFY, Severity.ERROR, is_borne=True),
+    AlarmKind("trial_doubtful", Response.NOTIFY, Severity.WARNING),
     AlarmKind("low_speed", Response.DEGRADE, Severity.WARNING),
     AlarmKind("hunting", Response.DEGRADE, Severity.WARNING),
     AlarmKind("swinging", Response.LET_GO, Severity.CRITICAL),
@@ -110,14 +110,14 @@ _KINDS = (
     AlarmKind("rudder_slow", Response.DEGRADE, Severity.WARNING),
     AlarmKind("speed_doubtful", Response.DEGRADE, Severity.WARNING),
     AlarmKind("speeds_disagree", Response.DEGRADE, Severity.WARNING),
-    AlarmKind("roll", Response.TELL, Severity.WARNING),
-    AlarmKind("no_wind", Response.TELL, Severity.ERROR),
+    AlarmKind("roll", Response.NOTIFY, Severity.WARNING),
+    AlarmKind("no_wind", Response.NOTIFY, Severity.ERROR),
     # of the pilot itself and its machine
     AlarmKind("not_finite", Response.FAULT, Severity.ALERT),
     AlarmKind("envelope", Response.FAULT, Severity.ALERT),
     AlarmKind("deadline_missed", Response.DEGRADE, Severity.WARNING, is_borne=True),
-    AlarmKind("clock_stepped", Response.TELL, Severity.NOTICE),
-    AlarmKind("disk_full", Response.TELL, Severity.WARNING),
+    AlarmKind("clock_stepped", Response.NOTIFY, Severity.NOTICE),
+    AlarmKind("disk_full", Response.NOTIFY, Severity.WARNING),
     # from outside
     AlarmKind("human_override", Response.OVERRIDE, Severity.WARNING),
     AlarmKind("link_silent", Response.OVERRIDE, Severity.CRITICAL),
@@ -125,18 +125,18 @@ _KINDS = (
     AlarmKind("firmware_rebooted", Response.OVERRIDE, Severity.CRITICAL),
     AlarmKind("stood_still", Response.OVERRIDE, Severity.CRITICAL),
     AlarmKind("link_flooded", Response.DEGRADE, Severity.WARNING, is_borne=True),
-    AlarmKind("station_silent", Response.TELL, Severity.NOTICE, is_borne=True),
-    AlarmKind("handback_refused", Response.TELL, Severity.ALERT),
-    AlarmKind("geofence", Response.TELL, Severity.ERROR),
-    AlarmKind("shallow", Response.TELL, Severity.ERROR),
-    AlarmKind("battery_low", Response.TELL, Severity.ERROR),
+    AlarmKind("station_silent", Response.NOTIFY, Severity.NOTICE, is_borne=True),
+    AlarmKind("handback_refused", Response.NOTIFY, Severity.ALERT),
+    AlarmKind("geofence", Response.NOTIFY, Severity.ERROR),
+    AlarmKind("shallow", Response.NOTIFY, Severity.ERROR),
+    AlarmKind("battery_low", Response.NOTIFY, Severity.ERROR),
     # of orders that wait
     AlarmKind("waiting_heading", Response.WAIT, Severity.NOTICE),
     AlarmKind("cannot_engage", Response.WAIT, Severity.WARNING),
     AlarmKind("order_dropped", Response.WAIT, Severity.WARNING),
     # of journeys that end
-    AlarmKind("route_ended", Response.TELL, Severity.NOTICE),
-    AlarmKind("place_reached", Response.TELL, Severity.NOTICE),
+    AlarmKind("route_ended", Response.NOTIFY, Severity.NOTICE),
+    AlarmKind("place_reached", Response.NOTIFY, Severity.NOTICE),
     # of who leads
     _notice("position_lost"),
     _notice("position_jumped"),

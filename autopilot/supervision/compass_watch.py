@@ -13,7 +13,7 @@ from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample
-from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput
+from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.tuning import (
     APART_TIME,
     DISAGREES_LASTS,
@@ -61,7 +61,7 @@ NO_TURNS = Turns(0.0, 0.0, 0.0, 0.0, 0.0)
 def turns_step(turns: Turns, by_heading: float, by_rate: float, step: float) -> Turns:
     """Return what is known after a step of `step` [s] in which the boat turned `by_heading` and `by_rate` [rad]."""
     fades = math.exp(-step / SENSE_TIME)
-    # no boat turns further between two headings, and an instrument that says so must not spoil the sums
+    # no boat turns further between two headings, and an instrument that says so must not falsify the sums
     by_rate = clip(by_rate, -math.pi, math.pi)
     heading, rate = turns.heading * fades + by_heading, turns.rate * fades + by_rate
     share = -math.expm1(-step / SENSE_LASTS)
@@ -86,7 +86,7 @@ def are_consistent(turns: Turns) -> bool:
 
 class Consistency(NamedTuple):
     """heading and rate: the newest of each; turns: what they tell; since [s]: when the turns began to differ, nan: they
-    do not; seen [s]: when that was found last; told [rad]: how far apart they were when it was said; found: what is
+    do not; seen [s]: when that was found last; reported [rad]: how far apart they were when it was said; found: what is
     said, '' where they go together; is_opposite: whether they turn opposite ways."""
 
     heading: HeadingSample | None = None
@@ -94,7 +94,7 @@ class Consistency(NamedTuple):
     turns: Turns = NO_TURNS
     since: float = math.nan
     seen: float = math.nan
-    told: float = math.nan
+    reported: float = math.nan
     found: str = ""
     is_opposite: bool = False
 
@@ -130,7 +130,7 @@ def consistency_step(before: Consistency, sample: HeadingSample | RateSample, mo
 
 
 def _judged(before: Consistency, sample: HeadingSample, turns: Turns, most: float) -> Consistency:
-    _, beside, _, since, seen, told, found, is_opposite = before
+    _, beside, _, since, seen, reported, found, is_opposite = before
     # only turns that both tell of alike put an end to it: a boat that lies still shows nothing
     is_opposite = not are_consistent(turns) if is_opposite else are_opposite(turns)
     time, apart = sample.time, abs(turns.apart)
@@ -144,16 +144,16 @@ def _judged(before: Consistency, sample: HeadingSample, turns: Turns, most: floa
         since = time
     elif time - since >= DISAGREES_LASTS:
         seen = time
-        if not found or (apart - told > NEWS and found != OPPOSITE_WAYS):
-            found, told = f"{math.degrees(apart):.0f} deg apart", apart
-    return Consistency(sample, beside, turns, since, seen, told, found, is_opposite)
+        if not found or (apart - reported > NEWS and found != OPPOSITE_WAYS):
+            found, reported = f"{math.degrees(apart):.0f} deg apart", apart
+    return Consistency(sample, beside, turns, since, seen, reported, found, is_opposite)
 
 
 class Standing(NamedTuple):
     """A heading that is the same to the last digit: the `samples` that say so, the first of them [s] and the last; the
-    turn that the rate beside it adds up to [rad], nan where none came, and its span; that rate as it was told last, nan
-    where none was, and whether it moves; the turn that the model makes of the rudder: when it was reckoned last [s],
-    the bias [rad], the rate [rad/s], and how far it has turned [rad]; is_frozen: until it moves again."""
+    turn that the rate beside it adds up to [rad], nan where none came, and its span; last_rate: that rate the time
+    before, nan where none was, and whether it moves; the turn that the model makes of the rudder: when it was reckoned
+    last [s], the bias [rad], the rate [rad/s], and how far it has turned [rad]; is_frozen: until it moves again."""
 
     heading: float = math.nan
     samples: int = 0
@@ -162,7 +162,7 @@ class Standing(NamedTuple):
     turn: float = math.nan
     low: float = 0.0
     high: float = 0.0
-    told: float = math.nan
+    last_rate: float = math.nan
     rate_moves: bool = False
     reckoned: float = math.nan
     bias: float = 0.0
@@ -182,21 +182,21 @@ class Sea(NamedTuple):
 
 def stood_by(before: Standing, sample: HeadingSample) -> Standing:
     """Take a heading that is the same as the one before it."""
-    time, told = before.time, sample.rate
-    if told is None or not math.isfinite(time):
+    time, turn_rate = before.time, sample.rate
+    if turn_rate is None or not math.isfinite(time):
         return before._replace(samples=before.samples + 1, time=sample.time)
     step = clip(sample.time - time, 0.0, LONGEST_STEP_S)
     # nought may well be true for long
-    moves = before.rate_moves or told == 0.0 or not (math.isnan(before.told) or told == before.told)
+    moves = before.rate_moves or turn_rate == 0.0 or not (math.isnan(before.last_rate) or turn_rate == before.last_rate)
     # what is long past may be the bias of the rate sensor, added up
-    turn = (0.0 if math.isnan(before.turn) else before.turn) * math.exp(-step / RATE_FORGOTTEN) + told * step
+    turn = (0.0 if math.isnan(before.turn) else before.turn) * math.exp(-step / RATE_FORGOTTEN) + turn_rate * step
     return before._replace(
         samples=before.samples + 1,
         time=sample.time,
         turn=turn,
         low=min(before.low, turn),
         high=max(before.high, turn),
-        told=told,
+        last_rate=turn_rate,
         rate_moves=moves,
     )
 
@@ -297,24 +297,24 @@ class State(NamedTuple):
 
 
 def update(
-    limits: AlarmLimits, before: State, seen: MonitorInput, heard: Heard
+    limits: AlarmLimits, before: State, seen: MonitorInput, measured: Measured
 ) -> tuple[State, tuple[AlarmEvent, ...]]:
     """Judge a tick; return what is remembered, and what is found."""
     standing, sea, jumping, rate, off_since, off_by = before
     found: tuple[AlarmEvent, ...] = ()
     if limits.frozen_heading:
-        standing, sea = frozen_step(standing, sea, seen, heard.headings)
+        standing, sea = frozen_step(standing, sea, seen, measured.headings)
         if standing.is_frozen:
             found = (AlarmEvent("heading_frozen"),)
-    for sample in heard.headings:
+    for sample in measured.headings:
         jumping = jumping_step(jumping, sample, rate, limits.heading_jump)
     if 0.0 <= seen.now - jumping.found < JUMP_SAID:
         jumping = jumping if jumping.text else jumping._replace(text=f"by {math.degrees(jumping.by):+.0f} deg")
         found += (AlarmEvent("heading_jumping", jumping.text),)
     elif jumping.text:
         jumping = jumping._replace(text="")
-    if heard.rate_disagrees:
-        found += (AlarmEvent("rate_disagrees", heard.rate_disagrees),)
+    if measured.rate_disagrees:
+        found += (AlarmEvent("rate_disagrees", measured.rate_disagrees),)
     if not (seen.has_way and abs(seen.innovation) > limits.innovation):
         off_since, off_by = math.nan, ""
     elif math.isnan(off_since):

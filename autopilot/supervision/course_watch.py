@@ -70,12 +70,12 @@ of the sea that was there when the heading was ordered, for a boat that steering
 
 
 class OffCourse(NamedTuple):
-    """since [s]: the boat is off its course, nan: it is not; is_off: for long enough; told [rad]: how far it was when
-    that was said; found: what is said."""
+    """since [s]: the boat is off its course, nan: it is not; is_off: for long enough; reported [rad]: how far it was
+    when that was said; found: what is said."""
 
     since: float = math.nan
     is_off: bool = False
-    told: float = math.nan
+    reported: float = math.nan
     found: AlarmEvent | None = None
 
 
@@ -83,7 +83,7 @@ ON_ITS_COURSE = OffCourse()
 
 
 def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, error: float) -> tuple[float, bool]:
-    """Return since when [s] the boat has been off course (nan: it is on course), and whether that is an alarm.
+    """Return since when [s] the boat has been off heading (nan: it is on course), and whether that is an alarm.
 
     `since` and `is_off` are what this returned before; `error` [rad] is the heading's, off the course ordered.
     """
@@ -104,8 +104,8 @@ def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput) 
     since, is_off = course_step(limits, before.since, before.is_off, seen.now, error)
     if not is_off:
         return OffCourse(since)
-    if before.found is not None and not abs(error - before.told) > NEWS:
-        return OffCourse(since, True, before.told, before.found)
+    if before.found is not None and not abs(error - before.reported) > NEWS:
+        return OffCourse(since, True, before.reported, before.found)
     off = f"by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
     return OffCourse(since, True, error, AlarmEvent("off_course", off, AT_STOP if is_hard_over(seen) else ""))
 
@@ -356,7 +356,7 @@ def update(
 
     What steering itself does to the boat: a soft law is tried first, then steering ends. A speed that is too low is the
     likeliest cause of swings, the trial's speed the worst that is plausible, so it is doubted first; then less is
-    ordered. A course-unstable boat would be lost with less than it needs against its own wish to turn.
+    ordered. A course-unstable boat would be lost with less than it needs against its own tendency to turn.
     """
     time, heading, wanted, off_course, sweeps, throws, circles, spin, softer, hunts = before
     turn = turn_since(time, heading, wanted, seen)

@@ -60,7 +60,7 @@ class CommandCheck:
     ) -> tuple[str, str]:
         """Return the name of the alarm and what is wrong with `command` [rad]; ("", "") where it may leave.
 
-        `previous` [rad] is what the rudder was told `dt` [s] before, `demand` [rad] what the law wanted.
+        `previous` [rad] is the rudder command `dt` [s] before, `demand` [rad] what the law wanted.
         """
         if not (demand - demand == 0.0 and command - command == 0.0):
             return NOT_FINITE, "the law's demand" if command - command == 0.0 else "the command"

@@ -37,14 +37,14 @@ class Memory(NamedTuple):
     held: float = math.nan
 
 
-NOTHING_HEARD = Memory()
+NO_MEMORY = Memory()
 
 
 class FailsafeSteering:
-    """`hear` every tick; `begin` when a fail-safe starts to steer; then `reckon` or `windward` in each tick of it. For
-    as long as a tick lasts: what it remembers is `memory`."""
+    """`on_sample` every tick; `begin` when a fail-safe starts to steer; then `reckon` or `windward` in each tick of it.
+    For as long as a tick lasts: what it remembers is `memory`."""
 
-    def __init__(self, memory: Memory = NOTHING_HEARD) -> None:
+    def __init__(self, memory: Memory = NO_MEMORY) -> None:
         self._rate, self._wind, self._state, self._held = memory
 
     @property
@@ -52,13 +52,13 @@ class FailsafeSteering:
         """What is to be remembered."""
         return Memory(self._rate, self._wind, self._state, self._held)
 
-    def hear(self, samples: tuple[Sample, ...], takes_rates: bool = True) -> None:
+    def on_sample(self, samples: tuple[Sample, ...], takes_rates: bool = True) -> None:
         """Take rates of turn, where they are to be taken, and wind; headings are what cannot be trusted."""
         for sample in samples:
             if isinstance(sample, WindSample):
-                self._hear_wind(sample)
+                self._on_wind(sample)
             elif takes_rates and isinstance(sample, HeadingSample | RateSample):
-                self._hear_rate(sample.time, sample.rate)
+                self._on_rate(sample.time, sample.rate)
 
     def begin(self, state: NavState) -> None:
         """Start from the last `state`: its heading is to be held."""
@@ -98,11 +98,11 @@ class FailsafeSteering:
         angle = math.atan2(wind.abeam, wind.ahead)
         return rudder_most * clip(angle / WINDWARD_ANGLE, -1.0, 1.0)
 
-    def _hear_rate(self, time: float, rate: float | None) -> None:
+    def _on_rate(self, time: float, rate: float | None) -> None:
         if rate is not None and abs(rate) <= RATE_MOST and math.isfinite(time):
             self._rate = (time, rate)
 
-    def _hear_wind(self, sample: WindSample) -> None:
+    def _on_wind(self, sample: WindSample) -> None:
         if not (math.isfinite(sample.time) and math.isfinite(sample.angle)):
             return
         ahead, abeam = math.cos(sample.angle), math.sin(sample.angle)

@@ -39,12 +39,12 @@ class MonitorInput(NamedTuple):
 
     model: of the boat at the present speed. steers: whether we move the rudder; holds_course: whether a course is held,
     turns to it being over; follows: whether a heading is followed, in turns too. wanted [rad]: the heading ordered;
-    rudder [rad]: what was told in the tick before; angle_max [rad]: its stop. has_way: enough for the rudder to count;
-    waits: the rudder waits for way. innovation: the normalised innovation's mean of late [standard deviations]. astray
-    [rad]: how far a zigzag is off to the wrong side. push [rad of rudder]: what wind, current and trim are worth,
-    however much that is. is_late: this tick came late. speeds_apart [m/s]: how far log and ground lie apart without a
-    stream that explains it. trial_speed [m/s]: of the vessel file's trial, 0 where the model is the trial's.
-    rudder_is_measured: there is a sensor of its angle. damps_roll: the rudder works against roll too.
+    rudder [rad]: the command of the tick before; angle_max [rad]: its stop. has_way: enough for the rudder to count;
+    waits: the rudder waits for way. innovation: the normalised innovation's mean of late [standard deviations].
+    zigzag_divergence [rad]: how far a zigzag is off to the wrong side. push [rad of rudder]: what wind, current and
+    trim are worth, however much that is. is_late: this tick came late. speeds_apart [m/s]: how far log and ground lie
+    apart without a stream that explains it. trial_speed [m/s]: of the vessel file's trial, 0 where the model is the
+    trial's. rudder_is_measured: there is a sensor of its angle. damps_roll: the rudder works against roll too.
     """
 
     now: float
@@ -58,7 +58,7 @@ class MonitorInput(NamedTuple):
     has_way: bool
     innovation: float = 0.0
     waits: bool = False
-    astray: float = 0.0
+    zigzag_divergence: float = 0.0
     push: float = 0.0
     is_late: bool = False
     follows: bool = False
@@ -68,9 +68,9 @@ class MonitorInput(NamedTuple):
     damps_roll: bool = False
 
 
-class Heard(NamedTuple):
+class Measured(NamedTuple):
     """What a tick's samples tell the watches: its headings and measured rudder angles; what the steering gear says it
-    was told, the newest; and what the rate of turn contradicts, '' for nothing."""
+    was commanded, the newest; and what the rate of turn contradicts, '' for nothing."""
 
     headings: tuple[HeadingSample, ...] = ()
     angles: tuple[RudderSample, ...] = ()
@@ -79,7 +79,7 @@ class Heard(NamedTuple):
 
 
 def is_hard_over(seen: MonitorInput) -> bool:
-    """Return whether the rudder is told to be at its stop, nearly."""
+    """Return whether the rudder is commanded to be at its stop, nearly."""
     return abs(seen.rudder) >= AT_THE_STOP * seen.angle_max
 
 

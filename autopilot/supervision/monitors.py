@@ -22,15 +22,15 @@ from autopilot.signals import (
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.supervision.failsafe import WIND_FRESH
-from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput
+from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.tuning import NEWS, ROLL_SECONDS
 
 
 class Roll(NamedTuple):
-    """since [s]: the boat heels beyond its limit, nan: it does not; told [rad] and text: what was said of it."""
+    """since [s]: the boat heels beyond its limit, nan: it does not; reported [rad] and text: what was said of it."""
 
     since: float = math.nan
-    told: float = math.nan
+    reported: float = math.nan
     text: str = ""
 
 
@@ -41,7 +41,7 @@ class State(NamedTuple):
     """What the monitors remember. heard: the newest tick's samples; consistency: of rate and heading; conditions: what
     others see, with who says so; wind_time [s]: of the newest wind."""
 
-    heard: Heard = Heard()
+    measured: Measured = Measured()
     consistency: compass_watch.Consistency = compass_watch.Consistency()
     compass: compass_watch.State = compass_watch.State()
     rudder: rudder_watch.State = rudder_watch.State()
@@ -66,7 +66,7 @@ class Monitors:
         concluded of boat, speed and rudder stays."""
         rudder, course = self.state.rudder, self.state.course
         self.state = self.state._replace(
-            heard=Heard(),
+            measured=Measured(),
             consistency=compass_watch.Consistency(),
             compass=compass_watch.State(),
             rudder=rudder_watch.State(
@@ -102,10 +102,10 @@ class Monitors:
 
     def on_samples(self, samples: tuple[Sample, ...]) -> None:
         """Take the instruments' samples of this tick."""
-        heard, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
+        measured, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
         headings: tuple[HeadingSample, ...] = ()
         angles: tuple[RudderSample, ...] = ()
-        report, most = heard.report, self.limits.rate_disagrees
+        report, most = measured.report, self.limits.rate_disagrees
         for sample in samples:
             if type(sample) is HeadingSample:
                 headings += (sample,)
@@ -123,19 +123,19 @@ class Monitors:
                 wind_time = sample.time
             elif type(sample) is ConditionSample:
                 conditions = with_condition(conditions, sample)
-        heard = Heard(headings, angles, report, consistency.found)
-        self.state = State(heard, consistency, compass, rudder, course, conditions, roll, wind_time)
+        measured = Measured(headings, angles, report, consistency.found)
+        self.state = State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
 
     def update(self, seen: MonitorInput) -> None:
         """Judge a tick."""
         limits = self.limits
-        heard, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
-        compass, of_compass = compass_watch.update(limits, compass, seen, heard)
-        rudder, of_rudder = rudder_watch.update(limits, rudder, seen, heard)
+        measured, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
+        compass, of_compass = compass_watch.update(limits, compass, seen, measured)
+        rudder, of_rudder = rudder_watch.update(limits, rudder, seen, measured)
         course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder)
         if contradicts_speed:
             rudder = rudder.with_doubted_speed()
-        self.state = State(heard, consistency, compass, rudder, course, conditions, roll, wind_time)
+        self.state = State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
         found = of_compass + of_rudder + of_course
         if conditions:
             found = (*(event for _, event in conditions), *found)
@@ -155,7 +155,7 @@ def rolled(before: Roll, sample: RollSample, most: float) -> Roll:
         return UPRIGHT
     if math.isnan(before.since):
         return Roll(sample.time)
-    is_news = not before.text or heel - before.told > NEWS
+    is_news = not before.text or heel - before.reported > NEWS
     if sample.time - before.since < ROLL_SECONDS or not is_news:
         return before
     return Roll(before.since, heel, f"{math.degrees(heel):.0f} deg")

@@ -26,7 +26,7 @@ class Entry(NamedTuple):
 
     since: float
     last: float
-    is_heard: bool = False
+    is_acknowledged: bool = False
     past_since: float | None = None
 
 
@@ -79,11 +79,11 @@ class AlarmPanel:
         for name, event in raised.items():
             entry = entries[name] = raised_at(entries.get(name, Entry(now, now)), now, is_past=name in past)
             if entry.past_since is not None:
-                if entry.is_heard:
+                if entry.is_acknowledged:
                     continue
                 event = event._replace(is_past=True)
-            heard = AlarmState.ACKNOWLEDGED if entry.is_heard else AlarmState.SOUNDING
-            state = heard if kind_of(event).sounds else AlarmState.NOTICE
+            audible = AlarmState.ACKNOWLEDGED if entry.is_acknowledged else AlarmState.SOUNDING
+            state = audible if kind_of(event).sounds else AlarmState.NOTICE
             sounds = state is AlarmState.SOUNDING
             states.append(state)
             escalated = sounds and now - entry.since >= ESCALATES_AFTER
@@ -98,18 +98,21 @@ def raised_at(entry: Entry, now: float, *, is_past: bool) -> Entry:
     """Return the alarm that is raised at `now` [s], or said as past."""
     if is_past:
         past_since = now if entry.past_since is None else entry.past_since
-        return Entry(entry.since, now, entry.is_heard, past_since)
+        return Entry(entry.since, now, entry.is_acknowledged, past_since)
     if entry.past_since is not None and now - entry.past_since > REMEMBERED:
         return Entry(now, now)
-    return Entry(entry.since, now, entry.is_heard)
+    return Entry(entry.since, now, entry.is_acknowledged)
 
 
 def acknowledged(entries: dict[str, Entry], name: str) -> dict[str, Entry]:
     """Return the alarms after the skipper has heard the one of this name, or with "" all."""
-    return {known: entry._replace(is_heard=True) if name in ("", known) else entry for known, entry in entries.items()}
+    return {
+        known: entry._replace(is_acknowledged=True) if name in ("", known) else entry
+        for known, entry in entries.items()
+    }
 
 
-UNHEARD = "NOT ACKNOWLEDGED: "
+UNACKNOWLEDGED = "NOT ACKNOWLEDGED: "
 """Before an alarm that has escalated: it is said again."""
 FORMS = {
     OVERRIDDEN: "overridden: {detail}; {remedy}",
@@ -127,7 +130,7 @@ FORMS = {
 def sentence_of(event: AlarmEvent) -> str:
     """Return what is said of an alarm: what is the case, and what to do. KeyError for a name not in the table."""
     said = _said(event)
-    return f"{UNHEARD}{said}" if event.is_escalated else said
+    return f"{UNACKNOWLEDGED}{said}" if event.is_escalated else said
 
 
 def sentences_of(events: Iterable[AlarmEvent]) -> tuple[str, ...]:

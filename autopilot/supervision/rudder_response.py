@@ -34,6 +34,8 @@ from autopilot.supervision.tuning import (
     LEAST,
     LEAST_SHARE,
     LIVELY,
+    MISFIT,
+    MISFIT_TIME,
     MOST_AT_ONCE,
     OUTLIER,
     OUTLIERS_MOST,
@@ -46,8 +48,6 @@ from autopilot.supervision.tuning import (
     SEA_LEAST,
     SEA_SLOWEST,
     SEA_TURNED,
-    STRANGE,
-    STRANGE_TIME,
     SURE,
     SUSPECT,
     UNEXPLAINED,
@@ -132,8 +132,8 @@ class Others(NamedTuple):
     slow: Mean
     lively: tuple[float, float]
     quick: tuple[float, float]
-    strange: float
-    strange_slow: float
+    misfit: float
+    misfit_slow: float
     weak: float
     right: float
     strong: float
@@ -205,14 +205,14 @@ def noise_of(model: Norrbin, heading: float, swing: float, frequency: float) -> 
     return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea if sea > SEA_LEAST else SEA_LEAST, pace)
 
 
-def noise_met(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
+def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
     """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one
     and the largest that has been met, at the slowest pace, the one that pushes harder."""
     turned = shortest_turn(math.atan2(seaway.east, seaway.north), heading)
     if not abs(turned) > SEA_TURNED:
         return noise
-    met = noise_of(model, noise.heading, seaway.swing, SEA_SLOWEST)
-    return met if met.sea > noise.sea else noise
+    largest = noise_of(model, noise.heading, seaway.swing, SEA_SLOWEST)
+    return largest if largest.sea > noise.sea else noise
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
@@ -393,10 +393,8 @@ def _without_heading(
 ) -> ResponseState:
     """Return what is known at `time` [s] of a heading that is left out."""
     mean, answer, late, slow = means
-    _, lively, quick, strange, strange_slow, weak, right, strong, latest, fit, left, colour = before.others
-    others = Others(
-        _mean_of(slow), lively, quick, strange, strange_slow, weak, right, strong, latest, fit, left, colour
-    )
+    _, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before.others
+    others = Others(_mean_of(slow), lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour)
     return ResponseState(
         time,
         covariance,
@@ -425,15 +423,15 @@ def others_step(
     variance, s_slow, time_constant = gains[0], slow[0], model.time_constant
     lasts = FADES_SLOW * time_constant
     kept = math.exp(-dt / (lasts if lasts > FADES_TIME else FADES_TIME))
-    share = 1.0 - math.exp(-dt / (time_constant if time_constant > STRANGE_TIME else STRANGE_TIME))
+    share = 1.0 - math.exp(-dt / (time_constant if time_constant > MISFIT_TIME else MISFIT_TIME))
     # what neither any share of the answer explains, nor a slow rudder's, is a gust or a sea: no evidence of either
     ahead, left_by_slow = off if s >= 0.0 else -off, off - s_slow
     square = ahead * ahead / variance if ahead < 0.0 else 0.0
-    strange = before.strange + share * (min(square, OUTLIER * OUTLIER) - before.strange)
+    misfit = before.misfit + share * (min(square, OUTLIER * OUTLIER) - before.misfit)
     square = left_by_slow * left_by_slow / variance
-    strange_slow = before.strange_slow + share * (min(square, OUTLIER * OUTLIER) - before.strange_slow)
-    most = MOST_AT_ONCE if strange < STRANGE else 0.0
-    most_slow = MOST_AT_ONCE if strange_slow < STRANGE else 0.0
+    misfit_slow = before.misfit_slow + share * (min(square, OUTLIER * OUTLIER) - before.misfit_slow)
+    most = MOST_AT_ONCE if misfit < MISFIT else 0.0
+    most_slow = MOST_AT_ONCE if misfit_slow < MISFIT else 0.0
     (lively, lively_port), (quick, quick_port) = before.lively, before.quick
     lively, lively_port, quick, quick_port = kept * lively, kept * lively_port, kept * quick, kept * quick_port
     if s > 0.0:
@@ -456,8 +454,8 @@ def others_step(
         corrected(gains, slow, -s_slow),
         (lively, lively_port),
         (quick, quick_port),
-        strange,
-        strange_slow,
+        misfit,
+        misfit_slow,
         grown(kept * before.weak, off, WEAK * s, s_slow, variance, most_slow),
         grown(kept * before.right, off, s, s_slow, variance, most_slow),
         grown(kept * before.strong, off, STRONG * s, s_slow, variance, most_slow),

@@ -15,7 +15,14 @@ from typing import NamedTuple
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, steady_rudder
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
-from autopilot.supervision.monitor_input import AlarmLimits, Heard, MonitorInput, is_hard_over, reads_low, speed_ratio
+from autopilot.supervision.monitor_input import (
+    AlarmLimits,
+    Measured,
+    MonitorInput,
+    is_hard_over,
+    reads_low,
+    speed_ratio,
+)
 from autopilot.supervision.rudder_response import (
     SEA_KNOWN_S,
     ResponseState,
@@ -24,11 +31,11 @@ from autopilot.supervision.rudder_response import (
     acquitted,
     first_response,
     is_doubtful,
-    noise_met,
     noise_of,
     other_verdict,
     push_at_least,
     response_step,
+    seaway_noise,
     seaway_step,
     verdict,
     without_evidence,
@@ -37,7 +44,6 @@ from autopilot.supervision.tuning import (
     AGAINST_SHARE,
     ASSUMED_RATE,
     AT_THE_STOP_TIME,
-    BELIEVED_S,
     FAR,
     FROZEN_SAMPLES,
     HOLDS,
@@ -49,6 +55,7 @@ from autopilot.supervision.tuning import (
     PUSH_LASTS,
     PUSHED_S,
     REMEMBERED_S,
+    REPORT_FRESH_S,
     SETTLED,
     SLOW,
     SLOW_SHARE,
@@ -62,11 +69,11 @@ from autopilot.supervision.tuning import (
     WAVES_REACH,
 )
 
-ASTRAY = math.radians(45.0)
+ZIGZAG_DIVERGED = math.radians(45.0)
 """No zigzag overshoots by as much: IMO MSC.137(76) allows 40 deg at most for the second of 10/10, 25 deg for 20/20."""
 
 Past = tuple[tuple[float, float, float], ...]
-"""Ticks in which we steered: the time [s], what the rudder was told in the tick before, and where it was [rad]."""
+"""Ticks in which we steered: the time [s], the rudder command in the tick before, and where it was [rad]."""
 PAST_S = LATE_S + 2.0 * LONGEST_GAP_S
 
 
@@ -130,7 +137,7 @@ def following_step(
 
 def orders_at(past: Past, since: float, time: float) -> tuple[float, ...]:
     """Return the orders [rad] of which one was in force at `time` [s]: the last two that were given by then, since we
-    steer. What a tick says was told left in the tick before it."""
+    steer. The command that a tick holds left in the tick before it."""
     place = len(past) - 1
     while place > 0 and past[place - 1][0] > time:
         place -= 1
@@ -138,14 +145,14 @@ def orders_at(past: Past, since: float, time: float) -> tuple[float, ...]:
 
 
 def is_anothers(past: Past, now: float, report: RudderSample | None) -> bool:
-    """Return whether the report in force at `now` [s] of what the steering gear was told is of no order of ours: then
+    """Return whether the report in force at `now` [s] of the command to the steering gear is of no order of ours: then
     somebody else steers, too."""
-    if report is None or now - report.time > BELIEVED_S:
+    if report is None or now - report.time > REPORT_FRESH_S:
         return False
     angle = report.angle
     if past[-1][1] - TOLERANCE <= angle <= past[-1][1] + TOLERANCE:
         return False
-    orders = [told for time, told, _ in past if time >= now - REMEMBERED_S]
+    orders = [ordered for time, ordered, _ in past if time >= now - REMEMBERED_S]
     return not min(orders) - TOLERANCE <= angle <= max(orders) + TOLERANCE
 
 
@@ -173,7 +180,7 @@ class Answer(NamedTuple):
 def answer_step(
     before: Answer, limits: AlarmLimits, seen: MonitorInput, headings: tuple[HeadingSample, ...], past: Past
 ) -> Answer:
-    """Return what is known after a tick, of which the rudder's `past` has been told already."""
+    """Return what is known after a tick, of which the rudder's `past` is known already."""
     state, now = seen.state, seen.now
     if not (seen.steers and seen.has_way and math.isfinite(state.rate) and math.isfinite(state.rudder)):
         return NO_ANSWER
@@ -191,7 +198,7 @@ def answer_step(
     for sample in _in_order(headings):
         seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
         noise = noise_of(seen.model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
-        noise = noise_met(seen.model, noise, seaway, state.heading)
+        noise = seaway_noise(seen.model, noise, seaway, state.heading)
         same = same + 1 if last is not None and last.heading == sample.heading else 1
         stands = same >= FROZEN_SAMPLES
         if (
@@ -328,7 +335,7 @@ def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
     state, now, model = seen.state, seen.now, seen.model
     last, time, mean_rate, side, turned, way, hard_since, held_way, held_since, _, overpowered = before
     heading = state.heading
-    if seen.astray > ASTRAY and state.rate * seen.rudder < 0.0:
+    if seen.zigzag_divergence > ZIGZAG_DIVERGED and state.rate * seen.rudder < 0.0:
         return before._replace(heading=heading, time=now, has_run=True)
     # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
     step = shortest_turn(last, heading)
@@ -365,8 +372,8 @@ def _turns_against(model: Norrbin, rudder: float, rate: float) -> bool:
 
 
 class State(NamedTuple):
-    """What the rudder watch remembers. since [s]: since when we steer; past: told and done of late; stop_since [s]: the
-    rudder stands at its stop; trial_doubted [s]: when that was.
+    """What the rudder watch remembers. since [s]: since when we steer; past: commands and angles of late; stop_since
+    [s]: the rudder stands at its stop; trial_doubted [s]: when that was.
 
     What was found counts until we let go: other: what the answer tells of boat and rudder, "quick", "slow", "lively" or
     ""; asks_less: the law is to order less for it; rests_roll: the rudder is too slow to work against roll too, and the
@@ -394,7 +401,7 @@ class State(NamedTuple):
 
 
 def update(
-    limits: AlarmLimits, before: State, seen: MonitorInput, heard: Heard
+    limits: AlarmLimits, before: State, seen: MonitorInput, measured: Measured
 ) -> tuple[State, tuple[AlarmEvent, ...]]:
     """Judge a tick; return what is remembered, and what is found."""
     if not seen.steers:
@@ -404,13 +411,13 @@ def update(
     now = seen.now
     since = now if math.isnan(since) else since
     past = lengthened(past, seen)
-    if heard.angles:
-        following = _followed(following, limits, heard.angles, past, since)
-    if following.name or not limits.rudder_answer or is_anothers(past, now, heard.report):
+    if measured.angles:
+        following = _followed(following, limits, measured.angles, past, since)
+    if following.name or not limits.rudder_answer or is_anothers(past, now, measured.report):
         # a boat that follows somebody else proves nothing; the link finds out who has the helm
         answer, overpowered = NO_ANSWER, NOT_OVERPOWERED
     else:
-        answer = answer_step(answer, limits, seen, heard.headings, past)
+        answer = answer_step(answer, limits, seen, measured.headings, past)
         if _is_for_the_speed(answer, seen):
             answer, doubts = NO_ANSWER, True
         overpowered = overpowered_step(overpowered, seen)
@@ -422,8 +429,8 @@ def update(
         stop_since = now
     asks_less = False
     if other or answer.other or following.is_slow:
-        told = (other, answer.other, "slow" if following.is_slow else "")
-        other = next(each for each in ("quick", "slow", "lively") if each in told)
+        news = (other, answer.other, "slow" if following.is_slow else "")
+        other = next(each for each in ("quick", "slow", "lively") if each in news)
         rests = rests or (other == "slow" and seen.damps_roll and seen.model.n1 > 0.0)
         asks_less = other == "lively" or (other == "slow" and not rests and seen.model.n1 > 0.0)
     after = State(

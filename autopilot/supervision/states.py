@@ -79,7 +79,7 @@ class Action(Enum):
     TAKE_HELM = "take the rudder without a bump, from where it is"
     RELEASE = "release the rudder"
     FAILSAFE = "move the rudder as the vessel file's failsafe.action says"
-    HOLD = "hold the rudder where it was told to be, for failsafe.release_after_s, then release it"
+    HOLD = "hold the rudder at its last command, for failsafe.release_after_s, then release it"
     SPEND = "the order in force is spent: only a new one engages"
     FORGET = "forget what ended the last engagement"
 

@@ -135,7 +135,7 @@ class Supervisor:
             self._command_check.wrong_since,
         )
 
-    def hear(self, sample: HelmSample) -> None:
+    def on_sample(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
         self._helm = {**self._helm, sample.source: sample}
         if sample.cause is HelmCause.REBOOTED:
@@ -238,7 +238,7 @@ class Supervisor:
     ) -> RudderCommand:
         """Return the command that leaves: `limited` [rad] while the law steers and it is fit, else the fail-safe's.
 
-        `previous` [rad] is what the rudder was told `dt` [s] before; `demand` [rad] is what the law wanted; `picture`
+        `previous` [rad] is the rudder command `dt` [s] before; `demand` [rad] is what the law wanted; `picture`
         is what it was worked out from. The order in force is the one of `decide`.
         """
         is_held = self._rudder is not Action.RELEASE
@@ -323,7 +323,7 @@ class Supervisor:
             elif action is Action.FORGET:
                 self._reboot_time = math.nan
             else:
-                self._rudder = self._told_by(action)
+                self._rudder = self._held_by(action)
         if row.next is not self.state:
             self._since = now
             self._command_check.reset()
@@ -332,7 +332,7 @@ class Supervisor:
         if row.says is not Says.NOTHING:
             self.alarm = alarm
 
-    def _told_by(self, action: Action) -> Action:
+    def _held_by(self, action: Action) -> Action:
         """Return what moves the rudder from now on: a file that says release, or firmware, leaves it nothing."""
         lets_go = self._failsafe.action in ("release", "firmware") or self._failsafe.release_after <= 0.0
         return Action.RELEASE if lets_go and action in (Action.FAILSAFE, Action.HOLD) else action

@@ -66,8 +66,8 @@ QUICK = (2.4, 6.0)
 """Shares of the model's answer, the one against the other: more than their mean is a boat that turns better than the
 model allows for, and one that is not the model's. A gust turns the boat to one side while the rudder may go there too;
 an answer is to both sides, so the evidence must be there on each."""
-STRANGE = 3.0
-STRANGE_TIME = 2.0
+MISFIT = 3.0
+MISFIT_TIME = 2.0
 """Where headings of this time [s], or of a time constant, lie so much further off, squared, than such an answer
 explains, it is not what turns the boat."""
 COLOUR_TIME = 0.5
@@ -97,7 +97,7 @@ REMEMBERED_S = 1.5
 """A report is of one of the orders of this time [s]: it comes at 5 to 10 Hz and is as old as the link."""
 TOLERANCE = math.radians(3.0)
 """Dead zone and whole microseconds move an order by less [rad]."""
-BELIEVED_S = 1.0
+REPORT_FRESH_S = 1.0
 """A report that is older [s] proves nothing."""
 LATE_S = 0.4
 """An answer that comes this much later [s] than the model's is one, too: links and gears are slow at times."""
@@ -115,8 +115,8 @@ AT_THE_STOP_TIME = 15.0
 """A course held with the rudder at its stop for so long [s]: there is none left."""
 PUSH_LASTS = 2.0
 STOP_LASTS = 0.5
-"""A push heavier than the rudder is an alarm when it lasts so long [s], and the rudder has been told for so long [s] to
-stand at its stop against it: until then it is on its way there."""
+"""A push heavier than the rudder is an alarm when it lasts so long [s], and the rudder has been commanded for so long
+[s] to stand at its stop against it: until then it is on its way there."""
 AGAINST_SHARE = 0.8
 """A boat that turns against a rudder hard over, as a rudder of this share to the other side would turn it."""
 TAKES_HOLD, HOLDS, SETTLED = 1.0, 2.0, 3.0
@@ -164,7 +164,7 @@ JUMP_SETTLED = 0.5
 JUMP_SAMPLES = 3
 """A heading that stays where it jumped to for so long [s], and so many samples, has jumped for good."""
 JUMP_SAID = 5.0
-"""A jump is told for this time [s] after it was found."""
+"""A jump is reported for this time [s] after it was found."""
 HEADINGS_APART_S = 2.0
 """Headings further apart [s] are not compared, nor is a rate that is older than its heading by more."""
 INNOVATION_TIME = 20.0
@@ -221,6 +221,6 @@ LATE_PERIODS = 3.0
 NEWS = math.radians(10.0)
 """An alarm is said anew when its angle has changed by more than this [rad]: each degree would be a new text."""
 AT_THE_STOP = 0.9
-"""A rudder told to be beyond this share of its limit stands at its stop."""
+"""A rudder commanded beyond this share of its limit stands at its stop."""
 SPEED_DOUBT = 1.25
 """A speed further than this from the trial's may be what is wrong where the boat does not answer as it should."""

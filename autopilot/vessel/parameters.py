@@ -63,7 +63,7 @@ NAMES = {
     "failsafe.reengage_after_restart_s": "FS_RESTART_HOLD",
     "helm.guided_speed_share": "HELM_GUIDED_SPD",
 }
-"""Names that the rule would spoil."""
+"""Names that the rule would break."""
 
 
 class VesselParameter(NamedTuple):

@@ -1,6 +1,6 @@
 """Between the boat's line and the browsers: one task keeps the line, one tells every browser ten times a second.
 
-What is told is put into words once for all browsers; one that does not keep up is let go, and comes back by itself.
+What is sent is put into words once for all browsers; one that does not keep up is let go, and comes back by itself.
 
 Who may give orders over the page: who has the token. Everybody else only looks.
 """
@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 from autopilot.errors import InputError
 from autopilot.files.outside import is_same_token, read_regular
 from autopilot.files.saving import replace_file
-from autopilot.web.orders import Answer, Told
+from autopilot.web.orders import Answer, OnDone
 from autopilot.web.station import BoatLine, Station
 
 TOKEN_BYTES = 18
@@ -108,8 +108,8 @@ ANSWER_S = 8.0
 REASON_S = 1.2
 """Why something was refused comes as a text of its own, after the refusal, in pieces."""
 
-Asked = Callable[[float, Told], None]
-"""What carries an order out at a time [s], and is told how it ended."""
+Asked = Callable[[float, OnDone], None]
+"""What carries an order out at a time [s], and is called with how it ended."""
 
 
 class Hub:
@@ -119,7 +119,7 @@ class Hub:
         self.station, self.line, self.clock = station, line, clock
         self._queues: dict[asyncio.Queue[bytes | None], str] = {}
         """What waits for each browser, by the address of who only looks, "" of who has the token; the oldest first."""
-        self._told: dict[str, bytes] = {}
+        self._sent: dict[str, bytes] = {}
         self._texts = 0
         self._closed = False
 
@@ -140,14 +140,14 @@ class Hub:
                 self._turn()
                 if loop.time() >= due:
                     due = max(due + 1.0 / UPDATES_HZ, loop.time())
-                    self.tell()
+                    self.publish()
                 await asyncio.sleep(min(TURN_S, max(0.0, due - loop.time())))
         finally:
             if watched >= 0:
                 loop.remove_reader(watched)
             self.line.close()
 
-    def tell(self) -> None:
+    def publish(self) -> None:
         """Tell every browser what is known now, and what has changed of what changes seldom."""
         now = self.clock()
         row = self.station.view.keep_history(now)
@@ -199,13 +199,13 @@ class Hub:
     async def ask(self, asked: Asked) -> tuple[bool, str]:
         """Give an order; return whether it was taken, and in words why not."""
         done: asyncio.Future[tuple[Answer, str]] = asyncio.get_running_loop().create_future()
-        said = self.station.view.texts.said
+        said = self.station.view.texts.count
 
-        def told(answer: Answer, words: str) -> None:
+        def on_done(answer: Answer, words: str) -> None:
             if not done.done():
                 done.set_result((answer, words))
 
-        asked(self.clock(), told)
+        asked(self.clock(), on_done)
         self._turn()
         try:
             answer, words = await asyncio.wait_for(done, ANSWER_S)
@@ -247,7 +247,7 @@ class Hub:
         station = self.station
         trial = station.view.trial
         return {
-            "alarms": station.alarms.shown,
+            "alarms": station.alarms.active,
             "learning": station.view.learning(),
             "dodge": station.course.before,
             "trial": None if trial is None else trial._asdict(),
@@ -257,11 +257,11 @@ class Hub:
         events = b""
         for name, content in self._seldom().items():
             data = event(name, content)
-            if self._told.get(name) != data:
-                self._told[name] = data
+            if self._sent.get(name) != data:
+                self._sent[name] = data
                 events += data
         new = self._texts_after(self._texts)
-        self._texts = self.station.view.texts.said
+        self._texts = self.station.view.texts.count
         return events + b"".join(event("text", text) for text in new)
 
     def _texts_after(self, number: int) -> list[dict[str, Any]]:

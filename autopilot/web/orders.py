@@ -45,7 +45,7 @@ class Answer(Enum):
     """How an order ended; true where it was taken."""
 
     TAKEN = "taken"
-    REFUSED = "refused: why is told in a text of its own"
+    REFUSED = "refused: why stands in a text of its own"
     FAILED = "not carried out"
     SILENT = "not answered"
 
@@ -63,7 +63,7 @@ RESULTS = {
 DONE = (int(dialect.MAV_RESULT_ACCEPTED), int(dialect.MAV_RESULT_IN_PROGRESS))
 NO_ANSWER = "the boat does not answer"
 
-Told = Callable[[Answer, str], None]
+OnDone = Callable[[Answer, str], None]
 """How an order ended, and that in words for people."""
 
 
@@ -124,7 +124,7 @@ ADOPT, REVERT = Command(LEARNING, (ADOPTING,)), Command(LEARNING, (REVERTING,))
 
 class _Waiting(NamedTuple):
     commands: tuple[Command, ...]
-    told: Told
+    on_done: OnDone
 
 
 class Orders:
@@ -137,20 +137,20 @@ class Orders:
         self._next = -math.inf
         self._cancels: list[int] = []
 
-    def give(self, commands: Sequence[Command], told: Told) -> None:
-        """Give an order; `told` hears once how it ended."""
+    def give(self, commands: Sequence[Command], on_done: OnDone) -> None:
+        """Give an order; `on_done` hears once how it ended."""
         if len(self._waiting) >= WAITING_MOST:
-            told(Answer.SILENT, NO_ANSWER)
+            on_done(Answer.SILENT, NO_ANSWER)
             return
-        self._waiting.append(_Waiting(tuple(commands), told))
+        self._waiting.append(_Waiting(tuple(commands), on_done))
 
-    def release(self, told: Told) -> None:
+    def release(self, on_done: OnDone) -> None:
         """Give the rudder back at once: what waits is dropped."""
-        dropped, self._waiting = self._waiting, deque([_Waiting(RELEASE, told)])
+        dropped, self._waiting = self._waiting, deque([_Waiting(RELEASE, on_done)])
         self._step = self._tries = 0
         self._next = -math.inf
         for each in dropped:
-            each.told(Answer.FAILED, "dropped for the release")
+            each.on_done(Answer.FAILED, "dropped for the release")
 
     def cancel(self, command: int) -> None:
         """End a trial before its time."""
@@ -189,7 +189,7 @@ class Orders:
         order = self._waiting.popleft()
         self._step = self._tries = 0
         self._next = -math.inf
-        order.told(answer, words)
+        order.on_done(answer, words)
 
 
 ECHO_S = 1.5
@@ -211,58 +211,58 @@ class Course:
         self.before: float | None = None
         self.was_route = False
 
-    def turn_by(self, now: float, degrees: float, told: Told) -> None:
+    def turn_by(self, now: float, degrees: float, on_done: OnDone) -> None:
         """Change the heading ordered by so many degrees, positive to starboard."""
         base = self._base(now)
         if base is None:
             is_trial = self._view.mode == TRIAL
-            told(
+            on_done(
                 Answer.FAILED,
                 "a trial is being sailed: end it first" if is_trial else "engage first: no course is being steered",
             )
             return
-        self.turn_to(now, base + degrees, told)
+        self.turn_to(now, base + degrees, on_done)
 
-    def turn_to(self, now: float, heading_deg: float, told: Told) -> None:
+    def turn_to(self, now: float, heading_deg: float, on_done: OnDone) -> None:
         """Order a heading [deg]."""
         self._meant, self._meant_at = heading_deg % 360.0, now
 
         def noted(taken: Answer, words: str) -> None:
             if not taken:
                 self._meant_at = -math.inf
-            told(taken, words)
+            on_done(taken, words)
 
         self._orders.give((turn_to(heading_deg),), noted)
 
-    def dodge(self, now: float, degrees: float, told: Told) -> None:
+    def dodge(self, now: float, degrees: float, on_done: OnDone) -> None:
         """Step aside by so many degrees; again: further. The course before the first step is kept."""
         base, was_route = self._base(now), self._view.mode == TRACK
 
         def noted(taken: Answer, words: str) -> None:
             if taken and self.before is None:
                 self.before, self.was_route = base, was_route
-            told(taken, words)
+            on_done(taken, words)
 
         self.turn_by(now, degrees, noted)
 
-    def back(self, now: float, told: Told) -> None:
+    def back(self, now: float, on_done: OnDone) -> None:
         """Go back to the course that was steered before, or to the route."""
         before = self.before
         if before is None:
-            told(Answer.FAILED, "nothing to go back to")
+            on_done(Answer.FAILED, "nothing to go back to")
             return
 
         def noted(taken: Answer, words: str) -> None:
             if taken:
                 self.before = None
-            told(taken, words)
+            on_done(taken, words)
 
         if self.was_route:
             self._orders.give(FOLLOW, noted)
         else:
             self.turn_to(now, before, noted)
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Forget the way back when nobody steers any more."""
         if self._view.mode not in (HEADING, TRACK):
             self.before = None

@@ -16,93 +16,93 @@ TURN_MOST_DEG = 180.0
 SIZES_MOST = 2
 
 
-def asked_of(station: Station, wish: Any) -> Asked:
-    """Return what carries out a wish like {"do": "turn", "degrees": -10}. Raises InputError."""
-    kind = wish.get("do") if isinstance(wish, dict) else None
-    make = _WISHES.get(kind) if isinstance(kind, str) else None
+def asked_of(station: Station, request: Any) -> Asked:
+    """Return what carries out a request like {"do": "turn", "degrees": -10}. Raises InputError."""
+    kind = request.get("do") if isinstance(request, dict) else None
+    make = _REQUESTS.get(kind) if isinstance(kind, str) else None
     if make is None:
-        raise InputError(f"order {printable(repr(kind), SHOWN)}: allowed are {', '.join(_WISHES)}")
-    return make(station, wish)
+        raise InputError(f"order {printable(repr(kind), SHOWN)}: allowed are {', '.join(_REQUESTS)}")
+    return make(station, request)
 
 
 def _commands(
     make: Callable[[dict[str, Any]], tuple[orders.Command, ...]],
 ) -> Callable[[Station, dict[str, Any]], Asked]:
-    def asked(station: Station, wish: dict[str, Any]) -> Asked:
-        commands = make(wish)
-        return lambda _, told: station.orders.give(commands, told)
+    def asked(station: Station, request: dict[str, Any]) -> Asked:
+        commands = make(request)
+        return lambda _, on_done: station.orders.give(commands, on_done)
 
     return asked
 
 
-def _release(station: Station, wish: dict[str, Any]) -> Asked:
-    return lambda _, told: station.orders.release(told)
+def _release(station: Station, request: dict[str, Any]) -> Asked:
+    return lambda _, on_done: station.orders.release(on_done)
 
 
-def _turn(station: Station, wish: dict[str, Any]) -> Asked:
-    degrees = _number(wish, "degrees", -TURN_MOST_DEG, TURN_MOST_DEG)
-    return lambda now, told: station.course.turn_by(now, degrees, told)
+def _turn(station: Station, request: dict[str, Any]) -> Asked:
+    degrees = _number(request, "degrees", -TURN_MOST_DEG, TURN_MOST_DEG)
+    return lambda now, on_done: station.course.turn_by(now, degrees, on_done)
 
 
-def _heading(station: Station, wish: dict[str, Any]) -> Asked:
-    degrees = _number(wish, "degrees", 0.0, 360.0)
-    return lambda now, told: station.course.turn_to(now, degrees, told)
+def _heading(station: Station, request: dict[str, Any]) -> Asked:
+    degrees = _number(request, "degrees", 0.0, 360.0)
+    return lambda now, on_done: station.course.turn_to(now, degrees, on_done)
 
 
-def _dodge(station: Station, wish: dict[str, Any]) -> Asked:
-    degrees = _number(wish, "degrees", -90.0, 90.0)
-    return lambda now, told: station.course.dodge(now, degrees, told)
+def _dodge(station: Station, request: dict[str, Any]) -> Asked:
+    degrees = _number(request, "degrees", -90.0, 90.0)
+    return lambda now, on_done: station.course.dodge(now, degrees, on_done)
 
 
-def _back(station: Station, wish: dict[str, Any]) -> Asked:
-    return lambda now, told: station.course.back(now, told)
+def _back(station: Station, request: dict[str, Any]) -> Asked:
+    return lambda now, on_done: station.course.back(now, on_done)
 
 
-def _acknowledge(station: Station, wish: dict[str, Any]) -> Asked:
-    def noted(answer: orders.Answer, words: str, told: orders.Told) -> None:
+def _acknowledge(station: Station, request: dict[str, Any]) -> Asked:
+    def noted(answer: orders.Answer, words: str, on_done: orders.OnDone) -> None:
         if answer is orders.Answer.SILENT:
-            told(answer, words)
+            on_done(answer, words)
             return
         # a recording refuses every order: then it counts here alone
         station.alarms.acknowledge(is_known_aboard=bool(answer))
-        told(orders.Answer.TAKEN, "")
+        on_done(orders.Answer.TAKEN, "")
 
-    def asked(_: float, told: orders.Told) -> None:
-        station.orders.give((orders.ACKNOWLEDGE,), lambda taken, words: noted(taken, words, told))
+    def asked(_: float, on_done: orders.OnDone) -> None:
+        station.orders.give((orders.ACKNOWLEDGE,), lambda taken, words: noted(taken, words, on_done))
 
     return asked
 
 
-def _cancel(station: Station, wish: dict[str, Any]) -> Asked:
-    def asked(_: float, told: orders.Told) -> None:
+def _cancel(station: Station, request: dict[str, Any]) -> Asked:
+    def asked(_: float, on_done: orders.OnDone) -> None:
         trial = station.view.trial
         if trial is not None:
             station.orders.cancel(trial.command)
         if trial is not None:
-            told(orders.Answer.TAKEN, "")
+            on_done(orders.Answer.TAKEN, "")
         else:
-            told(orders.Answer.FAILED, "no trial is being sailed")
+            on_done(orders.Answer.FAILED, "no trial is being sailed")
 
     return asked
 
 
-def _set(station: Station, wish: dict[str, Any]) -> Asked:
-    name = wish.get("name")
+def _set(station: Station, request: dict[str, Any]) -> Asked:
+    name = request.get("name")
     if not isinstance(name, str) or not 0 < len(name) <= 16 or not name.isascii():
         raise InputError("set: give the name of a parameter, at most 16 characters")
-    value = _number(wish, "value", -1.0e30, 1.0e30)
-    return lambda _, told: station.parameters.set(name, value, told)
+    value = _number(request, "value", -1.0e30, 1.0e30)
+    return lambda _, on_done: station.parameters.set(name, value, on_done)
 
 
-def _pattern(wish: dict[str, Any]) -> tuple[orders.Command, ...]:
-    number, side = _number(wish, "number", 0.0, 63.0), _number(wish, "side", -1.0, 1.0)
-    sizes = wish.get("sizes", [])
+def _pattern(request: dict[str, Any]) -> tuple[orders.Command, ...]:
+    number, side = _number(request, "number", 0.0, 63.0), _number(request, "side", -1.0, 1.0)
+    sizes = request.get("sizes", [])
     if not isinstance(sizes, list) or len(sizes) > SIZES_MOST:
         raise InputError(f"pattern: sizes is a list of at most {SIZES_MOST} numbers")
     return orders.pattern(int(number), side, [number_from(size, "size", -1.0e6, 1.0e6) for size in sizes])
 
 
-_WISHES: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
+_REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "engage": _commands(lambda _: orders.ENGAGE),
     "standby": _commands(lambda _: (orders.STANDBY,)),
     "release": _release,
@@ -113,17 +113,19 @@ _WISHES: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "back": _back,
     "pattern": _commands(_pattern),
     "zigzag": _commands(
-        lambda wish: orders.zigzag(
-            _number(wish, "rudder", 1.0, 90.0),
-            _number(wish, "change", 1.0, 90.0),
-            _number(wish, "duration", 1.0, 3600.0),
+        lambda request: orders.zigzag(
+            _number(request, "rudder", 1.0, 90.0),
+            _number(request, "change", 1.0, 90.0),
+            _number(request, "duration", 1.0, 3600.0),
         )
     ),
     "turning": _commands(
-        lambda wish: orders.turning(_number(wish, "rudder", -90.0, 90.0), _number(wish, "duration", 1.0, 3600.0))
+        lambda request: orders.turning(
+            _number(request, "rudder", -90.0, 90.0), _number(request, "duration", 1.0, 3600.0)
+        )
     ),
     "cancel": _cancel,
-    "level": _commands(lambda wish: (orders.level(int(_number(wish, "level", 1.0, 9.0))),)),
+    "level": _commands(lambda request: (orders.level(int(_number(request, "level", 1.0, 9.0))),)),
     "adopt": _commands(lambda _: (orders.ADOPT,)),
     "revert": _commands(lambda _: (orders.REVERT,)),
     "acknowledge": _acknowledge,
@@ -131,5 +133,5 @@ _WISHES: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
 }
 
 
-def _number(wish: dict[str, Any], key: str, low: float, high: float) -> float:
-    return number_from(wish.get(key), f"{wish['do']}: {key}", low, high)
+def _number(request: dict[str, Any], key: str, low: float, high: float) -> float:
+    return number_from(request.get(key), f"{request['do']}: {key}", low, high)

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 from autopilot.web.station import Station
 from autopilot.web.view import MODE_NAMES
 
-Look = Literal["plain", "dim", "strong", "on", "alarm", "bad"]
+Style = Literal["plain", "dim", "strong", "on", "alarm", "bad"]
 
 DIGITS = {
     "0": ("█▀█", "█ █", "█▄█"), "1": ("▀█ ", " █ ", "▄█▄"), "2": ("▀▀█", "█▀▀", "█▄▄"), "3": ("▀▀█", " ▀█", "▄▄█"),
@@ -34,7 +34,7 @@ class Line(NamedTuple):
     """One line of the screen and what it is like."""
 
     text: str
-    look: Look = "plain"
+    style: Style = "plain"
 
 
 def screen(
@@ -53,7 +53,7 @@ def screen(
     foot = [Line(f" {said}", "strong"), *(Line(keys, "dim") for keys in (KEYS if may else KEYS_LOOKING))]
     room = max(0, height - len(foot))
     lines = [*lines[:room], *[Line("")] * (room - len(lines)), *foot][-height:]
-    return [Line(line.text[:width], line.look) for line in lines]
+    return [Line(line.text[:width], line.style) for line in lines]
 
 
 def _head(shown: dict[str, Any], trouble: str, station: Station) -> list[Line]:
@@ -69,8 +69,8 @@ def _head(shown: dict[str, Any], trouble: str, station: Station) -> list[Line]:
     mode = STATES.get(shown["status"], shown["mode"].upper())
     steers = shown["mode"] != "standby"
     back = f"   back to {station.course.before:03.0f}°: b" if station.course.before is not None else ""
-    look: Look = "bad" if shown["status"] in STATES else "on" if steers else "strong"
-    return [Line(f" {mode} {'' if steers else ' you steer'}{back}", look)]
+    style: Style = "bad" if shown["status"] in STATES else "on" if steers else "strong"
+    return [Line(f" {mode} {'' if steers else ' you steer'}{back}", style)]
 
 
 def _alarms(station: Station) -> list[Line]:
@@ -78,7 +78,7 @@ def _alarms(station: Station) -> list[Line]:
         Line(f"   {each['words']}  (acknowledged)", "dim")
         if each["acknowledged"]
         else Line(f" ! {each['words']}", "alarm")
-        for each in station.alarms.shown
+        for each in station.alarms.active
     ]
 
 
@@ -106,12 +106,12 @@ def _middle(shown: dict[str, Any], width: int) -> list[Line]:
     stale = shown["ages"].get("attitude", math.inf) > STALE_S["attitude"]
     facts = _facts(shown)
     rows = [" ".join(DIGITS[digit][row] for digit in digits) for row in range(3)]
-    look: Look = "dim" if stale else "strong"
+    style: Style = "dim" if stale else "strong"
     blank = " " * len(rows[0])
     return [
         Line(""),
-        *(Line(f"  {row}    {fact}", look) for row, fact in zip(rows, facts[:3], strict=True)),
-        Line(f"  {blank}    {facts[3]}", look),
+        *(Line(f"  {row}    {fact}", style) for row, fact in zip(rows, facts[:3], strict=True)),
+        Line(f"  {blank}    {facts[3]}", style),
         Line(f"  {facts[4]}", "alarm" if facts[4] else "plain"),
     ]
 
@@ -195,8 +195,8 @@ def _learning(station: Station) -> list[Line]:
         return []
     words = PROPOSALS.get(learnt.get("lrn_state") or 0.0, "learning")
     gain, time = learnt.get("lrn_K"), learnt.get("lrn_T")
-    told = f"   K {gain:.3g} 1/s, T {time:.3g} s" if gain is not None and time is not None else ""
-    return [Line(f" model: {words}{told}", "dim")]
+    numbers = f"   K {gain:.3g} 1/s, T {time:.3g} s" if gain is not None and time is not None else ""
+    return [Line(f" model: {words}{numbers}", "dim")]
 
 
 def _sided(value: float | None) -> str:

@@ -27,7 +27,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from autopilot.errors import InputError, NotYetError
 from autopilot.files.outside import ORDER_MOST, order_object
-from autopilot.interruption import say_end
+from autopilot.interruption import print_end
 from autopilot.web import page_files
 from autopilot.web.hub import Access, Hub
 from autopilot.web.requests import asked_of
@@ -38,7 +38,7 @@ SHOWN_MOST = 200
 PIECE = 65536
 
 
-class LogShelf:
+class LogIndex:
     """`listing` and `path_of` see nothing outside of the folder. None: no folder was given, nothing is listed."""
 
     def __init__(self, folder: Path | None) -> None:
@@ -84,7 +84,7 @@ class LogShelf:
         return size, pieces()
 
     def _is_log(self, path: Path) -> bool:
-        # a name that is no text cannot be told, nor asked for
+        # a name that is no text cannot be reported, nor asked for
         is_name = path.suffix in SUFFIXES and path.name.isprintable() and not path.name.startswith(".")
         return is_name and not path.is_symlink() and path.is_file()
 
@@ -135,8 +135,8 @@ class SafeHeaders:
 class Page:
     """The answers to a browser's requests."""
 
-    def __init__(self, hub: Hub, access: Access, shelf: LogShelf) -> None:
-        self._hub, self._access, self._shelf = hub, access, shelf
+    def __init__(self, hub: Hub, access: Access, logs: LogIndex) -> None:
+        self._hub, self._access, self._logs = hub, access, logs
         self._assets = page_files()
 
     def routes(self) -> list[Route]:
@@ -210,14 +210,14 @@ class Page:
         """The list of logs, for who may give orders: a log says where the boat has been."""
         if not self._may(request):
             return _refusal(403, "logs are for who may give orders")
-        return JSONResponse({"folder": self._shelf.is_there, "logs": self._shelf.listing()})
+        return JSONResponse({"folder": self._logs.is_there, "logs": self._logs.listing()})
 
     async def ticket(self, request: Request) -> Response:
         """The address of one log, good for two minutes, that a browser can download by itself."""
         if not self._may(request):
             return _refusal(403, "logs are for who may give orders")
         name = request.path_params["name"]
-        if self._shelf.path_of(name) is None:
+        if self._logs.path_of(name) is None:
             return _refusal(404, "there is no such log")
         ticket = self._access.ticket(name, self._hub.clock())
         return JSONResponse({"href": f"/api/logs/{quote(name)}?ticket={ticket}"})
@@ -227,10 +227,10 @@ class Page:
         name = request.path_params["name"]
         if not self._access.admits(request.query_params.get("ticket", ""), name, self._hub.clock()):
             return _refusal(403, "the address of this download is no longer good: list the logs again")
-        path = self._shelf.path_of(name)
+        path = self._logs.path_of(name)
         if path is None:
             return _refusal(404, "there is no such log")
-        size, pieces = self._shelf.read(path)
+        size, pieces = self._logs.read(path)
         headers = {"content-length": str(size), "content-disposition": f"attachment; filename*=utf-8''{quote(name)}"}
         return StreamingResponse(pieces, headers=headers, media_type="application/octet-stream")
 
@@ -255,7 +255,7 @@ class Server(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """End, and say so."""
-        say_end(sig)
+        print_end(sig)
         super().handle_exit(sig, frame)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -283,7 +283,7 @@ def known_hosts(app: ASGIApp, address: str) -> ASGIApp:
     return TrustedHostMiddleware(app, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False)
 
 
-def build_app(hub: Hub, access: Access, shelf: LogShelf) -> ASGIApp:
+def build_app(hub: Hub, access: Access, logs: LogIndex) -> ASGIApp:
     """Return the application; the hub runs as long as it does."""
 
     @contextlib.asynccontextmanager
@@ -297,7 +297,7 @@ def build_app(hub: Hub, access: Access, shelf: LogShelf) -> ASGIApp:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
-    return SafeHeaders(Starlette(routes=Page(hub, access, shelf).routes(), lifespan=lifespan))
+    return SafeHeaders(Starlette(routes=Page(hub, access, logs).routes(), lifespan=lifespan))
 
 
 async def _short_body(request: Request) -> bytes | None:

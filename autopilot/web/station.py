@@ -18,9 +18,9 @@ from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing
-from autopilot.links.url import believe_signed, open_transport, parse_url
+from autopilot.links.url import accept_signed, open_transport, parse_url
 from autopilot.web.orders import Course, Orders
-from autopilot.web.parameter_desk import ParameterDesk
+from autopilot.web.parameter_service import ParameterService
 from autopilot.web.view import AlarmBoard, BoatView
 
 HEARTBEAT_S = 1.0
@@ -40,14 +40,14 @@ class Station:
     """Give `receive` every message and send what `due` returns.
 
     Attributes:
-        view: what is known of the boat.  orders: what it is told.  parameters, files, alarms, course: its desks.
+        view: what is known of the boat.  orders: the orders to it.  parameters, files, alarms, course: its services.
     """
 
     def __init__(self) -> None:
         self.view = BoatView()
         self.orders = Orders()
         self.files = FtpClient()
-        self.parameters = ParameterDesk(self.files)
+        self.parameters = ParameterService(self.files)
         self.alarms = AlarmBoard(self.files)
         self.course = Course(self.orders, self.view)
         self._next_heartbeat = -math.inf
@@ -85,12 +85,12 @@ class Station:
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + HEARTBEAT_S
             messages.append(station_heartbeat())
-        self.view.texts.look(now)
+        self.view.texts.update(now)
         target = self.target
         if target is None:
             return messages
-        self.alarms.look(now, self.view)
-        self.course.look()
+        self.alarms.update(now, self.view)
+        self.course.update()
         if now >= self._next_rates:
             messages += self._rates(now, target)
         messages += self.orders.due(now, target)
@@ -152,7 +152,7 @@ class BoatLine:
         self._transport: Transport | None = None
         self._codec = MavlinkCodec()
         self._next_open = -math.inf
-        self._heard = -math.inf
+        self._received_time = -math.inf
         self._open()
 
     @property
@@ -184,8 +184,8 @@ class BoatLine:
             self.close()
             self._next_open = now + REOPEN_S
             return 0
-        if now - self._heard > SILENCE_S:
-            self._heard = now
+        if now - self._received_time > SILENCE_S:
+            self._received_time = now
             self._transport.forget_peer()
         return count
 
@@ -198,7 +198,7 @@ class BoatLine:
     def _open(self) -> None:
         self._transport = self._opens(self._url)
         ours = self._signing.link() if self._signing is not None else None
-        believe_signed(self._transport, ours)
+        accept_signed(self._transport, ours)
         self._codec = MavlinkCodec(SYSTEM, COMPONENT, self._transport.is_stream, ours)
         self._station.view.forget()
         self.trouble = ""
@@ -207,7 +207,7 @@ class BoatLine:
         count = 0
         for chunk in transport.receive():
             for message in self._codec.decode(chunk):
-                self._heard = now
+                self._received_time = now
                 count += 1
                 if count <= MESSAGES_PER_TURN:
                     self._station.receive(now, message)

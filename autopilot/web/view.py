@@ -49,7 +49,7 @@ class TextPieces:
 
     def __init__(self) -> None:
         self.kept: deque[Text] = deque(maxlen=KEPT)
-        self.said = 0
+        self.count = 0
         self._parts: dict[int, dict[int, str]] = {}
         self._heads: dict[int, tuple[float, int]] = {}
 
@@ -58,9 +58,9 @@ class TextPieces:
         words = message.text if isinstance(message.text, str) else message.text.decode("utf-8", "replace")
         words = words.rstrip("\0")
         if message.id == 0:
-            self._keep(now, int(message.severity), words)
+            self._store(now, int(message.severity), words)
             return
-        self.look(now)
+        self.update(now)
         parts = self._parts.setdefault(message.id, {})
         self._heads[message.id] = (now, int(message.severity))
         parts[min(int(message.chunk_seq), PIECES_MOST)] = words
@@ -68,7 +68,7 @@ class TextPieces:
         if len(parts[last]) < PIECE and len(parts) == last + 1:
             self._finish(now, message.id)
 
-    def look(self, now: float) -> None:
+    def update(self, now: float) -> None:
         """Keep what has waited too long for its next piece."""
         for identity, (since, _) in list(self._heads.items()):
             if now - since > PATIENCE_S:
@@ -76,12 +76,12 @@ class TextPieces:
 
     def _finish(self, now: float, identity: int) -> None:
         parts, (_, severity) = self._parts.pop(identity), self._heads.pop(identity)
-        self._keep(now, severity, "".join(parts[number] for number in sorted(parts)))
+        self._store(now, severity, "".join(parts[number] for number in sorted(parts)))
 
-    def _keep(self, now: float, severity: int, words: str) -> None:
+    def _store(self, now: float, severity: int, words: str) -> None:
         if words:
-            self.said += 1
-            self.kept.append(Text(self.said, now, severity, words))
+            self.count += 1
+            self.kept.append(Text(self.count, now, severity, words))
 
 
 MODE_NAMES = {MANUAL: "standby", HEADING: "heading", TRACK: "route", TRIAL: "trial"}
@@ -111,12 +111,13 @@ LEARNT = "lrn_"
 
 
 class Trial(NamedTuple):
-    """A trial that was begun: its command, share done in per cent, MAV_RESULT (5 while it lasts), when it was told."""
+    """A trial that was begun: its command, share done in per cent, MAV_RESULT (5 while it lasts), when it was
+    reported."""
 
     command: int
     percent: int
     result: int
-    told: float
+    reported_time: float
 
 
 class BoatView:
@@ -133,7 +134,7 @@ class BoatView:
         self.trial: Trial | None = None
         self.history: deque[tuple[float | None, ...]] = deque(maxlen=HISTORY_ROWS)
         self._values: dict[str, float] = {}
-        self._heard: dict[str, float] = {}
+        self._received: dict[str, float] = {}
         self._status = 0
         self._mode = MANUAL
         self._next_row = -math.inf
@@ -165,8 +166,8 @@ class BoatView:
 
     def age(self, group: str, now: float) -> float | None:
         """Return the seconds since anything of the group came, None where nothing has."""
-        heard = self._heard.get(group)
-        return None if heard is None else max(0.0, now - heard)
+        received = self._received.get(group)
+        return None if received is None else max(0.0, now - received)
 
     def take(self, now: float, message: Message) -> None:
         """Take a message that came at `now` [s]."""
@@ -221,11 +222,11 @@ class BoatView:
         return row
 
     def _set(self, now: float, group: str, **values: float) -> None:
-        self._heard[group] = now
+        self._received[group] = now
         self._values.update(values)
 
     def _heartbeat(self, now: float, message: Message) -> None:
-        self._heard["beat"] = now
+        self._received["beat"] = now
         self._status, self._mode = int(message.system_status), int(message.custom_mode)
         vehicle = vehicle_of(message)
         if vehicle is not None:
@@ -270,7 +271,7 @@ def _exact(value: float) -> float | None:
     return float(f"{value:.5g}") if math.isfinite(value) else None
 
 
-LOOK_S = 5.0
+CHECK_S = 5.0
 """The list is fetched again after this [s] while alarms are on: one may have taken another's place."""
 STATES = {state.name.lower(): state for state in AlarmState}
 LIST_MOST = 65536
@@ -283,18 +284,18 @@ Alarms = dict[str, tuple[str, AlarmState]]
 
 
 class AlarmBoard:
-    """`shown` are the alarms that are on, the newest last, with what the boat knows of who has seen them."""
+    """`active` are the alarms that are on, the newest last, with what the boat knows of who has seen them."""
 
     def __init__(self, files: FtpClient) -> None:
         self._files = files
         self._on: Alarms = {}
         self._seen: set[str] = set()
-        self._told: tuple[float, float | None] | None = None
+        self._sent_news: tuple[float, float | None] | None = None
         self._next = -math.inf
         self._is_asked = self._is_old = False
 
     @property
-    def shown(self) -> list[dict[str, Any]]:
+    def active(self) -> list[dict[str, Any]]:
         """The alarms, each with its name, its words, whether it sounds, and whether somebody has acknowledged it."""
         return [
             {
@@ -306,17 +307,17 @@ class AlarmBoard:
             for words, (name, state) in self._on.items()
         ]
 
-    def look(self, now: float, view: BoatView) -> None:
+    def update(self, now: float, view: BoatView) -> None:
         """Fetch the list where the boat tells of other alarms than we know, or of others that were acknowledged."""
         count = view.value("alarm_count")
         if count is None:
             return
-        told = (count, view.value("alarm_new"))
+        news = (count, view.value("alarm_new"))
         if count == 0.0:
             self._on.clear()
-        elif told != self._told or now >= self._next:
-            self._next, self._is_old = now + LOOK_S, True
-        self._told = told
+        elif news != self._sent_news or now >= self._next:
+            self._next, self._is_old = now + CHECK_S, True
+        self._sent_news = news
         if self._is_old and not self._is_asked:
             self._is_asked, self._is_old = True, False
             self._files.fetch(ALARMS, self._take)
@@ -332,7 +333,7 @@ class AlarmBoard:
     def forget(self) -> None:
         """The boat has started again."""
         self._on.clear()
-        self._told = None
+        self._sent_news = None
 
     def _take(self, content: bytes | None) -> None:
         self._is_asked = False

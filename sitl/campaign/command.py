@@ -99,20 +99,20 @@ def _campaign(job: Job, arguments: argparse.Namespace) -> int:
     tally, begun = Tally(job), time.perf_counter()
     try:
         with as_exceptions(), ProgressBar("runs") as bar:
-            bar.show(0, runs)
+            bar.update(0, runs)
             for rows in in_order(engine(job, batches_of(job, runs), workers, not arguments.plain)):
                 tally.add(rows)
                 if results is not None:
                     results.write(rows)
-                bar.show(rows[-1].run + 1, runs)
+                bar.update(rows[-1].run + 1, runs)
     finally:
         if results is not None:
             results.close()
-    _tell(job, arguments, tally, time.perf_counter() - begun)
+    _print_summary(job, arguments, tally, time.perf_counter() - begun)
     return int(ExitCode.OK)
 
 
-def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float) -> None:
+def _print_summary(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float) -> None:
     from sitl.campaign.results import as_json, table
     from sitl.campaign.study import steps_of
     from sitl.world import STEP
@@ -121,14 +121,14 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
     steps = steps_of(study, STEP) * (tally.done["compiled"] + tally.done["full"])
     counts = ", ".join(f"{count} {how}" for how, count in tally.done.items() if count)
     pace = f"{seconds:.1f} s: {steps / seconds:.3g} steps a second."
-    said = f"{len(summaries)} cases, {counts}, seed {study.seed}, in {pace}"
+    summary = f"{len(summaries)} cases, {counts}, seed {study.seed}, in {pace}"
     if not tally.done["compiled"] and not arguments.plain:
-        said += " Nothing was compiled: with numba it is far quicker, pip install '.[fast]'."
+        summary += " Nothing was compiled: with numba it is far quicker, pip install '.[fast]'."
     if arguments.report:
         from autopilot.files.saving import save_page
         from sitl.campaign.results import campaign_page
 
-        page = campaign_page(study.name, study.description, summaries, said, shlex.join(arguments.typed))
+        page = campaign_page(study.name, study.description, summaries, summary, shlex.join(arguments.typed))
         save_page(arguments.report, page)
     if arguments.json:
         print(json.dumps({"study": study.name, "done": tally.done, "seconds": seconds, "cases": as_json(summaries)}))
@@ -137,7 +137,7 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
     widths = [max(len(row[place]) for row in rows) for place in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-    print(said)
+    print(summary)
     for path in (arguments.out, arguments.report):
         if path:
             print(f"Wrote {path}.")
@@ -145,16 +145,16 @@ def _tell(job: Job, arguments: argparse.Namespace, tally: Tally, seconds: float)
 
 def _replay(job: Job, arguments: argparse.Namespace) -> int:
     """Do one run in the full simulator, and compiled where that can be; exit code 6 where they differ."""
-    from sitl.campaign.setting import run_fully
+    from sitl.campaign.setting import run_reference
     from sitl.campaign.study import case_and_seed, number_of_runs
-    from sitl.campaign.work import done_swiftly
+    from sitl.campaign.work import done_compiled
 
     number, runs = arguments.replay, number_of_runs(job)
     if not 0 <= number < runs:
         raise InputError(f"--replay {number}: the study has runs 0 to {runs - 1}")
     case, seed = case_and_seed(job, number)
-    full = run_fully(job, number)
-    quick = None if arguments.plain else done_swiftly(job, number)
+    full = run_reference(job, number)
+    quick = None if arguments.plain else done_compiled(job, number)
     off = 0.0 if quick is None else max(abs(one - other) for one, other in zip(full, quick, strict=True))
     if arguments.json:
         found = {"run": number, "seed": seed, **case._asdict(), **full._asdict()}
@@ -203,13 +203,13 @@ def run_tune(arguments: argparse.Namespace) -> int:
     boats = {vessel.name: replace(next(iter(study.boats.values())), vessel=path)}
     job = Job(replace(study, boats=boats), ".")
     with ProgressBar("generations") as bar:
-        bar.show(0, arguments.generations)
+        bar.update(0, arguments.generations)
         found = tune(
             job,
             vessel,
             Search(arguments.law, arguments.weight, arguments.generations),
             arguments.workers or default_workers(),
-            bar.show,
+            bar.update,
         )
     print(
         json.dumps(

@@ -18,8 +18,8 @@ from autopilot import __version__
 from autopilot.errors import InputError
 from autopilot.files.saving import open_over
 from autopilot.report.page import Line, Panel, Section, render, time_figure
+from sitl.campaign.compiled_run import Figures
 from sitl.campaign.study import Case, Job, case_and_seed, cases_of, number_of_runs
-from sitl.campaign.swift import Figures
 from sitl.campaign.work import COMPILED, FULL, REFUSED, Row
 
 COLUMNS = ("run", "seed", *Case._fields, "done_by", *Figures._fields)
@@ -162,7 +162,7 @@ def as_json(summaries: list[CaseSummary]) -> list[dict[str, Any]]:
 
 
 def varied(summaries: list[CaseSummary]) -> list[str]:
-    """Return the names of what differs between cases; a single case is told by its boat and law."""
+    """Return the names of what differs between cases; a single case is named by its boat and law."""
     names = [name for name in Case._fields if len({getattr(each.case, name) for each in summaries}) > 1]
     return names or ["boat", "law"]
 
@@ -243,7 +243,7 @@ def pareto_panels(summaries: list[CaseSummary]) -> list[Panel]:
         for law, points in laws.items():
             travel, rms = np.array(sorted(points)).T
             lines.append(Line(law, np.maximum(travel, 1.0e-6), rms, dots=len(points) == 1))
-        title = ", ".join(str(part) for part, is_told in zip(key, differs, strict=True) if is_told)
+        title = ", ".join(str(part) for part, is_named in zip(key, differs, strict=True) if is_named)
         panels.append(Panel("rms [deg]" + (f"\n{title}" if title else ""), lines))
     return panels
 

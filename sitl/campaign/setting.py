@@ -1,4 +1,4 @@
-"""From a run of a study to the NamedTuples and arrays of `swift`: the same numbers that `full` starts from.
+"""From a run of a study to the NamedTuples and arrays of `compiled_loop`: the same numbers that `full` starts from.
 
 Failing instruments, tabled before a run begins: what their faults add, multiply and swallow, set by set.
 
@@ -26,24 +26,24 @@ from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, Spe
 from autopilot.tick import steering_of
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, Plant, plant_of, step_of
-from sitl.campaign.brain import Brain
-from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
-from sitl.campaign.swift import (
+from sitl.campaign.compiled_run import (
     NO_HEADING,
     NO_SPEED,
     NOTHING,
     Course,
     Figures,
     Instruments,
-    Rooms,
     Score,
     Setting,
+    Workspace,
     figures,
     ordered,
     readings,
     scored,
 )
-from sitl.campaign.waters import Water, surface_of
+from sitl.campaign.compiled_tick import CampaignConfig
+from sitl.campaign.environment import Water, surface_of
+from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.fault_kinds import KINDS
 from sitl.faults import FaultBoard
 from sitl.scenario import Scenario
@@ -60,23 +60,23 @@ def can_be_tabled(scenario: Scenario) -> bool:
 
 
 def failing(instruments: Instruments, faults: FaultBoard, seed: np.random.SeedSequence) -> Instruments:
-    """Return the instruments with these faults; `seed` is that of the sensors, from which their spoiler's comes."""
-    spoiler, sets = SensorFaults(faults, seed.spawn(1)[0]), len(instruments.deviates)
-    spoilt, missing = np.zeros((sets, 4)), np.zeros(sets, dtype=np.int64)
+    """Return the instruments with these faults; `seed` is that of the sensors, from which the corruption's comes."""
+    corruption, sets = SensorFaults(faults, seed.spawn(1)[0]), len(instruments.deviates)
+    corrupted, missing = np.zeros((sets, 4)), np.zeros(sets, dtype=np.int64)
     lag = math.ceil(instruments.latency / STEP - 1.0e-7)
     for place in range(sets):
         step = place * instruments.every
-        time, heard = step * STEP, (step + lag) * STEP
+        time, received = step * STEP, (step + lag) * STEP
         # what is done to nothing, and to a speed of 1, is what is done to everything
-        left = spoiler.spoil(time, UNIT)
+        left = corruption.corrupt(time, UNIT)
         factor = -1.0 if faults.is_on("rate_reversed", time) else 1.0
-        spoilt[place] = left.heading, factor, left.rate, left.water_speed
-        is_silent = faults.is_on("silence", heard)
-        if is_silent or faults.is_on("heading_dropout", heard):
+        corrupted[place] = left.heading, factor, left.rate, left.water_speed
+        is_silent = faults.is_on("silence", received)
+        if is_silent or faults.is_on("heading_dropout", received):
             missing[place] |= NO_HEADING
-        if is_silent or faults.is_on("speed_lost", heard):
+        if is_silent or faults.is_on("speed_lost", received):
             missing[place] |= NO_SPEED
-    return instruments._replace(fails=True, spoilt=spoilt, missing=missing)
+    return instruments._replace(fails=True, corrupted=corrupted, missing=missing)
 
 
 SPEED_HZ = 1
@@ -84,14 +84,14 @@ WATER_EVERY = 5
 """The sea is felt anew every so many steps, 20 times a second: quickly enough for waves of less than 1 Hz."""
 
 
-class _Told:
+class _LastCommand:
     """The helm that the pilot holds."""
 
     def __init__(self) -> None:
         self.rudder: float | None = None
 
     def orders(self, time: float) -> Orders:
-        """Return what the pilot told the rudder last."""
+        """Return the pilot's last rudder command."""
         return Orders(self.rudder)
 
 
@@ -106,7 +106,7 @@ def course_of(study: Study) -> Course:
     return Course(0.0, math.radians(study.turn.degrees), turn_at, study.measured_from_s)
 
 
-def run_fully(job: Job, run: int) -> Figures:
+def run_reference(job: Job, run: int) -> Figures:
     """Return the figures of a run. Raises RefusedError where the case's gains must not be engaged."""
     case, seed = case_and_seed(job, run)
     study, vessel, scenario = job.study, vessel_of(job, case), scenario_of(job, case)
@@ -118,9 +118,9 @@ def run_fully(job: Job, run: int) -> Figures:
         plant=plant_of(real_boat(job, case), scenario),
         pace=Pace(every, WATER_EVERY),
     )
-    pilot, helm, course = build_pilot(vessel, case.law), _Told(), course_of(study)
+    pilot, helm, course = build_pilot(vessel, case.law), _LastCommand(), course_of(study)
     world.helms.append(helm)
-    score, told, ticks, engaged = NOTHING, 0.0, 0, 0
+    score, last_command, ticks, engaged = NOTHING, 0.0, 0, 0
     seen: Reading | None = None
     for _ in range(steps_of(study, STEP)):
         now = world.time
@@ -131,10 +131,10 @@ def run_fully(job: Job, run: int) -> Figures:
             order = Order(OrderKind.HEADING, ordered(course, now), serial=1)
             tick = pilot.step(now, samples, order)
             command = tick.command
-            helm.rudder, before = (command.angle if command.engaged else None), told
-            told = command.angle if command.engaged else 0.0
+            helm.rudder, before = (command.angle if command.engaged else None), last_command
+            last_command = command.angle if command.engaged else 0.0
             ticks, engaged, seen = ticks + 1, engaged + (tick.mode is Mode.ENGAGED), reading
-            score = _scored(score, course, world, before, told)
+            score = _scored(score, course, world, before, last_command)
         world.advance(world.next_step)
     return figures(score, every * STEP, engaged / max(ticks, 1))
 
@@ -151,8 +151,8 @@ def _samples(world: World, reading: Reading, now: float, with_speed: bool, with_
     return (HeadingSample(reading.time, heading, reading.rate if with_rate else None), *speed)
 
 
-def _scored(score: Score, course: Course, world: World, before: float, told: float) -> Score:
-    return scored(score, course, world.time, world.boat.state, before, told)
+def _scored(score: Score, course: Course, world: World, before: float, last_command: float) -> Score:
+    return scored(score, course, world.time, world.boat.state, before, last_command)
 
 
 DEVIATES_A_SET = 10
@@ -163,11 +163,11 @@ NO_SWELL = WaveTransition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Prepared(NamedTuple):
-    """What the runs of a case share. `brain` is None where only the full simulator does justice to the vessel."""
+    """What the runs of a case share. `campaign` is None where only the full simulator does justice to the vessel."""
 
     scenario: Scenario
     plant: Plant
-    brain: Brain | None
+    campaign: CampaignConfig | None
     course: Course
     start: BoatState
     vessel: Vessel
@@ -183,19 +183,19 @@ def prepared(job: Job, case: Case) -> Prepared:
     return Prepared(
         scenario,
         plant_of(real_boat(job, case), scenario),
-        brain_of(vessel, case.law),
+        campaign_of(vessel, case.law),
         course_of(job.study),
         BoatState(heading=0.0, speed=speed, north_speed=speed, east_speed=0.0),
         vessel,
     )
 
 
-def brain_of(vessel: Vessel, law: str) -> Brain | None:
-    """Return what the pilot knows of the boat, for `brain`; None where it does more than that module knows."""
+def campaign_of(vessel: Vessel, law: str) -> CampaignConfig | None:
+    """Return what the pilot knows of the boat, for `campaign`; None where it does more than that module knows."""
     config, chosen = pilot_config(vessel, law), law_of(vessel, law)
     if config.roll is not None or not config.rudder_is_ours or chosen.kind.takes_roll:
         return None
-    return Brain(
+    return CampaignConfig(
         config=steering_of(config, chosen),
         gains=chosen.gains,
         first=chosen.first(0.0),
@@ -211,7 +211,7 @@ def setting_of(job: Job, run: int) -> Setting | None:
     """Return the setting of a run; None where only the full simulator can do it."""
     case, seed = case_and_seed(job, run)
     shared = prepared(job, case)
-    if shared.brain is None or not can_be_tabled(shared.scenario):
+    if shared.campaign is None or not can_be_tabled(shared.scenario):
         return None
     steps = steps_of(job.study, STEP)
     sea_seed, sensor_seed, fault_seed, _ = np.random.SeedSequence(seed).spawn(4)
@@ -232,12 +232,12 @@ def setting_of(job: Job, run: int) -> Setting | None:
         water=water,
         swell=swell,
         instruments=instruments,
-        brain=shared.brain,
+        campaign=shared.campaign,
         filtered=initial(
             0.0,
             wrap(float(heading)),
             float(rate) if job.study.gyro else None,
-            shared.brain.config.estimator.noises.usual,
+            shared.campaign.config.estimator.noises.usual,
         ),
         course=shared.course,
         is_watched=True,
@@ -261,7 +261,7 @@ def instruments_of(shared: Prepared, seed: np.random.SeedSequence, steps: int, e
         speed_every=study.heading_hz // SPEED_HZ,
         has_rate=study.gyro,
         fails=False,
-        spoilt=np.zeros((0, 4)),
+        corrupted=np.zeros((0, 4)),
         missing=np.zeros(1, dtype=np.int64),
     )
 
@@ -299,13 +299,13 @@ def water_of(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, ste
     return water, swell
 
 
-def rooms_of(setting: Setting) -> Rooms:
+def workspace_of(setting: Setting) -> Workspace:
     """Return memory for one run."""
     delay, latency = setting.plant.gear.delay, setting.instruments.latency
     tick = setting.instruments.every * setting.dt
     past = ring_of(RING + math.ceil(2.0 / tick))
-    orders = ring_of(3 + math.ceil(setting.brain.config.estimator.gear.delay / tick))
-    return Rooms(
+    orders = ring_of(3 + math.ceil(setting.campaign.config.estimator.gear.delay / tick))
+    return Workspace(
         surface_of(len(setting.water.waves.number)),
         RudderMemory(np.zeros(past), np.zeros(past), np.zeros(past), np.zeros(orders), np.zeros(orders)),
         np.zeros(ring_of(2 + math.ceil(delay / setting.dt))),

@@ -23,7 +23,7 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.build import law_of, verdict_of
 from autopilot.vessel.schema import Vessel
 from sitl.campaign.study import Job, number_of_runs
-from sitl.campaign.work import REFUSED, do_runs, end_with_parent, swift
+from sitl.campaign.work import REFUSED, compiled_loop, do_runs, end_with_parent
 
 SPAN = 6.0
 REFUSED_COST = 1.0e6
@@ -107,7 +107,7 @@ def tune(job: Job, vessel: Vessel, search: Search, workers: int, progress: Calla
     """
     law, weight, generations = search
     law_of(vessel, law)
-    if swift(law) is None:
+    if compiled_loop(law) is None:
         raise InputError("tuning needs numba, which makes it a matter of minutes: pip install '.[fast]'")
     begin = np.array(astuple(begun(vessel, law)))
     if not np.all(begin > 0.0):

@@ -31,9 +31,9 @@ from typing import Any, NamedTuple, Protocol
 from autopilot.control.registry import own_step
 from autopilot.errors import InputError, RefusedError
 from autopilot.vessel.file import dump_vessel, parse_vessel
-from sitl.campaign.setting import measured_every, rooms_of, run_fully, setting_of
+from sitl.campaign.compiled_run import Figures, figures, run_compiled
+from sitl.campaign.setting import measured_every, run_reference, setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Job, Study, case_and_seed, steps_of, vessel_of
-from sitl.campaign.swift import Figures, figures, run_swiftly
 from sitl.compiled import is_kept
 from sitl.world import STEP
 
@@ -53,12 +53,12 @@ class Row(NamedTuple):
 
 
 @functools.cache
-def swift(law: str) -> Callable[..., Any] | None:
+def compiled_loop(law: str) -> Callable[..., Any] | None:
     """Return the run compiled with a law's own step; None where numba is not installed."""
     from sitl.compiled import compiled
 
     try:
-        return compiled(run_swiftly, quick=True, instead=own_step(law))
+        return compiled(run_compiled, quick=True, instead=own_step(law))
     except InputError:
         return None
 
@@ -72,7 +72,7 @@ def warm(job: Job, is_compiled: bool) -> None:
     if not is_compiled:
         return
     for law in job.study.laws:
-        quick, own = swift(law), job._replace(study=replace(job.study, laws=(law,)))
+        quick, own = compiled_loop(law), job._replace(study=replace(job.study, laws=(law,)))
         if quick is not None and not is_kept(quick):
             boat = dump_vessel(vessel_of(own, case_and_seed(own, 0)[0]))
             subprocess.run([sys.executable, "-m", __name__, law], input=boat, text=True, check=False)
@@ -82,7 +82,7 @@ def warm(job: Job, is_compiled: bool) -> None:
 def load(job: Job) -> None:
     """Make one run by the compiled loop, which compiles it where it is not on disk."""
     with contextlib.suppress(RefusedError):
-        done_swiftly(job, 0)
+        done_compiled(job, 0)
 
 
 def do_runs(job: Job, first: int, last: int, is_compiled: bool = True) -> list[Row]:
@@ -93,21 +93,21 @@ def do_runs(job: Job, first: int, last: int, is_compiled: bool = True) -> list[R
 def _done(job: Job, run: int, is_compiled: bool) -> Row:
     seed = case_and_seed(job, run)[1]
     try:
-        found = done_swiftly(job, run) if is_compiled else None
+        found = done_compiled(job, run) if is_compiled else None
         if found is not None:
             return Row(run, seed, COMPILED, found)
-        return Row(run, seed, FULL, run_fully(job, run))
+        return Row(run, seed, FULL, run_reference(job, run))
     except RefusedError:
         return Row(run, seed, REFUSED, UNKNOWN)
 
 
-def done_swiftly(job: Job, run: int) -> Figures | None:
+def done_compiled(job: Job, run: int) -> Figures | None:
     """Return the figures of a run by the compiled loop; None where there is none, or the run is none for it."""
-    quick = swift(case_and_seed(job, run)[0].law)
+    quick = compiled_loop(case_and_seed(job, run)[0].law)
     setting = setting_of(job, run) if quick is not None else None
     if quick is None or setting is None:
         return None
-    score, is_whole = quick(setting, rooms_of(setting))
+    score, is_whole = quick(setting, workspace_of(setting))
     if not is_whole:
         return None
     return figures(score, measured_every(job.study) * STEP, 1.0)
@@ -129,7 +129,7 @@ AHEAD = 3
 
 
 def nobody() -> None:
-    """Be told that the workers are ready, and do nothing."""
+    """Take notice that the workers are ready, and do nothing."""
 
 
 class Engine(Protocol):

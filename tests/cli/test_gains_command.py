@@ -115,13 +115,13 @@ def test_a_bandwidth_that_is_none_for_this_boat_is_one_sentence(asked: str, caps
     assert said.count("\n") == 1 and ": allowed for 'Lanxin' is 0.0904 to 301, " in said
 
 
-@pytest.mark.parametrize("spares", [[], ["--spare-rudder"]], ids=["placed", "spared"])
+@pytest.mark.parametrize("rate_weighted", [[], ["--spare-rudder"]], ids=["placed", "spared"])
 def test_the_calmest_bandwidth_of_a_boat_is_judged(
-    tmp_path: Path, spares: list[str], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, rate_weighted: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     vessel, path = load_vessel("lanxin"), tmp_path / "boat.yaml"
     path.write_text(dump_vessel(replace(vessel, control=Control(rate_hz=1.0, loop_delay_s=0.05))))
-    row = as_json(capsys, str(path), "--bandwidth-rad-s", "0.0905", *spares)["designed backstepping"]
+    row = as_json(capsys, str(path), "--bandwidth-rad-s", "0.0905", *rate_weighted)["designed backstepping"]
     assert row["stable"] and row["crossover_rad_s"] > 0.0
 
 
@@ -172,7 +172,7 @@ def test_gains_that_spare_the_rudder_are_a_regulators_and_stay_so(
     assert "--damping and --spare-rudder exclude each other" in capsys.readouterr().err
 
 
-def test_large_errors_and_the_worst_boat_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_large_errors_and_the_worst_boat_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
     good = as_json(capsys, "lanxin")["file's backstepping"]
     assert [row["corrected"] for row in good["large_errors"]] == [True] * 4
     assert good["large_errors"][0]["overshoot_deg"] < 1.0
@@ -201,7 +201,13 @@ def test_the_report_shows_the_loop(tmp_path: Path) -> None:
     assert main(["gains", "lanxin", "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
     assert text.count("<svg") >= 3
-    for wanted in ("Response levels", "Large errors", "delay margin", "By speed: designed", "150 % = 6.95 m/s"):
+    for wanted in (
+        "Response levels",
+        "Large-signal response",
+        "delay margin",
+        "By speed: designed",
+        "150 % = 6.95 m/s",
+    ):
         assert wanted in text
 
 
@@ -338,10 +344,10 @@ def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
     path, out = tmp_path / "unsteady.yaml", tmp_path / "better.yaml"
     path.write_text(dump_vessel(UNSTEADY))
     assert main(["gains", str(path), "--level", "5", "--out", str(out)]) == 4
-    told = capsys.readouterr().err.strip()
-    assert "at level 5 a turn of 90 deg with a rudder 30 % weaker" in told
-    assert "--level 7 bears it" in told
-    assert "\n" not in told
+    message = capsys.readouterr().err.strip()
+    assert "at level 5 a turn of 90 deg with a rudder 30 % weaker" in message
+    assert "--level 7 bears it" in message
+    assert "\n" not in message
     assert not out.exists()
     assert main(["gains", str(path), "--bandwidth-rad-s", "0.2"]) == 4
     assert "ask for more --bandwidth-rad-s" in capsys.readouterr().err

@@ -75,7 +75,7 @@ def test_what_sixty_seconds_cannot_tell_is_said_instead_of_printed(capsys: pytes
     assert printed.count("cannot be identified from this trial") == 3
 
 
-def test_noise_that_does_not_fit_the_trial_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_noise_that_does_not_fit_the_trial_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, ship = tmp_path / "trial.csv", tmp_path / "ship.yaml"
     ship.write_text(SHIP + "position_noise_m: 0.02\n")
     run(capsys, "--scenario", "S2", "--record", str(table))

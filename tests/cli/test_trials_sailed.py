@@ -193,7 +193,7 @@ def test_turns_are_counted_through_north() -> None:
 
 
 @pytest.mark.parametrize(
-    ("limits", "told"),
+    ("limits", "expected"),
     [
         (TrialLimits(time=7.0), "the time limit of 7 s is over"),
         (TrialLimits(speed_low=5.0), "the speed of 4.63 m/s is outside 5 to inf m/s; set the throttle"),
@@ -202,12 +202,12 @@ def test_turns_are_counted_through_north() -> None:
         (TrialLimits(radius=30.0), "the boat is 30 m from where the trial began, beyond 30 m"),
     ],
 )
-def test_a_limit_ends_the_trial_and_releases_the_rudder(limits: TrialLimits, told: str) -> None:
+def test_a_limit_ends_the_trial_and_releases_the_rudder(limits: TrialLimits, expected: str) -> None:
     script = script_of("zigzag", limits)
     ticks, _ = sail(script)
     assert script.is_over
     assert not script.is_complete
-    assert told in script.reason
+    assert expected in script.reason
     assert script(ticks[-1].now + DT, ticks[-1]).serial == 0, "standby from now on"
     assert script.describe(ticks[-1]) == ""
 
@@ -282,16 +282,16 @@ def test_an_alarm_that_was_there_before_is_no_news_even_said_again() -> None:
     assert watch.reason(tick._replace(alarms=(low._replace(is_escalated=True), shallow))) == shallow
 
 
-def test_progress_is_told_in_words() -> None:
+def test_progress_is_reported_in_words() -> None:
     script = script_of("pull-out", TrialLimits(time=1000.0))
     ticks, _ = sail(script, 3.0)
-    told = script.describe(ticks[-1])
-    assert told.startswith("1/4 turn +20 deg  477 s left  ")
-    assert told.endswith("m off")
+    expected = script.describe(ticks[-1])
+    assert expected.startswith("1/4 turn +20 deg  477 s left  ")
+    assert expected.endswith("m off")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "expected"),
     [
         (["turning-circle", "--rudder-deg", "31"], "--rudder-deg 31: allowed is 1 to 30"),
         (["turning-circle", "--turn-deg", "45"], "--turn-deg 45: allowed is 90 to 3600"),
@@ -307,14 +307,14 @@ def test_progress_is_told_in_words() -> None:
     ],
 )
 def test_options_that_cannot_be_are_one_sentence(
-    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kind, *rest = arguments
     written = [f"{name}={value}" for name, value in zip(rest[::2], rest[1::2], strict=True)]
     assert main(["trial", kind, "lanxin", "--link", "udpin:127.0.0.1:0", *written]) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1
-    assert told in said[0]
+    assert expected in said[0]
 
 
 def test_the_rudder_stays_inside_the_limits_of_the_vessel_file() -> None:

@@ -43,11 +43,11 @@ def seaway(now: float) -> float:
 
 @dataclass
 class Run:
-    """A boat held on a course in a sea; from `SETTLED` on `spoil` alters what the instruments say, and `steer` what
-    the gear is told."""
+    """A boat held on a course in a sea; from `SETTLED` on `corrupt` alters what the instruments say, and `steer` what
+    the gear is commanded."""
 
     sea: Callable[[float], float] = calm
-    spoil: Callable[[float, Sample], Sample | None] = lambda _, sample: sample
+    corrupt: Callable[[float, Sample], Sample | None] = lambda _, sample: sample
     steer: Callable[[Plant, float], float] = lambda _, angle: angle
     has_sensor: bool = False
     course: float = 0.0
@@ -72,7 +72,7 @@ class Run:
                 samples.append(RudderSample(plant.time, plant.rudder, False, "sensor"))
             failed = plant.time >= SETTLED
             if failed:
-                samples = [altered for sample in samples if (altered := self.spoil(plant.time, sample)) is not None]
+                samples = [altered for sample in samples if (altered := self.corrupt(plant.time, sample)) is not None]
             wanted = self.course if failed else 0.0
             tick = pilot.step(plant.time, tuple(samples), Order(OrderKind.HEADING, wanted, serial=1))
             if failed:
@@ -98,7 +98,7 @@ def test_without_a_fault_nothing_is_noticed(sea: Callable[[float], float]) -> No
 
 
 def test_a_lost_heading_is_noticed_within_a_second() -> None:
-    found(Run(seaway, spoil=lambda now, sample: None), "heading lost", 1.0)
+    found(Run(seaway, corrupt=lambda now, sample: None), "heading lost", 1.0)
 
 
 class Frozen:
@@ -117,14 +117,14 @@ class Frozen:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("rate", [True, False])
 def test_a_frozen_heading_is_noticed_within_five_seconds_in_a_seaway(rate: bool, seed: int) -> None:
-    run = Run(seaway, spoil=Frozen(rate), seed=seed)
+    run = Run(seaway, corrupt=Frozen(rate), seed=seed)
     assert found(run, "heading frozen", 5.0) < 15.0
 
 
 @pytest.mark.parametrize(("sea", "course"), [(seaway, 30.0), (calm, 30.0)])
 def test_a_stuck_rudder_is_noticed_within_three_seconds(sea: Callable[[float], float], course: float) -> None:
     run = Run(sea, steer=lambda plant, _: plant.rudder, has_sensor=True, course=math.radians(course))
-    found(run, "the rudder does not move", 3.0)
+    found(run, "steering gear: rudder not responding", 3.0)
 
 
 def test_a_rudder_that_wanders_off_by_itself_does_not_follow() -> None:
@@ -136,7 +136,7 @@ def test_a_rudder_that_wanders_off_by_itself_does_not_follow() -> None:
 @pytest.mark.parametrize("sensor", [True, False])
 def test_a_reversed_rudder_is_noticed_within_five_seconds_and_before_fifteen_degrees(sensor: bool, seed: int) -> None:
     run = Run(steer=lambda _, angle: -angle, has_sensor=sensor, seed=seed)
-    assert found(run, "the rudder moves the wrong way", 5.0) < 15.0
+    assert found(run, "steering gear: rudder moves the wrong way", 5.0) < 15.0
 
 
 def test_a_heading_that_jumps_for_good_is_noticed() -> None:
@@ -144,20 +144,20 @@ def test_a_heading_that_jumps_for_good_is_noticed() -> None:
         assert isinstance(sample, HeadingSample)
         return sample._replace(heading=wrap(sample.heading + math.radians(40.0)))
 
-    assert found(Run(seaway, spoil=jumped), "the heading jumps", 1.0) < 15.0
+    assert found(Run(seaway, corrupt=jumped), "the heading jumps", 1.0) < 15.0
 
 
 def test_one_spike_is_no_reason_to_leave_off_and_three_are() -> None:
     def spikes(times: tuple[float, ...]) -> Callable[[float, Sample], Sample]:
-        def spoil(now: float, sample: Sample) -> Sample:
+        def corrupt(now: float, sample: Sample) -> Sample:
             assert isinstance(sample, HeadingSample)
             is_one = any(abs(now - SETTLED - time) < 0.5 * DT for time in times)
             return sample._replace(heading=wrap(sample.heading + 2.0)) if is_one else sample
 
-        return spoil
+        return corrupt
 
-    assert Run(seaway, spoil=spikes((1.0,))).sail()[0] is None
-    found(Run(seaway, spoil=spikes((1.0, 3.0, 5.0))), "the heading jumps", 5.1)
+    assert Run(seaway, corrupt=spikes((1.0,))).sail()[0] is None
+    found(Run(seaway, corrupt=spikes((1.0, 3.0, 5.0))), "the heading jumps", 5.1)
 
 
 def test_a_rate_of_turn_of_the_wrong_sign_is_a_doubt_and_steering_goes_on() -> None:
@@ -165,7 +165,7 @@ def test_a_rate_of_turn_of_the_wrong_sign_is_a_doubt_and_steering_goes_on() -> N
         assert isinstance(sample, HeadingSample)
         return sample._replace(rate=-(sample.rate or 0.0))
 
-    tick, _ = Run(seaway, spoil=reversed_rate, course=math.radians(60.0)).sail()
+    tick, _ = Run(seaway, corrupt=reversed_rate, course=math.radians(60.0)).sail()
     assert tick is not None
     assert tick.mode is Mode.ENGAGED
     assert tick.supervisor is SupervisorState.DEGRADED
@@ -179,10 +179,12 @@ def test_a_rudder_at_its_stop_for_long_is_a_doubt() -> None:
     tick, _ = Run(gale).sail(60.0)
     assert tick is not None
     assert tick.supervisor is SupervisorState.DEGRADED
-    assert any(alarm.startswith("the rudder stands at its stop") for alarm in words_of(tick)), words_of(tick)
+    assert any(alarm.startswith("rudder limit: the rudder stands at its stop") for alarm in words_of(tick)), words_of(
+        tick
+    )
 
 
-def test_heel_is_told_and_steering_goes_on() -> None:
+def test_heel_is_reported_and_steering_goes_on() -> None:
     vessel = replace(VESSEL, alarms=replace(VESSEL.alarms, roll_deg=30.0))
     pilot, plant = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel))
     tick = None

@@ -180,7 +180,7 @@ def test_the_flight_controller_is_ordered_to_hold_and_takes_over() -> None:
     assert boat.tick.mode is Mode.OVERRIDE
 
 
-def test_a_flight_controller_that_refuses_is_told_of() -> None:
+def test_a_flight_controller_that_refuses_is_reported() -> None:
     boat = afloat("RTL")
     boat.run(5.0)
     assert boat.tick.mode is Mode.FAILSAFE

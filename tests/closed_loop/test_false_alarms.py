@@ -59,7 +59,7 @@ def test_waves_that_move_a_slow_ship_are_no_push_on_its_rudder(vessel: Vessel) -
 
 @pytest.mark.parametrize(("vessel", "within"), [(QUICK, 15.0), (SLOW, 45.0), (SHIP, 100.0)])
 @pytest.mark.parametrize("push_deg", [40.0, -60.0])
-def test_a_push_heavier_than_the_rudder_is_told_in_waves(vessel: Vessel, within: float, push_deg: float) -> None:
+def test_a_push_heavier_than_the_rudder_is_reported_in_waves(vessel: Vessel, within: float, push_deg: float) -> None:
     begins = 200.0
     found, off = sailed(vessel, lambda now: math.radians(push_deg) if now >= begins else 0.0, begins + within)
     assert begins <= found["overpowered"]
@@ -131,7 +131,7 @@ class LateLoop:
         self.findings: set[str] = set()
 
     def tick(self, now: float, course: float) -> float:
-        """Return what the rudder is told."""
+        """Return the rudder command."""
         samples = [sample._replace(time=now) if self.stamped_on_arrival else sample for sample in self.queue]
         self.queue = []
         tick = self.pilot.step(now, tuple(samples), Order(OrderKind.HEADING, course, serial=1))
@@ -149,9 +149,9 @@ class LateLoop:
                 self.wait(stall)
                 self.order = self.tick(self.plant.time, course)
             else:
-                told = self.tick(self.plant.time, course)
+                command = self.tick(self.plant.time, course)
                 self.wait(stall)
-                self.order = told
+                self.order = command
 
     def wait(self, seconds: float) -> None:
         """Let the boat go on, measured at 20 Hz."""

@@ -65,7 +65,7 @@ def a_cell(**what: Any) -> Any:
     from fault_cells import Cell
 
     whole = {"row": "rudder reversed", "state": "heading", "detected": 2.0, "left": 2.0, "passed": ("heading",)}
-    whole |= {"ends": "failsafe", "rudder": "released", "alarms": ("the rudder moves the wrong way",)}
+    whole |= {"ends": "failsafe", "rudder": "released", "alarms": ("steering gear: rudder moves the wrong way",)}
     whole |= {"off_deg": 5.0, "unnoticed_deg": 5.0, "broken": (), "again": True}
     return Cell(**(whole | what))
 

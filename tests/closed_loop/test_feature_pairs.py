@@ -118,7 +118,7 @@ def order_at(row: Row, now: float) -> Order:
     return Order(OrderKind.HEADING, COURSE, serial=serial)
 
 
-def sensed(row: Row, plant: Plant, roll: tuple[float, float], told: float) -> list[Sample]:
+def sensed(row: Row, plant: Plant, roll: tuple[float, float], command: float) -> list[Sample]:
     """What the instruments bring, measured now."""
     now, samples = plant.time, list(plant.sense())
     what = trouble(row, now)
@@ -136,7 +136,7 @@ def sensed(row: Row, plant: Plant, roll: tuple[float, float], told: float) -> li
         samples.append(SpeedSample(now, 4.63, row["speed"] == "ground", "log"))
     if row["rudder"] != "unknown":
         is_order = row["rudder"] == "ordered"
-        samples.append(RudderSample(now, told if is_order else plant.rudder, is_order, "sensor"))
+        samples.append(RudderSample(now, command if is_order else plant.rudder, is_order, "sensor"))
     if row["roll"] != "no roll":
         samples.append(RollSample(now, *roll, "gyro"))
     samples.append(HelmSample(now, what != "helm taken", "the skipper has the helm" * (what == "helm taken"), "helm"))

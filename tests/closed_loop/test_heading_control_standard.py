@@ -30,7 +30,7 @@ DT = 0.05
 HOLD = Order(OrderKind.HEADING, 0.0, serial=1)
 PRESENT = Order(OrderKind.HEADING, math.nan, serial=1)
 PUSH = math.radians(5.0)
-STOP_TOLD, OFF_TOLD = text_of("rudder_at_stop")[:20], text_of("off_course")[:10]
+AT_THE_STOP, OFF_HEADING = text_of("rudder_at_stop")[:20], text_of("off_course")[:10]
 
 
 class Row(NamedTuple):
@@ -123,28 +123,28 @@ def overshoot(name: str, change_deg: float, gain_factor: float = 1.0) -> float:
 
 
 def beyond_the_limit() -> float:
-    """Return how far the rudder is told to go beyond an angle limit of 12 deg, in a turn that needs more."""
+    """Return how far the rudder is commanded beyond an angle limit of 12 deg, in a turn that needs more."""
     vessel = noisy("middle", limits=Limits(angle_max_deg=12.0))
     ticks, _ = sailed(vessel, lambda t: HOLD._replace(heading=0.0 if t < 5.0 else 2.5), 60.0)
     assert max(abs(tick.command.angle) for tick in ticks) > math.radians(11.0), "the turn must need it"
     return math.degrees(max(abs(tick.command.angle) for tick in ticks)) - 12.0
 
 
-def told_at_the_stop() -> float:
+def reported_at_the_stop() -> float:
     """Return how long [s] a rudder stands at its limit, pushed by more than it can hold, before that is said."""
     vessel = noisy("middle")
     stop = 0.9 * limits_of(vessel).angle_max
     ticks, _ = sailed(vessel, HOLD, 50.0, lambda t: math.radians(40.0) if t > 10.0 else 0.0)
     at = next(tick.now for tick in ticks if abs(tick.command.angle) > stop)
-    return next(tick.now for tick in ticks if any(STOP_TOLD in alarm for alarm in words_of(tick))) - at
+    return next(tick.now for tick in ticks if any(AT_THE_STOP in alarm for alarm in words_of(tick))) - at
 
 
 def off_heading_alarm() -> float:
     """Return how long [s] after 20 deg off the heading the alarm comes."""
     ticks, headings = sailed(noisy("middle"), HOLD, 50.0, lambda t: math.radians(40.0) if t > 10.0 else 0.0)
     off = next(index for index, heading in enumerate(headings) if abs(heading) > math.radians(20.0))
-    told = next(tick.now for tick in ticks if any(OFF_TOLD in alarm for alarm in words_of(tick)))
-    return told - ticks[off].now
+    reported = next(tick.now for tick in ticks if any(OFF_HEADING in alarm for alarm in words_of(tick)))
+    return reported - ticks[off].now
 
 
 def preset_after_trouble(order: Order) -> float:
@@ -253,7 +253,7 @@ ROWS = [
         for n, most in CALM.items()
     ),
     Row("3.3", "rudder beyond the limit set", "deg", 1.0e-6, beyond_the_limit),
-    Row("3.3", "told that it stands at its limit after", "s", 20.0, told_at_the_stop),
+    Row("3.3", "reports that it stands at its limit after", "s", 20.0, reported_at_the_stop),
     *(
         Row("3.4", f"{words}, {name}, of that without the filter", "", limit, lambda c=c, i=i: in_normal_yaw(*c)[i])
         for name, c in {"lanxin": ("lanxin", 3.2, 6.0), "slow": ("slow", 0.9, 60.0)}.items()
@@ -279,7 +279,7 @@ ROWS = [
         Row("4.3", f"off what was adopted, at {r:g} deg/s", "deg", 1.0, lambda r=r: adopted(r))
         for r in (0.0, 3.0, -8.0)
     ),
-    Row("alarm", "off heading, told after", "s", 11.0, off_heading_alarm),
+    Row("alarm", "off heading, alarm after", "s", 11.0, off_heading_alarm),
 ]
 
 

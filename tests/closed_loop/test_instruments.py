@@ -69,7 +69,7 @@ class Voyage:
             tick = self.pilot.step(self.now, tuple(samples), order)
             for link in self.links:
                 link.send(self.now, tick.command)
-                link.keep(self.now)
+                link.poll(self.now)
             ticks.append(tick)
         return ticks
 
@@ -97,7 +97,7 @@ def test_a_compass_that_disagrees_is_an_alarm_and_does_not_steer() -> None:
     ticks = voyage.sail(30.0, 30.0)
     assert ticks[-1].mode is Mode.ENGAGED
     (alarm,) = words_of(ticks[-1])
-    assert alarm.startswith("two compasses disagree by 2")
+    assert alarm.startswith("heading monitor: two compasses disagree by 2")
     assert "HEHDT 0" in alarm
     assert "HCHDM 05" in alarm
     assert math.degrees(voyage.world.boat.state.heading) == pytest.approx(30.0, abs=1.0), "the gyro alone is believed"

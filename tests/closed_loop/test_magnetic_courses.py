@@ -67,7 +67,7 @@ class Boat:
             samples = tuple(self.link.receive(self.now))
             self.tick = self.pilot.step(self.now, samples, self.skipper(self.now, self.tick))
             self.link.send(self.now, self.tick.command)
-            self.link.keep(self.now)
+            self.link.poll(self.now)
         assert self.tick is not None
         return self.tick
 

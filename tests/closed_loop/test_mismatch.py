@@ -260,7 +260,7 @@ def test_a_boat_that_is_its_file_is_left_alone_in_seas_and_gusts(
         assert not outcome.said(WORDS[kind].text)
 
 
-def test_a_log_and_a_receiver_that_cannot_both_be_right_are_told() -> None:
+def test_a_log_and_a_receiver_that_cannot_both_be_right_are_reported() -> None:
     outcome = run(VESSELS["lanxin"], speeds={False: constant(0.5), True: constant(4.6)})
     assert outcome.said("the speed log and the speed over ground do not go together")
     assert outcome.swing < 1.0

@@ -54,6 +54,6 @@ def test_a_layer_too_thin_for_the_rudder_is_refused() -> None:
         build_pilot(replace(vessel, control=thin))
 
 
-def test_a_vessel_without_gains_for_it_is_told_where_to_get_them() -> None:
+def test_a_vessel_without_gains_for_it_is_shown_where_to_get_them() -> None:
     with pytest.raises(RefusedError, match=r"control\.sliding"):
         build_pilot(vessel_of(BOATS["lanxin"]), "sliding")

@@ -9,7 +9,7 @@ import pytest
 import time_optimal
 import turns
 
-from autopilot.guidance.turn import VirtualBoat, in_company, paced, reference_of, turn_limits
+from autopilot.guidance.turn import VirtualBoat, couple, reference_of, scaled_by_confidence, turn_limits
 from autopilot.models.norrbin import rate_step, rudder_for
 from autopilot.signals import NavState
 
@@ -59,10 +59,12 @@ def test_a_course_unstable_boat_is_led_as_it_has_shown_to_answer() -> None:
         for tick in range(200):
             over = rudder if tick < 100 else -rudder
             rate = rate_step(true, rate, over, 0.05)
-            boat = in_company(model, careful, boat, real(0.0, rate, over), 0.05)
+            boat = couple(model, careful, boat, real(0.0, rate, over), 0.05)
         return boat._replace(rate=0.05, rudder=rudder)
 
-    begun, known, weaker = (paced(model, careful, boat) for boat in (VirtualBoat(0.0), seen(1.0), seen(0.7)))
+    begun, known, weaker = (
+        scaled_by_confidence(model, careful, boat) for boat in (VirtualBoat(0.0), seen(1.0), seen(0.7))
+    )
     assert begun.rate_max < known.rate_max
     assert known.rudder_max > careful.rudder_max
     assert weaker.rate_max == pytest.approx(careful.rate_max, rel=0.1)
@@ -77,7 +79,7 @@ def test_the_plan_goes_with_a_boat_that_lags_while_it_turns_and_not_at_rest() ->
     model = turns.BOATS["unstable"].model
     limits = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
     turning, resting = VirtualBoat(0.5, limits.rate_max, 0.0), VirtualBoat(0.5)
-    drawn, left = (in_company(model, limits, boat, real(0.4, 0.0, 0.0), 0.05) for boat in (turning, resting))
+    drawn, left = (couple(model, limits, boat, real(0.4, 0.0, 0.0), 0.05) for boat in (turning, resting))
     assert 0.4 < drawn.heading < 0.5
     assert 0.0 < drawn.rate < limits.rate_max
     assert (left.heading, left.rate) == (0.5, 0.0)

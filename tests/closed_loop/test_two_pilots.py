@@ -1,4 +1,4 @@
-"""Two pilots on one boat: the second does not engage, and both are told."""
+"""Two pilots on one boat: the second does not engage, and both report it."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def test_a_quick_boat_still_steers_against_a_slow_swell() -> None:
 def that_meets(vessel: Vessel, law: Literal["backstepping", "pid"] = "backstepping") -> Vessel:
     """The boat with waves met, by gains that spare the rudder or by a PID."""
     model, gear = model_of(vessel), gear_of(vessel)
-    gains = design_backstepping(model, gear, gear.rate_max, 0.05, 3, spares=law == "backstepping")
+    gains = design_backstepping(model, gear, gear.rate_max, 0.05, 3, rate_weighted=law == "backstepping")
     control = Control(law=law, backstepping=Backstepping(*gains), pid=Pid(*equivalent_pid(model, gains, 10.0)))
     return dataclasses.replace(vessel, control=control, estimator=Estimator(wave_filter="meet"))
 

@@ -87,13 +87,13 @@ def test_names_are_unique_and_found_again() -> None:
         method_named("magic")
 
 
-def test_it_finds_a_linear_boat_and_foretells_it(method: Method) -> None:
+def test_it_finds_a_linear_boat_and_predicts_it(method: Method) -> None:
     found = clean_answer(method)
     assert found.model.gain == pytest.approx(K, rel=RECURSIVE_SHARE)
     assert found.model.time_constant == pytest.approx(T, rel=RECURSIVE_SHARE)
     assert found.model.n3 == 0.0
     assert found.model.reference_speed == SPEED
-    r2 = found.foretell(clean()).yaw_rate_r2
+    r2 = found.predict(clean()).yaw_rate_r2
     assert r2 is not None
     assert r2 > 0.97
 
@@ -101,9 +101,9 @@ def test_it_finds_a_linear_boat_and_foretells_it(method: Method) -> None:
 def test_it_says_how_sure_it_is_of_each_parameter_or_that_it_does_not_know(method: Method) -> None:
     found = clean_answer(method)
     assert set(PARAMETERS) <= set(found.standard_errors)
-    told = [error for error in found.standard_errors.values() if error is not None]
-    assert all(0.0 <= error < math.inf for error in told)
-    assert told or any("standard error" in note for note in found.notes), "neither an error nor a word on why not"
+    errors = [error for error in found.standard_errors.values() if error is not None]
+    assert all(0.0 <= error < math.inf for error in errors)
+    assert errors or any("standard error" in note for note in found.notes), "neither an error nor a word on why not"
 
 
 def test_a_recursive_method_shows_how_it_came_to_its_estimate(method: Method) -> None:
@@ -126,7 +126,7 @@ def test_the_same_runs_give_the_same_model_and_are_left_alone(method: Method) ->
         np.testing.assert_array_equal(now, then)
 
 
-def test_a_boat_much_quicker_than_its_samples_is_told_so(method: Method) -> None:
+def test_a_boat_much_quicker_than_its_samples_is_said_to_be(method: Method) -> None:
     """It turns as its rudder stands, sampled every 2 s: what is found of T is noise, and no step is as small."""
     time = 2.0 * np.arange(120)
     rudder = np.where((time // 20.0) % 2.0 == 0.0, 0.25, -0.25)

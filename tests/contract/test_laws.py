@@ -118,10 +118,10 @@ def test_the_same_inputs_after_reset_give_the_same_bits(make: Callable[[], Steer
 
     def run() -> list[float]:
         law.reset(0.05)
-        told, out = 0.05, []
+        command, out = 0.05, []
         for index in range(50):
-            out.append(law.update(LANXIN, NORTH, state(0.1 * math.sin(index), 0.02), told, DT))
-            told = max(-0.3, min(0.3, out[-1]))
+            out.append(law.update(LANXIN, NORTH, state(0.1 * math.sin(index), 0.02), command, DT))
+            command = max(-0.3, min(0.3, out[-1]))
         return out
 
     assert run() == run()
@@ -160,13 +160,13 @@ def test_a_planned_turn_gets_its_rudder_at_once() -> None:
 
 
 def test_a_limited_rudder_is_nothing_to_unwind_from() -> None:
-    law, told = LAWS["backstepping that spares the rudder"](), 0.0
+    law, command = LAWS["backstepping that spares the rudder"](), 0.0
     law.reset(0.0)
     for _ in range(1200):
-        told = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(-1.0), told, DT)))
-    assert told == 0.3
+        command = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(-1.0), command, DT)))
+    assert command == 0.3
     within = 0.3 * (1.0 - math.exp(-DT / 0.3))
-    assert law.update(LANXIN, NORTH, state(0.0), told, DT) == pytest.approx(0.3 - within)
+    assert law.update(LANXIN, NORTH, state(0.0), command, DT) == pytest.approx(0.3 - within)
 
 
 def test_at_half_speed_a_spared_rudder_takes_twice_the_time() -> None:
@@ -183,12 +183,12 @@ def test_a_boat_that_answers_four_times_as_much_is_given_a_quarter_of_the_rudder
 ) -> None:
     at = at_speed(LANXIN, speed)
     for heading, rate in ((0.02, 0.0), (0.0, 0.03), (-0.02, 0.02)):
-        law, told = make(), []
+        law, command = make(), []
         for model in (at, at._replace(gain=4.0 * at.gain)):
             law.reset(0.0)
             # without a dt there is nothing yet for an integrator
-            told.append(law.update(model, NORTH, state(heading, rate), 0.0, 1.0e-9))
-        assert told[1] == pytest.approx(0.25 * told[0], rel=1e-3, abs=1e-12)
+            command.append(law.update(model, NORTH, state(heading, rate), 0.0, 1.0e-9))
+        assert command[1] == pytest.approx(0.25 * command[0], rel=1e-3, abs=1e-12)
 
 
 def test_pid_gains_for_a_livelier_boat_make_the_same_loop_slower() -> None:
@@ -210,30 +210,30 @@ def test_saturation_does_not_wind_the_integrator_up() -> None:
     """A minute hard over at an error that cannot be steered away: afterwards the demand follows the error at once."""
     law = with_pid(1.0, 0.5, 0.0)
     law.reset(0.0)
-    told = 0.0
+    command = 0.0
     for _ in range(1200):
-        told = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(-1.0), told, DT)))
-    assert told == 0.3
+        command = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(-1.0), command, DT)))
+    assert command == 0.3
     for _ in range(20):
-        told = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(0.0), told, DT)))
-    assert abs(told) < 0.3
+        command = max(-0.3, min(0.3, law.update(LANXIN, NORTH, state(0.0), command, DT)))
+    assert abs(command) < 0.3
     free = with_pid(1.0, 0.5, 0.0)
     free.reset(0.0)
     wound = 0.0
     for _ in range(1200):
-        # told what it wanted, the same law does wind up: to its ceiling and no further
+        # given what it wanted, the same law does wind up: to its ceiling and no further
         wound = free.update(LANXIN, NORTH, state(-1.0), wound, DT)
     assert wound == pytest.approx(1.0 + 1.0), "a radian of the integral, and one of the error"
 
 
 def test_the_integrator_learns_a_standing_wind() -> None:
-    law, told, heading, rate = with_pid(2.4, 0.24, 0.47), 0.0, 0.0, 0.0
+    law, command, heading, rate = with_pid(2.4, 0.24, 0.47), 0.0, 0.0, 0.0
     law.reset(0.0)
     for _ in range(6000):
-        told = max(-0.5, min(0.5, law.update(LANXIN, NORTH, state(heading, rate), told, 0.02)))
-        rate += 0.02 * (0.701 * (told + 0.05) - rate) / 0.332
+        command = max(-0.5, min(0.5, law.update(LANXIN, NORTH, state(heading, rate), command, 0.02)))
+        rate += 0.02 * (0.701 * (command + 0.05) - rate) / 0.332
         heading += 0.02 * rate
-    assert told == pytest.approx(-0.05, abs=1e-3)
+    assert command == pytest.approx(-0.05, abs=1e-3)
     assert abs(heading) < 1e-3
 
 
@@ -260,12 +260,12 @@ def test_at_another_speed_the_same_path_asks_for_the_same_rudder(
 
 
 def test_a_pid_in_numbers() -> None:
-    """delta = I - kp z1 - kd (r - r_d) + F, I' = -ki z1 + (told - wanted) ki/max(kp, ki)."""
+    """delta = I - kp z1 - kd (r - r_d) + F, I' = -ki z1 + (command - wanted) ki/max(kp, ki)."""
 
     def run(
-        gains: PidGains, memory: PidMemory, reference: Reference, heading: float, rate: float, told: float, dt: float
+        gains: PidGains, memory: PidMemory, reference: Reference, heading: float, rate: float, command: float, dt: float
     ) -> tuple[float, PidMemory]:
-        given = asked(LANXIN, reference, heading, rate, last_rudder=told, dt=dt)
+        given = asked(LANXIN, reference, heading, rate, last_rudder=command, dt=dt)
         return pid_step(BoatPid(gains), memory, given)
 
     gains, north = PidGains(2.0, 0.5, 3.0), Reference(0.1, 0.02)

@@ -21,21 +21,21 @@ angles = st.floats(-0.5, 0.5)
 
 @given(angles, st.floats(-2.0, 2.0), st.floats(0.0, 0.5), st.booleans())
 def test_without_a_dead_band_the_limits_have_the_last_word(
-    told: float, demand: float, dt: float, is_moving: bool
+    command: float, demand: float, dt: float, is_moving: bool
 ) -> None:
-    limited = limit(LIMITS, told, demand, dt)
-    assert rested(LIMITS, 0.0, Rest(told, told, is_moving), demand, limited).told == limited
+    limited = limit(LIMITS, command, demand, dt)
+    assert rested(LIMITS, 0.0, Rest(command, command, is_moving), demand, limited).command == limited
 
 
 @given(angles, st.floats(-2.0, 2.0), st.floats(0.001, 0.2))
 def test_a_rudder_at_rest_stays_within_the_band_and_leaves_it_for_its_goal(
-    told: float, demand: float, band: float
+    command: float, demand: float, band: float
 ) -> None:
     wanted = min(max(demand, -0.5), 0.5)
-    rest = Rest(told, told, False)
+    rest = Rest(command, command, False)
     for _ in range(200):
-        rest = rested(LIMITS, band, rest, demand, limit(LIMITS, rest.told, demand, 0.02))
-    assert rest.told == (told if abs(wanted - told) <= band else wanted)
+        rest = rested(LIMITS, band, rest, demand, limit(LIMITS, rest.command, demand, 0.02))
+    assert rest.command == (command if abs(wanted - command) <= band else wanted)
     assert not rest.is_moving
     assert rest.allowed == wanted, "a law has nothing to unwind where only the dead band holds the rudder"
 
@@ -46,7 +46,7 @@ def test_the_edges_of_the_dead_band() -> None:
     assert rested(LIMITS, 0.25, rest, 0.5, 0.3) == (0.25, 0.5, False), "off by just the band is near enough"
     assert rested(LIMITS, 0.25, rest, -0.01, 0.2) == (0.2, 0.2, True)
     assert rested(LIMITS, 0.25, rest._replace(is_moving=True), 0.3, 0.3) == (0.3, 0.3, False), "it goes all the way"
-    assert rested(LIMITS, 0.0, rest, 0.25, 0.2) == (0.2, 0.25, False), "what the limits made, whatever was told"
+    assert rested(LIMITS, 0.0, rest, 0.25, 0.2) == (0.2, 0.25, False), "what the limits made, whatever was commanded"
 
 
 def held(vessel: Vessel, order: Order) -> list[Tick]:

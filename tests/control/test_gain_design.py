@@ -106,7 +106,7 @@ def test_no_gain_serves_a_hopeless_rudder() -> None:
 def test_a_course_unstable_boat_cannot_be_spared_the_rudder() -> None:
     model, gear = BOATS[3]
     with pytest.raises(ValueError, match="try --no-spare-rudder"):
-        design_backstepping(model, gear, gear.rate_max, 0.05, spares=True)
+        design_backstepping(model, gear, gear.rate_max, 0.05, rate_weighted=True)
 
 
 def test_the_papers_gains_are_refused_on_a_real_rudder_with_the_reason() -> None:

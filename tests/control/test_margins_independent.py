@@ -47,16 +47,16 @@ def test_stability_agrees_with_the_poles_of_the_closed_loop(
 
 
 @pytest.mark.parametrize(
-    ("model", "gear", "spares"),
+    ("model", "gear", "rate_weighted"),
     # no course-unstable boat has the margins asked for with a smoothed rudder
     [*((model, gear, False) for model, gear in BOATS), *((model, gear, True) for model, gear in BOATS if model.n1 > 0)],
 )
 def test_phase_margin_and_sensitivity_agree_with_a_root_finder(
-    model: Norrbin, gear: SteeringGear, spares: bool
+    model: Norrbin, gear: SteeringGear, rate_weighted: bool
 ) -> None:
-    law = design_backstepping(model, gear, gear.rate_max, 0.05, spares=spares)
+    law = design_backstepping(model, gear, gear.rate_max, 0.05, rate_weighted=rate_weighted)
     p, _, d, smoothing = linear_gains_backstepping(model, law)
-    assert (smoothing > 0.0) is spares
+    assert (smoothing > 0.0) is rate_weighted
     found = margins(model, gear.lag, gear.delay + 0.05, gear.rate_max, LoopGains(p, 0.0, d, smoothing))
 
     def opened(w: float) -> complex:

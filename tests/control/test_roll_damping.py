@@ -46,7 +46,7 @@ class Damper:
     def weight(self) -> float:
         return self.memory.weight
 
-    def hear(self, sample: RollSample) -> None:
+    def on_sample(self, sample: RollSample) -> None:
         self.memory = rolled(self.memory, sample)
 
     def update(self, now: float, dt: float, *, engaged: bool = True) -> float:
@@ -74,7 +74,7 @@ class RollingBoat:
 def sailed(boat: RollingBoat, seconds: float, damper: Damper) -> list[Phase]:
     phases, rudder = [], 0.0
     for _ in range(round(seconds / DT)):
-        damper.hear(boat.step(rudder))
+        damper.on_sample(boat.step(rudder))
         rudder = damper.update(boat.time, DT)
         phases.append(damper.phase)
     return phases
@@ -123,7 +123,7 @@ def test_it_comes_without_a_bump() -> None:
     boat, damper = RollingBoat(1.1, 0.4), Damper(DAMPING)
     before = 0.0
     for _ in range(round(LONG / DT)):
-        damper.hear(boat.step(before))
+        damper.on_sample(boat.step(before))
         damper.update(boat.time, DT)
         assert abs(damper.weight - before) <= DT / FADE + 1e-12
         before = damper.weight
@@ -134,7 +134,7 @@ def test_never_more_rudder_than_the_file_says(samples: list[tuple[float, float |
     damper, now = Damper(DAMPING), 0.0
     for roll, rate, dt in samples:
         now += dt
-        damper.hear(RollSample(now, roll, rate))
+        damper.on_sample(RollSample(now, roll, rate))
         assert abs(damper.update(now, dt)) <= DAMPING.most
 
 
@@ -148,13 +148,13 @@ def commands(roll: Roll | None, kind: OrderKind = OrderKind.HEADING) -> list[flo
     """The whole pilot on a boat that lies dead on course and rolls."""
     vessel = vessel_of(BOATS["lanxin"])
     pilot = build_pilot(replace(vessel, control=replace(vessel.control, roll=roll)))
-    told = []
+    commanded = []
     for index in range(round(150.0 / 0.1)):
         now = 0.1 * index
         rate = 0.05 * math.cos(1.1 * now)
         samples = (HeadingSample(now, 0.0, 0.0), RollSample(now, 0.05 / 1.1 * math.sin(1.1 * now), rate))
-        told.append(pilot.step(now, samples, Order(kind, 0.0, 0.05, serial=1)).command.angle)
-    return told
+        commanded.append(pilot.step(now, samples, Order(kind, 0.0, 0.05, serial=1)).command.angle)
+    return commanded
 
 
 def test_the_pilot_moves_the_rudder_against_roll_only_where_the_file_says_so() -> None:
@@ -228,7 +228,7 @@ class Rolled:
         for _ in range(round(seconds / 0.1)):
             self.now += 0.1
             phase = frequency * self.now
-            self.damper.hear(RollSample(self.now, size * math.sin(phase), size * frequency * math.cos(phase)))
+            self.damper.on_sample(RollSample(self.now, size * math.sin(phase), size * frequency * math.cos(phase)))
             self.damper.update(self.now, 0.1)
             phases.append(self.damper.phase)
         return phases
@@ -284,9 +284,9 @@ def test_the_roll_weight_ramps_in_five_seconds_and_drops_without_the_helm() -> N
         weights.append(rolled.damper.weight)
     steps = [after - before for before, after in pairwise(weights) if 0.0 < after < 1.0 and before > 0.0]
     assert steps == pytest.approx([0.02] * len(steps)) and len(steps) > 40 and weights[-1] == 1.0
-    rolled.damper.hear(RollSample(rolled.now, 0.0, 0.01))
+    rolled.damper.on_sample(RollSample(rolled.now, 0.0, 0.01))
     assert rolled.damper.update(rolled.now, 0.0) == pytest.approx(-0.02), "k p against the roll's rate"
-    rolled.damper.hear(RollSample(rolled.now, 0.0, -1.0))
+    rolled.damper.on_sample(RollSample(rolled.now, 0.0, -1.0))
     assert rolled.damper.update(rolled.now, 0.0) == pytest.approx(0.1), "and no more than the file says"
     assert rolled.damper.update(rolled.now + 0.5, 0.0) != 0.0
     assert rolled.damper.update(rolled.now, 0.1, engaged=False) == rolled.damper.weight == 0.0

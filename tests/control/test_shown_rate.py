@@ -80,7 +80,7 @@ def window(
 def test_a_rudder_that_falls_five_degrees_behind_its_file_within_a_window_is_slow(
     side: float, travel_deg: float, rate_deg_s: float
 ) -> None:
-    """The file's gear makes 10 deg meanwhile; one that stands is another matter, and so is one that goes astray."""
+    """The file's gear makes 10 deg meanwhile; one that stands is another matter, and so is one that goes wrong."""
     found = window(side * travel_deg, side * 30.0)
     share = 20.0 + 0.1 * (rate_deg_s - 20.0)
     assert math.degrees(found.rate) == pytest.approx(share), "a tenth of the way from the file's 20 deg/s"

@@ -77,7 +77,7 @@ def sailed(law: Steersman, seconds: float, frequency: float, start: float = 0.0,
     for index in range(round(seconds / DT)):
         now = start + DT * index
         if hears:
-            law.hear(RollSample(now, x.phi, x.p))
+            law.on_sample(RollSample(now, x.phi, x.p))
         demand = law.update(MODEL, NORTH, state(now, x.psi, x.r, rudder), rudder, DT)
         rudder = gear_step(gear, rudder, demand, DT)
         x = linear_response(step, x, rudder)
@@ -141,10 +141,10 @@ BAD = [(math.nan, 0.0), (0.0, math.inf), (-math.inf, 0.0), (1.0e300, 0.0), (0.1,
 @pytest.mark.parametrize("bad", BAD)
 def test_roll_that_is_no_roll_ends_it_at_once(rolling: Steersman, bad: tuple[float, float]) -> None:
     law, now = rolling, LAST + DT
-    law.hear(RollSample(now, 0.05, 0.05))
+    law.on_sample(RollSample(now, 0.05, 0.05))
     with_roll = law.update(MODEL, NORTH, at := state(now, 0.05, 0.01), 0.0, DT)
     assert law.weight == 1.0
-    law.hear(RollSample(now, *bad))
+    law.on_sample(RollSample(now, *bad))
     without = law.update(MODEL, NORTH, at, 0.0, DT)
     assert law.weight == 0.0
     assert without == quiet_demand(at)
@@ -162,22 +162,22 @@ def test_old_roll_ends_it_and_the_sea_is_weighed_anew(rolling: Steersman) -> Non
 
 def test_a_heading_that_is_reckoned_leaves_it_to_the_quiet_law(rolling: Steersman) -> None:
     law, now = rolling, LAST + DT
-    law.hear(RollSample(now, 0.05, 0.05))
+    law.on_sample(RollSample(now, 0.05, 0.05))
     reckoned = state(now, 0.05)._replace(heading_age=5.0)
     assert law.update(MODEL, NORTH, reckoned, 0.0, DT) == quiet_demand(reckoned)
 
 
 def test_roll_of_an_instrument_without_a_rate_is_left_aside(rolling: Steersman) -> None:
     law, now = rolling, LAST + DT
-    law.hear(RollSample(now, 0.05, 0.05))
-    law.hear(RollSample(now, math.nan, None))
+    law.on_sample(RollSample(now, 0.05, 0.05))
+    law.on_sample(RollSample(now, math.nan, None))
     law.update(MODEL, NORTH, state(now), 0.0, DT)
     assert law.weight == 1.0
 
 
 def test_after_a_trial_the_sea_is_weighed_anew(rolling: Steersman) -> None:
     law, now = rolling, LAST + 20.0
-    law.hear(RollSample(now, 0.05, 0.05))
+    law.on_sample(RollSample(now, 0.05, 0.05))
     law.update(MODEL, NORTH, state(now), 0.0, DT)
     assert law.weight == 0.0
 
@@ -185,14 +185,14 @@ def test_after_a_trial_the_sea_is_weighed_anew(rolling: Steersman) -> None:
 def test_a_list_is_not_steered_against(law: Steersman) -> None:
     heel = math.radians(5.0)
     for index in range(round(5.0 * LIST_TIME / DT)):
-        law.hear(RollSample(DT * index, heel, 0.0))
+        law.on_sample(RollSample(DT * index, heel, 0.0))
         demand = law.update(MODEL, NORTH, state(DT * index), 0.0, DT)
     assert abs(demand) < 1e-3
 
 
 def test_bias_is_taken_off_the_demand(rolling: Steersman) -> None:
     law, now = rolling, LAST + DT
-    law.hear(RollSample(now, 0.05, 0.05))
+    law.on_sample(RollSample(now, 0.05, 0.05))
     plain = law.update(MODEL, NORTH, state(now, 0.05), 0.0, 0.0)
     assert law.update(MODEL, NORTH, state(now, 0.05, bias=0.03), 0.0, 0.0) == pytest.approx(plain - 0.03)
 
@@ -201,7 +201,7 @@ def test_bias_is_taken_off_the_demand(rolling: Steersman) -> None:
 def test_in_a_steady_turn_it_asks_for_the_turns_rudder_and_no_more(rate: float) -> None:
     LAW.reset(0.0)
     turn, at = Reference(0.3, rate), at_ratio(1.0)
-    LAW.hear(RollSample(0.0, at.roll_per_rate * rate, 0.0))
+    LAW.on_sample(RollSample(0.0, at.roll_per_rate * rate, 0.0))
     demand = LAW.update(MODEL, turn, state(0.0, 0.3, rate), 0.0, DT)
     assert demand == pytest.approx(rudder_for(MODEL, rate, 0.0), abs=1e-9)
     hull = at.model.A @ np.array([at.sway_per_rate * rate, 0.0, rate, at.roll_per_rate * rate, 0.0])
@@ -216,7 +216,7 @@ def test_whatever_it_hears_port_mirrors_starboard_and_all_is_finite(roll: float,
         LAW.reset(0.0)
         for index in range(5):
             now = 0.1 * index
-            LAW.hear(RollSample(now, side * roll * (index + 1), side * rate))
+            LAW.on_sample(RollSample(now, side * roll * (index + 1), side * rate))
             found.append(side * LAW.update(MODEL, NORTH, state(now, side * 0.1 * index), 0.0, dt))
     assert all(map(math.isfinite, found))
     assert found[:5] == pytest.approx(found[5:], abs=1e-12)
@@ -293,8 +293,8 @@ def test_each_mistake_in_the_section_is_named(old: str, new: str, sentence: str)
     assert sentence in str(caught.value)
 
 
-def told(kind: OrderKind, seconds: float) -> list[float]:
-    """The whole pilot on a ship that lies dead on course and rolls; returns what the rudder was told [rad]."""
+def commanded(kind: OrderKind, seconds: float) -> list[float]:
+    """The whole pilot on a ship that lies dead on course and rolls; returns the rudder command [rad]."""
     pilot, commands = build_pilot(VESSEL), []
     for index in range(round(seconds / DT)):
         now = DT * index
@@ -305,13 +305,13 @@ def told(kind: OrderKind, seconds: float) -> list[float]:
 
 
 def test_the_pilot_engages_without_a_bump_and_the_law_comes_on_by_itself() -> None:
-    commands = told(OrderKind.HEADING, SETTINGS.wait + 20.0)
+    commands = commanded(OrderKind.HEADING, SETTINGS.wait + 20.0)
     assert max(map(abs, commands[: round(SETTINGS.wait / DT)])) < 1e-9
     assert max(map(abs, commands)) > 0.01
 
 
 def test_trials_keep_the_rudder_they_order() -> None:
-    assert told(OrderKind.RUDDER, SETTINGS.wait + 20.0)[-1] == pytest.approx(0.05)
+    assert commanded(OrderKind.RUDDER, SETTINGS.wait + 20.0)[-1] == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize("k", [-0.5, 0.0, 2.0, 20.0])
@@ -396,7 +396,7 @@ def test_what_the_schedule_hears_and_what_is_made_of_its_weight(monkeypatch: pyt
     rolls, rates, listed = (0.05, 0.02, -0.04), (0.01, -0.02, 0.03), 0.0
     for number, (roll, rate) in enumerate(zip(rolls, rates, strict=True), 1):
         now = 5.0 + 0.1004 * number
-        law.hear(RollSample(now, roll, rate))
+        law.on_sample(RollSample(now, roll, rate))
         seen = state(now, 0.25, 0.012, rudder=0.08, bias=0.03)
         demand = law.update(MODEL, reference, seen, 0.08, 0.1004)
         heel = roll - at.roll_per_rate * 0.01
@@ -437,7 +437,7 @@ def test_roll_and_heading_are_fresh_for_so_long_and_a_pause_is_half_a_second(
     before = 128.0
     rolling.memory = rolling.memory._replace(time=before)  # an exact number, so that the limits are
     now = before + change.get("gap", 0.125)
-    rolling.hear(RollSample(now - change.get("age", 0.0), change.get("roll", 0.05), change.get("rate", 0.05)))
+    rolling.on_sample(RollSample(now - change.get("age", 0.0), change.get("roll", 0.05), change.get("rate", 0.05)))
     seen = state(now, 0.05)._replace(heading_age=change.get("heading_age", 0.0))
     rolling.update(MODEL, NORTH, seen, 0.0, 0.125)
     assert (rolling.weight > 0.9) is keeps
@@ -454,7 +454,7 @@ def test_the_list_is_a_15_s_mean_with_steps_capped_at_0_5_s(
     )
 
     def look(now: float, roll: float, dt: float) -> tuple[float, float]:
-        law.hear(RollSample(now, roll, 0.0))
+        law.on_sample(RollSample(now, roll, 0.0))
         law.update(MODEL, NORTH, state(now), 0.0, dt)
         return heard[-1]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from watched_boat import Watched
+from monitored_boat import Watched
 
 from autopilot.errors import ExitCode
 from autopilot.links.mavlink.codec import MavlinkCodec
@@ -41,7 +41,7 @@ def test_every_message_and_command_that_pilot_and_page_exchange_is_in_the_table(
     monkeypatch.setattr(LoopbackTransport, "send", listened)
     sea = Watched(tmp_path)
     sea.watch(1.0)
-    for wish in (
+    for wanted in (
         {"do": "engage"},
         {"do": "turn", "degrees": 5},
         {"do": "zigzag", "rudder": 10, "change": 10, "duration": 30},
@@ -49,8 +49,8 @@ def test_every_message_and_command_that_pilot_and_page_exchange_is_in_the_table(
         {"do": "acknowledge"},
         {"do": "release"},
     ):
-        sea.order(**wish)
-        sea.watch(1.5 if wish["do"] == "engage" else 0.2)
+        sea.order(**wanted)
+        sea.watch(1.5 if wanted["do"] == "engage" else 0.2)
     sea.station.parameters.read()
     sea.watch(1.0)
     sent, read = mavlink.messages()

@@ -18,7 +18,7 @@ from autopilot.cli.main import main
 from autopilot.doctor import machine
 from autopilot.doctor import machine as system
 from autopilot.doctor.machine import Finding, Verdict, worst
-from autopilot.doctor.vehicle import Heard, examine, judged
+from autopilot.doctor.vehicle import Received, examine, judged
 from autopilot.firmware.file import load_firmware, wanted_parameters
 from autopilot.links.base import Link, LinkError
 from autopilot.vessel.file import load_vessel
@@ -171,8 +171,10 @@ def test_a_silent_line_is_no_go() -> None:
 
 
 def test_a_helm_that_is_refused_is_no_go_with_its_reason() -> None:
-    heard = Heard({"a": [0.1 * n for n in range(50)]}, {"a": [0.01] * 50}, {"a": "the vehicle is not armed"}, {}, 5.0)
-    helm = judged(heard, 1.0)[1]
+    received = Received(
+        {"a": [0.1 * n for n in range(50)]}, {"a": [0.01] * 50}, {"a": "the vehicle is not armed"}, {}, 5.0
+    )
+    helm = judged(received, 1.0)[1]
     assert (helm.verdict, helm.found) == (Verdict.NO_GO, "a: the vehicle is not armed")
 
 
@@ -258,15 +260,15 @@ def test_with_the_shipped_parameters_only_the_way_to_take_over_is_left_to_choose
     assert [finding.name for finding in findings if finding.verdict is not Verdict.GO] == ["taking over"]
 
 
-def test_uneven_headings_are_told_by_their_gaps() -> None:
+def test_uneven_headings_are_reported_by_their_gaps() -> None:
     chance = random.Random(7)
     times = [0.1 * n + chance.uniform(0.0, 0.02) for n in range(100)]
-    even = judged(Heard({"a": times}, {"a": [0.0] * 100}, {}, {}, 10.0), 1.0)[0]
+    even = judged(Received({"a": times}, {"a": [0.0] * 100}, {}, {}, 10.0), 1.0)[0]
     assert even.verdict is Verdict.GO
     assert 1.0 < even.figures["jitter_ms"] < 21.0
-    assert judged(Heard({"a": [*times, 10.7]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0].verdict is Verdict.WARN
-    assert judged(Heard({"a": [*times, 11.2]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0].verdict is Verdict.NO_GO
-    slow = judged(Heard({"a": [0.0, 0.4, 0.8]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0]
+    assert judged(Received({"a": [*times, 10.7]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0].verdict is Verdict.WARN
+    assert judged(Received({"a": [*times, 11.2]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0].verdict is Verdict.NO_GO
+    slow = judged(Received({"a": [0.0, 0.4, 0.8]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0]
     assert slow.verdict is Verdict.WARN
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from estimating import Estimating, Observed
+from estimating import Estimating, OutputFeedbackLoop
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,8 +43,8 @@ def course(seconds: float, rudder: float = 0.1, with_rate: bool = True, every: i
 
 def feed(estimator: Estimating, samples: list[HeadingSample], rudder: float = 0.1) -> NavState:
     for sample in samples:
-        told = (sample, RudderSample(sample.time, rudder))
-        state = estimator.update(sample.time, told)
+        samples_of_one = (sample, RudderSample(sample.time, rudder))
+        state = estimator.update(sample.time, samples_of_one)
     return state
 
 
@@ -148,7 +148,7 @@ def test_state_and_model_agree_on_the_speed_after_it_has_gone_stale() -> None:
 
 
 def test_feedback_older_than_the_newest_is_ignored_and_goes_stale() -> None:
-    track = Observed(SteeringGear(0.5, 0.2))
+    track = OutputFeedbackLoop(SteeringGear(0.5, 0.2))
     track.advance(0.0)
     track.feed_back(5.0, 0.3)
     track.feed_back(4.0, -0.3)
@@ -164,7 +164,7 @@ def test_feedback_older_than_the_newest_is_ignored_and_goes_stale() -> None:
     st.sampled_from([0.0, 0.3, math.inf]),
 )
 def test_joining_short_holds_keeps_the_rudder_s_integral(steps: list[float], a: float, b: float, grain: float) -> None:
-    track, now = Observed(SteeringGear(0.5, 0.2)), 0.0
+    track, now = OutputFeedbackLoop(SteeringGear(0.5, 0.2)), 0.0
     for step in steps:
         now += step
         track.order(now, 0.3 * math.sin(now))
@@ -208,7 +208,7 @@ def test_noise_is_filtered() -> None:
 
 def test_late_rudder_feedback_corrects_the_level_and_the_model_adds_the_motion() -> None:
     gear = SteeringGear(0.5, 0.2)
-    track = Observed(gear)
+    track = OutputFeedbackLoop(gear)
     offset = 0.05
     for index in range(40):
         now = index * 0.1

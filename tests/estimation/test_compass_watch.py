@@ -1,4 +1,4 @@
-"""Of two compasses the one that stands still, jumps or trembles alone is not believed; and the other steers."""
+"""Of two compasses the one that stands still, jumps or trembles alone is not selected; and the other steers."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_one_that_stands_still_while_the_other_turns_is_left() -> None:
     held = swinging(10.0)
     heard.run(6.0, lambda now: held, swinging)
     assert heard.sources_since(15.0) == {FLUXGATE}
-    assert heard.said[-1].startswith("two compasses disagree: HEHDT stands still, HCHDG steers")
+    assert heard.said[-1].startswith("heading monitor: two compasses disagree: HEHDT stands still, HCHDG steers")
     # what passes never is further from the truth than the sea moved it meanwhile
     assert max(abs(wrap(sample.heading - swinging(sample.time))) for sample in heard.passed) < math.radians(4.5)
     heard.run(6.0, swinging, swinging)
@@ -127,8 +127,8 @@ def heard_by(jump: float = 0.4, *, frozen: bool = True) -> CompassWatch:
     """Two compasses that have swung together for three seconds, ten headings a second, the second 0.05 s later."""
     watch = CompassWatch(jump, frozen=frozen)
     for step in range(31):
-        watch.hear(0.1 * step, "a", 0.001 * (step % 2))
-        watch.hear(0.1 * step + 0.05, "b", 0.001 * (step % 2))
+        watch.on_sample(0.1 * step, "a", 0.001 * (step % 2))
+        watch.on_sample(0.1 * step + 0.05, "b", 0.001 * (step % 2))
     return watch
 
 
@@ -138,7 +138,7 @@ def test_a_compass_jumps_that_goes_further_than_a_boat_while_the_other_stays(
     side: float, by: float, is_left: bool
 ) -> None:
     watch = heard_by()
-    watch.hear(3.1, "a", side * by)
+    watch.on_sample(3.1, "a", side * by)
     assert watch.reason("a") == ("jumps" if is_left else "") and watch.reason("b") == ""
     assert watch.doubted(3.1) == ([("a", "jumps")] if is_left else [])
 
@@ -148,22 +148,22 @@ def test_nobody_who_was_silent_for_a_second_says_that_another_jumps(silence: flo
     watch = heard_by()
     for step in range(1, 20):
         if 0.1 * step < silence:
-            watch.hear(3.05 + 0.1 * step, "a", 0.001 * (step % 2))
-    watch.hear(3.05 + silence, "a", 0.8)
+            watch.on_sample(3.05 + 0.1 * step, "a", 0.001 * (step % 2))
+    watch.on_sample(3.05 + silence, "a", 0.8)
     assert bool(watch.reason("a")) is is_left
 
 
 def test_a_compass_that_jumps_to_the_others_is_no_fault() -> None:
     watch = heard_by()
-    watch.hear(3.1, "a", 0.8)
+    watch.on_sample(3.1, "a", 0.8)
     assert watch.reason("a") == "jumps"
-    watch.hear(3.15, "b", 0.8)
-    assert watch.reason("b") == "", "there is nobody to be believed beside it"
+    watch.on_sample(3.15, "b", 0.8)
+    assert watch.reason("b") == "", "there is no other to select"
     other = CompassWatch(0.4, frozen=True)
     for step in range(5):
-        other.hear(0.1 * step, "a", 0.9)
-        other.hear(0.1 * step + 0.05, "b", 0.0)
-    other.hear(0.5, "b", 0.85)
+        other.on_sample(0.1 * step, "a", 0.9)
+        other.on_sample(0.1 * step + 0.05, "b", 0.0)
+    other.on_sample(0.5, "b", 0.85)
     assert other.reason("b") == "", "it came to where the other is"
 
 
@@ -175,9 +175,9 @@ def test_a_compass_stands_that_does_not_go_with_a_turn_of_two_and_a_half_degrees
     for frozen in (True, False):
         watch = heard_by(frozen=frozen)
         for step in range(1, 21):
-            watch.hear(3.0 + 0.1 * step, "a", 0.0)
-            watch.hear(3.05 + 0.1 * step, "b", side * math.radians(turned_deg) * step / 20)
-        watch.hear(5.1, "a", 0.0)
+            watch.on_sample(3.0 + 0.1 * step, "a", 0.0)
+            watch.on_sample(3.05 + 0.1 * step, "b", side * math.radians(turned_deg) * step / 20)
+        watch.on_sample(5.1, "a", 0.0)
         assert watch.reason("a") == ("stands still" if is_left and frozen else "")
         assert watch.reason("b") == ""
 
@@ -190,12 +190,12 @@ def test_it_stands_with_four_headings_alike_and_over_three_tenths_of_a_second(
     gap: float, headings: int, is_left: bool
 ) -> None:
     watch = CompassWatch(math.inf, frozen=True)
-    watch.hear(0.0, "a", 1.0)
-    watch.hear(0.01, "b", 1.0)
-    watch.hear(0.1, "a", 1.001)
+    watch.on_sample(0.0, "a", 1.0)
+    watch.on_sample(0.01, "b", 1.0)
+    watch.on_sample(0.1, "a", 1.001)
     for step in range(headings):
-        watch.hear(0.15 + gap * step, "b", 1.0 + 0.2 * step)
-        watch.hear(0.16 + gap * step, "a", 1.002)
+        watch.on_sample(0.15 + gap * step, "b", 1.0 + 0.2 * step)
+        watch.on_sample(0.16 + gap * step, "a", 1.002)
     assert bool(watch.reason("a")) is is_left
 
 
@@ -205,12 +205,12 @@ def test_a_compass_of_five_degree_steps_may_stand_while_the_boat_turns_by_two_of
 ) -> None:
     watch = CompassWatch(math.inf, frozen=True)
     for step in range(6):
-        watch.hear(0.1 * step, "a", math.radians(5.0 * (step % 2)))
-        watch.hear(0.1 * step + 0.05, "b", 0.0001 * step)
+        watch.on_sample(0.1 * step, "a", math.radians(5.0 * (step % 2)))
+        watch.on_sample(0.1 * step + 0.05, "b", 0.0001 * step)
     for step in range(6, 30):
-        watch.hear(0.1 * step, "a", math.radians(5.0))
-        watch.hear(0.1 * step + 0.05, "b", math.radians(turned_deg) * (step - 6) / 23)
-    watch.hear(3.0, "a", math.radians(5.0))
+        watch.on_sample(0.1 * step, "a", math.radians(5.0))
+        watch.on_sample(0.1 * step + 0.05, "b", math.radians(turned_deg) * (step - 6) / 23)
+    watch.on_sample(3.0, "a", math.radians(5.0))
     assert bool(watch.reason("a")) is is_left
 
 
@@ -219,10 +219,10 @@ def test_it_is_well_again_within_ten_degrees_of_the_other_for_three_seconds(
     apart_deg: float, seconds: float, is_well: bool
 ) -> None:
     watch = heard_by()
-    watch.hear(3.1, "a", 0.8)
+    watch.on_sample(3.1, "a", 0.8)
     for step in range(1, round(seconds * 10) + 1):
-        watch.hear(3.05 + 0.1 * step, "b", 0.001 * (step % 2))
-        watch.hear(3.1 + 0.1 * step, "a", math.radians(apart_deg) + 0.001 * (step % 2))
+        watch.on_sample(3.05 + 0.1 * step, "b", 0.001 * (step % 2))
+        watch.on_sample(3.1 + 0.1 * step, "a", math.radians(apart_deg) + 0.001 * (step % 2))
     assert (watch.reason("a") == "") is is_well
 
 
@@ -230,19 +230,19 @@ def test_it_is_well_again_within_ten_degrees_of_the_other_for_three_seconds(
 def test_ten_degrees_and_three_seconds_to_the_bit_are_enough_to_be_well(last: float, is_well: bool) -> None:
     watch = CompassWatch(0.4, frozen=True)
     for now in (0.0, 0.125, 0.25):
-        watch.hear(now, "b", 0.0)
-        watch.hear(now, "a", 0.8 * (now == 0.25))
+        watch.on_sample(now, "b", 0.0)
+        watch.on_sample(now, "a", 0.8 * (now == 0.25))
     for step in range(1, round(last / 0.125) + 2):
-        watch.hear(0.25 + 0.125 * step, "b", 0.0)
-        watch.hear(0.25 + 0.125 * step, "a", math.radians(10.0) - 0.001 * (step % 2))
+        watch.on_sample(0.25 + 0.125 * step, "b", 0.0)
+        watch.on_sample(0.25 + 0.125 * step, "a", math.radians(10.0) - 0.001 * (step % 2))
     assert (watch.reason("a") == "") is is_well
-    watch.hear(0.375 + last + 0.2, "b", 0.0)
-    watch.hear(0.375 + last + 0.2, "a", 0.1)
+    watch.on_sample(0.375 + last + 0.2, "b", 0.0)
+    watch.on_sample(0.375 + last + 0.2, "a", 0.1)
     assert watch.reason("a") == ""
-    watch.hear(4.0, "a", 0.8)
+    watch.on_sample(4.0, "a", 0.8)
     for step in range(1, 33):
-        watch.hear(4.0 + 0.125 * step, "b", 0.0)
-        watch.hear(4.0 + 0.125 * step, "a", 0.001 * (step // 4))
+        watch.on_sample(4.0 + 0.125 * step, "b", 0.0)
+        watch.on_sample(4.0 + 0.125 * step, "a", 0.001 * (step // 4))
     assert watch.reason("a") == "jumps", "four headings alike are no agreement"
 
 
@@ -250,12 +250,12 @@ def is_left_standing(first: float, other: float, last: float) -> bool:
     """Whether a compass is left that shows `first`, and from then on 0 until `last` [s], the other one having turned to
     `other` [rad]."""
     watch = CompassWatch(math.inf, frozen=True)
-    watch.hear(-0.5, "a", first)
-    watch.hear(-0.1, "b", 0.0)
+    watch.on_sample(-0.5, "a", first)
+    watch.on_sample(-0.1, "b", 0.0)
     for now in (0.0, 0.1, 0.2):
-        watch.hear(now, "a", 0.0)
-    watch.hear(0.25, "b", other)
-    watch.hear(last, "a", 0.0)
+        watch.on_sample(now, "a", 0.0)
+    watch.on_sample(0.25, "b", other)
+    watch.on_sample(last, "a", 0.0)
     return bool(watch.reason("a"))
 
 
@@ -267,9 +267,9 @@ def test_a_turn_of_two_and_a_half_degrees_to_the_bit_may_still_be_stood_through(
 def test_a_word_of_one_second_age_still_counts_and_the_middle_between_two_headings_is_neither() -> None:
     for other, reason in ((0.0, "jumps"), (0.3, "jumps"), (0.4, ""), (0.5, "")):
         watch = CompassWatch(0.4, frozen=True)
-        watch.hear(0.0, "b", other)
-        watch.hear(0.5, "a", 0.0)
-        watch.hear(1.0, "a", 0.8)
+        watch.on_sample(0.0, "b", other)
+        watch.on_sample(0.5, "a", 0.0)
+        watch.on_sample(1.0, "a", 0.8)
         assert watch.reason("a") == reason
 
 
@@ -280,19 +280,19 @@ def test_it_stands_from_three_tenths_of_a_second_on() -> None:
 
 def test_it_is_not_well_that_agrees_and_stands() -> None:
     watch = heard_by()
-    watch.hear(3.1, "a", 0.8)
+    watch.on_sample(3.1, "a", 0.8)
     for step in range(1, 90):
-        watch.hear(3.05 + 0.1 * step, "b", 0.001 * (step % 2))
-        watch.hear(3.1 + 0.1 * step, "a", 0.0)
+        watch.on_sample(3.05 + 0.1 * step, "b", 0.001 * (step % 2))
+        watch.on_sample(3.1 + 0.1 * step, "a", 0.0)
     assert watch.reason("a") == "jumps"
 
 
 @pytest.mark.parametrize(("silence", "is_new"), [(2.0, False), (2.1, True)])
 def test_one_that_was_silent_for_two_seconds_begins_anew_and_is_not_spoken_of(silence: float, is_new: bool) -> None:
     watch = heard_by()
-    watch.hear(4.0, "a", 0.8)
+    watch.on_sample(4.0, "a", 0.8)
     assert bool(watch.doubted(4.0 + silence)) is (silence <= 2.0)
-    watch.hear(4.0 + silence, "a", 0.8)
+    watch.on_sample(4.0 + silence, "a", 0.8)
     assert (watch.reason("a") == "") is is_new
     watch.reset()
     assert watch.reason("a") == watch.reason("nobody") == "" and watch.doubted(4.0) == []
@@ -314,8 +314,8 @@ def watched(
     """Return what is wrong with the first compass, a word for each of its headings; of the second nothing ever is."""
     watch, found = CompassWatch(math.radians(60.0), frozen=True), []
     for number in range(round(seconds / step)):
-        watch.hear(number * step, "first", first(number * step))
-        watch.hear(number * step + 0.01, "second", second(number * step + 0.01))
+        watch.on_sample(number * step, "first", first(number * step))
+        watch.on_sample(number * step + 0.01, "second", second(number * step + 0.01))
         found.append(watch.reason("first"))
         assert watch.reason("second") == ""
     return found
@@ -372,7 +372,7 @@ def test_two_that_tremble_alike_tell_nothing() -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(
-    ("known", "longest", "turned_deg", "stands", "is_told"),
+    ("known", "longest", "turned_deg", "stands", "is_reported"),
     [
         (100, 1, 1.01, 13, True),
         (100, 1, 1.01, 12, False),  # not for 1.5 s
@@ -384,17 +384,17 @@ def test_two_that_tremble_alike_tell_nothing() -> None:
     ],
 )
 def test_a_compass_that_never_stood_so_long_is_frozen_while_another_turns_a_degree(
-    sign: float, known: int, longest: int, turned_deg: float, stands: int, is_told: bool
+    sign: float, known: int, longest: int, turned_deg: float, stands: int, is_reported: bool
 ) -> None:
     watch, now = CompassWatch(math.inf, frozen=True), 0.0
     for number in range(known):
         now += 0.125
-        watch.hear(now, GYRO, math.radians(0.1) * (number // longest))
-        watch.hear(now, FLUXGATE, 0.0)
+        watch.on_sample(now, GYRO, math.radians(0.1) * (number // longest))
+        watch.on_sample(now, FLUXGATE, 0.0)
     last = math.radians(0.1) * (known // longest + 1)
     for _ in range(stands):
         now += 0.125
-        watch.hear(now, GYRO, last)
+        watch.on_sample(now, GYRO, last)
         # the other is where it was when this one began to stand, and then elsewhere
-        watch.hear(now, FLUXGATE, sign * math.radians(turned_deg))
-    assert watch.reason(GYRO) == ("stands still" if is_told else "")
+        watch.on_sample(now, FLUXGATE, sign * math.radians(turned_deg))
+    assert watch.reason(GYRO) == ("stands still" if is_reported else "")

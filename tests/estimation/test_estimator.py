@@ -54,7 +54,7 @@ def test_it_knows_nothing_before_the_first_heading() -> None:
 def test_with_the_first_heading_nothing_lies_to_one_side_and_it_is_one() -> None:
     first = estimator()
     first.update(1.0, (HeadingSample(1.0, 0.5),))
-    assert (first.state.fusion.surprise, first.counters) == (0.0, Counters(fused=1))
+    assert (first.state.fusion.innovation_mean, first.counters) == (0.0, Counters(fused=1))
 
 
 def shuffled_by_fives(samples: list[Timed]) -> list[Timed]:
@@ -135,14 +135,14 @@ def test_irregular_samples_with_spikes_still_part_boat_and_waves(with_rate: bool
 def test_two_headings_a_moment_apart_do_not_turn_a_ship(quickest_deg_s: float) -> None:
     ship, quickest = Norrbin(0.04, 60.0, 4.0e4, n1=-1.0, reference_speed=7.0), math.radians(quickest_deg_s)
     noise = FilterNoise(math.radians(1.5) ** 2, math.radians(0.2) ** 2, 2.7e-12, 2.0e-7, rate_unknown=quickest**2)
-    told = {}
+    found = {}
     for name, known in (("known", noise), ("unknown", noise._replace(rate_unknown=RATE_UNKNOWN))):
         tested, deviates = Estimating(ship, GEAR, known), np.random.default_rng(7)
         measured = [math.radians(2.0), *np.radians(0.2) * deviates.standard_normal(150)]
         states = [tested.update(0.1 * i, (HeadingSample(0.1 * i, float(one)),)) for i, one in enumerate(measured)]
-        told[name] = max(abs(state.rate) for state in states)
-    assert told["known"] < 0.6 * quickest
-    assert told["unknown"] > 2.0 * quickest, "a first heading that is 2 deg off looks like a turn"
+        found[name] = max(abs(state.rate) for state in states)
+    assert found["known"] < 0.6 * quickest
+    assert found["unknown"] > 2.0 * quickest, "a first heading that is 2 deg off looks like a turn"
 
 
 def test_no_rate_is_thought_possible_that_the_rudder_does_not_reach() -> None:
@@ -404,5 +404,5 @@ def test_a_late_sample_leaves_what_it_would_have_left_in_its_turn(late: int) -> 
         if index in (22 + late, 25 + late):
             shuffled.update(sample.time, (samples[index - late],))
     assert shuffled.counters.late == 2
-    assert shuffled.state.fusion.surprise == pytest.approx(in_turn.state.fusion.surprise, rel=1.0e-12)
+    assert shuffled.state.fusion.innovation_mean == pytest.approx(in_turn.state.fusion.innovation_mean, rel=1.0e-12)
     assert shuffled.state.fusion == in_turn.state.fusion

@@ -21,8 +21,8 @@ PAST = RudderPast([0.0] * 16, [0.0] * 16, 1)
 NO = math.nan
 
 
-def fusion(heading: float = 0.0, surprise: float = 0.0) -> Fusion:
-    return Fusion(ekf.initial(0.0, heading, 0.0, NOISE), surprise)
+def fusion(heading: float = 0.0, innovation_mean: float = 0.0) -> Fusion:
+    return Fusion(ekf.initial(0.0, heading, 0.0, NOISE), innovation_mean)
 
 
 def deviation(state: FilterState, variance: float, *, of_rate: bool) -> float:
@@ -33,19 +33,19 @@ def deviation(state: FilterState, variance: float, *, of_rate: bool) -> float:
 @pytest.mark.parametrize("deviations", [-2.0, 0.0, 3.0, 5.0])
 @pytest.mark.parametrize("of_rate", [True, False])
 def test_the_lasting_innovation_is_a_mean_over_three_seconds(before: float, deviations: float, of_rate: bool) -> None:
-    now = fusion(surprise=before)
+    now = fusion(innovation_mean=before)
     ahead = carried(BOAT, NOISES, now, PAST, 0.5)
     off = deviations * deviation(ahead, NOISE.rate if of_rate else NOISE.heading, of_rate=of_rate)
     heading, rate = (NO, off) if of_rate else (off, NO)
     after, is_fused = fuse_measured(BOAT, NOISES, now, PAST, Measured(0.5, heading, rate))
     assert is_fused
-    assert after.surprise == pytest.approx(before + (1.0 - math.exp(-0.5 / 3.0)) * (deviations - before))
+    assert after.innovation_mean == pytest.approx(before + (1.0 - math.exp(-0.5 / 3.0)) * (deviations - before))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_one_wild_rate_counts_as_five_deviations(side: float) -> None:
     after, _ = fuse_measured(BOAT, NOISES, fusion(), PAST, Measured(0.5, NO, side * 100.0))
-    assert after.surprise == pytest.approx(side * 5.0 * (1.0 - math.exp(-0.5 / 3.0)))
+    assert after.innovation_mean == pytest.approx(side * 5.0 * (1.0 - math.exp(-0.5 / 3.0)))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -85,12 +85,14 @@ def test_a_rate_beside_a_spike_is_left_out_too_and_one_alone_is_taken() -> None:
     assert plain.state == fuse_heading(ahead, 0.02, NOISE.heading)
 
 
-@pytest.mark.parametrize(("surprise", "density"), [(1.49, 3.0e-6), (-1.49, 3.0e-6), (1.51, 5.0e-4), (-1.51, 5.0e-4)])
-def test_something_lasting_makes_the_bias_quick_where_waves_are_learnt(surprise: float, density: float) -> None:
+@pytest.mark.parametrize(
+    ("innovation_mean", "density"), [(1.49, 3.0e-6), (-1.49, 3.0e-6), (1.51, 5.0e-4), (-1.51, 5.0e-4)]
+)
+def test_something_lasting_makes_the_bias_quick_where_waves_are_learnt(innovation_mean: float, density: float) -> None:
     wavy = noises_of(NOISE._replace(waves=True))
-    ahead = carried(BOAT, wavy, fusion(surprise=surprise), PAST, 0.4)
+    ahead = carried(BOAT, wavy, fusion(innovation_mean=innovation_mean), PAST, 0.4)
     assert ahead.p22 - fusion().state.p22 == pytest.approx(0.4 * density)
-    calm = carried(BOAT, NOISES, fusion(surprise=surprise), PAST, 0.4)
+    calm = carried(BOAT, NOISES, fusion(innovation_mean=innovation_mean), PAST, 0.4)
     assert calm.p22 - fusion().state.p22 == pytest.approx(0.4 * 3.0e-6)
 
 
@@ -124,7 +126,7 @@ def test_limits_to_the_bit_are_on_the_side_of_the_usual() -> None:
     assert (spiked.spikes, again.spikes) == (1, 1 + (math.radians(30.0) - math.radians(20.0) <= math.radians(10.0)))
     wavy = noises_of(NOISE._replace(waves=True, stop=0.4, stop_bias=2.0e-3))
     known = start.state.p22
-    assert carried(BOAT, wavy, fusion(surprise=1.5), PAST, 0.4).p22 - known == pytest.approx(0.4 * 5.0e-4)
+    assert carried(BOAT, wavy, fusion(innovation_mean=1.5), PAST, 0.4).p22 - known == pytest.approx(0.4 * 5.0e-4)
     at_stop = RudderPast([0.0] * 16, [0.4] * 16, 1)
     assert carried(BOAT, wavy, fusion(), at_stop, 0.4).p22 - known == pytest.approx(0.4 * 2.0e-3)
 
@@ -132,10 +134,10 @@ def test_limits_to_the_bit_are_on_the_side_of_the_usual() -> None:
 def test_the_sea_is_learnt_while_nothing_lasting_pushes() -> None:
     wavy = noises_of(NOISE._replace(waves=True))
     start = ekf.initial(0.0, 0.0, 0.0, wavy.usual)
-    for surprise, is_learnt in ((0.0, True), (1.0, True), (-1.0, True), (3.0, False), (-3.0, False)):
-        after, _ = fuse_measured(BOAT, wavy, Fusion(start, surprise), PAST, Measured(0.0, 0.0, 0.0))
+    for innovation_mean, is_learnt in ((0.0, True), (1.0, True), (-1.0, True), (3.0, False), (-3.0, False)):
+        after, _ = fuse_measured(BOAT, wavy, Fusion(start, innovation_mean), PAST, Measured(0.0, 0.0, 0.0))
         assert (after.state.sea != start.sea) is False, "no time has passed"
-        after, _ = fuse_measured(BOAT, wavy, Fusion(start, surprise), PAST, Measured(0.1, 0.0, 0.0))
+        after, _ = fuse_measured(BOAT, wavy, Fusion(start, innovation_mean), PAST, Measured(0.1, 0.0, 0.0))
         assert after.state.sea.watched == pytest.approx(0.1 if is_learnt else 0.0)
 
 

@@ -21,7 +21,7 @@ from autopilot.estimation.heading_ekf import (
     fuse_rate,
     heading_variance,
     is_sound,
-    surprise,
+    normalised_innovation,
 )
 from autopilot.estimation.waves import NO_SEA, Sea, frequency
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
@@ -203,13 +203,13 @@ def test_the_step_of_a_boat_by_itself_is_exact_for_short_times_too(x: float) -> 
     )
 
 
-def test_how_surprising_a_measurement_is() -> None:
+def test_the_innovation_in_standard_deviations() -> None:
     state = ekf.initial(0.0, 0.5, 0.1, NOISE)._replace(wave=0.2, wave_rate=0.03, p00=0.01, p11=0.04)
     by_heading = (0.5 + 0.2 + 0.3) - 0.5 - 0.2
     heading_sigma = math.sqrt(heading_variance(state) + NOISE.heading)
-    assert surprise(state, 1.0, math.nan, NOISE) == pytest.approx(by_heading / heading_sigma)
+    assert normalised_innovation(state, 1.0, math.nan, NOISE) == pytest.approx(by_heading / heading_sigma)
     rate_sigma = math.sqrt(state.p11 + 2.0 * state.p14 + state.p44 + NOISE.rate)
-    assert surprise(state, 9.0, 0.33, NOISE) == pytest.approx(0.2 / rate_sigma)
+    assert normalised_innovation(state, 9.0, 0.33, NOISE) == pytest.approx(0.2 / rate_sigma)
 
 
 def test_at_first_the_rate_may_be_anything_up_to_a_fifth_of_a_radian_a_second() -> None:

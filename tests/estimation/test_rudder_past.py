@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from estimating import Observed
+from estimating import OutputFeedbackLoop
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -71,7 +71,7 @@ def test_an_empty_past_is_a_rudder_amidships() -> None:
     assert list(held(empty, 1.0, 2.0, 0.1)) == [(2.0, 0.0)]
     for time in (-1.0, 0.0, 3.0):
         assert angle_at(empty, time) == 0.0
-    track = Observed(SteeringGear(0.5, 0.1, 0.1))
+    track = OutputFeedbackLoop(SteeringGear(0.5, 0.1, 0.1))
     assert (track.angle, angle_at(track.past, 1.0)) == (0.0, 0.0)
 
 
@@ -83,7 +83,7 @@ def test_the_angle_at_a_time_is_that_of_its_tick(kept: Past, time: float) -> Non
 
 
 def test_feedback_counts_until_it_is_stale_and_the_newest_counts() -> None:
-    track = Observed(SteeringGear(0.5, 0.1, 0.0))
+    track = OutputFeedbackLoop(SteeringGear(0.5, 0.1, 0.0))
     assert not track.is_known(0.0)
     track.advance(0.0)
     track.feed_back(1.0, 0.2)
@@ -97,7 +97,7 @@ def test_feedback_counts_until_it_is_stale_and_the_newest_counts() -> None:
 
 
 def test_with_another_dead_time_the_orders_on_their_way_count_at_once() -> None:
-    track = Observed(SteeringGear(0.5, 10.0, 0.0, 0.0, 0.5))
+    track = OutputFeedbackLoop(SteeringGear(0.5, 10.0, 0.0, 0.0, 0.5))
     track.advance(0.0)
     track.order(0.0, 0.3)
     track.change(SteeringGear(0.5, 10.0, 0.0, 0.0, 0.4))
@@ -107,7 +107,7 @@ def test_with_another_dead_time_the_orders_on_their_way_count_at_once() -> None:
 
 @pytest.mark.parametrize("delay", [0.0, 0.25, 1.0])
 def test_the_order_in_effect_is_the_newest_that_was_given_the_dead_time_ago(delay: float) -> None:
-    track, orders = Observed(SteeringGear(1.0, math.inf, 0.0, 0.0, delay)), {}
+    track, orders = OutputFeedbackLoop(SteeringGear(1.0, math.inf, 0.0, 0.0, delay)), {}
     for tick in range(1, 3000):
         now = 0.01 * tick
         passed = [angle for at, angle in orders.items() if at + delay <= now]
@@ -118,7 +118,7 @@ def test_the_order_in_effect_is_the_newest_that_was_given_the_dead_time_ago(dela
 
 
 def test_where_more_orders_are_on_their_way_than_are_kept_the_oldest_counts_early() -> None:
-    track = Observed(SteeringGear(1.0, math.inf, 0.0, 0.0, 10.0))
+    track = OutputFeedbackLoop(SteeringGear(1.0, math.inf, 0.0, 0.0, 10.0))
     track.advance(0.0)
     for place in range(ORDERS_KEPT):
         track.order(0.0, 0.1 + 1.0e-6 * place)

@@ -1,4 +1,4 @@
-"""Which instrument is believed, when another takes over, and when two compasses disagree."""
+"""Which instrument is selected, when another takes over, and when two compasses disagree."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_two_compasses_that_disagree_for_long_are_one_alarm_and_it_is_taken_back
     assert [bool(text) for _, text in alarms] == [True, False]
     assert alarms[0][0] == pytest.approx(8.0, abs=0.2)
     assert alarms[1][0] == pytest.approx(40.0, abs=0.2)
-    assert "two compasses disagree by 2" in alarms[0][1]
+    assert "heading monitor: two compasses disagree by 2" in alarms[0][1]
     assert "HEHDT 359.0, HCHDG 02" in alarms[0][1]
     assert "sensors.priority" in alarms[0][1]
 
@@ -119,7 +119,7 @@ def test_compass_differences_in_turns_or_from_a_lost_compass_raise_no_alarm() ->
         assert not any(isinstance(sample, AlarmSample) for sample in kept), now
 
 
-def test_a_compass_that_drifts_from_the_other_is_told_before_it_is_20_deg_off() -> None:
+def test_a_compass_that_drifts_from_the_other_is_reported_before_it_is_20_deg_off() -> None:
     priority = SensorSelection(SelectionSettings(disagree=math.radians(15.0)))
     for step in range(200):
         now = step * 0.1
@@ -127,7 +127,7 @@ def test_a_compass_that_drifts_from_the_other_is_told_before_it_is_20_deg_off() 
         kept += priority.admit(now, heading(now, "HCHDG", 1.0 + math.radians(1.0) * now), LINK)
         if any(isinstance(sample, AlarmSample) for sample in kept):
             return
-    raise AssertionError("not told")
+    raise AssertionError("not reported")
 
 
 @given(
@@ -141,7 +141,7 @@ def test_never_two_at_a_time_and_memory_stays_small(heard: list[tuple[float, str
         kept = [s for s in priority.admit(now, heading(now, source, value), LINK) if isinstance(s, HeadingSample)]
         if kept:
             assert priority.selected("heading") == f"{source}@{LINK}"
-    assert len(priority._heard.get("heading", {})) <= 32
+    assert len(priority._received.get("heading", {})) <= 32
 
 
 def test_the_vessel_file_says_it() -> None:
@@ -182,8 +182,8 @@ def test_a_compass_that_jumped_and_is_well_again_is_not_said_to_jump_any_more() 
                 if isinstance(sample, AlarmSample):
                     said[now] = words(sample.event)
     texts = [text.partition(";")[0] for text in said.values()]
-    apart = "two compasses disagree by 8 deg: HEHDT 000.0, HCHDG 008.0"
-    assert texts == [apart, "two compasses disagree: HCHDG jumps, HEHDT steers", apart, ""]
+    apart = "heading monitor: two compasses disagree by 8 deg: HEHDT 000.0, HCHDG 008.0"
+    assert texts == [apart, "heading monitor: two compasses disagree: HCHDG jumps, HEHDT steers", apart, ""]
 
 
 def test_the_speeds_through_the_water_and_over_the_ground_are_two_things() -> None:
@@ -209,8 +209,8 @@ def test_compasses_that_differ_again_alarm_after_three_seconds() -> None:
         off = 0.0 if step in (60, 61) else 20.0 if step < 60 else 30.0
         for source, value in (("HEHDT", 0.0), ("HCHDG", math.radians(off))):
             kept = priority.admit(now, heading(now, source, value), LINK)
-            said += [(now, words(it.event).partition(":")[0]) for it in kept if isinstance(it, AlarmSample)]
-    apart = "two compasses disagree by {} deg"
+            said += [(now, words(it.event).partition(": H")[0]) for it in kept if isinstance(it, AlarmSample)]
+    apart = "heading monitor: two compasses disagree by {} deg"
     assert said == [(3.0, apart.format(20)), (7.5, ""), (7.75 + 3.0, apart.format(30))]
 
 

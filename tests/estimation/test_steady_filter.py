@@ -14,7 +14,13 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import brentq
 
 from autopilot.control.law import LoopGains
-from autopilot.control.margins import Delays, Observed, ObservedMargins, observed_margins, refusal_of
+from autopilot.control.margins import (
+    Delays,
+    OutputFeedbackLoop,
+    OutputFeedbackMargins,
+    output_feedback_margins,
+    refusal_of,
+)
 from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.steady_filter import linear_of, prediction, steady_filter
 from autopilot.models.norrbin import Norrbin
@@ -71,7 +77,7 @@ def test_the_model_is_straight_and_the_heading_s_age_has_its_own_prediction() ->
     assert found.ahead == prediction(BENT, 0.7)
 
 
-def loop_of(observed: Observed, omega: float) -> tuple[complex, complex]:
+def loop_of(observed: OutputFeedbackLoop, omega: float) -> tuple[complex, complex]:
     """D and N of the equations of `autopilot.control.margins` at one frequency [rad/s], with matrices."""
     model, gear, delays, gains, uses_bias, steady = observed
     s = 1j * omega
@@ -86,13 +92,13 @@ def loop_of(observed: Observed, omega: float) -> tuple[complex, complex]:
     from_rudder = np.linalg.solve(left, kept @ b * mean(steady.interval))
     from_boat = np.linalg.solve(left, g @ np.array([1.0, s]))
     late, ahead = cmath.exp(-s * delays.latency), np.array(steady.ahead.transition)
-    told = ahead @ from_rudder * late + np.array(steady.ahead.drive) * mean(delays.latency)
+    from_command = ahead @ from_rudder * late + np.array(steady.ahead.drive) * mean(delays.latency)
     seen = ahead @ from_boat * late
     law = np.array([gains.proportional + gains.integral / s, gains.derivative, float(uses_bias)])
     law = law / (1.0 + s * gains.smoothing)
     acts = cmath.exp(-s * gear.delay) / (1.0 + s * gear.lag)
     boat = model.gain / (s * (model.time_constant * s + model.n1))
-    return 1.0 + complex(law @ told) * acts, complex(law @ seen) * boat * acts * cmath.exp(-s * delays.unknown)
+    return 1.0 + complex(law @ from_command) * acts, complex(law @ seen) * boat * acts * cmath.exp(-s * delays.unknown)
 
 
 def roots(function: Callable[[float], float], low: float, high: float) -> list[float]:
@@ -102,7 +108,7 @@ def roots(function: Callable[[float], float], low: float, high: float) -> list[f
     return [float(brentq(function, a, b, xtol=1e-13)) for a, b, x, y in pairs if x * y < 0.0 and abs(x - y) < 1.0]
 
 
-def by_crossings(observed: Observed) -> ObservedMargins:
+def by_crossings(observed: OutputFeedbackLoop) -> OutputFeedbackMargins:
     """The margins of a loop known to be stable, from where L = N/D crosses the real axis and the unit circle."""
     high = 0.98 * math.pi / observed.steady.interval
 
@@ -115,7 +121,7 @@ def by_crossings(observed: Observed) -> ObservedMargins:
     unit = roots(lambda w: math.tanh(math.log(abs(ratio(w)))), 1e-3, high)
     late = [((cmath.phase(ratio(w)) + math.pi) % (2.0 * math.pi)) / w for w in unit]
     grid = [float(w) for w in np.geomspace(1e-3, high, 3000)]
-    return ObservedMargins(
+    return OutputFeedbackMargins(
         True,
         max((f for f in factors if 0.02 < f < 1.0), default=0.0),
         min((f for f in factors if 1.0 < f < 20.0), default=math.inf),
@@ -128,26 +134,28 @@ GAINS = LoopGains(0.9, 0.0, 1.5)
 GEAR = SteeringGear(0.5, 0.3, 0.1, delay=0.15)
 
 
-def observed_of(
+def output_feedback_loop(
     model: Norrbin, gains: LoopGains, uses_bias: bool, delays: Delays, interval: float = 0.2, gear: SteeringGear = GEAR
-) -> Observed:
-    return Observed(model, gear, delays, gains, uses_bias, steady_filter(model, NOISE, interval, delays.latency))
+) -> OutputFeedbackLoop:
+    return OutputFeedbackLoop(
+        model, gear, delays, gains, uses_bias, steady_filter(model, NOISE, interval, delays.latency)
+    )
 
 
 CASES = [
-    observed_of(STABLE, GAINS, False, Delays(0.1)),
-    observed_of(STABLE, GAINS, True, Delays(0.1)),
-    observed_of(STABLE, GAINS._replace(integral=0.02), False, Delays(0.0, 0.3)),
-    observed_of(STABLE, GAINS._replace(smoothing=0.4), True, Delays(0.05, 0.5), 0.1),
-    observed_of(BENT, GAINS, True, Delays(0.2), 0.5),
-    observed_of(UNSTABLE, LoopGains(1.5, 0.0, 4.0), True, Delays(0.05)),
-    observed_of(UNSTABLE, LoopGains(1.5, 0.05, 4.0), False, Delays(0.05, 0.2)),
+    output_feedback_loop(STABLE, GAINS, False, Delays(0.1)),
+    output_feedback_loop(STABLE, GAINS, True, Delays(0.1)),
+    output_feedback_loop(STABLE, GAINS._replace(integral=0.02), False, Delays(0.0, 0.3)),
+    output_feedback_loop(STABLE, GAINS._replace(smoothing=0.4), True, Delays(0.05, 0.5), 0.1),
+    output_feedback_loop(BENT, GAINS, True, Delays(0.2), 0.5),
+    output_feedback_loop(UNSTABLE, LoopGains(1.5, 0.0, 4.0), True, Delays(0.05)),
+    output_feedback_loop(UNSTABLE, LoopGains(1.5, 0.05, 4.0), False, Delays(0.05, 0.2)),
 ]
 
 
 @pytest.mark.parametrize("observed", CASES)
-def test_the_margins_are_where_the_loop_crosses(observed: Observed) -> None:
-    found, wanted = observed_margins(observed), by_crossings(observed)
+def test_the_margins_are_where_the_loop_crosses(observed: OutputFeedbackLoop) -> None:
+    found, wanted = output_feedback_margins(observed), by_crossings(observed)
     assert found.stable
     assert found.gain_down == pytest.approx(wanted.gain_down, rel=2e-2)
     assert found.gain_up == pytest.approx(wanted.gain_up, rel=2e-2)
@@ -157,27 +165,27 @@ def test_the_margins_are_where_the_loop_crosses(observed: Observed) -> None:
 
 
 @pytest.mark.parametrize("observed", CASES)
-def test_past_a_margin_the_loop_is_unstable_and_before_it_is_not(observed: Observed) -> None:
-    margins = observed_margins(observed)
+def test_past_a_margin_the_loop_is_unstable_and_before_it_is_not(observed: OutputFeedbackLoop) -> None:
+    margins = output_feedback_margins(observed)
     for share, is_stable in ((0.97, True), (1.03, False)):
         later = observed.delays._replace(unknown=observed.delays.unknown + share * margins.delay)
-        assert observed_margins(observed._replace(delays=later)).stable == is_stable
+        assert output_feedback_margins(observed._replace(delays=later)).stable == is_stable
     assert "unstable with the heading filter" in refusal_of(observed._replace(delays=later))
-    assert observed_margins(observed._replace(delays=later)) == (False, 1.0, 1.0, 0.0, math.inf)
+    assert output_feedback_margins(observed._replace(delays=later)) == (False, 1.0, 1.0, 0.0, math.inf)
     if margins.gain_up < math.inf:
         for share, is_stable in ((0.97, True), (1.03, False)):
             stronger = observed.model._replace(gain=share * margins.gain_up * observed.model.gain)
-            assert observed_margins(observed._replace(model=stronger)).stable == is_stable
+            assert output_feedback_margins(observed._replace(model=stronger)).stable == is_stable
 
 
 @pytest.mark.parametrize("observed", CASES[5:])
 @pytest.mark.parametrize(("down", "is_refused"), [(0.68, False), (0.72, True)])
 def test_a_course_unstable_boat_must_stay_steerable_with_seven_tenths_of_its_rudder(
-    observed: Observed, down: float, is_refused: bool
+    observed: OutputFeedbackLoop, down: float, is_refused: bool
 ) -> None:
-    gain = observed.model.gain * observed_margins(observed).gain_down / down
+    gain = observed.model.gain * output_feedback_margins(observed).gain_down / down
     nearer = observed._replace(model=observed.model._replace(gain=gain))
-    assert observed_margins(nearer).gain_down == pytest.approx(down, rel=1e-3)
+    assert output_feedback_margins(nearer).gain_down == pytest.approx(down, rel=1e-3)
     refusal = refusal_of(nearer)
     assert ("lost where its rudder is 30 % weaker than the model's" in refusal) is is_refused
     assert bool(refusal) is is_refused
@@ -202,7 +210,7 @@ def test_the_gain_range_is_searched_from_a_fiftieth_to_a_hundredfold(
         "autopilot.control.margins._holds",
         lambda _, __, factor, delay=0.0: down < factor < up and delay < late,
     )
-    found = observed_margins(CASES[0])
+    found = output_feedback_margins(CASES[0])
     assert found.stable
     assert (found.gain_down, found.gain_up, found.delay) == pytest.approx(wanted, rel=1e-6)
 
@@ -211,7 +219,7 @@ def test_the_pace_is_the_highest_frequency_at_which_the_loop_is_not_small(monkey
     scales: list[float] = []
     monkeypatch.setattr("autopilot.control.margins._delay", lambda _, scale: scales.append(scale))
     for observed in CASES:
-        observed_margins(observed)
+        output_feedback_margins(observed)
         pace = 1.0 / scales[-1]
         (inner, outer), (after, beyond) = loop_of(observed, pace), loop_of(observed, 1.07 * pace)
         assert abs(outer) >= 0.999 * abs(inner) and abs(beyond) < abs(after)
@@ -228,7 +236,7 @@ def test_the_pace_is_the_highest_frequency_at_which_the_loop_is_not_small(monkey
     ],
 )
 def test_only_a_course_unstable_boat_needs_a_rudder_to_spare(
-    monkeypatch: pytest.MonkeyPatch, observed: Observed, least: float, says: str
+    monkeypatch: pytest.MonkeyPatch, observed: OutputFeedbackLoop, least: float, says: str
 ) -> None:
     monkeypatch.setattr("autopilot.control.margins._holds", lambda _, __, factor, delay=0.0: least < factor)
     found = refusal_of(observed)
@@ -237,12 +245,12 @@ def test_only_a_course_unstable_boat_needs_a_rudder_to_spare(
 
 @pytest.mark.parametrize("observed", CASES)
 def test_the_curve_is_that_of_the_matrices_up_to_half_the_sampling_frequency(
-    monkeypatch: pytest.MonkeyPatch, observed: Observed
+    monkeypatch: pytest.MonkeyPatch, observed: OutputFeedbackLoop
 ) -> None:
     """160 frequencies from a thousandth of the slower of the boat's own pace and the highest one."""
     seen: list[Any] = []
     monkeypatch.setattr("autopilot.control.margins._crossover", lambda curve: [seen.append(curve), 1.0][1])
-    found = observed_margins(observed)
+    found = output_feedback_margins(observed)
     omegas, inner, outer = seen[0]
     high = 0.98 * math.pi / observed.steady.interval
     low = 1e-3 * min(1.0 / observed.model.time_constant, high)

@@ -13,13 +13,13 @@ from scipy.linalg import expm
 from autopilot.estimation import waves
 from autopilot.estimation.waves import (
     Sea,
-    believed,
+    filtered_share,
     frequency,
     in_balance,
     is_extreme,
     known,
     learn,
-    left_alone,
+    plausible_share,
     wave_step,
 )
 
@@ -95,20 +95,20 @@ def test_more_than_three_deviations_is_no_wave() -> None:
 
 @given(st.floats(0.0, 10.0), st.floats(0.01, 10.0))
 def test_quick_waves_are_left_alone_and_slow_ones_steered_against(w0: float, corner: float) -> None:
-    share = left_alone(w0, corner)
+    share = filtered_share(w0, corner)
     assert 0.0 <= share <= 1.0
-    assert left_alone(corner, corner) == 0.5
+    assert filtered_share(corner, corner) == 0.5
     if w0 > 1.5 * corner:
         assert share > 0.95
     if w0 < 0.67 * corner:
         assert share < 0.05
-    assert left_alone(w0, math.inf) == 0.0, "a trial goes by the heading as it is"
-    assert left_alone(w0, 0.0) == 1.0
+    assert filtered_share(w0, math.inf) == 0.0, "a trial goes by the heading as it is"
+    assert filtered_share(w0, 0.0) == 1.0
 
 
 @pytest.mark.parametrize("ratio", [0.5, 0.9, 1.1, 1.5, 3.0])
 def test_waves_are_parted_by_a_filter_of_the_eighth_order(ratio: float) -> None:
-    assert left_alone(0.7 * ratio, 0.7) == pytest.approx(1.0 / (1.0 + ratio**-8))
+    assert filtered_share(0.7 * ratio, 0.7) == pytest.approx(1.0 / (1.0 + ratio**-8))
 
 
 @pytest.mark.parametrize("w0", [0.5, 1.0, 3.0])
@@ -156,7 +156,7 @@ def test_swells_slower_than_waves_count_by_their_rate_and_noise_faster_by_its_he
 def test_of_a_swing_too_far_for_the_waves_the_rest_is_a_push(deviation: float, wave: float) -> None:
     """Three deviations and 0.3 degrees, as the root of their squares."""
     most = math.hypot(3.0 * deviation, math.radians(0.3))
-    share = believed(deviation, wave)
+    share = plausible_share(deviation, wave)
     assert 0.0 < share <= 1.0
     assert abs(share * wave) == pytest.approx(min(abs(wave), most))
     if abs(abs(wave) - most) > 1e-9:

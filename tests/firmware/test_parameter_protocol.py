@@ -78,8 +78,8 @@ def test_px4s_checksum_of_the_table_is_checked() -> None:
     name = next(iter(client.values))
     other = client.values[name]._replace(value=client.values[name].value + 1)
     assert table_hash(client.values.values()) != table_hash({**client.values, name: other}.values())
-    strange = other._replace(name="\N{REPLACEMENT CHARACTER}")
-    assert table_hash([strange]) != table_hash([other]), "a name that is none ends nothing"
+    misfit = other._replace(name="\N{REPLACEMENT CHARACTER}")
+    assert table_hash([misfit]) != table_hash([other]), "a name that is none ends nothing"
     assert "_HASH_CHECK" not in client.values
     plain = Download(Target(1, 1))
     converse(plain, ParameterVehicle(table_of(5, False)), *links(0.0), limit_s=20.0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 
 from autopilot.firmware.file import Wanted
-from autopilot.firmware.journal import Holds, Journal, carry_out, holds_side, look, put
+from autopilot.firmware.journal import Holds, Journal, carry_out, held_side, holds_side, put
 from autopilot.firmware.protocol import ParameterValue
 from autopilot.firmware.session import ParameterSession, Vehicle
 from autopilot.firmware.upload import Change, Upload
@@ -135,7 +135,7 @@ def test_a_cut_upload_is_made_whole_by_its_journal(
         assert vehicle.everything() == old
         return
     journal = Journal("f", "d", 1, "ardurover", "", "", tuple(kept[-1]))
-    holds = look(session(vehicle, loss), journal, quiet)
+    holds = held_side(session(vehicle, loss), journal, quiet)
     event(holds)
     before = vehicle.everything()
     if holds is not Holds.MIXED:
@@ -172,7 +172,7 @@ def test_power_lost_on_the_way_to_a_side_leaves_a_journal_that_still_leads_there
         cut.deliver()
     assert all(each.is_good for each in put(session(vehicle, loss), journal, side, quiet))
     assert vehicle.everything() == (old if side is Holds.OLD else new)
-    assert look(session(vehicle, loss), journal, quiet) in (side, Holds.NEW)
+    assert held_side(session(vehicle, loss), journal, quiet) in (side, Holds.NEW)
 
 
 def held(**values: float) -> dict[str, ParameterValue]:

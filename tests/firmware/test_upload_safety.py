@@ -145,7 +145,7 @@ def test_an_unknown_name_is_found_before_anything_is_set(
     assert served.vehicle.table["P1"][0] == 9.0
 
 
-def test_an_armed_vehicle_is_refused_unless_told(served: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_armed_vehicle_is_refused_unless_set(served: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:
     served.base_mode = dialect.MAV_MODE_FLAG_SAFETY_ARMED | 1
     with pytest.raises(RefusedError, match="is armed, or engaged, and parameters take effect at once; disarm"):
         call(served, "upload", write("new.parm", **ALL_NEW))

@@ -163,7 +163,7 @@ def test_somebody_else_reads_from_px4_just_now() -> None:
 
 
 @pytest.mark.parametrize(
-    ("uri", "told"),
+    ("uri", "expected"),
     [
         ("https://px4.invalid/general.json", "its address https://px4.invalid/general.json is none of MAVLink FTP"),
         ("mftp://[;comp=100]/general.json", "its address mftp://[;comp=100]/general.json is another component's"),
@@ -174,11 +174,11 @@ def test_somebody_else_reads_from_px4_just_now() -> None:
         ("mftp://nowhere", "its file /nowhere does not come"),
     ],
 )
-def test_an_address_that_leads_nowhere(uri: str, told: str) -> None:
+def test_an_address_that_leads_nowhere(uri: str, expected: str) -> None:
     vehicle = described()
     vehicle.uri = {397: uri}
     client, seconds = heard(vehicle)
-    assert told in client.trouble and client.trouble.isprintable()
+    assert expected in client.trouble and client.trouble.isprintable()
     assert client.marks == Marks() and client.is_offered and seconds < 1.0
 
 
@@ -214,17 +214,17 @@ WRONG_GENERAL = [
 ]
 
 
-@pytest.mark.parametrize(("content", "told"), WRONG_GENERAL, ids=range(len(WRONG_GENERAL)))
-def test_a_general_file_that_cannot_be_used(content: bytes, told: str) -> None:
+@pytest.mark.parametrize(("content", "expected"), WRONG_GENERAL, ids=range(len(WRONG_GENERAL)))
+def test_a_general_file_that_cannot_be_used(content: bytes, expected: str) -> None:
     vehicle = described()
     vehicle.ftp.files[GENERAL] = content
     client, _ = heard(vehicle, limit_s=200.0)
-    assert told in client.trouble and client.trouble.isprintable() and len(client.trouble) < 400
+    assert expected in client.trouble and client.trouble.isprintable() and len(client.trouble) < 400
     assert client.marks == Marks() and vehicle.ftp.open is None
 
 
 @pytest.mark.parametrize(
-    ("entry", "told"),
+    ("entry", "expected"),
     [
         (7, "'parameters' in its file is no list of objects"),
         ({}, "None is no name of a parameter"),
@@ -238,9 +238,9 @@ def test_a_general_file_that_cannot_be_used(content: bytes, told: str) -> None:
         ({"name": "A", "readOnly": {"volatile": True}}, "A: readOnly {"),
     ],
 )
-def test_a_description_with_one_wrong_entry_is_not_believed_at_all(entry: Any, told: str) -> None:
+def test_a_description_with_one_wrong_entry_is_not_believed_at_all(entry: Any, expected: str) -> None:
     client, _ = heard(described([{"name": "COM_HOURS", "volatile": True}, entry]))
-    assert told in client.trouble and client.trouble.isprintable()
+    assert expected in client.trouble and client.trouble.isprintable()
     assert client.marks == Marks()
 
 
@@ -379,9 +379,9 @@ def test_what_the_vehicle_marks_is_neither_written_back_nor_compared(
     px4: ServedVehicle, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert call(px4, "backup") == 0
-    told = capsys.readouterr()
-    assert "a restore leaves 3 to the firmware: moves by itself (COM_HOURS), read only (FUSE1_SET)" in told.out
-    assert "metadata" not in told.err and "table alone" not in told.err
+    printed = capsys.readouterr()
+    assert "a restore leaves 3 to the firmware: moves by itself (COM_HOURS), read only (FUSE1_SET)" in printed.out
+    assert "metadata" not in printed.err and "table alone" not in printed.err
     path = str(next(Path().glob("backup-*.yaml")))
     px4.vehicle.table["FUSE1_SET"][0], px4.vehicle.table["RO_SPEED_LIM"][0] = 2, 3.5
     px4.vehicle.table["CAL_MAG0_XOFF"][0] = 0.75
@@ -406,15 +406,15 @@ def test_a_journal_with_what_the_vehicle_marks_is_settled(px4: ServedVehicle) ->
 
 
 @pytest.mark.parametrize(
-    ("uri", "told"),
+    ("uri", "expected"),
     [
         ({}, "it offers no metadata"),
         ({397: "https://px4.invalid/general.json"}, "its address https://px4.invalid/general.json is none of MAVLink"),
         ({397: "mftp://nowhere"}, "its file /nowhere does not come"),
     ],
 )
-def test_a_px4_without_usable_metadata_is_told_of_in_one_line(
-    px4: ServedVehicle, uri: dict[int, str], told: str, capsys: pytest.CaptureFixture[str]
+def test_a_px4_without_usable_metadata_is_reported_in_one_line(
+    px4: ServedVehicle, uri: dict[int, str], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     px4.vehicle.uri = uri
     Path("mine.yaml").write_text(
@@ -424,12 +424,12 @@ def test_a_px4_without_usable_metadata_is_told_of_in_one_line(
     assert call(px4, "upload", "mine.yaml", "--no-backup") == 0
     output = capsys.readouterr()
     (line,) = (line for line in output.err.splitlines() if "move by themselves" in line)
-    assert told in line and line.endswith("the built-in table alone does.")
+    assert expected in line and line.endswith("the built-in table alone does.")
     assert "2 left to the firmware: moves by itself (LND_FLIGHT_T_LO), calibration (CAL_MAG0_XOFF)" in output.out
     assert sets(px4) == ["RO_SPEED_LIM"]
 
 
-def test_an_ardupilot_without_metadata_is_not_told_of(px4: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_ardupilot_without_metadata_is_not_reported(px4: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:
     px4.autopilot, px4.vehicle.bytewise, px4.vehicle.uri = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, False, {}
     Path("mine.parm").write_text("RO_SPEED_LIM 1.5\n")
     assert call(px4, "upload", "mine.parm", "--no-backup") == 0

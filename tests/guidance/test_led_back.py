@@ -9,16 +9,16 @@ import pytest
 from autopilot.angles import wrap
 from autopilot.guidance.turn import (
     AHEAD,
-    REPLAN,
-    REPLAN_SOON,
+    RESET_BEYOND,
+    RESET_BEYOND_EARLY,
     TurnLimits,
     VirtualBoat,
-    caught_up,
-    replan_beyond,
-    replanned,
+    advance,
+    relaxed,
+    reset_reference,
+    reset_threshold,
     stop_angle,
     turn_limits,
-    without_haste,
 )
 from autopilot.models.norrbin import Norrbin
 
@@ -27,7 +27,7 @@ TARGET = math.radians(170.0)
 
 
 def limits_of(model: Norrbin) -> TurnLimits:
-    return without_haste(turn_limits(model, math.radians(30.0), math.radians(2.5), 0.7))
+    return relaxed(turn_limits(model, math.radians(30.0), math.radians(2.5), 0.7))
 
 
 def on_the_way(left_deg: float, side: float = 1.0) -> VirtualBoat:
@@ -38,15 +38,15 @@ def on_the_way(left_deg: float, side: float = 1.0) -> VirtualBoat:
 
 def test_the_way_back_is_planned_only_after_a_saturated_rudder() -> None:
     limits = limits_of(COASTER)
-    assert replan_beyond(COASTER, limits, is_late=True, stuck=23.9) == math.inf
-    assert replan_beyond(COASTER, limits, is_late=True, stuck=24.1) == REPLAN_SOON
-    assert replan_beyond(COASTER, limits, is_late=False, stuck=0.0) == REPLAN
-    assert replan_beyond(UNSTABLE, limits_of(UNSTABLE), is_late=True, stuck=0.0) == REPLAN_SOON
+    assert reset_threshold(COASTER, limits, is_late=True, stuck=23.9) == math.inf
+    assert reset_threshold(COASTER, limits, is_late=True, stuck=24.1) == RESET_BEYOND_EARLY
+    assert reset_threshold(COASTER, limits, is_late=False, stuck=0.0) == RESET_BEYOND
+    assert reset_threshold(UNSTABLE, limits_of(UNSTABLE), is_late=True, stuck=0.0) == RESET_BEYOND_EARLY
 
 
 def test_a_rudder_of_unlimited_rate_is_no_longer_on_its_way_from_stop_to_stop() -> None:
     limits = turn_limits(COASTER, 0.5, math.inf, 0.7)
-    assert replan_beyond(COASTER, limits, is_late=True, stuck=0.1) == REPLAN_SOON
+    assert reset_threshold(COASTER, limits, is_late=True, stuck=0.1) == RESET_BEYOND_EARLY
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -54,14 +54,14 @@ def test_a_rudder_of_unlimited_rate_is_no_longer_on_its_way_from_stop_to_stop() 
 def test_a_boat_that_is_not_far_ahead_leaves_the_plan_alone(side: float, ahead_deg: float) -> None:
     boat = on_the_way(60.0, side)
     heading = wrap(boat.heading + side * math.radians(ahead_deg))
-    assert caught_up(COASTER, limits_of(COASTER), boat, heading, TARGET) == boat
+    assert advance(COASTER, limits_of(COASTER), boat, heading, TARGET) == boat
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_one_that_is_takes_it_along_at_its_own_rate(side: float) -> None:
     boat = on_the_way(60.0, side)
     heading = wrap(boat.heading + side * math.radians(9.0))
-    taken = caught_up(COASTER, limits_of(COASTER), boat, heading, TARGET)
+    taken = advance(COASTER, limits_of(COASTER), boat, heading, TARGET)
     assert wrap(heading - taken.heading) == pytest.approx(side * AHEAD)
     assert taken[1:] == boat[1:]
 
@@ -71,7 +71,7 @@ def test_one_that_is_takes_it_along_at_its_own_rate(side: float) -> None:
 def test_but_never_beyond_where_it_must_begin_to_stop(side: float, left_deg: float) -> None:
     limits, boat = limits_of(COASTER), on_the_way(left_deg, side)
     heading = wrap(TARGET + side * math.radians(6.0))
-    taken = caught_up(COASTER, limits, boat, heading, TARGET)
+    taken = advance(COASTER, limits, boat, heading, TARGET)
     left, stops = side * wrap(TARGET - taken.heading), side * stop_angle(COASTER, limits, taken.rate, taken.rudder)
     before = side * wrap(TARGET - boat.heading)
     assert left == pytest.approx(max(stops, side * wrap(TARGET - heading) + AHEAD) if stops < before else before)
@@ -79,16 +79,16 @@ def test_but_never_beyond_where_it_must_begin_to_stop(side: float, left_deg: flo
 
 def test_a_plan_at_rest_is_no_way_back() -> None:
     at_rest = VirtualBoat(TARGET, 1.0e-9)
-    assert caught_up(COASTER, limits_of(COASTER), at_rest, wrap(TARGET + 0.3), TARGET) == at_rest
+    assert advance(COASTER, limits_of(COASTER), at_rest, wrap(TARGET + 0.3), TARGET) == at_rest
 
 
 def test_a_plan_that_goes_with_a_course_unstable_boat_anyway_is_left_to_that() -> None:
     limits = turn_limits(UNSTABLE, math.radians(30.0), math.radians(5.0), 0.7)
     boat = on_the_way(60.0)
-    assert caught_up(UNSTABLE, limits, boat, wrap(boat.heading + 0.3), TARGET) == boat
+    assert advance(UNSTABLE, limits, boat, wrap(boat.heading + 0.3), TARGET) == boat
 
 
 def test_the_way_back_begins_with_the_rudder_as_it_is() -> None:
     limits = limits_of(COASTER)
-    assert replanned(COASTER, limits, 0.3, 0.01, -0.2) == VirtualBoat(0.3, 0.01, -0.2)
-    assert replanned(COASTER, limits, 0.3, -1.0, -0.9) == VirtualBoat(0.3, -limits.rate_max, -limits.rudder_max)
+    assert reset_reference(COASTER, limits, 0.3, 0.01, -0.2) == VirtualBoat(0.3, 0.01, -0.2)
+    assert reset_reference(COASTER, limits, 0.3, -1.0, -0.9) == VirtualBoat(0.3, -limits.rate_max, -limits.rudder_max)

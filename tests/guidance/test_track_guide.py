@@ -109,7 +109,7 @@ def test_a_missed_circle_ends_at_the_line_across_the_leg() -> None:
     assert boat.guide.target == 1
 
 
-def test_lost_positions_hold_the_course_are_told_and_found_again() -> None:
+def test_lost_positions_hold_the_course_are_reported_and_found_again() -> None:
     guide = following(waypoint(2000, 0))
     boat = Boat(guide, current=(0.0, 0.8))
     boat.sail(200.0)
@@ -128,7 +128,7 @@ def test_lost_positions_hold_the_course_are_told_and_found_again() -> None:
     assert abs(boat.sail(10.0)[-1]) < 3.0
 
 
-def test_without_any_position_the_present_heading_is_held_and_told() -> None:
+def test_without_any_position_the_present_heading_is_held_and_reported() -> None:
     guide = following(waypoint(2000, 0))
     assert guide.course(100.0, 1.0, SPEED) == 1.0
     assert guide.alarm is None
@@ -193,7 +193,7 @@ def test_a_gps_that_repeats_itself_under_way_is_lost() -> None:
     assert "position lost" in words(guide.alarm)
 
 
-def test_far_off_the_track_is_told_once_and_not_with_every_metre() -> None:
+def test_far_off_the_track_is_reported_once_and_not_with_every_metre() -> None:
     boat = Boat(following(waypoint(5000, 0)), current=(0.0, 4.5))
     said = []
     for _ in range(1000):

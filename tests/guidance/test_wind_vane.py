@@ -21,7 +21,7 @@ def blown(guide: WindGuide, bearing: float, heading: float, since: float, second
     now = since
     for step in range(round(2.0 * seconds) + 1):
         now = since + 0.5 * step
-        guide.hear(WindSample(now, wrap(bearing - heading), 8.0), heading)
+        guide.on_sample(WindSample(now, wrap(bearing - heading), 8.0), heading)
     return now
 
 
@@ -47,7 +47,7 @@ def test_the_boats_own_yaw_does_not_move_the_heading_ordered() -> None:
     assert guide.course(now, 0.2, 5.0) == pytest.approx(0.2)
     for step in range(40):
         now, heading = now + 0.25, 0.2 + 0.3 * math.sin(step)
-        guide.hear(WindSample(now, wrap(1.0 - heading), 8.0), heading)
+        guide.on_sample(WindSample(now, wrap(1.0 - heading), 8.0), heading)
         assert guide.course(now, heading, 5.0) == pytest.approx(0.2)
 
 
@@ -80,8 +80,8 @@ def test_a_lost_wind_leads_nobody_again_until_that_is_ordered() -> None:
 )
 def test_a_calm_and_what_is_not_finite_are_no_wind(sample: WindSample) -> None:
     guide = WindGuide()
-    guide.hear(sample, 0.0)
+    guide.on_sample(sample, 0.0)
     assert not guide.is_known(0.0)
-    guide.hear(WindSample(0.0, 1.0, 8.0), 0.0)
+    guide.on_sample(WindSample(0.0, 1.0, 8.0), 0.0)
     assert guide.is_known(0.0)
     assert not guide.is_known(FRESH_S + 0.1)

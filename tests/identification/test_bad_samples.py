@@ -38,7 +38,7 @@ def _with_spikes(table: Table, name: str, size: float) -> Table:
     ("name", "size"),
     [("heading_rad", 1.57), ("heading_rad", 3.1), ("yaw_rate_rad_s", 0.7), ("rudder_rad", 1.0), ("speed_m_s", 40.0)],
 )
-def test_spikes_are_left_out_told_and_change_nothing(name: str, size: float) -> None:
+def test_spikes_are_left_out_reported_and_change_nothing(name: str, size: float) -> None:
     run = run_of(_with_spikes(_recorded(), name, size), "spiky.csv")
     assert run.notes == (f"spiky.csv: 12 of 1200 {name} are left out as spikes.",)
     found = identify([run])

@@ -19,12 +19,12 @@ from autopilot.identification.norrbin_filter import (
     Separated,
     beliefs,
     covariance_of,
+    disturbance_intensity,
     entered,
-    gust_strength,
     passage,
     prior_about,
     segment_steps,
-    together_told,
+    stacked,
     yaw_case,
 )
 from autopilot.identification.registry import method_named
@@ -77,20 +77,20 @@ def test_separated_it_is_the_filter_with_parameters_as_states(clean: dict[str, F
     wide = prior_about(start, unit, True)
     near = Gaussian(wide.mean, 1.0e-4 * wide.covariance)
     here = passage(segment, start, (RATE_NOISE, HEADING_NOISE), unit, 24.0)
-    told = Separated(start, unit, True, noise.process).innovations(here)
-    estimates, covariance = beliefs(together_told([told]), near.mean, near)
+    innovations = Separated(start, unit, True, noise.process).innovations(here)
+    estimates, covariance = beliefs(stacked([innovations]), near.mean, near)
     case = entered(yaw_case(near, True), segment, start, noise, unit)
     joint = by_kalman_filter(case, segment_steps(segment, start, unit, 24.0)[0])
     deviation = np.sqrt(np.diag(covariance))
     assert np.all(np.abs(estimates[-1] - joint.estimate[-1]) < 0.05 * deviation)
     assert np.max(np.abs(estimates - joint.estimate) / joint.deviation) < 0.1
     np.testing.assert_allclose(covariance, joint.covariance, rtol=0.05, atol=0.002 * np.min(deviation) ** 2)
-    # what it told has the size it says
-    assert np.mean(np.square(told.value[told.value != 0.0])) == pytest.approx(1.0, abs=0.15)
+    # what it contributed has the size it says
+    assert np.mean(np.square(innovations.value[innovations.value != 0.0])) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize("process", [0.0, 3.0e-3])
-def test_the_strength_of_gusts_is_told_from_the_instruments_noise(process: float) -> None:
+def test_the_strength_of_gusts_is_distinguished_from_the_instruments_noise(process: float) -> None:
     random, dt = np.random.default_rng(4), 0.1
     table = np.empty((1500, 4))
     rate = heading = 0.0
@@ -104,7 +104,7 @@ def test_the_strength_of_gusts_is_told_from_the_instruments_noise(process: float
     columns = {**{name: table[:, i] for i, name in enumerate(names)}, "speed_m_s": np.full(1500, 5.0)}
     model, unit = Norrbin(0.2, 5.0 - 0.5 * dt, reference_speed=5.0), 0.05
     segment = run_from_columns("gusts", columns).segments[0]
-    found = gust_strength(model, unit, [passage(segment, model, (RATE_NOISE, HEADING_NOISE), unit)])
+    found = disturbance_intensity(model, unit, [passage(segment, model, (RATE_NOISE, HEADING_NOISE), unit)])
     if process:
         assert found == pytest.approx(process, rel=0.8)
     else:

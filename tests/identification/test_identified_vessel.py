@@ -27,10 +27,10 @@ STOP = Given(end_stop_deg=35.0)
 MODEL = Norrbin(0.7, 0.33, 3.2, n0=-0.01, reference_speed=5.0)
 
 
-def result(table: dict[str, np.ndarray] = TABLE, untold: str = "n3") -> Result:
+def result(table: dict[str, np.ndarray] = TABLE, unknown: str = "n3") -> Result:
     errors = {"gain": 0.01, "time_constant": 0.02, "n3": 0.3, "n1": None, "n0": 0.001}
     run = run_of(table, "folder/trial.csv")
-    found = Identified(MODEL, errors, {untold: f"{untold}: not told."}, (Noise(0.01, 0.5), Noise(0.02, 0.9)))
+    found = Identified(MODEL, errors, {unknown: f"{unknown}: not determined."}, (Noise(0.01, 0.5), Noise(0.02, 0.9)))
     return Result("norrbin", found, None, [(run, "fit", predict(MODEL, run))], rudder_rate=rudder_rate_of([run]))
 
 
@@ -161,20 +161,20 @@ def slewing(rate_deg_s: float, noise_deg: float, seed: int) -> Segment:
 
 def test_the_table_for_people_names_every_parameter_in_both_units() -> None:
     text = as_text(result())
-    for part in ("K ", "T ", "n3", "n0", "s^2/deg^2", "trial.csv", "fit", "n3: not told."):
+    for part in ("K ", "T ", "n3", "n0", "s^2/deg^2", "trial.csv", "fit", "n3: not determined."):
         assert part in text
     assert "held" in text  # n1 has no standard error
 
 
-@pytest.mark.parametrize("untold", ["K", "T"])
-def test_what_the_runs_do_not_determine_is_named_and_not_printed_or_written(tmp_path: Path, untold: str) -> None:
-    path, found = tmp_path / "boat.yaml", result(untold=untold)
-    with pytest.raises(InputError, match=f"boat.yaml is not written, for it needs K and T: {untold}: not told."):
+@pytest.mark.parametrize("unknown", ["K", "T"])
+def test_what_the_runs_do_not_determine_is_named_and_not_printed_or_written(tmp_path: Path, unknown: str) -> None:
+    path, found = tmp_path / "boat.yaml", result(unknown=unknown)
+    with pytest.raises(InputError, match=f"boat.yaml is not written, for it needs K and T: {unknown}: not determined."):
         written(path, found)
     assert not path.exists()
-    row = next(line for line in as_text(found).splitlines() if line.startswith(f"{untold} "))
-    assert "not determined" in row and f"{MODEL.gain if untold == 'K' else MODEL.time_constant:g} " not in row
-    told = json.loads(as_json(found))
-    assert told["parameters"][untold]["value"] is None
-    assert told["unidentifiable"] == [untold]
-    assert told["parameters"]["n3"]["value"] == MODEL.n3
+    row = next(line for line in as_text(found).splitlines() if line.startswith(f"{unknown} "))
+    assert "not determined" in row and f"{MODEL.gain if unknown == 'K' else MODEL.time_constant:g} " not in row
+    printed = json.loads(as_json(found))
+    assert printed["parameters"][unknown]["value"] is None
+    assert printed["unidentifiable"] == [unknown]
+    assert printed["parameters"]["n3"]["value"] == MODEL.n3

@@ -54,7 +54,7 @@ def test_the_real_boat_fitted_on_zigzags_predicts_its_turns(tmp_path: Path, caps
     assert fitted[2] >= 0.92
     assert len(held_out) == 2
     assert min(held_out) >= 0.8
-    # it cannot be told, and is never negative
+    # it cannot be determined, and is never negative
     assert found["parameters"]["n3"]["value"] >= 0.0
     assert "n3" in found["unidentifiable"]
     vessel = load_vessel(out)

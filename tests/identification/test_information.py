@@ -69,6 +69,6 @@ def test_the_fit_reaches_the_bound_and_its_intervals_cover_the_truth() -> None:
     for name in free:
         errors = np.array([getattr(fit.model, name) - getattr(truth, name) for fit in found])
         assert np.sqrt(np.mean(errors**2)) < 1.5 * bound[name]
-        told = np.array([fit.standard_errors[name] for fit in found], dtype=float)
-        assert np.mean(told) == pytest.approx(bound[name], rel=0.1)
-        assert np.count_nonzero(np.abs(errors) > 1.96 * told) <= 3
+        bounds = np.array([fit.standard_errors[name] for fit in found], dtype=float)
+        assert np.mean(bounds) == pytest.approx(bound[name], rel=0.1)
+        assert np.count_nonzero(np.abs(errors) > 1.96 * bounds) <= 3

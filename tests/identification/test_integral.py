@@ -244,7 +244,7 @@ def test_the_method_says_that_a_gentle_record_does_not_tell_n3() -> None:
     table = noisy(zigzag(math.radians(6.0), 60.0, 0.1), NOISE["rate"], NOISE["heading"], 3)
     found = IntegralMethod().identify([run_of(table)], Question())
     assert found.model.n3 == 0.0
-    assert "cannot be told from 0" in found.unidentifiable["n3"]
+    assert "cannot be distinguished from 0" in found.unidentifiable["n3"]
 
 
 def test_standard_errors_cover_the_truth() -> None:

@@ -1,4 +1,4 @@
-"""Model choice by what is foretold, n2, and trims of the runs' own, on boats that are known."""
+"""Model choice by what is predicted, n2, and trims of the runs' own, on boats that are known."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from zigzag_trials import noisy, run_of, zigzag
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification import model_choice
-from autopilot.identification.beside_rudder import CUBIC
 from autopilot.identification.identified import Identified, identified_from
 from autopilot.identification.identify import identify
 from autopilot.identification.model_choice import FORMS, Form, blocks, choose
+from autopilot.identification.model_extensions import CUBIC
 from autopilot.identification.output_error import solve
 from autopilot.identification.runs import FloatArray, Run
 from autopilot.models.norrbin import Norrbin, damping, folds, steady_rate
@@ -69,7 +69,7 @@ def test_n2_is_found_within_its_standard_error(asymmetric: list[Run]) -> None:
 def test_n2_of_a_symmetric_boat_is_left_out_with_the_reason() -> None:
     found = identify([run(1)], reference_speed=SPEED, quadratic=True)
     assert found.model.n2 == 0.0
-    assert "cannot be told from 0" in found.unidentifiable["n2"]
+    assert "cannot be distinguished from 0" in found.unidentifiable["n2"]
     assert "n2" not in found.free
 
 
@@ -99,9 +99,9 @@ def test_runs_in_other_winds_have_trims_of_their_own() -> None:
     assert own.model.n0 == pytest.approx(np.mean(n0s), abs=0.002)
     assert own.model.gain == pytest.approx(0.5, abs=3.0 * (own.standard_errors["gain"] or 0.0))
     assert own.noise[0].size < 0.5 * common.noise[0].size
-    # a run that was fitted is foretold with its own trim, another with their mean
-    assert (own.foretell(runs[0]).yaw_rate_r2 or 0.0) > 0.99
-    assert (own.foretell(runs[0]._replace(source="another")).yaw_rate_r2 or 0.0) < 0.99
+    # a run that was fitted is predicted with its own trim, another with their mean
+    assert (own.predict(runs[0]).yaw_rate_r2 or 0.0) > 0.99
+    assert (own.predict(runs[0]._replace(source="another")).yaw_rate_r2 or 0.0) < 0.99
 
 
 def test_one_run_alone_has_no_trim_of_its_own() -> None:
@@ -183,12 +183,12 @@ def test_the_command_prints_the_candidates_and_writes_n2(
     assert main(["identify", *logs, "--model", "auto", "--rudder-max-deg", "35", "--out", str(vessel)]) == 0
     said = capsys.readouterr().out
     assert "held-out R2" in said
-    assert "Chosen: norrbin-n2. Each of 2 runs was foretold" in said
+    assert "Chosen: norrbin-n2. Each of 2 runs was predicted" in said
     assert "n2_s_rad: 1." in vessel.read_text()
     assert main(["identify", *logs, "--model", "auto", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["model"] == "norrbin-n2"
-    assert [row["name"] for row in told["model_choice"]["candidates"]][:3] == list(few)
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["model"] == "norrbin-n2"
+    assert [row["name"] for row in printed["model_choice"]["candidates"]][:3] == list(few)
 
 
 @pytest.mark.parametrize(

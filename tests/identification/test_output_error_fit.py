@@ -243,7 +243,7 @@ def test_a_boat_quicker_than_its_samples_ends_in_a_sentence_and_not_in_ever_smal
     assert found.model.time_constant >= 0.02 * (1.0 - 1.0e-6)
 
 
-def test_a_time_constant_far_below_the_samples_is_not_told() -> None:
+def test_a_time_constant_far_below_the_samples_is_not_given() -> None:
     table = zigzag(np.radians(15.0), 60.0, 0.1, T=0.004, n3=0.0, rudder_rate=np.radians(60.0))
     found = identify([run_of(noisy(table, RATE_NOISE, HEADING_NOISE, 1))], "nomoto")
     assert (

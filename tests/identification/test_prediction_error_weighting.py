@@ -11,7 +11,7 @@ from autopilot.cli.main import main
 from autopilot.guidance.trials import zigzag_side
 from autopilot.identification.identify import identify
 from autopilot.identification.output_error import Weighting
-from autopilot.identification.residuals import Gusts, bridged, innovations
+from autopilot.identification.residuals import DisturbanceModel, bridged, innovations
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 
 RATE, HEADING = math.radians(0.1), math.radians(0.2)
@@ -66,7 +66,7 @@ def test_innovations_of_what_the_filter_assumes_are_white_and_of_size_one() -> N
         for _ in range(10):
             turned += 0.1 * dt * x
             x += 0.1 * dt * -x / memory + q * math.sqrt(0.1 * dt) * random.normal()
-    new = innovations(table, dt, Gusts(q, memory, 0.01, 0.005))[:, :, 0]
+    new = innovations(table, dt, DisturbanceModel(q, memory, 0.01, 0.005))[:, :, 0]
     for channel in range(2):
         assert np.std(new[:, channel]) == pytest.approx(1.0, rel=0.03)
         assert abs(np.corrcoef(new[1:, channel], new[:-1, channel])[0, 1]) < 0.03
@@ -76,7 +76,7 @@ def test_innovations_of_what_the_filter_assumes_are_white_and_of_size_one() -> N
 def test_a_channel_that_is_not_measured_counts_for_nothing() -> None:
     table = np.full((50, 2, 2), np.nan)
     table[:, 0] = np.random.default_rng(2).normal(size=(50, 2))
-    new = innovations(bridged(table), 0.1, Gusts(0.1, 3.0, 0.1, math.inf))
+    new = innovations(bridged(table), 0.1, DisturbanceModel(0.1, 3.0, 0.1, math.inf))
     assert np.all(new[:, 1] == 0.0)
     assert np.isfinite(new).all() and np.any(new[:, 0] != 0.0)
 

@@ -61,7 +61,7 @@ def without(run: Run, *names: str) -> Run:
     return run._replace(segments=tuple(s._replace(**dict.fromkeys(names, nothing)) for s in run.segments))
 
 
-def test_race_and_wind_are_recovered_and_foretell_another_trial() -> None:
+def test_race_and_wind_are_recovered_and_predict_another_trial() -> None:
     runs = [trial(seed, propeller, L2, 4.0e-4) for seed, propeller in enumerate((8.0, 12.0, 16.0))]
     found = identify(runs, reference_speed=U0)
     assert found.around is not None and not found.around.drifts
@@ -71,10 +71,10 @@ def test_race_and_wind_are_recovered_and_foretell_another_trial() -> None:
     still = U0**2 + L2 * found.around.reference_propeller**2
     assert found.model.gain / found.model.time_constant == pytest.approx(0.01 * still / (U0**2 + L2 * N0**2), rel=0.05)
     other = trial(9, 14.0, L2, 4.0e-4, angle=-0.25)
-    score = found.foretell(other).yaw_rate_r2
+    score = found.predict(other).yaw_rate_r2
     assert score is not None and score > 0.95
     assert found.plain is not None
-    alone = found.foretell(without(other, "propeller", "beam_wind", "quarter_wind")).yaw_rate_r2
+    alone = found.predict(without(other, "propeller", "beam_wind", "quarter_wind")).yaw_rate_r2
     assert alone is not None and alone < score
 
 
@@ -82,7 +82,7 @@ def test_what_is_not_there_is_not_found() -> None:
     runs = [trial(seed, propeller, 0.0, 0.0) for seed, propeller in enumerate((8.0, 12.0, 16.0))]
     found = identify(runs, reference_speed=U0)
     if found.around is not None:
-        # noise may leave a trace that is told from zero, but never one that matters
+        # noise may leave a trace that is distinguished from zero, but never one that matters
         assert found.around.race * N0**2 < 0.1 * U0**2
         assert abs(found.around.wind_beam) < 2.0e-5
     else:
@@ -110,8 +110,8 @@ def test_drift_is_found_where_the_boat_slides_and_what_steers_is_what_it_comes_t
     assert found.around.drift == pytest.approx(found.model.time_constant * U0 * 8.0 * U0 * 0.07, rel=0.3)
     assert found.around.drift_time == pytest.approx(8.0, rel=0.5)
     other = trial(9, 14.0, L2, 4.0e-4, angle=-0.25, slide=0.07)
-    rigid = identify(runs, "nomoto", U0).foretell(other).yaw_rate_r2
-    score = found.foretell(other).yaw_rate_r2
+    rigid = identify(runs, "nomoto", U0).predict(other).yaw_rate_r2
+    score = found.predict(other).yaw_rate_r2
     assert score is not None and rigid is not None and score > 0.97 > rigid
     steering, errors = steering_model(found), steering_errors(found)
     left = 1.0 - found.around.drift
@@ -136,15 +136,13 @@ def test_a_race_of_revolutions_that_nobody_recorded_is_found() -> None:
     found = identify(runs, reference_speed=U0)
     assert found.around is not None
     assert found.around.steady_race == pytest.approx(L2 * 10.0**2, rel=0.3)
-    score = found.foretell(
-        without(trial(9, 10.0, L2, 0.0, -0.25), "propeller", "beam_wind", "quarter_wind")
-    ).yaw_rate_r2
+    score = found.predict(without(trial(9, 10.0, L2, 0.0, -0.25), "propeller", "beam_wind", "quarter_wind")).yaw_rate_r2
     assert score is not None and score > 0.97
 
 
 @pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason="the recordings are not part of the project")
 @pytest.mark.parametrize(("left_out", "least"), [("turn_14-Sep", 0.94), ("13_50_28", 0.93)])
-def test_on_a_real_ship_propeller_and_wind_foretell_what_was_not_fitted(left_out: str, least: float) -> None:
+def test_on_a_real_ship_propeller_and_wind_predict_what_was_not_fitted(left_out: str, least: float) -> None:
     """A turn from all other runs; without propeller and wind R2 is 0.87 to 0.94 there."""
     from autopilot.logs.reading import load_run
 
@@ -163,5 +161,5 @@ def test_on_a_real_ship_propeller_and_wind_foretell_what_was_not_fitted(left_out
     found = identify([load_run(str(path), columns) for path in paths if path != unseen])
     assert found.around is not None and found.around.race > 0.0 and found.model.n3 > 0.0
     assert found.around.drifts
-    score = found.foretell(load_run(str(unseen), columns)).yaw_rate_r2
+    score = found.predict(load_run(str(unseen), columns)).yaw_rate_r2
     assert score is not None and score > least

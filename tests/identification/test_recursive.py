@@ -36,7 +36,7 @@ def test_both_filters_reach_the_parameters(name: str, reach: tuple[float, ...]) 
     """Two seeds within four times the figures that the median of twenty keeps: benchmarks/results/zheng2019.md."""
     scenario = SCENARIOS[name]
     errors: dict[str, list[np.ndarray]] = {"ekf": [], "fpf": []}
-    surprise = []
+    normalised = []
     for seed in range(FRESH, FRESH + 2):
         random = np.random.default_rng(seed)
         case, trial, _ = simulate_scenario(scenario, random)
@@ -45,13 +45,13 @@ def test_both_filters_reach_the_parameters(name: str, reach: tuple[float, ...]) 
         particles = by_particle_filter(case, steps, 200, random)
         errors["ekf"].append(relative_errors(kalman, name))
         errors["fpf"].append(relative_errors(particles, name))
-        surprise.append(normalised_error(kalman, np.array(scenario.truth)))
+        normalised.append(normalised_error(kalman, np.array(scenario.truth)))
         # both say the same of the same record: they differ by far less than they are unsure
         difference = np.abs(kalman.estimate[-1] - particles.estimate[-1])
         assert np.all(difference < 1.5 * kalman.deviation[-1])
     for method, values in errors.items():
         assert np.all(np.mean(np.abs(values), axis=0) < 4.0 * np.array(reach)), method
-    assert 0.05 < np.mean(surprise) < 3.0
+    assert 0.05 < np.mean(normalised) < 3.0
 
 
 def test_the_batch_fit_and_the_filter_agree_and_neither_is_surer_than_the_bound() -> None:
@@ -77,7 +77,7 @@ def test_six_hundred_seconds_of_a_ship_with_realistic_damping_tell_it() -> None:
     assert unidentified(case, found.deviation[-1]) == ()
 
 
-def test_two_thrusters_that_always_push_alike_are_not_told_apart() -> None:
+def test_two_thrusters_that_always_push_alike_are_not_distinguished() -> None:
     random = np.random.default_rng(FRESH)
     scenario = SCENARIOS["S2"]
     together = np.repeat(scenario.thrust[:, :1], 2, axis=1)

@@ -49,7 +49,7 @@ def test_play_follows_within_the_dead_band_and_only_when_pushed(dead_band: float
     assert np.allclose(np.abs(there[moved] - path[moved]), dead_band)
 
 
-def told_late(lag: float, seed: int) -> dict[str, FloatArray]:
+def commanded_late(lag: float, seed: int) -> dict[str, FloatArray]:
     """A zigzag of which the record holds the orders of a gear with a lag, not the rudder."""
     table = noisy(zigzag(np.radians(15.0), 60.0, 0.1, T=1.0), RATE, HEADING, seed)
     fine = zigzag(np.radians(15.0), 60.0, 0.005, T=1.0)
@@ -59,7 +59,7 @@ def told_late(lag: float, seed: int) -> dict[str, FloatArray]:
 
 
 def test_a_lag_that_the_record_does_not_show_is_found() -> None:
-    run = run_of(told_late(0.3, 1))
+    run = run_of(commanded_late(0.3, 1))
     without = identify([run], reference_speed=5.0)
     found = identify([run], reference_speed=5.0, rudder_train=("lag",))
     error = found.standard_errors["lag"]
@@ -73,7 +73,7 @@ def test_what_is_not_there_is_left_out_with_the_reason() -> None:
     run = run_of(noisy(zigzag(np.radians(15.0), 60.0, 0.1), RATE, HEADING, 3))
     found = identify([run], reference_speed=5.0, rudder_train=("delay", "lag"))
     assert found.train == DIRECT
-    assert "cannot be told from 0" in found.unidentifiable["lag"]
+    assert "cannot be distinguished from 0" in found.unidentifiable["lag"]
     assert found.model == identify([run], reference_speed=5.0).model
 
 

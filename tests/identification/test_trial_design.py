@@ -1,4 +1,4 @@
-"""A designed trial stays in its water when it is sailed, tells what was foretold, and is no worse with more room."""
+"""A designed trial stays in its water when it is sailed, tells what was predicted, and is no worse with more room."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_the_best_of_each_kind_comes_best_first(found: list[Design]) -> None:
 
 
 @pytest.mark.parametrize("kind", ["zigzag", "turning", "prbs"])
-def test_the_command_sails_it_inside_the_water_and_tells_what_was_foretold(found: list[Design], kind: str) -> None:
+def test_the_command_sails_it_inside_the_water_and_tells_what_was_predicted(found: list[Design], kind: str) -> None:
     from autopilot.cli.trial_design import _command
 
     design = next(one for one in found if one.candidate.kind == kind)
@@ -87,9 +87,9 @@ def test_the_command_sails_it_inside_the_water_and_tells_what_was_foretold(found
         "rudder_rad": np.array([tick.state.rudder for tick in ticks[::2]]),
         "speed_m_s": np.full(len(ticks[::2]), 2.5),
     }
-    told = cramer_rao([run_from_columns("sailed", columns)], BOAT.model, ("gain", "time_constant", "n3", "n0"), NOISE)
+    bound = cramer_rao([run_from_columns("sailed", columns)], BOAT.model, ("gain", "time_constant", "n3", "n0"), NOISE)
     for name in ("gain", "time_constant", "n3"):
-        assert told[name] == pytest.approx(design.errors[name], rel=0.35)
+        assert bound[name] == pytest.approx(design.errors[name], rel=0.35)
 
 
 def test_more_water_or_time_tells_no_less() -> None:
@@ -134,13 +134,13 @@ def test_a_circle_takes_its_diameter() -> None:
 
 def test_the_command_prints_what_to_sail(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["trial", "design", "lanxin", "--water", "110x80", "--time", "25", "--json", "--rate-hz", "5"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert {design["kind"] for design in told["designs"]} == {"zigzag", "turning", "prbs"}
-    assert all(0.0 < design["standard_errors"]["gain"] < 0.1 for design in told["designs"])
+    printed = json.loads(capsys.readouterr().out)
+    assert {design["kind"] for design in printed["designs"]} == {"zigzag", "turning", "prbs"}
+    assert all(0.0 < design["standard_errors"]["gain"] < 0.1 for design in printed["designs"])
 
 
 @pytest.mark.parametrize(
-    ("changed", "code", "told"),
+    ("changed", "code", "expected"),
     [
         ({"--water": "300"}, 2, "write length and width in metres"),
         ({"--water": "300x-2"}, 2, "write length and width in metres"),
@@ -151,13 +151,13 @@ def test_the_command_prints_what_to_sail(capsys: pytest.CaptureFixture[str]) -> 
     ],
 )
 def test_what_cannot_be_designed_is_one_sentence(
-    changed: dict[str, str], code: int, told: str, capsys: pytest.CaptureFixture[str]
+    changed: dict[str, str], code: int, expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = {"--water": "150x100", "--time": "40", "--rate-hz": "5", **changed}
     assert main(["trial", "design", "lanxin", *(f"{name}={value}" for name, value in options.items())]) == code
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1
-    assert told in said[0]
+    assert expected in said[0]
 
 
 @pytest.mark.parametrize(
@@ -167,22 +167,22 @@ def test_what_cannot_be_designed_is_one_sentence(
         (Candidate("prbs", math.radians(10.0), 4.0), ["--rudder-deg=10", "--hold=4"]),
     ],
 )
-def test_what_a_trial_is_foretold_to_tell_is_what_its_design_says(candidate: Candidate, options: list[str]) -> None:
-    from autopilot.cli.trial_foretold import foretold, sailed
+def test_what_a_trial_is_predicted_to_tell_is_what_its_design_says(candidate: Candidate, options: list[str]) -> None:
+    from autopilot.cli.trial_prediction import predicted_accuracy, sailed
 
     arguments = build_parser().parse_args(["trial", candidate.kind, "lanxin", "--duration=90", *options])
     design = design_of(BOAT._replace(spacing=0.1), Water(2000.0, 2000.0, 90.0), candidate)
     assert design is not None
     first, second = (TrialScript(steps_of(arguments, 30.0, model_of(VESSEL))) for _ in range(2))
-    told = cramer_rao([sailed(first, VESSEL)], BOAT.model, tuple(design.errors), NOISE)
-    assert told == pytest.approx(design.errors, rel=0.01)
+    bound = cramer_rao([sailed(first, VESSEL)], BOAT.model, tuple(design.errors), NOISE)
+    assert bound == pytest.approx(design.errors, rel=0.01)
     quiet = replace(VESSEL, sensors=replace(VESSEL.sensors, rate_noise_deg_s=0.1, heading_noise_deg=0.2))
-    said = foretold(second, quiet)
-    assert f"K to {100.0 * told['gain'] / 0.2:.2g} %, T to {100.0 * told['time_constant'] / 5.0:.2g} %" in said
+    said = predicted_accuracy(second, quiet)
+    assert f"K to {100.0 * bound['gain'] / 0.2:.2g} %, T to {100.0 * bound['time_constant'] / 5.0:.2g} %" in said
     assert "It takes 90 s" in said
 
 
-def test_a_trial_without_end_is_foretold_to_its_limit(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_trial_without_end_is_predicted_to_its_limit(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["trial", "turning-circle", "lanxin", "--foretell", "--turn-deg", "180", "--side", "port"]) == 0
     whole = capsys.readouterr().out
     assert "before its time" not in whole

@@ -270,12 +270,12 @@ def test_the_command_shows_each_measure_beside_its_criterion(
     rudder = math.radians(10.0)
     path = write(tmp_path / "zigzag.csv", sailed(Helm(rudder, rudder), 100.0))
     assert main(["log", "measures", path, "--length-m", "45"]) == 0
-    told = capsys.readouterr().out
-    assert "dead reckoning" in told
-    assert "Zigzag 10.0 deg/10." in told
-    assert "criterion 12.5 deg (L/V 15.0 s)" in told
-    assert "criterion 28.8 deg" in told
-    assert "made for ships of 100 m and more" in told
+    printed = capsys.readouterr().out
+    assert "dead reckoning" in printed
+    assert "Zigzag 10.0 deg/10." in printed
+    assert "criterion 12.5 deg (L/V 15.0 s)" in printed
+    assert "criterion 28.8 deg" in printed
+    assert "made for ships of 100 m and more" in printed
     turn = write(tmp_path / "circle.csv", circle(math.radians(35.0)))
     assert main(["log", "measures", turn, "--length-m", "45", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -63,10 +63,10 @@ from mavsdk import System
     await asyncio.sleep(0.5)
     await metadata.request_autopilot_component()
     update = await asyncio.wait_for(asked, 60)
-    told = [update.type.name, update.json_metadata]
+    named = [update.type.name, update.json_metadata]
     values = {p.name: p.value for p in (*listed.float_params, *listed.int_params)}
     seen = {"heading_deg": heading_deg, "yaw_deg": yaw_deg, "values": values, "k2": k2, "armed": armed}
-    print(json.dumps({**seen, "metadata": told}))
+    print(json.dumps({**seen, "metadata": named}))
 
 asyncio.run(main())
 """

@@ -65,4 +65,4 @@ def test_the_boat_is_identified_from_what_mavproxy_recorded(tmp_path: Path) -> N
     found, ours = identify([run], "nomoto"), identify([load_run(str(own))], "nomoto")
     assert found.model.gain == pytest.approx(ours.model.gain, rel=0.1)
     assert found.model.time_constant == pytest.approx(ours.model.time_constant, rel=0.2)
-    assert found.foretell(run).yaw_rate_r2 > 0.9
+    assert found.predict(run).yaw_rate_r2 > 0.9

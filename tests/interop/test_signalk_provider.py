@@ -188,7 +188,9 @@ def test_alarms_are_acknowledged_on_board_from_signal_k(tmp_path: Path) -> None:
 
     def on_board() -> bool:
         with contextlib.suppress(InputError, OSError):
-            return any(AlarmState.ACKNOWLEDGED in tick.heard for tick in read_log(tmp_path / "run.tlog").ticks[-20:])
+            return any(
+                AlarmState.ACKNOWLEDGED in tick.alarm_states for tick in read_log(tmp_path / "run.tlog").ticks[-20:]
+            )
         return False
 
     with (

@@ -16,8 +16,8 @@ from alarm_texts import words
 from boat_at_sea import STEP
 from hypothesis import given
 from hypothesis import strategies as st
+from monitored_boat import Watched
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from watched_boat import Watched
 
 from autopilot.files.strict_yaml import parse_document
 from autopilot.guidance.track import TrackGuide
@@ -93,14 +93,14 @@ class Bench:
         server = ParameterServer(self.store)
         self.boat = BoatLink(self.near, self.commands, server, access=self.policy.link())
 
-    def say(self, now: float, *messages: Any, system: int = 255) -> None:
+    def send_text(self, now: float, *messages: Any, system: int = 255) -> None:
         codec = MavlinkCodec(system, 190)
         for message in messages:
             self.far.send(codec.encode(message))
         self.boat.receive(now)
 
     def texts(self, now: float) -> list[str]:
-        self.boat.keep(now)
+        self.boat.poll(now)
         read = MavlinkCodec()
         messages = [message for data in self.far.receive() for message in read.decode(data)]
         return [message.text for message in messages if message.get_type() == "STATUSTEXT"]
@@ -108,31 +108,31 @@ class Bench:
 
 def test_only_the_systems_that_are_allowed_are_obeyed() -> None:
     bench = Bench(AccessRules(systems=frozenset({255, 254})))
-    bench.say(0.0, ARM, TUNE, system=77)
+    bench.send_text(0.0, ARM, TUNE, system=77)
     assert not bench.commands.armed and not bench.store.written
     assert bench.policy.refused == {"from system ids not allowed": 2}
     assert [text for text in bench.texts(0.1) if "system id that is not allowed" in text]
     assert "2 from system ids not allowed" in bench.policy.summary
-    bench.say(1.0, ARM, TUNE, system=254)
+    bench.send_text(1.0, ARM, TUNE, system=254)
     assert bench.commands.armed and bench.store.written == 1
 
 
 def test_writes_and_commands_have_a_rate_and_what_frees_the_rudder_has_none() -> None:
     bench = Bench(AccessRules(commands_hz=2.0, writes_hz=5.0))
-    bench.say(0.0, *[TUNE] * 90)
+    bench.send_text(0.0, *[TUNE] * 90)
     assert bench.store.written == 20  # four seconds' worth at once
-    bench.say(1.0, *[TUNE] * 90)
+    bench.send_text(1.0, *[TUNE] * 90)
     assert bench.store.written == 25
     assert bench.policy.refused["writes too many"] == 70 + 85
     assert any("parameter writes beyond 5 a second" in text for text in bench.texts(1.1))
-    bench.say(10.0, *[ARM] * 50)
+    bench.send_text(10.0, *[ARM] * 50)
     assert bench.policy.refused["commands too many"] == 42
     released = bench.hand.released
-    bench.say(10.0, DISARM)
+    bench.send_text(10.0, DISARM)
     assert not bench.commands.armed and bench.hand.released == released + 1
-    bench.say(10.0, ARM)
+    bench.send_text(10.0, ARM)
     assert not bench.commands.armed
-    bench.say(10.0, dialect.MAVLink_set_mode_message(1, 1, 0))
+    bench.send_text(10.0, dialect.MAVLink_set_mode_message(1, 1, 0))
     assert bench.hand.released == released + 2
 
 
@@ -145,7 +145,7 @@ def test_a_flood_is_cut_off_unseen_and_wakes_nobody_until_the_next_tick(monkeypa
     bench.boat.receive(0.0)
     assert len(bench.boat.take_packets()) <= BYTES_AT_ONCE / 21
     assert bench.boat.fileno() == -1
-    bench.boat.tell(0.05, Mode.STANDBY, ())
+    bench.boat.publish_status(0.05, Mode.STANDBY, ())
     assert bench.boat.fileno() == 7
     assert any("beyond what one link may bring" in reason for reason in bench.policy.refused)
 
@@ -347,7 +347,7 @@ class Wired:
                     station.send(codec.encode(message or STATION_BEAT))
             self.now += 0.05
             self.samples += self.boat.receive(self.now)
-            self.boat.keep(self.now)
+            self.boat.poll(self.now)
 
     def alarms(self) -> list[tuple[str, bool]]:
         return [(sample.name, sample.present) for sample in self.samples]
@@ -369,7 +369,7 @@ def heard(station: Any) -> list[str]:
 
 
 @pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
-def test_a_station_that_starts_again_from_another_port_is_heard_and_told_of(tcp: bool) -> None:
+def test_a_station_that_starts_again_from_another_port_is_heard_and_reported(tcp: bool) -> None:
     boat = Wired(tcp=tcp)
     first = boat.station()
     boat.run(10.0, first)
@@ -387,7 +387,7 @@ def test_a_station_that_starts_again_from_another_port_is_heard_and_told_of(tcp:
 
 
 @pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
-def test_a_station_that_only_listens_is_told_of_the_boat_until_another_comes(tcp: bool) -> None:
+def test_a_station_that_only_listens_hears_of_the_boat_until_another_comes(tcp: bool) -> None:
     boat = Wired(tcp=tcp)
     quiet = boat.station()
     boat.run(0.5, quiet)
@@ -498,7 +498,7 @@ def ordered(now: float, kind: OrderKind, event: AlarmEvent | None = None, state:
         *(1, now, (), Order(kind, 0.7), state_of_boat, Reference(0.7), 0.0, RudderCommand(now, 0.0, engaged)),
         Mode.ENGAGED if engaged else Mode.STANDBY,
         () if event is None else (event,),
-        heard=() if state is None else (state,),
+        alarm_states=() if state is None else (state,),
     )
 
 
@@ -525,7 +525,7 @@ def test_without_a_key_another_machine_gives_no_order_and_hears_why_once() -> No
         for _ in range(10):
             now += 0.1
             boat.receive(now)
-            boat.keep(now)
+            boat.poll(now)
         answers = [each for data in far.receive() for each in MavlinkCodec().decode(data)]
         texts += [each.text for each in answers if each.get_type() == "STATUSTEXT"]
         (answer,) = [each for each in answers if each.get_type() not in ("STATUSTEXT", "HEARTBEAT", "SYS_STATUS")]
@@ -558,16 +558,16 @@ def test_without_a_key_another_machine_gives_no_order_and_hears_why_once() -> No
 def test_without_a_key_another_machine_may_let_the_pilot_stand_by_and_everybody_hears_who(message: Any) -> None:
     boat, far, commands, _ = lan_boat()
     boat._transport.peer = ("192.0.2.9", 50312)
-    boat.show(ordered(0.0, HEADING))
+    boat.publish_tick(ordered(0.0, HEADING))
     far.send(MavlinkCodec(255, 190).encode(message))
     (said,) = boat.receive(0.1)
     assert commands._helmsman.released == 1
     assert words(said.event) == (
         "a ground station without a key has let the pilot stand by (system 255 at 192.0.2.9:50312): steer by hand"
     )
-    boat.show(ordered(0.2, STANDBY, said.event, AlarmState.SOUNDING))
+    boat.publish_tick(ordered(0.2, STANDBY, said.event, AlarmState.SOUNDING))
     assert boat.receive(31.0) == [], "nobody has acknowledged it"
-    boat.show(ordered(31.1, STANDBY, said.event._replace(is_escalated=True), AlarmState.ACKNOWLEDGED))
+    boat.publish_tick(ordered(31.1, STANDBY, said.event._replace(is_escalated=True), AlarmState.ACKNOWLEDGED))
     assert [sample.event for sample in boat.receive(31.2)] == [None]
 
 
@@ -579,7 +579,7 @@ def test_where_nothing_is_steered_there_is_nothing_that_another_machine_may_end(
 ) -> None:
     boat, far, commands, _ = lan_boat()
     commands.armed = armed
-    boat.show(ordered(0.0, STANDBY))
+    boat.publish_tick(ordered(0.0, STANDBY))
     far.send(MavlinkCodec(255, 190).encode(message))
     assert boat.receive(0.1) == []
     assert commands._helmsman.released == 0 and commands.armed is armed, "the skipper may be about to engage"
@@ -597,16 +597,16 @@ def test_a_release_in_two_orders_disarms_too_and_sounds_until_it_is_acknowledged
         assert [each.result for each in acknowledged(lan.far)] == [dialect.MAV_RESULT_ACCEPTED]
     assert not sea.commands.armed
     sea.watch(40.0)
-    (alarm,) = sea.station.alarms.shown
+    (alarm,) = sea.station.alarms.active
     assert alarm["name"] == "station_stopped" and alarm["sounds"] and "system 255" in alarm["words"]
     assert sea.order(do="acknowledge") == (True, "")
     sea.watch(6.0)
-    assert sea.station.alarms.shown == []
+    assert sea.station.alarms.active == []
 
 
 def test_a_mode_that_is_none_of_ours_stops_nobody() -> None:
     boat, far, commands, _ = lan_boat()
-    boat.show(ordered(0.0, HEADING))
+    boat.publish_tick(ordered(0.0, HEADING))
     for message in (
         dialect.MAVLink_command_long_message(1, 1, 176, 0, 0.0, *[0] * 6),
         dialect.MAVLink_command_long_message(1, 1, 176, 0, float("nan"), *[0] * 6),
@@ -622,7 +622,7 @@ def test_who_has_engaged_anew_is_not_stopped_again_so_soon() -> None:
     hand, station = commands._helmsman, MavlinkCodec(255, 190)
 
     def asks(now: float, kind: OrderKind) -> list[str]:
-        boat.show(ordered(now, kind))
+        boat.publish_tick(ordered(now, kind))
         for message in (dialect.MAVLink_set_mode_message(1, 1, 0), DISARM):
             far.send(station.encode(message))
         samples = boat.receive(now)
@@ -634,7 +634,7 @@ def test_who_has_engaged_anew_is_not_stopped_again_so_soon() -> None:
     assert asks(10.0, HEADING) == ["stop_refused"] and hand.released == 2
     assert {each.result for each in acknowledged(far)} == {dialect.MAV_RESULT_DENIED}
     for now in range(11, 20):
-        boat.keep(float(now))
+        boat.poll(float(now))
     texts = [each.text for data in far.receive() for each in MavlinkCodec().decode(data) if "text" in each.to_dict()]
     assert "the skipper has engaged again" in "".join(texts)
     assert asks(69.9, HEADING) == [] and hand.released == 2, "it is on already"
@@ -682,7 +682,7 @@ def test_strangers_who_order_a_stop_in_every_turn_do_not_keep_the_skipper_from_s
         tick = sea.tick
         assert tick is not None
         engaged += tick.mode is Mode.ENGAGED
-        named |= {event.name for event, state in zip(tick.alarms, tick.heard, strict=True) if event.detail}
+        named |= {event.name for event, state in zip(tick.alarms, tick.alarm_states, strict=True) if event.detail}
         if turn % 20 == 10 and tick.mode is not Mode.ENGAGED:
             asked_of(sea.station, {"do": "engage"})(sea.now, lambda taken, words: None)
     assert engaged * STEP > 90.0, f"{engaged * STEP:.0f} s of 100 s"
@@ -709,7 +709,7 @@ def test_without_a_key_another_machine_sees_everything() -> None:
     ):
         far.send(station.encode(message))
         boat.receive(0.1)
-        boat.keep(0.1)
+        boat.poll(0.1)
     for data in far.receive():
         for each in MavlinkCodec().decode(data):
             kinds.add(each.get_type())
@@ -766,8 +766,10 @@ def test_the_terminal_says_that_a_served_link_takes_no_order(
     serial = f"serial:{os.ttyname(slave)}:57600"
     urls = ("udpin:0.0.0.0:0", "udpin:127.0.0.1:0", serial)
     links = stations_at(urls, load_vessel("lanxin"), tmp_path)
-    told = capsys.readouterr().err
-    assert told.count("give no orders: no signing key is set") == 2 and f"--serve {serial}: whoever is there" in told
+    printed = capsys.readouterr().err
+    assert (
+        printed.count("give no orders: no signing key is set") == 2 and f"--serve {serial}: whoever is there" in printed
+    )
     assert [link.takes_orders for link in links if isinstance(link, BoatLink)] == [False, True, False]
     for link in links:
         link.close()
@@ -853,10 +855,10 @@ def test_a_station_is_silent_after_more_than_five_seconds() -> None:
     now, forgotten = -1.0, list[float]()
     transport.forget_peer = lambda: forgotten.append(now)  # type: ignore[method-assign]
     presence, said = Presence(transport), []
-    presence.heard(-1.0, is_heartbeat=True)
+    presence.on_packet(-1.0, is_heartbeat=True)
     presence.update(-1.0)
     forgotten.clear()
-    presence.heard(0.0, is_heartbeat=False)
+    presence.on_packet(0.0, is_heartbeat=False)
     for now in (5.0, 5.001):
         said += presence.update(now)
     assert forgotten == [5.001] and [sample.time for sample in said] == [5.001]

@@ -40,7 +40,7 @@ def rung(*sirens: tuple[Siren, int]) -> list[int]:
     for siren, eighths in sirens:
         for _ in range(eighths):
             before = terminal.tell()
-            bell.show(tick(0.125 * step, siren))
+            bell.publish_tick(tick(0.125 * step, siren))
             times += [step] * (terminal.tell() - before)
             step += 1
     assert set(terminal.getvalue()) <= {"\a"}
@@ -61,42 +61,42 @@ def test_a_terminal_that_is_gone_rings_no_more_and_stops_nothing() -> None:
     bell = Bell(terminal)
     terminal.close()
     for step in range(9):
-        bell.show(tick(float(step), Siren.ESCALATED))
+        bell.publish_tick(tick(float(step), Siren.ESCALATED))
 
 
 def test_the_output_file_is_1_while_an_alarm_sounds(tmp_path: Path) -> None:
     path = tmp_path / "value"
     output = SwitchFile(path)
     for siren, text in ((Siren.QUIET, "0\n"), (Siren.SOUNDING, "1\n"), (Siren.ESCALATED, "1\n"), (Siren.QUIET, "0\n")):
-        output.show(tick(0.0, siren))
+        output.publish_tick(tick(0.0, siren))
         assert path.read_text() == text
     path.write_text("?")
-    output.show(tick(0.0, Siren.QUIET))
+    output.publish_tick(tick(0.0, Siren.QUIET))
     assert path.read_text() == "?", "only a change is written"
-    output.show(tick(0.0, Siren.SOUNDING))
+    output.publish_tick(tick(0.0, Siren.SOUNDING))
     output.close()
     assert path.read_text() == "0\n"
     assert output.receive(0.0) == []
     broken = SwitchFile(tmp_path / "none" / "value")
-    broken.show(tick(0.0, Siren.SOUNDING))
+    broken.publish_tick(tick(0.0, Siren.SOUNDING))
     (alarm,) = broken.receive(3.0)
     assert isinstance(alarm, AlarmSample)
     assert (alarm.time, alarm.source) == (3.0, f"alarm output {tmp_path / 'none' / 'value'}")
     assert words(alarm.event).startswith("the alarm output cannot be written (")
     assert broken.receive(4.0) == []
     (tmp_path / "none").mkdir()
-    broken.show(tick(5.0, Siren.QUIET))
+    broken.publish_tick(tick(5.0, Siren.QUIET))
     assert [words(sample.event) for sample in broken.receive(5.0)] == [""]  # type: ignore[union-attr]
 
 
 def test_an_acknowledgement_is_passed_on_once() -> None:
     class Skipper:
-        heard = True
+        has_acknowledged = True
 
     skipper = Skipper()
     link = Acknowledgements(skipper)
     assert link.receive(2.0) == [AcknowledgeSample(2.0, "", "skipper")]
-    assert link.receive(3.0) == [] and not skipper.heard
+    assert link.receive(3.0) == [] and not skipper.has_acknowledged
 
 
 def test_what_a_guide_says_is_passed_on_when_it_changes() -> None:
@@ -118,7 +118,7 @@ def sounded(sounder: VehicleSounder, *sirens: tuple[Siren, float]) -> list[tuple
     for siren, seconds in sirens:
         for _ in range(round(4 * seconds)):
             now = 0.25 * step
-            sounder.show(tick(now, siren))
+            sounder.publish_tick(tick(now, siren))
             found += [(now, message) for message in sounder.due(now, 7)]
             step += 1
     return found
@@ -149,9 +149,9 @@ def sent(texts: StatusTexts, seconds: float, start: float = 0.0) -> list[tuple[f
 
 def test_a_text_leaves_in_pieces_of_fifty_a_fifth_of_a_second_apart() -> None:
     texts = StatusTexts()
-    texts.say(0.0, 4, "a" * 50)
-    texts.say(0.0, 3, "b" * 50 + "c" * 50 + "d")
-    texts.say(0.0, 2, "e" * 51)
+    texts.send_text(0.0, 4, "a" * 50)
+    texts.send_text(0.0, 3, "b" * 50 + "c" * 50 + "d")
+    texts.send_text(0.0, 2, "e" * 51)
     found = sent(texts, 3.0)
     assert [now for now, _ in found] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0], abs=0.06)
     assert [(text.severity, text.text, text.id, text.chunk_seq) for _, text in found] == [
@@ -168,7 +168,7 @@ def test_a_text_leaves_in_pieces_of_fifty_a_fifth_of_a_second_apart() -> None:
 def test_a_fifth_of_a_second_to_the_bit_is_enough_between_two_texts() -> None:
     texts = StatusTexts()
     for text in "ab":
-        texts.say(0.0, 4, text)
+        texts.send_text(0.0, 4, text)
     assert [len(texts.due(now)) for now in (0.0, 0.1999, 0.2)] == [1, 0, 1]
 
 
@@ -176,7 +176,7 @@ def test_the_same_text_is_said_again_after_ten_seconds() -> None:
     texts = StatusTexts()
     said = []
     for now, text in ((0.0, "a"), (9.9, "a"), (10.0, "a"), (19.9, "a"), (19.95, "b"), (19.99, "a")):
-        texts.say(now, 4, text)
+        texts.send_text(now, 4, text)
         said += [(now, text.text) for _, text in sent(texts, 0.05, now)]
     assert said == [(0.0, "a"), (10.0, "a"), (19.95, "b")], "the last waits for its turn"
     assert [text.text for _, text in sent(texts, 1.0, 21.0)] == ["a"]
@@ -184,14 +184,14 @@ def test_the_same_text_is_said_again_after_ten_seconds() -> None:
 
 def test_of_more_than_forty_pieces_the_newest_are_dropped() -> None:
     texts = StatusTexts()
-    texts.say(0.0, 4, "")
+    texts.send_text(0.0, 4, "")
     assert texts.dropped == 0 and sent(texts, 1.0) == []
     for number in range(39):
-        texts.say(0.0, 4, f"{number}")
-    texts.say(0.0, 4, "x" * 51)
+        texts.send_text(0.0, 4, f"{number}")
+    texts.send_text(0.0, 4, "x" * 51)
     assert texts.dropped == 1
-    texts.say(0.0, 4, "last")
-    texts.say(0.0, 4, "too many")
+    texts.send_text(0.0, 4, "last")
+    texts.send_text(0.0, 4, "too many")
     assert texts.dropped == 2
     assert [text.text for _, text in sent(texts, 20.0, 1.0)] == [*map(str, range(39)), "last"]
 
@@ -200,7 +200,7 @@ def test_the_id_of_a_text_in_pieces_is_never_0() -> None:
     texts = StatusTexts()
     texts._identity = 65534
     for number in range(3):
-        texts.say(0.0, 4, f"{number}" * 60)
+        texts.send_text(0.0, 4, f"{number}" * 60)
     assert [text.id for _, text in sent(texts, 5.0)] == [65535, 65535, 1, 1, 2, 2]
 
 

@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.main import main
-from autopilot.links.arrivals import HeardTransport, sentence_names
+from autopilot.links.arrivals import RecordingTransport, sentence_names
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import open_transport
@@ -73,7 +73,7 @@ def test_what_arrived_over_udp_is_described_in_parts(
     port: tuple[int, socket.socket], scheme: str, data: bytes, parts: list[str]
 ) -> None:
     number, sender = port
-    line = HeardTransport(open_transport(f"{scheme}:127.0.0.1:{number}"), "nmea" if "nmea" in scheme else "mavlink")
+    line = RecordingTransport(open_transport(f"{scheme}:127.0.0.1:{number}"), "nmea" if "nmea" in scheme else "mavlink")
     if data:
         sender.send(data)
     time.sleep(0.05)
@@ -95,7 +95,7 @@ def test_what_arrived_over_udp_is_described_in_parts(
 def test_over_a_serial_line(scheme: str, data: bytes, part: str) -> None:
     ours, theirs = pty.openpty()
     url = f"{scheme}:{os.ttyname(theirs)}:4800"
-    line = HeardTransport(open_transport(url), "mavlink" if scheme == "serial" else "nmea")
+    line = RecordingTransport(open_transport(url), "mavlink" if scheme == "serial" else "nmea")
     os.write(ours, data)
     line.receive()
     assert part.format(url) in line.words
@@ -107,7 +107,7 @@ def test_over_a_serial_line(scheme: str, data: bytes, part: str) -> None:
 def test_a_connection_has_no_baud_rate_and_no_wiring() -> None:
     near, far = loopback_pair()
     near.is_stream = True
-    line = HeardTransport(near, "nmea")
+    line = RecordingTransport(near, "nmea")
     assert "wiring" not in line.words
     far.send(b"\xf0\x83\x00\xfe" * 50)
     line.receive()
@@ -116,7 +116,7 @@ def test_a_connection_has_no_baud_rate_and_no_wiring() -> None:
 
 def test_no_more_than_a_beginning_is_kept() -> None:
     near, far = loopback_pair()
-    line = HeardTransport(near, "nmea")
+    line = RecordingTransport(near, "nmea")
     for _ in range(100):
         far.send(bytes(1000))
         assert line.receive() == [bytes(1000)]
@@ -155,7 +155,7 @@ def test_one_sentence_is_text_where_nothing_else_begins_like_one_and_two_are_any
 
 def test_eight_names_are_listed_the_commonest_first() -> None:
     near, far = loopback_pair()
-    heard = HeardTransport(near, "nmea")
+    heard = RecordingTransport(near, "nmea")
     for number in range(9):
         far.send(b"".join(sentence(f"GPAA{chr(65 + number)},1") for _ in range(20 - number)))
     heard.receive()

@@ -32,7 +32,7 @@ class Run:
 
 
 class Hand:
-    """Writes down what was ordered; refuses what it is told to."""
+    """Writes down what was ordered; refuses what it is ordered to."""
 
     def __init__(self) -> None:
         self.orders: list[tuple[Any, ...]] = []
@@ -84,7 +84,7 @@ STANDBY = tick(Mode.STANDBY)
 ITEMS = tuple(MissionItem(3, 16, (0.0, 0.0, 0.0, 0.0), 10_000 * number, 10_000, 0.0) for number in range(1, 4))
 
 
-class Desk:
+class Service:
     """Commands with a helmsman who writes down, a route of three places and a position."""
 
     def __init__(self, armed: bool = True, tuner: bool = True, position: bool = True, magnetic: bool = False) -> None:
@@ -104,33 +104,33 @@ class Desk:
 
 
 def test_arming_and_disarming() -> None:
-    desk = Desk(armed=False)
-    assert desk.give(ARM, 1.0) == ACCEPTED and desk.commands.armed and desk.hand.orders == []
-    assert desk.give(ARM, 2.0) == UNSUPPORTED and desk.commands.armed
-    assert desk.give(ARM, 0.0) == ACCEPTED and not desk.commands.armed
-    assert desk.hand.orders == [("stand_by",)]
-    assert desk.give(ARM, -1.0) == desk.give(ARM, math.nan) == desk.give(ARM, 0.5) == UNSUPPORTED
+    service = Service(armed=False)
+    assert service.give(ARM, 1.0) == ACCEPTED and service.commands.armed and service.hand.orders == []
+    assert service.give(ARM, 2.0) == UNSUPPORTED and service.commands.armed
+    assert service.give(ARM, 0.0) == ACCEPTED and not service.commands.armed
+    assert service.hand.orders == [("stand_by",)]
+    assert service.give(ARM, -1.0) == service.give(ARM, math.nan) == service.give(ARM, 0.5) == UNSUPPORTED
 
 
 @pytest.mark.parametrize("at", [None, STANDBY, tick(Mode.OVERRIDE), tick(Mode.FAILSAFE), tick(kind=OrderKind.RUDDER)])
 def test_the_heading_mode_engages_where_none_is_steered(at: Tick | None) -> None:
-    desk = Desk()
-    assert desk.give(SET_MODE, 1.0, 15.0, at=at) == ACCEPTED
-    assert desk.hand.orders == [("engage", None)]
+    service = Service()
+    assert service.give(SET_MODE, 1.0, 15.0, at=at) == ACCEPTED
+    assert service.hand.orders == [("engage", None)]
 
 
 def test_the_heading_mode_keeps_the_heading_that_is_steered() -> None:
-    desk = Desk()
-    assert desk.give(SET_MODE, 1.0, 15.0, at=tick()) == ACCEPTED
-    assert desk.hand.orders == []
-    assert desk.give(SET_MODE, 1.0, 15.0, at=tick(is_led=True)) == ACCEPTED
-    assert desk.hand.orders == [("turn_to", 0.5)], "a pattern or the wind"
-    desk.guide.follow([Waypoint(0.1, 0.1)])
-    assert desk.give(SET_MODE, 1.0, 15.0, at=tick(is_led=True)) == ACCEPTED
-    assert desk.hand.orders == [("turn_to", 0.5)], "going to a place belongs to the mode"
-    desk.mission.follow()
-    assert desk.give(SET_MODE, 1.0, 15.0, at=tick()) == ACCEPTED
-    assert desk.hand.orders == [("turn_to", 0.5)] * 2
+    service = Service()
+    assert service.give(SET_MODE, 1.0, 15.0, at=tick()) == ACCEPTED
+    assert service.hand.orders == []
+    assert service.give(SET_MODE, 1.0, 15.0, at=tick(is_led=True)) == ACCEPTED
+    assert service.hand.orders == [("turn_to", 0.5)], "a pattern or the wind"
+    service.guide.follow([Waypoint(0.1, 0.1)])
+    assert service.give(SET_MODE, 1.0, 15.0, at=tick(is_led=True)) == ACCEPTED
+    assert service.hand.orders == [("turn_to", 0.5)], "going to a place belongs to the mode"
+    service.mission.follow()
+    assert service.give(SET_MODE, 1.0, 15.0, at=tick()) == ACCEPTED
+    assert service.hand.orders == [("turn_to", 0.5)] * 2
 
 
 @pytest.mark.parametrize(
@@ -146,52 +146,52 @@ def test_the_heading_mode_keeps_the_heading_that_is_steered() -> None:
     ],
 )
 def test_modes_that_are_none(values: tuple[float, ...], result: int, says: str) -> None:
-    desk = Desk()
-    assert desk.give(SET_MODE, *values) == result
-    assert (desk.said, desk.hand.orders) == (says, [])
+    service = Service()
+    assert service.give(SET_MODE, *values) == result
+    assert (service.said, service.hand.orders) == (says, [])
 
 
 def test_standby_is_taken_unarmed_and_other_modes_are_not() -> None:
-    desk = Desk(armed=False)
-    assert desk.give(SET_MODE, 1.0, 0.0) == ACCEPTED
-    assert desk.hand.orders == [("stand_by",)]
+    service = Service(armed=False)
+    assert service.give(SET_MODE, 1.0, 0.0) == ACCEPTED
+    assert service.hand.orders == [("stand_by",)]
     for at in (None, STANDBY):
         for mode in (15.0, 10.0):
-            assert (desk.give(SET_MODE, 1.0, mode, at=at), desk.said) == (REJECTED, "arm first")
-    assert desk.give(SET_MODE, 1.0, 10.0, at=tick()) == ACCEPTED, "engaged from the terminal is armed"
-    assert desk.said == "", "the refusal before is not said again"
+            assert (service.give(SET_MODE, 1.0, mode, at=at), service.said) == (REJECTED, "arm first")
+    assert service.give(SET_MODE, 1.0, 10.0, at=tick()) == ACCEPTED, "engaged from the terminal is armed"
+    assert service.said == "", "the refusal before is not said again"
 
 
 def test_the_track_mode_follows_the_route_once() -> None:
-    desk = Desk()
-    assert desk.give(SET_STANDARD_MODE, 6.0) == ACCEPTED
-    assert desk.hand.orders == [("hand_to_track",)] and desk.mission.is_followed
-    assert desk.give(SET_MODE, 1.0, 10.0, at=tick()) == ACCEPTED
-    assert len(desk.hand.orders) == 1, "already there"
-    assert desk.give(SET_MODE, 1.0, 10.0, at=STANDBY) == ACCEPTED
-    assert len(desk.hand.orders) == 2, "not engaged any more"
-    assert desk.give(SET_STANDARD_MODE, 1.0) == UNSUPPORTED
+    service = Service()
+    assert service.give(SET_STANDARD_MODE, 6.0) == ACCEPTED
+    assert service.hand.orders == [("hand_to_track",)] and service.mission.is_followed
+    assert service.give(SET_MODE, 1.0, 10.0, at=tick()) == ACCEPTED
+    assert len(service.hand.orders) == 1, "already there"
+    assert service.give(SET_MODE, 1.0, 10.0, at=STANDBY) == ACCEPTED
+    assert len(service.hand.orders) == 2, "not engaged any more"
+    assert service.give(SET_STANDARD_MODE, 1.0) == UNSUPPORTED
 
 
 @pytest.mark.parametrize(
-    ("desk", "at", "says"),
+    ("service", "at", "says"),
     [
-        (Desk(position=False), STANDBY, "no position: check the GPS and its link"),
-        (Desk(), None, "no position: check the GPS and its link"),
-        (Desk(magnetic=True), STANDBY, "courses are magnetic"),
+        (Service(position=False), STANDBY, "no position: check the GPS and its link"),
+        (Service(), None, "no position: check the GPS and its link"),
+        (Service(magnetic=True), STANDBY, "courses are magnetic"),
     ],
 )
-def test_a_route_that_cannot_be_followed(desk: Desk, at: Tick | None, says: str) -> None:
+def test_a_route_that_cannot_be_followed(service: Service, at: Tick | None, says: str) -> None:
     for command, values in ((SET_MODE, (1.0, 10.0)), (MISSION_START, (0.0, 0.0))):
-        assert desk.give(command, *values, at=at) == REJECTED
-        assert says in desk.said and desk.hand.orders == []
+        assert service.give(command, *values, at=at) == REJECTED
+        assert says in service.said and service.hand.orders == []
 
 
 @pytest.mark.parametrize(("first", "last"), [(0.0, 0.0), (1.0, 0.0), (2.0, 2.0), (1.0, 2.0)])
 def test_a_mission_starts_at_an_item_and_goes_to_its_end(first: float, last: float) -> None:
-    desk = Desk()
-    assert desk.give(MISSION_START, first, last) == ACCEPTED
-    assert desk.mission.is_followed and desk.mission.current == desk.guide.target == int(first)
+    service = Service()
+    assert service.give(MISSION_START, first, last) == ACCEPTED
+    assert service.mission.is_followed and service.mission.current == service.guide.target == int(first)
 
 
 @pytest.mark.parametrize(
@@ -206,19 +206,19 @@ def test_a_mission_starts_at_an_item_and_goes_to_its_end(first: float, last: flo
     ],
 )
 def test_missions_that_do_not_start(armed: bool, values: tuple[float, ...], result: int, says: str) -> None:
-    desk = Desk(armed)
-    assert (desk.give(MISSION_START, *values), desk.said) == (result, says)
-    assert not desk.mission.is_followed
+    service = Service(armed)
+    assert (service.give(MISSION_START, *values), service.said) == (result, says)
+    assert not service.mission.is_followed
 
 
 def test_the_current_item_is_set_and_minus_one_leaves_it() -> None:
-    desk = Desk()
-    assert desk.give(SET_CURRENT, 2.0) == ACCEPTED and desk.mission.current == 2
-    assert desk.give(SET_CURRENT, -1.0) == ACCEPTED and desk.mission.current == 2
+    service = Service()
+    assert service.give(SET_CURRENT, 2.0) == ACCEPTED and service.mission.current == 2
+    assert service.give(SET_CURRENT, -1.0) == ACCEPTED and service.mission.current == 2
     for number, named in ((3.0, "3"), (-2.0, "-2"), (0.5, "0.5"), (math.nan, "nan"), (math.inf, "inf")):
-        assert desk.give(SET_CURRENT, number) == DENIED
-        assert desk.said == f"there is no waypoint {named} in a route of 3"
-    assert desk.mission.current == 2
+        assert service.give(SET_CURRENT, number) == DENIED
+        assert service.said == f"there is no waypoint {named} in a route of 3"
+    assert service.mission.current == 2
 
 
 @pytest.mark.parametrize(
@@ -235,44 +235,44 @@ def test_the_current_item_is_set_and_minus_one_leaves_it() -> None:
     ],
 )
 def test_a_yaw_is_absolute_or_from_the_heading_ordered(values: tuple[float, ...], heading_deg: float) -> None:
-    desk = Desk()
-    assert desk.give(YAW, *values, at=tick()) == ACCEPTED
-    assert desk.hand.orders == [("turn_to", pytest.approx(heading_deg * DEG))]
+    service = Service()
+    assert service.give(YAW, *values, at=tick()) == ACCEPTED
+    assert service.hand.orders == [("turn_to", pytest.approx(heading_deg * DEG))]
 
 
 @pytest.mark.parametrize("command", [YAW, CHANGE_HEADING])
 @pytest.mark.parametrize("at", [None, STANDBY, tick(Mode.OVERRIDE), tick(kind=OrderKind.RUDDER)])
 def test_a_heading_is_changed_only_while_one_is_steered(command: int, at: Tick | None) -> None:
-    desk = Desk()
+    service = Service()
     values = (90.0,) if command == YAW else (1.0, 90.0)
-    assert desk.give(command, *values, at=at) == REJECTED
-    assert desk.said == "not engaged: arm and set mode GUIDED first" and desk.hand.orders == []
+    assert service.give(command, *values, at=at) == REJECTED
+    assert service.said == "not engaged: arm and set mode GUIDED first" and service.hand.orders == []
 
 
 @pytest.mark.parametrize("values", [(math.nan,), (math.inf,), (10.0, 0.0, 0.0, 0.5), (10.0, 0.0, 0.0, 2.0)])
 def test_a_yaw_of_no_sense_is_denied(values: tuple[float, ...]) -> None:
-    desk = Desk()
-    assert desk.give(YAW, *values, at=tick()) == DENIED and desk.hand.orders == []
+    service = Service()
+    assert service.give(YAW, *values, at=tick()) == DENIED and service.hand.orders == []
 
 
 def test_a_relative_yaw_needs_a_heading() -> None:
-    desk, at = Desk(), tick()
+    service, at = Service(), tick()
     nameless = at._replace(order=at.order._replace(heading=math.nan))
     for each in (None, nameless):
-        assert desk.give(YAW, 10.0, 0.0, 1.0, 1.0, at=each) == REJECTED
-        assert desk.said == "no heading is being steered yet"
-    assert desk.give(YAW, 10.0, at=nameless) == ACCEPTED, "an absolute one does not"
+        assert service.give(YAW, 10.0, 0.0, 1.0, 1.0, at=each) == REJECTED
+        assert service.said == "no heading is being steered yet"
+    assert service.give(YAW, 10.0, at=nameless) == ACCEPTED, "an absolute one does not"
 
 
 def test_a_heading_is_of_type_1() -> None:
-    desk = Desk()
-    assert desk.give(CHANGE_HEADING, 1.0, 190.0, at=tick()) == ACCEPTED
-    assert desk.hand.orders == [("turn_to", pytest.approx(-170.0 * DEG))]
-    assert desk.give(CHANGE_HEADING, 0.0, 90.0, at=tick()) == UNSUPPORTED
-    assert desk.said == "a course over the ground cannot be steered; give a heading (type 1)"
+    service = Service()
+    assert service.give(CHANGE_HEADING, 1.0, 190.0, at=tick()) == ACCEPTED
+    assert service.hand.orders == [("turn_to", pytest.approx(-170.0 * DEG))]
+    assert service.give(CHANGE_HEADING, 0.0, 90.0, at=tick()) == UNSUPPORTED
+    assert service.said == "a course over the ground cannot be steered; give a heading (type 1)"
     for values in ((2.0, 90.0), (1.0, math.nan), (-1.0, 90.0), (1.0, math.inf)):
-        assert desk.give(CHANGE_HEADING, *values, at=tick()) == DENIED
-    assert len(desk.hand.orders) == 1
+        assert service.give(CHANGE_HEADING, *values, at=tick()) == DENIED
+    assert len(service.hand.orders) == 1
 
 
 # going to a place: speed, flags, radius, yaw, latitude, longitude, altitude
@@ -282,12 +282,12 @@ def test_a_heading_is_of_type_1() -> None:
     ("radius", "within"), [(25.0, 25.0), (0.5, 0.5), (0.0, math.nan), (-5.0, math.nan), (math.inf, math.nan)]
 )
 def test_a_place_is_gone_to_within_its_radius(radius: float, within: float) -> None:
-    desk = Desk()
-    assert desk.give(REPOSITION, -1.0, 0.0, radius, 0.0, 45.0, -120.0, at=tick()) == ACCEPTED
-    assert desk.hand.orders == [("hand_to_track",)]
-    (place,) = desk.guide.route
+    service = Service()
+    assert service.give(REPOSITION, -1.0, 0.0, radius, 0.0, 45.0, -120.0, at=tick()) == ACCEPTED
+    assert service.hand.orders == [("hand_to_track",)]
+    (place,) = service.guide.route
     assert place == (pytest.approx(45.0 * DEG), pytest.approx(-120.0 * DEG), pytest.approx(within, nan_ok=True))
-    assert desk.guide.following and not desk.mission.is_followed
+    assert service.guide.following and not service.mission.is_followed
 
 
 @pytest.mark.parametrize(
@@ -307,17 +307,17 @@ def test_a_place_is_gone_to_within_its_radius(radius: float, within: float) -> N
     ],
 )
 def test_a_place_lies_on_the_map_up_to_85_degrees(latitude: float, longitude: float, result: int) -> None:
-    desk = Desk()
-    assert desk.give(REPOSITION, -1.0, 0.0, 0.0, 0.0, latitude, longitude, at=tick()) == result
+    service = Service()
+    assert service.give(REPOSITION, -1.0, 0.0, 0.0, 0.0, latitude, longitude, at=tick()) == result
     says = "give a latitude of up to 85 and a longitude of up to 180 degrees"
-    assert desk.said == ("" if result == ACCEPTED else says)
+    assert service.said == ("" if result == ACCEPTED else says)
 
 
 @pytest.mark.parametrize(("speed", "result"), [(-1.0, 0), (0.0, 0), (math.nan, 0), (0.1, 3), (1.0, 3), (5.0, 3)])
 def test_the_speed_is_not_ours(speed: float, result: int) -> None:
-    desk = Desk()
-    assert desk.give(REPOSITION, speed, 0.0, 0.0, 0.0, 1.0, 1.0, at=tick()) == result
-    assert desk.said == ("" if result == ACCEPTED else "the speed is not ours to set: leave it at -1")
+    service = Service()
+    assert service.give(REPOSITION, speed, 0.0, 0.0, 0.0, 1.0, 1.0, at=tick()) == result
+    assert service.said == ("" if result == ACCEPTED else "the speed is not ours to set: leave it at -1")
 
 
 @pytest.mark.parametrize(
@@ -338,32 +338,32 @@ def test_the_speed_is_not_ours(speed: float, result: int) -> None:
 def test_who_is_not_engaged_goes_to_a_place_with_the_flag_and_armed(
     armed: bool, at: Tick, flags: float, result: int
 ) -> None:
-    desk = Desk(armed)
-    assert desk.give(REPOSITION, -1.0, flags, 0.0, 0.0, 1.0, 1.0, at=at) == result
-    assert desk.said == (
+    service = Service(armed)
+    assert service.give(REPOSITION, -1.0, flags, 0.0, 0.0, 1.0, 1.0, at=at) == result
+    assert service.said == (
         "" if result == ACCEPTED else "not engaged: arm, and set mode GUIDED or the flag that changes it"
     )
-    assert bool(desk.hand.orders) is (result == ACCEPTED)
+    assert bool(service.hand.orders) is (result == ACCEPTED)
 
 
 def test_a_route_is_left_for_a_place_with_the_flag() -> None:
-    desk = Desk()
-    desk.mission.follow()
-    assert desk.give(REPOSITION, -1.0, 0.0, 0.0, 0.0, 1.0, 1.0, at=tick()) == REJECTED
-    assert desk.said == "a route is followed: set mode GUIDED first, or the flag that changes it"
-    assert desk.mission.is_followed
-    assert desk.give(REPOSITION, -1.0, 1.0, 0.0, 0.0, 1.0, 1.0, at=tick()) == ACCEPTED
-    assert not desk.mission.is_followed
+    service = Service()
+    service.mission.follow()
+    assert service.give(REPOSITION, -1.0, 0.0, 0.0, 0.0, 1.0, 1.0, at=tick()) == REJECTED
+    assert service.said == "a route is followed: set mode GUIDED first, or the flag that changes it"
+    assert service.mission.is_followed
+    assert service.give(REPOSITION, -1.0, 1.0, 0.0, 0.0, 1.0, 1.0, at=tick()) == ACCEPTED
+    assert not service.mission.is_followed
 
 
 def test_a_place_needs_a_position_and_true_courses() -> None:
-    for desk, at, result, says in (
-        (Desk(position=False), tick(), REJECTED, "no position: check the GPS and its link"),
-        (Desk(), None, REJECTED, "no position: check the GPS and its link"),
-        (Desk(magnetic=True), tick(), DENIED, "courses are magnetic"),
+    for service, at, result, says in (
+        (Service(position=False), tick(), REJECTED, "no position: check the GPS and its link"),
+        (Service(), None, REJECTED, "no position: check the GPS and its link"),
+        (Service(magnetic=True), tick(), DENIED, "courses are magnetic"),
     ):
-        assert desk.give(REPOSITION, -1.0, 1.0, 0.0, 0.0, 1.0, 1.0, at=at) == result
-        assert says in desk.said and desk.hand.orders == []
+        assert service.give(REPOSITION, -1.0, 1.0, 0.0, 0.0, 1.0, 1.0, at=at) == result
+        assert says in service.said and service.hand.orders == []
 
 
 # what takes a while
@@ -377,51 +377,51 @@ def test_a_place_needs_a_position_and_true_courses() -> None:
     ],
 )
 def test_a_trial_is_begun_said_again_and_let_end(command: int, values: tuple[float, ...], order: Any) -> None:
-    desk = Desk()
-    assert desk.give(command, *values) == IN_PROGRESS
-    assert desk.hand.orders == [order]
-    assert desk.give(command, *values) == IN_PROGRESS, "our answer was lost"
-    assert len(desk.hand.orders) == 1
+    service = Service()
+    assert service.give(command, *values) == IN_PROGRESS
+    assert service.hand.orders == [order]
+    assert service.give(command, *values) == IN_PROGRESS, "our answer was lost"
+    assert len(service.hand.orders) == 1
     differing = [(command, (*values[:n], values[n] + 1.0, *values[n + 1 :])) for n in range(len(values))]
     for other, others in (*differing, (ZIGZAG + TURNING - command, values)):
-        assert desk.give(other, *others) == REJECTED
-        assert desk.said == "a trial is being sailed: cancel it first"
-    assert desk.give(LEVEL, 3.0) == REJECTED
-    assert desk.said == "something else is under way: let it end first"
-    desk.hand.run.is_over = True
-    assert desk.give(command, *values) == IN_PROGRESS
-    assert len(desk.hand.orders) == 2, "the one before is over"
+        assert service.give(other, *others) == REJECTED
+        assert service.said == "a trial is being sailed: cancel it first"
+    assert service.give(LEVEL, 3.0) == REJECTED
+    assert service.said == "something else is under way: let it end first"
+    service.hand.run.is_over = True
+    assert service.give(command, *values) == IN_PROGRESS
+    assert len(service.hand.orders) == 2, "the one before is over"
 
 
 def test_a_trial_is_refused_unarmed_and_by_the_helmsman() -> None:
-    desk = Desk(armed=False)
-    assert (desk.give(ZIGZAG, 20.0, 10.0, 60.0), desk.said) == (REJECTED, "arm first")
-    assert (desk.give(PATTERN, 1.0, 1.0), desk.said) == (REJECTED, "arm first")
-    desk.commands.armed = True
-    desk.hand.refuses = "rudder 80 deg: -30 to 30 are allowed"
+    service = Service(armed=False)
+    assert (service.give(ZIGZAG, 20.0, 10.0, 60.0), service.said) == (REJECTED, "arm first")
+    assert (service.give(PATTERN, 1.0, 1.0), service.said) == (REJECTED, "arm first")
+    service.commands.armed = True
+    service.hand.refuses = "rudder 80 deg: -30 to 30 are allowed"
     for command in (ZIGZAG, TURNING, PATTERN):
-        assert (desk.give(command, 1.0, 1.0), desk.said) == (DENIED, desk.hand.refuses)
-    assert desk.commands.running is None
+        assert (service.give(command, 1.0, 1.0), service.said) == (DENIED, service.hand.refuses)
+    assert service.commands.running is None
 
 
 def test_a_trial_is_cancelled_by_its_own_number() -> None:
-    desk = Desk()
-    assert not desk.commands.cancel(ZIGZAG), "nothing runs"
-    desk.give(ZIGZAG, 20.0, 10.0, 60.0)
-    running = desk.commands.running
+    service = Service()
+    assert not service.commands.cancel(ZIGZAG), "nothing runs"
+    service.give(ZIGZAG, 20.0, 10.0, 60.0)
+    running = service.commands.running
     assert running is not None
-    assert not desk.commands.cancel(TURNING) and not running.is_cancelled
-    assert desk.commands.cancel(ZIGZAG) and running.is_cancelled
-    assert desk.hand.orders[-1] == ("end_trial",)
-    desk.hand.run.is_over = True
+    assert not service.commands.cancel(TURNING) and not running.is_cancelled
+    assert service.commands.cancel(ZIGZAG) and running.is_cancelled
+    assert service.hand.orders[-1] == ("end_trial",)
+    service.hand.run.is_over = True
     assert running.result == 6
-    assert not desk.commands.cancel(ZIGZAG), "it is over"
+    assert not service.commands.cancel(ZIGZAG), "it is over"
 
 
 def test_how_far_a_trial_is_and_how_it_ended() -> None:
-    desk = Desk()
-    desk.give(ZIGZAG, 20.0, 10.0, 60.0)
-    running, run = desk.commands.running, desk.hand.run
+    service = Service()
+    service.give(ZIGZAG, 20.0, 10.0, 60.0)
+    running, run = service.commands.running, service.hand.run
     assert running is not None
     for progress, percent in ((0.0, 0), (0.25, 25), (0.994, 99), (1.0, 100)):
         run.progress = progress
@@ -433,18 +433,18 @@ def test_how_far_a_trial_is_and_how_it_ended() -> None:
 
 
 def test_a_pattern_has_a_number_a_side_and_its_sizes() -> None:
-    desk = Desk()
-    assert desk.give(PATTERN, 2.0, -1.0, 50.0, 30.0) == ACCEPTED
-    assert desk.hand.orders == [("pattern", 2, -1.0, (50.0, 30.0))]
+    service = Service()
+    assert service.give(PATTERN, 2.0, -1.0, 50.0, 30.0) == ACCEPTED
+    assert service.hand.orders == [("pattern", 2, -1.0, (50.0, 30.0))]
     for number in (math.nan, math.inf, 1.5):
-        assert desk.give(PATTERN, number, 1.0) == DENIED
-    assert len(desk.hand.orders) == 1
+        assert service.give(PATTERN, number, 1.0) == DENIED
+    assert len(service.hand.orders) == 1
 
 
 def test_alarms_are_acknowledged_by_anybody() -> None:
-    desk = Desk(armed=False)
-    assert desk.give(ACKNOWLEDGE, at=None) == ACCEPTED
-    assert desk.hand.orders == [("acknowledge",)]
+    service = Service(armed=False)
+    assert service.give(ACKNOWLEDGE, at=None) == ACCEPTED
+    assert service.hand.orders == [("acknowledge",)]
 
 
 @pytest.mark.parametrize(
@@ -457,47 +457,50 @@ def test_alarms_are_acknowledged_by_anybody() -> None:
     ],
 )
 def test_tuning_is_begun_said_again_and_let_end(command: int, value: float, asked: tuple[Any, ...]) -> None:
-    desk = Desk(armed=False)
-    assert desk.give(command, value, at=None) == IN_PROGRESS
-    assert desk.tuner.asked == [asked]
-    assert desk.give(command, value) == IN_PROGRESS
-    assert desk.tuner.asked == [asked], "said again, not begun again"
-    assert not desk.commands.cancel(command), "it cannot be cancelled"
-    desk.commands.armed = True
-    assert desk.give(ZIGZAG, 1.0, 1.0, 1.0) == REJECTED
+    service = Service(armed=False)
+    assert service.give(command, value, at=None) == IN_PROGRESS
+    assert service.tuner.asked == [asked]
+    assert service.give(command, value) == IN_PROGRESS
+    assert service.tuner.asked == [asked], "said again, not begun again"
+    assert not service.commands.cancel(command), "it cannot be cancelled"
+    service.commands.armed = True
+    assert service.give(ZIGZAG, 1.0, 1.0, 1.0) == REJECTED
     for other, number in ((LEVEL + LEARNING - command, 1.0), (command, value + 1.0)):
-        assert (desk.give(other, number), desk.said) == (REJECTED, "something else is under way: let it end first")
-    desk.tuner.run.is_over = True
-    assert desk.give(command, value) == IN_PROGRESS
-    assert desk.tuner.asked == [asked] * 2
+        assert (service.give(other, number), service.said) == (
+            REJECTED,
+            "something else is under way: let it end first",
+        )
+    service.tuner.run.is_over = True
+    assert service.give(command, value) == IN_PROGRESS
+    assert service.tuner.asked == [asked] * 2
 
 
 def test_tuning_of_no_sense_is_refused() -> None:
-    desk = Desk()
+    service = Service()
     for value in (0.0, 3.0, 1.5, math.nan):
-        assert desk.give(LEARNING, value) == UNSUPPORTED
+        assert service.give(LEARNING, value) == UNSUPPORTED
     for value, named in ((1.5, "1.5"), (math.nan, "nan"), (math.inf, "inf")):
-        assert desk.give(LEVEL, value) == DENIED
-        assert desk.said == f"response level {named}: allowed is a whole number from 1 (calm) to 9 (quick)"
-    assert desk.tuner.asked == [] and desk.commands.running is None
-    without = Desk(tuner=False)
+        assert service.give(LEVEL, value) == DENIED
+        assert service.said == f"response level {named}: allowed is a whole number from 1 (calm) to 9 (quick)"
+    assert service.tuner.asked == [] and service.commands.running is None
+    without = Service(tuner=False)
     assert without.give(LEVEL, 5.0) == without.give(LEARNING, 1.0) == UNSUPPORTED
 
 
-def test_what_tuning_came_to_is_told_once() -> None:
+def test_what_tuning_came_to_is_reported_once() -> None:
     tuner = Tuner()
     commands = TuningCommands(tuner)
-    assert commands.told() == ""
+    assert commands.outcome() == ""
     commands.begin(LEVEL, 7.0)
-    assert commands.told() == ""
+    assert commands.outcome() == ""
     tuner.run.is_over = True
-    assert commands.told() == "the level is 7 now"
-    assert commands.told() == ""
+    assert commands.outcome() == "the level is 7 now"
+    assert commands.outcome() == ""
 
 
 def test_what_is_unknown_is_unsupported() -> None:
-    desk = Desk()
+    service = Service()
     for command in (0, 16, 399, 401, 31008, 31015, 65535):
-        assert desk.give(command) == UNSUPPORTED
-    assert desk.hand.orders == [] and desk.said == ""
+        assert service.give(command) == UNSUPPORTED
+    assert service.hand.orders == [] and service.said == ""
     assert dialect.MAV_CMD_USER_5 == LEVEL and dialect.MAV_CMD_SPATIAL_USER_5 == ACKNOWLEDGE

@@ -113,8 +113,8 @@ class Bench:
         for _ in range(round(seconds * 20)):
             self.now += 0.05
             self.link.receive(self.now)
-            self.link.keep(self.now)
-            self.link.show(tick(mode, self.now))
+            self.link.poll(self.now)
+            self.link.publish_tick(tick(mode, self.now))
         return [message for data in self.far.receive() for message in self.station.decode(data)]
 
     def ask(self, message: Any, mode: Mode = Mode.STANDBY) -> list[Any]:
@@ -223,7 +223,7 @@ def test_every_set_is_answered_by_the_old_value_where_it_is_refused() -> None:
 
 
 @pytest.mark.parametrize("magnetic", [False, True])
-def test_stations_are_told_whether_courses_are_magnetic_and_no_place_leads_then(magnetic: bool) -> None:
+def test_stations_know_whether_courses_are_magnetic_and_no_place_leads_then(magnetic: bool) -> None:
     bench = Bench(armed=True)
     bench.guide.settings = bench.guide.settings._replace(magnetic=magnetic)
     named = [m for m in bench.run(2.0) if m.get_type() == "NAMED_VALUE_FLOAT" and m.name == "magnetic"]
@@ -323,11 +323,11 @@ def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:
 
     bench.link._transport.receive = gone  # type: ignore[method-assign]
     assert bench.link.receive(8.9) == []  # crowded: not looked at before the next command has left
-    bench.link.tell(8.9, Mode.STANDBY, ())
+    bench.link.publish_status(8.9, Mode.STANDBY, ())
     (alarm,) = bench.link.receive(9.0)
     assert isinstance(alarm, AlarmSample) and "steering goes on" in words(alarm.event)
     assert bench.link.receive(9.1) == []
-    bench.link.keep(20.0)
+    bench.link.poll(20.0)
     bench.link.release(20.0)
     assert bench.link.fileno() == -1
 
@@ -335,11 +335,11 @@ def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:
 def test_times_of_the_station_s_line_to_the_bit() -> None:
     """A heartbeat a second, the same refusal once a minute, word of who has stopped us for half a minute."""
     bench = Bench()
-    bench.link.keep(-9.0)
+    bench.link.poll(-9.0)
     bench.far.receive()
-    assert [bool(bench.far.receive()) for now in (-8.0001, -8.0) if bench.link.keep(now) is None] == [False, True]
+    assert [bool(bench.far.receive()) for now in (-8.0001, -8.0) if bench.link.poll(now) is None] == [False, True]
     said: list[float] = []
-    bench.link._texts.say = lambda now, *_: said.append(now)  # type: ignore[method-assign]
+    bench.link._texts.send_text = lambda now, *_: said.append(now)  # type: ignore[method-assign]
     for now in (0.0, 59.999, 60.0):
         bench.link._refuse(now, "no")
     assert said == [0.0, 60.0]

@@ -20,7 +20,7 @@ def tick(now: float, age: float = 0.04) -> Tick:
     return Tick(0, now, (), Order(), state, Reference(1.0), 0.0, RudderCommand(now, 0.0, False), Mode.STANDBY, ())
 
 
-def told(telemetry: Telemetry) -> dict[str, float]:
+def message_of(telemetry: Telemetry) -> dict[str, float]:
     return {message.name.rstrip("\0"): message.value for message in telemetry.make(NAMED)}
 
 
@@ -29,26 +29,26 @@ def telemetry() -> Telemetry:
     return Telemetry(Mission(TrackGuide(TrackSettings())))
 
 
-def test_rate_and_longest_gap_are_those_since_they_were_told(telemetry: Telemetry) -> None:
+def test_rate_and_longest_gap_are_those_since_the_last_report(telemetry: Telemetry) -> None:
     now = 10.0
     for gap in [0.05] * 19 + [0.25] + [0.05] * 10:
         now += gap
         telemetry.take(tick(now))
-    first = told(telemetry)
+    first = message_of(telemetry)
     assert first["gap_ms"] == pytest.approx(250.0, abs=0.1)
     assert first["ticks_hz"] == pytest.approx(30.0 / (now - 10.05), rel=0.01)
     assert first["hdg_age_ms"] == pytest.approx(40.0)
     for _ in range(20):
         now += 0.05
         telemetry.take(tick(now))
-    second = told(telemetry)
+    second = message_of(telemetry)
     assert second["gap_ms"] == pytest.approx(50.0, abs=0.1)
     assert second["ticks_hz"] == pytest.approx(20.0)
 
 
 def test_before_any_time_has_passed_the_rate_is_not_a_number(telemetry: Telemetry) -> None:
     telemetry.take(tick(5.0, math.inf))
-    values = told(telemetry)
+    values = message_of(telemetry)
     assert math.isnan(values["ticks_hz"])
     assert values["hdg_age_ms"] == math.inf
     assert values["gap_ms"] == 0.0

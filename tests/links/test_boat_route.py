@@ -156,7 +156,7 @@ def test_a_new_route_under_way_holds_the_course_until_it_is_asked_for() -> None:
     assert boat.sail(1.0).mode is Mode.ENGAGED
 
 
-def test_a_lost_position_is_told_to_everybody_and_the_heading_stays() -> None:
+def test_a_lost_position_is_reported_to_everybody_and_the_heading_stays() -> None:
     boat = under_way()
     boat.sail(10.0)
     tick = boat.sail(20.0, gps=False)

@@ -60,7 +60,7 @@ def fields(message: Any) -> dict[str, Any]:
     return {name: getattr(message, name) for name in message.fieldnames}
 
 
-def told(made: Telemetry, identity: int) -> dict[str, Any]:
+def message_of(made: Telemetry, identity: int) -> dict[str, Any]:
     (message,) = made.make(identity)
     assert message.id == identity
     return fields(message)
@@ -78,13 +78,13 @@ def test_attitude_holds_heading_rate_and_a_roll_that_is_fresh() -> None:
     roll = RollSample(10.0, 0.2, -0.03)
     made = telemetry(tick(8.0), tick(10.5, samples=(roll,)))
     level = {"pitch": 0.0, "yaw": 60.0 * DEG, "pitchspeed": 0.0, "yawspeed": 0.02}
-    assert told(made, ATTITUDE) == near(time_boot_ms=2500, roll=0.2, rollspeed=-0.03, **level)
+    assert message_of(made, ATTITUDE) == near(time_boot_ms=2500, roll=0.2, rollspeed=-0.03, **level)
     made.take(tick(11.99))
-    assert told(made, ATTITUDE) == near(time_boot_ms=3990, roll=0.2, rollspeed=-0.03, **level)
+    assert message_of(made, ATTITUDE) == near(time_boot_ms=3990, roll=0.2, rollspeed=-0.03, **level)
     made.take(tick(12.0))
-    assert told(made, ATTITUDE) == near(time_boot_ms=4000, roll=0.0, rollspeed=0.0, **level)
+    assert message_of(made, ATTITUDE) == near(time_boot_ms=4000, roll=0.0, rollspeed=0.0, **level)
     made.take(tick(13.0, samples=(RollSample(13.0, -0.1),)))
-    assert told(made, ATTITUDE) == near(time_boot_ms=5000, roll=-0.1, rollspeed=0.0, **level)
+    assert message_of(made, ATTITUDE) == near(time_boot_ms=5000, roll=-0.1, rollspeed=0.0, **level)
 
 
 @pytest.mark.parametrize("state", [UNKNOWN, STALE])
@@ -92,10 +92,10 @@ def test_without_a_fresh_heading_nothing_is_said_that_holds_one(state: NavState)
     place = PositionSample(0.0, 0.5, 0.6)
     made = telemetry(tick(state=state, samples=(place,)))
     assert made.make(ATTITUDE) == made.make(WHERE) == made.make(HUD) == []
-    assert not told(made, STATUS)["onboard_control_sensors_health"] & 0x04
+    assert not message_of(made, STATUS)["onboard_control_sensors_health"] & 0x04
     made.take(tick(state=JUST_FRESH))
     assert len(made.make(ATTITUDE) + made.make(WHERE) + made.make(HUD)) == 3
-    assert told(made, STATUS)["onboard_control_sensors_health"] & 0x04
+    assert message_of(made, STATUS)["onboard_control_sensors_health"] & 0x04
 
 
 def test_before_the_first_tick_and_of_unknown_messages_nothing_is_said() -> None:
@@ -107,12 +107,12 @@ def test_before_the_first_tick_and_of_unknown_messages_nothing_is_said() -> None
 def test_the_position_is_in_tens_of_nanodegrees_with_the_way_along_the_heading() -> None:
     place = PositionSample(10.0, -35.5 * DEG, 18.25 * DEG)
     made = telemetry(tick(8.0), tick(10.0, samples=(place,)))
-    assert told(made, WHERE) == {
+    assert message_of(made, WHERE) == {
         "time_boot_ms": 2000, "lat": -355000000, "lon": 182500000, "alt": 0, "relative_alt": 0,
         "vx": 200, "vy": 346, "vz": 0, "hdg": 6000,
     }  # fmt: skip
     made.take(tick(15.0))
-    assert told(made, WHERE)["time_boot_ms"] == 7000
+    assert message_of(made, WHERE)["time_boot_ms"] == 7000
     made.take(tick(15.01))
     assert made.make(WHERE) == [], "older than five seconds"
 
@@ -124,17 +124,17 @@ def test_the_position_is_in_tens_of_nanodegrees_with_the_way_along_the_heading()
 def test_headings_are_from_0_to_360(deg: float, hundredths: int, whole: int) -> None:
     state = STATE._replace(heading=deg * DEG)
     made = telemetry(tick(state=state, samples=(PositionSample(0.0, 0.5, 0.6),)))
-    assert abs(told(made, WHERE)["hdg"] - hundredths) <= (deg == 12.345)
-    assert told(made, HUD) == near(airspeed=0.0, groundspeed=4.0, heading=whole, throttle=0, alt=0.0, climb=0.0)
+    assert abs(message_of(made, WHERE)["hdg"] - hundredths) <= (deg == 12.345)
+    assert message_of(made, HUD) == near(airspeed=0.0, groundspeed=4.0, heading=whole, throttle=0, alt=0.0, climb=0.0)
 
 
 def test_the_navigation_output_holds_the_heading_led_to_and_the_one_ordered() -> None:
     nothing = {"nav_roll": 0.0, "nav_pitch": 0.0, "alt_error": 0.0, "aspd_error": 0.0}
     made = telemetry(tick())
     held = near(nav_bearing=-30, target_bearing=-160, wp_dist=0, xtrack_error=0.0, **nothing)
-    assert told(made, NAVIGATION) == held
+    assert message_of(made, NAVIGATION) == held
     made.take(tick(order=STEERED._replace(heading=math.nan)))
-    assert told(made, NAVIGATION)["target_bearing"] == -30, "none was named: the one that is held"
+    assert message_of(made, NAVIGATION)["target_bearing"] == -30, "none was named: the one that is held"
     made.take(tick(mode=Mode.OVERRIDE))
     assert made.make(NAVIGATION) == []
 
@@ -145,14 +145,14 @@ def test_the_navigation_output_holds_the_leg_while_it_is_followed() -> None:
     made = telemetry(tick(), mission=mission)
     leg = Leg(*(0.0 for _ in Leg._fields))._replace(target=100.0 * DEG, distance=1234.6, cross_track=-3.5)
     guide.leg = leg
-    assert told(made, NAVIGATION)["wp_dist"] == 0, "nothing is followed"
+    assert message_of(made, NAVIGATION)["wp_dist"] == 0, "nothing is followed"
     guide.follow([Waypoint(0.1, 0.1)])
     guide.leg = leg
-    said = told(made, NAVIGATION)
+    said = message_of(made, NAVIGATION)
     assert (said["nav_bearing"], said["target_bearing"]) == (-30, 100)
     assert (said["wp_dist"], said["xtrack_error"]) == (1235, -3.5)
     guide.leg = leg._replace(distance=1.0e6)
-    assert told(made, NAVIGATION)["wp_dist"] == 65535
+    assert message_of(made, NAVIGATION)["wp_dist"] == 65535
 
 
 def test_the_named_values_are_degrees_of_rudder_order_and_bias_and_compass_degrees() -> None:
@@ -187,8 +187,14 @@ def test_the_first_count_begins_with_the_first_tick() -> None:
 
 
 def test_alarms_are_counted_and_those_that_sound() -> None:
-    heard = (AlarmState.SOUNDING, AlarmState.NOTICE, AlarmState.ACKNOWLEDGED, AlarmState.SOUNDING, AlarmState.NOTICE)
-    made = telemetry(tick()._replace(alarms=tuple(map(other, "abcde")), heard=heard))
+    alarm_states = (
+        AlarmState.SOUNDING,
+        AlarmState.NOTICE,
+        AlarmState.ACKNOWLEDGED,
+        AlarmState.SOUNDING,
+        AlarmState.NOTICE,
+    )
+    made = telemetry(tick()._replace(alarms=tuple(map(other, "abcde")), alarm_states=alarm_states))
     values = named(made)
     assert (values["alarms"], values["alarms_new"]) == (5.0, 2.0)
 
@@ -200,7 +206,7 @@ class Learner:
         return {"k": 0.5}
 
 
-def test_what_was_learnt_is_told_every_two_seconds() -> None:
+def test_what_was_learnt_is_reported_every_two_seconds() -> None:
     made = Telemetry(Mission(TrackGuide()), Learner())  # type: ignore[arg-type]
     when = []
     for step in range(12):
@@ -275,7 +281,7 @@ ILLS = {
 def test_the_status_says_which_part_is_ill() -> None:
     every = 0x04 | sum(ILLS)
     made = telemetry(tick())
-    assert told(made, STATUS) == {
+    assert message_of(made, STATUS) == {
         "onboard_control_sensors_present": every, "onboard_control_sensors_enabled": every,
         "onboard_control_sensors_health": every, "load": 0, "voltage_battery": 65535, "current_battery": -1,
         "battery_remaining": -1, "drop_rate_comm": 0, "errors_comm": 0, "errors_count1": 0, "errors_count2": 0,
@@ -289,15 +295,15 @@ def test_each_alarm_makes_its_part_ill_and_no_other(name: str) -> None:
     ill = sum(bit for bit, names in ILLS.items() if name in names)
     for event in (AlarmEvent(name), AlarmEvent(name, is_escalated=True)):
         made = telemetry(tick()._replace(alarms=(other("something in its own words"), event)))
-        said = told(made, STATUS)
+        said = message_of(made, STATUS)
         assert said["onboard_control_sensors_enabled"] - said["onboard_control_sensors_health"] == ill
 
 
 def test_the_time_since_boot_begins_with_the_first_tick() -> None:
     made = telemetry(tick(100.0), tick(103.5))
-    assert told(made, TIME) == {"time_unix_usec": 0, "time_boot_ms": 3500}
+    assert message_of(made, TIME) == {"time_unix_usec": 0, "time_boot_ms": 3500}
     made.take(tick(100.0 + 2**32 / 1000.0 + 1.0))
-    assert told(made, TIME)["time_boot_ms"] == 1000, "thirty-two bits, as MAVLink has it"
+    assert message_of(made, TIME)["time_boot_ms"] == 1000, "thirty-two bits, as MAVLink has it"
 
 
 def test_the_modes_standard_and_ours() -> None:
@@ -310,17 +316,17 @@ def test_the_modes_standard_and_ours() -> None:
         (tick(order=Order(OrderKind.RUDDER)), 3, 0),
     ):
         made.take(given)
-        assert told(made, CURRENT_MODE) == {
+        assert message_of(made, CURRENT_MODE) == {
             "standard_mode": standard, "custom_mode": number, "intended_custom_mode": number,
         }  # fmt: skip
     mission.follow()
     made.take(tick())
-    assert told(made, CURRENT_MODE) == {"standard_mode": 6, "custom_mode": 10, "intended_custom_mode": 10}
+    assert message_of(made, CURRENT_MODE) == {"standard_mode": 6, "custom_mode": 10, "intended_custom_mode": 10}
 
 
 def test_the_version_says_what_we_can_do() -> None:
     made = telemetry(tick())
-    said = told(made, VERSION)
+    said = message_of(made, VERSION)
     # MAVLink 2, float parameters, COMMAND_INT, missions of both kinds, FTP
     assert said["capabilities"] == 0x2000 | 0x02 | 0x08 | 0x04 | 0x01 | 0x20
     assert said["flight_sw_version"] == 0x00020000
@@ -329,13 +335,13 @@ def test_the_version_says_what_we_can_do() -> None:
     assert said["flight_custom_version"] == said["middleware_custom_version"] == said["os_custom_version"] == [0] * 8
 
 
-def test_the_mission_is_told_as_followed_or_suspended() -> None:
+def test_the_mission_is_reported_as_followed_or_suspended() -> None:
     mission = Mission(TrackGuide(), (MissionItem(3, 16, (0.0, 0.0, 0.0, 0.0), 10, 10, 0.0),))
     made = telemetry(tick(), mission=mission)
-    said = told(made, MISSION_CURRENT)
+    said = message_of(made, MISSION_CURRENT)
     assert (said["seq"], said["total"], said["mission_state"], said["mission_mode"]) == (
         0, 1, dialect.MISSION_STATE_NOT_STARTED, 2,
     )  # fmt: skip
     mission.follow()
-    said = told(made, MISSION_CURRENT)
+    said = message_of(made, MISSION_CURRENT)
     assert (said["mission_state"], said["mission_mode"]) == (dialect.MISSION_STATE_ACTIVE, 1)

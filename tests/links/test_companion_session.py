@@ -127,7 +127,7 @@ def test_the_release_is_bytes_to_send_until_a_report_shows_it() -> None:
     assert (found.state, found.shown_by) == (ReleaseState.CONFIRMED, "RC_CHANNELS") and vehicle.input == 1500
 
 
-def test_a_line_that_is_gone_is_told_of_by_who_carries_the_bytes() -> None:
+def test_a_line_that_is_gone_is_reported_by_who_carries_the_bytes() -> None:
     vehicle = steering()
     vehicle.session.release(vehicle.now)
     vehicle.session.is_gone = True

@@ -34,7 +34,7 @@ def watch(guided: bool = False) -> ControlAuthority:
     found = ControlAuthority(guided)
     found.obstacle = ""
     found.heartbeat(0.0, 15 if guided else 0, True, 4)
-    found.heard_time = 0.0
+    found.received_time = 0.0
     return found
 
 
@@ -57,7 +57,7 @@ def test_silence_of_three_seconds_or_no_heartbeat_for_eight_ends_it() -> None:
     found = watch()
     assert found.reason(3.0, parameters(), 255) == ""
     assert found.reason(3.1, parameters(), 255).endswith("for 3 s")
-    found.heard_time = 7.0
+    found.received_time = 7.0
     assert found.reason(8.0, parameters(), 255) == ""
     assert found.reason(8.1, parameters(), 255).endswith("for 8 s")
 
@@ -152,7 +152,7 @@ def test_a_restart_is_said_until_all_that_it_takes_has_come_again() -> None:
     assert found.reason(0.0, VehicleParameters(), 255) == "reading the vehicle's parameters", "that is over"
 
 
-def test_a_radio_and_a_misfit_are_told_as_they_are() -> None:
+def test_a_radio_and_a_misfit_are_reported_as_they_are() -> None:
     found = watch()
     found.radio = "the radio is lost"
     assert found.reason(0.0, parameters(), 255) == "the radio is lost"
@@ -195,7 +195,7 @@ def test_a_pause_between_reports_counts_for_a_second_at_most_and_a_second_is_not
     assert not found.disobeyed
     found.seen(30.01, "servo 1", 1500, [1550, 1600])
     assert found.disobeyed
-    found.heard_time = found.heartbeat_time = 30.0
+    found.received_time = found.heartbeat_time = 30.0
     said = found.reason(1.0, parameters(), 255)
     assert said.startswith("the rudder does not obey: servo 1 is at 1500 us while 1600 is commanded (radio override")
 
@@ -213,7 +213,7 @@ def test_what_was_commanded_within_a_second_may_be_reported() -> None:
 
 def test_who_did_not_obey_may_be_tried_again_two_seconds_after_our_last_command() -> None:
     found = watch()
-    found.heard_time = found.heartbeat_time = 11.0
+    found.received_time = found.heartbeat_time = 11.0
     found.commanded(10.0, 1600)
     found.refuse("no")
     assert found.reason(12.0, parameters(), 255) == "no"
@@ -226,13 +226,13 @@ def test_who_steers_and_sees_no_report_for_three_seconds_is_blind(guided: bool) 
     found = watch(guided)
     found.commanded(0.0, 1600)
     for now, talking, blind in ((3.0, 2.9, False), (3.1, 3.0, True), (3.1, 1.0, False), (3.1, 1.1, True)):
-        found.heard_time, found.heartbeat_time = talking, talking
+        found.received_time, found.heartbeat_time = talking, talking
         assert bool(found.reason(now, parameters(), 255)) is blind, (now, talking)
     assert ("NAV_CONTROLLER_OUTPUT" in found.reason(3.1, parameters(), 255)) is guided
     assert not found.disagrees(3.0, "any", True)
     assert found.reason(3.1, parameters(), 255) == ""
     found.released()
-    found.heard_time = found.heartbeat_time = 60.0
+    found.received_time = found.heartbeat_time = 60.0
     assert found.reason(60.0, parameters(), 255) == "", "nobody steers"
 
 
@@ -266,7 +266,7 @@ def test_the_override_probe_needs_three_matching_reports_in_a_row(may_share: boo
     assert proof.reason == "checking the steering input"
     assert proof.due(0.09) is None
     assert proof.due(0.1) is not None
-    assert 3 < abs(proof.pulse - 1500) <= 30, "inside the dead zone, and to be told from the stick"
+    assert 3 < abs(proof.pulse - 1500) <= 30, "inside the dead zone, and to be distinguished from the stick"
     for shown in (proof.pulse, proof.pulse, 1500, proof.pulse, proof.pulse):
         proof.report(0.2, 1, shown)
         assert not proof.passed

@@ -645,14 +645,14 @@ def test_a_drive_link_sends_orders_at_its_rate_and_asks_when_the_line_is_free() 
     for turn in range(64):
         now = turn / 128.0
         link.send(now, RudderCommand(now, 0.0, True))
-        link.keep(now)
+        link.poll(now)
         sent += [(turn, data.hex()) for data in far.receive()]
     # ten bits a byte: an order of two bytes takes 2/128 s, a request of three 3/128 s; an answer is waited for 0.35 s
     assert [turn for turn, data in sent if data == "c040"] == [0, 16, 32, 50]
     assert [turn for turn, data in sent if data == "e5020c"] == [2, 47]
 
 
-def test_a_drive_link_keeps_to_38400_baud_and_twenty_orders_a_second_unless_told() -> None:
+def test_a_drive_link_keeps_to_38400_baud_and_twenty_orders_a_second_unless_set() -> None:
     assert DriveLinkSettings()[:2] == (38400, 20.0)
 
 
@@ -666,7 +666,7 @@ def test_a_release_is_said_five_times_and_those_the_line_did_not_take_again() ->
         now = turn / 128.0
         near.send = taken if not 20 <= turn <= 60 else lambda data: False  # type: ignore[method-assign]
         link.send(now, RudderCommand(now, 0.0, False))
-        link.keep(now)
+        link.poll(now)
         said += [turn for data in far.receive() if data == b"\xff"]
     # every tenth of a second, 12.8 turns; what was due while the line was full is said when it is not
     assert len(said) == 5 and said[:2] == [1, 14] and said[2] > 60

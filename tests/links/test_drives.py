@@ -64,7 +64,7 @@ class Bench:
             self.samples += self.link.receive(self.now)
             order = math.radians(order_deg or 0.0)
             self.link.send(self.now, RudderCommand(self.now, order, order_deg is not None))
-            self.link.keep(self.now)
+            self.link.poll(self.now)
 
     @property
     def rudder_deg(self) -> float:
@@ -254,7 +254,7 @@ def test_the_line_never_carries_more_than_it_can() -> None:
     sent = 0
     for step in range(500):
         link.send(step * 0.01, RudderCommand(step * 0.01, 0.1, True))
-        link.keep(step * 0.01)
+        link.poll(step * 0.01)
         sent += sum(len(data) for data in far.receive())
     assert 300 < sent <= 600 + 20, "5 s at 120 bytes a second"
 

@@ -63,16 +63,16 @@ class Master:
         message = dialect.MAVLink_file_transfer_protocol_message(network, system, component, list(payload))
         (arrived,) = self.codec.decode(self.codec.encode(message))
         if self.rng.random() >= self.loss:
-            self.hear(self.server.take(arrived))
+            self.on_sample(self.server.take(arrived))
 
-    def hear(self, messages: list[Any]) -> None:
+    def on_sample(self, messages: list[Any]) -> None:
         boat = MavlinkCodec(1, 1)
         for message in messages:
             if self.rng.random() >= self.loss:
                 self.waiting += boat.decode(boat.encode(message))
 
     def recv_match(self, type: Any = None, timeout: float = 0.0, **_: Any) -> Any:
-        self.hear(self.server.due())
+        self.on_sample(self.server.due())
         return self.waiting.popleft() if self.waiting else None
 
 

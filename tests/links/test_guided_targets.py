@@ -46,7 +46,7 @@ def proven(heading: float = 0.3, echoes: bool = False) -> tuple[GuidedTargets, C
         targets.rudder(now, math.copysign(0.2, sent - heading))
         if echoes:
             targets.report(now, wrap(sent))
-        message = targets.show(tick(now, Mode.STANDBY, heading, heading), True)
+        message = targets.next_target(tick(now, Mode.STANDBY, heading, heading), True)
         if message is not None:
             sent = 2.0 * math.atan2(message.q[3], message.q[0])
             assert message.thrust == 0.0, "the proof drives nothing"
@@ -58,11 +58,11 @@ def proven(heading: float = 0.3, echoes: bool = False) -> tuple[GuidedTargets, C
 def test_what_kept_the_proof_from_beginning_is_not_said_once_it_has_begun() -> None:
     targets = at_rest()
     targets.stick(True)
-    assert targets.show(tick(0.0, Mode.STANDBY, 0.3, 0.3), True) is None
+    assert targets.next_target(tick(0.0, Mode.STANDBY, 0.3, 0.3), True) is None
     assert "throttle stick" in targets.reason
     targets.stick(False)
     targets.rudder(0.1, 0.0)
-    assert targets.show(tick(0.1, Mode.STANDBY, 0.3, 0.3), True) is not None
+    assert targets.next_target(tick(0.1, Mode.STANDBY, 0.3, 0.3), True) is not None
     assert "throttle stick" not in targets.reason
 
 
@@ -78,7 +78,7 @@ def test_without_a_steering_servo_the_rate_of_turn_is_the_proof(answers: float, 
         now = 0.05 * step
         at = tick(now, Mode.STANDBY, 0.3, 0.3)
         at = at._replace(state=at.state._replace(rate=answers * math.copysign(0.05, sent - 0.3)))
-        message = targets.show(at, True)
+        message = targets.next_target(at, True)
         if message is not None:
             sent = 2.0 * math.atan2(message.q[3], message.q[0])
         passed = passed or not targets.reason
@@ -94,7 +94,7 @@ def test_a_share_of_speed_that_is_none_is_refused(share: float) -> None:
 @given(st.floats(-math.pi, math.pi))
 def test_the_quaternion_s_yaw_is_the_heading(heading: float) -> None:
     targets, _ = proven()
-    message = targets.show(tick(5.0, Mode.ENGAGED, heading), True)
+    message = targets.next_target(tick(5.0, Mode.ENGAGED, heading), True)
     assert message is not None
     w, x, y, z = message.q
     assert wrap(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)) - heading) == pytest.approx(
@@ -110,7 +110,8 @@ def test_a_held_heading_leaves_five_times_a_second_and_a_turning_one_ten() -> No
     for rate, least, most in ((0.0, 23, 27), (0.2, 45, 52)):
         start = 10.0 if rate == 0.0 else 30.0
         sent = [
-            targets.show(tick(start + 0.02 * step, Mode.ENGAGED, 1.0 + rate * 0.02 * step), True) for step in range(250)
+            targets.next_target(tick(start + 0.02 * step, Mode.ENGAGED, 1.0 + rate * 0.02 * step), True)
+            for step in range(250)
         ]
         assert least <= sum(message is not None for message in sent) <= most
 
@@ -119,12 +120,12 @@ def test_bearings_near_south_are_compared_round_the_card() -> None:
     targets, watch = proven(echoes=True)
     for step in range(100):
         now = 5.0 + 0.1 * step
-        targets.show(tick(now, Mode.ENGAGED, math.radians(179.9), math.pi), True)
+        targets.next_target(tick(now, Mode.ENGAGED, math.radians(179.9), math.pi), True)
         targets.report(now, math.radians(-179.0))
     assert not watch.disobeyed
     for step in range(20):
         now = 15.0 + 0.1 * step
-        targets.show(tick(now, Mode.ENGAGED, math.radians(179.9), math.pi), True)
+        targets.next_target(tick(now, Mode.ENGAGED, math.radians(179.9), math.pi), True)
         targets.report(now, math.radians(-170.0))
     assert watch.disobeyed
 
@@ -132,16 +133,16 @@ def test_bearings_near_south_are_compared_round_the_card() -> None:
 def test_a_vehicle_that_heads_for_a_place_ends_guided_steering() -> None:
     targets, watch = proven()
     for step in range(50):
-        targets.show(tick(5.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)
+        targets.next_target(tick(5.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)
         targets.report(5.0 + 0.1 * step, 0.0, 0.0, 0.0)
     assert not watch.disobeyed
     for step in range(20):
-        targets.show(tick(10.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)
+        targets.next_target(tick(10.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)
         targets.report(10.0 + 0.1 * step, 1.0, 1.0, 12.0)
     assert watch.disobeyed
     targets, watch = proven()
     for step in range(20):
-        targets.show(tick(10.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)
+        targets.next_target(tick(10.0 + 0.1 * step, Mode.ENGAGED, 2.0, 2.0), True)
         targets.report(10.0 + 0.1 * step, 1.0, 1.0, 12.0)
     assert watch.disobeyed, "from the beginning, too"
 
@@ -163,7 +164,7 @@ def test_a_rudder_that_always_lies_to_one_side_is_no_proof() -> None:
     targets = at_rest()
     for step in range(100):
         targets.rudder(0.05 * step, 0.3)
-        targets.show(tick(0.05 * step, Mode.STANDBY, 0.3, 0.3), True)
+        targets.next_target(tick(0.05 * step, Mode.STANDBY, 0.3, 0.3), True)
     assert "its steering servo does not move" in targets.reason
 
 
@@ -199,26 +200,26 @@ def test_no_proof_begins_that_could_start_the_boat_or_that_nobody_could_see(show
 
 def test_a_stick_that_is_pushed_ahead_during_the_proof_at_rest_ends_it() -> None:
     targets = at_rest()
-    assert targets.show(tick(0.0, Mode.STANDBY, 0.3, 0.3), True) is not None
+    assert targets.next_target(tick(0.0, Mode.STANDBY, 0.3, 0.3), True) is not None
     targets.stick(True)
-    assert targets.show(tick(0.5, Mode.STANDBY, 0.3, 0.3), True) is None
+    assert targets.next_target(tick(0.5, Mode.STANDBY, 0.3, 0.3), True) is None
     assert "a heading would start the boat" in targets.reason
 
 
 def test_nothing_leaves_without_leave_to_prove_without_an_order_or_without_reports() -> None:
     targets = GuidedTargets(ControlAuthority(guided=True), 0.0)
-    assert targets.show(tick(0.0, Mode.STANDBY, 0.3), True) is None, "nothing known yet"
+    assert targets.next_target(tick(0.0, Mode.STANDBY, 0.3), True) is None, "nothing known yet"
     targets = at_rest()
-    assert targets.show(tick(0.1, Mode.STANDBY, 0.3), False) is None
-    assert targets.show(tick(0.1, Mode.STANDBY, 0.3)._replace(alarms=()), True) is None
-    assert targets.show(tick(0.1, Mode.STANDBY, 0.3, kind=OrderKind.STANDBY), True) is None
-    assert targets.show(tick(0.1, Mode.STANDBY, 0.3), True) is not None
+    assert targets.next_target(tick(0.1, Mode.STANDBY, 0.3), False) is None
+    assert targets.next_target(tick(0.1, Mode.STANDBY, 0.3)._replace(alarms=()), True) is None
+    assert targets.next_target(tick(0.1, Mode.STANDBY, 0.3, kind=OrderKind.STANDBY), True) is None
+    assert targets.next_target(tick(0.1, Mode.STANDBY, 0.3), True) is not None
 
 
 def test_a_reference_that_is_no_number_is_never_sent() -> None:
     targets, _ = proven()
-    assert targets.show(tick(5.0, Mode.ENGAGED, 0.5), True) is not None
-    message = targets.show(tick(5.5, Mode.ENGAGED, math.nan), True)
+    assert targets.next_target(tick(5.0, Mode.ENGAGED, 0.5), True) is not None
+    message = targets.next_target(tick(5.5, Mode.ENGAGED, math.nan), True)
     assert message is not None
     assert all(math.isfinite(part) for part in message.q)
     assert 2.0 * math.atan2(message.q[3], message.q[0]) == pytest.approx(0.5), "the last one that was"
@@ -344,7 +345,7 @@ def turned(**steps: Any) -> tuple[GuidedTargets, ControlAuthority]:
         targets.rudder(now, steps.get("share", 0.0))
         found = tick(now, Mode.ENGAGED, 0.0, math.radians(steps["heading"]))
         rate = math.radians(steps.get("rate", 0.0))
-        targets.show(found._replace(state=found.state._replace(rate=rate)), True)
+        targets.next_target(found._replace(state=found.state._replace(rate=rate)), True)
     return targets, watch
 
 
@@ -386,10 +387,10 @@ def test_a_boat_far_off_that_comes_no_two_degrees_nearer_in_fifteen_seconds_lags
     for step in range(round(10 * seconds)):
         now = 10.0 + 0.1 * step
         heading = math.radians(side * (off - gain * 0.1 * step))
-        targets.show(tick(now, Mode.ENGAGED, 0.0, heading), True)
+        targets.next_target(tick(now, Mode.ENGAGED, 0.0, heading), True)
         found = found or bool(targets.alarm)
     assert found is lags
-    targets.show(tick(200.0, Mode.ENGAGED, 0.0, 0.0), True)
+    targets.next_target(tick(200.0, Mode.ENGAGED, 0.0, 0.0), True)
     assert targets.alarm is None
 
 
@@ -401,11 +402,11 @@ def test_a_boat_that_lags_begins_anew_with_two_degrees_nearer_or_twenty_further_
 ) -> None:
     targets, _ = proven()
     far = math.radians(25.0)
-    targets.show(tick(10.0, Mode.ENGAGED, 0.0, far), True)
-    targets.show(tick(25.5, Mode.ENGAGED, 0.0, far), True)
+    targets.next_target(tick(10.0, Mode.ENGAGED, 0.0, far), True)
+    targets.next_target(tick(25.5, Mode.ENGAGED, 0.0, far), True)
     assert targets.alarm == AlarmEvent("targets_lag")
     moved = math.copysign(math.radians(abs(moved_deg)), moved_deg)
-    targets.show(tick(25.6, Mode.ENGAGED, 0.0, far + moved), True)
+    targets.next_target(tick(25.6, Mode.ENGAGED, 0.0, far + moved), True)
     assert bool(targets.alarm) is lags
 
 
@@ -422,15 +423,15 @@ def test_a_boat_that_lags_begins_anew_with_two_degrees_nearer_or_twenty_further_
 )
 def test_a_tenth_of_a_degree_is_a_heading_that_changes(turned_deg: float, later: float, leaves: bool) -> None:
     targets, _ = proven()
-    assert targets.show(tick(100.0, Mode.ENGAGED, 1.0, 1.0), True) is not None
-    again = targets.show(tick(100.0 + later, Mode.ENGAGED, 1.0 + math.radians(turned_deg), 1.0), True)
+    assert targets.next_target(tick(100.0, Mode.ENGAGED, 1.0, 1.0), True) is not None
+    again = targets.next_target(tick(100.0 + later, Mode.ENGAGED, 1.0 + math.radians(turned_deg), 1.0), True)
     assert (again is not None) is leaves
 
 
 @pytest.mark.parametrize(("later", "runs"), [(3.0, False), (3.001, True)])
 def test_an_engine_that_runs_three_seconds_after_our_last_heading_runs_by_it(later: float, runs: bool) -> None:
     targets, _ = proven()
-    targets.show(tick(20.0, Mode.ENGAGED, 0.3, 0.3), True)
+    targets.next_target(tick(20.0, Mode.ENGAGED, 0.3, 0.3), True)
     targets.engine(20.0 + later, is_running=True, is_guided=True)
     assert targets._shown.runs is runs and (targets._shown.ran_time == 20.0 + later) is not runs
 
@@ -438,7 +439,7 @@ def test_an_engine_that_runs_three_seconds_after_our_last_heading_runs_by_it(lat
 def test_who_follows_other_headings_is_said_with_both_of_them() -> None:
     targets, watch = proven(echoes=True)
     for step in range(40):
-        targets.show(tick(10.0 + 0.1 * step, Mode.ENGAGED, math.radians(60.0), math.radians(60.0)), True)
+        targets.next_target(tick(10.0 + 0.1 * step, Mode.ENGAGED, math.radians(60.0), math.radians(60.0)), True)
         targets.report(10.0 + 0.1 * step, math.radians(75.0))
     assert "it steers 75 deg while 60 is sent" in watch.disobeyed
 
@@ -448,14 +449,14 @@ def test_a_vehicle_that_repeats_headings_steers_one_of_the_last_1_2_seconds(off:
     targets, watch = proven(echoes=True)
     for step in range(40):
         now = 10.0 + 0.1 * step
-        targets.show(tick(now, Mode.ENGAGED, 1.0, 1.0), True)
+        targets.next_target(tick(now, Mode.ENGAGED, 1.0, 1.0), True)
         targets.report(now, 1.0 + math.radians(off))
     assert bool(watch.disobeyed) is not follows
     for age, is_known in ((1.7, True), (2.1, False)):
         targets, watch = proven(echoes=True)
         for step in range(120):
             now = 10.0 + 0.1 * step
-            targets.show(tick(now, Mode.ENGAGED, 0.1 * 0.1 * step, 0.01 * step), True)
+            targets.next_target(tick(now, Mode.ENGAGED, 0.1 * 0.1 * step, 0.01 * step), True)
             if step > 30:
                 targets.report(now, 0.1 * (0.1 * step - age))
         assert bool(watch.disobeyed) is not is_known
@@ -467,7 +468,7 @@ def test_a_try_that_failed_is_made_again_after_four_seconds_and_stays_said() -> 
     for step in range(200):
         now = 0.05 * step
         targets.rudder(now, 0.0)
-        if targets.show(tick(now, Mode.STANDBY, 0.3, 0.3), True) is not None:
+        if targets.next_target(tick(now, Mode.STANDBY, 0.3, 0.3), True) is not None:
             sent.append(now)
     (end, again), *others = [(a, b) for a, b in pairwise(sent) if b - a > 1.0]
     assert (end, again - end, others) == (pytest.approx(4.0, abs=0.3), pytest.approx(4.1, abs=0.2), [])
@@ -476,7 +477,7 @@ def test_a_try_that_failed_is_made_again_after_four_seconds_and_stays_said() -> 
 
 def test_targets_end_three_seconds_after_the_last_of_them() -> None:
     targets, _ = proven()
-    targets.show(tick(20.0, Mode.ENGAGED, 0.5), True)
+    targets.next_target(tick(20.0, Mode.ENGAGED, 0.5), True)
     assert targets.release(23.0, "x").state is ReleaseState.UNSHOWN
     assert targets.release(23.1, "x").state is ReleaseState.NOT_HELD
     assert at_rest().release(0.0, "x").state is ReleaseState.NOT_HELD
@@ -484,8 +485,8 @@ def test_targets_end_three_seconds_after_the_last_of_them() -> None:
 
 def test_time_in_a_target_counts_milliseconds_from_the_first() -> None:
     targets = at_rest()
-    first = targets.show(tick(0.5, Mode.STANDBY, 0.3), True)
-    later = targets.show(tick(0.75, Mode.STANDBY, 0.3), True)
+    first = targets.next_target(tick(0.5, Mode.STANDBY, 0.3), True)
+    later = targets.next_target(tick(0.75, Mode.STANDBY, 0.3), True)
     assert first is not None and later is not None
     assert (first.time_boot_ms, later.time_boot_ms, first.type_mask) == (0, 250, 7)
     rates = (later.body_roll_rate, later.body_pitch_rate, later.body_yaw_rate)
@@ -495,8 +496,8 @@ def test_time_in_a_target_counts_milliseconds_from_the_first() -> None:
 def test_a_proof_soon_after_steering_goes_on_with_the_speed_and_later_with_none() -> None:
     for pause, thrust in ((2.9, 0.25), (3.2, 0.0)):
         targets, _ = proven()
-        targets.show(tick(20.0, Mode.ENGAGED, 0.3, 0.3), True)
+        targets.next_target(tick(20.0, Mode.ENGAGED, 0.3, 0.3), True)
         targets.reset()
         targets.rudder(20.0 + pause, 0.0)
-        message = targets.show(tick(20.0 + pause, Mode.STANDBY, 0.3, 0.3), True)
+        message = targets.next_target(tick(20.0 + pause, Mode.STANDBY, 0.3, 0.3), True)
         assert message is not None and message.thrust == thrust

@@ -130,7 +130,7 @@ class Bench:
                 self.rover.report_rudder()
             samples += self.link.receive(self.now)
             self.link.send(self.now, self.command)
-            self.link.keep(self.now)
+            self.link.poll(self.now)
             self.rover.listen()
         self.samples += samples
         return samples
@@ -234,7 +234,7 @@ def test_no_engagement_without_reports_of_the_steering_input() -> None:
 
 @pytest.mark.parametrize("method", ["rc_override", "manual_control"])
 @pytest.mark.parametrize("degrees", [-30.0, -5.0, -1.0, 0.0, 1.0, 12.0, 30.0])
-def test_rudder_goes_where_it_is_told(method, degrees) -> None:
+def test_rudder_goes_where_it_is_commanded(method, degrees) -> None:
     bench = ready(settings=CompanionSettings(FULL, method=method, as_gcs=True))
     bench.command = RudderCommand(bench.now, math.radians(degrees), True)
     bench.run(0.5)
@@ -417,7 +417,7 @@ def test_whatever_a_vehicle_sends_is_survived() -> None:
             for sample in link.receive(now):
                 assert not isinstance(sample, HeadingSample) or abs(sample.heading) < 7.0
             link.send(now, RudderCommand(now, random.uniform(-1.0, 1.0), random.random() < 0.5))
-            link.keep(now)
+            link.poll(now)
             link.take_packets()
             far.receive()
 
@@ -468,7 +468,7 @@ def test_px4_is_refused_with_a_sentence() -> None:
 
 def test_long_texts_leave_in_pieces() -> None:
     bench = ready()
-    bench.link.tell(bench.now, Mode.ENGAGED, (other("x" * 70),))
+    bench.link.publish_status(bench.now, Mode.ENGAGED, (other("x" * 70),))
     bench.run(1.0)
     texts = [m for m in bench.rover.received if m.get_type() == "STATUSTEXT"]
     assert [len(m.text) for m in texts] == [50, 20]
@@ -486,7 +486,7 @@ def test_a_listening_link_passes_over_a_ground_station_and_follows_a_vehicle_tha
         station.send(gcs)
         rover.heartbeat()
         link.receive(float(second))
-        link.keep(float(second))
+        link.poll(float(second))
     assert link.session.vehicle == 1
     assert listening.peer == vehicle._socket.getsockname()
     moved = UdpOutTransport("far", "127.0.0.1", listening.port)
@@ -495,7 +495,7 @@ def test_a_listening_link_passes_over_a_ground_station_and_follows_a_vehicle_tha
         station.send(gcs)
         rover.heartbeat()
         link.receive(float(second))
-        link.keep(float(second))
+        link.poll(float(second))
     assert listening.peer == moved._socket.getsockname(), "a restarted vehicle sends from another port"
     for end in (link, station, vehicle, moved):
         end.close()
@@ -577,7 +577,7 @@ def when(bench: Bench, kind: str, seconds: float, **fields: object) -> list[floa
     bench.rover.received.clear()
     times = []
     for step in range(round(100 * seconds)):
-        bench.link.keep(bench.now + 0.01 * step + 1e-6)
+        bench.link.poll(bench.now + 0.01 * step + 1e-6)
         bench.rover.listen()
         times += [step for m in bench.rover.received if m.get_type() == kind
                   and all(getattr(m, name) == value for name, value in fields.items())]  # fmt: skip
@@ -605,7 +605,7 @@ def test_a_peer_silent_for_five_seconds_is_let_go_of_every_five_seconds() -> Non
     near.forget_peer = lambda: forgotten.append(now)  # type: ignore[method-assign]
     for step in range(171):
         now = 0.1 * step
-        link.keep(now)
+        link.poll(now)
     assert forgotten == pytest.approx([5.1, 10.2, 15.3], abs=0.11)
 
 
@@ -657,9 +657,9 @@ def test_the_heartbeat_and_the_texts_say_how_bad_it_is(mode: Mode, state: int, s
     bench = Bench()
     bench.rover.heartbeat()
     bench.link.receive(0.0)
-    bench.link.tell(0.0, mode, (other("words in no catalogue"),))
-    bench.link.tell(0.1, mode, (other("words in no catalogue"),))
-    bench.link.keep(0.2)
+    bench.link.publish_status(0.0, mode, (other("words in no catalogue"),))
+    bench.link.publish_status(0.1, mode, (other("words in no catalogue"),))
+    bench.link.poll(0.2)
     bench.rover.listen()
     said = [m for m in bench.rover.received if m.get_type() == "STATUSTEXT"]
     assert [(m.severity, m.text) for m in said] == [(severity, "words in no catalogue")]
@@ -688,7 +688,7 @@ def test_what_the_transport_cannot_take_is_counted_and_not_kept() -> None:
     near.send = lambda data: False  # type: ignore[method-assign]
     for number in range(3):
         assert link.dropped == number
-        link.keep(float(number))
+        link.poll(float(number))
     assert link.take_packets() == []
 
 
@@ -743,9 +743,9 @@ def test_times_of_the_companion_s_line_to_the_bit() -> None:
     link = CompanionLink(near, CompanionSettings(FULL))
     beats, forgotten, unheard = [], [], []
     near.forget_peer = lambda: forgotten.append(now)
-    link.session._reader.unheard = lambda: unheard.append(now)
+    link.session._reader.silence = lambda: unheard.append(now)
     for now in (0.0, 0.9999, 1.0, 1.9999, 2.0, 5.0, 5.001):
-        link.keep(now)
+        link.poll(now)
         beats += [now] * len(far.receive())
     assert (beats, forgotten) == ([0.0, 1.0, 2.0, 5.0], [5.001])
     for now in (10.0, 11.0, 12.001):

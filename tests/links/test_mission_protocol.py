@@ -43,17 +43,17 @@ class Peers:
         self.server = MissionServer(self.mission)
         self.now = 0.0
 
-    def say(self, message: Any, system: int = 255) -> list[Any]:
+    def send_text(self, message: Any, system: int = 255) -> list[Any]:
         (received,) = MavlinkCodec().decode(MavlinkCodec(system, 190).encode(message))
         return self.server.take(self.now, received)
 
     def upload(self, items: list[Any], system: int = 255) -> Any:
-        answers = self.say(dialect.MAVLink_mission_count_message(1, 1, len(items)), system)
+        answers = self.send_text(dialect.MAVLink_mission_count_message(1, 1, len(items)), system)
         for message in items:
             (wanted,) = answers
             assert (wanted.get_type(), wanted.seq) == ("MISSION_REQUEST_INT", message.seq)
             assert (wanted.target_system, wanted.target_component) == (system, 190)
-            answers = self.say(message, system)
+            answers = self.send_text(message, system)
             if answers[0].get_type() == "MISSION_ACK":
                 break
         return answers[0]
@@ -67,16 +67,16 @@ def test_what_is_uploaded_is_downloaded_item_by_item() -> None:
     peers = Peers()
     assert peers.upload(items_of(ROUTE)).type == dialect.MAV_MISSION_ACCEPTED
     assert peers.server.said == "route of 3 waypoints taken"
-    (count,) = peers.say(dialect.MAVLink_mission_request_list_message(1, 1))
+    (count,) = peers.send_text(dialect.MAVLink_mission_request_list_message(1, 1))
     assert count.count == 3
     for number, sent in enumerate(items_of(ROUTE)):
-        (got,) = peers.say(dialect.MAVLink_mission_request_int_message(1, 1, number))
+        (got,) = peers.send_text(dialect.MAVLink_mission_request_int_message(1, 1, number))
         for name in ("seq", "frame", "command", "param1", "param2", "x", "y", "z", "autocontinue"):
             assert getattr(got, name) == getattr(sent, name)
         assert got.current == (number == 0)
-        (old,) = peers.say(dialect.MAVLink_mission_request_message(1, 1, number))
+        (old,) = peers.send_text(dialect.MAVLink_mission_request_message(1, 1, number))
         assert old.get_type() == "MISSION_ITEM" and old.x == pytest.approx(sent.x * 1e-7, abs=1e-5)
-    (ack,) = peers.say(dialect.MAVLink_mission_request_int_message(1, 1, 3))
+    (ack,) = peers.send_text(dialect.MAVLink_mission_request_int_message(1, 1, 3))
     assert ack.type == dialect.MAV_MISSION_INVALID_SEQUENCE
     radius = [waypoint.radius for waypoint in peers.mission.route]
     assert math.isnan(radius[0]) and radius[2] == 25.0
@@ -109,8 +109,8 @@ def test_a_route_that_cannot_be_followed_is_refused_whole_and_named(bad: Any, re
 
 def test_an_item_that_does_not_come_is_asked_for_again_and_then_given_up() -> None:
     peers = Peers()
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
-    peers.say(item(0, ROUTE[0]))
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 2))
+    peers.send_text(item(0, ROUTE[0]))
     asked = []
     for _ in range(1000):
         peers.now += 0.05
@@ -124,17 +124,17 @@ def test_an_item_that_does_not_come_is_asked_for_again_and_then_given_up() -> No
 def test_one_uploads_at_a_time_and_its_last_item_may_be_repeated() -> None:
     peers = Peers()
     other = MissionServer(peers.mission)
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
-    (ack,) = peers.say(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 2))
+    (ack,) = peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
     assert ack.type == dialect.MAV_MISSION_DENIED
     (count,) = MavlinkCodec().decode(MavlinkCodec(253, 190).encode(dialect.MAVLink_mission_count_message(1, 1, 1)))
     assert other.take(0.0, count)[0].type == dialect.MAV_MISSION_DENIED
-    assert peers.say(item(0, ROUTE[0]), system=254) == []
-    assert peers.say(item(1, ROUTE[1]))[0].seq == 0, "the one that is missing is asked for again"
-    peers.say(item(0, ROUTE[0]))
-    assert peers.say(item(0, ROUTE[0])) == []
+    assert peers.send_text(item(0, ROUTE[0]), system=254) == []
+    assert peers.send_text(item(1, ROUTE[1]))[0].seq == 0, "the one that is missing is asked for again"
+    peers.send_text(item(0, ROUTE[0]))
+    assert peers.send_text(item(0, ROUTE[0])) == []
     for _ in range(3):
-        assert peers.say(item(1, ROUTE[1]))[0].type == dialect.MAV_MISSION_ACCEPTED
+        assert peers.send_text(item(1, ROUTE[1]))[0].type == dialect.MAV_MISSION_ACCEPTED
     assert other.take(0.0, count)[0].get_type() == "MISSION_REQUEST_INT"
 
 
@@ -142,14 +142,17 @@ def test_other_lists_are_empty_parts_are_refused_and_clearing_clears() -> None:
     peers = Peers()
     peers.upload(items_of(ROUTE))
     fence = dialect.MAV_MISSION_TYPE_FENCE
-    assert peers.say(dialect.MAVLink_mission_request_list_message(1, 1, fence))[0].count == 0
-    assert peers.say(dialect.MAVLink_mission_count_message(1, 1, 2, fence))[0].type == dialect.MAV_MISSION_UNSUPPORTED
-    (part,) = peers.say(dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1))
+    assert peers.send_text(dialect.MAVLink_mission_request_list_message(1, 1, fence))[0].count == 0
+    assert (
+        peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 2, fence))[0].type
+        == dialect.MAV_MISSION_UNSUPPORTED
+    )
+    (part,) = peers.send_text(dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1))
     assert part.type == dialect.MAV_MISSION_UNSUPPORTED
-    assert peers.say(dialect.MAVLink_mission_count_message(1, 1, 501))[0].type == dialect.MAV_MISSION_NO_SPACE
-    assert peers.say(dialect.MAVLink_mission_clear_all_message(1, 1, fence))[0].mission_type == fence
+    assert peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 501))[0].type == dialect.MAV_MISSION_NO_SPACE
+    assert peers.send_text(dialect.MAVLink_mission_clear_all_message(1, 1, fence))[0].mission_type == fence
     assert len(peers.mission.items) == 3
-    assert peers.say(dialect.MAVLink_mission_clear_all_message(1, 1))[0].type == dialect.MAV_MISSION_ACCEPTED
+    assert peers.send_text(dialect.MAVLink_mission_clear_all_message(1, 1))[0].type == dialect.MAV_MISSION_ACCEPTED
     assert peers.mission.items == () and peers.mission.message().mission_state == dialect.MISSION_STATE_NO_MISSION
 
 
@@ -159,9 +162,9 @@ def fields(message: Any) -> tuple[Any, ...]:
 
 def test_a_missing_item_is_asked_for_six_times_eight_tenths_of_a_second_apart() -> None:
     peers = Peers()
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 2))
     peers.now = 5.0
-    (wanted,) = peers.say(item(0, ROUTE[0]))
+    (wanted,) = peers.send_text(item(0, ROUTE[0]))
     assert fields(wanted) == ("MISSION_REQUEST_INT", 255, 190, 1, 0)
     asked = []
     for turn in range(1, 512):
@@ -169,7 +172,7 @@ def test_a_missing_item_is_asked_for_six_times_eight_tenths_of_a_second_apart() 
         asked += [(turn, fields(message)[0]) for message in peers.server.due(now)]
     # 0.8 s is 51.2 of them
     assert asked == [(52 * number, "MISSION_REQUEST_INT") for number in range(1, 6)] + [(52 * 6, "MISSION_ACK")]
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 1))
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 1))
     peers.now += 0.75
     assert peers.server.due(peers.now) == []
     peers.now += 0.0625
@@ -179,13 +182,13 @@ def test_a_missing_item_is_asked_for_six_times_eight_tenths_of_a_second_apart() 
 
 def test_eight_tenths_of_a_second_to_the_bit_are_waited_for_an_item() -> None:
     peers = Peers()
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 2))
     assert [len(peers.server.due(now)) for now in (0.7999, 0.8)] == [0, 1]
 
 
-def test_the_end_of_an_upload_that_stands_still_is_told_to_its_sender() -> None:
+def test_the_end_of_an_upload_that_stands_still_is_reported_to_its_sender() -> None:
     peers = Peers()
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
     answers = [answer for second in range(1, 9) for answer in peers.server.due(float(second))]
     assert fields(answers[-1]) == ("MISSION_ACK", 254, 190, dialect.MAV_MISSION_OPERATION_CANCELLED, 0)
     assert len(answers) == 6
@@ -193,12 +196,12 @@ def test_the_end_of_an_upload_that_stands_still_is_told_to_its_sender() -> None:
 
 def test_the_last_item_sent_again_is_answered_for_ten_seconds_to_its_sender() -> None:
     peers = Peers()
-    assert peers.say(item(0, ROUTE[0])) == [], "nothing was ever uploaded"
+    assert peers.send_text(item(0, ROUTE[0])) == [], "nothing was ever uploaded"
     peers.now = 100.0
     peers.upload(items_of(ROUTE[:2]))
     for now, system, number, count in ((110.0, 255, 1, 1), (110.1, 255, 1, 0), (105.0, 254, 1, 0), (105.0, 255, 0, 0)):
         peers.now = now
-        answers = peers.say(item(number, ROUTE[1]), system)
+        answers = peers.send_text(item(number, ROUTE[1]), system)
         assert [fields(answer) for answer in answers] == [("MISSION_ACK", 255, 190, 0, 0)] * count
 
 
@@ -206,20 +209,20 @@ def test_an_upload_that_was_given_up_is_not_accepted_by_a_late_item_of_the_one_b
     peers = Peers()
     peers.upload(items_of(ROUTE[:2]))
     kept = peers.mission.items
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
-    peers.say(dialect.MAVLink_mission_ack_message(1, 1, dialect.MAV_MISSION_OPERATION_CANCELLED))
-    assert peers.say(item(1, ROUTE[1])) == []
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 2))
+    peers.send_text(dialect.MAVLink_mission_ack_message(1, 1, dialect.MAV_MISSION_OPERATION_CANCELLED))
+    assert peers.send_text(item(1, ROUTE[1])) == []
     assert peers.mission.items == kept
 
 
 def test_an_upload_is_given_up_by_its_sender_alone() -> None:
     peers = Peers()
-    assert peers.say(dialect.MAVLink_mission_ack_message(1, 1, 15)) == [] and peers.server.said == ""
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 2))
+    assert peers.send_text(dialect.MAVLink_mission_ack_message(1, 1, 15)) == [] and peers.server.said == ""
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 2))
     for system, result in ((254, 15), (255, 0)):
-        assert peers.say(dialect.MAVLink_mission_ack_message(1, 1, result), system) == []
+        assert peers.send_text(dialect.MAVLink_mission_ack_message(1, 1, result), system) == []
         assert peers.mission.uploader is peers.server
-    assert peers.say(dialect.MAVLink_mission_ack_message(1, 1, 15)) == []
+    assert peers.send_text(dialect.MAVLink_mission_ack_message(1, 1, 15)) == []
     assert peers.mission.uploader is None
     assert peers.server.said == "upload of the route given up; the old route is kept"
 
@@ -229,32 +232,32 @@ def test_of_other_lists_there_is_nothing(kind: int) -> None:
     peers = Peers()
     peers.upload(items_of(ROUTE))
     ack = ("MISSION_ACK", 255, 190)
-    (count,) = peers.say(dialect.MAVLink_mission_request_list_message(1, 1, kind))
+    (count,) = peers.send_text(dialect.MAVLink_mission_request_list_message(1, 1, kind))
     assert fields(count)[:5] == ("MISSION_COUNT", 255, 190, 0, kind)
     for number, result in ((0, 0), (1, dialect.MAV_MISSION_UNSUPPORTED)):
-        (answer,) = peers.say(dialect.MAVLink_mission_count_message(1, 1, number, kind))
+        (answer,) = peers.send_text(dialect.MAVLink_mission_count_message(1, 1, number, kind))
         assert fields(answer) == (*ack, result, kind)
-    (answer,) = peers.say(dialect.MAVLink_mission_request_int_message(1, 1, 0, kind))
+    (answer,) = peers.send_text(dialect.MAVLink_mission_request_int_message(1, 1, 0, kind))
     assert fields(answer) == (*ack, dialect.MAV_MISSION_INVALID_SEQUENCE, kind)
-    answer, current = peers.say(dialect.MAVLink_mission_clear_all_message(1, 1, kind))
+    answer, current = peers.send_text(dialect.MAVLink_mission_clear_all_message(1, 1, kind))
     assert (fields(answer), fields(current)[:3]) == ((*ack, 0, kind), ("MISSION_CURRENT", 0, 3))
-    (answer,) = peers.say(dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, kind))
+    (answer,) = peers.send_text(dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, kind))
     assert fields(answer) == (*ack, dialect.MAV_MISSION_UNSUPPORTED, kind)
     assert peers.server.said == "a part of a route cannot be changed: upload the whole route"
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 1))
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 1))
     other = item(0, ROUTE[0])
     other.mission_type = kind
-    assert peers.say(other) == [] and peers.mission.uploader is peers.server
+    assert peers.send_text(other) == [] and peers.mission.uploader is peers.server
 
 
 def test_all_lists_are_cleared_at_once_and_not_while_another_uploads() -> None:
     peers = Peers()
     peers.upload(items_of(ROUTE))
-    peers.say(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
+    peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 1), system=254)
     for kind in (0, 255):
-        (answer,) = peers.say(dialect.MAVLink_mission_clear_all_message(1, 1, kind))
+        (answer,) = peers.send_text(dialect.MAVLink_mission_clear_all_message(1, 1, kind))
         assert fields(answer) == ("MISSION_ACK", 255, 190, dialect.MAV_MISSION_DENIED, kind)
-    answer, current = peers.say(dialect.MAVLink_mission_clear_all_message(1, 1, 255), system=254)
+    answer, current = peers.send_text(dialect.MAVLink_mission_clear_all_message(1, 1, 255), system=254)
     assert fields(answer) == ("MISSION_ACK", 254, 190, 0, 255)
     assert fields(current)[:4] == ("MISSION_CURRENT", 0, 0, dialect.MISSION_STATE_NO_MISSION)
     assert peers.mission.items == () and peers.mission.uploader is None
@@ -263,21 +266,23 @@ def test_all_lists_are_cleared_at_once_and_not_while_another_uploads() -> None:
 def test_an_empty_count_clears_and_five_hundred_items_are_taken() -> None:
     peers = Peers()
     peers.upload(items_of(ROUTE))
-    assert fields(peers.say(dialect.MAVLink_mission_count_message(1, 1, 0))[0]) == ("MISSION_ACK", 255, 190, 0, 0)
+    assert fields(peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 0))[0]) == ("MISSION_ACK", 255, 190, 0, 0)
     assert peers.mission.items == () and peers.server.said == "route cleared"
-    (answer,) = peers.say(dialect.MAVLink_mission_count_message(1, 1, 501))
+    (answer,) = peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 501))
     assert fields(answer) == ("MISSION_ACK", 255, 190, dialect.MAV_MISSION_NO_SPACE, 0)
     assert peers.server.said == "a route of 501 items: up to 500 are taken"
-    assert peers.say(dialect.MAVLink_mission_count_message(1, 1, 500))[0].get_type() == "MISSION_REQUEST_INT"
+    assert peers.send_text(dialect.MAVLink_mission_count_message(1, 1, 500))[0].get_type() == "MISSION_REQUEST_INT"
 
 
 def test_the_current_item_is_chosen_by_its_message() -> None:
     peers = Peers()
     peers.upload(items_of(ROUTE))
     for number, current, said in ((2, 2, ""), (3, 2, "there is no waypoint 3 in a route of 3")):
-        (answer,) = peers.say(dialect.MAVLink_mission_set_current_message(1, 1, number))
+        (answer,) = peers.send_text(dialect.MAVLink_mission_set_current_message(1, 1, number))
         assert fields(answer)[:3] == ("MISSION_CURRENT", current, 3) and peers.server.said == said
-    assert [peers.say(dialect.MAVLink_mission_request_int_message(1, 1, number))[0].current for number in range(3)] == [
+    assert [
+        peers.send_text(dialect.MAVLink_mission_request_int_message(1, 1, number))[0].current for number in range(3)
+    ] == [
         0,
         0,
         1,
@@ -295,7 +300,7 @@ def test_the_state_of_a_mission_from_its_beginning_to_its_end() -> None:
     assert state() == "NO_MISSION" and not mission.is_followed
     assert mission.obstacle(0.0) == "there is no route: upload one first"
     kept: list[Any] = []
-    mission.keep = kept.append
+    mission.save_route = kept.append
     items = tuple(MissionItem(3, 16, (0.0, 0.0, 0.0, 0.0), 1000 * number, 1000, 0.0) for number in (1, 2, 3))
     assert mission.replace(items) is False and kept == [items]
     assert state() == "NOT_STARTED"
@@ -418,12 +423,12 @@ class BadLink:
 
 
 def sent_over(peers: Peers, up: BadLink, down: BadLink, items: list[Any]) -> int | None:
-    """Upload as the protocol's text says a station does; return the result it was told, None for none."""
+    """Upload as the protocol's text says a station does; return the result it got, None for none."""
     newest: Any = dialect.MAVLink_mission_count_message(1, 1, len(items))
     saying, since, tries = [newest], 0.0, 0
     while tries < 12:
         peers.now += 0.1
-        answers = [answer for message in up.carry(saying) for answer in peers.say(message)]
+        answers = [answer for message in up.carry(saying) for answer in peers.send_text(message)]
         saying = []
         for answer in down.carry(answers + peers.server.due(peers.now)):
             if answer.get_type() == "MISSION_ACK":

@@ -16,14 +16,14 @@ HOLD = 4
 
 def begun() -> ModeHandover:
     handover = ModeHandover(HOLD)
-    handover.tell(10.0, Mode.FAILSAFE)
+    handover.publish_status(10.0, Mode.FAILSAFE)
     return handover
 
 
 @pytest.mark.parametrize("mode", [Mode.STANDBY, Mode.ENGAGED, Mode.OVERRIDE])
 def test_nothing_is_ordered_while_nothing_is_wrong(mode: Mode) -> None:
     handover = ModeHandover(HOLD)
-    handover.tell(10.0, mode)
+    handover.publish_status(10.0, mode)
     assert handover.due(10.0, 1) == []
     assert handover.seen(99.0, 0, "link") == []
 
@@ -31,7 +31,7 @@ def test_nothing_is_ordered_while_nothing_is_wrong(mode: Mode) -> None:
 @pytest.mark.parametrize("mode", [Mode.FAILSAFE, Mode.FAULT])
 def test_the_mode_is_ordered_again_until_the_vehicle_is_in_it(mode: Mode) -> None:
     handover = ModeHandover(HOLD)
-    handover.tell(10.0, mode)
+    handover.publish_status(10.0, mode)
     (command,) = handover.due(10.0, 7)
     assert (command.target_system, command.param1, command.param2) == (7, 1, HOLD)
     assert [getattr(command, f"param{number}") for number in range(3, 8)] == [0] * 5
@@ -45,8 +45,8 @@ def test_after_half_a_minute_it_gives_up_and_a_new_fail_safe_begins_anew() -> No
     handover = begun()
     assert len(handover.due(10.0 + GIVE_UP_S, 1)) == 1
     assert handover.due(10.0 + GIVE_UP_S + REPEAT_S, 1) == []
-    handover.tell(60.0, Mode.STANDBY)
-    handover.tell(61.0, Mode.FAULT)
+    handover.publish_status(60.0, Mode.STANDBY)
+    handover.publish_status(61.0, Mode.FAULT)
     assert len(handover.due(61.0, 1)) == 1
 
 

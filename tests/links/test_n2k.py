@@ -117,19 +117,19 @@ def test_magnetic_courses_take_magnetic_headings_as_they_are_and_say_so_on_the_b
     bus.far.shutdown()
 
 
-def test_headings_that_take_an_unknown_variation_are_told_of(bus: Bus) -> None:
-    told: list[str] = []
+def test_headings_that_take_an_unknown_variation_are_reported(bus: Bus) -> None:
+    reported: list[str] = []
     for second in range(12):
         bus.put(127250, heading(1.0, reference=1 if second < 8 else 0))
-        told += [
+        reported += [
             words(sample.event).split(":")[0]
             for sample in bus.samples(float(second))
             if isinstance(sample, AlarmSample)
         ]
-    assert told == ["headings come that take the magnetic variation, and it is not known", ""]
+    assert reported == ["headings come that take the magnetic variation, and it is not known", ""]
 
 
-def test_headings_that_cannot_be_used_are_told_of_after_three_seconds() -> None:
+def test_headings_that_cannot_be_used_are_reported_after_three_seconds() -> None:
     found = UnusableHeadings("line")
     assert [len(found.news(now, [], 1)) for now in (0.0, 2.999, 3.0, 9.0)] == [0, 0, 1, 0]
     assert found.news(10.0, [HeadingSample(10.0, 1.0)], 1) == [AlarmSample(10.0, None, "line, variation")]
@@ -172,7 +172,7 @@ def test_orders_leave_ten_times_a_second_and_end_with_releases(bus: Bus) -> None
     for step in range(200):
         now = step * 0.01
         bus.link.send(now, RudderCommand(now, math.radians(-12.0), now < 1.0))
-        bus.link.keep(now)
+        bus.link.poll(now)
         orders += [data for group, source, data in bus.heard() if group == 127245 and source == 204]
     steered = [data for data in orders if data[1] & 7 == 2]
     assert len(steered) == pytest.approx(10, abs=1), "move to port"
@@ -194,8 +194,8 @@ def test_the_heading_control_group_says_what_is_steered(bus: Bus) -> None:
         mode=Mode.ENGAGED,
         alarms=(),
     )
-    bus.link.show(tick)
-    bus.link.show(tick._replace(now=1.1))
+    bus.link.publish_tick(tick)
+    bus.link.publish_tick(tick._replace(now=1.1))
     frames = [data for group, _, data in bus.heard() if group == 127237]
     assert len(frames) == 4, "21 bytes in four frames, once in 250 ms"
     assert frames[0][1] == 21
@@ -207,7 +207,7 @@ def test_the_heading_control_group_says_what_is_steered(bus: Bus) -> None:
 
 
 def test_our_address_is_claimed_answered_for_and_given_up_to_a_lower_name(bus: Bus) -> None:
-    bus.link.keep(0.0)
+    bus.link.poll(0.0)
     ((group, source, ours),) = bus.heard()
     assert (group, source) == (60928, 204)
     request = identifier(59904, 35, 6, 204)
@@ -231,7 +231,7 @@ def test_our_address_is_claimed_answered_for_and_given_up_to_a_lower_name(bus: B
 
 def test_who_only_listens_claims_no_address() -> None:
     bus = Bus("listens", steers=False)
-    bus.link.keep(0.0)
+    bus.link.poll(0.0)
     bus.far.send(can.Message(arbitration_id=identifier(59904, 35, 6, 204), data=b"\x00\xee\x00", is_extended_id=True))
     bus.link.receive(0.1)
     assert bus.heard() == []
@@ -242,7 +242,7 @@ def test_who_only_listens_claims_no_address() -> None:
 def test_with_every_address_taken_nothing_is_sent() -> None:
     address = NodeAddress()
     for _ in range(200):
-        address.heard(60928, address.current, bytes(8))
+        address.on_frame(60928, address.current, bytes(8))
     assert address.current == 254
 
 
@@ -270,7 +270,7 @@ def test_a_drive_on_the_bus_obeys_our_frames(bus: Bus) -> None:
         bus.put(127245, struct.pack("<BBhhH", 0, 0xF8, 0x7FFF, round(rudder * 1e4), 0xFFFF))
         seen = [s for s in bus.link.receive(now) if isinstance(s, RudderSample | HelmSample)]
         bus.link.send(now, RudderCommand(now, 0.2, True))
-        bus.link.keep(now)
+        bus.link.poll(now)
     assert rudder == pytest.approx(0.2, abs=0.002)
     assert all(isinstance(sample, RudderSample) for sample in seen)
 
@@ -297,7 +297,7 @@ def test_the_url_builds_the_link() -> None:
     link = build_link(load_vessel("lanxin"), "n2k:virtual:built?steer=no", LinkOptions())
     assert isinstance(link, N2kLink)
     link.send(0.0, RudderCommand(0.0, 0.2, True))
-    link.keep(0.0)
+    link.poll(0.0)
     assert link.fileno() == -1
     link.release(0.0)
     link.close()
@@ -361,18 +361,18 @@ def test_a_claim_names_an_arbitrary_address_marine_steering_autopilot_of_no_regi
 def test_an_address_is_left_to_lower_names_alone_and_the_lowest_free_one_taken() -> None:
     address = NodeAddress(130)
     lower, higher, own = (struct.pack("<Q", address.name + more) for more in (-1, 1, 0))
-    assert address.heard(60928, 130, higher) and address.current == 130
-    assert not address.heard(60928, 131, lower), "another's address"
-    assert not address.heard(60928, 130, lower[:7]) and not address.heard(127250, 130, lower)
+    assert address.on_frame(60928, 130, higher) and address.current == 130
+    assert not address.on_frame(60928, 131, lower), "another's address"
+    assert not address.on_frame(60928, 130, lower[:7]) and not address.on_frame(127250, 130, lower)
     assert address.current == 130
     taken = []
     for _ in range(125):
-        assert address.heard(60928, address.current, lower)
+        assert address.on_frame(60928, address.current, lower)
         taken.append(address.current)
     assert taken == [128, 129, *range(131, 252), 254, 254]
-    assert NodeAddress(130).heard(60928, 130, own), "one of our own name: theirs is not higher"
-    assert address.heard(59904, 35, b"\x00\xee\x00") and address.heard(59904, 35, b"\x00\xee\x00\xff")
-    assert not address.heard(59904, 35, b"\x00\xee") and not address.heard(59904, 35, b"\x00\xee\x01")
+    assert NodeAddress(130).on_frame(60928, 130, own), "one of our own name: theirs is not higher"
+    assert address.on_frame(59904, 35, b"\x00\xee\x00") and address.on_frame(59904, 35, b"\x00\xee\x00\xff")
+    assert not address.on_frame(59904, 35, b"\x00\xee") and not address.on_frame(59904, 35, b"\x00\xee\x01")
 
 
 @pytest.mark.parametrize(
@@ -417,7 +417,7 @@ def test_the_order_s_direction_is_its_side(bus: Bus, side: float) -> None:
 
 
 def control(bus: Bus, tick: Tick) -> bytes:
-    bus.link.show(tick)
+    bus.link.publish_tick(tick)
     frames = [data for group, _, data in bus.heard() if group == 127237]
     return frames[0][2:] + b"".join(data[1:] for data in frames[1:]) if frames else b""
 

@@ -74,12 +74,12 @@ def test_on_a_slow_line_the_newest_command_wins() -> None:
     for step in range(100):
         now = step * 0.01
         link.send(now, RudderCommand(now, math.radians(step / 10.0), True))
-        link.keep(now)
+        link.poll(now)
     got = orders(far)
     each = len(encoders.encode_ror(math.radians(5.0), True)) * 10 / 4800.0
     assert len(got) == pytest.approx(1.0 / each, abs=3), "no more than the line can carry"
     assert link.session.replaced == pytest.approx(100 - len(got), abs=1)
-    link.keep(1.2)
+    link.poll(1.2)
     assert orders(far)[-1] == (9.9, "A"), "what waited last leaves as soon as the line is free"
 
 
@@ -91,7 +91,7 @@ def test_release_says_status_v_several_times_and_then_nothing() -> None:
     link.send(0.1, RudderCommand(0.1, 0.2, True))
     for step in range(20, 120):
         link.send(step * 0.02, RudderCommand(0.0, 0.2, False))
-        link.keep(step * 0.02)
+        link.poll(step * 0.02)
     assert orders(far) == [(11.46, "A")] + [(0.0, "V")] * 5
 
 
@@ -108,7 +108,7 @@ def test_a_command_is_repeated_for_a_while_only() -> None:
     link = NmeaLink(near)
     link.send(0.0, RudderCommand(0.0, 0.1, True))
     for step in range(1, 60):
-        link.keep(step * 0.1)
+        link.poll(step * 0.1)
     assert 2 <= len(orders(far)) <= 4
 
 
@@ -179,7 +179,7 @@ def test_rmc_gives_position_and_speed(latitude_deg: float, longitude_deg: float)
     "place",
     ["5960.0,N,01800.0,E", "5900.0,X,01800.0,E", "9001.0,N,01800.0,E", "59x0.0,N,01800.0,E", "5900.0,N,1800.0,E"],
 )
-def test_a_position_that_cannot_be_spoils_its_sentence(place: str) -> None:
+def test_a_position_that_cannot_be_voids_its_sentence(place: str) -> None:
     assert read_rmc(place) == []
 
 
@@ -193,7 +193,7 @@ def left(link: NmeaLink, far, until: float, since: float, step: float = 0.01) ->
     times = []
     for number in range(round((until - since) / step)):
         now = since + step * number + 1e-6
-        link.keep(now)
+        link.poll(now)
         times += [round(now, 2)] * len(orders(far))
     return times
 
@@ -268,7 +268,7 @@ def test_twelve_repeated_sentences_wait_for_a_slow_line_and_the_oldest_are_left_
     link = NmeaLink(near, NmeaSettings(baud=4800, steers=False))
     link.session._repeated.extend(b"$%02d\r\n" % number for number in range(20))
     for step in range(100):
-        link.keep(0.1 * step)
+        link.poll(0.1 * step)
     assert [int(data[1:3]) for data in far.receive()] == list(range(8, 20))
 
 
@@ -278,7 +278,7 @@ def test_a_line_is_busy_for_ten_bits_a_byte() -> None:
     link.session._repeated.extend([b"$" + b"x" * 45 + b"\r\n"] * 3)
     times = []
     for step in range(50):
-        link.keep(0.01 * step + 1e-6)
+        link.poll(0.01 * step + 1e-6)
         times += [step] * len(far.receive())
     assert times == [0, 10, 20], "48 bytes at 480 a second"
 
@@ -289,7 +289,7 @@ def test_on_a_full_line_a_repeated_sentence_leaves_after_three_orders() -> None:
     link.session._repeated.extend([b"$R\r\n"] * 9)
     for step in range(100):
         link.send(0.01 * step, RudderCommand(0.01 * step, 0.1, True))
-        link.keep(0.01 * step)
+        link.poll(0.01 * step)
     left = "".join("R" if data == b"$R\r\n" else "o" for data in far.receive())
     assert left.startswith("oooRoooRoooR")
 
@@ -307,7 +307,7 @@ def test_times_of_the_line_to_the_bit() -> None:
         link.send(since, RudderCommand(since, 0.1, True))
         orders(far)
         for now, count in zip(kept, leaves, strict=True):
-            link.keep(now)
+            link.poll(now)
             assert len(orders(far)) == count, now
     link.send(-0.5, RudderCommand(-0.5, 0.1, False))
     link = NmeaLink(near)

@@ -127,8 +127,8 @@ def test_a_slow_line_carries_the_rudder_order_first() -> None:
     for step in range(200):
         now = tick(step * 0.05)
         link.send(now.now, now.command)
-        link.show(now)
-        link.keep(now.now)
+        link.publish_tick(now)
+        link.poll(now.now)
     got = b"".join(far.receive()).decode().split()
     assert sum(len(line) + 2 for line in got) <= 480 * 10 + 100
     orders = sum(line.startswith("$AGROR") for line in got)
@@ -139,9 +139,9 @@ def test_a_slow_line_carries_the_rudder_order_first() -> None:
 def test_another_talker_is_sent_and_not_read_back_on_the_same_link() -> None:
     near, far = loopback_pair()
     link = NmeaLink(near, NmeaSettings(sends=tuple((name, 1.0) for name, _ in ALL), talker="II", variation=0.1))
-    link.show(tick(0.0, (RudderSample(0.0, 0.1, True, "x"),)))
+    link.publish_tick(tick(0.0, (RudderSample(0.0, 0.1, True, "x"),)))
     for step in range(20):
-        link.keep(0.1 * step)
+        link.poll(0.1 * step)
     sent = far.receive()
     said_as = {line[1:3] for line in b"".join(sent).decode().split() if line[3:6] != "ROR"}
     assert said_as == {"II"} and len(sent) >= len(ALL)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import pytest
 
-from autopilot.links.base import LinkError, Shows
+from autopilot.links.base import LinkError, TickListener
 from autopilot.links.nmea import sentences as encode
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.runtime.build_links import LinkOptions, build_link
@@ -31,7 +31,7 @@ def tick(now: float) -> Tick:
 def link_of(url: str) -> NmeaLink:
     link = build_link(VESSEL, url, LinkOptions())
     assert isinstance(link, NmeaLink)
-    assert isinstance(link, Shows)
+    assert isinstance(link, TickListener)
     return link
 
 
@@ -50,8 +50,8 @@ def headings(link: NmeaLink, now: float) -> list[Sample]:
 
 def speak(link: NmeaLink, now: float) -> None:
     link.send(now, RudderCommand(now, math.radians(5.0), True))
-    link.show(tick(now))
-    link.keep(now)
+    link.publish_tick(tick(now))
+    link.poll(now)
 
 
 def test_a_plotter_that_connects_to_us_hears_and_is_heard() -> None:

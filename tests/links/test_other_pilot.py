@@ -38,8 +38,8 @@ def test_each_says_every_second_what_it_is_and_a_change_at_once(
     pilot = OtherPilot()
     said = [(step, message.name, message.value) for step in range(25) if (message := pilot.due(0.1 * step + 1e-6))]
     assert said == [(0, "PILOT", 0), (10, "PILOT", 0), (20, "PILOT", 0)]
-    pilot.tell(2.5, mode, alarms)
-    pilot.tell(2.6, mode, alarms)
+    pilot.publish_status(2.5, mode, alarms)
+    pilot.publish_status(2.6, mode, alarms)
     message = pilot.due(2.7)
     if value:
         assert message is not None and (message.value, message.time_boot_ms) == (value, 2700)

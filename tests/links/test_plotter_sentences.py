@@ -13,7 +13,7 @@ from autopilot.signals import SpeedSample
 
 
 class Ear(PlotterGuide):
-    """A guide that keeps what it is told."""
+    """A guide that keeps what it gets."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -243,12 +243,12 @@ def hear_at(*timed: tuple[float, str]) -> list[PlotterMessage]:
 def test_a_track_is_steered_only_in_track_mode_and_where_no_heading_is_given(
     mode: str, course: str, track: str, heading: float | None
 ) -> None:
-    (told,), _ = hear(f"IIHTD,V,,,{mode},N,,,,,{course},,{track},T,A,A,A,040")
+    (message,), _ = hear(f"IIHTD,V,,,{mode},N,,,,,{course},,{track},T,A,A,A,040")
     if heading is None:
-        assert isinstance(told, PlotterInvalid)
+        assert isinstance(message, PlotterInvalid)
     else:
-        assert isinstance(told, PlotterHeading)
-        assert math.degrees(told.heading) % 360.0 == pytest.approx(heading)
+        assert isinstance(message, PlotterHeading)
+        assert math.degrees(message.heading) % 360.0 == pytest.approx(heading)
 
 
 @pytest.mark.parametrize(("later", "by_apb"), [(0.1, True), (8.0, True), (8.1, False)])

@@ -216,7 +216,7 @@ def test_a_line_away_for_an_hour_is_asked_for_every_second_and_is_there_at_once(
     kept = ReconnectingLink("line", True, opener, at_once)
     for second in range(3600):
         kept.receive(float(second))
-        kept.keep(float(second))
+        kept.poll(float(second))
     assert len(tried) == 3600 + 1
     there.yes = True
     kept.receive(3600.0)
@@ -327,7 +327,7 @@ def test_a_ground_station_s_line_that_is_lost_is_opened_again_and_steering_goes_
         if step % 10 == 0 and not 100 <= step < 300:
             ends[-1].send(station.encode(beat))
         samples += kept.receive(now)
-        kept.keep(now)
+        kept.poll(now)
     assert not [sample for sample in samples if isinstance(sample, HelmSample)], "it never had the helm"
     alarms = [(words(sample.event), sample.source) for sample in samples if isinstance(sample, AlarmSample)]
     assert [text for text, source in alarms if source == "radio line"][-1] == "" and len(ends) == 2
@@ -442,11 +442,11 @@ class Recorded:
     def send(self, now: float, command: Any) -> None:
         self._note("send", now, command)
 
-    def tell(self, now: float, mode: Any, alarms: Any) -> None:
-        self._note("tell", now, mode, alarms)
+    def publish_status(self, now: float, mode: Any, alarms: Any) -> None:
+        self._note("publish_status", now, mode, alarms)
 
-    def keep(self, now: float) -> None:
-        self._note("keep", now)
+    def poll(self, now: float) -> None:
+        self._note("poll", now)
 
     def release(self, now: float) -> None:
         self.asked.append(("release", now))
@@ -464,8 +464,8 @@ class Mover(Recorded):
 
     result: Release | None = None
 
-    def show(self, tick: Any) -> None:
-        self._note("show", tick)
+    def publish_tick(self, tick: Any) -> None:
+        self._note("publish_tick", tick)
 
     def release_result(self, now: float) -> Release | None:
         self.asked.append(("release_result", now))
@@ -489,17 +489,22 @@ def test_a_link_round_another_passes_on_every_word(wrapper: str, kind: type[Reco
     inside.packets = [(1.0, b"a")]
     assert (link.name, link.fileno(), link.receive(1.0)) == ("line", 17, inside.brings)
     link.send(2.0, command)
-    link.tell(3.0, Mode.ENGAGED, (other("one"),))
-    link.keep(4.0)
-    link.show(tick)
+    link.publish_status(3.0, Mode.ENGAGED, (other("one"),))
+    link.poll(4.0)
+    link.publish_tick(tick)
     link.release(5.0)
     found = link.release_result(6.0)
     assert (link.take_packets(), link.take_packets()) == ([(1.0, b"a")], [])
     link.close()
-    shown = [("show", tick)] if kind is Mover else []
+    shown = [("publish_tick", tick)] if kind is Mover else []
     asked = [("release_result", 6.0)] if kind is Mover else []
     assert inside.asked == [
-        *(("receive", 1.0), ("send", 2.0, command), ("tell", 3.0, Mode.ENGAGED, (other("one"),)), ("keep", 4.0)),
+        *(
+            ("receive", 1.0),
+            ("send", 2.0, command),
+            ("publish_status", 3.0, Mode.ENGAGED, (other("one"),)),
+            ("poll", 4.0),
+        ),
         *(*shown, ("release", 5.0), *asked, ("close",)),
     ]
     assert found == (None if kind is Mover else Release("line", ReleaseState.NOT_HELD))
@@ -520,7 +525,7 @@ def test_of_two_links_only_the_selected_instrument_passes() -> None:
     assert links[1].receive(1.0) == second.brings[1:]
 
 
-@pytest.mark.parametrize("call", ["receive", "send", "tell", "keep", "show"])
+@pytest.mark.parametrize("call", ["receive", "send", "publish_status", "poll", "publish_tick"])
 def test_a_line_that_breaks_in_any_call_is_left_released_and_said_once(call: str) -> None:
     inside = Mover()
     ends = [inside]
@@ -533,7 +538,11 @@ def test_a_line_that_breaks_in_any_call_is_left_released_and_said_once(call: str
     kept = ReconnectingLink("line", True, opener, at_once)
     inside.packets = [(0.5, b"before")]
     inside.fails = LinkError("line: pulled; plug it in and start again")
-    arguments = {"send": (2.0, None), "tell": (2.0, Mode.ENGAGED, ()), "show": (SimpleNamespace(now=2.0),)}
+    arguments = {
+        "send": (2.0, None),
+        "publish_status": (2.0, Mode.ENGAGED, ()),
+        "publish_tick": (SimpleNamespace(now=2.0),),
+    }
     found = getattr(kept, call)(*arguments.get(call, (2.0,)))
     said = "line: pulled; it is opened again as soon as it is there"
     news = found if call == "receive" else kept.receive(2.5)
@@ -551,7 +560,7 @@ def test_what_became_of_the_rudder_is_remembered_where_the_link_knew_it() -> Non
     inside.result = Release("line", ReleaseState.CONFIRMED, "a report")
     kept = ReconnectingLink("line", True, lambda: inside, lambda work: None)  # type: ignore[arg-type, return-value]
     inside.fails = LinkError("gone")
-    kept.keep(1.0)
+    kept.poll(1.0)
     assert kept.release_result(2.0) == inside.result
 
 
@@ -584,7 +593,7 @@ def test_both_links_are_closed_at_the_end_that_in_use_and_the_one_just_opened() 
     ends: list[Any] = [second, first]
     kept = ReconnectingLink("line", True, lambda: ends.pop(), at_once)
     first.fails = LinkError("gone")
-    kept.keep(1.0)
+    kept.poll(1.0)
     assert kept.receive(2.5) == [
         HelmSample(1.0, False, "line lost: gone", "line"),
         AlarmSample(1.0, AlarmEvent("line_lost", kept.trouble), "line line"),

@@ -49,7 +49,7 @@ def test_a_released_rudder_is_shown_free_wherever_it_stood(rudder_deg: float, me
     assert boat.now - begun < 1.2
 
 
-def test_a_stick_that_stands_where_the_rudder_was_ordered_is_told_from_an_override() -> None:
+def test_a_stick_that_stands_where_the_rudder_was_ordered_is_distinguished_from_an_override() -> None:
     boat = steering(12.0)
     boat.firmware.sticks[0] = boat.firmware.channels[0]
     assert leave(boat).state is ReleaseState.CONFIRMED

@@ -210,7 +210,7 @@ def test_memory_stays_bounded(arrivals) -> None:
             net.take(endpoint, packed(BEAT, speaker(system, component)))
     for number in range(3 * MOST_ADDRESSES):
         net.take(1, unknown(number % 250 + 1, 77, sequence=number % 256))
-    assert all(len(heard) <= MOST_ADDRESSES for heard in net.router._heard.values())
+    assert all(len(heard) <= MOST_ADDRESSES for heard in net.router._received.values())
     assert len(net.router._recent) == len(net.router._order) <= REMEMBERED
 
 
@@ -303,9 +303,9 @@ def test_a_station_sees_vehicle_and_companion_and_its_words_arrive_unchanged() -
     companion.receive(0.1)
     assert companion.session.vehicle == 1
     assert station.receive() == frames
-    companion.keep(0.2)
-    companion.tell(0.2, Mode.STANDBY, (other("hello"),))
-    companion.keep(0.3)
+    companion.poll(0.2)
+    companion.publish_status(0.2, Mode.STANDBY, (other("hello"),))
+    companion.poll(0.3)
     assert sorted(kinds(station)) == ["HEARTBEAT", "NAMED_VALUE_INT", "STATUSTEXT"]
     vehicle.receive()
     words = [packed(command(1, 1), gcs := speaker(255, 190)), unknown(255, 190), packed(STATION_BEAT, gcs)]
@@ -326,7 +326,7 @@ def test_what_we_send_as_a_ground_station_and_to_the_vehicle_alone_stays_there()
     vehicle.send(packed(BEAT, speaker(1, 1)))
     for tick in range(40):
         companion.receive(0.1 * tick)
-        companion.keep(0.1 * tick)
+        companion.poll(0.1 * tick)
     sent = [speaker(0, 0).decode(bytearray(frame)) for frame in vehicle.receive()]
     assert {m.get_type() for m in sent} > {"HEARTBEAT", "COMMAND_LONG"}
     assert {m.get_srcSystem() for m in sent} == {1, 255}
@@ -431,7 +431,7 @@ def test_a_station_that_floods_us_is_looked_away_from_until_the_next_tick() -> N
     assert forward.fileno() == 17
     forward._access.crowded = True
     assert forward.fileno() == -1 and forward.receive(0.1) == []
-    forward.tell(0.2, Mode.STANDBY, ())
+    forward.publish_status(0.2, Mode.STANDBY, ())
     assert forward.fileno() == 17
 
 

@@ -72,7 +72,7 @@ def test_only_a_signed_station_arms_sets_and_changes_the_mode() -> None:
         nonlocal now
         now += 1.0
         boat.receive(now)
-        boat.keep(now)
+        boat.poll(now)
         heard.extend(message for data in far.receive() for message in reader.decode(data))
 
     for name in ("unsigned", "wrong"):

@@ -216,14 +216,14 @@ print(heard.yaw, heard.get_signed(), link.mav.signing.goodsig_count > 0)
 def test_mavutil_with_its_own_setup_signing_hears_us_and_is_heard(tmp_path: Path) -> None:
     from autopilot.links.mavlink.signing_key import open_signing
     from autopilot.links.transports import UdpInTransport
-    from autopilot.links.url import believe_signed
+    from autopilot.links.url import accept_signed
 
     key = tmp_path / "signing.key"
     key.write_text("a passphrase of some length\n")
     key.chmod(0o600)
     signing = open_signing(key).link()
     transport = UdpInTransport("udpin:127.0.0.1:0", "127.0.0.1", 0)
-    believe_signed(transport, signing)
+    accept_signed(transport, signing)
     codec = MavlinkCodec(1, 1, signing=signing)
     digest = hashlib.sha256(b"a passphrase of some length").hexdigest()
     command = [sys.executable, "-W", "ignore", "-c", MAVUTIL, f"udpout:127.0.0.1:{transport.port}", digest]

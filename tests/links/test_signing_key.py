@@ -134,7 +134,7 @@ def test_a_new_block_is_asked_for_before_the_old_one_is_used_up(key: Path) -> No
     assert blocks._wanted.is_set()
 
 
-def test_a_disk_that_fails_meanwhile_is_told_and_stops_nothing(key: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_fails_meanwhile_is_reported_and_stops_nothing(key: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     blocks = TimestampBlocks(key, lambda: NOW)
     first = blocks.next()
 
@@ -142,14 +142,14 @@ def test_a_disk_that_fails_meanwhile_is_told_and_stops_nothing(key: Path, monkey
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(signing_key, "replace_file", full)
-    told: list[str] = []
-    blocks.keep_renewing(told.append)
+    reported: list[str] = []
+    blocks.keep_renewing(reported.append)
     blocks._wanted.set()
     for _ in range(200):
-        if told:
+        if reported:
             break
         time.sleep(0.02)
-    assert "No space left on device" in told[0] and told[0] == blocks.complaint
+    assert "No space left on device" in reported[0] and reported[0] == blocks.complaint
     assert blocks.next() == first + 1
     with pytest.raises(InputError, match=r"cannot be kept in .*signing.key.timestamp \(No space left"):
         TimestampBlocks(key)

@@ -38,7 +38,7 @@ def test_only_a_fresh_order_is_said_and_a_release_until_it_is_passed_on(events) 
             if standing is not None:
                 given_at, owed = now, RELEASES
         said: list[float | None] = []
-        order.say(now, lambda angle, said=said, passes=passes: bool(said.append(angle)) or passes)
+        order.send(now, lambda angle, said=said, passes=passes: bool(said.append(angle)) or passes)
         assert len(said) <= 1
         for angle in said:
             assert angle == standing
@@ -56,7 +56,7 @@ def test_after_an_order_five_releases_are_said_and_no_more() -> None:
     order.take(0.0, RudderCommand(0.1, 0.0, True))
     order.take(0.01, RudderCommand(0.1, 0.0, False))
     for tick in range(200):
-        order.say(0.01 * tick, lambda angle: not said.append(angle))
+        order.send(0.01 * tick, lambda angle: not said.append(angle))
     assert said == [None] * RELEASES
     assert order.end() == 0
 
@@ -70,7 +70,7 @@ def test_times_of_a_standing_order_to_the_bit() -> None:
         found = []
         for now in times:
             before = len(said)
-            order.say(now, lambda angle: not said.append(angle))
+            order.send(now, lambda angle: not said.append(angle))
             found.append(len(said) - before)
         return found
 

@@ -66,11 +66,11 @@ class Store:
 
 
 class Carrier:
-    """Writes down which commands it is given, and answers as it is told to."""
+    """Writes down which commands it is given, and answers as it is ordered to."""
 
     def __init__(self, mission: Mission) -> None:
         self.mission, self.armed, self.tuner = mission, False, None
-        self.tuning = SimpleNamespace(told=lambda: self.tuned)
+        self.tuning = SimpleNamespace(outcome=lambda: self.tuned)
         self.tuned = self.refusal = ""
         self.running: LongCommand | None = None
         self.result = ACCEPTED
@@ -99,7 +99,7 @@ def fields(message: Any) -> tuple[Any, ...]:
     return (message.get_type(), *(getattr(message, name) for name in message.fieldnames))
 
 
-class Desk:
+class Service:
     """The service with a carrier of commands that writes down."""
 
     def __init__(self, files: dict[str, bytes] | None = None, ticked: bool = True) -> None:
@@ -117,11 +117,11 @@ class Desk:
             files or {},
         )
 
-    def say(self, message: Any, now: float = 0.0, system: int = 255) -> list[tuple[Any, ...]]:
+    def send_text(self, message: Any, now: float = 0.0, system: int = 255) -> list[tuple[Any, ...]]:
         return [fields(answer) for answer in self.service.take(now, arrived(message, system))]
 
     def give(self, command: int, *values: float) -> list[tuple[Any, ...]]:
-        return self.say(long(command, *values))
+        return self.send_text(long(command, *values))
 
     def texts_said(self) -> list[tuple[int, str]]:
         return [(text.severity, text.text) for number in range(9) for text in self.texts.due(1000.0 + number)]
@@ -139,65 +139,65 @@ def ack(command: int, result: int, percent: int = 0, system: int = 255) -> tuple
 
 
 def test_a_command_is_carried_out_with_all_its_parameters_at_the_newest_tick() -> None:
-    desk = Desk()
-    assert desk.give(31010, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0) == [ack(31010, ACCEPTED)]
-    assert desk.carrier.given == [(31010, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0), desk.telemetry.tick)]
-    desk.carrier.result, desk.carrier.refusal = REJECTED, "arm first"
-    assert desk.give(400, 1.0) == [ack(400, REJECTED)]
-    assert desk.texts_said() == [(4, "arm first")]
+    service = Service()
+    assert service.give(31010, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0) == [ack(31010, ACCEPTED)]
+    assert service.carrier.given == [(31010, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0), service.telemetry.tick)]
+    service.carrier.result, service.carrier.refusal = REJECTED, "arm first"
+    assert service.give(400, 1.0) == [ack(400, REJECTED)]
+    assert service.texts_said() == [(4, "arm first")]
 
 
 @pytest.mark.parametrize("frame", [0, 3, 5, 6, 10, 11])
 def test_positions_in_command_int_are_scaled_and_other_numbers_are_not(frame: int) -> None:
-    desk = Desk()
+    service = Service()
 
     def order(command: int, where: int) -> list[tuple[Any, ...]]:
         values = (1.0, 2.0, 3.0, 4.0, 595_000_000, -181_234_567, 7.5)
-        return desk.say(dialect.MAVLink_command_int_message(1, 1, where, command, 0, 0, *values))
+        return service.send_text(dialect.MAVLink_command_int_message(1, 1, where, command, 0, 0, *values))
 
     assert order(192, frame) == [ack(192, ACCEPTED)]
     assert order(31010, 1) == [ack(31010, ACCEPTED)]
-    place, numbers = (given[1] for given in desk.carrier.given)
+    place, numbers = (given[1] for given in service.carrier.given)
     assert place == pytest.approx((1.0, 2.0, 3.0, 4.0, 59.5, -18.1234567, 7.5), abs=1e-9)
     assert numbers == (1.0, 2.0, 3.0, 4.0, 595_000_000.0, -181_234_567.0, 7.5)
     assert order(192, 1) == [ack(192, DENIED)]
-    assert len(desk.carrier.given) == 2
-    assert desk.texts_said() == [(4, "a place in frame 1: use a global one")]
+    assert len(service.carrier.given) == 2
+    assert service.texts_said() == [(4, "a place in frame 1: use a global one")]
 
 
 def test_messages_are_made_when_they_are_asked_for() -> None:
-    desk = Desk()
+    service = Service()
     for identity in (1, 2, 30, 42, 74, 148, 436):
-        accepted, message = desk.service.take(0.0, arrived(long(512, float(identity))))
+        accepted, message = service.service.take(0.0, arrived(long(512, float(identity))))
         assert (fields(accepted), message.id) == (ack(512, ACCEPTED), identity)
-    assert [message[0] for message in desk.give(520, 1.0)] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
+    assert [message[0] for message in service.give(520, 1.0)] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
     for unknown in (0.0, 9999.0, 30.5, math.nan, math.inf, -1.0, 33.0, 395.0, 397.0):
-        assert desk.give(512, unknown) == [ack(512, UNSUPPORTED)]
-    early = Desk(ticked=False)
+        assert service.give(512, unknown) == [ack(512, UNSUPPORTED)]
+    early = Service(ticked=False)
     assert early.give(512, 30.0) == [ack(512, UNSUPPORTED)]
     assert [message[0] for message in early.give(512, 148.0)] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
 
 
 def test_the_modes_are_listed_all_or_one() -> None:
-    desk = Desk()
+    service = Service()
     modes = [
         ("AVAILABLE_MODES", 4, 1, 0, 0, 0, b"Manual"),
         ("AVAILABLE_MODES", 4, 2, 0, 15, 0, b"Heading"),
         ("AVAILABLE_MODES", 4, 3, 6, 10, 0, b"Track"),
         ("AVAILABLE_MODES", 4, 4, 0, 3, 2, b"Trial"),
     ]
-    assert desk.give(512, 435.0, 0.0) == [ack(512, ACCEPTED), *modes]
+    assert service.give(512, 435.0, 0.0) == [ack(512, ACCEPTED), *modes]
     for index in (1, 2, 3, 4):
-        assert desk.give(512, 435.0, float(index)) == [ack(512, ACCEPTED), modes[index - 1]]
+        assert service.give(512, 435.0, float(index)) == [ack(512, ACCEPTED), modes[index - 1]]
     for none in (5.0, -1.0, 1.5, math.nan):
-        assert desk.give(512, 435.0, none) == [ack(512, UNSUPPORTED)]
+        assert service.give(512, 435.0, none) == [ack(512, UNSUPPORTED)]
 
 
 def test_the_metadata_is_announced_where_there_is_some() -> None:
-    desk = Desk({"/general.json": b"{}"})
+    service = Service({"/general.json": b"{}"})
     crc, where = sum_by_the_bit(b"{}"), b"mftp:///general.json"
-    assert desk.give(512, 397.0) == [ack(512, ACCEPTED), ("COMPONENT_METADATA", 0, crc, where)]
-    assert desk.give(512, 395.0) == [ack(512, ACCEPTED), ("COMPONENT_INFORMATION", 0, crc, where, 0, b"")]
+    assert service.give(512, 397.0) == [ack(512, ACCEPTED), ("COMPONENT_METADATA", 0, crc, where)]
+    assert service.give(512, 395.0) == [ack(512, ACCEPTED), ("COMPONENT_INFORMATION", 0, crc, where, 0, b"")]
 
 
 def sum_by_the_bit(content: bytes) -> int:
@@ -210,31 +210,33 @@ def sum_by_the_bit(content: bytes) -> int:
 
 
 def test_an_interval_is_set_by_command() -> None:
-    desk = Desk()
-    assert desk.give(511, 30.0, 100_000.0) == [ack(511, ACCEPTED)]
-    assert desk.give(511, 30.0, math.nan) == [ack(511, DENIED)]
+    service = Service()
+    assert service.give(511, 30.0, 100_000.0) == [ack(511, ACCEPTED)]
+    assert service.give(511, 30.0, math.nan) == [ack(511, DENIED)]
     for unknown in (9999.0, 30.5, math.nan):
-        assert desk.give(511, unknown, 100_000.0) == [ack(511, UNSUPPORTED)]
-    desk.telemetry.due(0.0)
-    assert [message.id for message in desk.telemetry.due(0.1)] == [30]
+        assert service.give(511, unknown, 100_000.0) == [ack(511, UNSUPPORTED)]
+    service.telemetry.due(0.0)
+    assert [message.id for message in service.telemetry.due(0.1)] == [30]
 
 
 def test_a_mode_is_set_by_its_old_message_too() -> None:
-    desk = Desk()
-    assert desk.say(dialect.MAVLink_set_mode_message(1, 1, 15)) == [ack(11, ACCEPTED)]
-    assert desk.carrier.given == [("mode", 15, desk.telemetry.tick)]
-    desk.carrier.result, desk.carrier.refusal = REJECTED, "arm first"
-    assert desk.say(dialect.MAVLink_set_mode_message(1, 0x80, 15)) == [ack(11, UNSUPPORTED)], "no mode of ours"
-    assert desk.texts_said() == []
-    assert desk.say(dialect.MAVLink_set_mode_message(1, 0x81, 15)) == [ack(11, REJECTED)]
-    assert desk.texts_said() == [(4, "arm first")]
+    service = Service()
+    assert service.send_text(dialect.MAVLink_set_mode_message(1, 1, 15)) == [ack(11, ACCEPTED)]
+    assert service.carrier.given == [("mode", 15, service.telemetry.tick)]
+    service.carrier.result, service.carrier.refusal = REJECTED, "arm first"
+    assert service.send_text(dialect.MAVLink_set_mode_message(1, 0x80, 15)) == [ack(11, UNSUPPORTED)], "no mode of ours"
+    assert service.texts_said() == []
+    assert service.send_text(dialect.MAVLink_set_mode_message(1, 0x81, 15)) == [ack(11, REJECTED)]
+    assert service.texts_said() == [(4, "arm first")]
 
 
 def test_a_clock_is_compared_once() -> None:
-    desk = Desk()
-    assert desk.say(dialect.MAVLink_timesync_message(0, 77), 2.5) == [("TIMESYNC", 2_500_000_000, 77)]
-    assert desk.say(dialect.MAVLink_timesync_message(5, 77), 2.5) == [], "an answer is not answered"
-    assert desk.say(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)) == [], "what asks nothing is not answered"
+    service = Service()
+    assert service.send_text(dialect.MAVLink_timesync_message(0, 77), 2.5) == [("TIMESYNC", 2_500_000_000, 77)]
+    assert service.send_text(dialect.MAVLink_timesync_message(5, 77), 2.5) == [], "an answer is not answered"
+    assert service.send_text(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)) == [], (
+        "what asks nothing is not answered"
+    )
 
 
 # what takes a while
@@ -247,7 +249,7 @@ class Run:
     progress = 0.25
 
 
-def test_progress_is_told_once_a_second_and_the_end_at_once() -> None:
+def test_progress_is_reported_once_a_second_and_the_end_at_once() -> None:
     run = Run()
     reports = ProgressReports()
     assert reports.due(0.0) == [] and not reports.is_for((0, 0))
@@ -261,20 +263,22 @@ def test_progress_is_told_once_a_second_and_the_end_at_once() -> None:
 
 
 def test_a_long_command_is_answered_by_its_progress_and_cancelled() -> None:
-    desk, run = Desk(), Run()
-    desk.carrier.result = IN_PROGRESS
-    desk.carrier.running = running = LongCommand(31010, (), run)
-    assert desk.give(31010) == [ack(31010, IN_PROGRESS, 25)]
-    assert [fields(message) for message in desk.service.due(1.0)] == [ack(31010, IN_PROGRESS, 25)]
-    assert desk.say(CommandCancel(1, 1, 31010), 1.5, system=254) == [ack(31010, CANCELLED, system=254)]
+    service, run = Service(), Run()
+    service.carrier.result = IN_PROGRESS
+    service.carrier.running = running = LongCommand(31010, (), run)
+    assert service.give(31010) == [ack(31010, IN_PROGRESS, 25)]
+    assert [fields(message) for message in service.service.due(1.0)] == [ack(31010, IN_PROGRESS, 25)]
+    assert service.send_text(CommandCancel(1, 1, 31010), 1.5, system=254) == [ack(31010, CANCELLED, system=254)]
     run.is_over = running.is_cancelled = True
-    assert desk.say(CommandCancel(1, 1, 31010), 1.6) == [ack(31010, CANCELLED, 25)], "who is reported to hears it once"
-    desk.carrier.cancels = False
-    assert desk.say(CommandCancel(1, 1, 31010), 1.7) == []
-    assert desk.say(CommandCancel(1, 1, 31010), 1.7, system=254) == []
-    desk.carrier.running = None
-    assert desk.give(31014) == [ack(31014, IN_PROGRESS)]
-    assert desk.service.due(5.0) == [], "there is nothing to report"
+    assert service.send_text(CommandCancel(1, 1, 31010), 1.6) == [ack(31010, CANCELLED, 25)], (
+        "who is reported to hears it once"
+    )
+    service.carrier.cancels = False
+    assert service.send_text(CommandCancel(1, 1, 31010), 1.7) == []
+    assert service.send_text(CommandCancel(1, 1, 31010), 1.7, system=254) == []
+    service.carrier.running = None
+    assert service.give(31014) == [ack(31014, IN_PROGRESS)]
+    assert service.service.due(5.0) == [], "there is nothing to report"
 
 
 # parameters
@@ -286,26 +290,26 @@ def value(index: int, number: float | None = None) -> tuple[Any, ...]:
 
 
 def test_parameters_are_listed_four_a_turn() -> None:
-    desk = Desk()
-    assert desk.say(dialect.MAVLink_param_request_list_message(1, 1)) == []
-    turns = [[fields(message) for message in desk.service.due(0.0)] for _ in range(4)]
+    service = Service()
+    assert service.send_text(dialect.MAVLink_param_request_list_message(1, 1)) == []
+    turns = [[fields(message) for message in service.service.due(0.0)] for _ in range(4)]
     assert turns == [[value(n) for n in each] for each in ((0, 1, 2, 3), (4, 5, 6, 7), (8, 9), ())]
 
 
 def test_parameters_are_read_by_name_or_index_and_written_by_name() -> None:
-    desk = Desk()
+    service = Service()
     for name, index, answer in ((b"P3", -1, 3), (b"A_NAME_OF_16_CHR", -1, 9), (b"P3", 0, 0), (b"", 9, 9)):
-        assert desk.say(dialect.MAVLink_param_request_read_message(1, 1, name, index)) == [value(answer)]
+        assert service.send_text(dialect.MAVLink_param_request_read_message(1, 1, name, index)) == [value(answer)]
     unknown = ("PARAM_ERROR", 255, 190)
     for name, index in ((b"P3", 10), (b"NONE", -1), (b"A_NAME_OF_16_CHS", -1)):
-        assert desk.say(dialect.MAVLink_param_request_read_message(1, 1, name, index)) == [
+        assert service.send_text(dialect.MAVLink_param_request_read_message(1, 1, name, index)) == [
             (*unknown, name.decode(), index, 1)
         ]
-    assert desk.say(dialect.MAVLink_param_set_message(1, 1, b"P3", 7.5, 9)) == [value(3, 7.5)]
-    assert desk.say(dialect.MAVLink_param_set_message(1, 1, b"P3", -1.0, 9)) == [value(3, 7.5)]
-    assert desk.say(dialect.MAVLink_param_set_message(1, 1, b"P3", 1.0, 6)) == [value(3, 7.5)]
-    assert desk.say(dialect.MAVLink_param_set_message(1, 1, b"NONE", 1.0, 9)) == [(*unknown, "NONE", -1, 1)]
-    said = desk.texts_said()
+    assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"P3", 7.5, 9)) == [value(3, 7.5)]
+    assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"P3", -1.0, 9)) == [value(3, 7.5)]
+    assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"P3", 1.0, 6)) == [value(3, 7.5)]
+    assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"NONE", 1.0, 9)) == [(*unknown, "NONE", -1, 1)]
+    said = service.texts_said()
     assert said[0] == (4, "P3 not changed: allowed: at least 0.")
     assert "".join(text for _, text in said[1:]) == "P3 not changed: it is REAL32 and was set as type 6"
 
@@ -314,10 +318,10 @@ def test_parameters_are_read_by_name_or_index_and_written_by_name() -> None:
 
 
 def test_orders_are_denied_in_their_own_way_and_nothing_is_done() -> None:
-    desk = Desk()
+    service = Service()
 
     def denied(message: Any) -> list[tuple[Any, ...]]:
-        return [fields(answer) for answer in desk.service.answered(arrived(message), DENIED)]
+        return [fields(answer) for answer in service.service.answered(arrived(message), DENIED)]
 
     assert denied(dialect.MAVLink_param_set_message(1, 1, b"P3", 7.5, 9)) == [value(3)]
     assert denied(dialect.MAVLink_param_set_message(1, 1, b"NONE", 7.5, 9)) == [
@@ -329,40 +333,43 @@ def test_orders_are_denied_in_their_own_way_and_nothing_is_done() -> None:
     assert denied(long(400, 1.0)) == [ack(400, DENIED)]
     assert denied(CommandCancel(1, 1, 31010)) == [ack(31010, DENIED)]
     assert denied(dialect.MAVLink_set_mode_message(1, 1, 15)) == [ack(11, DENIED)]
-    assert desk.carrier.given == [] and desk.store.values["P3"] == 3.0 and desk.mission.current == 0
+    assert service.carrier.given == [] and service.store.values["P3"] == 3.0 and service.mission.current == 0
 
 
 # the mission, as people read it
 
 
 def test_word_of_the_mission_and_of_tuning_is_a_notice_said_once() -> None:
-    desk = Desk()
-    assert desk.say(dialect.MAVLink_mission_clear_all_message(1, 1))[0] == ("MISSION_ACK", 255, 190, 0, 0)
-    assert desk.texts_said() == [(5, "route cleared")]
-    desk.service.due(20.0)
-    assert desk.texts_said() == []
-    desk.say(dialect.MAVLink_mission_count_message(1, 1, 2), 30.0)
+    service = Service()
+    assert service.send_text(dialect.MAVLink_mission_clear_all_message(1, 1))[0] == ("MISSION_ACK", 255, 190, 0, 0)
+    assert service.texts_said() == [(5, "route cleared")]
+    service.service.due(20.0)
+    assert service.texts_said() == []
+    service.send_text(dialect.MAVLink_mission_count_message(1, 1, 2), 30.0)
     for turn in range(1, 7):
-        desk.service.due(30.0 + turn)
-    assert desk.texts_said() == [(5, "upload of the route ended: item 0 did not come; th"), (5, "e old route is kept")]
-    desk.carrier.tuned = "the level is 7 now"
-    desk.service.due(40.0)
-    assert desk.texts_said() == [(5, "the level is 7 now")]
+        service.service.due(30.0 + turn)
+    assert service.texts_said() == [
+        (5, "upload of the route ended: item 0 did not come; th"),
+        (5, "e old route is kept"),
+    ]
+    service.carrier.tuned = "the level is 7 now"
+    service.service.due(40.0)
+    assert service.texts_said() == [(5, "the level is 7 now")]
 
 
-def test_a_waypoint_that_was_passed_is_told_while_the_route_is_followed() -> None:
-    desk = Desk()
-    guide = desk.mission.guide
-    assert desk.service.passed() == []
+def test_a_waypoint_that_was_passed_is_reported_while_the_route_is_followed() -> None:
+    service = Service()
+    guide = service.mission.guide
+    assert service.service.passed() == []
     guide.passed, guide.last_passed = 1, 4
-    assert desk.service.passed() == [], "going to a place"
-    assert desk.service.passed() == []
-    desk.mission.follow()
+    assert service.service.passed() == [], "going to a place"
+    assert service.service.passed() == []
+    service.mission.follow()
     guide.passed, guide.last_passed, guide.target = 2, 1, 2
-    reached, current = (fields(message) for message in desk.service.passed())
+    reached, current = (fields(message) for message in service.service.passed())
     assert reached == ("MISSION_ITEM_REACHED", 1)
     assert current[:5] == ("MISSION_CURRENT", 2, 3, dialect.MISSION_STATE_ACTIVE, 1)
-    assert desk.service.passed() == []
+    assert service.service.passed() == []
 
 
 # the alarms as a file
@@ -409,13 +416,13 @@ class Linked:
         return [message for data in self.far.receive() for message in self.station.decode(data)]
 
     def kept(self, now: float, kind: str) -> list[Any]:
-        self.link.keep(now)
+        self.link.poll(now)
         return [message for message in self.heard() if message.get_type() == kind]
 
-    def say(self, now: float, message: Any, system: int = 255, component: int = 190) -> list[Any]:
+    def send_text(self, now: float, message: Any, system: int = 255, component: int = 190) -> list[Any]:
         self.far.send(MavlinkCodec(system, component).encode(message))
         samples: list[Any] = self.link.receive(now)
-        self.link.tell(now, Mode.STANDBY, ())
+        self.link.publish_status(now, Mode.STANDBY, ())
         return samples
 
 
@@ -440,7 +447,7 @@ def test_the_heartbeat_says_boat_and_state(mode: Mode | None, armed: bool, flags
     bench = Linked()
     bench.carrier.armed = armed
     if mode is not None:
-        bench.link.show(tick(0.0, mode))
+        bench.link.publish_tick(tick(0.0, mode))
     (beat,) = bench.kept(0.0, "HEARTBEAT")
     assert (beat.get_srcSystem(), beat.get_srcComponent()) == (7, 1)
     assert fields(beat) == ("HEARTBEAT", 11, 0, flags, custom, state, 3)
@@ -463,35 +470,35 @@ def test_an_alarm_is_said_when_it_is_new_by_how_bad_it_is(mode: Mode, severity: 
     said = []
     one, two = other("one"), other("two")
     for now, alarms in ((0.0, (one,)), (20.0, (one,)), (40.0, (two, one)), (60.0, ()), (80.0, (one,))):
-        bench.link.tell(now, mode, alarms)
+        bench.link.publish_status(now, mode, alarms)
         said += [(now, text.severity, text.text) for text in bench.kept(now, "STATUSTEXT")]
     assert said == [(0.0, severity, "one"), (40.0, severity, "two"), (80.0, severity, "one")]
 
 
-def test_a_stranger_is_refused_and_told_so_once_a_minute() -> None:
+def test_a_stranger_is_refused_and_informed_once_a_minute() -> None:
     bench = Linked(AccessPolicy(AccessRules(systems=frozenset({255}))))
     texts = []
     for now in (0.0, 0.5, 59.9, 60.0, 60.5):
-        bench.say(now, long(400, 1.0, system=7), system=254)
+        bench.send_text(now, long(400, 1.0, system=7), system=254)
         texts += [(now, text.severity, text.text) for text in bench.kept(now, "STATUSTEXT")]
     words = "refused: a system id that is not allowed"
     assert texts == [(0.0, 4, words), (60.0, 4, words)]
     assert bench.carrier.given == []
-    bench.say(61.0, long(400, 1.0, system=7))
+    bench.send_text(61.0, long(400, 1.0, system=7))
     assert len(bench.carrier.given) == 1
 
 
 def test_a_link_from_elsewhere_without_a_key_only_looks() -> None:
     bench = Linked(key=False)
     assert not bench.link.takes_orders
-    bench.say(0.0, long(400, 1.0, system=7))
+    bench.send_text(0.0, long(400, 1.0, system=7))
     denied, *texts = bench.heard() + bench.kept(1.0, "STATUSTEXT") + bench.kept(2.0, "STATUSTEXT")
     assert fields(denied) == ack(400, DENIED) and bench.carrier.given == []
     texts += bench.kept(3.0, "STATUSTEXT")
     assert "".join(text.text for text in texts if text.get_type() == "STATUSTEXT").startswith(
         "no orders without a signing key over this link"
     )
-    bench.say(4.0, long(512, 148.0, system=7))
+    bench.send_text(4.0, long(512, 148.0, system=7))
     assert [message.get_type() for message in bench.heard()] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
 
 
@@ -501,25 +508,25 @@ def test_a_link_from_elsewhere_without_a_key_only_looks() -> None:
 )
 def test_what_is_for_us(system: int, component: int, is_ours: bool) -> None:
     bench = Linked()
-    bench.say(0.0, dialect.MAVLink_command_long_message(system, component, 400, 0, 1.0, *[0.0] * 6))
+    bench.send_text(0.0, dialect.MAVLink_command_long_message(system, component, 400, 0, 1.0, *[0.0] * 6))
     assert bool(bench.carrier.given) is is_ours
 
 
 def test_a_station_that_falls_silent_is_reported_missing() -> None:
     bench = Linked()
-    assert bench.say(0.0, BEAT) == []
+    assert bench.send_text(0.0, BEAT) == []
     assert bench.link.receive(5.0) == []
     silent = ConditionSample(5.1, "station_silent", True, "loopback:a", "loopback:a")
     assert bench.link.receive(5.1) == [silent]
-    assert bench.say(5.2, BEAT, 7, 1) == [], "that is our own name"
+    assert bench.send_text(5.2, BEAT, 7, 1) == [], "that is our own name"
     over = ConditionSample(5.3, "station_silent", False, "", "loopback:a")
-    assert bench.say(5.3, BEAT, 7, 2) == [over]
+    assert bench.send_text(5.3, BEAT, 7, 2) == [over]
     other = Linked()
-    other.say(0.0, long(512, 148.0, system=7))
+    other.send_text(0.0, long(512, 148.0, system=7))
     assert other.link.receive(9.0) == [], "who never beat is not missed"
 
 
-def test_a_flood_is_told_when_it_begins_and_five_seconds_after_it() -> None:
+def test_a_flood_is_reported_when_it_begins_and_five_seconds_after_it() -> None:
     bench = Linked()
     for _ in range(101):
         bench.far.send(bench.station.encode(BEAT))
@@ -540,7 +547,7 @@ def test_a_crowded_link_is_left_alone_until_the_command_has_left() -> None:
     assert bench.link.fileno() == -1
     bench.far.send(bench.station.encode(long(400, 1.0, system=7)))
     assert bench.link.receive(1.0) == [] and bench.carrier.given == []
-    bench.link.tell(1.0, Mode.STANDBY, ())
+    bench.link.publish_status(1.0, Mode.STANDBY, ())
     assert [sample.name for sample in bench.link.receive(1.1) if isinstance(sample, ConditionSample)] == [
         "link_flooded"
     ]
@@ -570,12 +577,12 @@ def test_what_cannot_leave_is_counted_and_not_recorded() -> None:
     assert bench.link.dropped == 2 and bench.link.take_packets() == []
 
 
-def test_a_station_that_is_gone_is_told_once_and_ends_nothing() -> None:
+def test_a_station_that_is_gone_is_reported_once_and_ends_nothing() -> None:
     bench = Linked()
-    bench.say(0.0, BEAT)
+    bench.send_text(0.0, BEAT)
     bench.link.receive(6.0)
     bench.far.close()
-    bench.link.keep(6.5)
+    bench.link.poll(6.5)
     assert bench.link.dropped == 1
     alarm, over = bench.link.receive(7.0)
     assert isinstance(alarm, AlarmSample) and (alarm.time, alarm.source) == (7.0, "loopback:a")
@@ -594,13 +601,13 @@ def test_the_alarms_that_are_on_are_served_as_a_file() -> None:
 
     def length() -> int:
         asked[0] += 1
-        bench.say(0.0, dialect.MAVLink_file_transfer_protocol_message(0, 7, 1, list(asked)))
+        bench.send_text(0.0, dialect.MAVLink_file_transfer_protocol_message(0, 7, 1, list(asked)))
         (answer,) = (message for message in bench.heard() if message.get_type() == "FILE_TRANSFER_PROTOCOL")
         assert answer.payload[3] == 128
         return int.from_bytes(bytes(answer.payload[12:16]), "little")
 
     assert length() == 2, "an empty list before the first tick"
-    bench.link.show(tick(alarms=(other("one"),)))
+    bench.link.publish_tick(tick(alarms=(other("one"),)))
     bench.heard()
     assert length() == len('[{"name":"","words":"one","state":"notice","escalated":false}]')
 

@@ -84,7 +84,7 @@ def test_more_to_starboard_is_never_more_to_port(channel, one, other) -> None:
     )
 
 
-def test_amidships_can_be_told_from_a_stick_at_rest_and_moves_nothing() -> None:
+def test_amidships_can_be_distinguished_from_a_stick_at_rest_and_moves_nothing() -> None:
     pulse, by_stick = pulse_table(WIDE).nearest(0.0), pulse_from_manual(WIDE, manual_table(WIDE).nearest(0.0))
     for asked in (pulse, by_stick):
         assert asked - WIDE.rc_trim == pytest.approx(WIDE.rc_dead_zone / 2, abs=1.0)

@@ -53,7 +53,7 @@ def failure(name: str) -> OSError:
 
 
 class Wire:
-    """A socket that gives what is put into it, and takes as many bytes as it is told."""
+    """A socket that gives what is put into it, and takes as many bytes as it is set to."""
 
     def __init__(self, *arriving: Any) -> None:
         self.arriving = list(arriving)
@@ -655,7 +655,7 @@ def test_a_loopback_that_is_closed_at_either_end_gives_what_waits_and_then_says_
             way()
 
 
-def test_a_recording_is_of_datagrams_unless_told() -> None:
+def test_a_recording_is_of_datagrams_unless_set() -> None:
     assert not ReplayTransport([]).is_stream and ReplayTransport([], is_stream=True).is_stream
     replay = ReplayTransport([(1.0, b"a"), (1.0, b"b")])
     assert (replay.next_time, replay.fileno()) == (1.0, -1)

@@ -57,7 +57,7 @@ def test_drift_is_followed() -> None:
     assert now - local <= 100e-6 * 2.0 * WINDOW_S + 1e-6
 
 
-def test_a_reboot_is_told_from_disorder_and_from_the_wrap() -> None:
+def test_a_reboot_is_distinguished_from_disorder_and_from_the_wrap() -> None:
     clock = VehicleClock()
     assert not clock.rebooted(0.0, 5.0)
     clock.local(0.0, 100.0)

@@ -41,53 +41,59 @@ def text(words: str) -> Any:
     return sent(dialect.MAVLink_statustext_message(3, words.encode()))
 
 
-def told(samples: list[Any]) -> list[tuple[str, bool]]:
+def conditions_of(samples: list[Any]) -> list[tuple[str, bool]]:
     assert all(isinstance(sample, ConditionSample) and sample.name in CATALOGUE for sample in samples)
     return [(sample.name, sample.present) for sample in samples]
 
 
-def test_a_low_charge_is_told_once_and_is_over_when_it_has_recovered() -> None:
+def test_a_low_charge_is_reported_once_and_is_over_when_it_has_recovered() -> None:
     health = VehicleHealth(20.0)
-    assert told(health.take(0.0, system(21))) == []
+    assert conditions_of(health.take(0.0, system(21))) == []
     (low,) = health.take(1.0, system(19))
     assert (low.name, low.present, low.detail) == ("battery_low", True, "19 %")
-    assert told(health.take(2.0, system(18))) == []
-    assert told(health.take(3.0, battery(int(20 + RECOVERED_PERCENT) - 1))) == []
-    assert told(health.take(4.0, battery(int(20 + RECOVERED_PERCENT)))) == [("battery_low", False)]
+    assert conditions_of(health.take(2.0, system(18))) == []
+    assert conditions_of(health.take(3.0, battery(int(20 + RECOVERED_PERCENT) - 1))) == []
+    assert conditions_of(health.take(4.0, battery(int(20 + RECOVERED_PERCENT)))) == [("battery_low", False)]
 
 
 def test_a_charge_that_nobody_knows_is_no_news_and_a_bad_state_is() -> None:
     health = VehicleHealth(20.0)
-    assert told(health.take(0.0, system(-1))) == []
-    assert told(health.take(1.0, battery(-1, dialect.MAV_BATTERY_CHARGE_STATE_OK))) == []
-    assert told(health.take(2.0, battery(-1, dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL))) == [("battery_low", True)]
-    assert told(health.take(3.0, system(-1))) == []
+    assert conditions_of(health.take(0.0, system(-1))) == []
+    assert conditions_of(health.take(1.0, battery(-1, dialect.MAV_BATTERY_CHARGE_STATE_OK))) == []
+    assert conditions_of(health.take(2.0, battery(-1, dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL))) == [
+        ("battery_low", True)
+    ]
+    assert conditions_of(health.take(3.0, system(-1))) == []
 
 
 def test_without_a_limit_the_battery_is_not_watched() -> None:
     health = VehicleHealth()
-    assert told([*health.take(0.0, system(1)), *health.take(1.0, battery(1, 3))]) == []
+    assert conditions_of([*health.take(0.0, system(1)), *health.take(1.0, battery(1, 3))]) == []
 
 
 def test_a_fence_counts_where_it_is_enabled() -> None:
     health = VehicleHealth()
-    assert told(health.take(0.0, system(-1, 0, 0))) == []
-    assert told(health.take(1.0, system(-1, FENCE, FENCE))) == []
-    assert told(health.take(2.0, system(-1, FENCE, 0))) == [("geofence", True)]
-    assert told(health.take(3.0, system(-1, FENCE, FENCE))) == [("geofence", False)]
-    assert told(health.take(4.0, sent(dialect.MAVLink_fence_status_message(1, 1, 1, 0)))) == [("geofence", True)]
-    assert told(health.take(5.0, sent(dialect.MAVLink_fence_status_message(0, 1, 1, 0)))) == [("geofence", False)]
+    assert conditions_of(health.take(0.0, system(-1, 0, 0))) == []
+    assert conditions_of(health.take(1.0, system(-1, FENCE, FENCE))) == []
+    assert conditions_of(health.take(2.0, system(-1, FENCE, 0))) == [("geofence", True)]
+    assert conditions_of(health.take(3.0, system(-1, FENCE, FENCE))) == [("geofence", False)]
+    assert conditions_of(health.take(4.0, sent(dialect.MAVLink_fence_status_message(1, 1, 1, 0)))) == [
+        ("geofence", True)
+    ]
+    assert conditions_of(health.take(5.0, sent(dialect.MAVLink_fence_status_message(0, 1, 1, 0)))) == [
+        ("geofence", False)
+    ]
 
 
 @pytest.mark.parametrize(("words", "name"), [("Fence Breached", "geofence"), ("Shallow water ahead!", "shallow")])
 def test_what_is_said_in_words_lasts_a_minute(words: str, name: str) -> None:
     health = VehicleHealth()
-    assert told(health.take(0.0, text(words))) == [(name, True)]
-    assert told(health.take(10.0, text(words))) == []
-    assert told(health.take(11.0, system(-1, FENCE, FENCE))) == [], "said in words it lasts its time"
-    assert told(health.pass_time(10.0 + TEXT_LASTS_S - 0.1)) == []
-    assert told(health.pass_time(10.0 + TEXT_LASTS_S)) == [(name, False)]
-    assert told(health.pass_time(1000.0)) == []
+    assert conditions_of(health.take(0.0, text(words))) == [(name, True)]
+    assert conditions_of(health.take(10.0, text(words))) == []
+    assert conditions_of(health.take(11.0, system(-1, FENCE, FENCE))) == [], "said in words it lasts its time"
+    assert conditions_of(health.pass_time(10.0 + TEXT_LASTS_S - 0.1)) == []
+    assert conditions_of(health.pass_time(10.0 + TEXT_LASTS_S)) == [(name, False)]
+    assert conditions_of(health.pass_time(1000.0)) == []
 
 
 @given(st.text(max_size=40))
@@ -182,7 +188,9 @@ def test_every_charge_from_0_to_100_is_judged_and_named_and_none_beyond(limit: f
 @pytest.mark.parametrize(("state", "is_bad"), [(0, False), (1, False), (2, True), (3, True), (4, True), (5, True),
                                                (6, True), (7, False)])  # fmt: skip
 def test_which_charge_states_are_bad(state: int, is_bad: bool) -> None:
-    assert told(VehicleHealth(20.0).take(0.0, battery(90, state))) == ([("battery_low", True)] if is_bad else [])
+    assert conditions_of(VehicleHealth(20.0).take(0.0, battery(90, state))) == (
+        [("battery_low", True)] if is_bad else []
+    )
 
 
 def test_words_last_sixty_seconds_from_when_they_were_said_last() -> None:
@@ -192,7 +200,7 @@ def test_words_last_sixty_seconds_from_when_they_were_said_last() -> None:
     assert health.take(30.0, text("fence breached")) == []
     assert health.take(40.0, system(-1, FENCE, FENCE)) == [], "what was said in words lasts"
     assert health.pass_time(89.9) == []
-    assert told(health.pass_time(90.0)) == [("geofence", False)]
+    assert conditions_of(health.pass_time(90.0)) == [("geofence", False)]
     assert health.pass_time(200.0) == []
 
 

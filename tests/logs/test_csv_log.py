@@ -120,7 +120,7 @@ def test_both_parts_of_a_recording_whose_clock_was_set_are_used(tmp_path: Path, 
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.01)
 
 
-def test_a_clock_that_was_set_twice_is_told_so(tmp_path: Path) -> None:
+def test_a_clock_that_was_set_twice_is_said_to_be(tmp_path: Path) -> None:
     path = zigzag_csv(tmp_path / "set.csv", lambda row, t: t + 4e5 * (row >= 100) + 1e9 * (row >= 400))
     run = load_run(path)
     assert [segment.time.size for segment in run.segments] == [100, 300, 201]

@@ -97,9 +97,9 @@ def test_parquet_and_csv_hold_the_same_table(own: Path, tmp_path: Path) -> None:
     rows = list(csv.DictReader(io.StringIO("".join(line for line in text.splitlines(True) if line[0] != "#"))))
     assert table.num_rows == len(rows) > 100 and table.column_names == list(rows[0])
     for name in table.column_names:
-        told = [float(row[name]) if row[name] else math.nan for row in rows]
+        numbers = [float(row[name]) if row[name] else math.nan for row in rows]
         kept = [math.nan if value is None else value for value in table[name].to_pylist()]
-        np.testing.assert_allclose(kept, told, rtol=1e-9, equal_nan=True)
+        np.testing.assert_allclose(kept, numbers, rtol=1e-9, equal_nan=True)
     assert table.schema.field("heading_rad").metadata[b"source"] == b"attitude"
     assert float(table.schema.metadata[b"began_unix_s"]) > 1.5e9
 

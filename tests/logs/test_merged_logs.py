@@ -55,10 +55,10 @@ def test_the_offset_is_found_where_the_boat_turned_alike(tmp_path: Path, begins:
     flight.write_bytes(dataflash(part(BOAT, max(0.0, -begins), 120.0), with_parameters=False))
     rudder = csv(tmp_path, "rudder.csv", part(BOAT, max(0.0, begins), 100.0), "heading_rad rudder_rad", 777.0, 0.003)
     run = load_run(f"{flight}+{rudder}", options=LogOptions(rudder=RudderSettings("measured")))
-    told = next(note for note in run.notes if "begins" in note)
-    found = float(told.split("begins ")[1].split(" s after")[0])
+    remark = next(note for note in run.notes if "begins" in note)
+    found = float(remark.split("begins ")[1].split(" s after")[0])
     assert found == pytest.approx(begins, abs=0.05)
-    assert "where the yaw rates fit best" in told
+    assert "where the yaw rates fit best" in remark
     model = identify([run], "nomoto").model
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.02)
 
@@ -105,7 +105,7 @@ def test_random_turning_is_matched_to_within_its_spacing_or_not_at_all() -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("a.BIN@3+b.csv", "the first file sets the clock"),
         ("a.BIN+b.csv@soon", "'soon' is no offset"),
@@ -114,8 +114,8 @@ def test_random_turning_is_matched_to_within_its_spacing_or_not_at_all() -> None
         ("a.BIN+", r"write FILE\+FILE"),
     ],
 )
-def test_sources_written_wrongly_are_one_sentence(text: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_sources_written_wrongly_are_one_sentence(text: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
         sources_of(text)
 
 

@@ -98,10 +98,10 @@ def test_damage_to_a_px4_log_raises_nothing_but_a_sentence(start: int, noise: by
     data = bytearray(SHORT)
     start %= len(data)
     data[start : start + len(noise)] = noise
-    with contextlib.suppress(InputError), contextlib.redirect_stdout(io.StringIO()) as told:
+    with contextlib.suppress(InputError), contextlib.redirect_stdout(io.StringIO()) as printed:
         recording = read_ulog("boat.ulg", bytes(data))
         assert all(np.isfinite(series.values).all() for series in recording.series)
-    assert told.getvalue() == ""
+    assert printed.getvalue() == ""
 
 
 SHORT = ulog(zigzag_boat(6.0))
@@ -230,9 +230,9 @@ def test_a_magnetic_compass_without_variation_is_used_and_said(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "expected"),
     [
-        ([s for _, s in sentences(BOAT) if "RMC" not in s], "when its sentences came cannot be told: 0 of"),
+        ([s for _, s in sentences(BOAT) if "RMC" not in s], "when its sentences came cannot be determined: 0 of"),
         ([f"{t} {s}" for t, s in sentences(BOAT)[:50]] + [f"{t} {s}" for t, s in sentences(BOAT)[:9]], "step back by"),
         (
             [FORMS["of day"](t - 3600.0 * (t > 45.0), s) for t, s in sentences(BOAT)],
@@ -245,14 +245,14 @@ def test_a_magnetic_compass_without_variation_is_used_and_said(tmp_path: Path) -
         ([f"{t} {sentence('GPGSV,1,1,00')}" for t in range(20)], "holds no heading, rate, rudder or speed"),
     ],
 )
-def test_sentences_that_cannot_be_used_are_one_sentence(tmp_path: Path, lines: list[str], told: str) -> None:
+def test_sentences_that_cannot_be_used_are_one_sentence(tmp_path: Path, lines: list[str], expected: str) -> None:
     path = written(tmp_path, "\n".join(lines), "boat.txt")
-    with pytest.raises(InputError, match=told) as refusal:
+    with pytest.raises(InputError, match=expected) as refusal:
         read_recording(path)
     assert "\n" not in str(refusal.value)
 
 
-def test_a_few_wrong_checksums_are_left_out_and_told(tmp_path: Path) -> None:
+def test_a_few_wrong_checksums_are_left_out_and_reported(tmp_path: Path) -> None:
     lines = [f"{t} {s}" for t, s in sentences(BOAT)]
     lines[7::100] = [line.replace(",", ";", 1) for line in lines[7::100]]
     recording = read_recording(written(tmp_path, "\n".join(lines), "boat.txt"))

@@ -215,7 +215,7 @@ def test_a_ground_station_whose_clock_is_set_does_not_matter(tmp_path: Path) -> 
     assert recording.of(HEADING)[0].longest_gap < 0.11
 
 
-def test_a_reboot_behind_which_the_ground_station_s_clock_was_set_is_told(tmp_path: Path) -> None:
+def test_a_reboot_behind_which_the_ground_station_s_clock_was_set_is_reported(tmp_path: Path) -> None:
     first = tlog(tlog_events(zigzag_boat(40.0), boot=500.0), began=86400.0 * 365.0 * 40.0)
     second = tlog(tlog_events(zigzag_boat(30.0), boot=3.0))
     path = written(tmp_path, first + second, "trial.tlog")
@@ -283,7 +283,7 @@ def test_messages_that_nobody_knows_are_stepped_over(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["tlog", "BIN"])
-def test_damage_in_the_middle_is_left_out_and_told(tmp_path: Path, kind: str) -> None:
+def test_damage_in_the_middle_is_left_out_and_reported(tmp_path: Path, kind: str) -> None:
     data = bytearray(tlog(tlog_events(BOAT)) if kind == "tlog" else dataflash(BOAT))
     middle = len(data) // 2
     data[middle : middle + 300] = np.random.default_rng(2).bytes(300)
@@ -295,7 +295,7 @@ def test_damage_in_the_middle_is_left_out_and_told(tmp_path: Path, kind: str) ->
 
 
 @pytest.mark.parametrize("kind", ["tlog", "BIN"])
-def test_a_torn_end_is_left_out_and_told(tmp_path: Path, kind: str) -> None:
+def test_a_torn_end_is_left_out_and_reported(tmp_path: Path, kind: str) -> None:
     data = tlog(tlog_events(BOAT)) if kind == "tlog" else dataflash(BOAT)
     recording = read_recording(written(tmp_path, data[:-5], f"torn.{kind}"))
     assert "torn" in recording.notes[0]
@@ -359,10 +359,10 @@ def test_a_servo_that_cannot_be_is_refused(text: str) -> None:
 def test_info_tells_people_and_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = written(tmp_path, tlog(tlog_events(BOAT)), "trial.tlog")
     assert main(["log", "info", path, "--rudder-at-full-deg", "30"]) == 0
-    told = capsys.readouterr().out
-    assert "MAVLink telemetry log, 120.0 s" in told
-    assert "Identification can use 11" in told or "Identification can use 120" in told
-    assert "SERVO_OUTPUT_RAW servo 3" in told
+    printed = capsys.readouterr().out
+    assert "MAVLink telemetry log, 120.0 s" in printed
+    assert "Identification can use 11" in printed or "Identification can use 120" in printed
+    assert "SERVO_OUTPUT_RAW servo 3" in printed
     assert main(["log", "info", path, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert "--rudder-at-full-deg" in found["missing"]

@@ -1,4 +1,4 @@
-"""What the skipper types becomes orders; every wish to engage has a new serial, a mere change of heading has not."""
+"""What the skipper types becomes orders; every request to engage has a new serial, a mere change of heading has not."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ def test_a_heading_is_engaged_in_degrees(skipper: Skipper) -> None:
 
 def test_the_present_heading_is_adopted_once_engaged_and_then_kept(skipper: Skipper) -> None:
     skipper.type_line("e")
-    wish = skipper(0.0, None)
-    assert math.isnan(wish.heading)
-    assert math.isnan(skipper(0.1, ticked(wish, Mode.STANDBY)).heading), "not before the pilot has engaged"
-    assert skipper(0.2, ticked(wish, heading=0.7)).heading == 0.7
-    assert skipper(0.3, ticked(wish, heading=0.9)).heading == 0.7
+    wanted = skipper(0.0, None)
+    assert math.isnan(wanted.heading)
+    assert math.isnan(skipper(0.1, ticked(wanted, Mode.STANDBY)).heading), "not before the pilot has engaged"
+    assert skipper(0.2, ticked(wanted, heading=0.7)).heading == 0.7
+    assert skipper(0.3, ticked(wanted, heading=0.9)).heading == 0.7
 
 
 def test_an_older_order_is_not_taken_for_the_adoption(skipper: Skipper) -> None:
@@ -102,7 +102,7 @@ def test_each_wish_to_engage_has_a_new_serial(skipper: Skipper) -> None:
     assert serials == [1, 2, 3, 4, 5]
 
 
-def test_quit_is_told(skipper: Skipper) -> None:
+def test_quit_is_reported(skipper: Skipper) -> None:
     assert not skipper.quit
     skipper.type_line("q")
     assert skipper.quit

@@ -24,12 +24,12 @@ class Vane:
         self._sea, self._random = sea, np.random.default_rng(1)
         self._alarms = GuideAlarms(sea.skipper.wind, "wind")
         self._next = 0.0
-        self.is_heard = True
+        self.is_acknowledged = True
         self.wind_from = math.radians(60.0)
 
     def receive(self, now: float) -> list[Sample]:
         said = self._alarms.receive(now)
-        if not self.is_heard or now < self._next:
+        if not self.is_acknowledged or now < self._next:
             return said
         self._next = now + 0.5
         noise = math.radians(3.0) * self._random.standard_normal()
@@ -68,15 +68,15 @@ def test_the_angle_is_held_through_a_shift_and_nothing_jumps(sea: Sea) -> None:
     assert max(steps) <= math.radians(20.0) * 0.05 + 1.0e-9
 
 
-def test_a_wind_that_is_lost_leaves_the_heading_and_is_told(sea: Sea) -> None:
+def test_a_wind_that_is_lost_leaves_the_heading_and_is_reported(sea: Sea) -> None:
     sea.sail(10.0)
     sea.skipper.type_line("w")
     ordered = sea.sail(20.0).order.heading
-    sea.alarms.is_heard = False
+    sea.alarms.is_acknowledged = False
     tick = sea.sail(10.0)
     assert tick.mode is Mode.ENGAGED
     assert any("wind lost" in alarm for alarm in words_of(tick))
-    sea.alarms.is_heard, sea.alarms.wind_from = True, math.radians(100.0)
+    sea.alarms.is_acknowledged, sea.alarms.wind_from = True, math.radians(100.0)
     held = sea.sail(20.0).order.heading
     assert held == sea.sail(5.0).order.heading
     assert abs(math.degrees(shortest_turn(ordered, held))) < 3.0
@@ -107,7 +107,7 @@ def test_who_takes_the_helm_keeps_it(sea: Sea) -> None:
 
 
 def test_without_a_wind_it_is_refused_and_the_order_stays(sea: Sea) -> None:
-    sea.alarms.is_heard = False
+    sea.alarms.is_acknowledged = False
     sea.skipper.type_line("e 10")
     order = sea.sail(10.0).order
     with pytest.raises(InputError, match="no wind"):
@@ -116,12 +116,12 @@ def test_without_a_wind_it_is_refused_and_the_order_stays(sea: Sea) -> None:
 
 
 def test_ordered_from_the_start_it_waits_for_the_wind_and_says_so(sea: Sea) -> None:
-    sea.alarms.is_heard = False
+    sea.alarms.is_acknowledged = False
     sea.skipper.await_wind()
     tick = sea.sail(10.0)
     assert tick.mode is Mode.STANDBY
     assert any("no wind is heard" in alarm for alarm in words_of(tick))
-    sea.alarms.is_heard = True
+    sea.alarms.is_acknowledged = True
     tick = sea.sail(2.0)
     assert tick.mode is Mode.ENGAGED
     assert words_of(tick) == ()
@@ -129,11 +129,11 @@ def test_ordered_from_the_start_it_waits_for_the_wind_and_says_so(sea: Sea) -> N
 
 
 def test_another_order_ends_the_waiting(sea: Sea) -> None:
-    sea.alarms.is_heard = False
+    sea.alarms.is_acknowledged = False
     sea.skipper.await_wind()
     sea.sail(1.0)
     sea.skipper.type_line("s")
-    sea.alarms.is_heard = True
+    sea.alarms.is_acknowledged = True
     tick = sea.sail(5.0)
     assert (tick.mode, words_of(tick)) == (Mode.STANDBY, ())
 

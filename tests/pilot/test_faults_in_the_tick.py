@@ -35,9 +35,9 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "alarms": lambda _: (tick.AlarmPanel, "update"),
     "send": lambda run: (run.link, "send"),
     "transport send": lambda run: (run.near, "send"),
-    "show": lambda run: (run.link, "show"),
-    "tell": lambda run: (run.link, "tell"),
-    "keep": lambda run: (run.link, "keep"),
+    "publish_tick": lambda run: (run.link, "publish_tick"),
+    "publish_status": lambda run: (run.link, "publish_status"),
+    "poll": lambda run: (run.link, "poll"),
     "packets": lambda run: (run.link, "take_packets"),
     "record": lambda run: (run.session._recorder, "record"),
     "learn": lambda run: (run.pilot, "learn"),
@@ -45,7 +45,7 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
 
 
 class Fails:
-    """Stands in a block's place: does what it did, and fails once when told to."""
+    """Stands in a block's place: does what it did, and fails once when ordered to."""
 
     def __init__(self, block: Callable[..., Any], error: type[BaseException]) -> None:
         self.block, self.error = block, error

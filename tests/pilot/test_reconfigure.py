@@ -52,9 +52,9 @@ def test_a_change_moves_the_rudder_no_faster_than_its_limit(law: str, k1: float,
             pid=replace(control.pid, kp=share * control.pid.kp),
         ),
     )
-    before, now = pilot.told, 0.3 + seconds + 0.05
+    before, now = pilot.last_command, 0.3 + seconds + 0.05
     pilot.reconfigure(pilot_config(changed), law_of(changed, law))
-    assert pilot.told == before
+    assert pilot.last_command == before
     command = after(pilot, now)
     assert pilot.mode is Mode.ENGAGED
     assert abs(command.angle - before.angle) <= RATE * 0.5 + 1e-9
@@ -117,7 +117,7 @@ def test_what_is_not_allowed_or_would_make_the_loop_unstable_is_refused(name: st
 
 def test_limits_do_not_close_on_a_rudder_that_is_over() -> None:
     pilot = steered("backstepping", 3.0)
-    assert abs(pilot.told.angle) > math.radians(10.0)
+    assert abs(pilot.last_command.angle) > math.radians(10.0)
     store, saved = stored(pilot, replace(LANXIN, limits=Limits(angle_max_deg=25.0)))
     assert "the rudder stands further over now" in store.set("LIM_ANGLE_MAX", 5.0)
     assert not saved
@@ -190,7 +190,7 @@ def test_who_moves_the_rudder_stays_as_the_links_were_opened() -> None:
         now = 0.2 + 0.05 * step
         heard = (HeadingSample(now, 0.0, 0.0), over._replace(time=now))
         tick = pilot.step(now, heard, Order(OrderKind.HEADING, 1.0, serial=1))
-    assert abs(tick.state.rudder - 0.3) < 0.02, "what the firmware says, not what we would have told"
+    assert abs(tick.state.rudder - 0.3) < 0.02, "what the firmware says, not what we would have commanded"
 
 
 def test_a_change_that_cannot_be_kept_is_said() -> None:

@@ -82,7 +82,7 @@ def test_the_delay_line_gives_each_order_its_time() -> None:
 def test_a_demand_is_held_to_angle_and_rate_in_numbers(
     previous: float, demand: float, dt: float, command: float
 ) -> None:
-    """0.5 rad each side, a quarter rad/s; what is not finite keeps the rudder where it was told to be."""
+    """0.5 rad each side, a quarter rad/s; what is not finite keeps the rudder at its last command."""
     assert limit(RudderLimits(0.5, 0.25), previous, demand, dt) == pytest.approx(command, abs=1e-15)
 
 

@@ -90,8 +90,8 @@ def test_no_command_leaves_its_limits_in_any_fail_safe(
         previous_now = now
         now += abs(dt)
         seen = (HeadingSample(now, 0.01 * number, 0.1),) if number < lost else ()
-        spoilt = tuple(sample for sample in samples if not isinstance(sample, HelmSample))
-        tick = pilot.step(now, (*spoilt, *seen), Order(OrderKind.HEADING, 0.5, serial=1))
+        without_helm = tuple(sample for sample in samples if not isinstance(sample, HelmSample))
+        tick = pilot.step(now, (*without_helm, *seen), Order(OrderKind.HEADING, 0.5, serial=1))
         assert tick.supervisor in SupervisorState
         assert math.isfinite(tick.command.angle)
         assert abs(tick.command.angle) <= ANGLE_MAX + 1e-9

@@ -121,7 +121,7 @@ def test_names_and_words_of_a_vehicle_stay_in_their_line(capsys: pytest.CaptureF
     state = NavState(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, True)
     alarms = (AlarmEvent("human_override", HOSTILE, OVERRIDDEN),)
     tick = Tick(1, 0.0, (), Order(), state, Reference(0.0), 0.0, RudderCommand(0.0, 0.0, False), Mode.STANDBY, alarms)
-    StatusLine().show(tick)
+    StatusLine().update(tick)
     shown = capsys.readouterr().out
     assert is_plain(shown) and shown.count("\n") == 1
 

@@ -41,12 +41,12 @@ def refused_or_taken(take: Any, data: bytes) -> None:
 @pytest.mark.parametrize("name", [name for name in targets() if name not in (*BINARY, EDITS)])
 def test_a_strange_number_in_any_place_of_a_text_is_read_or_refused(name: str) -> None:
     target, rng = targets()[name], random.Random(name)
-    for strange in (*STRANGE_NUMBERS, *STRANGE_TEXTS):
+    for misfit in (*STRANGE_NUMBERS, *STRANGE_TEXTS):
         seed = rng.choice(target.seeds)
         found = list(NUMBER.finditer(seed))
         for number in rng.sample(found, min(PLACES, len(found))):
-            refused_or_taken(target.take, seed[: number.start()] + strange + seed[number.end() :])
-        every = NUMBER.sub(lambda _, strange=strange: strange, seed[:2000])
+            refused_or_taken(target.take, seed[: number.start()] + misfit + seed[number.end() :])
+        every = NUMBER.sub(lambda _, misfit=misfit: misfit, seed[:2000])
         refused_or_taken(target.take, every)
 
 
@@ -70,8 +70,8 @@ def test_a_strange_number_in_any_field_of_a_sentence_is_read_or_refused(sentence
     whole = b",".join([address, *fields])
     assert whole in seed
     for place in range(len(fields)):
-        for strange in (each for each in STRANGE_NUMBERS if len(each) < 60):
-            changed = b",".join([address, *fields[:place], strange, *fields[place + 1 :]])
+        for misfit in (each for each in STRANGE_NUMBERS if len(each) < 60):
+            changed = b",".join([address, *fields[:place], misfit, *fields[place + 1 :]])
             refused_or_taken(target.take, seed.replace(whole, changed))
 
 

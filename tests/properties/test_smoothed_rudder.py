@@ -22,7 +22,7 @@ from autopilot.control.backstepping import (
     smoothed_rudder,
     smoothing_in,
 )
-from autopilot.control.design import gains_of_loop, spared_gains
+from autopilot.control.design import gains_of_loop, lqr_gains
 from autopilot.control.law import LawBoat
 from autopilot.control.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin, damping, yaw_acceleration
@@ -62,7 +62,7 @@ def test_v3_decreases_anywhere(
     error: float, rate_error: float, rudder: float, goal_rate: float, quickness: float, model: Norrbin
 ) -> None:
     """dV3/dt by the chain rule, from the boat's and the law's own functions: -(a(r) - W/S) e''^2."""
-    gains = spared_gains(model, quickness / model.time_constant)
+    gains = lqr_gains(model, quickness / model.time_constant)
     total, square, k3 = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2, 1.0 / gains.smoothing
     reference, rate = Reference(0.4, goal_rate), goal_rate + rate_error
 
@@ -89,7 +89,7 @@ def test_v3_decreases_anywhere(
 def test_the_error_moves_as_promised() -> None:
     """e''' + a e'' + k3 S e' + k3 W e = 0 for a linear boat, rudder and boat integrated in small steps."""
     model = Norrbin(0.2, 5.0)
-    gains = spared_gains(model, 0.4)
+    gains = lqr_gains(model, 0.4)
     k3, n = 1.0 / gains.smoothing, model.n1 / model.time_constant
     total, square = gains.k1 + gains.k2, gains.gamma + gains.k1 * gains.k2
     heading, rate, rudder, dt, steps = 0.3, 0.0, 0.0, 1.0e-3, 9000
@@ -110,7 +110,7 @@ def test_the_error_moves_as_promised() -> None:
 def test_spared_gains_are_the_linear_quadratic_regulators(quickness: float, model: Norrbin) -> None:
     time = model.time_constant
     bandwidth = quickness / time
-    found = spared_gains(model, bandwidth)
+    found = lqr_gains(model, bandwidth)
     weight = model.gain / (time * bandwidth**3)
     # in units of the time constant, which keeps the matrices near 1
     a = np.array([[0.0, 1.0, 0.0], [0.0, -model.n1, model.gain * time], [0.0, 0.0, 0.0]])

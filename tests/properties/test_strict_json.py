@@ -76,7 +76,7 @@ def test_a_log_s_header_that_is_none_is_one_sentence(text: bytes) -> None:
     ],
 )
 def test_a_log_s_header_that_holds_something_else_is_one_sentence(name: str, value: object) -> None:
-    told = f"the log's header is damaged: {name} is .* is allowed; give another log"
-    with pytest.raises(InputError, match=told) as caught:
+    message = f"the log's header is damaged: {name} is .* is allowed; give another log"
+    with pytest.raises(InputError, match=message) as caught:
         decode_header(b"\x01" + json.dumps({name: value}).encode())
     assert len(str(caught.value)) < 150

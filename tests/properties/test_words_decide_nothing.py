@@ -64,7 +64,7 @@ class Seen(NamedTuple):
     command: tuple[float, bool]
     siren: int
     alarms: tuple[tuple[str, str, bool, bool], ...]
-    heard: tuple[int, ...]
+    alarm_states: tuple[int, ...]
     listed: tuple[tuple[str, str, bool], ...]
     shown: tuple[tuple[str, bool, bool], ...]
     ill: int
@@ -96,7 +96,7 @@ def change_every_sentence(boat: FaultBoat) -> None:
         changed = words._replace(text=word_for(words.text), remedy=word_for(words.remedy), sentence=word_for(name))
         alarm_words.WORDS[name] = changed
     panel._said = lambda event: word_for(repr(event._replace(is_escalated=False)))  # type: ignore[assignment]
-    panel.UNHEARD = word_for(panel.UNHEARD)
+    panel.UNACKNOWLEDGED = word_for(panel.UNACKNOWLEDGED)
     update = Monitors.update
 
     def update_on(self: Monitors, *given: Any) -> None:
@@ -117,13 +117,13 @@ class Watcher:
 
     def __init__(self, boat: FaultBoat) -> None:
         self.said: list[tuple[float, int]] = []
-        say = StatusTexts.say
+        say = StatusTexts.send_text
 
         def note(texts: StatusTexts, now: float, severity: int, text: str) -> None:
             self.said.append((now, severity))
             say(texts, now, severity, text)
 
-        StatusTexts.say = note  # type: ignore[method-assign]
+        StatusTexts.send_text = note  # type: ignore[method-assign]
         near, self._far = loopback_pair()
         commands = Commands(boat.skipper, False, Mission(boat.track))
         self._link = BoatLink(near, commands, ParameterServer(NoParameters()))
@@ -131,11 +131,11 @@ class Watcher:
         self._board = AlarmBoard(None)  # type: ignore[arg-type]
 
     def see(self, tick: Tick) -> Seen:
-        self._link.show(tick)
-        self._link.tell(tick.now, tick.mode, tick.alarms)
+        self._link.publish_tick(tick)
+        self._link.publish_status(tick.now, tick.mode, tick.alarms)
         self._far.receive()
         status = self._link._telemetry._status(tick)[0]
-        content = alarm_list(tick.alarms, tick.heard)
+        content = alarm_list(tick.alarms, tick.alarm_states)
         self._board._take(content)
         reason = self._trial.reason(tick)
         return Seen(
@@ -144,9 +144,9 @@ class Watcher:
             command=(tick.command.angle, tick.command.engaged),
             siren=int(tick.siren),
             alarms=tuple((event.name, event.form, event.is_past, event.is_escalated) for event in tick.alarms),
-            heard=tuple(map(int, tick.heard)),
+            alarm_states=tuple(map(int, tick.alarm_states)),
             listed=tuple((each["name"], each["state"], each["escalated"]) for each in json.loads(content)),
-            shown=tuple((each["name"], each["sounds"], each["acknowledged"]) for each in self._board.shown),
+            shown=tuple((each["name"], each["sounds"], each["acknowledged"]) for each in self._board.active),
             ill=status.onboard_control_sensors_enabled & ~status.onboard_control_sensors_health,
             ends_trial=reason.name if isinstance(reason, AlarmEvent) else reason,
             waits=waits_to_engage(tick),

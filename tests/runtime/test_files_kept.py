@@ -158,7 +158,7 @@ def test_a_report_replaces_a_page_and_nothing_else(tmp_path: Path) -> None:
     assert log.read_bytes() == bytes(100)
 
 
-def test_a_table_replaces_another_only_when_told_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_replaces_another_only_when_ordered_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = Lockstep(load_vessel("lanxin"), log=tmp_path / "run.tlog")
     run.engage(90.0)
     run.run(10.0)

@@ -17,7 +17,7 @@ from plant import Plant
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.identification.learning import Learner, Proposal
-from autopilot.identification.model_choice import Foretelling, Outcome
+from autopilot.identification.model_choice import Outcome, PredictionTest
 from autopilot.models.norrbin import Norrbin
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of, learner_of, model_of
@@ -85,10 +85,10 @@ class Boat:
     def send(self, now: float, command: RudderCommand) -> None:
         self.commands.append(command)
 
-    def tell(self, now: float, mode: PilotMode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: PilotMode, alarms: tuple[AlarmEvent, ...]) -> None:
         pass
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         pass
 
     def release(self, now: float) -> None:
@@ -105,7 +105,7 @@ class Boat:
 class Sailed:
     pilot: Pilot
     boat: Boat
-    desk: LearningService
+    service: LearningService
     store: VesselStore
     saved: list[str]
     answers: list[str]
@@ -118,7 +118,7 @@ def sail(
     pilot, boat, saved = build_pilot(OFF, learns=learns), Boat(), []
     store = VesselStore(OFF, pilot, None, Path("x.tuned.yaml"), lambda path, text: saved.append(text))
     # where nothing learns nothing is typed to it
-    desk, answers, left = LearningService(cast(Learner, pilot.learner), store), [], sorted((typed or {}).items())
+    service, answers, left = LearningService(cast(Learner, pilot.learner), store), [], sorted((typed or {}).items())
     recorder = None
     if path is not None:
         store.log = recorder = Recorder(path, {"vessel": dump_vessel(OFF), "law": None}, 0.0)
@@ -126,14 +126,14 @@ def sail(
     def watch(tick: Tick) -> bool:
         while left and tick.now >= left[0][0]:
             try:
-                answers.append(desk.type_line(left.pop(0)[1]) or "")
+                answers.append(service.type_line(left.pop(0)[1]) or "")
             except InputError as error:
                 answers.append(f"error: {error}")
         return False
 
     with Session(pilot, [boat], ManualClock(), 1.0 / DT, lambda now, tick: order_at(now), recorder) as session:
         session.run(seconds, watch)
-    return Sailed(pilot, boat, desk, store, saved, answers)
+    return Sailed(pilot, boat, service, store, saved, answers)
 
 
 @pytest.fixture(scope="module")
@@ -191,11 +191,11 @@ def test_what_has_not_proved_itself_is_not_adopted(monkeypatch: pytest.MonkeyPat
     worse = [Outcome(0.01, 0.02)] * 10
     monkeypatch.setattr(learner, "_proved", None)
     monkeypatch.setattr(learner, "_outcomes", worse)
-    with pytest.raises(InputError, match="must foretell better"):
-        sailed.desk.adopt()
+    with pytest.raises(InputError, match="must predict better"):
+        sailed.service.adopt()
     monkeypatch.setattr(learner, "_outcomes", [])
     with pytest.raises(InputError, match="no manoeuvre since"):
-        sailed.desk.adopt()
+        sailed.service.adopt()
 
 
 def test_a_model_that_no_gains_serve_is_refused(monkeypatch: pytest.MonkeyPatch, sailed: Sailed) -> None:
@@ -204,13 +204,13 @@ def test_a_model_that_no_gains_serve_is_refused(monkeypatch: pytest.MonkeyPatch,
 
     monkeypatch.setattr("autopilot.runtime.tuning.designed", impossible)
     with pytest.raises(InputError, match="not adopted: no gain"):
-        sailed.desk.adopt()
+        sailed.service.adopt()
     assert sailed.pilot.config.model == model_of(OFF)
 
 
 def test_news_come_once(sailed: Sailed) -> None:
     assert sailed.pilot.learner is not None
-    desk = LearningService(sailed.pilot.learner, sailed.store)
+    service = LearningService(sailed.pilot.learner, sailed.store)
     tick = Tick(
         1,
         100.0,
@@ -223,9 +223,9 @@ def test_news_come_once(sailed: Sailed) -> None:
         PilotMode.STANDBY,
         (),
     )
-    assert "learnt and proved (type adopt): K 0." in desk.news(tick)
-    assert desk.news(tick._replace(now=200.0)) == ""
-    assert desk.type_line("e 90") is None
+    assert "learnt and proved (type adopt): K 0." in service.news(tick)
+    assert service.news(tick._replace(now=200.0)) == ""
+    assert service.type_line("e 90") is None
 
 
 def test_nothing_is_learnt_where_nobody_tells_the_rudder() -> None:
@@ -241,11 +241,13 @@ def test_nothing_is_learnt_where_nobody_tells_the_rudder() -> None:
 def gusty(vessel: Vessel, heading: Callable[[float], float], seconds: float, seed: int = 1) -> Pilot:
     """Sail under the law in gusts worth 3 deg of rudder that last about 3 s."""
     random = np.random.default_rng(seed)
-    gusts = [0.0]
+    disturbance = [0.0]
     for _ in range(int(seconds / DT) + 2):
-        gusts.append(0.967 * gusts[-1] + math.radians(3.0) * math.sqrt(1.0 - 0.967**2) * random.standard_normal())
+        disturbance.append(
+            0.967 * disturbance[-1] + math.radians(3.0) * math.sqrt(1.0 - 0.967**2) * random.standard_normal()
+        )
     pilot, boat = build_pilot(vessel, learns=True), Boat()
-    boat.plant.disturbance = lambda time: gusts[int(time / DT)]
+    boat.plant.disturbance = lambda time: disturbance[int(time / DT)]
     for i in range(int(seconds / DT)):
         now = DT * i
         tick = pilot.step(now, tuple(boat.receive(now)), Order(OrderKind.HEADING, heading(now), serial=1))
@@ -321,15 +323,15 @@ def test_no_sample_makes_it_stumble(ticks: list[list[Sample]]) -> None:
     assert all(math.isfinite(value) for value in pilot.learner.estimate)
 
 
-def test_both_boats_are_foretold_from_the_same_beginning() -> None:
-    """A boat without noise is foretold exactly by its own model, and not by another; stillness tells nothing."""
+def test_both_boats_are_predicted_from_the_same_beginning() -> None:
+    """A boat without noise is predicted exactly by its own model, and not by another; stillness tells nothing."""
     true, other = Norrbin(0.5, 1.0), Norrbin(1.0, 1.0)
-    foretelling, heading, rate = Foretelling(other, true), 0.0, 0.0
+    prediction_test, heading, rate = PredictionTest(other, true), 0.0, 0.0
     outcomes = []
     for i in range(400):
         time = 0.05 * i
         rudder = 0.2 * math.sin(time) if i < 200 else 0.0
-        found = foretelling.update(time, rudder, 1.0, heading, rate, rudder)
+        found = prediction_test.update(time, rudder, 1.0, heading, rate, rudder)
         outcomes += [(time, found)] if found else []
         for k in range(50):
             now = time + 0.001 * k

@@ -32,22 +32,22 @@ def health(times: Times) -> LoopHealth:
     return LoopHealth(PERIOD, lambda: times.wall, lambda: times.running)
 
 
-def test_several_late_ticks_are_told_and_their_end_after_a_while() -> None:
+def test_several_late_ticks_are_reported_and_their_end_after_a_while() -> None:
     tested = health(Times())
     now = 0.0
     for _ in range(LATE_COUNT):
         for gap in (PERIOD, PERIOD, 3.5 * PERIOD):
             assert tested.receive(now) == []
             now += gap
-            tested.show(tick(now))
-    (told,) = tested.receive(now)
-    assert isinstance(told, ConditionSample)
-    assert (told.name, told.present) == ("deadline_missed", True)
-    assert f"{LATE_COUNT} ticks" in told.detail
+            tested.publish_tick(tick(now))
+    (sample,) = tested.receive(now)
+    assert isinstance(sample, ConditionSample)
+    assert (sample.name, sample.present) == ("deadline_missed", True)
+    assert f"{LATE_COUNT} ticks" in sample.detail
     over = []
     while now < 2.0 * LATE_WITHIN_S:
         now += PERIOD
-        tested.show(tick(now))
+        tested.publish_tick(tick(now))
         over += conditions(tested.receive(now))
     assert over == [("deadline_missed", False)]
 
@@ -56,24 +56,24 @@ def test_a_late_tick_now_and_then_is_no_alarm() -> None:
     tested, now = health(Times()), 0.0
     for number in range(2000):
         now += 10.0 * PERIOD if number % 150 == 0 else PERIOD
-        tested.show(tick(now))
+        tested.publish_tick(tick(now))
         assert tested.receive(now) == []
 
 
 def test_a_standstill_is_an_alarm_at_once() -> None:
     tested = health(Times())
-    tested.show(tick(0.0))
-    tested.show(tick(0.5))
+    tested.publish_tick(tick(0.0))
+    tested.publish_tick(tick(0.5))
     assert tested.receive(0.5) == []
-    tested.show(tick(4.5))  # stopped and continued: the vehicle may have taken its rudder back
-    (told,) = tested.receive(4.5)
-    assert isinstance(told, ConditionSample)
-    assert (told.name, told.present, told.detail) == ("deadline_missed", True, "2 ticks late by up to 4.00 s")
+    tested.publish_tick(tick(4.5))  # stopped and continued: the vehicle may have taken its rudder back
+    (sample,) = tested.receive(4.5)
+    assert isinstance(sample, ConditionSample)
+    assert (sample.name, sample.present, sample.detail) == ("deadline_missed", True, "2 ticks late by up to 4.00 s")
     assert tested.receive(5.0) == []
     assert conditions(tested.receive(4.5 + LATE_WITHIN_S + PERIOD)) == [("deadline_missed", False)]
 
 
-def test_a_clock_that_is_set_is_told_for_a_minute_and_one_that_runs_is_not() -> None:
+def test_a_clock_that_is_set_is_reported_for_a_minute_and_one_that_runs_is_not() -> None:
     times = Times()
     tested = health(times)
     for _ in range(100):
@@ -81,9 +81,9 @@ def test_a_clock_that_is_set_is_told_for_a_minute_and_one_that_runs_is_not() -> 
         assert tested.receive(0.0) == []
     times.wall += 3600.0
     times.go(1.0)
-    (told,) = tested.receive(0.0)
-    assert isinstance(told, ConditionSample)
-    assert (told.name, told.present, told.detail) == ("clock_stepped", True, "by +3600 s")
+    (sample,) = tested.receive(0.0)
+    assert isinstance(sample, ConditionSample)
+    assert (sample.name, sample.present, sample.detail) == ("clock_stepped", True, "by +3600 s")
     over = []
     for _ in range(round(SAID_S) + 5):
         times.go(1.0)

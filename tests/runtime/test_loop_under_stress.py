@@ -30,7 +30,7 @@ NORTH = Order(OrderKind.HEADING, 0.0, serial=1)
 
 
 class FakeLink:
-    """Gives `per_tick` headings at every call; breaks where it is told to."""
+    """Gives `per_tick` headings at every call; breaks where it is ordered to."""
 
     def __init__(self, per_tick: int = 1, fail_send_at: float = math.inf, fail_release: bool = False) -> None:
         self.name = "fake"
@@ -52,10 +52,10 @@ class FakeLink:
             raise LinkError("fake: unplugged; plug it in")
         self.sent.append(command)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         pass
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         pass
 
     def release(self, now: float) -> None:

@@ -74,9 +74,9 @@ def test_what_runs_is_what_was_said_to_run(sequence: list[tuple[str, float]], la
         pilot.step(now, (HeadingSample(now, 0.0, 0.0),), Order(OrderKind.HEADING, 0.1, serial=1))
     assert pilot.mode is Mode.ENGAGED
     texts: list[str] = []
-    told: list[Vessel] = []
+    taken: list[Vessel] = []
     store = VesselStore(FULL, pilot, law, Path("x"), lambda _, text: texts.append(text))
-    store.changed = told.append
+    store.changed = taken.append
     law_at_start, expected, stored = pilot.law.kind, dict(FULL_VALUES), dict(FULL_VALUES)
     for name, value in sequence:
         said = store.set(name, value)
@@ -92,7 +92,7 @@ def test_what_runs_is_what_was_said_to_run(sequence: list[tuple[str, float]], la
     config = pilot_config(store.running, law)
     assert pilot.config == config._replace(rudder_is_ours=pilot.config.rudder_is_ours)
     assert pilot.law == law_of(store.running, law)
-    assert not told or told[-1] == store.running
+    assert not taken or taken[-1] == store.running
     if texts:
         again = parse_vessel(texts[-1])
         assert {each: value_of(again, TABLE[each]) for each in TABLE} == stored

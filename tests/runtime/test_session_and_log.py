@@ -89,10 +89,10 @@ class BoatLink:
     def send(self, now: float, command: RudderCommand) -> None:
         self.commands.append(command)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         pass
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         pass
 
     def release(self, now: float) -> None:
@@ -342,7 +342,7 @@ ticks = st.builds(
     st.lists(events, max_size=3).map(tuple),
     st.sampled_from(SupervisorState),
     st.sampled_from(Siren),
-).flatmap(lambda tick: st.builds(lambda heard: tick._replace(heard=heard), states_of(tick.alarms)))
+).flatmap(lambda tick: st.builds(lambda alarm_states: tick._replace(alarm_states=alarm_states), states_of(tick.alarms)))
 
 
 STATE = NavState(0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, True)

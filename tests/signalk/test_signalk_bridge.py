@@ -143,7 +143,7 @@ def test_magnetic_courses_are_no_true_ones(rig: Rig) -> None:
         assert rig.ask(line, "steering.autopilot.actions.adjustHeading", 10.0)["statusCode"] == 200
 
 
-def test_a_pilot_that_falls_silent_is_off_line_and_nothing_stale_is_told(rig: Rig) -> None:
+def test_a_pilot_that_falls_silent_is_off_line_and_nothing_stale_is_reported(rig: Rig) -> None:
     assert state_of(rig.station, 0.0) == "off-line"
     rig.turn(3)
     values = values_of(rig.station, rig.now + 10.0)
@@ -152,7 +152,7 @@ def test_a_pilot_that_falls_silent_is_off_line_and_nothing_stale_is_told(rig: Ri
     assert set(values.values()) == {None}
 
 
-def test_only_what_changes_is_told_between_whole_deltas(rig: Rig) -> None:
+def test_only_what_changes_is_reported_between_whole_deltas(rig: Rig) -> None:
     rig.turn(3)
     deltas = Deltas()
     first = deltas.due(rig.station, rig.now)
@@ -172,14 +172,14 @@ def test_each_alarm_has_a_notification_that_sounds_until_it_is_acknowledged_and_
     deltas, board = Deltas(), rig.station.alarms
     deltas.due(rig.station, rig.now)
 
-    def told(*alarms: tuple[str, str, str]) -> dict[str, Any]:
+    def notified(*alarms: tuple[str, str, str]) -> dict[str, Any]:
         board._take(json.dumps([dict(zip(("name", "words", "state"), each, strict=True)) for each in alarms]).encode())
         rig.now += 0.1
         delta = deltas.due(rig.station, rig.now)
         return {each["path"]: each["value"] for each in delta["updates"][0]["values"]} if delta else {}
 
     gear = path_of({"name": "", "words": "gear hot"})
-    found = told(("roll", "heeled too far", "sounding"), ("", "gear hot", "notice"))
+    found = notified(("roll", "heeled too far", "sounding"), ("", "gear hot", "notice"))
     assert found[NOTIFICATIONS + "roll"] == {
         "state": "alarm",
         "method": ["visual", "sound"],
@@ -187,9 +187,9 @@ def test_each_alarm_has_a_notification_that_sounds_until_it_is_acknowledged_and_
         **OURS_ALONE,
     }
     assert (found[gear]["state"], found[gear]["method"]) == ("alert", ["visual"])
-    seen = told(("roll", "heeled too far", "acknowledged"), ("", "gear hot", "notice"))
+    seen = notified(("roll", "heeled too far", "acknowledged"), ("", "gear hot", "notice"))
     assert list(seen) == [NOTIFICATIONS + "roll"] and seen[NOTIFICATIONS + "roll"]["method"] == ["visual"]
-    assert told() == {NOTIFICATIONS + "roll": OVER, gear: OVER}
+    assert notified() == {NOTIFICATIONS + "roll": OVER, gear: OVER}
     rig.now += Deltas.OVER_S + 1.0
     later = deltas.due(rig.station, rig.now)
     assert later is not None and not any(
@@ -247,7 +247,7 @@ def test_clients_that_go_come_back_and_flood_trouble_nobody(rig: Rig) -> None:
     assert any("sent too much" in said for said in rig.said)
     third = rig.connect()
     for _ in range(3000):  # reads nothing
-        rig.clients.say(b"y" * 10000 + b"\n")
+        rig.clients.send(b"y" * 10000 + b"\n")
     rig.turn()
     assert any("does not keep up" in said for said in rig.said), BEHIND_MOST
     again = rig.connect()
@@ -334,10 +334,10 @@ def test_any_value_is_an_order_in_range_or_refused(path: str, value: Any) -> Non
         request = parse(line, TOKEN)
     except BadRequestError:
         return
-    assert request.wish is not None and abs(request.wish.get("degrees", 0.0)) <= 360.0
+    assert request.order is not None and abs(request.order.get("degrees", 0.0)) <= 360.0
 
 
-STRANGE = [
+MISFIT = [
     b"9" * 400,
     b"-" + b"9" * 5000,
     b"1e999",
@@ -350,17 +350,17 @@ STRANGE = [
 ]
 
 
-@pytest.mark.parametrize("strange", STRANGE, ids=range(len(STRANGE)))
+@pytest.mark.parametrize("misfit", MISFIT, ids=range(len(MISFIT)))
 @pytest.mark.parametrize("place", ["requestId", "token", "put", "path", "value"])
-def test_a_line_of_a_stranger_ends_nothing_and_is_answered(rig: Rig, place: str, strange: bytes) -> None:
+def test_a_line_of_a_stranger_ends_nothing_and_is_answered(rig: Rig, place: str, misfit: bytes) -> None:
     rig.turn(5)
     line, friend = rig.connect(), rig.connect()
     parts = {"requestId": b'"7"', "token": b'"wrong"', "path": b'"steering.autopilot.actions.dodge"', "value": b"1"}
     parts["put"] = b'{"path":%b,"value":%b}' % (parts["path"], parts["value"])
     if place in ("path", "value"):
-        parts[place] = strange
+        parts[place] = misfit
         parts["put"] = b'{"path":%b,"value":%b}' % (parts["path"], parts["value"])
-    parts[place] = strange
+    parts[place] = misfit
     line.sendall(b'{"requestId":%b,"token":%b,"put":%b}\n' % (parts["requestId"], parts["token"], parts["put"]))
     with contextlib.suppress(AssertionError):  # a line longer than LINE_MOST is hung up on
         assert rig.reply(line)["statusCode"] in (400, 401)

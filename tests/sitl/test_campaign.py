@@ -22,8 +22,9 @@ from autopilot.files.strict_yaml import parse_document
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Limits
 from sitl.campaign import work
+from sitl.campaign.compiled_run import Figures, figures, run_compiled
 from sitl.campaign.results import COLUMNS
-from sitl.campaign.setting import measured_every, rooms_of, run_fully, setting_of
+from sitl.campaign.setting import measured_every, run_reference, setting_of, workspace_of
 from sitl.campaign.study import (
     BoatSection,
     Job,
@@ -39,8 +40,7 @@ from sitl.campaign.study import (
     shipped_studies,
     study_from,
 )
-from sitl.campaign.swift import Figures, figures, run_swiftly
-from sitl.campaign.work import Row, batches_of, do_runs, done_swiftly, in_order, local
+from sitl.campaign.work import Row, batches_of, do_runs, done_compiled, in_order, local
 from sitl.cli import main
 from sitl.fault_kinds import FaultKind
 from sitl.scenario import FaultSection, IttcSection, SecondOrderSection, SensorsSection, WavesSection, WindSection
@@ -97,9 +97,9 @@ def sailed_alike(job: Job, run: int) -> Figures:
     """Sail a run by the loop as it is compiled and by the full simulator: both must give these figures."""
     setting = setting_of(job, run)
     assert setting is not None
-    score, is_whole = run_swiftly(setting, rooms_of(setting))
+    score, is_whole = run_compiled(setting, workspace_of(setting))
     assert is_whole
-    full = run_fully(job, run)
+    full = run_reference(job, run)
     assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
     return full
 
@@ -149,7 +149,7 @@ def test_a_spared_rudder_gives_the_full_simulators_numbers_too(tmp_path: Path) -
     job = Job(asked, str(tmp_path))
     full = sailed_alike(job, 0)
     rough = replace(asked, boats={"boat": BoatSection("lanxin")})
-    assert full.travel_deg_s < run_fully(Job(rough, "."), 0).travel_deg_s
+    assert full.travel_deg_s < run_reference(Job(rough, "."), 0).travel_deg_s
 
 
 @pytest.mark.parametrize("law", ["backstepping", "pid"])
@@ -163,7 +163,7 @@ def test_waves_that_are_met_give_the_full_simulators_numbers_too(tmp_path: Path,
     asked = replace(asked, boats={"boat": BoatSection("meeting.yaml")})
     full = sailed_alike(Job(asked, str(tmp_path)), 0)
     alone = replace(asked, boats={"boat": BoatSection("lanxin")})
-    assert full.travel_deg_s != pytest.approx(run_fully(Job(alone, "."), 0).travel_deg_s, rel=0.02)
+    assert full.travel_deg_s != pytest.approx(run_reference(Job(alone, "."), 0).travel_deg_s, rel=0.02)
 
 
 @pytest.mark.parametrize("law", ["backstepping", "pid"])
@@ -182,15 +182,15 @@ def test_a_preset_radius_gives_the_full_simulators_numbers_too(tmp_path: Path) -
     turning = replace(STUDY, speed_shares=(0.7,), gain_factors=(1.0,))
     job = Job(replace(turning, boats={"boat": BoatSection("preset.yaml")}), str(tmp_path))
     full = sailed_alike(job, 0)
-    assert full.travel_deg_s < 0.8 * run_fully(Job(turning, "."), 0).travel_deg_s, "a wide turn takes little rudder"
+    assert full.travel_deg_s < 0.8 * run_reference(Job(turning, "."), 0).travel_deg_s, "a wide turn takes little rudder"
 
 
 def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
-    quick = done_swiftly(job, 0)
+    quick = done_compiled(job, 0)
     assert quick is not None
     # a loop near its margin, as with the late compass, carries the last digits on
-    assert quick == pytest.approx(run_fully(job, 0), rel=1.0e-9, abs=1.0e-9)
+    assert quick == pytest.approx(run_reference(job, 0), rel=1.0e-9, abs=1.0e-9)
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,7 @@ def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
 )
 def test_what_is_more_than_steering_is_left_to_the_full_simulator(study: Study) -> None:
     setting = setting_of(Job(study, "."), 0)
-    assert setting is None or not run_swiftly(setting, rooms_of(setting))[1]
+    assert setting is None or not run_compiled(setting, workspace_of(setting))[1]
 
 
 def test_a_lost_compass_ends_the_engagement_in_the_results() -> None:
@@ -274,14 +274,14 @@ def test_the_command_writes_the_same_results_with_one_worker_and_with_two(
     assert main(["campaign", str(path), "--plain", "--workers", "1", "--out", str(one), "--report", str(page)]) == 0
     assert "2 cases, 4 full, seed 1" in capsys.readouterr().out
     assert main(["campaign", str(path), "--plain", "--workers", "2", "--out", str(two), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     assert one.read_text() == two.read_text()
     with one.open() as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == COLUMNS
     assert [row["seed"] for row in rows] == ["1", "2", "1", "2"]
     low, high = sorted(float(row["heading_rms_deg"]) for row in rows[:2])
-    assert low < told["cases"][0]["heading_rms_deg"]["median"] < high
+    assert low < printed["cases"][0]["heading_rms_deg"]["median"] < high
     html = page.read_text()
     assert "<svg" in html
     assert "http" not in html.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
@@ -292,10 +292,10 @@ def test_the_command_writes_the_same_results_with_one_worker_and_with_two(
 def test_a_run_is_replayed(study_file: Iterator[Path], capsys: pytest.CaptureFixture[str]) -> None:
     path = next(study_file)
     assert main(["campaign", str(path), "--plain", "--replay", "3", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["seed"], told["gain_factor"]) == (2, 1)
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["seed"], printed["gain_factor"]) == (2, 1)
     study, folder = load_study(str(path))
-    assert told["heading_rms_deg"] == run_fully(Job(study, folder), 3).heading_rms_deg
+    assert printed["heading_rms_deg"] == run_reference(Job(study, folder), 3).heading_rms_deg
     assert main(["campaign", str(path), "--replay", "4"]) == ExitCode.USAGE
     assert "the study has runs 0 to 3" in capsys.readouterr().err
 
@@ -304,11 +304,11 @@ def test_without_numba_it_says_so(
     study_file: Iterator[Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "numba", None)
-    work.swift.cache_clear()
+    work.compiled_loop.cache_clear()
     try:
         assert main(["campaign", str(next(study_file)), "--workers", "1", "--runs", "1"]) == 0
     finally:
-        work.swift.cache_clear()
+        work.compiled_loop.cache_clear()
     assert "pip install '.[fast]'" in capsys.readouterr().out
 
 
@@ -363,6 +363,6 @@ def test_mistakes_are_named(text: str, sentence: str) -> None:
         (["campaign", "front", "--runs", "1000000"], "split the study"),
     ],
 )
-def test_a_wrong_command_is_told(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_command_is_reported(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == ExitCode.USAGE
     assert sentence in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The line that damages what it carries: each kind of damage as often as told, by the seed, and nothing else."""
+"""The line that damages what it carries: each kind of damage as often as set, by the seed, and nothing else."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_the_same_seed_is_the_same_line() -> None:
     assert carry(bad) != carry(bad, seed=2)
 
 
-def test_each_damage_comes_as_often_as_told() -> None:
+def test_each_damage_comes_as_often_as_set() -> None:
     assert len(carry(Damage(loss=0.3))) == pytest.approx(1400, abs=80)
     assert len(carry(Damage(duplicate=0.3))) == pytest.approx(2600, abs=80)
     assert share_unlike_what_was_sent(Damage(corrupt=0.3)) == pytest.approx(0.3, abs=0.05)
@@ -65,7 +65,7 @@ def test_a_stream_is_never_overtaken() -> None:
     assert [data for _, data in carry(Damage(jitter=0.2, reorder=0.3, delay=0.1), is_stream=True)] == SENT
 
 
-def test_a_flood_is_as_thick_as_told() -> None:
+def test_a_flood_is_as_thick_as_set() -> None:
     line = ChaosLine(3)
     for step in range(1, 101):
         line.make_noise(0.1 * step, Damage(flood=50.0))

@@ -1,4 +1,4 @@
-"""Every fault of the simulated boat does what its name says, for as long as it is told to, and no longer."""
+"""Every fault of the simulated boat does what its name says, for as long as it is ordered to, and no longer."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from autopilot.links.base import LinkError
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.vessel.file import load_vessel
 from sitl.cli import main
-from sitl.fault_desk import FaultDesk, kinds_table, obey
 from sitl.fault_kinds import KINDS, FaultKind, Source
+from sitl.fault_service import FaultService, kinds_table, obey
 from sitl.faults import Fault, FaultBoard
 from sitl.firmware import Firmware, FirmwareMode
 from sitl.scenario import FaultSection, load_scenario, scenario_from
@@ -110,7 +110,7 @@ def test_a_ramp_grows_from_nothing() -> None:
         assert math.degrees(bad.rate - good.rate) == pytest.approx(10.0 * (good.time - BEGIN) / 2.0)
 
 
-def test_rates_and_speeds_are_wrong_as_told() -> None:
+def test_rates_and_speeds_are_wrong_as_set() -> None:
     clean, faulty = readings("rate_reversed")
     for good, bad in zip(between(clean, BEGIN, END), between(faulty, BEGIN, END), strict=True):
         assert bad.rate == -good.rate
@@ -460,13 +460,13 @@ def test_the_desk_answers_on_the_loopback_and_the_command_prints_it(capsys: pyte
         probe.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{probe.getsockname()[1]}"
     world = world_with()
-    desk = FaultDesk(world, address)
+    service = FaultService(world, address)
     stop = threading.Event()
 
     def answer() -> None:
         while not stop.is_set():
-            select.select([desk.fileno()], [], [], 0.05)
-            desk.serve()
+            select.select([service.fileno()], [], [], 0.05)
+            service.serve()
 
     thread = threading.Thread(target=answer)
     thread.start()
@@ -476,11 +476,11 @@ def test_the_desk_answers_on_the_loopback_and_the_command_prints_it(capsys: pyte
         assert main(["fault", "--control", address, "yaw_psh"]) == 2
         assert "did you mean yaw_push" in capsys.readouterr().err
         with pytest.raises(LinkError, match="choose another port"):
-            FaultDesk(world, address)
+            FaultService(world, address)
     finally:
         stop.set()
         thread.join()
-        desk.close()
+        service.close()
     assert [fault.size for fault in world.faults.at_work(0.0)] == [-5.0]
     for wrong in ("0.0.0.0:5000", "127.0.0.1:0", "127.0.0.1", "192.168.1.1:80"):
         assert main(["fault", "--control", wrong, "list"]) == 2

@@ -72,17 +72,17 @@ def test_the_plotter_s_error_bearing_and_switch() -> None:
     route = ((0.0, 0.0), (0.0, 1852.0), (1852.0, 1852.0))
     plotter = ChartPlotter(dataclasses.replace(load_scenario("calm"), route=route))
     plotter.update(reading(-92.6, 926.0))
-    apb = plotter.say("APB", reading(-92.6, 926.0)).decode().split(",")
+    apb = plotter.sentence("APB", reading(-92.6, 926.0)).decode().split(",")
     assert apb[3:6] == ["0.050", "L", "N"], "south of a track to the east is starboard of it: steer left"
     assert apb[8:11] == ["90.0", "T", "WP1"]
-    rmb = plotter.say("RMB", reading(-92.6, 926.0)).decode().split(",")
+    rmb = plotter.sentence("RMB", reading(-92.6, 926.0)).decode().split(",")
     assert float(rmb[10]) == pytest.approx(math.hypot(92.6, 926.0) / 1852.0, abs=1e-3)
     assert float(rmb[11]) == pytest.approx(90.0 - math.degrees(math.atan2(92.6, 926.0)), abs=0.1)
     plotter.update(reading(0.0, 1840.0))
-    assert plotter.say("APB", reading(0.0, 1840.0)).decode().split(",")[8:11] == ["0.0", "T", "WP2"]
+    assert plotter.sentence("APB", reading(0.0, 1840.0)).decode().split(",")[8:11] == ["0.0", "T", "WP2"]
     plotter.update(reading(1860.0, 1900.0))
     assert plotter.is_over
-    assert plotter.say("XTE", reading(1860.0, 1900.0)).startswith(b"$ECXTE,V,V*")
+    assert plotter.sentence("XTE", reading(1860.0, 1900.0)).startswith(b"$ECXTE,V,V*")
 
 
 def test_pololu_commands_in_both_protocols_and_broken_off() -> None:

@@ -51,9 +51,9 @@ def test_a_front_beside_itself_and_beside_one_of_twice_the_error(modules: dict[s
 
 
 def peer_after(modules: dict[str, Any], peer: Any, headings: Any) -> Any:
-    """The peer's mind after headings [rad] at 10 Hz, on course north."""
+    """The peer's state after headings [rad] at 10 Hz, on course north."""
     module = modules["pareto_peer"]
-    mind = module.PeerMind(0.0, 0.0, PidMemory(0.0, math.nan), Rest(0.0, 0.0, False))
+    mind = module.PeerState(0.0, 0.0, PidMemory(0.0, math.nan), Rest(0.0, 0.0, False))
     for heading in headings:
         mind = module.peer_tick(peer, LIMITS, mind, 0.1, heading, 0.0)
     return mind
@@ -64,13 +64,13 @@ def test_the_peers_derivative_is_filtered_and_its_bands_keep_the_rudder_still(mo
     ramp = peer_after(modules, peer, 0.002 * np.arange(100))
     assert ramp.rate == pytest.approx(0.02, rel=1.0e-3)
     assert 0.1 * 0.02 < 0.198 - ramp.heading < 5.0 * 0.02
-    assert ramp.rest.told < 0.0, "a boat that turns to starboard is met with port rudder"
+    assert ramp.rest.command < 0.0, "a boat that turns to starboard is met with port rudder"
     jump = peer_after(modules, peer, [0.0, 0.02])
     assert 0.0 < jump.rate < 0.2 * 0.02 / 0.1
     bands = peer._replace(weather=0.03, gains=PidGains(1.0, 0.1, 0.0))
-    assert peer_after(modules, bands, [0.02] * 50).rest.told == 0.0
-    assert peer_after(modules, bands, [0.2] * 50).rest.told < -0.15
-    assert peer_after(modules, peer._replace(dead_band=0.2), [0.02] * 5).rest.told == 0.0
+    assert peer_after(modules, bands, [0.02] * 50).rest.command == 0.0
+    assert peer_after(modules, bands, [0.2] * 50).rest.command < -0.15
+    assert peer_after(modules, peer._replace(dead_band=0.2), [0.02] * 5).rest.command == 0.0
 
 
 def test_a_small_study_holds_the_course_better_than_nobody(modules: dict[str, Any], tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_a_small_study_holds_the_course_better_than_nobody(modules: dict[str, An
     assert not np.allclose(*noises), "held-out seeds are others"
     blown = [run for run in held_out if run.sea == "breeze" and run.side == 60.0]
     ours, theirs = study.Ours("lanxin15", plain=True), study.Theirs("lanxin15", plain=True)
-    nobody = [study._point(study.run_peer(run.setting, run.rooms, idle(modules)), run.setting) for run in blown]
+    nobody = [study._point(study.run_peer(run.setting, run.workspace, idle(modules)), run.setting) for run in blown]
     for helmsman in (ours, theirs):
         found = helmsman.sailed(helmsman.starts[0], blown)
         assert np.all(found[:, 0] < 0.5 * np.array(nobody)[:, 0])
@@ -99,9 +99,9 @@ def test_a_small_study_holds_the_course_better_than_nobody(modules: dict[str, An
         assert case.is_held
         assert case.beside.rms > 0.0
         assert case.beside.worst_rms >= case.beside.rms
-    told = modules["pareto"].table(cases)
-    assert told.count("lanxin15") == 8
-    assert "nan" not in told.splitlines()[-1]
+    printed = modules["pareto"].table(cases)
+    assert printed.count("lanxin15") == 8
+    assert "nan" not in printed.splitlines()[-1]
 
 
 def test_full_knowledge_is_a_yardstick_for_a_lost_case(modules: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Random seas and sensors: repeatable, of the size they claim, late and faulty where they are told to be."""
+"""Random seas and sensors: repeatable, of the size they claim, late and faulty where they are set so."""
 
 from __future__ import annotations
 

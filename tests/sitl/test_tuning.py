@@ -64,10 +64,10 @@ def test_the_command_writes_the_tuned_vessel(tmp_path: Path, capfd: pytest.Captu
     )
     options = ["--tune", "--law", "pid", "--weight", "2", "--generations", "1", "--study", str(study)]
     assert main(["gains", "lanxin", *options, "--out", str(out), "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
+    printed = json.loads(capfd.readouterr().out)
     assert load_vessel(out).control.pid is not None
-    assert told["gains"] == vars(load_vessel(out).control.pid)
-    assert set(told["held_out"]) == {"tuned", "before"}
+    assert printed["gains"] == vars(load_vessel(out).control.pid)
+    assert set(printed["held_out"]) == {"tuned", "before"}
 
 
 @pytest.mark.parametrize(
@@ -79,6 +79,6 @@ def test_the_command_writes_the_tuned_vessel(tmp_path: Path, capfd: pytest.Captu
         (["--tune", "--study", "nowhere"], "neither a file nor a shipped study"),
     ],
 )
-def test_wrong_options_are_told(options: list[str], sentence: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_wrong_options_are_reported(options: list[str], sentence: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["gains", "lanxin", *options]) == ExitCode.USAGE
     assert sentence in capfd.readouterr().err

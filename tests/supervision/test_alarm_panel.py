@@ -172,47 +172,47 @@ def test_the_terminal_rings_and_rings_faster() -> None:
     terminal = io.StringIO()
     bell = Bell(terminal)
     for step in range(40):
-        bell.show(tick(0.1 * step, Siren.SOUNDING))
+        bell.publish_tick(tick(0.1 * step, Siren.SOUNDING))
     assert terminal.getvalue() == "\a\a"
     for step in range(40):
-        bell.show(tick(4.0 + 0.1 * step, Siren.ESCALATED))
+        bell.publish_tick(tick(4.0 + 0.1 * step, Siren.ESCALATED))
     assert len(terminal.getvalue()) >= 2 + 7
     rung = len(terminal.getvalue())
-    bell.show(tick(9.0, Siren.QUIET))
+    bell.publish_tick(tick(9.0, Siren.QUIET))
     assert len(terminal.getvalue()) == rung
     terminal.close()
-    bell.show(tick(10.0, Siren.SOUNDING))
+    bell.publish_tick(tick(10.0, Siren.SOUNDING))
 
 
-def test_a_file_is_switched_and_a_file_that_cannot_be_is_told_of(tmp_path: Path) -> None:
+def test_a_file_is_switched_and_a_file_that_cannot_be_is_reported(tmp_path: Path) -> None:
     pin = tmp_path / "value"
     switch = SwitchFile(pin)
-    switch.show(tick(0.0, Siren.QUIET))
+    switch.publish_tick(tick(0.0, Siren.QUIET))
     assert pin.read_text() == "0\n"
-    switch.show(tick(1.0, Siren.SOUNDING))
+    switch.publish_tick(tick(1.0, Siren.SOUNDING))
     assert pin.read_text() == "1\n"
     switch.close()
     assert pin.read_text() == "0\n"
     broken = SwitchFile(tmp_path / "no" / "such" / "pin")
-    broken.show(tick(0.0, Siren.SOUNDING))
-    (told,) = broken.receive(0.0)
-    assert "alarms.outputs" in words(told.event)  # type: ignore[union-attr]
+    broken.publish_tick(tick(0.0, Siren.SOUNDING))
+    (sample,) = broken.receive(0.0)
+    assert "alarms.outputs" in words(sample.event)  # type: ignore[union-attr]
     assert broken.receive(1.0) == []
 
 
 def test_the_vehicle_plays_and_switches_until_it_is_over() -> None:
     sounder = VehicleSounder(True, 2)
-    sounder.show(tick(0.0, Siren.SOUNDING))
+    sounder.publish_tick(tick(0.0, Siren.SOUNDING))
     tune, relay = sounder.due(0.0, 7)
     assert (tune.get_type(), tune.target_system) == ("PLAY_TUNE", 7)
     assert (relay.command, relay.param1, relay.param2) == (181, 2.0, 1.0)
     assert [getattr(relay, f"param{number}") for number in range(3, 8)] == [0.0] * 5, "reserved: nothing of ours"
     assert sounder.due(0.1, 7) == []
-    sounder.show(tick(1.0, Siren.ESCALATED))
+    sounder.publish_tick(tick(1.0, Siren.ESCALATED))
     louder, again = sounder.due(1.0, 7)
     assert louder.tune != tune.tune
     assert again.param2 == 1.0
-    sounder.show(tick(2.0, Siren.QUIET))
+    sounder.publish_tick(tick(2.0, Siren.QUIET))
     (off,) = sounder.due(2.0, 7)
     assert off.param2 == 0.0
     assert sounder.due(60.0, 7) == []
@@ -228,7 +228,7 @@ def outputs(*names: str) -> Any:
 def test_the_vessel_file_chooses_where_alarms_are_heard() -> None:
     links, sounder = outputs("bell", "file:/tmp/pin", "tune", "relay:3")
     assert [type(link) for link in links] == [Bell, SwitchFile]
-    sounder.show(tick(0.0, Siren.SOUNDING))
+    sounder.publish_tick(tick(0.0, Siren.SOUNDING))
     assert len(sounder.due(0.0, 1)) == 2
 
 

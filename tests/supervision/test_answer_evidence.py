@@ -26,12 +26,12 @@ from autopilot.supervision.rudder_response import (
     first_response,
     is_doubtful,
     moved,
-    noise_met,
     noise_of,
     other_verdict,
     predicted,
     push_at_least,
     response_step,
+    seaway_noise,
     seaway_step,
     transition_of,
     verdict,
@@ -56,11 +56,11 @@ class Judge:
         self.sums = dict.fromkeys(("silent", "silent_late", "opposite", "opposite_late"), 0.0)
         self.sums |= dict.fromkeys(("weak", "right", "strong", "late"), 0.0)
         self.pairs = {"lively": [0.0, 0.0], "quick": [0.0, 0.0]}
-        self.usual, self.shown, self.odd, self.strange, self.strange_slow = 45.0, 60.0, 1.0, 0.5, 1.0
+        self.usual, self.shown, self.odd, self.misfit, self.misfit_slow = 45.0, 60.0, 1.0, 0.5, 1.0
         self.past: list[tuple[float, float, float]] = []
         self.left, self.colour = 0.0, 1.0
 
-    def hear(self, heading: float, rate: float, rudders: dict[str, float]) -> None:
+    def on_sample(self, heading: float, rate: float, rudders: dict[str, float]) -> None:
         turn, drift, decay, gain, kept = transition_of(BOAT, rate, NOISE.pace, DT)
         f = np.eye(4)
         f[0, 1:] = turn, drift, drift
@@ -111,9 +111,9 @@ class Judge:
         share, kept = 1.0 - math.exp(-DT / 4.0), math.exp(-DT / 32.0)
         self._colour(off, sigma, s, kept)
         against = min(off * math.copysign(1.0, s), 0.0)
-        self.strange += share * (min((against / sigma) ** 2, 36.0) - self.strange)
-        self.strange_slow += share * (min(((off - slow) / sigma) ** 2, 36.0) - self.strange_slow)
-        most, most_slow = (0.8 if x < 3.0 else 0.0 for x in (self.strange, self.strange_slow))
+        self.misfit += share * (min((against / sigma) ** 2, 36.0) - self.misfit)
+        self.misfit_slow += share * (min(((off - slow) / sigma) ** 2, 36.0) - self.misfit_slow)
+        most, most_slow = (0.8 if x < 3.0 else 0.0 for x in (self.misfit, self.misfit_slow))
         for name, (low, high) in (("lively", (1.6, 3.5)), ("quick", (2.4, 6.0))):
             side = 0 if s > 0.0 else 1
             self.pairs[name] = [kept * value for value in self.pairs[name]]
@@ -158,7 +158,7 @@ def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -
             heading += 0.1 * DT * rate
         shown = heading + 0.005 * random.standard_normal()
         memory = response_step(memory, BOAT, NOISE, rate, (now, shown), Rudders(order, late, trail))
-        judge.hear(shown, rate, {"in time": order, "late": late, "slow": trail})
+        judge.on_sample(shown, rate, {"in time": order, "late": late, "slow": trail})
         found.append((memory, judge_copy(judge)))
     return found
 
@@ -183,7 +183,7 @@ def test_the_evidence_is_the_difference_of_log_likelihoods(share: float, slownes
         evidence = [memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late]
         evidence += [others.weak, others.right, others.strong, others.late, *others.lively, *others.quick]
         assert are_close(evidence, [*sums.values(), *judge.pairs["lively"], *judge.pairs["quick"]], 1e-6)
-        assert are_close([others.strange, others.strange_slow], [judge.strange, judge.strange_slow], 1e-9)
+        assert are_close([others.misfit, others.misfit_slow], [judge.misfit, judge.misfit_slow], 1e-9)
         assert are_close([memory.usual / judge.usual, memory.shown / judge.shown], [1.0, 1.0], 1e-9)
         assert are_close([others.left, others.colour / judge.colour], [judge.left, 1.0], 1e-6)
         assert are_close([memory.unexplained], [judge.odd], 1e-5)
@@ -236,7 +236,7 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
     assert seaway.swing == pytest.approx(swing * math.exp(-age / 900.0))
     # the sea that is estimated turns the boat as much as what was met 900 s ago, at the slowest pace
     noise = noise_of(BOAT, 2.0e-4, swing / math.e, 0.5)
-    met = noise_met(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg))
+    met = seaway_noise(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg))
     assert met == (noise_of(BOAT, 2.0e-4, seaway.swing, 0.5) if is_met else noise)
     seaway = seaway_step(seaway._replace(time=0.0), 2.0 * math.pi / 0.4, 1.0 + side * math.radians(25.0), 0.0)
     assert math.atan2(seaway.east, seaway.north) == pytest.approx(1.0 + side * 0.2767, abs=1e-4)
@@ -244,7 +244,7 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
 
 def test_calm_water_stays_calm_in_a_turn() -> None:
     noise = noise_of(BOAT, 2.0e-4, 0.0, 0.0)
-    assert noise_met(BOAT, noise, seaway_step(None, 0.0, 0.0, 0.0), 2.0) == noise
+    assert seaway_noise(BOAT, noise, seaway_step(None, 0.0, 0.0, 0.0), 2.0) == noise
 
 
 @pytest.mark.parametrize(
@@ -303,7 +303,7 @@ def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() ->
         others = NO_OTHERS._replace(
             slow=Mean(value, 0.0, 0.0, 0.0), lively=(value, value + 1), quick=(value + 2, value + 3)
         )
-        others = others._replace(**dict.fromkeys(("strange", "strange_slow", "weak", "right", "strong", "late"), value))
+        others = others._replace(**dict.fromkeys(("misfit", "misfit_slow", "weak", "right", "strong", "late"), value))
         plain = first_response(NOISE, value, 0.0)._replace(others=others)
         return plain._replace(stuck=value, stuck_late=value, reversed=value, reversed_late=value)
 
@@ -311,7 +311,7 @@ def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() ->
     assert without_evidence(high, low) == low
     kept = without_evidence(low, high)
     assert kept.time == 5.0 and kept.others.slow == high.others.slow
-    assert (kept.others.strange, kept.others.strange_slow) == (5.0, 5.0)
+    assert (kept.others.misfit, kept.others.misfit_slow) == (5.0, 5.0)
     assert kept._replace(time=2.0, others=low.others) == low
     assert kept.others[1:3] == low.others[1:3] and kept.others[5:] == low.others[5:]
 
@@ -365,10 +365,10 @@ class Looks:
         self.taken.append(given)
         return memory._replace(time=given[3][0], **self.memory)
 
-    def look(self, rudder: float, rate: float = 0.0, heard: bool = True, **change: Any) -> str:
+    def update(self, rudder: float, rate: float = 0.0, heard: bool = True, **change: Any) -> str:
         now = TICK * self.number
         if heard:
-            self.watch.hear(HeadingSample(now, 1.0e-3 * self.number, None, change.pop("source", "compass")))
+            self.watch.on_sample(HeadingSample(now, 1.0e-3 * self.number, None, change.pop("source", "compass")))
         state = NavState(now, 0.0, rate, 4.0, rudder, 0.0, 0.0, True, wave_deviation=0.03, wave_frequency=0.9)
         seen = MonitorInput(now, BOAT, state, True, True, 0.0, rudder, STOP, True, follows=True)._replace(**change)
         found = self.watch.found(seen)
@@ -384,7 +384,7 @@ def test_the_prediction_uses_the_rudder_midway_and_0_4_s_before(
     """Of headings at every other tick the middle is the tick between; 0.4 s before that the later of two counts."""
     looks = Looks(monkeypatch)
     for number in range(41):
-        looks.look(0.01 * number, heard=number % 2 == 0)
+        looks.update(0.01 * number, heard=number % 2 == 0)
     assert len(looks.taken) == 20
     for number, (model, noise, _, heard, (rudder, late, slow)) in enumerate(looks.taken, 1):
         assert (model, slow) == (BOAT, rudder), "a slow rudder is out of question"
@@ -401,7 +401,7 @@ def test_no_boat_turns_more_than_twice_as_fast_as_the_rudder_turns_it(
     """K 0.3 1/s and 0.5 rad of rudder: 0.15 rad/s."""
     looks = Looks(monkeypatch)
     for _ in range(3):
-        looks.look(0.1, rate)
+        looks.update(0.1, rate)
     assert [given[2] for given in looks.taken] == pytest.approx([taken, taken])
 
 
@@ -409,15 +409,15 @@ def test_no_boat_turns_more_than_twice_as_fast_as_the_rudder_turns_it(
 def test_a_slow_rudder_would_go_a_quarter_as_fast(monkeypatch: pytest.MonkeyPatch, side: float) -> None:
     """From amidships to 0.03 rad at 0.08/4 rad/s: 0.0025 rad a tick."""
     looks = Looks(monkeypatch, 0.08)
-    looks.look(0.0)
+    looks.update(0.0)
     for _ in range(20):
-        looks.look(side * 0.03)
+        looks.update(side * 0.03)
     assert [given[4].slow for given in looks.taken] == pytest.approx(
         [side * min(0.0025 * n, 0.03) for n in range(1, 21)]
     )
-    looks.look(side * 0.03, rudder_is_measured=True)
+    looks.update(side * 0.03, rudder_is_measured=True)
     assert looks.taken[-1][4].slow == looks.taken[-1][4].in_time
-    looks.look(side * 0.2)
+    looks.update(side * 0.2)
     assert looks.taken[-1][4].slow == side * 0.2, "where it is known to stand"
 
 
@@ -429,17 +429,17 @@ def test_after_a_second_without_a_heading_and_with_another_compass_it_begins_ane
     monkeypatch: pytest.MonkeyPatch, ticks: int, change: dict[str, Any], is_taken: bool
 ) -> None:
     looks = Looks(monkeypatch)
-    looks.look(0.1)
+    looks.update(0.1)
     for _ in range(ticks - 1):
-        looks.look(0.1, heard=False)
-    looks.look(0.1, **change)
+        looks.update(0.1, heard=False)
+    looks.update(0.1, **change)
     assert len(looks.taken) == is_taken
 
 
 def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
     looks = Looks(monkeypatch, reversed=99.0, reversed_late=99.0)
-    looks.look(0.1, is_late=True)
-    assert [looks.look(0.1) for _ in range(10)] == [""] * 8 + ["rudder_reversed"] * 2
+    looks.update(0.1, is_late=True)
+    assert [looks.update(0.1) for _ in range(10)] == [""] * 8 + ["rudder_reversed"] * 2
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -454,11 +454,11 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
     still = first_response(NOISE, 0.0, 0.0).covariance._replace(p22=0.0)
     looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -side * push, 0.0), covariance=still)
     for _ in range(160):
-        looks.look(side * rudder, follows=False)
+        looks.update(side * rudder, follows=False)
     assert looks.doubts == ([16.125] if is_doubted else [])
-    looks.look(side * rudder)
+    looks.update(side * rudder)
     for _ in range(4):
-        looks.look(side * rudder, follows=False)
+        looks.update(side * rudder, follows=False)
     assert looks.doubts == ([16.125, 164 * TICK] if is_doubted else []), "and in the next one"
 
 
@@ -467,7 +467,7 @@ def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypa
     still = first_response(NOISE, 0.0, 0.0).covariance._replace(p22=0.0)
     looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -0.2, 0.0), covariance=still)
     for number in range(200):
-        looks.look(0.25 if number <= 144 else 0.1, follows=False)
+        looks.update(0.25 if number <= 144 else 0.1, follows=False)
     # the last of 0.25 rad at 18 s is forgotten at 20.5 s, the first tick more than 2.4 s later
     assert looks.doubts == [20.875]
 
@@ -519,14 +519,14 @@ def test_with_evidence_of_two_nothing_is_learnt(name: str, evidence: float, lear
     assert (after.usual > before.usual) is learns
 
 
-@pytest.mark.parametrize(("strange", "counts"), [(2.99, True), (3.01, False)])
-def test_what_is_three_times_as_strange_is_not_what_turns_the_boat(strange: float, counts: bool) -> None:
+@pytest.mark.parametrize(("misfit", "counts"), [(2.99, True), (3.01, False)])
+def test_what_is_three_times_as_strange_is_not_what_turns_the_boat(misfit: float, counts: bool) -> None:
     """Over a time constant, 4 s; a heading as far to the answer's side as that of a quick boat is not strange."""
     kept = math.exp(-DT / 4.0)
-    _, after = stepped(6.0, 0.01, strange=strange / kept, lively=(1.0, 1.0), quick=(1.0, 1.0))
+    _, after = stepped(6.0, 0.01, misfit=misfit / kept, lively=(1.0, 1.0), quick=(1.0, 1.0))
     assert (after.others.lively[0] > 1.0, after.others.quick[0] > 1.0) == (counts, counts)
     slow = Mean(0.02, 0.0, 0.0, 0.0)
-    _, after = stepped(2.0, 0.01, strange_slow=strange / kept, slow=slow, weak=1.0, right=1.0)
+    _, after = stepped(2.0, 0.01, misfit_slow=misfit / kept, slow=slow, weak=1.0, right=1.0)
     assert (after.others.weak > 1.0, after.others.right > 1.0) == (counts, counts), "nor what a slow rudder explains"
 
 

@@ -25,7 +25,7 @@ def reckoning(state: NavState = STATE) -> FailsafeSteering:
 @given(rate=st.floats(-1.0, 1.0), step=st.floats(0.01, RATE_FRESH))
 def test_a_measured_rate_turns_the_heading_by_the_trapezoid(rate: float, step: float) -> None:
     steering = reckoning()
-    steering.hear((RateSample(10.0 + step, rate),))
+    steering.on_sample((RateSample(10.0 + step, rate),))
     state, reference = steering.reckon(10.0 + step, BOAT, 0.1)
     assert state.heading == pytest.approx(1.0 + 0.5 * (0.2 + rate) * step, abs=1e-12)
     assert (state.rate, state.rudder, reference.heading) == (rate, 0.1, 1.0)
@@ -44,28 +44,28 @@ def test_without_a_rate_the_boat_turns_as_the_model_does_under_rudder_and_bias()
 @pytest.mark.parametrize(("age", "is_used"), [(-0.01, False), (0.0, True), (0.49, True), (0.5, True), (0.51, False)])
 def test_a_rate_is_used_for_half_a_second(age: float, is_used: bool) -> None:
     steering = reckoning()
-    steering.hear((HeadingSample(10.5 - age, 2.0, -0.3),))
+    steering.on_sample((HeadingSample(10.5 - age, 2.0, -0.3),))
     assert (steering.reckon(10.5, BOAT, 0.0)[0].rate == -0.3) is is_used
 
 
 @pytest.mark.parametrize("rate", [math.nan, math.inf, -math.inf, 1.01 * RATE_MOST])
 def test_a_rate_that_cannot_be_is_none(rate: float) -> None:
     steering = reckoning()
-    steering.hear((RateSample(10.1, rate), RateSample(math.nan, 0.1)))
+    steering.on_sample((RateSample(10.1, rate), RateSample(math.nan, 0.1)))
     assert abs(steering.reckon(10.1, BOAT, 0.0)[0].rate) < 1.0
 
 
 def test_what_cannot_be_takes_the_place_of_no_rate() -> None:
     steering = reckoning()
     wrong = (RateSample(math.nan, 0.3), RateSample(10.1, math.inf), HeadingSample(10.1, 0.0), RateSample(math.inf, 0.3))
-    steering.hear((RateSample(10.1, -0.15), *wrong))
+    steering.on_sample((RateSample(10.1, -0.15), *wrong))
     assert steering.reckon(10.1, BOAT, 0.0)[0].rate == -0.15
 
 
 def test_a_pause_turns_the_heading_no_further_than_half_a_second_does() -> None:
     """Ticks that stop are no turn: the model is not run on over a pause that nobody has seen."""
     steering = reckoning()
-    steering.hear((RateSample(13.0, 0.2),))
+    steering.on_sample((RateSample(13.0, 0.2),))
     state, _ = steering.reckon(13.0, BOAT, 0.0)
     assert state.heading == pytest.approx(1.0 + 0.2 * RATE_FRESH)
     assert state.heading_age == pytest.approx(3.3), "but the heading is as old as it is"
@@ -79,7 +79,7 @@ def test_a_pause_turns_the_heading_no_further_than_half_a_second_does() -> None:
 )
 def test_the_slow_turn_to_windward_goes_to_the_winds_side(angle_deg: float, share: float) -> None:
     steering = reckoning()
-    steering.hear((WindSample(10.0, math.radians(angle_deg), 8.0),))
+    steering.on_sample((WindSample(10.0, math.radians(angle_deg), 8.0),))
     assert steering.windward(10.0, 0.2) == pytest.approx(0.2 * share, abs=1e-9)
     assert steering.windward(15.0, 0.2) is not None
     assert steering.windward(15.1, 0.2) is None
@@ -94,7 +94,7 @@ def test_to_reckon_before_the_beginning_is_refused() -> None:
 @pytest.mark.parametrize("rate", [RATE_MOST, -RATE_MOST])
 def test_a_rate_of_ten_rad_s_may_be_one(rate: float) -> None:
     steering = reckoning()
-    steering.hear((RateSample(10.1, rate),))
+    steering.on_sample((RateSample(10.1, rate),))
     assert RATE_MOST == 10.0
     assert steering.reckon(10.1, BOAT, 0.0)[0].rate == rate
 
@@ -106,7 +106,7 @@ def test_a_rate_of_ten_rad_s_may_be_one(rate: float) -> None:
 def test_the_wind_is_smoothed_over_two_seconds_and_begins_anew_after_five(later: float, share: float) -> None:
     """Ahead at first, then 20 deg to starboard: both components go a share of the way there."""
     steering, angle = reckoning(), math.radians(20.0)
-    steering.hear((WindSample(10.0, 0.0, 8.0), WindSample(10.0 + later, angle, 8.0)))
+    steering.on_sample((WindSample(10.0, 0.0, 8.0), WindSample(10.0 + later, angle, 8.0)))
     seen = math.atan2(share * math.sin(angle), 1.0 - share + share * math.cos(angle))
     assert steering.windward(10.0 + later, 0.3) == pytest.approx(0.3 * seen / math.radians(30.0))
 
@@ -114,5 +114,5 @@ def test_the_wind_is_smoothed_over_two_seconds_and_begins_anew_after_five(later:
 @pytest.mark.parametrize(("time", "angle"), [(math.nan, 0.1), (math.inf, 0.1), (10.0, math.nan), (10.0, math.inf)])
 def test_a_wind_that_is_no_number_is_none(time: float, angle: float) -> None:
     steering = reckoning()
-    steering.hear((WindSample(10.0, 0.2, 8.0), WindSample(time, angle, 8.0)))
+    steering.on_sample((WindSample(10.0, 0.2, 8.0), WindSample(time, angle, 8.0)))
     assert steering.windward(10.0, 0.3) == pytest.approx(0.3 * 0.2 / math.radians(30.0))

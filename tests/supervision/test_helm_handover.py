@@ -47,7 +47,7 @@ def test_standby_is_obeyed_from_everywhere() -> None:
     assert lost(failed) is Mode.FAILSAFE
     assert failed.decide(1.1, STANDBY, state()) is Mode.STANDBY
     overridden = engaged()
-    overridden.hear(human(False))
+    overridden.on_sample(human(False))
     assert overridden.decide(0.1, COURSE, state()) is Mode.OVERRIDE
     assert overridden.decide(0.2, STANDBY, state()) is Mode.STANDBY
     assert overridden.alarms() == ()
@@ -55,14 +55,14 @@ def test_standby_is_obeyed_from_everywhere() -> None:
 
 def test_an_override_releases_and_only_a_new_serial_engages_again() -> None:
     made = engaged()
-    made.hear(human(False))
+    made.on_sample(human(False))
     assert made.decide(0.1, COURSE, state()) is Mode.OVERRIDE
     assert sentences_of(made.alarms())[0].startswith("overridden: mode HOLD; the helm is yours")
     assert not made.check(0.1, 0.2, 0.3, 0.2, DT).engaged
-    made.hear(human(True))
+    made.on_sample(human(True))
     for now in (0.2, 10.0, 100.0):
         assert made.decide(now, COURSE, state()) is Mode.OVERRIDE
-    # another heading under the same serial is no wish to engage again
+    # another heading under the same serial is no request to engage again
     assert made.decide(101.0, COURSE._replace(heading=2.0), state()) is Mode.OVERRIDE
     assert made.decide(102.0, COURSE._replace(serial=2), state()) is Mode.ENGAGED
 
@@ -77,7 +77,7 @@ def test_the_timeout_itself_is_still_fresh_and_beyond_it_is_stale() -> None:
 def test_a_hand_on_the_helm_ends_a_fail_safe_that_still_steers(action: str) -> None:
     made = engaged(action)
     lost(made)
-    made.hear(human(False))
+    made.on_sample(human(False))
     assert made.decide(1.2, COURSE, state(age=2.0)) is Mode.OVERRIDE
     assert not made.check(1.2, 0.2, 0.0, 0.0, DT).engaged
 
@@ -114,7 +114,7 @@ def test_a_rudder_of_unlimited_rate_survives_two_ticks_at_one_moment(action: str
 
 def test_a_new_one_knows_nothing_of_helm_and_serials_and_one_with_the_memory_does() -> None:
     before = engaged()
-    before.hear(human(False))
+    before.on_sample(human(False))
     before.decide(0.1, COURSE, state())
     limits = Envelope(*ENVELOPE_LIMITS), FailsafeAction(1.0, "hold", 3.0, False)
     again = Supervisor(*limits, before.memory)

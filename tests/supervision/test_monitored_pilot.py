@@ -80,7 +80,7 @@ def test_a_rudder_of_the_wrong_sign_is_given_up(has_rate: bool) -> None:
     ticks = sail_altered(pilot, plant, 120.0, seen, rudder_sign=-1.0)
     ended = [tick for tick in ticks if tick.mode is Mode.FAILSAFE]
     assert ended
-    assert words_of(ended[0])[0].startswith("the rudder moves the wrong way")
+    assert words_of(ended[0])[0].startswith("steering gear: rudder moves the wrong way")
     assert not ended[0].command.engaged
 
 
@@ -90,7 +90,7 @@ def test_wind_that_is_too_much_is_an_alarm_and_steering_goes_on() -> None:
 
     pilot, plant = build_pilot(VESSEL), boat(gale)
     ticks = sail(pilot, plant, course(0.0), 140.0, DT)
-    said = [tick for tick in ticks if any("off course" in alarm for alarm in words_of(tick))]
+    said = [tick for tick in ticks if any("off heading" in alarm for alarm in words_of(tick))]
     assert said
     assert all(tick.mode is Mode.ENGAGED for tick in ticks)
     assert abs(ticks[-1].state.heading) < math.radians(2.0)
@@ -107,19 +107,19 @@ def test_turns_gusts_and_noise_raise_no_alarm() -> None:
 
     ticks = sail(pilot, plant, orders, 150.0, DT)
     assert ticks[-1].mode is Mode.ENGAGED
-    assert not any("off course" in alarm or "frozen" in alarm for tick in ticks for alarm in words_of(tick))
+    assert not any("off heading" in alarm or "frozen" in alarm for tick in ticks for alarm in words_of(tick))
 
 
 def test_a_doubt_that_a_link_tells_of_degrades_and_nothing_else_that_it_says_ends_steering() -> None:
     pilot, plant = build_pilot(VESSEL), boat()
 
-    def told(*events: AlarmEvent | None) -> SupervisorState:
+    def state_after(*events: AlarmEvent | None) -> SupervisorState:
         notes = tuple(AlarmSample(plant.time, event, str(place)) for place, event in enumerate(events))
         tick = pilot.step(plant.time, (*plant.sense(), *notes), course(0.0))
         plant.step(tick.command.angle, DT)
         assert tick.mode is Mode.ENGAGED
         return tick.supervisor
 
-    assert told(None, None) is SupervisorState.HEADING
-    assert told(AlarmEvent("heading_disagrees"), AlarmEvent("heading_lost")) is SupervisorState.DEGRADED
-    assert told(None, AlarmEvent("heading_lost")) is SupervisorState.HEADING
+    assert state_after(None, None) is SupervisorState.HEADING
+    assert state_after(AlarmEvent("heading_disagrees"), AlarmEvent("heading_lost")) is SupervisorState.DEGRADED
+    assert state_after(None, AlarmEvent("heading_lost")) is SupervisorState.HEADING

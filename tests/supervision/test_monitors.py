@@ -137,7 +137,7 @@ def off_course(seconds: float, error: float, rudder: float = 0.0) -> Monitors:
 def test_off_course_is_said_after_its_time_and_unsaid_when_back() -> None:
     assert alarms(off_course(9.0, math.radians(25.0))) == ()
     monitors = off_course(10.5, math.radians(-25.0))
-    assert "off course by 25 deg to port" in sentences_of(alarms(monitors))[0]
+    assert "off heading by 25 deg to port" in sentences_of(alarms(monitors))[0]
     monitors.update(watched(11.0, math.radians(-16.0)))
     assert alarms(monitors) != ()
     monitors.update(watched(11.1, math.radians(-10.0)))
@@ -287,26 +287,26 @@ def test_what_goes_on_is_not_said_anew_with_every_degree() -> None:
     assert len({event for event in monitors.findings.values() if event.name == "roll"}) == 1
 
 
-def test_a_gyro_of_the_wrong_sign_is_told_in_one_swing_until_it_is_put_right() -> None:
+def test_a_gyro_of_the_wrong_sign_is_reported_in_one_swing_until_it_is_put_right() -> None:
     limit = math.radians(15.0)
-    monitors, told = Monitors(LIMITS._replace(rate_disagrees=limit)), []
+    monitors, reported = Monitors(LIMITS._replace(rate_disagrees=limit)), []
 
     def hear(now: float, sign: float, swing: float) -> None:
         heading, rate = swing * math.sin(now), swing * math.cos(now)
         monitors.on_samples((HeadingSample(now, heading, sign * rate),))
         monitors.update(watched(now, heading))
-        told.append(monitors.doubts_rate)
+        reported.append(monitors.doubts_rate)
 
     for k in range(1, 100):
         hear(0.1 * k, -1.0, math.radians(5.0))
-    assert told.index(True) < 40
+    assert reported.index(True) < 40
     assert "opposite ways" in monitors.findings["rate_disagrees"].detail
     for k in range(100, 700):
         hear(0.1 * k, -1.0, 0.0)
-    assert told[-1], "a boat that lies still shows nothing of its gyro"
+    assert reported[-1], "a boat that lies still shows nothing of its gyro"
     for k in range(700, 1100):
         hear(0.1 * k, 1.0, math.radians(5.0))
-    assert not told[-1]
+    assert not reported[-1]
     assert "rate_disagrees" not in monitors.findings
 
 
@@ -368,7 +368,7 @@ def jumped(period: float, seconds: float, back: float = math.inf) -> float:
     for tick in range(round(seconds / period)):
         now = tick * period
         away = 2.0 - 1e-9 <= now < 2.0 + back - 1e-9
-        monitor.hear(HeadingSample(now, math.radians(40.0) if away else 0.0))
+        monitor.on_sample(HeadingSample(now, math.radians(40.0) if away else 0.0))
         if monitor.found(watched(now, 0.0)):
             return now - 2.0
     return math.inf
@@ -385,7 +385,7 @@ def test_a_jump_is_said_for_five_seconds_with_its_side() -> None:
         monitor, said = Jumping(0.3), []
         for tick in range(100):
             now = 0.1 * tick
-            monitor.hear(HeadingSample(now, side * 0.7 if now > 1.95 else 0.0))
+            monitor.on_sample(HeadingSample(now, side * 0.7 if now > 1.95 else 0.0))
             said.append(monitor.found(watched(now, 0.0)))
         assert said[24:26] == ["", f"by {side * 40.0:+.0f} deg"]
         assert said[74] == said[25] and said[75] == ""
@@ -397,7 +397,7 @@ def test_three_spikes_within_ten_seconds_are_a_jump_and_two_or_slower_ones_are_n
         for tick in range(400):
             now = 0.1 * tick
             is_spike = any(abs(now - 2.0 - apart * number) < 0.04 for number in range(count))
-            monitor.hear(HeadingSample(now, 1.0 if is_spike else 0.0))
+            monitor.on_sample(HeadingSample(now, 1.0 if is_spike else 0.0))
             found = found or monitor.found(watched(now, 0.0))
         assert bool(found) is is_said
 
@@ -405,10 +405,10 @@ def test_three_spikes_within_ten_seconds_are_a_jump_and_two_or_slower_ones_are_n
 @pytest.mark.parametrize(("gap", "is_seen"), [(1.9, True), (2.1, False)])
 def test_across_more_than_two_seconds_of_silence_no_jump_is_seen(gap: float, is_seen: bool) -> None:
     monitor, found = Jumping(0.3), ""
-    monitor.hear(HeadingSample(0.0, 0.0))
+    monitor.on_sample(HeadingSample(0.0, 0.0))
     for tick in range(20):
         now = gap + 0.1 * tick
-        monitor.hear(HeadingSample(now, 1.0))
+        monitor.on_sample(HeadingSample(now, 1.0))
         found = found or monitor.found(watched(now, 0.0))
     assert bool(found) is is_seen
 
@@ -416,7 +416,7 @@ def test_across_more_than_two_seconds_of_silence_no_jump_is_seen(gap: float, is_
 def test_another_compass_that_shows_another_heading_has_not_jumped() -> None:
     monitor, found = Jumping(0.3), ""
     for tick in range(40):
-        monitor.hear(HeadingSample(0.1 * tick, 1.0 if tick > 20 else 0.0, None, "b" if tick > 20 else "a"))
+        monitor.on_sample(HeadingSample(0.1 * tick, 1.0 if tick > 20 else 0.0, None, "b" if tick > 20 else "a"))
         found = found or monitor.found(watched(0.1 * tick, 0.0))
     assert found == ""
 
@@ -427,11 +427,11 @@ def said(monitors: Monitors, name: str) -> str:
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_surprise_that_lasts_for_twenty_seconds_is_said_in_its_first_number(side: float) -> None:
+def test_an_innovation_that_lasts_for_twenty_seconds_is_said_in_its_first_number(side: float) -> None:
     monitors = Monitors(LIMITS._replace(innovation=3.0))
 
-    def look(now: float, surprise: float, **change: bool) -> str:
-        monitors.update(watched(now, 0.0)._replace(innovation=side * surprise, **change))
+    def look(now: float, innovation_mean: float, **change: bool) -> str:
+        monitors.update(watched(now, 0.0)._replace(innovation=side * innovation_mean, **change))
         return said(monitors, "innovation")
 
     assert [look(now, 3.1) for now in (1.0, 10.0, 20.75)] == ["", "", ""]

@@ -1,4 +1,5 @@
-"""A rudder without a sensor that is stuck, trails or works the wrong way is told by the boat alone; nothing else is."""
+"""A rudder without a sensor that is stuck, trails or works the wrong way is found by the boat alone; nothing else
+is."""
 
 from __future__ import annotations
 
@@ -52,7 +53,7 @@ class Helm:
     def __post_init__(self) -> None:
         self.random = np.random.default_rng(self.seed)
         self.orders = [0.0] * 20
-        self.told = 0.0
+        self.commanded = 0.0
 
     def steer(self, seconds: float, course: float) -> str:
         """Return the first alarm in `seconds` on a `course` [rad]."""
@@ -60,16 +61,18 @@ class Helm:
             self.now += DT
             seen = wrap(self.heading + NOISE * self.random.standard_normal())
             wanted = self.zigzag(seen) if self.trial else -1.5 * wrap(seen - course) - 1.0 * self.rate
-            self.told += max(-0.3 * DT, min(0.3 * DT, wanted - self.told))
-            self.told = max(-STOP, min(STOP, self.told))
-            self.orders.append(self.told)
+            self.commanded += max(-0.3 * DT, min(0.3 * DT, wanted - self.commanded))
+            self.commanded = max(-STOP, min(STOP, self.commanded))
+            self.orders.append(self.commanded)
             self.rudder = self.gear(self.orders[-1 - round(self.late / DT)], self.rudder)
             self.rate = rate_step(self.boat, self.rate, self.rudder + self.push(self.now), DT)
             self.heading += self.rate * DT
-            state = NavState(self.now, seen, self.rate, 4.0, self.told, 0.0, 0.0, True, 0.0, 0.0, *self.wave)
-            self.watch.hear(HeadingSample(self.now, seen, None, "compass"))
+            state = NavState(self.now, seen, self.rate, 4.0, self.commanded, 0.0, 0.0, True, 0.0, 0.0, *self.wave)
+            self.watch.on_sample(HeadingSample(self.now, seen, None, "compass"))
             holds = not self.trial
-            seen_now = MonitorInput(self.now, MODEL, state, True, holds, course, self.told, STOP, True, follows=holds)
+            seen_now = MonitorInput(
+                self.now, MODEL, state, True, holds, course, self.commanded, STOP, True, follows=holds
+            )
             found = self.watch.found(seen_now)
             if found:
                 return found
@@ -91,15 +94,15 @@ class Helm:
             seen = wrap(self.heading + NOISE * self.random.standard_normal())
             queue.append(HeadingSample(self.now, seen, None, "compass"))
             if self.now >= next_tick:
-                gap, last, leaving = self.now - last, self.now, self.told
+                gap, last, leaving = self.now - last, self.now, self.commanded
                 course = courses[int(self.now / 20.0) % len(courses)]
                 reach = 0.3 * min(gap, 0.5)
                 wanted = -1.5 * wrap(seen - course) - 1.0 * self.rate
-                self.told += max(-reach, min(reach, wanted - self.told))
-                self.told = max(-STOP, min(STOP, self.told))
+                self.commanded += max(-reach, min(reach, wanted - self.commanded))
+                self.commanded = max(-STOP, min(STOP, self.commanded))
                 state = NavState(self.now, seen, self.rate, 4.0, leaving, 0.0, 0.0, True, 0.0, 0.0, *self.wave)
                 for sample in queue:
-                    self.watch.hear(sample)
+                    self.watch.on_sample(sample)
                 queue = []
                 is_late = gap > 0.15
                 seen_now = MonitorInput(
@@ -111,7 +114,7 @@ class Helm:
                 if random.random() < share:
                     next_tick = self.now + random.uniform(0.1, latest)
                 else:
-                    leaving = self.told
+                    leaving = self.commanded
             self.rudder = self.gear(leaving, self.rudder)
             self.rate = rate_step(self.boat, self.rate, self.rudder + self.push(self.now), DT)
             self.heading += self.rate * DT
@@ -236,7 +239,7 @@ def test_a_compass_that_stands_still_is_left_to_who_watches_for_that() -> None:
     for k in range(200):
         now, order = helm.now + (k + 1) * DT, math.radians(0.2 * k)
         state = NavState(now, 0.1, 0.0, 4.0, order, 0.0, 0.0, True)
-        held.hear(HeadingSample(now, 0.1, None, "compass"))
+        held.on_sample(HeadingSample(now, 0.1, None, "compass"))
         assert held.found(MonitorInput(now, MODEL, state, True, True, 0.0, order, STOP, True)) == ""
 
 
@@ -251,16 +254,16 @@ def test_single_wild_headings_and_a_jump_for_good_are_not_the_rudder_s() -> None
         helm.heading += helm.rate * DT
         seen = wrap(helm.heading + wild)
         state = NavState(now, seen, helm.rate, 4.0, order, 0.0, 0.0, True, 0.0, 0.0, *helm.wave)
-        helm.watch.hear(HeadingSample(now, seen, None, "compass"))
+        helm.watch.on_sample(HeadingSample(now, seen, None, "compass"))
         assert helm.watch.found(MonitorInput(now, MODEL, state, True, True, 0.0, order, STOP, True)) == ""
 
 
 def test_nothing_is_known_while_another_steers_or_without_way() -> None:
-    for spoilt in ({"steers": False}, {"has_way": False}):
+    for excluded in ({"steers": False}, {"has_way": False}):
         watch = Answering(NOISE**2)
         for k in range(400):
             now, order = k * DT, math.radians(20.0 * math.sin(0.1 * k))
             state = NavState(now, 0.001 * (k % 7), 0.0, 4.0, order, 0.0, 0.0, True)
-            watch.hear(HeadingSample(now, 0.001 * (k % 7), None, "compass"))
-            seen = MonitorInput(now, MODEL, state, True, True, 0.0, order, STOP, True)._replace(**spoilt)
+            watch.on_sample(HeadingSample(now, 0.001 * (k % 7), None, "compass"))
+            seen = MonitorInput(now, MODEL, state, True, True, 0.0, order, STOP, True)._replace(**excluded)
             assert watch.found(seen) == ""

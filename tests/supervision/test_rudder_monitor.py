@@ -22,9 +22,9 @@ def seen(order: Callable[[float], float], angle: Callable[[float], float], secon
     monitor = Following(LIMITS)
     for step in range(round(seconds / 0.1)):
         now = 0.1 * step
-        monitor.hear(RudderSample(now, math.radians(angle(now)), False, "RSA"))
-        told = math.radians(order(now))
-        monitor.look(MonitorInput(now, BOAT, STATE, True, True, 0.0, told, 0.6, True))
+        monitor.on_sample(RudderSample(now, math.radians(angle(now)), False, "RSA"))
+        commanded = math.radians(order(now))
+        monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, commanded, 0.6, True))
         if monitor.found:
             return monitor.found, now
     return "", math.inf
@@ -74,8 +74,8 @@ def test_less_than_a_third_of_the_filed_rate_for_two_seconds_is_slow(
     monitor = Following(LIMITS)
     for step in range(round(seconds / 0.1) + 1):
         now = 0.1 * step
-        monitor.hear(RudderSample(now, side * share * LIMITS.rudder_rate * now, False, "RSA"))
-        monitor.look(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(200.0), 0.6, True))
+        monitor.on_sample(RudderSample(now, side * share * LIMITS.rudder_rate * now, False, "RSA"))
+        monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(200.0), 0.6, True))
     assert monitor.found == ""
     assert monitor.is_slow is is_slow
 
@@ -86,18 +86,18 @@ def test_what_a_rudder_did_before_it_was_where_it_was_ordered_says_nothing(secon
     monitor = Following(LIMITS)
     for step in range(41 + round(seconds / 0.1)):
         now, since = 0.1 * step, max(0.1 * (step - 40), 0.0)
-        monitor.hear(RudderSample(now, 0.3 * LIMITS.rudder_rate * since, False, "RSA"))
+        monitor.on_sample(RudderSample(now, 0.3 * LIMITS.rudder_rate * since, False, "RSA"))
         order = 0.0 if step < 40 else math.radians(200.0)
-        monitor.look(MonitorInput(now, BOAT, STATE, True, True, 0.0, order, 0.6, True))
+        monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, order, 0.6, True))
     assert monitor.is_slow is is_slow
 
 
 def test_a_rudder_of_unknown_rate_is_never_slow() -> None:
     monitor = Following(LIMITS._replace(rudder_rate=math.inf))
     for step in range(60):
-        monitor.hear(RudderSample(0.1 * step, math.radians(0.3 * step), False, "RSA"))
+        monitor.on_sample(RudderSample(0.1 * step, math.radians(0.3 * step), False, "RSA"))
         at = MonitorInput(0.1 * step, BOAT, STATE, True, True, 0.0, math.radians(100.0), 0.6, True)
-        monitor.look(at)
+        monitor.update(at)
     assert not monitor.is_slow
 
 
@@ -108,8 +108,8 @@ def judged(
     monitor = Following(LIMITS)
     for tick in range(ticks + 1):
         now = dt * tick
-        monitor.hear(RudderSample(now - age, side * math.radians(rate_deg_s) * now, False, "RSA"))
-        monitor.look(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(order_deg), 0.6, True))
+        monitor.on_sample(RudderSample(now - age, side * math.radians(rate_deg_s) * now, False, "RSA"))
+        monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(order_deg), 0.6, True))
     return monitor
 
 

@@ -1,4 +1,4 @@
-"""The supervisor's table: who has the rudder, and what it is told when things fail."""
+"""The supervisor's table: who has the rudder, and what is commanded when things fail."""
 
 from __future__ import annotations
 
@@ -59,23 +59,23 @@ def test_it_waits_for_a_heading_and_says_so() -> None:
 @pytest.mark.parametrize("cause", list(HelmCause))
 def test_a_helm_that_goes_away_ends_steering_whatever_the_cause(cause: HelmCause) -> None:
     tested = engaged()
-    tested.hear(HelmSample(0.1, False, "in words of its own", "rc", cause))
+    tested.on_sample(HelmSample(0.1, False, "in words of its own", "rc", cause))
     assert tested.decide(0.1, ENGAGE, state(0.1)) is Mode.OVERRIDE
 
 
 def test_a_note_is_an_alarm_that_changes_nothing_until_its_source_takes_it_back() -> None:
     tested = engaged()
     tested.note(AlarmSample(1.0, other("the rudder motor draws 9 A"), "drive"))
-    tested.note(AlarmSample(1.0, other("two compasses disagree"), "heading monitor"))
+    tested.note(AlarmSample(1.0, other("heading monitor: two compasses disagree"), "heading monitor"))
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
     assert tested.check(1.0, 0.1, 0.1, 0.1, 0.1).engaged
-    assert sentences_of(tested.alarms()) == ("the rudder motor draws 9 A", "two compasses disagree")
+    assert sentences_of(tested.alarms()) == ("the rudder motor draws 9 A", "heading monitor: two compasses disagree")
     tested.note(AlarmSample(2.0, None, "drive"))
-    tested.hear(HelmSample(2.0, False, "mode HOLD was chosen", "link"))
+    tested.on_sample(HelmSample(2.0, False, "mode HOLD was chosen", "link"))
     tested.decide(2.0, ENGAGE, state(2.0))
     overridden, note = sentences_of(tested.alarms())
     assert overridden.startswith("overridden: mode HOLD was chosen")
-    assert note == "two compasses disagree"
+    assert note == "heading monitor: two compasses disagree"
     tested.note(AlarmSample(2.0, None, "heading monitor"))
     assert sentences_of(tested.alarms()) == (overridden,)
 
@@ -86,26 +86,26 @@ def test_standby_ends_an_engagement() -> None:
 
 def test_a_human_takes_over_at_once_and_keeps_the_helm() -> None:
     tested = engaged()
-    tested.hear(HelmSample(1.0, False, "mode HOLD was chosen", "link"))
+    tested.on_sample(HelmSample(1.0, False, "mode HOLD was chosen", "link"))
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.OVERRIDE
     assert not tested.check(1.0, 0.1, 0.2, 0.1, 0.1).engaged
     assert "mode HOLD" in sentences_of(tested.alarms())[0]
-    tested.hear(HelmSample(2.0, True, "", "link"))
+    tested.on_sample(HelmSample(2.0, True, "", "link"))
     assert tested.decide(2.0, ENGAGE, state(2.0)) is Mode.OVERRIDE, "the same order does not engage again"
     assert tested.decide(3.0, ENGAGE._replace(serial=2), state(3.0)) is Mode.ENGAGED
 
 
 def test_it_does_not_engage_against_a_human() -> None:
     tested = supervisor()
-    tested.hear(HelmSample(0.0, False, "disarmed", "link"))
+    tested.on_sample(HelmSample(0.0, False, "disarmed", "link"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
     assert sentences_of(tested.alarms()) == ("cannot engage: disarmed",)
 
 
 def test_another_link_cannot_free_the_helm_that_one_has_taken() -> None:
     tested = supervisor()
-    tested.hear(HelmSample(0.0, False, "disarmed", "one"))
-    tested.hear(HelmSample(0.0, True, "", "two"))
+    tested.on_sample(HelmSample(0.0, False, "disarmed", "one"))
+    tested.on_sample(HelmSample(0.0, True, "", "two"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
 
 
@@ -148,15 +148,15 @@ def fail(tested: Supervisor) -> None:
 def test_amidships_slews_and_then_releases() -> None:
     tested = supervisor("amidships")
     fail(tested)
-    told, angles = -0.2, []
+    commanded, angles = -0.2, []
     for i in range(10):
-        command = tested.check(10.0 + 0.1 * i, told, 0.0, told, 0.1)
+        command = tested.check(10.0 + 0.1 * i, commanded, 0.0, commanded, 0.1)
         angles.append(command.angle)
-        told = command.angle
+        commanded = command.angle
     assert angles[0] == pytest.approx(-0.17)
     assert angles[-1] == 0.0
-    assert tested.check(14.99, told, 0.0, told, 0.1).engaged
-    assert not tested.check(15.0, told, 0.0, told, 0.1).engaged
+    assert tested.check(14.99, commanded, 0.0, commanded, 0.1).engaged
+    assert not tested.check(15.0, commanded, 0.0, commanded, 0.1).engaged
 
 
 def test_hold_keeps_the_rudder_and_then_releases() -> None:
@@ -192,13 +192,13 @@ def test_a_fault_holds_the_rudder_for_a_while_and_then_lets_go() -> None:
 
 def test_an_order_that_meets_a_taken_helm_waits_half_a_minute_and_is_dropped() -> None:
     tested = supervisor()
-    tested.hear(HelmSample(0.0, False, "disarmed; arm it", "link"))
+    tested.on_sample(HelmSample(0.0, False, "disarmed; arm it", "link"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
     assert tested.decide(29.0, ENGAGE, state(29.0)) is Mode.STANDBY
     assert sentences_of(tested.alarms()) == ("cannot engage: disarmed; arm it",)
     tested.decide(30.0, ENGAGE, state(30.0))
     assert sentences_of(tested.alarms()) == ("the order to engage was dropped: disarmed; arm it; order again",)
-    tested.hear(HelmSample(31.0, True, "", "link"))
+    tested.on_sample(HelmSample(31.0, True, "", "link"))
     assert tested.decide(31.0, ENGAGE, state(31.0)) is Mode.STANDBY, "nobody expects to be obeyed by now"
     assert tested.decide(32.0, ENGAGE._replace(serial=2), state(32.0)) is Mode.ENGAGED
 

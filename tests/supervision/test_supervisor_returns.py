@@ -66,17 +66,17 @@ def helm(reason: str = "", cause: HelmCause = HelmCause.TAKEN) -> HelmSample:
 )
 def test_the_cause_says_which_alarm_it_is_whatever_the_words(cause: HelmCause, name: str, words: str) -> None:
     tested = made()
-    tested.hear(helm(words, cause))
+    tested.on_sample(helm(words, cause))
     assert tested.decide(10.0, COURSE, state()) is Mode.OVERRIDE
     assert tested.alarm is not None
     assert (tested.alarm.name, tested.alarm.detail) == (name, words)
 
 
 def rebooted(tested: Supervisor, at: float = 10.0) -> Supervisor:
-    tested.hear(helm("the vehicle is disarmed; arm it", REBOOTED))
+    tested.on_sample(helm("the vehicle is disarmed; arm it", REBOOTED))
     assert tested.decide(at, COURSE, state()) is Mode.OVERRIDE
     assert tested.alarm is not None and tested.alarm.name == "firmware_rebooted"
-    tested.hear(helm("the vehicle is disarmed; arm it"))
+    tested.on_sample(helm("the vehicle is disarmed; arm it"))
     return tested
 
 
@@ -87,14 +87,14 @@ def test_after_a_reboot_it_reengages_only_if_the_file_allows() -> None:
     assert sentences_of(tested.alarms()) == ("cannot engage: the vehicle is disarmed; arm it",)
     assert tested.decide(15.0 + ORDER_WAITS, COURSE, state()) is Mode.OVERRIDE
     assert "cannot engage" in sentences_of(tested.alarms())[0], "what comes back by itself is not dropped"
-    tested.hear(helm())
+    tested.on_sample(helm())
     assert tested.decide(60.0, COURSE, state()) is Mode.ENGAGED
     assert tested.alarms() == ()
 
 
 def test_elsewhere_a_reboot_ends_it_for_good() -> None:
     tested = rebooted(made(resume=True))
-    tested.hear(helm())
+    tested.on_sample(helm())
     for now in (12.0, 15.0, 100.0):
         assert tested.decide(now, COURSE, state()) is Mode.OVERRIDE
         assert tested.alarm is not None and tested.alarm.name == "firmware_rebooted"
@@ -103,7 +103,7 @@ def test_elsewhere_a_reboot_ends_it_for_good() -> None:
 def test_two_minutes_after_a_reboot_people_have_seen_to_it() -> None:
     in_time, late = rebooted(made(reengage=True)), rebooted(made(reengage=True))
     for tested in (in_time, late):
-        tested.hear(helm())
+        tested.on_sample(helm())
         assert tested.decide(10.1, COURSE, state(5.0)) is Mode.OVERRIDE
         tested.decide(20.0, COURSE, state(5.0))
     in_time.decide(10.0 + REENGAGE_WITHIN - RESUME_AFTER - 0.1, COURSE, state())
@@ -118,23 +118,23 @@ def test_the_silence_that_goes_with_a_reboot_is_part_of_it(first: str) -> None:
     if first == "heading":
         assert tested.decide(9.0, COURSE, state(2.0)) is Mode.FAILSAFE
     else:
-        tested.hear(helm("nothing heard for 4 s", SILENT))
+        tested.on_sample(helm("nothing heard for 4 s", SILENT))
         assert tested.decide(9.0, COURSE, state()) is Mode.OVERRIDE
         assert tested.alarm is not None and tested.alarm.name == "link_silent"
-    tested.hear(helm("reading the vehicle's parameters", REBOOTED))
+    tested.on_sample(helm("reading the vehicle's parameters", REBOOTED))
     tested.decide(10.0, COURSE, state())
-    tested.hear(helm())
+    tested.on_sample(helm())
     tested.decide(11.0, COURSE, state())
     assert tested.decide(13.0, COURSE, state()) is Mode.ENGAGED
 
 
 def test_a_reboot_after_a_human_s_override_gives_nothing_back() -> None:
     tested = made(reengage=True)
-    tested.hear(helm("mode HOLD was chosen"))
+    tested.on_sample(helm("mode HOLD was chosen"))
     assert tested.decide(9.0, COURSE, state()) is Mode.OVERRIDE
-    tested.hear(helm("arm it", REBOOTED))
+    tested.on_sample(helm("arm it", REBOOTED))
     tested.decide(10.0, COURSE, state())
-    tested.hear(helm())
+    tested.on_sample(helm())
     for now in (10.1, 13.0, 20.0):
         assert tested.decide(now, COURSE, state()) is Mode.OVERRIDE
 
@@ -142,9 +142,9 @@ def test_a_reboot_after_a_human_s_override_gives_nothing_back() -> None:
 def test_a_reboot_heard_of_while_standing_by_means_nothing_later() -> None:
     tested = made(reengage=True)
     tested.decide(1.0, Order(), state())
-    tested.hear(helm("arm it", REBOOTED))
+    tested.on_sample(helm("arm it", REBOOTED))
     tested.decide(2.0, Order(), state())
-    tested.hear(helm())
+    tested.on_sample(helm())
     again = COURSE._replace(serial=2)
     assert tested.decide(3.0, again, state()) is Mode.ENGAGED
     assert tested.decide(4.0, again, state(2.0)) is Mode.FAILSAFE
@@ -154,7 +154,7 @@ def test_a_reboot_heard_of_while_standing_by_means_nothing_later() -> None:
 
 def test_an_engagement_forgets_the_reboot_before_it() -> None:
     tested = rebooted(made(reengage=True))
-    tested.hear(helm())
+    tested.on_sample(helm())
     again = COURSE._replace(serial=2)
     assert tested.decide(11.0, again, state()) is Mode.ENGAGED
     assert tested.decide(20.0, again, state(2.0)) is Mode.FAILSAFE
@@ -236,7 +236,7 @@ def test_the_wait_of_an_order_begins_anew_with_another_and_not_before_a_first_he
     assert tested.decide(0.0, COURSE, state(math.inf)) is Mode.STANDBY
     assert tested.decide(100.0, COURSE, state(math.inf)) is Mode.STANDBY
     assert "waiting for a heading" in sentences_of(tested.alarms())[0]
-    tested.hear(helm("disarmed; arm it"))
+    tested.on_sample(helm("disarmed; arm it"))
     tested.decide(101.0, COURSE, state())
     tested.decide(130.9, COURSE, state())
     assert sentences_of(tested.alarms()) == ("cannot engage: disarmed; arm it",)
@@ -340,7 +340,7 @@ def test_a_tick_that_comes_long_after_the_time_was_up_counts_too() -> None:
     tested.decide(1.0, COURSE, state(2.0))
     assert not tested.check(30.0, 0.1, 0.0, 0.0, DT).engaged
     waiting = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
-    waiting.hear(helm("disarmed; arm it"))
+    waiting.on_sample(helm("disarmed; arm it"))
     waiting.decide(0.0, COURSE, state())
     waiting.decide(100.0, COURSE, state())
     assert "dropped" in sentences_of(waiting.alarms())[0]
@@ -350,7 +350,7 @@ def test_the_times_are_those_of_the_page() -> None:
     """Two minutes after a reboot people have seen to it; headings are back after 2 s, an order waits for 30 s."""
     for later, mode in ((119.9, Mode.ENGAGED), (120.0, Mode.OVERRIDE)):
         tested = rebooted(made(reengage=True))
-        tested.hear(helm())
+        tested.on_sample(helm())
         assert tested.decide(10.1, COURSE, state(5.0)) is Mode.OVERRIDE
         tested.decide(20.0, COURSE, state())
         tested.decide(21.9, COURSE, state(5.0))
@@ -365,7 +365,7 @@ def test_the_times_are_those_of_the_page() -> None:
         assert tested.decide(5.0 + seconds, COURSE, state()) is mode
     for seconds, said in ((29.9, "cannot_engage"), (30.0, "order_dropped")):
         tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "amidships", 5.0, False))
-        tested.hear(helm("arm it"))
+        tested.on_sample(helm("arm it"))
         for now in (7.0, 7.0 + seconds):
             assert tested.decide(now, COURSE, state()) is Mode.STANDBY
         assert tested.alarm is not None and tested.alarm.name == said
@@ -379,7 +379,7 @@ def test_of_two_links_the_one_whose_helm_was_taken_says_so(order: int) -> None:
     ]
     tested = made()
     for sample in away[::order]:
-        tested.hear(sample)
+        tested.on_sample(sample)
     assert tested.decide(1.0, COURSE, state()) is Mode.OVERRIDE
     assert tested.alarm is not None and tested.alarm.detail == "a hand at the wheel"
 
@@ -394,11 +394,11 @@ def test_of_two_links_the_one_whose_helm_was_taken_says_so(order: int) -> None:
 )
 def test_a_silence_is_over_two_seconds_after_the_last_link_was_heard(other: HelmSample, is_silent: bool) -> None:
     tested = made()
-    tested.hear(helm("nothing heard for 4 s", SILENT))
+    tested.on_sample(helm("nothing heard for 4 s", SILENT))
     tested.decide(20.0, COURSE, state())
     assert tested.alarm is not None and tested.alarm.name == "link_silent"
-    tested.hear(helm())
-    tested.hear(other)
+    tested.on_sample(helm())
+    tested.on_sample(other)
     for now, is_over in ((21.0, False), (22.9, False), (23.0, True)):
         tested.decide(now, COURSE, state())
         assert tested.is_over is (is_over and not is_silent)
@@ -407,7 +407,7 @@ def test_a_silence_is_over_two_seconds_after_the_last_link_was_heard(other: Helm
 @pytest.mark.parametrize("cause", [HelmCause.TAKEN, HelmCause.RADIO_LOST, HelmCause.STOOD_STILL])
 def test_who_took_the_helm_may_have_it_for_long(cause: HelmCause) -> None:
     tested = made()
-    tested.hear(helm("away", cause))
+    tested.on_sample(helm("away", cause))
     for now in (1.0, 2.0, 30.0):
         tested.decide(now, COURSE, state())
         assert not tested.is_over

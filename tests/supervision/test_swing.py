@@ -34,7 +34,7 @@ def spun(rate: float, rudder: float, seconds: float = 20.0, model: Norrbin = BOA
     spinning = spin()
     for tick in range(round(seconds / DT)):
         at = watched(tick * DT, rate * tick * DT, rudder, model=model)
-        spinning.look(at._replace(trial_speed=trial))
+        spinning.update(at._replace(trial_speed=trial))
     return spinning.rate if spinning.is_fast else 0.0
 
 
@@ -70,12 +70,12 @@ def test_a_speed_below_the_trial_s_makes_no_turn_too_fast(trial: float, allowed:
 def test_the_turn_count_is_reset_when_another_steers() -> None:
     spinning = spin()
     for tick in range(100):
-        assert spinning.look(watched(tick * DT, 2.0 * tick * DT, 0.3)).is_fast is (tick > 1)
-    assert not spinning.look(watched(9.9, 2.0 * 9.9, 0.3)).is_fast, "no time has passed"
-    assert spinning.look(watched(10.0, 2.0 * 10.0, 0.3)).rate == pytest.approx(2.0, rel=1e-3)
+        assert spinning.update(watched(tick * DT, 2.0 * tick * DT, 0.3)).is_fast is (tick > 1)
+    assert not spinning.update(watched(9.9, 2.0 * 9.9, 0.3)).is_fast, "no time has passed"
+    assert spinning.update(watched(10.0, 2.0 * 10.0, 0.3)).rate == pytest.approx(2.0, rel=1e-3)
     assert spinning.is_fast
-    assert spinning.look(watched(10.1, 2.0 * 10.1, 0.3)._replace(steers=False)) == Spin(True, 0.0)
-    assert not spinning.look(watched(10.2, 2.0 * 10.2, 0.3)).is_fast, "it begins anew"
+    assert spinning.update(watched(10.1, 2.0 * 10.1, 0.3)._replace(steers=False)) == Spin(True, 0.0)
+    assert not spinning.update(watched(10.2, 2.0 * 10.2, 0.3)).is_fast, "it begins anew"
 
 
 def circled(turned: float, side: float, **change: float) -> bool:
@@ -83,7 +83,7 @@ def circled(turned: float, side: float, **change: float) -> bool:
     circling, found, steps = circles(), False, round(turned / 0.02)
     for tick in range(steps + 1):
         at = watched(tick * DT, side * turned * tick / steps)._replace(**change)  # type: ignore[arg-type]
-        found = goes_round(circling.look(at), is_doubted=False)
+        found = goes_round(circling.update(at), is_doubted=False)
     return found
 
 
@@ -105,8 +105,8 @@ def test_circles_count_only_turns_that_no_order_leads(side: float) -> None:
     led, against = circles(), circles()
     for tick in range(1000):
         turned = side * 0.02 * tick
-        assert not goes_round(led.look(watched(tick * DT, turned, wanted=turned - side * 0.3)), is_doubted=False)
-        found = goes_round(against.look(watched(tick * DT, turned, wanted=-turned)), is_doubted=False)
+        assert not goes_round(led.update(watched(tick * DT, turned, wanted=turned - side * 0.3)), is_doubted=False)
+        found = goes_round(against.update(watched(tick * DT, turned, wanted=-turned)), is_doubted=False)
         assert found is (2.0 * abs(turned) > CIRCLES)
 
 
@@ -128,7 +128,7 @@ def test_a_boat_that_was_on_its_course_for_long_has_not_gone_round(
             for tick in range(round(seconds / DT)):
                 heading = start + (end - start) * tick * DT / seconds
                 now += DT
-                found = goes_round(circling.look(watched(now, heading, model=model)), is_doubted=False)
+                found = goes_round(circling.update(watched(now, heading, model=model)), is_doubted=False)
         assert found is is_round
 
 
@@ -156,13 +156,13 @@ def test_the_first_rudder_of_a_turn_is_no_sweep(side: float) -> None:
     count = swings(SWEEP)
     for tick in range(100):
         order, heading = side * min(0.01 * tick, 0.8) * STOP, side * math.radians(0.3) * tick
-        assert count.look(watched(tick * DT, heading, order)).sweeps == 0
+        assert count.update(watched(tick * DT, heading, order)).sweeps == 0
 
 
 def counted(boat: Swinging, seconds: float = 60.0, sweep: float = THROW, model: Norrbin = BOAT) -> int:
     count, most = swings(sweep), 0
     for tick in range(round(seconds / DT)):
-        most = max(most, count.look(boat.at(tick * DT, model)).sweeps)
+        most = max(most, count.update(boat.at(tick * DT, model)).sweeps)
     return most
 
 
@@ -192,7 +192,7 @@ def test_swings_that_the_rudder_does_not_account_for_are_none_of_steering_s(
         at = watched(now, heading, order)
         at = at._replace(state=at.state._replace(rate=rate))
         shares = shares.with_tick(DT, DT * rate, order, rate)
-        most = max(most, count.look(at).sweeps)
+        most = max(most, count.update(at).sweeps)
     assert (shares.share() >= BY_RUDDER) is makes
     assert (most >= SUSPECT_SWINGS) is makes
 
@@ -239,7 +239,7 @@ def test_swings_that_grow_are_one_cycle_and_others_are_not(grows: float, goes_on
         for tick in range(40):
             now, side = 4.0 * sweep + tick * DT, (-1.0) ** sweep
             turned += side * min(swing, math.radians(4000.0)) / 40.0
-            most = max(most, count.look(watched(now, turned, side * STOP, model=boat)).sweeps)
+            most = max(most, count.update(watched(now, turned, side * STOP, model=boat)).sweeps)
     assert (most >= 4) is goes_on
 
 
@@ -257,7 +257,7 @@ def test_a_boat_that_rushes_turns_twice_and_one_that_outruns_its_speed_half_agai
         spinning = spin()
         for tick in range(200):
             at = watched(tick * DT, side * rate * tick * DT, side * STOP, model=slow)._replace(trial_speed=trial)
-            spinning.look(at)
+            spinning.update(at)
         assert (spinning.rushes, spinning.outruns_speed) == (rushes, outruns), (rate, trial)
 
 
@@ -282,7 +282,7 @@ def test_what_the_sea_before_a_turn_may_do_is_no_rush(
         wanted, swing = (0.3, 0.05) if turns and tick == 200 else (0.3 if turns and tick > 200 else 0.0, 0.0)
         at = watched(tick * DT, side * rate * max(tick - 200, 0) * DT, side * STOP, side * wanted, boat)
         state = at.state._replace(wave_deviation=swing, wave_frequency=0.8)
-        spinning.look(at._replace(state=state, trial_speed=trial))
+        spinning.update(at._replace(state=state, trial_speed=trial))
     assert spinning.rushes is rushes
 
 
@@ -290,7 +290,7 @@ def test_what_the_sea_before_a_turn_may_do_is_no_rush(
 def test_only_a_course_unstable_boat_outruns_its_rudder_against_it(n1: float, found: bool) -> None:
     spinning, model = spin(), BOAT._replace(n1=n1, n3=20.0)
     for tick in range(200):
-        spinning.look(watched(tick * DT, 0.6 * tick * DT, -STOP, model=model))
+        spinning.update(watched(tick * DT, 0.6 * tick * DT, -STOP, model=model))
     assert spinning.outruns_speed is found
     assert not spinning.rushes
 
@@ -304,12 +304,12 @@ def test_a_sweep_that_comes_late_begins_anew(lasts: float, counts: bool) -> None
 def test_a_new_order_and_another_s_hand_begin_anew() -> None:
     for angle_deg, goes_on in ((4.9, True), (-4.9, True), (5.1, False), (-5.1, False)):
         count, boat = swings(THROW), Swinging()
-        before = [count.look(boat.at(tick * DT)).sweeps for tick in range(300)][-1]
+        before = [count.update(boat.at(tick * DT)).sweeps for tick in range(300)][-1]
         turned = boat.at(30.0)._replace(wanted=math.radians(angle_deg))
         assert before >= HALF_SWINGS
-        assert count.look(turned).sweeps == (before if goes_on else 0)
-        assert count.look(boat.at(30.1)._replace(follows=False)) == NO_SWINGS
-        assert count.look(boat.at(30.2)).sweeps == 0
+        assert count.update(turned).sweeps == (before if goes_on else 0)
+        assert count.update(boat.at(30.1)._replace(follows=False)) == NO_SWINGS
+        assert count.update(boat.at(30.2)).sweeps == 0
 
 
 def swept(ratio: float, *, grows: str) -> int:
@@ -327,7 +327,7 @@ def swept(ratio: float, *, grows: str) -> int:
             share = tick / 200
             order = start_order + share * (side * STOP - start_order)
             heading = start_heading + share * (side * far - start_heading)
-            most = max(most, count.look(watched(now + share * lasts, heading, order, model=model)).sweeps)
+            most = max(most, count.update(watched(now + share * lasts, heading, order, model=model)).sweeps)
         now += lasts
     return most
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from watched_boat import Watched
+from monitored_boat import Watched
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import pytest
 from alarm_texts import other
 from hypothesis import given
 from hypothesis import strategies as st
+from monitored_boat import Watched, noted
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from starlette.responses import JSONResponse
-from watched_boat import Watched, noted
 
 from autopilot.errors import InputError
 from autopilot.firmware.metadata import FtpClient
@@ -26,7 +26,7 @@ from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.signalk.messages import Deltas, line_of
 from autopilot.signals import AlarmSample, HelmSample, Siren
 from autopilot.web.orders import Command, Orders
-from autopilot.web.parameter_desk import descriptions_from
+from autopilot.web.parameter_service import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import Station
@@ -109,7 +109,7 @@ def test_a_pattern_and_a_refusal_in_the_boats_own_words(sea: Watched) -> None:
     assert sea.order(do="pattern", number=1, side=1, sizes=[60])[0]
     sea.watch(5.0)
     assert sea.station.view.snapshot(sea.now)["rudder"] > 1.0
-    said = sea.station.view.texts.said
+    said = sea.station.view.texts.count
     taken, words = sea.order(do="route")
     assert not taken and words.startswith("refused")
     sea.watch(2.0)
@@ -124,21 +124,21 @@ def test_alarms_come_go_and_are_acknowledged_here(sea: Watched) -> None:
     )
     noted(sea.pilot, AlarmSample(sea.now, other(long), "gear"))
     sea.watch(2.0)
-    assert sea.station.alarms.shown == [{"name": "", "words": long, "sounds": True, "acknowledged": False}]
+    assert sea.station.alarms.active == [{"name": "", "words": long, "sounds": True, "acknowledged": False}]
     assert sea.station.view.texts.kept[-1].words == long
     assert sea.order(do="acknowledge") == (True, "")
     noted(sea.pilot, AlarmSample(sea.now, other("bilge: pump"), "bilge"))
     sea.watch(2.0)
-    assert [(each["words"], each["acknowledged"], each["sounds"]) for each in sea.station.alarms.shown] == [
+    assert [(each["words"], each["acknowledged"], each["sounds"]) for each in sea.station.alarms.active] == [
         (long, True, False),
         ("bilge: pump", False, True),
     ]
     noted(sea.pilot, AlarmSample(sea.now, None, "gear"))
     sea.watch(2.0)
-    assert [each["words"] for each in sea.station.alarms.shown] == ["bilge: pump"]
+    assert [each["words"] for each in sea.station.alarms.active] == ["bilge: pump"]
     noted(sea.pilot, AlarmSample(sea.now, None, "bilge"))
     sea.watch(2.0)
-    assert sea.station.alarms.shown == []
+    assert sea.station.alarms.active == []
 
 
 def test_acknowledging_on_a_display_silences_the_boat(sea: Watched) -> None:
@@ -146,11 +146,11 @@ def test_acknowledging_on_a_display_silences_the_boat(sea: Watched) -> None:
     sea.watch(35.0)
     assert sea.tick is not None and sea.tick.siren is Siren.ESCALATED
     gear = {"name": "", "words": "gear hot: stop the engine"}
-    assert sea.station.alarms.shown == [{**gear, "sounds": True, "acknowledged": False}]
+    assert sea.station.alarms.active == [{**gear, "sounds": True, "acknowledged": False}]
     assert sea.order(do="acknowledge") == (True, "")
     sea.watch(6.0)
     assert sea.tick.siren is Siren.QUIET
-    assert sea.station.alarms.shown == [{**gear, "sounds": False, "acknowledged": True}]
+    assert sea.station.alarms.active == [{**gear, "sounds": False, "acknowledged": True}]
 
 
 def test_what_one_display_acknowledges_is_acknowledged_on_the_others(sea: Watched) -> None:
@@ -160,11 +160,11 @@ def test_what_one_display_acknowledges_is_acknowledged_on_the_others(sea: Watche
     sea.station = sea.line._station = Station()
     sea.watch(2.0)
     there = sea.station
-    assert [each["sounds"] for each in (*here.alarms.shown, *there.alarms.shown)] == [True, True]
+    assert [each["sounds"] for each in (*here.alarms.active, *there.alarms.active)] == [True, True]
     assert sea.order(do="acknowledge") == (True, "")
     sea.station = sea.line._station = here
     sea.watch(2.0)
-    assert [each["acknowledged"] for each in (*here.alarms.shown, *there.alarms.shown)] == [True, True]
+    assert [each["acknowledged"] for each in (*here.alarms.active, *there.alarms.active)] == [True, True]
     assert any("(acknowledged)" in line.text for line in screen(here, sea.now, (80, 24)))
 
 
@@ -181,12 +181,12 @@ def test_a_list_of_alarms_that_is_none_is_left_alone() -> None:
         b'{"a":1}',
     ):
         board._take(bad)
-        assert board.shown == [{"name": "roll", "words": "heeled", "sounds": True, "acknowledged": False}], bad
+        assert board.active == [{"name": "roll", "words": "heeled", "sounds": True, "acknowledged": False}], bad
     board.acknowledge(is_known_aboard=False)
-    assert board.shown[0]["acknowledged"] and not board.shown[0]["sounds"]
+    assert board.active[0]["acknowledged"] and not board.active[0]["sounds"]
     board._take(b"[]")
     board._take(b'[{"name":"roll","words":"heeled","state":"sounding"}]')
-    assert board.shown[0]["sounds"], "it was over: it is another one"
+    assert board.active[0]["sounds"], "it was over: it is another one"
 
 
 DEEP = b"[" * 20_000
@@ -213,11 +213,11 @@ def test_a_hostile_list_of_alarms_ends_no_display(
     monkeypatch.setattr(sea.station.files, "fetch", lambda path, got: asked.append(path) or got(content))
     sea.watch(8.0)
     assert asked == [ALARMS] * len(asked) and asked
-    (alarm,) = sea.station.alarms.shown
+    (alarm,) = sea.station.alarms.active
     assert alarm["words"] == "gear hot: stop the engine", "what was known stays"
     assert any("gear hot" in line.text for line in screen(sea.station, sea.now, (80, 24)))
-    told = Deltas().due(sea.station, sea.now)
-    assert told is not None and b"gear hot" in line_of(told)
+    printed = Deltas().due(sea.station, sea.now)
+    assert printed is not None and b"gear hot" in line_of(printed)
     with pytest.raises(InputError, match="the boat's list of alarms") as caught:
         alarms_from(content)
     assert len(str(caught.value)) < 200
@@ -229,22 +229,22 @@ def test_a_display_that_comes_later_sees_the_alarms_that_are_on(sea: Watched) ->
     sea.station = Station()
     sea.line._station = sea.station
     sea.watch(3.0)
-    (alarm,) = sea.station.alarms.shown
+    (alarm,) = sea.station.alarms.active
     assert "the skipper has taken the helm" in alarm["words"]
 
 
 def test_parameters_come_with_range_and_meaning_and_are_set_or_refused(sea: Watched) -> None:
-    desk = sea.station.parameters
-    assert desk.table()["rows"] == []
-    desk.read()
-    sea.until(lambda: bool(desk.table()["complete"]) and "shortDesc" in desk.table()["rows"][0])
-    rows = {row["name"]: row for row in desk.table()["rows"]}
+    service = sea.station.parameters
+    assert service.table()["rows"] == []
+    service.read()
+    sea.until(lambda: bool(service.table()["complete"]) and "shortDesc" in service.table()["rows"][0])
+    rows = {row["name"]: row for row in service.table()["rows"]}
     assert set(rows) == set(sea.store.names)
     lookahead = rows["GUI_LOOKAHEAD"]
     assert lookahead["value"] == sea.store.running.guidance.lookahead_s and lookahead["units"] == "s"
     assert sea.order(do="set", name="GUI_LOOKAHEAD", value=12.5) == (True, "")
     assert sea.store.running.guidance.lookahead_s == 12.5
-    assert {row["name"]: row for row in desk.table()["rows"]}["GUI_LOOKAHEAD"]["value"] == 12.5
+    assert {row["name"]: row for row in service.table()["rows"]}["GUI_LOOKAHEAD"]["value"] == 12.5
     taken, words = sea.order(do="set", name="GUI_LOOKAHEAD", value=-1)
     assert not taken and "old value" in words
     assert sea.store.running.guidance.lookahead_s == 12.5
@@ -291,12 +291,12 @@ def test_hostile_descriptions_of_parameters_leave_names_and_values(sea: Watched,
     sea.files = {**sea.files, PARAMETERS: content}
     sea.line.close()
     sea.watch(2.0)
-    desk = sea.station.parameters
-    desk.read()
-    sea.until(lambda: bool(desk.table()["complete"]) and not sea.station.files._waiting)
-    assert len(desk.table()["rows"]) == len(sea.store.names)
-    assert {key for row in desk.table()["rows"] for key in row} == {"name", "value"}
-    assert JSONResponse(desk.table()).status_code == 200
+    service = sea.station.parameters
+    service.read()
+    sea.until(lambda: bool(service.table()["complete"]) and not sea.station.files._waiting)
+    assert len(service.table()["rows"]) == len(sea.store.names)
+    assert {key for row in service.table()["rows"] for key in row} == {"name", "value"}
+    assert JSONResponse(service.table()).status_code == 200
     with pytest.raises(InputError, match="the boat's description of parameters") as caught:
         descriptions_from(content)
     assert len(str(caught.value)) < 200
@@ -375,7 +375,7 @@ def test_another_autopilot_is_only_looked_at() -> None:
 
 
 @pytest.mark.parametrize(
-    "wish",
+    "wanted",
     [
         None, [], "engage", {}, {"do": "sink"}, {"do": ["engage"]}, {"do": "turn"}, {"do": "turn", "degrees": "10"},
         {"do": "turn", "degrees": math.nan}, {"do": "turn", "degrees": True}, {"do": "heading", "degrees": 361},
@@ -385,9 +385,9 @@ def test_another_autopilot_is_only_looked_at() -> None:
         {"do": "zigzag", "rudder": 10, "change": 10},
     ],
 )  # fmt: skip
-def test_wishes_that_make_no_sense_are_refused_in_words(wish: Any) -> None:
+def test_wishes_that_make_no_sense_are_refused_in_words(wanted: Any) -> None:
     with pytest.raises(InputError, match=r"allowed|at most"):
-        asked_of(Station(), wish)
+        asked_of(Station(), wanted)
 
 
 def test_the_release_goes_before_all_that_waits() -> None:
@@ -408,11 +408,11 @@ def test_texts_are_put_together_whatever_their_length(words: list[str]) -> None:
     kept = []
     for each in words:
         if not kept or kept[-1] != each:
-            boat.say(now, 4, each)
+            boat.send_text(now, 4, each)
             kept.append(each)
         for _ in range(20):
             now += 0.25
             for message in boat.due(now):
                 heard.take(now, message)
-            heard.look(now)
+            heard.update(now)
     assert [text.words for text in heard.kept] == [each.encode("ascii", "replace").decode() for each in kept]

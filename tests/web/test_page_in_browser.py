@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from alarm_texts import other
+from monitored_boat import Watched, noted
 from page_server import TOKEN, SailingHub, chromium, served
-from watched_boat import Watched, noted
 
 from autopilot.signals import AlarmSample
 
@@ -84,7 +84,7 @@ def test_a_touch_engages_and_turns_the_boat_and_a_key_releases_it(helm: Helm) ->
     page.context.close()
 
 
-def test_who_has_no_token_is_told_so_and_moves_nothing(helm: Helm) -> None:
+def test_who_has_no_token_is_informed_and_moves_nothing(helm: Helm) -> None:
     page = helm.open(token="")
     word(page, "who-word", "only looking")
     page.click("#engage")

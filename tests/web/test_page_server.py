@@ -19,10 +19,10 @@ from typing import Any
 import httpx2
 import pytest
 from alarm_texts import other
+from monitored_boat import Watched, noted
 from page_server import TOKEN, SailingHub, served
 from starlette.requests import Request
 from starlette.testclient import TestClient
-from watched_boat import Watched, noted
 
 from autopilot.cli.main import main
 from autopilot.cli.web import listening_address
@@ -30,7 +30,7 @@ from autopilot.errors import InputError
 from autopilot.signals import AlarmSample
 from autopilot.web import page_files
 from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST, Access, token_of
-from autopilot.web.server import HEADERS, LogShelf, _short_body, build_app, known_hosts
+from autopilot.web.server import HEADERS, LogIndex, _short_body, build_app, known_hosts
 
 BEARER = {"authorization": f"Bearer {TOKEN}"}
 
@@ -43,7 +43,7 @@ def client(sea: Watched, tmp_path: Path) -> Any:
     (folder / "key.txt").write_text("no log")
     (tmp_path / "secret.tlog").write_text("outside")
     (folder / "link.tlog").symlink_to(tmp_path / "secret.tlog")
-    with TestClient(build_app(SailingHub(sea), Access(TOKEN), LogShelf(folder))) as client:
+    with TestClient(build_app(SailingHub(sea), Access(TOKEN), LogIndex(folder))) as client:
         yield client
 
 
@@ -76,8 +76,8 @@ def test_who_has_no_token_looks_and_orders_nothing(client: Any, sea: Watched) ->
 
 
 def test_orders_with_the_token_are_carried_out_and_refusals_say_why(client: Any, sea: Watched) -> None:
-    def order(**wish: Any) -> tuple[int, bool, str]:
-        answer = client.post("/api/order", json=wish, headers=BEARER)
+    def order(**wanted: Any) -> tuple[int, bool, str]:
+        answer = client.post("/api/order", json=wanted, headers=BEARER)
         return answer.status_code, *answer.json().values()
 
     assert client.get("/api/may", headers=BEARER).json() == {"may": True}
@@ -174,7 +174,7 @@ def test_a_log_whose_name_is_no_text_hides_no_other(client: Any, tmp_path: Path)
 def test_a_log_that_is_being_written_is_downloaded_as_far_as_it_is(tmp_path: Path) -> None:
     log = tmp_path / "now.tlog"
     log.write_bytes(b"a" * 100_000)
-    size, pieces = LogShelf(tmp_path).read(log)
+    size, pieces = LogIndex(tmp_path).read(log)
     first = next(pieces)
     with log.open("ab") as file:
         file.write(b"b" * 100_000)
@@ -202,9 +202,9 @@ def test_every_browser_gets_all_at_first_then_what_changes(sea: Watched) -> None
             assert {"state", "alarms", "learning", "trial", "dodge"} <= set(first)
             assert first["state"]["heading"] == pytest.approx(math.degrees(sea.box.heading) % 360.0, abs=2.0)
         sea.watch(0.6)
-        hub.tell()
+        hub.publish()
         sea.watch(0.1)
-        hub.tell()
+        hub.publish()
         seen = [[dict(events_of(await anext(browser))) for _ in range(2)] for browser in browsers]
         assert seen[0] == seen[1]
         assert "row" in seen[0][0] and set(seen[0][1]) == {"state"}
@@ -220,11 +220,11 @@ def test_a_browser_that_does_not_keep_up_is_let_go_and_holds_nobody_back(sea: Wa
         await anext(slow)
         await anext(quick)
         for _ in range(BEHIND_MOST + 5):
-            hub.tell()
+            hub.publish()
             await anext(quick)
         waiting = [data async for data in slow]
         assert len(waiting) == BEHIND_MOST
-        hub.tell()
+        hub.publish()
         assert events_of(await anext(quick))
 
     run_hub(sea, play)
@@ -239,12 +239,12 @@ def test_who_only_looks_takes_no_place_from_who_has_the_token(sea: Watched) -> N
         assert [[data async for data in gone] for gone in crowd[:2]] == [[], []], "the oldest of the crowd"
         assert dict(events_of(await anext(crowd[2])))
         crowd += [hub.follow("192.0.2.1") for _ in range(3 * CLIENTS_MOST)]
-        hub.tell()
+        hub.publish()
         for each in (skipper, guest, crowd[-1]):
             assert events_of(await anext(each))
         mates = [hub.follow() for _ in range(CLIENTS_MOST - 1)]
         assert hub.follow("192.0.2.3") is None and hub.follow() is None, "all have the token"
-        hub.tell()
+        hub.publish()
         assert events_of(await anext(skipper))
         assert [data async for data in guest] == []
         await anext(mates[0])
@@ -340,7 +340,7 @@ def test_addresses_that_are_none_are_refused(text: str) -> None:
 
 
 def test_on_loopback_no_foreign_name_leads_to_the_page(sea: Watched) -> None:
-    app = known_hosts(build_app(SailingHub(sea), Access(TOKEN), LogShelf(None)), "127.0.0.1")
+    app = known_hosts(build_app(SailingHub(sea), Access(TOKEN), LogIndex(None)), "127.0.0.1")
     for name, status in (("127.0.0.1:8080", 200), ("localhost", 200), ("evil.example:8080", 400), ("", 400)):
         with TestClient(app) as client:
             assert client.get("/api/history", headers={"host": name}).status_code == status

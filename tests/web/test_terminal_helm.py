@@ -16,10 +16,10 @@ import pytest
 from alarm_texts import other
 from hypothesis import given
 from hypothesis import strategies as st
-from watched_boat import Watched, noted
+from monitored_boat import Watched, noted
 
-from autopilot.cli.helm import show
-from autopilot.cli.helm_keys import ESCAPE, HelmKeys, wish_of
+from autopilot.cli.helm import draw
+from autopilot.cli.helm_keys import ESCAPE, HelmKeys, request_of
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.links.mavlink.codec import MavlinkCodec, dialect
@@ -87,7 +87,7 @@ def play(sea: Watched, presses: list[tuple[float, str | int]], monkeypatch: pyte
     last = keys[-1][0] if keys else start
     window: Any = Window(sea, [*keys, (last + 2.0, ord("q"))])
     line: Any = SailingLine(sea)
-    show(window, sea.station, line, HelmKeys(sea.station), lambda: sea.now, waits=False)
+    draw(window, sea.station, line, HelmKeys(sea.station), lambda: sea.now, waits=False)
     return ["\n".join(rows) for rows in window.drawn]
 
 
@@ -168,14 +168,14 @@ def picture_of(tmp_path_factory: pytest.TempPathFactory) -> Station:
 )
 def test_lines_that_make_no_sense_are_refused_in_words(line: str) -> None:
     with pytest.raises(InputError):
-        wish_of(line)
+        request_of(line)
 
 
 def test_lines_mean_what_the_page_means() -> None:
-    assert wish_of("h 90") == {"do": "heading", "degrees": 90.0}
-    assert wish_of("p s - 40 60") == {"do": "pattern", "number": 5, "side": -1, "sizes": [40.0, 60.0]}
-    assert wish_of("turn -20 30") == {"do": "turning", "rudder": -20.0, "duration": 30.0}
-    assert wish_of("revert") == {"do": "revert"}
+    assert request_of("h 90") == {"do": "heading", "degrees": 90.0}
+    assert request_of("p s - 40 60") == {"do": "pattern", "number": 5, "side": -1, "sizes": [40.0, 60.0]}
+    assert request_of("turn -20 30") == {"do": "turning", "rudder": -20.0, "duration": 30.0}
+    assert request_of("revert") == {"do": "revert"}
 
 
 def test_without_a_terminal_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from boats import BOATS, vessel_of
+from monitored_boat import AtOnce, Watched
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from watched_boat import AtOnce, Watched
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.tuning import GainRequest, designed

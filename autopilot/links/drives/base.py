@@ -54,19 +54,19 @@ class JumpGate:
     def __init__(self, settings: DriveSettings) -> None:
         self._rate = JUMP_RATES * (settings.rate if math.isfinite(settings.rate) else settings.angle_at_full)
         self._last: tuple[float, float] | None = None
-        self._strange: tuple[float, float] | None = None
+        self._jumps: tuple[float, float] | None = None
 
     def passes(self, now: float, angle: float) -> bool:
         """Return whether `angle` [rad], seen at `now` [s], may be believed."""
         if self._last is None or self._is_near(self._last, now, angle):
-            believed = True
+            accepted = True
         else:
-            believed = self._strange is not None and self._is_near(self._strange, now, angle)
-        if believed:
-            self._last, self._strange = (now, angle), None
+            accepted = self._jumps is not None and self._is_near(self._jumps, now, angle)
+        if accepted:
+            self._last, self._jumps = (now, angle), None
         else:
-            self._strange = (now, angle)
-        return believed
+            self._jumps = (now, angle)
+        return accepted
 
     def _is_near(self, before: tuple[float, float], now: float, angle: float) -> bool:
         return abs(angle - before[1]) <= JUMP_LEAST + self._rate * max(now - before[0], 0.0)
@@ -77,8 +77,8 @@ class Drive(Protocol):
 
     Attributes:
         name: for messages.  lapse: what ends the last order without us, a clause.  measures: whether the angles it
-        returns are those of the rudder, or only what the drive was told.  rejected: packets and answers dropped because
-        they could not be right.
+        returns are those of the rudder, or only the command to the drive.  rejected: packets and answers dropped
+        because they could not be right.
     """
 
     name: str
@@ -114,21 +114,21 @@ class StallWatch:
     def __init__(self, limit: float | None) -> None:
         self._limit = limit
         self._since: float | None = None
-        self._said: AlarmEvent | None = None
+        self._reported: AlarmEvent | None = None
         self.current = 0.0
 
     def take(self, now: float, current: float) -> None:
         """Take a measured current [A]."""
         self.current = current
         if self._limit is None or current <= self._limit:
-            self._since, self._said = None, None
+            self._since, self._reported = None, None
         elif self._since is None:
             self._since = now
 
     def warning(self, now: float) -> AlarmEvent | None:
         """Return the alarm of a stalled motor, or None."""
-        if self._since is not None and now - self._since >= STALL_S and not self._said:
+        if self._since is not None and now - self._since >= STALL_S and not self._reported:
             # said once with one figure: a detail that changes with every reading is a new alarm each time
             drawn = f"{self.current:.1f} A, more than drive.current_max_a ({self._limit:g})"
-            self._said = AlarmEvent("motor_current", drawn)
-        return self._said
+            self._reported = AlarmEvent("motor_current", drawn)
+        return self._reported

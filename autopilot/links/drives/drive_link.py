@@ -73,7 +73,7 @@ class DriveLink(SilentLink):
             self._follow.ordered(now, angle)
         self._push(now)
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Send what is due: the order, the releases that are left, a request."""
         self._push(now)
         if now >= self._line_free:
@@ -120,7 +120,7 @@ class DriveLink(SilentLink):
 
     def _push(self, now: float) -> None:
         if now >= self._line_free:
-            self._order.say(now, lambda angle: self._write(now, self._telegram(now, angle)))
+            self._order.send(now, lambda angle: self._write(now, self._telegram(now, angle)))
 
     def _telegram(self, now: float, angle: float | None) -> bytes:
         return self.drive.release(now) if angle is None else self.drive.order(now, angle)

@@ -71,7 +71,7 @@ class JrkG2:
         self._asked: tuple[int, struct.Struct] | None = None
         self._asked_time = math.nan
         self._turn = 0
-        self._heard = -math.inf
+        self._received = -math.inf
         self._engaged_since = math.inf
         self._has_released = False
         self._stall = StallWatch(settings.current_max)
@@ -99,7 +99,7 @@ class JrkG2:
         if not (self._is_motion(values) if is_motion else _is_health(values)):
             self.rejected += 1
             return []
-        self._heard = now
+        self._received = now
         if is_motion:
             angle = self._settings.angle((values[2] - MIDDLE) / SPAN)
             if self._gate.passes(now, angle):
@@ -156,7 +156,7 @@ class JrkG2:
 
     def fault(self, now: float) -> str:
         """Return why the controller cannot turn the rudder; empty where it can."""
-        if now - self._heard > SILENT_S:
+        if now - self._received > SILENT_S:
             return f"the {self.name} does not answer; check its power, line, baud rate and drive.device"
         halting = self.errors & ~AWAITING_COMMAND
         # what it reports may be older than our first command

@@ -53,7 +53,7 @@ class Maestro:
         self._asked = 0
         self._asked_time = math.nan
         self._turn = 0
-        self._heard = -math.inf
+        self._received = -math.inf
         self._warning: AlarmEvent | None = None
         self._engaged = self._has_released = False
         self._position = 0
@@ -73,7 +73,7 @@ class Maestro:
         if len(answer) > ANSWER or not self._is_possible(asked, value):
             self.rejected += 1
             return []
-        self._heard = now
+        self._received = now
         if asked == GET_POSITION:
             self._position = value
             self._has_released = not self._engaged and value == 0
@@ -131,7 +131,7 @@ class Maestro:
 
     def fault(self, now: float) -> str:
         """Return why the controller cannot move the servo; empty where it can."""
-        if now - self._heard > SILENT_S:
+        if now - self._received > SILENT_S:
             return f"the {self.name} does not answer; check its power, line, baud rate and drive.device"
         return ""
 

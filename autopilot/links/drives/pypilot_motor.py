@@ -81,7 +81,7 @@ class PypilotMotor:
         self._in_a_row = 0
         self._angle: float | None = None
         self._angle_time = -math.inf
-        self._heard = -math.inf
+        self._received = -math.inf
         self._stall = StallWatch(settings.current_max)
         self._gate = JumpGate(settings)
         self._engaged = False
@@ -109,7 +109,7 @@ class PypilotMotor:
         return angles
 
     def _take(self, now: float, code: int, value: int, angles: list[float]) -> None:
-        self._heard = now
+        self._received = now
         if code == FLAGS:
             self.flags = value
             self._has_released = not self._engaged and not value & CLUTCHED
@@ -175,7 +175,7 @@ class PypilotMotor:
 
     def fault(self, now: float) -> str:
         """Return why the controller cannot turn the rudder; empty where it can."""
-        if now - self._heard > SILENT_S:
+        if now - self._received > SILENT_S:
             return f"the {self.name} does not answer; check its power, line and baud rate"
         if self._angle is None or now - self._angle_time > SILENT_S:
             return f"the {self.name} reports no rudder angle; it cannot be steered without, check its rudder sensor"

@@ -207,7 +207,7 @@ class LinkAccess:
             self._policy.refused[NOT_THE_PEER] += datagrams
             self.crowded = self.crowded or datagrams > REFUSED_AT_ONCE
 
-    def hears(self, message: Message) -> bool:
+    def accepts(self, message: Message) -> bool:
         """Return whether a ground station that is heard may have sent `message`; counts nothing."""
         systems = self._policy.rules.systems
         return is_from_station(message) and (not systems or message.get_srcSystem() in systems)
@@ -250,25 +250,25 @@ class Presence:
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
-        self._heard: float | None = None
+        self._received: float | None = None
         self._let_go = -math.inf
         self._beats = self._is_silent = False
 
-    def heard(self, now: float, is_heartbeat: bool) -> None:
+    def on_packet(self, now: float, is_heartbeat: bool) -> None:
         """Note that a station that is heard has spoken at `now` [s]; only who beats is missed when it is silent."""
-        self._heard = now
+        self._received = now
         self._beats = self._beats or is_heartbeat
 
     def update(self, now: float) -> list[Sample]:
         """Let go of a station that is silent at `now` [s]; return word of its silence, and of the end of it."""
-        since = self._let_go if self._heard is None else max(self._heard, self._let_go)
+        since = self._let_go if self._received is None else max(self._received, self._let_go)
         if now - since > STATION_SILENT_S:
             self._let_go = now
             self._transport.forget_peer()
-        return self._say(now, self._heard is not None and self._beats and now - self._heard > STATION_SILENT_S)
+        return self._say(now, self._received is not None and self._beats and now - self._received > STATION_SILENT_S)
 
     def gone(self, now: float) -> list[Sample]:
-        """Return the end of a silence: the line itself is gone, which is told apart."""
+        """Return the end of a silence: the line itself is gone, which is reported apart."""
         return self._say(now, False)
 
     def _say(self, now: float, is_silent: bool) -> list[Sample]:
@@ -288,7 +288,7 @@ def is_from_station(message: Message) -> bool:
 
 
 def is_order(message: Message) -> bool:
-    """Return whether a message asks for anything to be done or changed aboard, and not only to be told something."""
+    """Return whether a message asks for anything to be done or changed aboard, and not only to be informed."""
     kind = message.get_type()
     if kind in ("COMMAND_LONG", "COMMAND_INT"):
         return message.command not in QUESTIONS

@@ -26,7 +26,7 @@ from autopilot.links.mavlink.requests import STATES
 from autopilot.links.mavlink.signing import LinkSigning
 from autopilot.links.mavlink.status_text import StatusTexts, severity_of
 from autopilot.links.transports.sockets import peer_of
-from autopilot.links.url import believe_signed
+from autopilot.links.url import accept_signed
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -69,16 +69,17 @@ class _Notice:
             self._event = AlarmEvent(self._name, detail)
         self._last = now
 
-    def news(self, now: float, tick: Tick | None, until_heard: bool = False) -> list[Sample]:
-        """Return the alarm where it begins, and its end; `until_heard`: none before somebody has acknowledged it."""
-        is_on = now - self._last < STOPPED_S or (self._is_on and until_heard and not self._is_heard(tick))
+    def news(self, now: float, tick: Tick | None, until_acknowledged: bool = False) -> list[Sample]:
+        """Return the alarm where it begins, and its end; `until_acknowledged`: none before somebody has acknowledged
+        it."""
+        is_on = now - self._last < STOPPED_S or (self._is_on and until_acknowledged and not self._is_acknowledged(tick))
         if is_on == self._is_on:
             return []
         self._is_on = is_on
         return [AlarmSample(now, self._event if is_on else None, self._source)]
 
-    def _is_heard(self, tick: Tick | None) -> bool:
-        shown = () if tick is None else zip(tick.alarms, tick.heard, strict=False)
+    def _is_acknowledged(self, tick: Tick | None) -> bool:
+        shown = () if tick is None else zip(tick.alarms, tick.alarm_states, strict=False)
         return (*self._event[:2], AlarmState.ACKNOWLEDGED) in [(*event[:2], state) for event, state in shown]
 
 
@@ -113,7 +114,7 @@ class BoatLink(SilentLink):
         self._access = access or AccessPolicy().link()
         self._presence = Presence(transport)
         self.takes_orders = self._access.takes_orders(transport, signing is not None)
-        believe_signed(transport, signing, self._hears)
+        accept_signed(transport, signing, self._accepts)
         self._telemetry = Telemetry(commands.mission, commands.tuner)
         self._texts = StatusTexts()
         self._service = StationService(
@@ -152,8 +153,8 @@ class BoatLink(SilentLink):
                     self.dropped += 1
                     self._flooded = now
                 elif self._access.lets_in_system(message.get_srcSystem()):
-                    if self._hears(message):
-                        self._presence.heard(now, message.get_type() == "HEARTBEAT")
+                    if self._accepts(message):
+                        self._presence.on_packet(now, message.get_type() == "HEARTBEAT")
                     self._packets.append((now, bytes(message._msgbuf)))
                     self._heed(now, message)
                 else:
@@ -164,7 +165,7 @@ class BoatLink(SilentLink):
         tick = self._telemetry.tick
         return [
             *self._flood(now),
-            *self._stopped.news(now, tick, until_heard=True),
+            *self._stopped.news(now, tick, until_acknowledged=True),
             *self._stop_refused.news(now, tick),
             *(self._presence.update(now) if not self.lost else []),
         ]
@@ -216,28 +217,28 @@ class BoatLink(SilentLink):
     def _refuse(self, now: float, reason: str) -> None:
         if now >= self._refusals.get(reason, -math.inf):
             self._refusals[reason] = now + REFUSAL_S
-            self._texts.say(now, dialect.MAV_SEVERITY_WARNING, reason)
+            self._texts.send_text(now, dialect.MAV_SEVERITY_WARNING, reason)
 
     def release(self, now: float) -> None:
         """Say that we go, so that nobody waits for us; never raises."""
         self._heartbeat(now, dialect.MAV_STATE_POWEROFF)
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Send the telemetry that falls due with `tick`."""
         self._access.stops.ticked(tick.now, tick.order.kind is not OrderKind.STANDBY)
         self._telemetry.take(tick)
         self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Say every new alarm as STATUSTEXT. A flood that was looked away from may wake the loop again."""
         self._access.crowded = False
         for alarm in alarms:
             if alarm not in self._alarms:
                 severity = severity_of(alarm, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING))
-                self._texts.say(now, severity, sentence_of(alarm))
+                self._texts.send_text(now, severity, sentence_of(alarm))
         self._alarms = alarms
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Send heartbeat, texts and the next of a parameter list."""
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + HEARTBEAT_S
@@ -257,7 +258,7 @@ class BoatLink(SilentLink):
 
     def _alarm_file(self) -> bytes:
         tick = self._telemetry.tick
-        return alarm_list(tick.alarms, tick.heard) if tick is not None else alarm_list((), ())
+        return alarm_list(tick.alarms, tick.alarm_states) if tick is not None else alarm_list((), ())
 
     def _heartbeat(self, now: float, state: int) -> None:
         tick = self._telemetry.tick
@@ -272,10 +273,10 @@ class BoatLink(SilentLink):
         )
         self._transmit(now, message)
 
-    def _hears(self, message: Message) -> bool:
+    def _accepts(self, message: Message) -> bool:
         """Return whether a ground station may have sent it; our own identity is nobody else's."""
         ours = (self._codec.system, COMPONENT)
-        return self._access.hears(message) and (message.get_srcSystem(), message.get_srcComponent()) != ours
+        return self._access.accepts(message) and (message.get_srcSystem(), message.get_srcComponent()) != ours
 
     def _is_for_us(self, message: Message) -> bool:
         system = getattr(message, "target_system", 0)

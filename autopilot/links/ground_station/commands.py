@@ -202,7 +202,7 @@ class TuningCommands:
             raise InputError(f"response level {value:g}: allowed is a whole number from 1 (calm) to 9 (quick)")
         return self._begun
 
-    def told(self) -> str:
+    def outcome(self) -> str:
         """Return what a change that has ended came to, once."""
         begun = self._begun
         if begun is None or not begun.is_over:
@@ -239,7 +239,7 @@ class Helmsman(Protocol):
         """Order a heading [rad], or the present one."""
 
     def turn_to(self, heading: float) -> None:
-        """Change the heading [rad] that is being steered: no wish to engage again after an override."""
+        """Change the heading [rad] that is being steered: no request to engage again after an override."""
 
     def stand_by(self) -> None:
         """Give the rudder back."""

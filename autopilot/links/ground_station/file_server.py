@@ -40,11 +40,11 @@ ALARMS = "/alarms.json"
 nobody has acknowledged, changes."""
 
 
-def alarm_list(alarms: Sequence[AlarmEvent], heard: Sequence[AlarmState]) -> bytes:
+def alarm_list(alarms: Sequence[AlarmEvent], alarm_states: Sequence[AlarmState]) -> bytes:
     """Return the file: of each alarm its name ("" where it has no kind), its words, its state (`notice`, `sounding`,
     `acknowledged`), and whether it is said again because nobody acknowledges it. heard: the states; those that are not
     known count as notices."""
-    states = heard if len(heard) == len(alarms) else [AlarmState.NOTICE] * len(alarms)
+    states = alarm_states if len(alarm_states) == len(alarms) else [AlarmState.NOTICE] * len(alarms)
     entries = [
         {
             "name": "" if event.name == OTHER else event.name,

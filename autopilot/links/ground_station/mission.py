@@ -171,7 +171,7 @@ class Mission:
         self.items: tuple[MissionItem, ...] = ()
         self.route: tuple[Waypoint, ...] = ()
         self.uploader: object | None = None
-        self.keep: Callable[[tuple[MissionItem, ...]], None] = lambda _: None
+        self.save_route: Callable[[tuple[MissionItem, ...]], None] = lambda _: None
         self._put(items)
 
     @property
@@ -205,7 +205,7 @@ class Mission:
         if was_followed:
             self.guide.leave()
         self._put(items)
-        self.keep(self.items)
+        self.save_route(self.items)
         return was_followed
 
     def set_current(self, number: int) -> bool:
@@ -241,7 +241,7 @@ class Mission:
 
     def _put(self, items: Sequence[MissionItem]) -> None:
         self.items = tuple(items)
-        # a list of its own, so that it is told from another route with the same places
+        # a list of its own, so that it is distinguished from another route with the same places
         self.route = tuple([item.waypoint for item in items])
         self._current = 0
         self._begun = self._complete = False

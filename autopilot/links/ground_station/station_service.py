@@ -167,8 +167,8 @@ class StationService:
         lists = (*self._parameters.due(), *self._files.due())
         messages = [*self._progress.due(now), *lists, *self._missions.due(now)]
         self._say_of_mission(now)
-        if said := self._commands.tuning.told():
-            self._texts.say(now, dialect.MAV_SEVERITY_NOTICE, said)
+        if said := self._commands.tuning.outcome():
+            self._texts.send_text(now, dialect.MAV_SEVERITY_NOTICE, said)
         return messages
 
     def passed(self) -> list[Message]:
@@ -248,12 +248,12 @@ class StationService:
 
     def _say_of_mission(self, now: float) -> None:
         if self._missions.said:
-            self._texts.say(now, dialect.MAV_SEVERITY_NOTICE, self._missions.said)
+            self._texts.send_text(now, dialect.MAV_SEVERITY_NOTICE, self._missions.said)
             self._missions.said = ""
 
     def _warn(self, now: float, refusal: str) -> None:
         if refusal:
-            self._texts.say(now, dialect.MAV_SEVERITY_WARNING, refusal)
+            self._texts.send_text(now, dialect.MAV_SEVERITY_WARNING, refusal)
 
 
 def _sender(message: Message) -> tuple[int, int]:

@@ -1,9 +1,9 @@
-"""What a ground station is told of the boat: standard messages made from a tick. Pure.
+"""What a ground station gets to know of the boat: standard messages made from a tick. Pure.
 
 ATTITUDE, GLOBAL_POSITION_INT, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered or of the
 waypoint, in degrees; distance to it; cross-track error, positive to starboard of the track), MISSION_CURRENT,
 CURRENT_MODE, SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias, and
-for the loop's health: ticks a second, the longest gap between two ticks since it was told last, and the heading's age.
+for the loop's health: ticks a second, the longest gap between two ticks since the last report, and the heading's age.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Telemetry:
         self._roll: RollSample | None = None
         self._position: PositionSample | None = None
         self.tick: Tick | None = None
-        self._told = math.nan
+        self._reported_time = math.nan
         self._ticks = 0
         self._longest_gap = 0.0
         self._makers: dict[int, Callable[[Tick], list[Message]]] = {
@@ -99,7 +99,7 @@ class Telemetry:
     def take(self, tick: Tick) -> None:
         """Remember the newest tick."""
         if self._start is None:
-            self._start = self._told = tick.now
+            self._start = self._reported_time = tick.now
         if self.tick is not None:
             self._longest_gap = max(self._longest_gap, tick.now - self.tick.now)
         self._ticks += 1
@@ -212,17 +212,17 @@ class Telemetry:
         return self._named(tick, {name: math.degrees(value) for name, value in values.items()})
 
     def _loop(self, tick: Tick) -> list[Message]:
-        """How the loop has kept time since it was told last."""
-        passed = tick.now - self._told
+        """How the loop has kept time since the last report."""
+        passed = tick.now - self._reported_time
         values = {
             "ticks_hz": self._ticks / passed if passed > 0.0 else math.nan,
             "gap_ms": 1000.0 * self._longest_gap,
             "hdg_age_ms": 1000.0 * tick.state.heading_age,
             "alarms": float(len(tick.alarms)),
-            "alarms_new": float(sum(state is AlarmState.SOUNDING for state in tick.heard)),
+            "alarms_new": float(sum(state is AlarmState.SOUNDING for state in tick.alarm_states)),
             "magnetic": float(self._mission.guide.settings.magnetic),
         }
-        self._told, self._ticks, self._longest_gap = tick.now, 0, 0.0
+        self._reported_time, self._ticks, self._longest_gap = tick.now, 0, 0.0
         return self._named(tick, values)
 
     def _learnt(self, tick: Tick) -> list[Message]:

@@ -21,7 +21,7 @@ from enum import Enum
 
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.requests import OVERRIDE_TIME, VehicleParameters
-from autopilot.links.mavlink.steering import TOLD_APART_US, SteeringOutput
+from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
 from autopilot.signals import HelmCause
 
 MANUAL_MODE = 0
@@ -91,7 +91,7 @@ class ControlAuthority:
         self.misfit = ""
         self.mode = -1
         self.armed = self.booted = False
-        self.heartbeat_time = self.heard_time = -math.inf
+        self.heartbeat_time = self.received_time = -math.inf
         self.steering = False
         self.recent_pulses: list[int] = []
         self.disobeyed = ""
@@ -228,7 +228,7 @@ class ControlAuthority:
         if self.obstacle:
             return self.obstacle
         silence = now - self.heartbeat_time
-        if silence > HEARTBEAT_TIMEOUT_S or now - self.heard_time > SILENCE_S:
+        if silence > HEARTBEAT_TIMEOUT_S or now - self.received_time > SILENCE_S:
             self.cause = HelmCause.SILENT
             return f"no heartbeat from the vehicle for {silence:.0f} s"
         judged = (parameters.revision, system)
@@ -261,7 +261,7 @@ class ControlAuthority:
         if self.disobeyed:
             return self.disobeyed
         # where the heartbeats stay away too, silence is the better word
-        talks = self.heard_time > self._report_time + HEARTBEAT_S
+        talks = self.received_time > self._report_time + HEARTBEAT_S
         if self.steering and talks and now - self._report_time > BLIND_S:
             if self._guided:
                 return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"
@@ -408,7 +408,7 @@ class OverrideProbe:
                 f"the vehicle does not take our steering: RC channel {number} stays at {pulse} us while {self.pulse} "
                 "us is sent; switch radio override on, close other ground stations, or start with --as-gcs",
             )
-        elif not self._has_shown and abs(pulse - self._base) > TOLD_APART_US:
+        elif not self._has_shown and abs(pulse - self._base) > DISTINCT_US:
             self._moves += 1
             self._aim(pulse)  # where the rudder was is no place to hold it
 

@@ -53,8 +53,8 @@ JUDGE_S = 0.05
 PACKETS_KEPT = 20000
 RELEASE_AGAIN_S = 0.2
 OVERRIDE_TIME_S = 3.0
-"""RC_OVERRIDE_TIME where the vehicle has not told it."""
-UNHEARD_S = 1.0
+"""RC_OVERRIDE_TIME where the vehicle has not reported it."""
+SILENCE_S = 1.0
 """Not looked at for longer, the line may hold messages that are as old: as far as the vehicle's clock may go back."""
 WITHOUT_RECEIVER = (
     "the rudder was ordered amidships first, where it stays: without a radio receiver the flight controller keeps "
@@ -97,7 +97,7 @@ class CompanionSession:
         self.state: int = dialect.MAV_STATE_STANDBY
         self.packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self.vehicle = 0
-        self.heard_time = -math.inf
+        self.received_time = -math.inf
         self.is_gone = False
         self._settings = settings
         self._signing = signing
@@ -147,8 +147,8 @@ class CompanionSession:
         with every heartbeat of the vehicle.
         """
         reader, authority, vehicle = self._reader, self._authority, self.vehicle
-        if now - self._looked_at > UNHEARD_S:
-            reader.unheard()
+        if now - self._looked_at > SILENCE_S:
+            reader.silence()
         self._looked_at = now
         if authority.steering:
             authority.look_back(now, self._patience())
@@ -168,7 +168,7 @@ class CompanionSession:
                     news = True
                 else:
                     self._other.take(now, message)
-        self.heard_time = authority.heard_time
+        self.received_time = authority.received_time
         if authority.heartbeat_time != beat:
             self._helm = None
         if news or not authority.booted:
@@ -204,22 +204,22 @@ class CompanionSession:
     def on_tick(self, tick: Tick) -> list[bytes]:
         """Return the heading target that is due behind `tick` where the vehicle steers itself."""
         if self._sounder is not None:
-            self._sounder.show(tick)
+            self._sounder.publish_tick(tick)
         if tick.mode is not Mode.ENGAGED and not self._authority.steering:
             self._probe.wanted(waits_to_engage(tick))
-        target = self._guided.show(tick, self._may_prove) if self._guided is not None else None
+        target = self._guided.next_target(tick, self._may_prove) if self._guided is not None else None
         return [] if target is None else [self._steering_codec.encode(target)]
 
     def on_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Keep the state in our heartbeat honest, and queue every new alarm as STATUSTEXT."""
         self.state = STATES[mode]
-        self._other.tell(now, mode, alarms)
+        self._other.publish_status(now, mode, alarms)
         if self._handover is not None:
-            self._handover.tell(now, mode)
+            self._handover.publish_status(now, mode)
         if alarms != self._alarms:
             for alarm in alarms:
                 if alarm not in self._alarms:
-                    self._texts.say(now, severity_of(alarm, SEVERITIES[mode]), sentence_of(alarm))
+                    self._texts.send_text(now, severity_of(alarm, SEVERITIES[mode]), sentence_of(alarm))
             self._alarms = alarms
 
     def poll(self, now: float) -> list[bytes]:
@@ -426,20 +426,20 @@ class CompanionLink:
         if packets := self.session.send(now, command):
             self._write(now, packets)
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""
         if packets := self.session.on_tick(tick):
             self._write(tick.now, packets)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Take who has the rudder and what is wrong, for heartbeat and texts."""
         self.session.on_status(now, mode, alarms)
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Send what falls due; let go of a peer without a word of the vehicle. LinkError when the transport is gone."""
         if packets := self.session.poll(now):
             self._write(now, packets)
-        heard = self.session.heard_time
+        heard = self.session.received_time
         if self._vacant_since is None:
             self._vacant_since = now
         elif now - self._vacant_since > SILENT_PEER_S and now - heard > SILENT_PEER_S:

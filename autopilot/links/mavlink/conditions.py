@@ -223,7 +223,7 @@ class OtherPilot:
         self._began: float | None = None
         self._steers_time = self._waits_time = -math.inf
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Take our own mode and alarms; a change of what we are is said at once."""
         state = PilotState.IDLE
         if mode in (Mode.ENGAGED, Mode.FAILSAFE):

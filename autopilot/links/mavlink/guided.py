@@ -238,7 +238,7 @@ class GuidedTargets:
     """Makes the targets for one vehicle from the pilot's ticks, and watches that they are taken.
 
     Args:
-        authority: told what we send, and judges what is reported.  speed_share: the thrust in each target, 0 to 1.
+        authority: gets what we send, and judges what is reported.  speed_share: the thrust in each target, 0 to 1.
 
     Attributes:
         target: the vehicle's system id.  alarm: what the skipper should know though steering goes on.
@@ -318,10 +318,10 @@ class GuidedTargets:
         else:
             self._shown = self._shown._replace(runs=is_running and is_guided and not self._stray)
 
-    def show(self, tick: Tick, may_prove: bool) -> Message | None:
+    def next_target(self, tick: Tick, may_prove: bool) -> Message | None:
         """Return the target that is due after `tick`, None where none is; `may_prove`: all else allows to steer."""
         now = tick.now
-        heading = self._wish(tick, may_prove)
+        heading = self._request(tick, may_prove)
         self._watch_course(tick)
         self._watch_side(tick)
         if heading is None:
@@ -351,7 +351,7 @@ class GuidedTargets:
             return not_held(link)
         return Release(link, ReleaseState.UNSHOWN, lapse=GOES_ON)
 
-    def _wish(self, tick: Tick, may_prove: bool) -> float | None:
+    def _request(self, tick: Tick, may_prove: bool) -> float | None:
         """Return the heading [rad] that the vehicle shall steer now, None for none."""
         is_heading = tick.order.kind is OrderKind.HEADING
         self._unfit = "" if is_heading or tick.order.kind is OrderKind.STANDBY else UNFIT

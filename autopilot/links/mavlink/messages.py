@@ -44,8 +44,8 @@ class _ExtraMessage(dialect.MAVLink_message):
         cls.fieldtypes, cls.fieldnames = [kind for kind, _, _ in given], [name for _, _, name in given]
         cls.array_lengths, cls.ordered_fieldnames = [length for _, length, _ in wire], [name for _, _, name in wire]
         cls.unpacker = struct.Struct("<" + "".join(f"{length or ''}{LETTERS[kind]}" for kind, length, _ in wire))
-        told = b"".join(f"{kind} {name} ".encode() + bytes([length] * (length > 0)) for kind, length, name in wire)
-        crc = int(dialect.x25crc(f"{cls.msgname} ".encode() + told).crc)
+        layout = b"".join(f"{kind} {name} ".encode() + bytes([length] * (length > 0)) for kind, length, name in wire)
+        crc = int(dialect.x25crc(f"{cls.msgname} ".encode() + layout).crc)
         cls.crc_extra = (crc & 0xFF) ^ (crc >> 8)
 
     def __init__(self, *values: Any) -> None:

@@ -18,7 +18,7 @@ CHECK_S = 2.0
 ENOUGH = 0.6
 """A stream below this share of its rate is asked for again: requests get lost, and ground stations change rates."""
 PATIENT_CHECKS = 3
-"""So many checks in a row may find the most wanted stream too slow before people are told."""
+"""So many checks in a row may find the most wanted stream too slow before people are warned."""
 HEADINGS_IN_TIMEOUT = 3
 """Headings that must come within the time in which they grow too old: two may be lost in a row, as one in ten are on a
 line that loses a third."""
@@ -231,7 +231,7 @@ class VehicleParameters:
 
     @property
     def gcs_impossible(self) -> bool:
-        """Whether the vehicle has told a ground-station id that is none."""
+        """Whether the vehicle has reported a ground-station id that is none."""
         return self.gcs_name in self._values and self.gcs_system is None
 
     def obeys(self, system: int) -> bool:
@@ -372,9 +372,9 @@ class ModeHandover:
         self._mode = mode
         self._since: float | None = None
         self._next = math.nan
-        self._is_done = self._is_told = False
+        self._is_done = self._is_reported = False
 
-    def tell(self, now: float, mode: Mode) -> None:
+    def publish_status(self, now: float, mode: Mode) -> None:
         """Take the pilot's mode: a fail-safe or a fault begins the handover. Who takes the helm then is not fought."""
         if mode not in (Mode.FAILSAFE, Mode.FAULT):
             self._since = None
@@ -398,7 +398,7 @@ class ModeHandover:
         """Take the vehicle's mode; return what has changed in whether it refuses."""
         self._is_done = self._is_done or (self._since is not None and mode == self._mode)
         refuses = self._since is not None and not self._is_done and now - self._since > HANDOVER_PATIENCE_S
-        if refuses == self._is_told:
+        if refuses == self._is_reported:
             return []
-        self._is_told = refuses
+        self._is_reported = refuses
         return [ConditionSample(now, "handback_refused", refuses, f"still in mode {mode}" if refuses else "", link)]

@@ -21,7 +21,7 @@ from autopilot.links.mavlink.codec import is_mavlink
 from autopilot.links.mavlink.frames import Address, Framer, identity_of, source_of, target_of
 from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
 from autopilot.links.mavlink.signing import LinkSigning
-from autopilot.links.url import believe_signed
+from autopilot.links.url import accept_signed
 from autopilot.signals import AlarmEvent, AlarmSample, Mode, Sample
 
 OURSELVES = -1
@@ -62,7 +62,7 @@ class Router:
         self._senders: list[Sender] = []
         self._left: list[int] = []
         self._vehicles: set[int] = set()
-        self._heard: dict[int, set[Address]] = {OURSELVES: set()}
+        self._received: dict[int, set[Address]] = {OURSELVES: set()}
         self._order: deque[bytes] = deque()
         self._recent: dict[bytes, tuple[int, float]] = {}
 
@@ -77,7 +77,7 @@ class Router:
         else:
             number = len(self._senders)
             self._senders.append(send)
-        self._heard[number] = set()
+        self._received[number] = set()
         if has_vehicle:
             self._vehicles.add(number)
         return number
@@ -87,7 +87,7 @@ class Router:
         if number not in self._left:
             self._left.append(number)
         self._senders[number] = lambda _: False
-        self._heard[number] = set()
+        self._received[number] = set()
         self._vehicles.discard(number)
 
     def take(self, endpoint: int, frame: bytes) -> None:
@@ -100,7 +100,7 @@ class Router:
             self.counts["came round in a loop"] += 1
             return
         self._remember(endpoint, frame)
-        heard = self._heard[endpoint]
+        heard = self._received[endpoint]
         if source.system != 0 and len(heard) < MOST_ADDRESSES:
             heard.add(source)
         if identity_of(frame) in STAYS:
@@ -112,7 +112,7 @@ class Router:
 
     def show_own(self, sent_to: int, frame: bytes) -> None:
         """Show what we have just sent to endpoint `sent_to` to the others too, where it is for everybody."""
-        self._heard[OURSELVES].add(source_of(frame))
+        self._received[OURSELVES].add(source_of(frame))
         self._remember(OURSELVES, frame)
         if target_of(frame).system == 0:
             self._pass_on(sent_to, frame, set(range(len(self._senders))) - self._vehicles)
@@ -120,10 +120,10 @@ class Router:
     def _may_come(self, endpoint: int, source: Address) -> bool:
         if endpoint in self._vehicles:
             return True
-        if source in self._heard[OURSELVES]:
+        if source in self._received[OURSELVES]:
             return False
         return source.component != AUTOPILOT_COMPONENT or not any(
-            source in self._heard[vehicle] for vehicle in self._vehicles
+            source in self._received[vehicle] for vehicle in self._vehicles
         )
 
     def _places_of(self, target: Address) -> set[int]:
@@ -134,7 +134,7 @@ class Router:
         return self._where(lambda address: address.system == target.system) - {OURSELVES}
 
     def _where(self, fits: Callable[[Address], bool]) -> set[int]:
-        return {endpoint for endpoint, heard in self._heard.items() if any(map(fits, heard))}
+        return {endpoint for endpoint, heard in self._received.items() if any(map(fits, heard))}
 
     def _pass_on(self, source: int, frame: bytes, places: set[int]) -> None:
         places = places - {source}
@@ -209,7 +209,7 @@ class RoutedTransport:
         return sent
 
     def _forwarded(self, frame: bytes) -> bool:
-        """A broken line is told by the next `receive` or `send`, not to the ground station's link."""
+        """A broken line is reported by the next `receive` or `send`, not to the ground station's link."""
         try:
             return self.inside.send(frame)
         except LinkError:
@@ -253,7 +253,7 @@ class ForwardLink(SilentLink):
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self.lost: AlarmEvent | None = None
         self._presence = Presence(transport)
-        believe_signed(transport, signing, self._access.hears)
+        accept_signed(transport, signing, self._access.accepts)
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
@@ -283,7 +283,7 @@ class ForwardLink(SilentLink):
                 elif (self._signing is None or not self._signing.refuses(frame)) and (
                     self.takes_orders or self._access.passes_on(frame)
                 ):
-                    self._presence.heard(now, identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT)
+                    self._presence.on_packet(now, identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT)
                     if is_mavlink(frame):  # the log's readers know no other messages
                         self._packets.append((now, frame))
                     self._router.take(self._number, frame)
@@ -291,7 +291,7 @@ class ForwardLink(SilentLink):
         self._access.crowded = self._access.crowded or taken > FRAMES_PER_TURN or not room
         return self._presence.update(now)
 
-    def tell(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Say nothing: what is wrong goes out as STATUSTEXT over the flight controller's link, which is shown here.
 
         A station that floods us has been looked away from since; a tick has passed, it may wake the loop again.

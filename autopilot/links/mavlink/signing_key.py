@@ -141,7 +141,7 @@ class TimestampBlocks:
     def keep_renewing(self, complain: Callable[[str], None]) -> None:
         """Take blocks from a thread of its own from now on: flushing to a memory card takes longer than a tick.
 
-        `complain` is told once when the disk begins to fail.
+        `complain` is called once when the disk begins to fail.
         """
         threading.Thread(target=self._renewing, args=(complain,), name="signing timestamps", daemon=True).start()
 
@@ -171,7 +171,7 @@ class TimestampBlocks:
 def open_signing(path: str | Path) -> Signing:
     """Return signing with the key in a file, its timestamps kept beside it. Raises InputError.
 
-    A disk that fails later is told on the terminal.
+    A disk that fails later is reported on the terminal.
     """
     key = read_key(path)
     blocks = TimestampBlocks(path)

@@ -35,7 +35,7 @@ class StatusTexts:
         self._identity = 0
         self._last = ("", math.nan)
 
-    def say(self, now: float, severity: int, text: str) -> None:
+    def send_text(self, now: float, severity: int, text: str) -> None:
         """Queue `text` with MAV_SEVERITY `severity` (0 emergency to 7 debug)."""
         if text == self._last[0] and now - self._last[1] < REPEAT_S:
             return

@@ -214,7 +214,7 @@ LEAVE_ALONE = 65535
 RELEASE_HIGH_CHANNEL = 65534
 NOT_THIS_AXIS = 32767
 REACH_TOLERANCE_DEG = 0.5
-TOLD_APART_US = 3
+DISTINCT_US = 3
 """A radio's own noise; further apart than this two pulses are different."""
 
 
@@ -307,7 +307,7 @@ class SteeringOutput:
     def unmoving(self, pulse: int) -> tuple[Message, int] | None:
         """Return a message, and the input [us] it asks for, that leaves the servo where an input `pulse` [us] has it.
 
-        The input can be told from `pulse`; where none such moves nothing, it is the one that moves least. A vehicle
+        `pulse` shows which input it is; where none such moves nothing, it is the one that moves least. A vehicle
         without a radio receiver shows 0: then it is near the trim. None where the vehicle is not known yet.
         """
         channel = self.channel
@@ -323,7 +323,7 @@ class SteeringOutput:
             there, here = (servo_from_steering(channel, steering_from_pulse(channel, p)) for p in (asked(value), held))
             return abs(there - here), abs(asked(value) - held)
 
-        value = min((value for value in inputs if abs(asked(value) - pulse) > TOLD_APART_US), key=moved)
+        value = min((value for value in inputs if abs(asked(value) - pulse) > DISTINCT_US), key=moved)
         self._releases_left, self._touched = RELEASES, True
         return (self._override(value) if self._by_pulse else self._manual(value)), asked(value)
 

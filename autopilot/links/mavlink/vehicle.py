@@ -40,7 +40,7 @@ class VehicleClock:
     def reset(self) -> None:
         """Forget the offset, as after a reboot."""
         self._newest = -math.inf
-        self._heard = math.inf
+        self._received = math.inf
         self._previous = math.inf
         self._current = math.inf
         self._window_end = -math.inf
@@ -59,11 +59,11 @@ class VehicleClock:
         behind = self._newest - boot
         if behind > WRAP_S / 2.0:
             return False
-        return behind > REBOOT_S or boot < now - self._heard
+        return behind > REBOOT_S or boot < now - self._received
 
-    def unheard(self) -> None:
+    def silence(self) -> None:
         """Take that nobody listened for a while: the silence until the next message is ours, not the vehicle's."""
-        self._heard = math.inf
+        self._received = math.inf
 
     def local(self, now: float, boot: float) -> float:
         """Return the local time [s], never after `now`, at which the vehicle's clock showed `boot` [s].
@@ -74,7 +74,7 @@ class VehicleClock:
             self.reset()  # the counter began again: so does the offset
         if boot > self._newest:
             self._newest = boot
-        self._heard = now
+        self._received = now
         offset = now - boot
         if now >= self._window_end:
             # After a silence longer than a window nothing old is worth keeping.
@@ -209,14 +209,14 @@ class VehicleReader:
             FENCING: self._battery,
         }
 
-    def unheard(self) -> None:
+    def silence(self) -> None:
         """Take that nobody listened for a while: what comes next has waited, and tells of no silent vehicle."""
-        self._clock.unheard()
+        self._clock.silence()
 
     def take(self, now: float, message: Message, samples: list[Sample]) -> None:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
         authority = self.authority
-        authority.heard_time = now
+        authority.received_time = now
         identity = message._header.msgId
         if identity in self.handlers:
             self.handlers[identity](now, message, samples)

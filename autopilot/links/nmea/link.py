@@ -86,7 +86,7 @@ class NmeaSession:
     ) -> None:
         self.name = name
         self.replaced = 0
-        self.heard_time = -math.inf
+        self.received_time = -math.inf
         self.settings = settings
         self._is_stream = is_stream
         self._framer = NmeaFramer()
@@ -134,7 +134,7 @@ class NmeaSession:
             known = self._framer.counts
             self._read(now, chunks, samples)
             if (self._framer.counts.sentences, self._framer.counts.ignored) != (known.sentences, known.ignored):
-                self.heard_time = now
+                self.received_time = now
         reason = self._follow.reason(now)
         if reason != self._helm_reason and (self.settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
@@ -265,7 +265,7 @@ class NmeaLink(SilentLink):
     def receive(self, now: float) -> list[Sample]:
         """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone."""
         samples = self.session.receive(now, self._transport.receive())
-        if now - max(self._vacant_since, self.session.heard_time) > SILENT_PEER_S:
+        if now - max(self._vacant_since, self.session.received_time) > SILENT_PEER_S:
             # an instrument that starts again speaks from another port
             self._vacant_since = now
             self._transport.forget_peer()
@@ -276,12 +276,12 @@ class NmeaLink(SilentLink):
         self.session.send(now, command)
         self._write(now)
 
-    def keep(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Send what waits: the newest command, its repetition, or the releases that are left."""
         self.session.poll(now)
         self._write(now)
 
-    def show(self, tick: Tick) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Send on what falls due with `tick`, where the line has room for it."""
         self.session.on_tick(tick)
         self._write(tick.now)

@@ -19,7 +19,7 @@ What a chart plotter's sentences mean: APB, RMB, XTE, HTC, HTD to legs and headi
 
     APB: track, cross-track error and waypoint in one sentence: a leg.
     RMB: cross-track error, range R and bearing b to the waypoint: track = b + asin(y/R), a leg too, without APB.
-    XTE: a newer error for the leg that APB told.        HTC, HTD: a heading to steer, or a track.
+    XTE: a newer error for the leg that APB named.        HTC, HTD: a heading to steer, or a track.
 
 Where APB speaks, RMB, HTC and HTD are not used: two sentences of one plotter switch waypoints at different moments.
 Status V and a mode other than A or D (autonomous, differential) say that the plotter does not lead: simulated and
@@ -121,14 +121,14 @@ class PlotterReader:
         leg = self._leg
         if leg is None or time - leg.time > TIMEOUT_S:
             return None
-        # an error that jumps belongs to a leg that APB has not told yet
+        # an error that jumps belongs to a leg that APB has not named yet
         if abs(cross_track - leg.cross_track) > 3.0 * max(step, leg.step) + 0.1 * abs(leg.cross_track) + 20.0:
             return None
         # the age of the leg is that of its bearing
         return leg._replace(cross_track=cross_track, step=step)
 
     def _rmb(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
-        if self._is_told_by_apb(time):
+        if self._is_led_by_apb(time):
             return None
         _leads(fields, (0,), 13)
         # RMB has no field for the unit: nautical miles
@@ -140,11 +140,11 @@ class PlotterReader:
         track = wrap(bearing + math.asin(cross_track / distance))
         return PlotterLeg(time, track, cross_track, step, field(fields, 4))
 
-    def _is_told_by_apb(self, time: float) -> bool:
+    def _is_led_by_apb(self, time: float) -> bool:
         return self._leg is not None and time - self._leg.time <= TIMEOUT_S
 
     def _htc(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
-        if self._is_told_by_apb(time):
+        if self._is_led_by_apb(time):
             return None
         if field(fields, 0) == "A":
             return PlotterInvalid(time, "its override is in use")

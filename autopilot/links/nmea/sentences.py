@@ -55,7 +55,7 @@ class Counts(NamedTuple):
 class NmeaFramer:
     """Cuts a byte stream, split anywhere, into sentences. Memory: at most one unfinished sentence.
 
-    A sentence needs its checksum: a compass that sends none cannot be told from noise and must not steer.
+    A sentence needs its checksum: a compass that sends none cannot be distinguished from noise and must not steer.
     Proprietary (`$P...`) and encapsulated (`!...`) sentences are counted as ignored.
     """
 

@@ -97,11 +97,11 @@ module.exports = function (app) {
   function tell(values) {
     Object.assign(known, values)
     if (!state().engaged) isDodging = false
-    const told = Object.entries(values).filter(([path]) => !isOurs(path)).map(([path, value]) => ({ path, value }))
-    for (const { path } of told) if (path.startsWith(NOTIFICATIONS)) watch(path)
+    const changes = Object.entries(values).filter(([path]) => !isOurs(path)).map(([path, value]) => ({ path, value }))
+    for (const { path } of changes) if (path.startsWith(NOTIFICATIONS)) watch(path)
     // apart: the server gives all of an update that has a notification in it another source
     for (const apart of [false, true]) {
-      const group = told.filter(({ path }) => path.startsWith('notifications.') === apart)
+      const group = changes.filter(({ path }) => path.startsWith('notifications.') === apart)
       if (group.length) app.handleMessage(plugin.id, { context: 'vessels.self', updates: [{ values: group }] })
     }
     if (STATE in values || TARGET in values) {

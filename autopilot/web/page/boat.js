@@ -41,9 +41,9 @@ export async function get(path, options) {
 }
 
 /* An order that was taken is answered with 200, a bad one with 400, one that cannot be carried out now with 409. */
-export async function ask(wish) {
+export async function ask(request) {
   try {
-    const answer = await send("/api/order", { method: "POST", body: JSON.stringify(wish) });
+    const answer = await send("/api/order", { method: "POST", body: JSON.stringify(request) });
     return { taken: answer.ok, words: (await answer.json()).words };
   } catch {
     return { taken: false, words: "no connection: the order was not given" };
@@ -57,10 +57,10 @@ async function begin() {
   } catch { /* the next connection asks again */ }
 }
 
-const told = new EventTarget();
+const events = new EventTarget();
 
 function heard(name, take) {
-  told.addEventListener(name, (event) => {
+  events.addEventListener(name, (event) => {
     boat.received = performance.now();
     take(JSON.parse(event.data));
   });
@@ -95,7 +95,7 @@ export async function connect() {
       rest = blocks.pop();
       for (const block of blocks) {
         const [, name, data] = /^event: (.*)\ndata: (.*)$/.exec(block);
-        told.dispatchEvent(new MessageEvent(name, { data }));
+        events.dispatchEvent(new MessageEvent(name, { data }));
       }
     }
   } catch { /* it is tried again */ } finally {

@@ -3,7 +3,7 @@ import { boat, get } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
 const SEVERITIES = ["emergency", "alert", "critical", "error", "warning", "notice", "info", "debug"];
-let told = 0, say = null;
+let reported = 0, say = null;
 
 export function setUpLogs(tell) {
   say = tell;
@@ -40,8 +40,8 @@ async function download(name) {
 
 export function drawTexts() {
   const newest = boat.texts.at(-1);
-  if (!newest || newest.number === told) return;
-  told = newest.number;
+  if (!newest || newest.number === reported) return;
+  reported = newest.number;
   byId("texts").replaceChildren(...boat.texts.slice().reverse().map((text) => {
     const row = document.createElement("li");
     row.append(

@@ -2,7 +2,7 @@
 import { boat, connect, ask, may, learnToken } from "./boat.js";
 import { drawDial } from "./dial.js";
 import { Plots } from "./plots.js";
-import { drawDesks, setUpDesks } from "./desks.js";
+import { drawPanels, setUpPanels } from "./panels.js";
 import { setUpParameters, showParameters } from "./parameters.js";
 import { sound } from "./sound.js";
 import { setUpLogs, showLogs, drawTexts } from "./logs.js";
@@ -20,14 +20,14 @@ export function say(words, seconds = 5) {
   say.timer = setTimeout(() => { byId("said").textContent = ""; }, seconds * 1000);
 }
 
-async function order(wish, button) {
+async function order(request, button) {
   if (!may()) {
     say("Only looking. Open the address that autopilot web has printed to steer.");
     return false;
   }
   navigator.vibrate?.(15);
   button?.classList.add("waits");
-  const { taken, words } = await ask(wish);
+  const { taken, words } = await ask(request);
   button?.classList.remove("waits");
   if (!taken) say(words || "not taken");
   return taken;
@@ -198,7 +198,7 @@ function draw() {
   drawLink();
   drawAlarms();
   drawDial();
-  drawDesks();
+  drawPanels();
   drawTexts();
 }
 
@@ -213,7 +213,7 @@ function setUp() {
   for (const button of document.querySelectorAll("button[data-dodge]")) {
     button.addEventListener("click", () => order({ do: "dodge", degrees: Number(button.dataset.dodge) }, button));
   }
-  setUpDesks(order, surely, plots);
+  setUpPanels(order, surely, plots);
   setUpParameters(order, say);
   setUpLogs(say);
   byId("theme").addEventListener("click", nextTheme);

@@ -80,7 +80,7 @@ def test_a_boat_that_lies_still_shows_nothing() -> None:
 
 
 @pytest.mark.parametrize("step", [0.05, 0.1, 0.5])
-def test_a_steady_turn_is_told_alike_at_any_pace(step: float) -> None:
+def test_a_steady_turn_is_judged_alike_at_any_pace(step: float) -> None:
     turns = NO_TURNS
     for _ in range(round(20.0 / step)):
         turns = turns_step(turns, 0.1 * step, -0.1 * step, step)

@@ -26,7 +26,7 @@ LONGEST = 4096
 WORDS = ("size", "for", "ramp", "after")
 
 
-def desk_address(text: str) -> tuple[str, int]:
+def service_address(text: str) -> tuple[str, int]:
     """Return host and port of `HOST:PORT`, a loopback address. Raises InputError."""
     host, _, digits = text.rpartition(":")
     is_port = digits.isascii() and digits.isdigit() and len(digits) <= 5 and 1 <= int(digits) <= 65535
@@ -35,12 +35,12 @@ def desk_address(text: str) -> tuple[str, int]:
     return "127.0.0.1", int(digits)
 
 
-class FaultDesk:
+class FaultService:
     """Listens for faults at a loopback address. Raises LinkError where it cannot."""
 
     def __init__(self, world: World, address: str) -> None:
         self._world = world
-        place = desk_address(address)
+        place = service_address(address)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -149,11 +149,11 @@ def kinds_table() -> str:
 
 
 def ask(address: str, line: str) -> str:
-    """Send a line to the desk at `address` and return its answer. LinkError where nobody answers."""
+    """Send a line to the service at `address` and return its answer. LinkError where nobody answers."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
         asker.settimeout(ANSWER_S)
         try:
-            asker.connect(desk_address(address))
+            asker.connect(service_address(address))
             asker.send(line.encode())
             return asker.recv(LONGEST).decode("utf-8", "replace")
         except ConnectionRefusedError as error:

@@ -65,8 +65,8 @@ class Watched(Sea):
         super().__init__(learns, vessel)
         vessel = vessel or vessel_of(BOATS["lanxin"])
         self.store = VesselStore(vessel, self.pilot, None, folder / "boat.tuned.yaml")
-        self.desk = None if self.pilot.learner is None else LearningService(self.pilot.learner, self.store)
-        self.tuner = TuningService(self.store, self.desk, AtOnce())
+        self.service = None if self.pilot.learner is None else LearningService(self.pilot.learner, self.store)
+        self.tuner = TuningService(self.store, self.service, AtOnce())
         self.files = metadata_files(parameters_of(self.store.running), "0.2.0")
         self.alarms = BothAlarms(self.alarms, Acknowledgements(self.skipper))
         self.commands = Commands(self.skipper, False, self.mission, self.tuner)
@@ -108,5 +108,5 @@ class Watched(Sea):
         assert len(ends) == 1
         return ends[0]
 
-    def order(self, **wish: Any) -> tuple[bool, str]:
-        return self.answer(asked_of(self.station, wish))
+    def order(self, **wanted: Any) -> tuple[bool, str]:
+        return self.answer(asked_of(self.station, wanted))

@@ -22,7 +22,7 @@ function patternSizes() {
   }));
 }
 
-export function setUpDesks(order, surely) {
+export function setUpPanels(order, surely) {
   const form = byId("pattern");
   form.elements.number.replaceChildren(...PATTERNS.map(([name], number) => new Option(name, number)));
   form.elements.number.addEventListener("change", patternSizes);
@@ -42,22 +42,22 @@ export function setUpDesks(order, surely) {
   for (const id of ["zigzag", "turning"]) {
     const trial = byId(id), button = trial.querySelector("button");
     const begin = surely(button, () => {
-      const wish = { do: id };
-      for (const input of trial.querySelectorAll("input")) wish[input.name] = input.valueAsNumber;
-      order(wish, button);
+      const request = { do: id };
+      for (const input of trial.querySelectorAll("input")) request[input.name] = input.valueAsNumber;
+      order(request, button);
     });
     trial.addEventListener("submit", (event) => { event.preventDefault(); begin(); });
   }
 }
 
-export function drawDesks() {
+export function drawPanels() {
   const level = boat.state?.level;
   byId("level").textContent = typeof level === "number" ? String(level) : "--";
-  drawTrialDesk();
+  drawTrialPanel();
   drawLearning();
 }
 
-function drawTrialDesk() {
+function drawTrialPanel() {
   const { trial, state } = boat;
   byId("trial").hidden = !trial;
   if (!trial || !state) return;
@@ -110,15 +110,15 @@ function drawLearning() {
     ? `Heading ${number(learnt.lrn_ahead, 2)} s ahead: off by ${number(learnt.lrn_new, 2)}° with the proposal, ${number(learnt.lrn_old, 2)}° with the model in force, on ${learnt.lrn_n} stretches since.`
     : "Nothing yet to prove it by.";
   const words = [
-    `${learnt.lrn_win ?? 0} windows have told something. Not yet known well enough: turn, or sail a zigzag.`,
+    `${learnt.lrn_win ?? 0} windows carried information. Not yet known well enough: turn, or sail a zigzag.`,
     `Proposed, and being tried against what comes. ${proof}`,
-    `Proved: it foretells better than the model in force. ${proof}`,
+    `Proved: it predicts better than the model in force. ${proof}`,
   ];
   byId("learning-check").textContent = words[learnt.lrn_state ?? 0] ?? "";
   const shares = [learnt.lrn_K / learnt.lrn_K_in, learnt.lrn_T / learnt.lrn_T_in].map((share) => 100 * share);
-  const told = JSON.stringify(learnt);
-  if (told !== learntKey && shares.every(Number.isFinite)) {
-    learntKey = told;
+  const key = JSON.stringify(learnt);
+  if (key !== learntKey && shares.every(Number.isFinite)) {
+    learntKey = key;
     if (learntRows.length && boat.state.t < learntRows.at(-1)[0]) learntRows = [];
     learntRows.push([boat.state.t, ...shares]);
     learntRows.splice(0, learntRows.length - 900);

@@ -11,7 +11,7 @@ from autopilot.guidance.turn import turn_limits
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, Order, OrderKind
 from autopilot.supervision.monitor_input import MonitorInput
-from autopilot.supervision.rudder_watch import ASTRAY, NO_RUNAWAY, runaway_step
+from autopilot.supervision.rudder_watch import NO_RUNAWAY, ZIGZAG_DIVERGED, runaway_step
 
 MODEL = Norrbin(0.3, 2.0, reference_speed=4.0)
 SWING = math.radians(10.0)
@@ -37,20 +37,20 @@ def test_how_far_is_counted_from_the_swing_on_the_side_that_the_rudder_turns_fro
     assert zigzag_divergence(guide, ZIGZAG, base + 1.0) == pytest.approx(1.0 - SWING)
 
 
-def test_without_a_zigzag_nothing_is_astray() -> None:
+def test_without_a_zigzag_nothing_has_diverged() -> None:
     assert zigzag_divergence(Guide(), Order(), 2.0) == 0.0
 
 
 @pytest.mark.parametrize(
-    ("astray", "rate", "runs"),
+    ("divergence", "rate", "runs"),
     [
-        (ASTRAY + 0.01, -0.1, True),
-        (ASTRAY + 0.01, 0.1, False),  # far off, and on the way back
-        (ASTRAY - 0.01, -0.1, False),  # an overshoot
+        (ZIGZAG_DIVERGED + 0.01, -0.1, True),
+        (ZIGZAG_DIVERGED + 0.01, 0.1, False),  # far off, and on the way back
+        (ZIGZAG_DIVERGED - 0.01, -0.1, False),  # an overshoot
     ],
 )
 def test_only_a_boat_that_goes_on_turning_against_its_rudder_has_run_away(
-    astray: float, rate: float, runs: bool
+    divergence: float, rate: float, runs: bool
 ) -> None:
-    seen = MonitorInput(0.0, MODEL, state(0.0, rate), True, False, 0.0, SWING, 0.5, True, astray=astray)
+    seen = MonitorInput(0.0, MODEL, state(0.0, rate), True, False, 0.0, SWING, 0.5, True, zigzag_divergence=divergence)
     assert runaway_step(NO_RUNAWAY, seen).has_run is runs

@@ -19,8 +19,8 @@ from autopilot.estimation.heading_ekf import FilterState
 from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.waves import WaveState
 from sitl.boat import BoatState, Disturbance, Plant, Step, boat_step
-from sitl.campaign.brain import Brain, Heard, first_mind, tick
-from sitl.campaign.waters import Surface, Water, WaterState, water_step
+from sitl.campaign.compiled_tick import CampaignConfig, Measurement, initial_state, tick
+from sitl.campaign.environment import Surface, Water, WaterState, water_step
 
 SETTLED = math.radians(1.0)
 """A turn is over when the true heading stays within this [rad] of the one ordered."""
@@ -58,7 +58,7 @@ def ordered(course: Course, now: float) -> float:
     return wrap(course.heading + course.turn) if now >= course.turn_at else course.heading
 
 
-def scored(score: Score, course: Course, now: float, state: BoatState, told_before: float, told: float) -> Score:
+def scored(score: Score, course: Course, now: float, state: BoatState, command_before: float, command: float) -> Score:
     """Return the score after a tick at `now` [s]: the boat's true state, and rudder orders [rad]."""
     error = wrap(state.heading - ordered(course, now))
     overshoot, settled = score.overshoot, score.settled
@@ -84,8 +84,8 @@ def scored(score: Score, course: Course, now: float, state: BoatState, told_befo
         score.error + error,
         score.error_square + error * error,
         max(score.error_most, abs(error)),
-        score.travel + abs(told - told_before),
-        score.rudder_square + told * told,
+        score.travel + abs(command - command_before),
+        score.rudder_square + command * command,
         score.speed + state.speed,
         overshoot,
         settled,
@@ -139,7 +139,7 @@ class Instruments(NamedTuple):
 
     A set is measured every `every` steps, a speed goes out with every `speed_every`-th set, and a rate with each where
     there is a gyro, `has_rate`. Where instruments fail,
-    `spoilt` holds by set what to add to the heading [rad], factor on and addition to the rate [rad/s], factor on the
+    `corrupted` holds by set what to add to the heading [rad], factor on and addition to the rate [rad/s], factor on the
     speed; `missing` by set what does not arrive.
     """
 
@@ -154,7 +154,7 @@ class Instruments(NamedTuple):
     speed_every: int
     has_rate: bool
     fails: bool
-    spoilt: Floats
+    corrupted: Floats
     missing: NDArray[np.int64]
 
 
@@ -177,13 +177,13 @@ class Setting(NamedTuple):
     water: Water
     swell: WaveState
     instruments: Instruments
-    brain: Brain
+    campaign: CampaignConfig
     filtered: FilterState
     course: Course
     is_watched: bool
 
 
-class Rooms(NamedTuple):
+class Workspace(NamedTuple):
     """Memory that a run writes in: the waves' surface, where the rudder was, orders to the rudder by step, readings.
 
     All but the surface are rings whose lengths are powers of two."""
@@ -194,7 +194,7 @@ class Rooms(NamedTuple):
     readings: Floats
 
 
-def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
+def run_compiled(setting: Setting, workspace: Workspace) -> tuple[Score, bool]:
     """Return the score of a run, and whether it came to its end; otherwise the full simulator must do it."""
     instruments, course, dt = setting.instruments, setting.course, setting.dt
     state = setting.start
@@ -203,36 +203,38 @@ def run_swiftly(setting: Setting, rooms: Rooms) -> tuple[Score, bool]:
     taken, order = 0, 0.0
     # counted on: dividing integers is slow
     next_tick, next_water, next_reading, ticks, felt, reading = lag, 0, instruments.every - 1, 0, 0, 0
-    orders_ring = len(rooms.orders) - 1
+    orders_ring = len(workspace.orders) - 1
     heading, rate, speed = readings(instruments, 0, state)
-    _keep(rooms, 0, heading, rate, speed)
+    _keep(workspace, 0, heading, rate, speed)
     if instruments.missing[0]:
         return NOTHING, False
-    heard = Heard(Measured(0.0, wrap(heading), rate), speed)
-    mind = first_mind(setting.brain, setting.filtered, lag * dt, heard, rooms.rudder)
-    score, told = NOTHING, 0.0
+    measurement = Measurement(Measured(0.0, wrap(heading), rate), speed)
+    pilot_state = initial_state(setting.campaign, setting.filtered, lag * dt, measurement, workspace.rudder)
+    score, command = NOTHING, 0.0
     for step in range(setting.steps):
         time = step * dt
         if step == next_tick:
-            heard = heard_of(instruments, rooms, ticks, dt)
+            measurement = measurement_of(instruments, workspace, ticks, dt)
             next_tick, ticks = next_tick + instruments.every, ticks + 1
-            mind = tick(setting.brain, mind, rooms.rudder, time, heard, ordered(course, time))
-            if mind.gone and setting.is_watched:
+            pilot_state = tick(
+                setting.campaign, pilot_state, workspace.rudder, time, measurement, ordered(course, time)
+            )
+            if pilot_state.gone and setting.is_watched:
                 return score, False
-            score = scored(score, course, time, state, told, mind.told)
-            told = mind.told
-        rooms.orders[step & orders_ring] = told
+            score = scored(score, course, time, state, command, pilot_state.command)
+            command = pilot_state.command
+        workspace.orders[step & orders_ring] = command
         while taken <= step and taken * dt + setting.plant.gear.delay <= time:
-            order = rooms.orders[taken & orders_ring]
+            order = workspace.orders[taken & orders_ring]
             taken += 1
         if step == next_water:
-            water, acting = water_step(setting.water, rooms.surface, water, felt, felt_dt, state)
+            water, acting = water_step(setting.water, workspace.surface, water, felt, felt_dt, state)
             next_water, felt = next_water + setting.water_every, felt + 1
         state = boat_step(setting.plant, setting.step, state, order, setting.thrust_speed, acting)
         if step == next_reading:
             next_reading, reading = next_reading + instruments.every, reading + 1
             heading, rate, speed = readings(instruments, reading, state)
-            _keep(rooms, reading, heading, rate, speed)
+            _keep(workspace, reading, heading, rate, speed)
     return score, True
 
 
@@ -245,28 +247,28 @@ def readings(instruments: Instruments, reading: int, state: BoatState) -> tuple[
     rate = state.rate + instruments.rate_noise * deviates[reading, RATE]
     speed = state.speed + instruments.speed_noise * deviates[reading, SPEED]
     if instruments.fails:
-        spoilt = instruments.spoilt
-        heading = wrap_positive(heading + spoilt[reading, 0])
-        rate = rate * spoilt[reading, 1] + spoilt[reading, 2]
-        speed *= spoilt[reading, 3]
+        corrupted = instruments.corrupted
+        heading = wrap_positive(heading + corrupted[reading, 0])
+        rate = rate * corrupted[reading, 1] + corrupted[reading, 2]
+        speed *= corrupted[reading, 3]
     return heading, rate, speed
 
 
-def _keep(rooms: Rooms, reading: int, heading: float, rate: float, speed: float) -> None:
-    place = reading & (len(rooms.readings) - 1)
-    rooms.readings[place, 0] = heading
-    rooms.readings[place, 1] = rate
-    rooms.readings[place, 2] = speed
+def _keep(workspace: Workspace, reading: int, heading: float, rate: float, speed: float) -> None:
+    place = reading & (len(workspace.readings) - 1)
+    workspace.readings[place, 0] = heading
+    workspace.readings[place, 1] = rate
+    workspace.readings[place, 2] = speed
 
 
-def heard_of(instruments: Instruments, rooms: Rooms, reading: int, dt: float) -> Heard:
+def measurement_of(instruments: Instruments, workspace: Workspace, reading: int, dt: float) -> Measurement:
     """Return what of a set of readings reaches the pilot."""
-    place, time = reading & (len(rooms.readings) - 1), reading * instruments.every * dt
+    place, time = reading & (len(workspace.readings) - 1), reading * instruments.every * dt
     missing = instruments.missing[reading] if instruments.fails else 0
     heading, rate, speed = math.nan, math.nan, math.nan
     if not missing & NO_HEADING:
-        heading = wrap(rooms.readings[place, 0])
-        rate = rooms.readings[place, 1] if instruments.has_rate else math.nan
+        heading = wrap(workspace.readings[place, 0])
+        rate = workspace.readings[place, 1] if instruments.has_rate else math.nan
     if not missing & NO_SPEED and reading % instruments.speed_every == 0:
-        speed = rooms.readings[place, 2]
-    return Heard(Measured(time, heading, rate), speed)
+        speed = workspace.readings[place, 2]
+    return Measurement(Measured(time, heading, rate), speed)

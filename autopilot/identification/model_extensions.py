@@ -25,7 +25,7 @@ TOGETHER = (WIND, DRIFT, TURN)
 START_DRIFT = 0.3
 """Where the fit of the drift begins; its time begins at half of T, its wind at none."""
 SURELY = 1.0 / 3.0
-"""Drift brings three parameters at once, so its share must be told from zero at three standard errors."""
+"""Drift brings three parameters at once, so its share must be distinguished from zero at three standard errors."""
 SPEED_VARIES = 0.1
 """A race at revolutions that nobody recorded is looked for where the speed varies by this share of its mean."""
 START_RACE = 0.5
@@ -41,7 +41,7 @@ START_DEAD_BAND = 0.01
 """Where that of the dead band begins [rad]."""
 
 
-def with_extras(
+def extended(
     runs: Sequence[Run],
     plain: Identified,
     asked: Sequence[str],
@@ -71,10 +71,10 @@ def with_extras(
     while weakest := _least_shown(found, (*DAMPING, *names)):
         gone = _falling(weakest, found)
         smaller = _without(runs, found, gone, steps)
-        if _says_more(found, smaller, runs):
+        if _is_better(found, smaller, runs):
             # two that work in the same moments may each be uncertain and yet be needed together
             kept = [name for name in (*DAMPING, *names) if _is_uncertain(found, name)]
-            return _extended(found, plain, {**reasons, **{name: _told_together(name, found) for name in kept}}, runs)
+            return _extended(found, plain, {**reasons, **{name: _kept_together(name, found) for name in kept}}, runs)
         reasons.update({name: _not_shown(name, found) for name in gone})
         names = tuple(name for name in names if name not in gone)
         found = smaller
@@ -84,7 +84,7 @@ def with_extras(
     if only_around and found.noise[0].size > WORTH_IT * plain.noise[0].size:
         return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
     if _is_uncertain(found, "n3"):
-        reasons["n3"] = _told_together("n3", found)
+        reasons["n3"] = _kept_together("n3", found)
     return _extended(found, plain, reasons, runs)
 
 
@@ -101,8 +101,10 @@ def _with_drift(runs: Sequence[Run], found: Solution, steps: Steps) -> Solution 
     around = found.around._replace(drift=START_DRIFT, drift_time=0.5 * found.model.time_constant)
     free, train, trims = (*found.free, *DRIFT), found.train, found.trims
     drifting = solve(runs, found.model, free, steps.next, around=around, train=train, trims=trims)
-    told = _relative_error(drifting, "drift") < SURELY and drifting.noise[0].size < WORTH_IT * found.noise[0].size
-    return drifting if told and 0.0 < drifting.around.drift < 1.0 else None
+    is_significant = (
+        _relative_error(drifting, "drift") < SURELY and drifting.noise[0].size < WORTH_IT * found.noise[0].size
+    )
+    return drifting if is_significant and 0.0 < drifting.around.drift < 1.0 else None
 
 
 def _extended(found: Solution, plain: Identified, reasons: dict[str, str], runs: Sequence[Run]) -> Identified:
@@ -131,7 +133,7 @@ def _without(runs: Sequence[Run], found: Solution, gone: Sequence[str], steps: S
     return solve(runs, start, free, steps.next, around=around, train=train, trims=found.trims)
 
 
-def _says_more(larger: Solution, smaller: Solution, runs: Sequence[Run]) -> bool:
+def _is_better(larger: Solution, smaller: Solution, runs: Sequence[Run]) -> bool:
     """Return whether Schwarz's information criterion favours the larger model.
 
     N ln s^2 + k ln N (Schwarz 1978), with N the independent samples that the rate's residuals are worth by their
@@ -150,16 +152,16 @@ def _is_uncertain(solution: Solution, name: str) -> bool:
     return name in solution.free and _relative_error(solution, name) > LARGEST_RELATIVE_ERROR
 
 
-def _told_together(name: str, solution: Solution) -> str:
+def _kept_together(name: str, solution: Solution) -> str:
     error = solution.standard_error(name) or 0.0
     return (
         f"{name}: {_value(solution, name):.3g} with a standard error of {error:.2g} is kept, for without it the runs "
-        "are explained clearly worse, but it cannot be told apart from the others; trials at other speeds would."
+        "are explained clearly worse, but it cannot be distinguished from the others; trials at other speeds would."
     )
 
 
 def _least_shown(solution: Solution, names: Sequence[str]) -> str:
-    """Return the parameter that can least be told from zero; '' where all can. What stands
+    """Return the parameter that is hardest to distinguish from zero; '' where all can. What stands
     together counts as its best."""
     doubt = {name: _relative_error(solution, name) for name in names if name in solution.free}
     for group in TOGETHER:
@@ -187,8 +189,8 @@ def _relative_error(solution: Solution, name: str) -> float:
 def _not_shown(name: str, solution: Solution) -> str:
     error = solution.standard_error(name) or 0.0
     return (
-        f"{name}: {_value(solution, name):.3g} with a standard error of {error:.2g} cannot be told from 0, so it is "
-        f"held at 0; {_remedy(name)} would tell it."
+        f"{name}: {_value(solution, name):.3g} with a standard error of {error:.2g} cannot be distinguished from 0, so "
+        f"it is held at 0; {_remedy(name)} would tell it."
     )
 
 

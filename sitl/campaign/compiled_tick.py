@@ -28,7 +28,7 @@ from autopilot.estimation.heading_ekf import FilterState, with_bias_of
 from autopilot.estimation.rudder_observer import RudderMemory, RudderObserver, RudderPast, advanced, ordered
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.reference import Guide, heading_ordered, started
-from autopilot.guidance.turn import NOTHING_SHOWN, VirtualBoat, is_turning, reference_of
+from autopilot.guidance.turn import NO_EVIDENCE, VirtualBoat, is_turning, reference_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState
@@ -51,7 +51,7 @@ from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES
 Floats = NDArray[np.float64]
 
 
-class Brain(NamedTuple):
+class CampaignConfig(NamedTuple):
     """What the pilot knows of the boat; see `PilotConfig`. gains are those of the law that steers, first is the memory
     with which it begins.
 
@@ -79,7 +79,7 @@ class Compass(NamedTuple):
     turns: Turns
 
 
-class Mind(NamedTuple):
+class State(NamedTuple):
     """What the pilot remembers from tick to tick, the rudder's rings apart.
 
     easy_time and right_time [s]: when the rudder was last not hard over for the monitors, and last not pushing the boat
@@ -95,7 +95,7 @@ class Mind(NamedTuple):
     turning: Turning
     guide: Guide
     law: Any
-    told: float
+    command: float
     rest: Rest
     undoing: float
     compass: Compass
@@ -104,7 +104,7 @@ class Mind(NamedTuple):
     gone: bool
 
 
-class Heard(NamedTuple):
+class Measurement(NamedTuple):
     """What the instruments said before this tick: heading and rate, not numbers where silent, and the speed [m/s], nan
     where none came."""
 
@@ -112,21 +112,24 @@ class Heard(NamedTuple):
     speed: float
 
 
-def first_mind(brain: Brain, state: FilterState, now: float, heard: Heard, memory: RudderMemory) -> Mind:
-    """Return the mind at `now` [s] after the first heading: engaged, the rudder amidships, no command given yet."""
-    config = brain.config
-    model = model_at(config.estimator.model, heard.speed)
-    speed = Smoothed(heard.speed, now)
+def initial_state(
+    campaign: CampaignConfig, state: FilterState, now: float, measurement: Measurement, memory: RudderMemory
+) -> State:
+    """Return the pilot's state at `now` [s] after the first heading: engaged, the rudder amidships, no command given
+    yet."""
+    config = campaign.config
+    model = model_at(config.estimator.model, measurement.speed)
+    speed = Smoothed(measurement.speed, now)
     fusion = Fusion(state, 0.0, 0, 0.0)
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
-    past, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, heard.speed, state.time)
-    seen = seen_at(model, config.estimator.noises, fusion, past, at)
-    steered = steered_by(seen, wave_rudder(config, model, seen).alone)
+    history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
+    seen = seen_at(model, config.estimator.noises, fusion, history, at)
+    steered = steered_by(seen, wave_rudder(config, model, seen).filtered)
     turning = turning_at(config, NOT_TURNING, model)
     guide = started(
-        Guide(math.nan, VirtualBoat(0.0, 0.0, 0.0, NOTHING_SHOWN), 1, -math.inf, now), turning.limits, steered
+        Guide(math.nan, VirtualBoat(0.0, 0.0, 0.0, NO_EVIDENCE), 1, -math.inf, now), turning.limits, steered
     )
-    return Mind(
+    return State(
         now=now,
         model=model,
         speed=speed,
@@ -135,46 +138,54 @@ def first_mind(brain: Brain, state: FilterState, now: float, heard: Heard, memor
         rudder=rudder,
         turning=turning,
         guide=guide,
-        law=brain.first,
-        told=0.0,
+        law=campaign.first,
+        command=0.0,
         rest=Rest(0.0, 0.0, False),
         undoing=0.0,
-        compass=Compass(heard.measured.heading, state.time, 1, NO_TURNS),
+        compass=Compass(measurement.measured.heading, state.time, 1, NO_TURNS),
         easy_time=now,
         right_time=now,
         gone=False,
     )
 
 
-def tick(brain: Brain, mind: Mind, memory: RudderMemory, now: float, heard: Heard, target: float) -> Mind:
-    """Return the mind after the tick at `now` [s] on the way to the heading `target` [rad]; `told` is its command."""
-    config, dt = brain.config, clip(now - mind.now, 0.0, LONGEST_STEP)
-    listened = _listen(brain, mind, memory, now, heard) if dt > 0.0 else mind
+def tick(
+    campaign: CampaignConfig,
+    pilot_state: State,
+    memory: RudderMemory,
+    now: float,
+    measurement: Measurement,
+    target: float,
+) -> State:
+    """Return the pilot's state after the tick at `now` [s] on the way to the heading `target` [rad]; `command` is its
+    command."""
+    config, dt = campaign.config, clip(now - pilot_state.now, 0.0, LONGEST_STEP)
+    listened = _listen(campaign, pilot_state, memory, now, measurement) if dt > 0.0 else pilot_state
     model, fusion = listened.model, listened.fusion
-    past = RudderPast(memory.times, memory.angles, listened.rudder.ticks)
+    history = RudderPast(memory.times, memory.angles, listened.rudder.ticks)
     at = Moment(now, listened.speed.value, listened.heading_time)
-    seen = seen_at(model, config.estimator.noises, fusion, past, at)
+    seen = seen_at(model, config.estimator.noises, fusion, history, at)
     waves = wave_rudder(config, model, seen)
-    state = steered_by(seen, waves.alone)
+    state = steered_by(seen, waves.filtered)
     turning = turning_at(config, listened.turning, model)
     guide = listened.guide
     if target != guide.heading:
         guide = heading_ordered(guide, model, turning.limits, state, target)
-    guide = referred(config, guide, turning, model, state, Moved(mind.told, dt))
-    reference, own = reference_of(model, turning.limits, guide.boat), mind.rest.allowed - mind.undoing
+    guide = referred(config, guide, turning, model, state, Moved(pilot_state.command, dt))
+    reference, own = reference_of(model, turning.limits, guide.boat), pilot_state.rest.allowed - pilot_state.undoing
     ratio = model.reference_speed / config.estimator.model.reference_speed
     given = LawInput(model, ratio, reference, state, NO_ROLL, own, config.limits.angle_max, dt)
-    asked, law = law_step(brain.gains, listened.law, given)
+    asked, law = law_step(campaign.gains, listened.law, given)
     demand = asked + waves.rudder
-    rest = limited(config, mind.rest, Moved(mind.told, dt), demand)
-    told = rest.told
-    rudder = ordered(listened.rudder, memory, now, told)
-    easy_time = listened.easy_time if abs(mind.told) >= AT_THE_STOP * config.limits.angle_max else now
+    rest = limited(config, pilot_state.rest, Moved(pilot_state.command, dt), demand)
+    command = rest.command
+    rudder = ordered(listened.rudder, memory, now, command)
+    easy_time = listened.easy_time if abs(pilot_state.command) >= AT_THE_STOP * config.limits.angle_max else now
     off = shortest_turn(state.heading, guide.boat.heading)
-    right_time = listened.right_time if _pushes_away(config, off, told, state) else now
+    right_time = listened.right_time if _pushes_away(config, off, command, state) else now
     # numba takes no condition inside the call below
-    gone = listened.gone or _must_go(brain, listened, now, easy_time, right_time, state.heading + demand)
-    return Mind(
+    gone = listened.gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
+    return State(
         now=now,
         model=model,
         speed=listened.speed,
@@ -184,7 +195,7 @@ def tick(brain: Brain, mind: Mind, memory: RudderMemory, now: float, heard: Hear
         turning=turning,
         guide=guide,
         law=law,
-        told=told,
+        command=command,
         rest=rest,
         undoing=waves.rudder,
         compass=listened.compass,
@@ -203,63 +214,78 @@ def _pushes_away(config: SteeringConfig, error: float, rudder: float, state: Nav
 
 
 def _must_go(
-    brain: Brain, mind: Mind, now: float, easy_time: float, right_time: float, heading_and_demand: float
+    campaign: CampaignConfig,
+    pilot_state: State,
+    now: float,
+    easy_time: float,
+    right_time: float,
+    heading_and_demand: float,
 ) -> bool:
     """Return whether the pilot would do more than steer: fail-safe, steerage, monitors."""
-    compass = mind.compass
+    compass = pilot_state.compass
     return (
-        not now - mind.heading_time <= brain.heading_timeout
+        not now - pilot_state.heading_time <= campaign.heading_timeout
         or not math.isfinite(heading_and_demand)
         or now - right_time >= WRONG_TIME
-        or abs(compass.turns.apart) > brain.rate_disagrees
-        or (are_opposite(compass.turns) and math.isfinite(brain.rate_disagrees))
-        or mind.speed.value < brain.config.estimator.steerage
-        or (brain.watches_frozen and compass.same >= FROZEN_SAMPLES)
-        or now - easy_time >= brain.patience
+        or abs(compass.turns.apart) > campaign.rate_disagrees
+        or (are_opposite(compass.turns) and math.isfinite(campaign.rate_disagrees))
+        or pilot_state.speed.value < campaign.config.estimator.steerage
+        or (campaign.watches_frozen and compass.same >= FROZEN_SAMPLES)
+        or now - easy_time >= campaign.patience
     )
 
 
-def _listen(brain: Brain, mind: Mind, memory: RudderMemory, now: float, heard: Heard) -> Mind:
-    """Return the mind with the samples of this tick taken in, in the estimator's order: speed, rudder, heading."""
-    estimator, model, speed = brain.config.estimator, mind.model, mind.speed
-    if not math.isnan(heard.speed):
-        speed = smoothed(speed, now, heard.speed)
+def _listen(
+    campaign: CampaignConfig, pilot_state: State, memory: RudderMemory, now: float, measurement: Measurement
+) -> State:
+    """Return the pilot's state with the samples of this tick taken in, in the estimator's order: speed, rudder,
+    heading."""
+    estimator, model, speed = campaign.config.estimator, pilot_state.model, pilot_state.speed
+    if not math.isnan(measurement.speed):
+        speed = smoothed(speed, now, measurement.speed)
         model = model_at(estimator.model, speed.value)
-    rudder = advanced(estimator.gear, mind.rudder, memory, now)
-    fusion, heading_time, gone, compass = mind.fusion, mind.heading_time, mind.gone, mind.compass
-    measured = heard.measured
+    rudder = advanced(estimator.gear, pilot_state.rudder, memory, now)
+    fusion, heading_time, gone, compass = (
+        pilot_state.fusion,
+        pilot_state.heading_time,
+        pilot_state.gone,
+        pilot_state.compass,
+    )
+    measured = measurement.measured
     if not math.isnan(measured.heading):
         compass, turned = _compass(compass, measured)
         # the monitor's own reckoning is a little closer; what is half its measure is left to it
-        since, before = measured.time - mind.compass.time, fusion.state
-        gone = gone or abs(turned - before.rate * since) > 0.5 * brain.heading_jump
+        since, before = measured.time - pilot_state.compass.time, fusion.state
+        gone = gone or abs(turned - before.rate * since) > 0.5 * campaign.heading_jump
         gone = gone or measured.time - before.time > PREDICT_LONGEST
         # the gap that a restart of the filter ends is not carried over
         time = min(measured.time, before.time + PREDICT_LONGEST)
-        past = RudderPast(memory.times, memory.angles, rudder.ticks)
+        history = RudderPast(memory.times, memory.angles, rudder.ticks)
         taken = Measured(time, measured.heading, measured.rate)
-        fusion, is_fused = fuse_measured(model, estimator.noises, fusion, past, taken)
-        is_planned = now < mind.guide.turning_until and is_turning(mind.model, mind.turning.limits, mind.guide.boat)
+        fusion, is_fused = fuse_measured(model, estimator.noises, fusion, history, taken)
+        is_planned = now < pilot_state.guide.turning_until and is_turning(
+            pilot_state.model, pilot_state.turning.limits, pilot_state.guide.boat
+        )
         if is_fused and is_planned:
-            fusion = Fusion(with_bias_of(before, fusion.state), fusion.surprise, fusion.spikes, fusion.spike)
+            fusion = Fusion(with_bias_of(before, fusion.state), fusion.innovation_mean, fusion.spikes, fusion.spike)
         heading_time = time if is_fused else heading_time
         gone = gone or fusion.spikes > GATE_PATIENCE
-    return Mind(
+    return State(
         now=now,
         model=model,
         speed=speed,
         fusion=fusion,
         heading_time=heading_time,
         rudder=rudder,
-        turning=mind.turning,
-        guide=mind.guide,
-        law=mind.law,
-        told=mind.told,
-        rest=mind.rest,
-        undoing=mind.undoing,
+        turning=pilot_state.turning,
+        guide=pilot_state.guide,
+        law=pilot_state.law,
+        command=pilot_state.command,
+        rest=pilot_state.rest,
+        undoing=pilot_state.undoing,
         compass=compass,
-        easy_time=mind.easy_time,
-        right_time=mind.right_time,
+        easy_time=pilot_state.easy_time,
+        right_time=pilot_state.right_time,
         gone=gone,
     )
 

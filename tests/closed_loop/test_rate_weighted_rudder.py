@@ -21,7 +21,7 @@ CALM = {"lanxin": 5, "middle": 4, "slow": 3}
 
 
 def spared(name: str) -> Vessel:
-    return designed(vessel_of(BOATS[name]), GainRequest(CALM[name], spares=True))
+    return designed(vessel_of(BOATS[name]), GainRequest(CALM[name], rate_weighted=True))
 
 
 def course(heading_deg: float) -> Order:
@@ -100,4 +100,4 @@ def test_it_spares_the_rudder_in_noise(name: str) -> None:
         return sum(abs(b - a) for a, b in itertools.pairwise(angles))
 
     vessel = spared(name)
-    assert travel(vessel) < 0.5 * travel(designed(vessel, GainRequest(CALM[name], spares=False)))
+    assert travel(vessel) < 0.5 * travel(designed(vessel, GainRequest(CALM[name], rate_weighted=False)))

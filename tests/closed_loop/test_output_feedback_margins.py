@@ -10,9 +10,9 @@ from boats import BOATS, vessel_of
 from plant import Plant, sail
 
 from autopilot.control.backstepping import Backstepping
-from autopilot.control.margins import ObservedMargins, observed_margins
+from autopilot.control.margins import OutputFeedbackMargins, output_feedback_margins
 from autopilot.errors import RefusedError
-from autopilot.runtime.build import build_pilot, gear_of, model_of, observed_of, verdict_of
+from autopilot.runtime.build import build_pilot, gear_of, model_of, output_feedback_loop, verdict_of
 from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.signals import Order, OrderKind
 from autopilot.vessel.schema import Estimator, Vessel
@@ -38,15 +38,15 @@ def growth(vessel: Vessel, late: float = 0.0, factor: float = 1.0) -> float:
     return max(errors[2 * count // 3 :]) / max(errors[count // 6 : count // 2])
 
 
-def with_filter(vessel: Vessel) -> ObservedMargins:
-    return observed_margins(observed_of(vessel))
+def with_filter(vessel: Vessel) -> OutputFeedbackMargins:
+    return output_feedback_margins(output_feedback_loop(vessel))
 
 
 @pytest.mark.parametrize(
-    ("name", "spares"), [("lanxin", False), ("middle", False), ("unstable", False), ("middle", True)]
+    ("name", "rate_weighted"), [("lanxin", False), ("middle", False), ("unstable", False), ("middle", True)]
 )
-def test_the_delay_margin_is_where_the_pilot_begins_to_swing(name: str, spares: bool) -> None:
-    vessel = designed(linear(name), GainRequest(4, spares=True)) if spares else linear(name)
+def test_the_delay_margin_is_where_the_pilot_begins_to_swing(name: str, rate_weighted: bool) -> None:
+    vessel = designed(linear(name), GainRequest(4, rate_weighted=True)) if rate_weighted else linear(name)
     delay = with_filter(vessel).delay
     assert delay < verdict_of(vessel).margins.delay, "the filter costs margin"
     assert growth(vessel, late=0.8 * delay) < 0.8
@@ -66,9 +66,9 @@ def test_so_is_the_gain_margin_to_either_side() -> None:
 
 
 @pytest.mark.parametrize("name", BOATS)
-@pytest.mark.parametrize("in_gusts", [False, True])
-def test_designed_gains_are_stable_with_the_filter_and_a_weaker_rudder(name: str, in_gusts: bool) -> None:
-    found = observed_margins(observed_of(vessel_of(BOATS[name]), in_gusts=in_gusts))
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_designed_gains_are_stable_with_the_filter_and_a_weaker_rudder(name: str, disturbed: bool) -> None:
+    found = output_feedback_margins(output_feedback_loop(vessel_of(BOATS[name]), disturbed=disturbed))
     assert found.stable
     assert found.gain_down < 0.7
     assert found.gain_up > 1.5

@@ -1,4 +1,4 @@
-"""The loop with large errors: its motion against an integrator, and what is made of it, number by number."""
+"""The large-signal response of the loop: its motion against an integrator, and what is made of it, number by number."""
 
 from __future__ import annotations
 

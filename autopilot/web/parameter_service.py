@@ -18,7 +18,7 @@ from autopilot.firmware.metadata import FtpClient, expanded
 from autopilot.firmware.protocol import Target, parameter_value, set_value
 from autopilot.links.ground_station.file_server import PARAMETERS
 from autopilot.links.mavlink.codec import Message
-from autopilot.web.orders import NO_ANSWER, Answer, Told
+from autopilot.web.orders import NO_ANSWER, Answer, OnDone
 
 AGAIN_S, TRIES = 0.5, 4
 EXPANDED_MOST = 1_000_000
@@ -30,10 +30,10 @@ UNPACKING_MOST = 64 << 20
 class _Setting(NamedTuple):
     name: str
     value: float
-    told: Told
+    on_done: OnDone
 
 
-class ParameterDesk:
+class ParameterService:
     """`read` begins to fetch; `table` is what is there so far."""
 
     def __init__(self, files: FtpClient) -> None:
@@ -70,9 +70,9 @@ class ParameterDesk:
         ]
         return {"complete": download.finished and done == total > 0, "done": done, "total": total, "rows": rows}
 
-    def set(self, name: str, value: float, told: Told) -> None:
-        """Set a parameter; `told` hears whether the boat took it."""
-        self._settings.append(_Setting(name, value, told))
+    def set(self, name: str, value: float, on_done: OnDone) -> None:
+        """Set a parameter; `on_done` hears whether the boat took it."""
+        self._settings.append(_Setting(name, value, on_done))
 
     def receive(self, now: float, message: Message, target: Target) -> None:
         """Take a message of the boat."""
@@ -87,7 +87,7 @@ class ParameterDesk:
         setting = self._settings.popleft()
         self._tries, self._next = 0, -math.inf
         taken = math.isclose(float(answer.value), setting.value, rel_tol=1.0e-6, abs_tol=1.0e-9)
-        setting.told(Answer.TAKEN if taken else Answer.REFUSED, "" if taken else "refused; the old value stays")
+        setting.on_done(Answer.TAKEN if taken else Answer.REFUSED, "" if taken else "refused; the old value stays")
 
     def due(self, now: float, target: Target) -> list[Message]:
         """Return what to send at `now` [s]."""
@@ -100,7 +100,7 @@ class ParameterDesk:
         if self._tries >= TRIES:
             self._settings.popleft()
             self._tries, self._next = 0, -math.inf
-            setting.told(Answer.SILENT, NO_ANSWER)
+            setting.on_done(Answer.SILENT, NO_ANSWER)
             return messages
         self._tries += 1
         self._next = now + AGAIN_S

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.cli.trial_design import told_at_best
+from autopilot.cli.trial_design import accuracy_in_words
 from autopilot.identification.runs import Run, Segment
 from autopilot.identification.trial_design import Helm, InstrumentNoise, cramer_rao, planned, track_of, zigzag_helm
 from autopilot.operators.trial_script import TrialScript
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 SPACING_S = 0.1
 
 
-def foretold(script: TrialScript, vessel: Vessel) -> str:
+def predicted_accuracy(script: TrialScript, vessel: Vessel) -> str:
     """Return, in words, the least standard errors of K, T and n3 that any estimate from the trial can have, and the
     time and water that it takes: sailed in thought by the vessel file's model, gear and sensor noise, ten samples a
     second, at the model's reference speed, without wind and current. The script is used up."""
@@ -29,13 +29,13 @@ def foretold(script: TrialScript, vessel: Vessel) -> str:
     run = sailed(script, vessel)
     free = ("gain", "time_constant", *(("n3",) if model.n3 > 0.0 else ()), "n0")
     noise = InstrumentNoise(math.radians(sensors.rate_noise_deg_s), math.radians(sensors.heading_noise_deg))
-    told = told_at_best(cramer_rao([run], model, free, noise), model)
+    accuracy = accuracy_in_words(cramer_rao([run], model, free, noise), model)
     segment = run.segments[0]
     ahead, abeam = (float(np.ptp(axis)) for axis in track_of(segment))
     return (
-        f"At best (Cramer and Rao) this trial tells {told}: one standard error, with the vessel file's model, gear and "
-        f"sensor noise.\nIt takes {segment.time[-1]:.0f} s and {ahead:.0f} x {abeam:.0f} m, along the course at the "
-        "beginning and across it, without wind and current."
+        f"At best (Cramer and Rao) this trial tells {accuracy}: one standard error, with the vessel file's model, gear "
+        f"and sensor noise.\nIt takes {segment.time[-1]:.0f} s and {ahead:.0f} x {abeam:.0f} m, along the course at "
+        "the beginning and across it, without wind and current."
         + (f"\nIt would end before its time: {script.reason}." if script.reason else "")
     )
 

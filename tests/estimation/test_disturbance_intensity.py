@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
 from autopilot.estimation.disturbance import (
-    NO_GUSTS,
+    NO_INTENSITY,
     Changes,
-    Gusts,
+    Intensity,
     Means,
-    bias_seen,
+    adapt_intensity,
     is_finite,
-    unsettled,
+    unsettled_intensity,
 )
 from autopilot.estimation.tuning import GUST_LONGER, GUST_SPREAD
 
@@ -29,12 +29,12 @@ CHANGES = Changes(LEAST, MOST, TIME)
 WELL_KNOWN = 1.0e-8
 
 
-def followed(biases: list[float], variance: float = WELL_KNOWN, rudder: float = 0.0) -> Gusts:
+def followed(biases: list[float], variance: float = WELL_KNOWN, rudder: float = 0.0) -> Intensity:
     """rudder: the rudder's angle as a multiple of the bias."""
-    gusts = NO_GUSTS
+    intensity = NO_INTENSITY
     for bias in biases:
-        gusts = bias_seen(gusts, CHANGES, bias, variance, rudder * bias, DT)
-    return gusts
+        intensity = adapt_intensity(intensity, CHANGES, bias, variance, rudder * bias, DT)
+    return intensity
 
 
 @pytest.mark.parametrize("time", [0.1, 4.0, 100.0])
@@ -49,10 +49,10 @@ def test_the_spread_is_that_of_a_wandering_bias(time: float) -> None:
 def test_a_bias_that_wanders_is_learnt(density: float) -> None:
     random = np.random.default_rng(2)
     biases = np.cumsum(math.sqrt(density * DT) * random.standard_normal(20000))
-    found, gusts = [], NO_GUSTS
+    found, intensity = [], NO_INTENSITY
     for bias in biases.tolist():
-        gusts = bias_seen(gusts, CHANGES, bias, WELL_KNOWN, 0.0, DT)
-        found.append(gusts.density)
+        intensity = adapt_intensity(intensity, CHANGES, bias, WELL_KNOWN, 0.0, DT)
+        found.append(intensity.density)
     assert np.mean(found[2000:]) == pytest.approx(density, rel=0.3)
 
 
@@ -64,20 +64,22 @@ def test_a_steady_bias_and_waves_upon_it_are_no_gusts() -> None:
 
 
 def test_a_bias_that_is_being_found_is_no_gust() -> None:
-    gusts, variance = NO_GUSTS, UNKNOWN
+    intensity, variance = NO_INTENSITY, UNKNOWN
     for n in range(300):
         variance *= math.exp(-DT / TIME)
-        gusts = bias_seen(gusts, CHANGES, math.radians(5.0) * (1.0 - math.exp(-n * DT / 3.0)), variance, 0.0, DT)
-    assert gusts.density == LEAST
+        intensity = adapt_intensity(
+            intensity, CHANGES, math.radians(5.0) * (1.0 - math.exp(-n * DT / 3.0)), variance, 0.0, DT
+        )
+    assert intensity.density == LEAST
     at_the_stop = followed([math.radians(5.0), math.radians(30.0)] * 300, 1.01 * UNKNOWN)
     assert at_the_stop.density == LEAST
 
 
 def test_a_bias_to_be_found_anew_keeps_what_is_known_of_the_gusts() -> None:
-    known = Gusts(1.0e-4, Means(0.1, 0.1, 0.1), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
-    anew = bias_seen(unsettled(known), CHANGES, 0.0, WELL_KNOWN, -0.1, DT)
-    assert anew == Gusts(1.0e-4, Means(0.0, 0.0, 0.0), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
-    calmer = bias_seen(unsettled(known), CHANGES._replace(most=5.0e-5), 0.0, WELL_KNOWN, -0.1, DT)
+    known = Intensity(1.0e-4, Means(0.1, 0.1, 0.1), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
+    anew = adapt_intensity(unsettled_intensity(known), CHANGES, 0.0, WELL_KNOWN, -0.1, DT)
+    assert anew == Intensity(1.0e-4, Means(0.0, 0.0, 0.0), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
+    calmer = adapt_intensity(unsettled_intensity(known), CHANGES._replace(most=5.0e-5), 0.0, WELL_KNOWN, -0.1, DT)
     assert calmer.density == 5.0e-5, "what the file allows has changed"
 
 
@@ -105,8 +107,8 @@ def test_the_density_is_averaged_over_forty_seconds_or_ten_times_that_of_the_mea
 ) -> None:
     """(y - z) and (v - w) of the module's equations are given; in so short a step they stay what they are."""
     before, dt = 1.0e-5, 1.0e-6
-    apart = Gusts(before, Means(bias, bias, 0.0), Means(rudder, rudder, 0.0), max(variance, 1.0e-12))
-    after = bias_seen(apart, Changes(0.0, 1.0, time), bias, variance or 1.0e-12, rudder, dt)
+    apart = Intensity(before, Means(bias, bias, 0.0), Means(rudder, rudder, 0.0), max(variance, 1.0e-12))
+    after = adapt_intensity(apart, Changes(0.0, 1.0, time), bias, variance or 1.0e-12, rudder, dt)
     found = seen / (GUST_SPREAD * time)
     # what is measured counts for ten times what is expected at most, and doubt for what is expected
     found = min(found, before if variance else 10.0 * before)
@@ -116,10 +118,10 @@ def test_the_density_is_averaged_over_forty_seconds_or_ten_times_that_of_the_mea
 
 def test_the_bias_is_settling_while_its_variance_still_falls() -> None:
     """Exact limits are on the side of learning."""
-    apart = Gusts(LEAST, Means(0.1, 0.1, 0.0), Means(0.0, 0.0, 0.0), UNKNOWN)
+    apart = Intensity(LEAST, Means(0.1, 0.1, 0.0), Means(0.0, 0.0, 0.0), UNKNOWN)
     falling = UNKNOWN * math.exp(-DT / (2.0 * TIME))
     for variance, is_learnt in ((UNKNOWN, True), (falling, True), (0.999 * falling, False), (1.001 * UNKNOWN, False)):
-        after = bias_seen(apart, CHANGES, 0.1, variance, 0.0, DT)
+        after = adapt_intensity(apart, CHANGES, 0.1, variance, 0.0, DT)
         assert (after.density > LEAST) is is_learnt
         assert (after.bias == Means(0.1, 0.1, 0.1)) is not is_learnt
         assert after.variance == variance
@@ -131,8 +133,8 @@ def test_the_bias_is_settling_while_its_variance_still_falls() -> None:
     )
 )
 def test_whatever_is_seen_the_density_stays_within_its_limits(seen: list[tuple[float, float, float, float]]) -> None:
-    gusts = NO_GUSTS
+    intensity = NO_INTENSITY
     for bias, variance, rudder, dt in seen:
-        gusts = bias_seen(gusts, CHANGES, bias, variance, rudder, dt)
-        assert LEAST <= gusts.density <= MOST
-        assert is_finite(gusts)
+        intensity = adapt_intensity(intensity, CHANGES, bias, variance, rudder, dt)
+        assert LEAST <= intensity.density <= MOST
+        assert is_finite(intensity)
