@@ -259,25 +259,26 @@ def measured_with(measured: Measured, roll: float, promise: float, memory: float
 
 def proof_step(proof: Proof, weight: float, roll: float, promise: float, dt: float) -> Proof:
     """Return the proof after `dt` [s] under `weight` [-]: `roll` [rad] measured, its reduction `promise` [-]."""
+    without, under, so_far, failures, barred, span = proof  # numba knows no _replace
     if weight <= 0.0:
-        begun = proof._replace(so_far=proof.so_far + dt, barred=max(proof.barred - dt, 0.0))
-        is_settled = begun.so_far > SETTLE
-        return begun._replace(without=measured_with(proof.without, roll, 0.0, POOLED, dt)) if is_settled else begun
-    if weight < 1.0 or proof.barred > 0.0:
-        return proof._replace(so_far=0.0)
-    so_far = proof.so_far + dt
+        so_far, barred = so_far + dt, max(barred - dt, 0.0)
+        if so_far > SETTLE:
+            without = measured_with(without, roll, 0.0, POOLED, dt)
+        return Proof(without, under, so_far, failures, barred, span)
+    if weight < 1.0 or barred > 0.0:
+        return Proof(without, under, 0.0, failures, barred, span)
+    so_far += dt
     if so_far <= SETTLE:
-        return proof._replace(so_far=so_far)
-    under = measured_with(proof.under, roll, promise, POOLED, dt)
-    if so_far < SETTLE + proof.span:
-        return proof._replace(so_far=so_far, under=under)
-    share = math.sqrt(under.variance / proof.without.variance) if proof.without.variance > 0.0 else 1.0
+        return Proof(without, under, so_far, failures, barred, span)
+    under = measured_with(under, roll, promise, POOLED, dt)
+    if so_far < SETTLE + span:
+        return Proof(without, under, so_far, failures, barred, span)
+    share = math.sqrt(under.variance / without.variance) if without.variance > 0.0 else 1.0
     if share <= 1.0 - KEPT_SHARE * under.promise:
-        return proof._replace(so_far=SETTLE, under=under, failures=0, span=STANDS)
-    if share <= 1.0 and proof.failures == 0 and proof.span == PROOF:
-        return proof._replace(so_far=SETTLE, under=under, span=POOLED)
-    failures = proof.failures + 1
-    return Proof(proof.without, under, 0.0, failures, PROOF if failures == 1 else STANDS)
+        return Proof(without, under, SETTLE, 0, barred, STANDS)
+    if share <= 1.0 and failures == 0 and span == PROOF:
+        return Proof(without, under, SETTLE, failures, barred, POOLED)
+    return Proof(without, under, 0.0, failures + 1, PROOF if failures == 0 else STANDS, PROOF)
 
 
 class ScheduleParts(NamedTuple):

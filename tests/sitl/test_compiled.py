@@ -22,6 +22,7 @@ from naval_vessel import (
     rudder_load,
 )
 
+from autopilot.control.rudder_roll import UNPROVEN, Proof, proof_step
 from autopilot.errors import InputError
 from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
@@ -49,6 +50,23 @@ def test_the_same_numbers_to_a_billionth() -> None:
     plain, quick = voyage(*given), compiled(voyage)(*given)
     assert abs(plain.phi) > 1e-3
     np.testing.assert_allclose(quick, plain, rtol=1e-9, atol=1e-12)
+
+
+def proved(proof: Proof, steps: int) -> Proof:
+    """The roll law weighed, proved, and barred where it falls short, by a roll that does not lessen."""
+    for index in range(steps):
+        weight = 1.0 if index > steps // 3 else 0.0
+        proof = proof_step(proof, weight, 0.1 * math.sin(0.4 * index), 0.5, 1.0)
+    return proof
+
+
+def test_the_proof_of_the_roll_law_too() -> None:
+    pytest.importorskip("numba", reason="the extra `fast` is not installed")
+    plain, quick = proved(UNPROVEN, 3000), compiled(proved)(UNPROVEN, 3000)
+    assert plain.failures > 0
+    np.testing.assert_allclose(quick.under, plain.under, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(quick.without, plain.without, rtol=1e-9, atol=1e-12)
+    assert quick[2:] == pytest.approx(plain[2:])
 
 
 def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
