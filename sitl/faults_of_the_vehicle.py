@@ -1,5 +1,5 @@
 """What happens to the flight controller: reboots, hands on its sticks and switches, warnings, a clock that steps, and
-lines that lose and spoil what is said.
+lines that lose and corrupt what is said.
 
 Texts are those of ArduRover 4.6: AC_Fence.cpp ("Polygon fence breached", notice) and AP_BattMonitor.cpp ("Battery 1 is
 low ...", warning). ArduRover has no text of its own for shallow water; boats say it from a script.

@@ -55,7 +55,7 @@ class Following(Stepped):
 
     def __init__(self, limits: AlarmLimits) -> None:
         super().__init__(self._seen, rudder_watch.State())
-        self.limits, self.angles = limits._replace(rudder_answer=False), list[RudderSample]()
+        self.limits, self.angles = limits._replace(rudder_response=False), list[RudderSample]()
 
     def on_sample(self, sample: RudderSample) -> None:
         """Take an angle."""

@@ -25,7 +25,7 @@ class AlarmLimits(NamedTuple):
     heading_jump: float = math.inf
     rate_disagrees: float = math.inf
     innovation: float = math.inf
-    rudder_answer: bool = False
+    rudder_response: bool = False
     rudder_tolerance: float = math.inf
     rudder_rate: float = math.inf
     rudder_delay: float = 0.0

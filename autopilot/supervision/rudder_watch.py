@@ -413,7 +413,7 @@ def update(
     past = lengthened(past, seen)
     if measured.angles:
         following = _followed(following, limits, measured.angles, past, since)
-    if following.name or not limits.rudder_answer or is_anothers(past, now, measured.report):
+    if following.name or not limits.rudder_response or is_anothers(past, now, measured.report):
         # a boat that follows somebody else proves nothing; the link finds out who has the helm
         answer, overpowered = NO_ANSWER, NOT_OVERPOWERED
     else:

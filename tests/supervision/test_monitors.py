@@ -612,7 +612,7 @@ def test_what_the_answer_tells_of_boat_and_rudder_counts_until_we_let_go(
     monitors = None
     for other in (*others, ""):
         stubbed(monkeypatch, other=other)
-        monitors = monitors or Monitors(LIMITS._replace(rudder_answer=True))
+        monitors = monitors or Monitors(LIMITS._replace(rudder_response=True))
         monitors.update(watched(0.0, 0.0, boat=boat)._replace(**change))  # type: ignore[arg-type]
     assert monitors is not None
     assert (set(monitors.findings), monitors.softer, monitors.rests_roll) == ({name}, softer, rests)
@@ -623,14 +623,14 @@ def test_what_the_answer_tells_of_boat_and_rudder_counts_until_we_let_go(
 def test_where_the_answer_is_not_watched_nothing_of_it_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     stubbed(monkeypatch, verdict=1)
     for is_watched in (True, False):
-        monitors = Monitors(LIMITS._replace(rudder_answer=is_watched))
+        monitors = Monitors(LIMITS._replace(rudder_response=is_watched))
         monitors.update(watched(0.0, 0.0))
         assert ("rudder_stuck" in monitors.findings) is is_watched
 
 
 def test_a_trial_that_is_doubted_is_said_for_ten_seconds_while_we_steer(monkeypatch: pytest.MonkeyPatch) -> None:
     stubbed(monkeypatch, doubts_trial=True)
-    monitors = Monitors(LIMITS._replace(rudder_answer=True))
+    monitors = Monitors(LIMITS._replace(rudder_response=True))
     monitors.update(watched(50.0, 0.0))
     monkeypatch.setattr(Said, "doubts_trial", False)
     for later, steers, is_said in ((0.0, True, True), (9.9, False, False), (9.9, True, True), (10.0, True, False)):
@@ -660,7 +660,7 @@ def test_what_a_wrong_speed_explains_is_no_fault_of_the_rudder(
     """At 4 m/s: a boat that answers more may be quicker than it reads, one that answers less slower, by a quarter."""
     verdicts = {"": 0, "rudder_stuck": 1, "rudder_reversed": -1}
     stubbed(monkeypatch, verdict=verdicts[answer], other=other)
-    monitors = Monitors(LIMITS._replace(rudder_answer=True))
+    monitors = Monitors(LIMITS._replace(rudder_response=True))
     monitors.update(watched(0.0, 0.0)._replace(trial_speed=trial))
     assert monitors.doubts_speed is is_doubted
     assert (answer in monitors.findings) is (answer != "" and not is_doubted)

@@ -1,6 +1,6 @@
 """The watch over a rudder without a sensor: false alarms by the hour, and how soon a stuck or reversed one is seen.
 
-    python benchmarks/rudder_answer.py [--hours 20] [--faults 60]
+    python benchmarks/rudder_response.py [--hours 20] [--faults 60]
 
 The closed loop is `sitl.campaign`'s, compiled, and so is the watch, `autopilot.supervision.rudder_response` itself. The
 courses are held for a minute each, and then changed by 10 to 60 deg. The sea is that of `off_course.py`, from five

@@ -542,6 +542,6 @@ def evidence_after(number: int) -> tuple[float, float, float]:
 
 
 def test_compiled_evidence_is_the_same() -> None:
-    """benchmarks/rudder_answer.py compiles it; numba knows no defaults of a record, no `_replace` and no stars."""
+    """benchmarks/rudder_response.py compiles it; numba knows no defaults of a record, no `_replace` and no stars."""
     pytest.importorskip("numba")
     assert compiled(evidence_after)(400) == pytest.approx(evidence_after(400), rel=1e-9)
