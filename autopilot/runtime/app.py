@@ -130,14 +130,18 @@ class App:
             except BaseException:
                 self.session.close()
                 raise
-            entered.enter_context(self.session)  # is left first
+            self.session.__enter__()
             self._running = entered.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._running.__exit__(kind, error, trace)
+        # by itself, for it gives the rudder back: a stack of contexts needs memory to be left
+        try:
+            self.session.__exit__(kind, error, trace)
+        finally:
+            self._running.__exit__(kind, error, trace)
 
     def run(self, duration: float, watch: Callable[[Tick], bool]) -> None:
         """Steer for `duration` [s], or until `watch`, called after every tick, returns True. Raises LinkError."""

@@ -129,7 +129,7 @@ def test_a_stuck_rudder_is_noticed_within_three_seconds(sea: Callable[[float], f
 
 def test_a_rudder_that_wanders_off_by_itself_does_not_follow() -> None:
     run = Run(steer=lambda plant, _: math.radians(20.0 * math.sin(0.3 * (plant.time - SETTLED))), has_sensor=True)
-    found(run, "the rudder ", 6.0)
+    found(run, "steering gear: rudder does not follow", 6.0)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
