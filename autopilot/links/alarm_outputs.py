@@ -43,8 +43,10 @@ class Acknowledgements(SilentLink):
 
     def receive(self, now: float) -> list[Sample]:
         """Return it where it was given since the last call."""
-        has_acknowledged, self._skipper.has_acknowledged = self._skipper.has_acknowledged, False
-        return [AcknowledgeSample(now, "", self.name)] if has_acknowledged else []
+        if not self._skipper.has_acknowledged:
+            return []
+        self._skipper.has_acknowledged = False
+        return [AcknowledgeSample(now, "", self.name)]
 
 
 class Guide(Protocol):
@@ -65,10 +67,11 @@ class GuideAlarms(SilentLink):
 
     def receive(self, now: float) -> list[Sample]:
         """Return what is new."""
-        if self._guide.alarm == self._said:
+        alarm = self._guide.alarm
+        if alarm == self._said:
             return []
-        self._said = self._guide.alarm
-        return [AlarmSample(now, self._said, self.name)]
+        self._said = alarm
+        return [AlarmSample(now, alarm, self.name)]
 
 
 class Bell(SilentLink):

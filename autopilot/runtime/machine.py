@@ -65,7 +65,9 @@ class LoopHealth(SilentLink):
 
     def receive(self, now: float) -> list[Sample]:
         """Return what has begun or ended."""
-        return [*self._lateness(now), *self._clock(now)]
+        found = self._lateness(now) if self._late or self._is_late else []
+        running = self._monotonic()
+        return found if running - self._checked < CHECK_S else [*found, *self._clock(now, running)]
 
     def _lateness(self, now: float) -> list[Sample]:
         while self._late and now - self._late[0] > LATE_WITHIN_S:
@@ -81,10 +83,7 @@ class LoopHealth(SilentLink):
             return [ConditionSample(now, "deadline_missed", False, "", self.name)]
         return []
 
-    def _clock(self, now: float) -> list[Sample]:
-        running = self._monotonic()
-        if running - self._checked < CHECK_S:
-            return []
+    def _clock(self, now: float, running: float) -> list[Sample]:
         self._checked = running
         offset = self._wall() - running
         step, self._offset = offset - self._offset, offset

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from autopilot.links.base import ConfirmsRelease, Link, TickListener
+from autopilot.links.base import ConfirmsRelease, Link, SilentLink, TickListener
 from autopilot.links.release import LONGEST_S, Release, ReleaseState
 from autopilot.pilot import Pilot
 from autopilot.runtime.clock import Clock
@@ -52,6 +52,8 @@ def newest(samples: Sequence[Sample]) -> tuple[Sample, ...]:
     After a suspended machine or a stalled link thousands may wait; the old ones say nothing about now.
     """
     surplus = len(samples) - MOST_SAMPLES
+    if surplus <= 0:
+        return tuple(samples)
     kept = []
     for sample in samples:
         if surplus > 0 and not isinstance(sample, NEVER_DROPPED):
@@ -74,8 +76,7 @@ class Session:
         recorder: Recorder | None = None,
     ) -> None:
         self._pilot = pilot
-        self._links = tuple(links)
-        self._showing = [link for link in links if isinstance(link, TickListener)]
+        self._use(links)
         self._clock = clock
         self._period = 1.0 / rate_hz
         self._orders = orders
@@ -88,6 +89,21 @@ class Session:
         self.tick: Tick | None = None
         self.releases: tuple[Release, ...] = ()
         """What became of the rudder on each link that moves one; known when the session is closed."""
+
+    def _use(self, links: Sequence[Link]) -> None:
+        """Take the links, and which of them do something where: a link to nobody is not called in vain."""
+
+        def doing(*names: str) -> tuple[Link, ...]:
+            return tuple(
+                link
+                for link in links
+                if any(getattr(type(link), name, None) is not getattr(SilentLink, name) for name in names)
+            )
+
+        self._links = tuple(links)
+        self._waiting, self._receiving, self._sending = doing("fileno"), doing("receive"), doing("send")
+        self._upkeep, self._carrying = doing("publish_status", "poll"), doing("take_packets")
+        self._showing = tuple(link for link in links if isinstance(link, TickListener))
 
     def __enter__(self) -> Session:
         return self
@@ -147,16 +163,17 @@ class Session:
             if self.poll(now) and watch is not None and self.tick is not None and watch(self.tick):
                 return
             now = self._clock.now()
-            self._clock.wait([fd for fd in (link.fileno() for link in self._links) if fd >= 0], min(self._due(), until))
+            self._clock.wait([fd for link in self._waiting if (fd := link.fileno()) >= 0], min(self._due(), until))
 
     def poll(self, now: float) -> bool:
         """Take what has arrived by `now` [s] and tick where it is time to; return whether it ticked."""
-        for link in self._links:
+        for link in self._receiving:
             for sample in link.receive(now):
                 self._samples.append(sample)
-                self._fresh = self._fresh or isinstance(sample, HeadingSample)
+                if sample.__class__ is HeadingSample:
+                    self._fresh = True
         if now < self._due():
-            for link in self._links:
+            for link in self._upkeep:
                 link.poll(now)
             return False
         self._step(now)
@@ -179,11 +196,11 @@ class Session:
         self._last = now
         self.tick = tick
         try:
-            for link in self._links:
+            for link in self._sending:
                 link.send(now, tick.command)
             for showing in self._showing:
                 showing.publish_tick(tick)
-            for link in self._links:
+            for link in self._upkeep:
                 link.publish_status(now, tick.mode, tick.alarms)
                 link.poll(now)
         finally:
@@ -197,4 +214,4 @@ class Session:
         recorder.keep_packets(self._packets())
 
     def _packets(self) -> list[tuple[float, bytes]]:
-        return [packet for link in self._links for packet in link.take_packets()]
+        return [packet for link in self._carrying for packet in link.take_packets()]

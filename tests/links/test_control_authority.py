@@ -261,8 +261,8 @@ def probe(may_share: bool = False) -> OverrideProbe:
 @pytest.mark.parametrize("may_share", [False, True])
 def test_the_override_probe_needs_three_matching_reports_in_a_row(may_share: bool) -> None:
     proof = probe(may_share)
-    assert not proof.under_way and proof.reason.startswith("waiting for the vehicle to report its steering input")
-    assert proof.due(0.0) is not None and proof.under_way
+    assert proof.message is None and proof.reason.startswith("waiting for the vehicle to report its steering input")
+    assert proof.due(0.0) is not None and proof.message is not None
     assert proof.reason == "checking the steering input"
     assert proof.due(0.09) is None
     assert proof.due(0.1) is not None
@@ -276,9 +276,9 @@ def test_the_override_probe_needs_three_matching_reports_in_a_row(may_share: boo
         for now in (0.4, 0.5, 0.64):
             assert proof.due(now) is None, "nothing is sent, and the pulse must stay"
             proof.report(now, 1, proof.pulse)
-            assert not proof.passed and proof.under_way
+            assert not proof.passed and proof.message is not None
         proof.report(0.66, 1, proof.pulse)
-    assert proof.passed and not proof.under_way
+    assert proof.passed and proof.message is None
     assert proof.due(1.0) is None
 
 
@@ -320,7 +320,7 @@ def test_who_overrides_the_input_in_the_pause_is_said_until_the_next_try_is_pass
     ours = proof.pulse
     assert said.startswith("another pilot or ground station overrides the steering input: RC channel 1 went to")
     assert f"went to {ours + 1} us while {ours} us was sent last" in said
-    assert not proof.under_way
+    assert proof.message is None
     proof.report(4.3, 1, 1500)
     assert proof.due(4.39) is None
     assert proof.due(4.41) is not None and proof.reason == said
@@ -329,7 +329,7 @@ def test_who_overrides_the_input_in_the_pause_is_said_until_the_next_try_is_pass
 def test_a_pause_without_reports_for_three_seconds_begins_anew() -> None:
     proof = paused()
     assert proof.due(3.31) is None
-    assert not proof.under_way
+    assert proof.message is None
     proof.report(3.4, 1, 1500)
     assert proof.due(3.4) is not None
 
@@ -358,13 +358,13 @@ def test_a_proof_that_fails_is_tried_again_after_four_seconds_and_stays_said_mea
     proof = probe()
     proof.due(0.0)
     proof.report(2.5, 3, 1500)
-    assert proof.under_way
+    assert proof.message is not None
     proof.report(2.51, 3, 1500)
     failed = proof.reason
     assert failed.startswith(
         f"the vehicle does not take our steering: RC channel 3 stays at 1500 us while {proof.pulse}"
     )
-    assert not proof.under_way
+    assert proof.message is None
     proof.report(6.4, 3, 1500)
     assert proof.due(6.5) is None
     assert proof.due(6.51) is not None
@@ -382,7 +382,7 @@ def test_without_reports_for_three_seconds_no_proof_goes_on() -> None:
     proof = probe()
     assert proof.due(3.0) is not None
     assert proof.due(3.11) is None
-    assert not proof.under_way
+    assert proof.message is None
     assert OverrideProbe(SteeringOutput("rc_override", 0.5, False)).due(0.0) is None
 
 
@@ -397,9 +397,9 @@ def test_times_of_the_proof_to_the_bit() -> None:
     proof = probe()
     proof.due(0.0)
     proof.report(2.5, 1, 1500)
-    assert proof.under_way
+    assert proof.message is not None
     proof.report(2.75, 1, 1500)
-    assert not proof.under_way and "RC channel 1 stays at 1500 us while" in proof.reason
+    assert proof.message is None and "RC channel 1 stays at 1500 us while" in proof.reason
     proof.report(6.5, 1, 1500)
     assert proof.due(6.749) is None and proof.due(6.75) is not None, "four seconds later"
 

@@ -758,4 +758,4 @@ def test_orders_may_stay_away_as_long_as_the_vehicle_keeps_the_last(override_tim
     link = CompanionLink(loopback_pair()[0], CompanionSettings(FULL))
     if override_time is not None:
         link.session._reader.parameters.take("RC_OVERRIDE_TIME", override_time)
-    assert link.session._patience() == patience
+    assert link.session._reader.parameters.patience == patience

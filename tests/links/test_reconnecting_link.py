@@ -57,7 +57,7 @@ class Plugged:
         self.opened = 0
         self.run.near.close()
         self.kept = ReconnectingLink("line", True, self.open, at_once)
-        self.run.session._links = (self.kept,)
+        self.run.session._use((self.kept,))
         self.run.session._showing = [self.kept]
 
     def open(self) -> Link:

@@ -81,7 +81,7 @@ class ControlAuthority:
         booted: whether the vehicle has come up far enough to take commands: earlier ones can crash the firmware.
         heard_time: when the vehicle last sent anything.
         steering: whether we have commanded something that we have not released.
-        recent_pulses: input pulses [us] commanded in the last `HISTORY_S`, each once, the newest last.
+        last_command: when something was commanded last, -inf before.
         disobeyed: why the rudder did not obey while we steered; empty where it did.
     """
 
@@ -93,12 +93,11 @@ class ControlAuthority:
         self.armed = self.booted = False
         self.heartbeat_time = self.received_time = -math.inf
         self.steering = False
-        self.recent_pulses: list[int] = []
         self.disobeyed = ""
         self._sent: dict[int, float] = {}
         self._doubts: dict[str, tuple[float, float]] = {}
         self._began = self._report_time = -math.inf
-        self._last_command = -math.inf
+        self.last_command = -math.inf
         self._strange: deque[float] = deque(maxlen=STRANGE_REPORTS)
         self._strange_until = -math.inf
         self._sticks: dict[int, int] = {}
@@ -127,15 +126,17 @@ class ControlAuthority:
         if not self.steering:
             self.steering, self._doubts = True, {}
             self._began = self._report_time = now
-        self._last_command, sent = now, self._sent
+        self.last_command = now
         if pulse is not None:
-            sent.pop(pulse, None)  # its last time orders it
-            sent[pulse] = now
-        for oldest, when in list(sent.items()):
-            if now - when <= HISTORY_S:
-                break
-            del sent[oldest]
-        self.recent_pulses = [*sent]
+            self._sent.pop(pulse, None)  # its last time orders it
+            self._sent[pulse] = now
+
+    @property
+    def recent_pulses(self) -> list[int]:
+        """Input pulses [us] commanded in the `HISTORY_S` before the last command, each once, the newest last."""
+        last = self.last_command
+        self._sent = {pulse: when for pulse, when in self._sent.items() if last - when <= HISTORY_S}
+        return [*self._sent]
 
     def rebooted(self) -> None:
         """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew."""
@@ -144,20 +145,18 @@ class ControlAuthority:
         self.released()
         self.misfit = self.radio = ""
 
-    def look_back(self, now: float, patience: float) -> None:
-        """Notice that no command left for longer than `patience` [s], after which the vehicle lets go.
+    def let_go(self, now: float) -> None:
+        """Take that no command left for so long that the vehicle has let go.
 
         Called before what piled up meanwhile is read: reports of a rudder that is not ours accuse nobody.
         """
-        gap = now - self._last_command
-        if self.steering and gap > patience:
-            self.stood_still = gap
-            self.released()
+        self.stood_still = now - self.last_command
+        self.released()
 
     def released(self) -> None:
         """Take note that we no longer steer."""
         if self.steering:
-            self.steering, self.recent_pulses = False, []
+            self.steering = False
             self._sent.clear()
 
     @property
@@ -256,7 +255,7 @@ class ControlAuthority:
         return ""
 
     def _obedience_reason(self, now: float) -> str:
-        if self.disobeyed and now - self._last_command > FORGIVEN_S:
+        if self.disobeyed and now - self.last_command > FORGIVEN_S:
             self.disobeyed = ""
         if self.disobeyed:
             return self.disobeyed
@@ -336,6 +335,7 @@ class OverrideProbe:
         reason: why control is not ours yet; empty once the vehicle has shown that it takes our steering.
         stage: how far the proof is.
         pulse [us]: the input that the proof asks for.
+        message: what is being sent for the proof, None while nothing is.
     """
 
     def __init__(self, output: SteeringOutput, may_share: bool = False) -> None:
@@ -350,7 +350,7 @@ class OverrideProbe:
         self.reason = "waiting for the vehicle to report its steering input (RC_CHANNELS)"
         self._reported: int | None = None
         self._report_time = -math.inf  # unheard of for ever is silent
-        self._message: Message | None = None
+        self.message: Message | None = None
         self.pulse = 0
         self._began = self._next = -math.inf
         self._base = self._seen = self._strange = self._moves = 0
@@ -375,15 +375,10 @@ class OverrideProbe:
         """Whether the vehicle has shown that it takes our steering."""
         return self.stage is Stage.PASSED
 
-    @property
-    def under_way(self) -> bool:
-        """Whether a pulse of ours is being sent."""
-        return self._message is not None
-
     def report(self, now: float, number: int, pulse: int) -> None:
         """Take what RC_CHANNELS says of the steering channel `number`."""
         self._report_time = now
-        if self._message is None:
+        if self.message is None:
             self._reported = pulse
             return
         if self._paused is not None:
@@ -398,7 +393,7 @@ class OverrideProbe:
         elif self._seen >= SEEN_REPORTS:
             self._paused, self._seen = now, 0
             if self._may_share:
-                self.stage, self.reason, self._message = Stage.PASSED, "", None
+                self.stage, self.reason, self.message = Stage.PASSED, "", None
         elif now - self._began > PATIENCE_S and self._moves >= STRANGE_PROBES:
             self._refuse(now, Stage.SHARED, MOVES.format(number=number))
         elif now - self._began > PATIENCE_S:
@@ -417,7 +412,7 @@ class OverrideProbe:
         found = self._output.unmoving(pulse)
         if found is not None:
             self._base = pulse
-            self._message, self.pulse = found
+            self.message, self.pulse = found
 
     def _judge_pause(self, now: float, number: int, pulse: int) -> None:
         assert self._paused is not None
@@ -426,32 +421,32 @@ class OverrideProbe:
             return
         self._seen += 1
         if now - self._paused >= PAUSE_S and self._seen >= PAUSE_REPORTS:
-            self.stage, self.reason, self._message, self._paused = Stage.PASSED, "", None, None
+            self.stage, self.reason, self.message, self._paused = Stage.PASSED, "", None, None
 
     def _refuse(self, now: float, stage: Stage, reason: str) -> None:
-        self._message, self._reported, self._paused, self._next = None, None, None, now + RETRY_S
+        self.message, self._reported, self._paused, self._next = None, None, None, now + RETRY_S
         self.stage, self.reason = stage, reason
 
     def due(self, now: float) -> Message | None:
         """Return the message to send at `now` [s], None where none is."""
         if self.stage in (Stage.PASSED, Stage.GROWN_OLD) or now < self._next:
             return None
-        if self._message is None and not self._is_waited_for and self.stage is Stage.SHARED:
+        if self.message is None and not self._is_waited_for and self.stage is Stage.SHARED:
             return None  # to try again would disturb who steers
         if now - self._report_time > REPORT_TIMEOUT_S:
-            self._message = self._paused = None
+            self.message = self._paused = None
             return None
         if self._paused is not None:
             return None
-        if self._message is None:
+        if self.message is None:
             if self._reported is None:
                 return None
             self._aim(self._reported)
-            if self._message is None:
+            if self.message is None:
                 return None
             self._began, self._seen, self._strange, self._moves, self._has_shown = now, 0, 0, 0, False
             # what the last try found stays said while the next is under way
             if self.stage not in (Stage.NOT_TAKEN, Stage.SHARED):
                 self.stage, self.reason = Stage.CHECKING, CHECKING
         self._next = now + REPEAT_S
-        return self._message
+        return self.message

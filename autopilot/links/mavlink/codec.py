@@ -93,6 +93,18 @@ def _values(names: Sequence[str], arrays: Sequence[int]) -> Callable[[Any], Sequ
     return with_bytes
 
 
+def packed(message: Message) -> Message:
+    """Return `message` with its payload worked out: one that is sent again and again, and never changed."""
+    writer = writer_of(message.__class__)
+    if writer is not None:
+        message.packed_payload = _payload(message, writer)
+    return message
+
+
+def _payload(message: Message, writer: Writer) -> bytes:
+    return writer.pack(*writer.values(message)).rstrip(b"\0") or b"\0"
+
+
 def message_id(message: Message) -> int:
     """Return the id of a message's kind; its attribute `id` will not do, RAW_IMU and others have a field so named."""
     identity: int = message._header.msgId
@@ -143,7 +155,7 @@ class MavlinkCodec:
         if writer is None:
             packet: bytes = message.pack(mavlink)
         else:  # what pymavlink's `pack` makes, at a third of the cost
-            payload = writer.pack(*writer.values(message)).rstrip(b"\0") or b"\0"
+            payload: bytes = message.__dict__.get("packed_payload") or _payload(message, writer)
             identity, size = message._header.msgId, len(payload)
             sender = mavlink.seq, mavlink.srcSystem, mavlink.srcComponent
             packet = HEADER.pack(MAGIC_V2, size, 0, 0, *sender, identity & 0xFFFF, identity >> 16) + payload
@@ -195,9 +207,12 @@ class MavlinkCodec:
         packet differs in type: the bytes as they came, not a copy that could be changed.
         """
         is_new = frame[0] == MAGIC_V2
-        identity = frame[7] | frame[8] << 8 | frame[9] << 16 if is_new else frame[5]
-        end = -2 - SIGNATURE if is_new and frame[2] else -2
-        layout = layout_of(identity) if is_new else None
+        if not is_new:
+            return self._decoded_by_pymavlink(frame, frame[5], -2)
+        _, size, flags, compatible, number, system, component, low, high = HEADER.unpack_from(frame)
+        identity = low | high << 16
+        end = -2 - SIGNATURE if flags else -2
+        layout = layout_of(identity)
         if layout is None:
             return self._decoded_by_pymavlink(frame, identity, end)
         crc: int = dialect.mcrf4xx(frame[1:end] + layout.crc_extra)
@@ -212,7 +227,7 @@ class MavlinkCodec:
             "_msgbuf": frame,
             "_payload": payload,
             "_crc": crc,
-            "_header": dialect.MAVLink_header(identity, frame[2], frame[3], frame[1], frame[4], frame[5], frame[6]),
+            "_header": dialect.MAVLink_header(identity, flags, compatible, size, number, system, component),
         }
         return message
 

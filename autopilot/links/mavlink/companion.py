@@ -23,6 +23,7 @@ from autopilot.links.mavlink.guided import TIMEOUT_S
 from autopilot.links.mavlink.requests import (
     AUTOPILOT_COMPONENT,
     OVERRIDE_TIME,
+    OVERRIDE_TIME_S,
     STATES,
     ModeHandover,
     VehicleParameters,
@@ -52,8 +53,6 @@ JUDGE_S = 0.05
 """Silence is judged this often; all else when the message comes that may change our right to steer."""
 PACKETS_KEPT = 20000
 RELEASE_AGAIN_S = 0.2
-OVERRIDE_TIME_S = 3.0
-"""RC_OVERRIDE_TIME where the vehicle has not reported it."""
 SILENCE_S = 1.0
 """Not looked at for longer, the line may hold messages that are as old: as far as the vehicle's clock may go back."""
 WITHOUT_RECEIVER = (
@@ -150,8 +149,9 @@ class CompanionSession:
         if now - self._looked_at > SILENCE_S:
             reader.silence()
         self._looked_at = now
-        if authority.steering:
-            authority.look_back(now, self._patience())
+        patience = reader.parameters.patience if self._guided is None else TIMEOUT_S
+        if authority.steering and now - authority.last_command > patience:
+            authority.let_go(now)
         samples: list[Sample] = []
         beat = authority.heartbeat_time
         news = now >= self._judge_at
@@ -187,7 +187,7 @@ class CompanionSession:
         """
         if not command.engaged:
             self._authority.stood_still = 0.0
-        if self._probe.under_way or self._guided is not None:
+        if self._probe.message is not None or self._guided is not None:
             return []
         output = self._output
         message = output.steer(now, command.angle) if command.engaged and not self._reason else None
@@ -235,7 +235,7 @@ class CompanionSession:
         due = self._probe.due(now) if self._may_prove and self._guided is None else None
         if due is not None:
             self._release.ordered(now, self._probe.pulse)
-        elif not self._probe.under_way:
+        elif self._probe.message is None:
             due = self._output.repeat(now, self._settings.command_rate_hz)
         if due is not None:
             sent.append(self._steering_codec.encode(due))
@@ -315,14 +315,6 @@ class CompanionSession:
         self._released_at = min(self._released_at, now)
         self._release.asked(now)
         return [self._steering_codec.encode(message) for message in self._output.release_burst()]
-
-    def _patience(self) -> float:
-        """Return after how long [s] without an order the vehicle lets go; where it never does, as long as by default:
-        by then nobody has looked after the rudder for too long."""
-        if self._guided is not None:
-            return TIMEOUT_S
-        override_time = self._reader.parameters.override_time
-        return override_time if override_time is not None and override_time > 0.0 else OVERRIDE_TIME_S
 
     def _is_held(self, now: float) -> bool:
         override_time = self._reader.parameters.override_time
@@ -423,8 +415,11 @@ class CompanionLink:
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command, or the release. LinkError when the transport is gone."""
-        if packets := self.session.send(now, command):
-            self._write(now, packets)
+        for packet in self.session.send(now, command):
+            if self._transport.send(packet):
+                self.session.packets.append((now, packet))
+            else:
+                self.dropped += 1
 
     def publish_tick(self, tick: Tick) -> None:
         """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""

@@ -118,6 +118,8 @@ GCS_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID")
 GCS_HIGH = "MAV_GCS_SYSID_HI"
 EXPO = "MANUAL_STR_EXPO"
 OVERRIDE_TIME = "RC_OVERRIDE_TIME"
+OVERRIDE_TIME_S = 3.0
+"""Where the vehicle has not reported it."""
 CHANNEL_COUNT = 16
 STICKS = {"RCMAP_PITCH": 2, "RCMAP_THROTTLE": 3, "RCMAP_YAW": 4}
 """The other sticks' channels, by default as ArduPilot has them (libraries/AP_RCMapper)."""
@@ -157,6 +159,8 @@ class VehicleParameters:
         gcs_name: the name under which this vehicle keeps its ground-station id.
         gcs_system: the system id whose overrides the vehicle obeys, None while unknown or impossible.
         override_time [s]: RC_OVERRIDE_TIME, None while unknown.
+        patience [s]: without an order for so long the vehicle lets go; where it never does, as long as by default, for
+        by then nobody has looked after the rudder for too long.
         steering_input: number of the input channel that steers (RCMAP_ROLL), None while unknown or impossible.
         steering_servo: number of the first servo output whose function is GroundSteering, None where none is known.
         throttle_failsafe [us]: FS_THR_VALUE, None while unknown.
@@ -261,6 +265,8 @@ class VehicleParameters:
         gcs = values.get(self.gcs_name, 0.0)
         self.gcs_system: int | None = round(gcs) if 1.0 <= gcs <= 255.0 else None
         self.override_time, self.throttle_failsafe = values.get(OVERRIDE_TIME), values.get("FS_THR_VALUE")
+        override_time = values.get(OVERRIDE_TIME, OVERRIDE_TIME_S)
+        self.patience = override_time if override_time > 0.0 else OVERRIDE_TIME_S
         steering, throttle = values.get("RCMAP_ROLL", 0.0), self._mapped("RCMAP_THROTTLE")
         self.steering_input: int | None = round(steering) if 1.0 <= steering <= 16.0 else None
         self.throttle_input = throttle if throttle in numbers else STICKS["RCMAP_THROTTLE"]

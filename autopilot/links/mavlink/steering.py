@@ -23,7 +23,7 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.codec import Message, packed
 from autopilot.links.mavlink.requests import EXPO, RC_SUFFIXES, SERVO_SUFFIXES, VehicleParameters
 from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 
@@ -248,6 +248,7 @@ class SteeringOutput:
         self._scale, self._angle_max = servo_us, angle_max
         self._number = 0
         self._table: InputTable | None = None
+        self._made: dict[tuple[int, int], Message] = {}
         self._last: Message | None = None
         self._last_sent = math.nan
         self._given = math.nan
@@ -290,6 +291,7 @@ class SteeringOutput:
     def forget(self) -> None:
         """Forget the vehicle's parameters and the last command, as after a reboot."""
         self._number, self.channel, self._table, self._last = 0, None, None, None
+        self._made = {}
 
     def steer(self, now: float, angle: float) -> Message | None:
         """Return the message for rudder `angle` [rad]; None where the vehicle is not known well enough."""
@@ -298,7 +300,7 @@ class SteeringOutput:
         share = angle * self.share_per_radian
         value = self._table.nearest(1.0 if share > 1.0 else -1.0 if share < -1.0 else share)
         self.commanded_pulse = value if self._by_pulse else pulse_from_manual(self.channel, value)
-        self._last = self._override(value) if self._by_pulse else self._manual(value)
+        self._last = self._asking(value)
         self._given = self._last_sent = now
         self._releases_left = RELEASES
         self._touched = True
@@ -325,7 +327,7 @@ class SteeringOutput:
 
         value = min((value for value in inputs if abs(asked(value) - pulse) > DISTINCT_US), key=moved)
         self._releases_left, self._touched = RELEASES, True
-        return (self._override(value) if self._by_pulse else self._manual(value)), asked(value)
+        return self._asking(value), asked(value)
 
     def amidships(self) -> tuple[Message, int] | None:
         """Return the message, and its input [us], that leave the servo at its trim; None for an unknown vehicle."""
@@ -333,11 +335,7 @@ class SteeringOutput:
         if channel is None or self._table is None:
             return None
         value = self._table.nearest(0.0)
-        return (
-            (self._override(value), value)
-            if self._by_pulse
-            else (self._manual(value), pulse_from_manual(channel, value))
-        )
+        return self._asking(value), value if self._by_pulse else pulse_from_manual(channel, value)
 
     def release(self, now: float) -> Message | None:
         """Return the next of `RELEASES` releases after steering, `RELEASE_SPACING_S` apart; None when done."""
@@ -368,12 +366,19 @@ class SteeringOutput:
 
     def _release(self) -> Message:
         if not self._by_pulse:
-            return self._manual(NOT_THIS_AXIS)
-        return self._override(0 if self._number <= 8 else RELEASE_HIGH_CHANNEL)
+            return self._asking(NOT_THIS_AXIS)
+        return self._asking(0 if self._number <= 8 else RELEASE_HIGH_CHANNEL)
 
-    def _override(self, value: int) -> Message:
+    def _asking(self, value: int) -> Message:
+        """Return the message that asks for an input, made once for each."""
+        key = self.target, value
+        if key not in self._made:
+            self._made[key] = packed(self._override(value) if self._by_pulse else self._manual(value))
+        return self._made[key]
+
+    def _override(self, pulse: int) -> Message:
         channels = [LEAVE_ALONE] * 8 + [0] * 10
-        channels[self._number - 1] = value
+        channels[self._number - 1] = pulse
         return dialect.MAVLink_rc_channels_override_message(self.target, 1, *channels)
 
     def _manual(self, y: int) -> Message:

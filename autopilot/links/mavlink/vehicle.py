@@ -217,9 +217,9 @@ class VehicleReader:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
         authority = self.authority
         authority.received_time = now
-        identity = message._header.msgId
-        if identity in self.handlers:
-            self.handlers[identity](now, message, samples)
+        handler = self.handlers.get(message._header.msgId)
+        if handler is not None:
+            handler(now, message, samples)
         authority.radio = self.radio.reason(self.parameters) if self.radio.found else ""
 
     def _system(self, now: float, message: Message, samples: list[Sample]) -> None:
@@ -321,8 +321,8 @@ class VehicleReader:
         self._channels_time = now
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
-        if authority.recent_pulses:
-            authority.seen(now, f"RC channel {number}", pulse, authority.recent_pulses, is_input=True)
+        if recent := authority.recent_pulses:
+            authority.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.guided is not None:

@@ -62,6 +62,21 @@ class _UdpTransport:
         self._closed = True
         self._socket.close()
 
+    def _datagrams(self) -> list[bytes]:
+        """Return what waits, at most `RECEIVE_LIMIT`, where the kernel drops what others than the peer send."""
+        chunks: list[bytes] = []
+        receive, room = self._socket.recv_into, self._room
+        for _ in range(RECEIVE_LIMIT):
+            try:
+                length = receive(room)
+                chunks.append(bytes(room[:length]))
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if error.errno not in TRANSIENT:
+                    raise self._failed(error, "receiving") from error
+        return chunks
+
     def _failed(self, error: OSError, doing: str) -> LinkError:
         if self._closed:
             return LinkError(f"{self.name}: the link is closed; open it again")
@@ -103,7 +118,7 @@ class UdpInTransport(_UdpTransport):
         """The newest datagram that could make nobody our peer, as far as it was looked into, and who sent it."""
         self._allows = allows
         self._peer: tuple[str | int, ...] | None = None
-        self._is_held = False
+        self._is_held = self._is_connected = self._is_alone = False
 
     @property
     def port(self) -> int:
@@ -117,6 +132,8 @@ class UdpInTransport(_UdpTransport):
 
     def receive(self) -> list[bytes]:
         """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
+        if self._is_alone:
+            return self._datagrams()
         chunks: list[bytes] = []
         receive, room = self._socket.recvfrom_into, self._room
         judged = 0
@@ -124,6 +141,8 @@ class UdpInTransport(_UdpTransport):
             try:
                 length, sender = receive(room)
             except BlockingIOError:
+                # what others sent before the kernel held them off has been taken
+                self._is_alone = self._is_connected
                 break
             except OSError as error:
                 if error.errno in TRANSIENT:
@@ -150,7 +169,10 @@ class UdpInTransport(_UdpTransport):
                 raise LinkError(f"{self.name}: the link is closed; open it again")
             return False
         try:
-            self._socket.sendto(data, self._peer)
+            if self._is_connected:
+                self._socket.send(data)
+            else:
+                self._socket.sendto(data, self._peer)
         except OSError as error:
             if error.errno in WOULD_BLOCK or error.errno in TRANSIENT:
                 return False
@@ -161,7 +183,7 @@ class UdpInTransport(_UdpTransport):
         """Latch on to whoever is the next to send a valid datagram; until then the old one is still sent to."""
         if self._is_held and self._connects:
             disconnect(self._socket)
-        self._is_held = False
+        self._is_held = self._is_connected = self._is_alone = False
 
     def _latch(self, sender: tuple[str | int, ...]) -> None:
         """Let the kernel drop what others send from now on, so that no flood fills our buffer or wakes the loop."""
@@ -169,6 +191,7 @@ class UdpInTransport(_UdpTransport):
         if self._connects:
             try:
                 self._socket.connect(sender)
+                self._is_connected = True
             except OSError:
                 self._connects = False
 
@@ -192,18 +215,7 @@ class UdpOutTransport(_UdpTransport):
 
     def receive(self) -> list[bytes]:
         """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
-        chunks: list[bytes] = []
-        receive, room = self._socket.recv_into, self._room
-        for _ in range(RECEIVE_LIMIT):
-            try:
-                length = receive(room)
-                chunks.append(bytes(room[:length]))
-            except BlockingIOError:
-                break
-            except OSError as error:
-                if error.errno not in TRANSIENT:
-                    raise self._failed(error, "receiving") from error
-        return chunks
+        return self._datagrams()
 
     def send(self, data: bytes) -> bool:
         """Send one datagram; False when it could not leave now (full buffer, or nobody listens there yet)."""
