@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-TWO_PI = 2.0 * math.pi
+PI, TWO_PI = math.pi, 2.0 * math.pi
 
 
 def wrap(angle: float) -> float:
@@ -12,12 +12,12 @@ def wrap(angle: float) -> float:
 
     An angle that is inside already comes back unchanged, bit for bit.
     """
-    if -math.pi < angle <= math.pi:
+    if -PI < angle <= PI:
         return angle
     if not math.isfinite(angle):
         return math.nan
     wrapped = math.remainder(angle, TWO_PI)
-    return math.pi if wrapped == -math.pi else wrapped
+    return PI if wrapped == -PI else wrapped
 
 
 def wrap_positive(angle: float) -> float:
@@ -31,7 +31,7 @@ def wrap_positive(angle: float) -> float:
 def shortest_turn(from_heading: float, to_heading: float) -> float:
     """Return the signed turn [rad] in (-pi, pi] that leads from one heading [rad] to another."""
     turn = to_heading - from_heading
-    return turn if -math.pi < turn <= math.pi else wrap(turn)
+    return turn if -PI < turn <= PI else wrap(turn)
 
 
 def compass_deg(heading: float) -> float:

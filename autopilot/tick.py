@@ -27,13 +27,14 @@ from autopilot.estimation.estimator import (
     estimated,
     is_rudder,
     nav_state,
-    speeds_apart,
+    noises_of,
+    with_order,
     without_bias,
     without_disturbances,
 )
-from autopilot.estimation.fusion import noises_of
 from autopilot.estimation.heading_ekf import FilterNoise
-from autopilot.estimation.rudder_observer import is_fed_back, ordered
+from autopilot.estimation.rudder_observer import is_fed_back
+from autopilot.estimation.speeds import speeds_apart
 from autopilot.guidance.reference import Guide, heading_ordered, started, zigzag, zigzag_divergence
 from autopilot.guidance.turn import TurnLimits, is_turning, reference_of
 from autopilot.models.norrbin import Norrbin
@@ -366,8 +367,7 @@ class _Work:
         return sample.ordered and not ours and is_rudder(sample.angle)
 
     def _note_rudder_order(self, angle: float) -> None:
-        state = self.estimate
-        self.estimate = state._replace(rudder=ordered(state.rudder, state.memory, self.now, angle))
+        self.estimate = with_order(self.estimate, self.now, angle)
 
     def believe(self) -> bool:
         """Go by what monitors and guidance say of the samples; return whether the boat turned out to be another."""

@@ -28,7 +28,7 @@ import numpy as np
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
-from autopilot.estimation.fusion import Measured, Moment, seen_at
+from autopilot.estimation.estimator import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.runtime.build import alarm_limits_of
 from autopilot.supervision.course_watch import course_step

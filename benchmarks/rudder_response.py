@@ -21,8 +21,8 @@ from off_course import SIDES_DEG, STATE_5
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
-from autopilot.estimation import waves
-from autopilot.estimation.fusion import Measured, Moment, seen_at
+from autopilot.estimation import disturbance as waves
+from autopilot.estimation.estimator import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast, tick_at
 from autopilot.runtime.build import alarm_limits_of
 from autopilot.supervision.rudder_response import Rudders, first_response, noise_of, response_step, verdict

@@ -30,7 +30,7 @@ ARITHMETIC = {"arcp", "contract", "reassoc", "nsz"}
 REORDERED = (
     "autopilot.models.",
     "autopilot.estimation.heading_ekf",
-    "autopilot.estimation.waves",
+    "autopilot.estimation.disturbance",
     "sitl.boat",
     "sitl.campaign.environment",
 )

@@ -11,8 +11,8 @@ from autopilot.estimation.estimator import (
     estimated,
     first_state,
     nav_state,
+    noises_of,
 )
-from autopilot.estimation.fusion import noises_of
 from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.rudder_observer import (
     RudderObserver,
@@ -23,7 +23,6 @@ from autopilot.estimation.rudder_observer import (
     is_fed_back,
     newest_angle,
     ordered,
-    past_of,
     rudder_memory,
     tick_at,
     with_feedback,
@@ -41,11 +40,11 @@ class OutputFeedbackLoop:
 
     @property
     def past(self) -> RudderPast:
-        return past_of(self.state, self.memory)
+        return RudderPast(self.memory.times, self.memory.angles, self.state.ticks)
 
     @property
     def angle(self) -> float:
-        return newest_angle(self.state, self.memory)
+        return newest_angle(self.past)
 
     def order(self, now: float, angle: float) -> None:
         self.state = ordered(self.state, self.memory, now, angle)
@@ -94,4 +93,5 @@ class Estimating:
     def modelled_at(self, time: float) -> float:
         """Return where the steering gear's model stood at `time` [s]."""
         memory = self.state.memory
-        return memory.gears[tick_at(past_of(self.state.rudder, memory), time) & (len(memory.gears) - 1)]
+        past = RudderPast(memory.times, memory.angles, self.state.rudder.ticks)
+        return memory.gears[tick_at(past, time) & (len(memory.gears) - 1)]

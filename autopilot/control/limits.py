@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.models.steering_gear import SteeringGear, clip, gear_step
+from autopilot.models.steering_gear import SteeringGear, gear_step
 
 
 class RudderLimits(NamedTuple):
@@ -40,7 +40,8 @@ class Rest(NamedTuple):
 def rested(limits: RudderLimits, band: float, before: Rest, demand: float, limited: float) -> Rest:
     """Return the order after the dead `band` [rad]: a rudder at rest stays until it is wrong by more, and then goes all
     the way. `limited` [rad] is what `limit` made of the `demand` [rad]; a band of 0 leaves it as it is."""
-    wanted = clip(demand, -limits.angle_max, limits.angle_max)
+    most = limits.angle_max
+    wanted = -most if demand < -most else most if demand > most else demand
     if not before.is_moving and abs(wanted - before.command) <= band:
         return Rest(before.command if band > 0.0 else limited, wanted, False)
     return Rest(limited, limited, limited != wanted)
@@ -55,9 +56,12 @@ def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> fl
     if not math.isfinite(demand):
         demand = previous
     # inf * 0 is nan: a rudder of unlimited rate gets anywhere in no time
-    reach = limits.rate_max * max(dt, 0.0) if math.isfinite(limits.rate_max) else math.inf
-    target = clip(demand, -limits.angle_max, limits.angle_max)
-    return clip(clip(target, previous - reach, previous + reach), -limits.angle_max, limits.angle_max)
+    angle_max, rate_max = limits
+    reach = rate_max * (0.0 if dt < 0.0 else dt) if math.isfinite(rate_max) else math.inf
+    target = -angle_max if demand < -angle_max else angle_max if demand > angle_max else demand
+    low, high = previous - reach, previous + reach
+    command = low if target < low else high if target > high else target
+    return -angle_max if command < -angle_max else angle_max if command > angle_max else command
 
 
 WINDOW = 0.6

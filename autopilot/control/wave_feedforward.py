@@ -23,8 +23,8 @@ import math
 from typing import NamedTuple
 
 from autopilot.control.limits import RudderLimits
+from autopilot.estimation.disturbance import filtered_share, plausible_share
 from autopilot.estimation.tuning import WAVE_CORNER, WAVE_DAMPING, WAVE_STIFFENING
-from autopilot.estimation.waves import filtered_share, plausible_share
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 

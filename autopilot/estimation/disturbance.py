@@ -1,13 +1,26 @@
-"""How quickly wind and current change, learnt from the bias that the filter finds.
+"""What moves the boat beside its rudder, learnt on the way: the waves, and how quickly wind and current change.
 
-The bias b wanders, b' = white noise of the density q. Its means over a time t, taken twice, and then over five times as
-long,
+The waves' part of the heading is a lightly damped oscillator whose size and frequency are learnt,
+
+    h' = s,   s' = -w0^2 (h + e) - 2 xi w0 (s + c h) - c s + white noise,   e' = c h,   c = kappa w0
+
+which is white noise through s/((s + c)(s^2 + 2 xi w0 s + w0^2)): a spectrum with its peak at the frequency of encounter
+and none at zero, so that a lasting heading error is never put down to the waves, and a rate of finite variance, so that
+a gyro counts for what it is worth. (The usual s/(s^2 + 2 xi w0 s + w0^2), Fossen 2011, section 8.2, has none such.)
+
+Two running means describe the sea, V = E[h^2] and U = E[s^2]; in balance U = (1 + 2 xi kappa) w0^2 V.
+They are learnt as expectation and maximisation learn a variance (Shumway and Stoffer 1982), from the filter's estimate
+*and* its covariance, V += share (h^2 + P_hh - V): a filter that sees little does not take this for calm, and a calm
+that the compass shows makes the oscillator fade away.
+
+Wind, current and trim are the bias b that the filter finds. It wanders, b' = white noise of the density q. Its means
+over a time t, taken twice, and then over five times as long,
 
     t x' = b - x,   t y' = x - y,   5 t z' = y - z,
 
 lie apart by y - z, and E[(y - z)^2] = SPREAD t q: waves are too quick to show in y, trim too slow to part it from z.
 A rudder that does more or less than the model says looks like a bias, too, that goes with it. With the same means v and
-w of the rudder's angle, q is learnt as the sea is (`waves`), by the estimate and what is not known of it,
+w of the rudder's angle, q is learnt as the sea is, by the estimate and what is not known of it,
 
     q += share (((y - z)^2 - STRENGTH_ERROR^2 (v - w)^2) / (GUST_SPREAD t) + doubt - q),
 
@@ -33,7 +46,134 @@ from autopilot.estimation.tuning import (
     GUST_SPREAD,
     GUST_SURGE,
     STRENGTH_ERROR,
+    WAVE_CORNER,
+    WAVE_DAMPING,
+    WAVE_DEVIATION_FIRST,
+    WAVE_EXTREME,
+    WAVE_EXTREME_LEAST,
+    WAVE_FREQUENCY_FIRST,
+    WAVE_FREQUENCY_LEAST,
+    WAVE_FREQUENCY_MOST,
+    WAVE_MEMORY,
+    WAVE_MEMORY_FIRST,
+    WAVE_SHARPNESS,
+    WAVE_STIFFENING,
+    WAVE_VARIANCE_LEAST,
 )
+
+
+class Sea(NamedTuple):
+    """What the heading feels of the sea: E[h^2] [rad^2], E[s^2] [(rad/s)^2], and how long [s] it has been watched.
+
+    The variances are 0 where waves are left out.
+    """
+
+    heading: float
+    rate: float
+    watched: float = 0.0
+
+
+NO_SEA = Sea(0.0, 0.0)
+FIRST_SEA = Sea(WAVE_DEVIATION_FIRST**2, (WAVE_DEVIATION_FIRST * WAVE_FREQUENCY_FIRST) ** 2 * WAVE_STIFFENING)
+
+
+WaveStep = tuple[float, float, float, float, float, float, float, float, float]
+"""Exact transition of (h, s, e) over one step, a row after the other."""
+EXTREME_SQUARED, EXTREME_LEAST_SQUARED = WAVE_EXTREME * WAVE_EXTREME, WAVE_EXTREME_LEAST * WAVE_EXTREME_LEAST
+SLOWEST, FASTEST = WAVE_FREQUENCY_LEAST**2 * WAVE_STIFFENING, WAVE_FREQUENCY_MOST**2 * WAVE_STIFFENING
+"""E[s^2] in units of E[h^2] of the slowest waves and of the fastest."""
+RINGING = math.sqrt(1.0 - WAVE_DAMPING * WAVE_DAMPING)
+LAG = WAVE_CORNER * (2.0 * WAVE_DAMPING + WAVE_CORNER)
+"""Frequency of the damped oscillator in units of w0, and E[e^2] in units of E[h^2]."""
+
+
+def frequency(sea: Sea) -> float:
+    """Return the frequency of encounter w0 [rad/s]; 0 where waves are left out."""
+    return math.sqrt(sea.rate / (sea.heading * WAVE_STIFFENING)) if sea.heading > 0.0 else 0.0
+
+
+def in_balance(sea: Sea, w0: float) -> tuple[float, float, float, float]:
+    """Return the stationary E[h^2], E[s^2], E[s e] and E[e^2]; E[h s] and E[h e] are 0. w0: the sea's `frequency`."""
+    return sea.heading, sea.rate, -WAVE_CORNER * w0 * sea.heading, LAG * sea.heading
+
+
+def wave_step(w0: float, dt: float) -> WaveStep:
+    """Return the transition over `dt` [s] of waves of the `frequency` w0 [rad/s], which is positive."""
+    decay, corner = WAVE_DAMPING * w0, WAVE_CORNER * w0
+    ringing = w0 * RINGING
+    envelope = math.exp(-decay * dt)
+    cosine = envelope * math.cos(ringing * dt)
+    # the oscillator g = h + e by itself, g'' + 2 xi w0 g' + w0^2 g = noise
+    g2 = envelope * math.sin(ringing * dt) / ringing
+    g1, v1, v2 = cosine + decay * g2, -w0 * w0 * g2, cosine - decay * g2
+    # e' = c (g - e), with the row (c/D) ((c - 2 decay)(A - E) - ..) of c (M + c I)^-1 (exp(M dt) - E I)
+    left = math.exp(-corner * dt)
+    spread, share = corner - 2.0 * decay, corner / (corner * corner - 2.0 * decay * corner + w0 * w0)
+    e1, e2 = share * (spread * (g1 - left) - v1), share * (spread * g2 - v2 + left)
+    # back to h = g - e, s = g' - c h
+    a53, a54, a55 = e1 + corner * e2, e2, e1 + left
+    a33, a34, a35 = g1 + corner * g2 - a53, g2 - a54, g1 - a55
+    return (
+        a33,
+        a34,
+        a35,
+        v1 + corner * v2 - corner * a33,
+        v2 - corner * a34,
+        v1 - corner * a35,
+        a53,
+        a54,
+        a55,
+    )
+
+
+def known(sea: Sea) -> float:
+    """Return which share of the wave motion is to be believed: none until the sea has been watched for
+    WAVE_MEMORY_FIRST, all of it after twice as long. At first every motion of the boat is taken for a wave."""
+    share = sea.watched / WAVE_MEMORY_FIRST - 1.0
+    return 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
+
+
+def is_extreme(sea: Sea, wave: float) -> bool:
+    """Return whether a heading `wave` [rad] put down to the waves is too much for them."""
+    return wave * wave > EXTREME_SQUARED * sea.heading + EXTREME_LEAST_SQUARED
+
+
+def plausible_share(deviation: float, wave: float) -> float:
+    """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
+    up to where it is too much for them, and no more than that."""
+    if wave == 0.0:
+        return 1.0
+    share = math.sqrt(EXTREME_SQUARED * (deviation * deviation) + EXTREME_LEAST_SQUARED) / abs(wave)
+    return 1.0 if share > 1.0 else share
+
+
+def learn(sea: Sea, heading: float, rate: float, dt: float) -> Sea:
+    """Return the sea after `dt` [s] in which h^2 and s^2 were expected at `heading` and `rate`."""
+    before, rate_before, watched = sea
+    watched += dt
+    memory = WAVE_MEMORY_FIRST if watched < WAVE_MEMORY_FIRST else WAVE_MEMORY if watched > WAVE_MEMORY else watched
+    share = 1.0 - math.exp(-dt / memory)
+    variance, rate_variance = before + share * (heading - before), rate_before + share * (rate - rate_before)
+    # a swing too slow for waves is taken for one only as far as its rate goes
+    most = rate_variance / SLOWEST
+    variance = most if most < variance else variance
+    variance = WAVE_VARIANCE_LEAST if variance < WAVE_VARIANCE_LEAST else variance
+    slowest, fastest = SLOWEST * variance, FASTEST * variance
+    rate_variance = slowest if rate_variance < slowest else fastest if rate_variance > fastest else rate_variance
+    return Sea(variance, rate_variance, watched)
+
+
+def filtered_share(frequency: float, corner: float) -> float:
+    """Return which share of waves of `frequency` [rad/s] is kept from the rudder: half of it at `corner` [rad/s].
+
+    A boat whose loop is quicker than the waves holds its heading against them; a slower one only wears its rudder.
+    """
+    if corner <= 0.0:
+        return 1.0
+    if math.isinf(corner):
+        return 0.0
+    ratio = min(frequency / corner, 1.0e3) ** WAVE_SHARPNESS
+    return ratio / (1.0 + ratio)
 
 
 class Means(NamedTuple):
@@ -66,33 +206,34 @@ class Changes(NamedTuple):
     time: float
 
 
-def followed(means: Means, angle: float, quick: float, slow: float) -> Means:
-    """Return the means after a step that is worth the shares `quick` and `slow` of t and of 5 t."""
-    first = means.first + quick * (angle - means.first)
-    second = means.second + quick * (first - means.second)
-    return Means(first, second, means.third + slow * (second - means.third))
-
-
 def adapt_intensity(
     intensity: Intensity, changes: Changes, bias: float, variance: float, rudder: float, dt: float
 ) -> Intensity:
     """Return what is known of the gusts `dt` [s] later: a `bias` [rad], known to a `variance` [rad^2], and the `rudder`
     [rad] as it stands."""
-    density, known = min(max(intensity.density, changes.least), changes.most), intensity.variance
-    if (
-        known == 0.0
-        or variance > GUST_BIAS_UNKNOWN
-        or variance < known * math.exp(-dt / (GUST_BIAS_FOUND * changes.time))
-    ):
+    density, pushed, steered, known = intensity
+    least, most, time = changes
+    density = least if density < least else density
+    density = most if density > most else density
+    if known == 0.0 or variance > GUST_BIAS_UNKNOWN or variance < known * math.exp(-dt / (GUST_BIAS_FOUND * time)):
         return Intensity(density, Means(bias, bias, bias), Means(rudder, rudder, rudder), variance)
-    quick, slow = -math.expm1(-dt / changes.time), -math.expm1(-dt / (GUST_LONGER * changes.time))
-    pushed, steered = followed(intensity.bias, bias, quick, slow), followed(intensity.rudder, rudder, quick, slow)
-    apart, explained = pushed.second - pushed.third, STRENGTH_ERROR * (steered.second - steered.third)
-    scale = 1.0 / (GUST_SPREAD * changes.time)
-    moved = max(apart * apart - explained * explained, 0.0)
-    seen = min(scale * moved, GUST_SURGE * density) + min(scale * DOUBT_SHARE * variance, density)
-    density -= math.expm1(-dt / max(GUST_MEMORY, 2.0 * GUST_LONGER * changes.time)) * (seen - density)
-    return Intensity(min(max(density, changes.least), changes.most), pushed, steered, variance)
+    quick, slow = -math.expm1(-dt / time), -math.expm1(-dt / (GUST_LONGER * time))
+    x, y, z = pushed
+    x += quick * (bias - x)
+    y += quick * (x - y)
+    z += slow * (y - z)
+    u, v, w = steered
+    u += quick * (rudder - u)
+    v += quick * (u - v)
+    w += slow * (v - w)
+    apart, explained = y - z, STRENGTH_ERROR * (v - w)
+    scale = 1.0 / (GUST_SPREAD * time)
+    seen = min(scale * max(apart * apart - explained * explained, 0.0), GUST_SURGE * density)
+    seen += min(scale * DOUBT_SHARE * variance, density)
+    density -= math.expm1(-dt / max(GUST_MEMORY, 2.0 * GUST_LONGER * time)) * (seen - density)
+    density = least if density < least else density
+    density = most if density > most else density
+    return Intensity(density, Means(x, y, z), Means(u, v, w), variance)
 
 
 def unsettled_intensity(intensity: Intensity) -> Intensity:

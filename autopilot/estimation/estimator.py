@@ -3,157 +3,201 @@
 Late samples are taken in where they belong: the filter goes back to its state before them and fuses again
 what came after, as far back as its short memory reaches. Repeated ones are dropped. The state handed out is
 carried forward from the newest measurement to now, so that sensor latency does not reach the law.
-
-Which speed the model and the gains follow: that through the water, and over the ground only half the way.
-
-K ~ U and T ~ 1/U, so a loop designed for the ratio s of the trial's speed has (U/s)^2 times the gain that it was
-designed for where the boat goes at the ratio U. A loop bears an error of two either way; with a third of the true speed
-it swings for ever. Speed over the ground is the speed through the water and a current that nobody knows. Of two claims,
-that the boat goes as fast as the ground says, s, and that it goes as in the trial, 1, the geometric mean sqrt(s) is
-wrong by sqrt(s) at most, whichever is true. s counts for no less than STREAM_LEAST, so that this is 1.7 against a
-current of two thirds of the boat's speed, and more. Where log and ground differ by more than SPEEDS_APART, one of them
-is wrong or the current is strong, and the mean of both is taken in the same way. A speed that the boat's own turns have
-proven wrong (`autopilot.supervision.rudder_watch`) is not gone by at all.
 """
 
 from __future__ import annotations
 
 import math
+from operator import attrgetter
 from typing import NamedTuple
 
-from autopilot.angles import wrap
+from autopilot.angles import PI, wrap
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation import waves
-from autopilot.estimation.fusion import (
-    NOT_BEGUN,
-    Fusion,
-    Measured,
-    Moment,
-    Noises,
-    fuse_measured,
-    seen_at,
+from autopilot.estimation.disturbance import NO_SEA, frequency, known
+from autopilot.estimation.heading_ekf import (
+    FilterNoise,
+    FilterState,
+    fuse_heading,
+    fuse_rate,
+    heading_variance,
+    is_sound,
+    learn_disturbances,
+    normalised_innovation,
+    predict,
+    predict_mean,
 )
-from autopilot.estimation.heading_ekf import is_sound
 from autopilot.estimation.rudder_observer import (
     RudderMemory,
     RudderObserver,
+    RudderPast,
     advanced,
     all_effective,
+    angle_at,
     newest_angle,
-    past_of,
+    ordered,
     rudder_memory,
+    stretch,
+    tick_at,
     with_feedback,
 )
+from autopilot.estimation.speeds import Speeds, measured_speed, model_at, scheduled_speed, while_fresh, with_speed
 from autopilot.estimation.tuning import (
+    BIAS_MOST,
+    GATE_LEAST,
     GATE_PATIENCE,
+    GATE_SIGMAS,
+    GRAIN_SHARE,
+    INNOVATION_LASTING,
+    INNOVATION_MEAN_TIME,
+    INNOVATION_MOST,
+    LONGEST_SHARE,
     PREDICT_LONGEST,
     RATE_MOST,
     RUDDER_MOST,
     SAMPLES_KEPT,
     SPEED_FRESH,
     SPEED_MOST,
-    SPEED_RATIO_MOST,
-    SPEED_SMOOTHING,
-    SPEEDS_APART,
-    STREAM_LEAST,
-    STREAM_MOST,
     WAVE_MEMORY,
 )
-from autopilot.models.norrbin import Norrbin, at_speed
-from autopilot.models.steering_gear import SteeringGear, clip
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
 
 
-class Smoothed(NamedTuple):
-    """One kind of speed, smoothed [m/s], and the time [s] of its newest sample; nan where there is no fresh one."""
+class Fusion(NamedTuple):
+    """What the measurements have left: the filter's state, what lies between expectation and measurement on average
+    [standard deviations], how many spikes in a row agree, and the newest of them [rad]."""
 
-    value: float = math.nan
-    time: float = math.nan
-
-
-def smoothed(before: Smoothed, now: float, speed: float) -> Smoothed:
-    """Return the smoothed speed after a `speed` [m/s] that came at `now` [s]."""
-    if math.isnan(before.value):
-        return Smoothed(speed, now)
-    share = 1.0 - math.exp(-max(now - before.time, 0.0) / SPEED_SMOOTHING)
-    return Smoothed(before.value + share * (speed - before.value), now)
+    state: FilterState
+    innovation_mean: float = 0.0
+    spikes: int = 0
+    spike: float = 0.0
 
 
-NO_SPEED = Smoothed()
+NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+"""Before the first heading."""
 
 
-class Speeds(NamedTuple):
-    """Speed through the water and over the ground."""
+class Measured(NamedTuple):
+    """A measurement at `time` [s]: heading [rad] and rate [rad/s], nan where they were not measured."""
 
-    water: Smoothed = NO_SPEED
-    ground: Smoothed = NO_SPEED
-
-    @property
-    def is_over_ground(self) -> bool:
-        """Whether nothing but a speed over the ground is known."""
-        return math.isnan(self.water.value) and not math.isnan(self.ground.value)
+    time: float
+    heading: float
+    rate: float
 
 
-def with_speed(speeds: Speeds, now: float, sample: SpeedSample) -> Speeds:
-    """Return the speeds after a sample that came at `now` [s]."""
-    if sample.over_ground:
-        return Speeds(speeds.water, smoothed(speeds.ground, now, sample.speed))
-    return Speeds(smoothed(speeds.water, now, sample.speed), speeds.ground)
+class Moment(NamedTuple):
+    """When the boat is looked at [s], its speed then [m/s], and when the newest heading was measured [s]."""
+
+    now: float
+    speed: float
+    heading_time: float
 
 
-def while_fresh(speeds: Speeds, now: float) -> Speeds:
-    """Return the speeds at `now` [s] without what nobody has confirmed for long."""
-    water, ground = speeds.water, speeds.ground
-    if now - water.time >= SPEED_FRESH:
-        water = NO_SPEED
-    if now - ground.time >= SPEED_FRESH:
-        ground = NO_SPEED
-    return speeds if water is speeds.water and ground is speeds.ground else Speeds(water, ground)
+class Noises(NamedTuple):
+    """The filter's noise, that of a boat which something lasting pushes, and with the rudder at its stop."""
+
+    usual: FilterNoise
+    pushed: FilterNoise
+    stopped: FilterNoise
 
 
-def measured_speed(speeds: Speeds) -> float:
-    """Return the speed [m/s] to be shown: through the water, else over the ground; nan where there is none."""
-    return speeds.ground.value if math.isnan(speeds.water.value) else speeds.water.value
+def noises_of(noise: FilterNoise) -> Noises:
+    """Return the noises; without waves the bias is quick anyway where something pushes."""
+    pushed = noise._replace(bias=noise.gust_bias) if noise.waves else noise
+    wandered, gusty = max(pushed.bias, noise.stop_bias), max(noise.gust_bias, noise.stop_bias)
+    return Noises(noise, pushed, noise._replace(bias=wandered, gust_bias=gusty))
 
 
-def speeds_apart(speeds: Speeds) -> float:
-    """Return how far log and ground lie apart [m/s] where no stream explains it; 0 where one does."""
-    water, ground = abs(speeds.water.value), abs(speeds.ground.value)
-    if math.isnan(water) or math.isnan(ground) or not _are_apart(water, ground):
-        return 0.0
-    return abs(water - ground) if abs(water - ground) > STREAM_MOST else 0.0
+def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:
+    """Return the filter's state carried to the time `to` [s] under the rudder that was."""
+    state = fusion.state
+    at, latest = state.time, state.time + PREDICT_LONGEST
+    end = latest if latest < to else to
+    longest, grain = LONGEST_SHARE * model.time_constant, GRAIN_SHARE * model.time_constant
+    moving = noises.usual if abs(fusion.innovation_mean) < INNOVATION_LASTING else noises.pushed
+    tick = tick_at(past, at)
+    while at < end:
+        until, angle, tick = stretch(past, tick, at, end, grain)
+        noise = moving if abs(angle) < noises.usual.stop else noises.stopped
+        if until - at > longest:
+            for left in range(math.ceil((until - at) / longest), 1, -1):
+                at += (until - at) / left
+                state = predict(model, noise, state, angle, at)
+        state, at = predict(model, noise, state, angle, until), until
+    return state if at == to else FilterState(to, *state[1:])
 
 
-def scheduled_speed(speeds: Speeds, reference_speed: float) -> float:
-    """Return the speed [m/s] for model and gains, nan where none is known; `reference_speed` [m/s]: the trial's.
+def seen_at(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, at: Moment) -> NavState:
+    """Return what the filter knows of the boat; the waves that are not yet known count as the boat's own."""
+    psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, at.now)
+    sea, bias = fusion.state.sea, fusion.state.bias
+    unknown = 1.0 - known(sea)
+    psi, rate = psi + unknown * wave, rate + unknown * wave_rate
+    wave, wave_rate = wave - unknown * wave, wave_rate - unknown * wave_rate
+    heading = psi + wave
+    return NavState(
+        at.now,
+        heading if -PI < heading <= PI else wrap(heading),
+        rate + wave_rate,
+        at.speed,
+        past.angles[(past.ticks - 1) & (len(past.angles) - 1)],
+        -BIAS_MOST if bias < -BIAS_MOST else BIAS_MOST if bias > BIAS_MOST else bias,
+        at.now - at.heading_time,
+        True,
+        wave,
+        wave_rate,
+        math.sqrt(sea.heading),
+        frequency(sea),
+    )
 
-    ValueError for a reference speed that is not positive.
-    """
-    if not reference_speed > 0.0:
-        raise ValueError("the reference speed must be positive")
-    water, ground = speeds.water.value, speeds.ground.value
-    if math.isnan(water):
-        return ground if math.isnan(ground) else _half_way(ground, reference_speed)
-    # astern and at a standstill the ground says nothing about a log
-    if math.isnan(ground) or water <= 0.0 or not _are_apart(water, abs(ground)):
-        return water
-    return _half_way(min(water, abs(ground)), max(water, abs(ground)))
+
+def _moved(
+    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, now: float
+) -> tuple[float, float, float, float]:
+    """Return psi, r, h and s as the filter has them at `now` [s]; what is a moment away needs no covariance."""
+    state = fusion.state
+    begun = state.time
+    if now <= begun:
+        return state.psi, state.rate, state.wave, state.wave_rate
+    latest = begun + PREDICT_LONGEST
+    end = latest if latest < now else now
+    until, angle, _ = stretch(past, tick_at(past, begun), begun, end, GRAIN_SHARE * model.time_constant)
+    if until >= end and until - begun <= LONGEST_SHARE * model.time_constant:
+        return predict_mean(model, state, angle, until)
+    ahead = carried(model, noises, fusion, past, now)
+    return ahead.psi, ahead.rate, ahead.wave, ahead.wave_rate
 
 
-def _are_apart(one: float, other: float) -> bool:
-    return max(one, other) > SPEEDS_APART * min(one, other)
+def fuse_measured(
+    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, measured: Measured
+) -> tuple[Fusion, bool]:
+    """Return what a measurement leaves, and whether it was fused: a spike is not."""
+    time, heading, rate = measured
+    noise, before = noises.usual, fusion.innovation_mean
+    dt = time - fusion.state.time
+    state = carried(model, noises, fusion, past, time)
+    off = normalised_innovation(state, heading, rate, noise)
+    off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
+    lasting = before - math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - before)
+    spikes, spike = fusion.spikes, fusion.spike
+    if not math.isnan(heading):
+        gate = GATE_SIGMAS * math.sqrt(heading_variance(state) + noise.heading)
+        gate = gate if gate > GATE_LEAST else GATE_LEAST
+        innovation = heading - state.psi - state.wave
+        if abs(innovation if -PI < innovation <= PI else wrap(innovation)) > gate:
+            agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
+            return Fusion(fusion.state, lasting, spikes + 1 if agrees else 1, heading), False
+        spikes = 0
+        state = fuse_heading(state, heading, noise.heading)
+    if not math.isnan(rate):
+        state = fuse_rate(state, rate, noise.rate)
+    if noise.waves and abs(lasting) < INNOVATION_LASTING:
+        state = learn_disturbances(state, noise, angle_at(past, time), dt)
+    return Fusion(state, lasting, spikes, spike), True
 
 
-def _half_way(low: float, high: float) -> float:
-    return math.sqrt(max(abs(low), STREAM_LEAST * high) * high)
-
-
-def model_at(reference: Norrbin, speed: float) -> Norrbin:
-    """Return the model at the scheduled `speed` [m/s]; the trial's own where it is nan."""
-    if math.isnan(speed):
-        return reference
-    most = SPEED_RATIO_MOST * reference.reference_speed
-    return at_speed(reference, clip(speed, -most, most))
+MEASURED_AT = attrgetter("time")
 
 
 class Counters(NamedTuple):
@@ -165,9 +209,6 @@ class Counters(NamedTuple):
     repeated: int = 0
     spikes: int = 0
     implausible: int = 0
-
-
-HEADINGS = (HeadingSample, RateSample)
 
 
 class Taken(NamedTuple):
@@ -237,7 +278,7 @@ class EstimatorState(NamedTuple):
         0 until the sea has been watched for its memory: before, waves count for wind.
         """
         state = self.fusion.state
-        is_known = state.sea == waves.NO_SEA or state.time - self.first_time >= WAVE_MEMORY
+        is_known = state.sea == NO_SEA or state.time - self.first_time >= WAVE_MEMORY
         return state.bias if is_known else 0.0
 
 
@@ -290,6 +331,11 @@ def believing(config: EstimatorConfig, state: EstimatorState, beliefs: Beliefs) 
     return state if beliefs.doubts_speed is before.doubts_speed else _scheduled(config, state)
 
 
+def with_order(state: EstimatorState, now: float, angle: float) -> EstimatorState:
+    """Return the state after the rudder `angle` [rad] was ordered of the steering gear at `now` [s]."""
+    return EstimatorState(state.model, ordered(state.rudder, state.memory, now, angle), *state[2:])
+
+
 def estimated(
     config: EstimatorConfig, state: EstimatorState, now: float, samples: tuple[Sample, ...]
 ) -> EstimatorState:
@@ -297,27 +343,28 @@ def estimated(
     headings: list[HeadingSample | RateSample] = []
     rudder, speeds, implausible = state.rudder, state.speeds, 0
     for sample in samples:
-        if isinstance(sample, HEADINGS):
+        if type(sample) is HeadingSample or type(sample) is RateSample:
             headings.append(sample)
-        elif isinstance(sample, RudderSample):
+        elif type(sample) is RudderSample:
             if not (is_rudder(sample.angle) and math.isfinite(sample.time)):
                 implausible += 1
             elif not sample.ordered:
                 rudder = with_feedback(rudder, min(sample.time, now), sample.angle)
-        elif isinstance(sample, SpeedSample):
+        elif type(sample) is SpeedSample:
             if abs(sample.speed) <= SPEED_MOST:
                 speeds = with_speed(speeds, now, sample)
             else:
                 implausible += 1
     if implausible:
         state = _counted(state, implausible=implausible)
-    rudder, speeds = advanced(config.gear, rudder, state.memory, now), while_fresh(speeds, now)
+    rudder = advanced(config.gear, rudder, state.memory, now)
+    if now - speeds.water.time >= SPEED_FRESH or now - speeds.ground.time >= SPEED_FRESH:
+        speeds = while_fresh(speeds, now)
     if speeds is state.speeds:
-        state = state._replace(rudder=rudder)
+        state = EstimatorState(state.model, rudder, *state[2:])
     else:
         state = _scheduled(config, state._replace(rudder=rudder, speeds=speeds))
-    if len(headings) > 1:
-        headings.sort(key=lambda sample: sample.time)
+    headings.sort(key=MEASURED_AT)
     for heading in headings if state.beliefs.takes_rates else without_rates(headings):
         state = _with_heading(config, state, now, heading)
     return state
@@ -398,14 +445,14 @@ def _with_late(config: EstimatorConfig, state: EstimatorState, sample: HeadingSa
 
 
 def _fused(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample | RateSample) -> EstimatorState:
-    before, counters = state.fusion, state.counters
+    before, counters, heading_time = state.fusion, state.counters, state.heading_time
     is_heading = isinstance(sample, HeadingSample)
     measured = Measured(
         sample.time,
         sample.heading if isinstance(sample, HeadingSample) else math.nan,
         math.nan if sample.rate is None else sample.rate,
     )
-    past = past_of(state.rudder, state.memory)
+    past = RudderPast(state.memory.times, state.memory.angles, state.rudder.ticks)
     fusion, is_fused = fuse_measured(state.lively_model, config.noises, before, past, measured)
     taken = (*state.taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
     if not is_fused:
@@ -415,21 +462,32 @@ def _fused(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample
         return state
     if state.beliefs.holds_bias or state.speed < config.steerage:
         fusion = fusion._replace(state=ekf.with_bias_of(before.state, fusion.state))
-    return state._replace(
-        fusion=fusion,
-        taken=taken,
-        heading_time=max(state.heading_time, sample.time) if is_heading else state.heading_time,
-        counters=counters._replace(fused=counters.fused + 1),
+    if is_heading and sample.time > heading_time:
+        heading_time = sample.time
+    return EstimatorState(
+        state.model,
+        state.rudder,
+        state.memory,
+        state.speeds,
+        state.speed,
+        fusion,
+        state.has_begun,
+        heading_time,
+        state.first_time,
+        taken,
+        state.begun,
+        state.needs_reinit,
+        state.beliefs,
+        Counters(counters.fused + 1, *counters[1:]),
     )
 
 
 def nav_state(config: EstimatorConfig, state: EstimatorState, now: float) -> NavState:
     """Return what is known of the boat at `now` [s], carried forward from the newest measurement."""
     speed = config.model.reference_speed if math.isnan(state.speed) else state.speed
-    rudder = newest_angle(state.rudder, state.memory)
+    past = RudderPast(state.memory.times, state.memory.angles, state.rudder.ticks)
     if not state.has_begun:
-        return NavState(now, 0.0, 0.0, speed, rudder, 0.0, math.inf, False)
+        return NavState(now, 0.0, 0.0, speed, newest_angle(past), 0.0, math.inf, False)
     if not is_sound(state.fusion.state):
-        return NavState(now, math.nan, math.nan, speed, rudder, 0.0, now - state.heading_time, False)
-    past = past_of(state.rudder, state.memory)
+        return NavState(now, math.nan, math.nan, speed, newest_angle(past), 0.0, now - state.heading_time, False)
     return seen_at(state.lively_model, config.noises, state.fusion, past, Moment(now, speed, state.heading_time))

@@ -1,7 +1,7 @@
 """Extended Kalman filter of heading, yaw rate, rudder-equivalent bias and wave motion on the Norrbin model.
 
 State x = (psi, r, b, h, s, e). The boat: psi' = r, T r' = K (delta + b) - damping(r), b' = 0 + noise. The waves: a
-heading h and rate s of their own on top of the boat's, see `waves`. A compass shows psi + h and a gyro r + s;
+heading h and rate s of their own on top of the boat's, see `disturbance`. A compass shows psi + h and a gyro r + s;
 the boat is steered by psi and r alone. Without a sea h, s and e stay 0. Scalar code over a NamedTuple: the covariance's
 upper triangle is written out, so the loop needs no array library.
 
@@ -13,15 +13,22 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import wrap
-from autopilot.estimation import waves
+from autopilot.angles import PI, wrap
 from autopilot.estimation.disturbance import (
+    FIRST_SEA,
     NO_INTENSITY,
+    NO_SEA,
     Changes,
     Intensity,
+    Sea,
     adapt_intensity,
+    frequency,
+    in_balance,
+    is_extreme,
     is_finite,
+    learn,
     unsettled_intensity,
+    wave_step,
 )
 from autopilot.estimation.tuning import (
     BIAS_CHANGE,
@@ -40,7 +47,6 @@ from autopilot.estimation.tuning import (
     SEA,
     STEEPEST_GROWTH,
 )
-from autopilot.estimation.waves import NO_SEA, Sea
 from autopilot.models.norrbin import Norrbin, steady_rate, yaw_acceleration
 
 
@@ -188,8 +194,8 @@ def initial(
     """
     sea = NO_SEA
     if noise.waves:
-        sea = waves.FIRST_SEA if before is None or before.sea == NO_SEA else before.sea
-    p33, p44, p45, p55 = waves.in_balance(sea)
+        sea = FIRST_SEA if before is None or before.sea == NO_SEA else before.sea
+    p33, p44, p45, p55 = in_balance(sea, frequency(sea))
     return FilterState(
         time=time,
         psi=heading,
@@ -222,9 +228,9 @@ def without_sea(state: FilterState) -> FilterState:
     """Return the state with a sea of which nothing is known: all that the heading shows is the boat's own."""
     if state.sea == NO_SEA:
         return state
-    p33, p44, p45, p55 = waves.in_balance(waves.FIRST_SEA)
+    p33, p44, p45, p55 = in_balance(FIRST_SEA, frequency(FIRST_SEA))
     alone = state._replace(psi=wrap(state.psi + state.wave), rate=state.rate + state.wave_rate)
-    alone = alone._replace(wave=0.0, wave_rate=0.0, wave_lag=0.0, sea=waves.FIRST_SEA)
+    alone = alone._replace(wave=0.0, wave_rate=0.0, wave_lag=0.0, sea=FIRST_SEA)
     alone = alone._replace(p00=state.p00 + state.p33, p11=state.p11 + state.p44)
     alone = alone._replace(p03=0.0, p04=0.0, p05=0.0, p13=0.0, p14=0.0, p15=0.0, p23=0.0, p24=0.0, p25=0.0)
     return alone._replace(p33=p33, p34=0.0, p35=0.0, p44=p44, p45=p45, p55=p55)
@@ -233,7 +239,8 @@ def without_sea(state: FilterState) -> FilterState:
 def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, float]:
     """Return exp(-x), (1 - exp(-x))/x and (x - 1 + exp(-x))/x^2 with x = dt/T times the damping's slope at `rate`."""
     slope = model.n1 + (2.0 * model.n2 + 3.0 * model.n3 * rate) * rate
-    x = max(slope * dt / model.time_constant, -STEEPEST_GROWTH)
+    x = slope * dt / model.time_constant
+    x = -STEEPEST_GROWTH if x < -STEEPEST_GROWTH else x
     lost = -math.expm1(-x)
     if -1.0e-3 < x < 1.0e-3:
         return 1.0 - lost, 1.0 - 0.5 * x, 0.5
@@ -242,22 +249,17 @@ def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, f
 
 def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float) -> tuple[float, float, float, float]:
     """Return psi, r, h and s at `time` [s] under a held `rudder` [rad]; see `predict`."""
-    dt = time - state.time
-    _, once, twice = _transition(model, state.rate, dt)
-    acceleration = yaw_acceleration(model, state.rate, rudder + state.bias)
-    wave, wave_rate = state.wave, state.wave_rate
-    if state.sea.heading > 0.0:
-        a33, a34, a35, a43, a44, a45, _, _, _ = waves.wave_step(state.sea, dt)
-        wave, wave_rate = (
-            a33 * state.wave + a34 * state.wave_rate + a35 * state.wave_lag,
-            a43 * state.wave + a44 * state.wave_rate + a45 * state.wave_lag,
-        )
-    return (
-        wrap(state.psi + dt * (state.rate + dt * twice * acceleration)),
-        state.rate + dt * once * acceleration,
-        wave,
-        wave_rate,
-    )
+    rate, dt = state.rate, time - state.time
+    _, once, twice = _transition(model, rate, dt)
+    acceleration = yaw_acceleration(model, rate, rudder + state.bias)
+    psi = state.psi + dt * (rate + dt * twice * acceleration)
+    psi = psi if -PI < psi <= PI else wrap(psi)
+    rate += dt * once * acceleration
+    h, s, e, sea = state.wave, state.wave_rate, state.wave_lag, state.sea
+    if sea.heading > 0.0:
+        a33, a34, a35, a43, a44, a45, _, _, _ = wave_step(frequency(sea), dt)
+        h, s = a33 * h + a34 * s + a35 * e, a43 * h + a44 * s + a45 * e
+    return psi, rate, h, s
 
 
 def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: float, time: float) -> FilterState:
@@ -266,8 +268,9 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     The model linearised at the present rate is solved exactly (exponential Rosenbrock-Euler step; Hochbruck and
     Ostermann 2010, section 2): exact for Nomoto's model, and stable however stiff n3 r^2 makes a wild rate.
     """
-    _, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state[:10]
-    dt = time - state.time
+    before, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state[:10]
+    sea, intensity = state.sea, state.intensity
+    dt = time - before
     decay, once, twice = _transition(model, rate, dt)
     acceleration = yaw_acceleration(model, rate, rudder + bias)
     drive = model.gain * dt / model.time_constant
@@ -278,13 +281,15 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     a12 = decay * p12 + gain * p22
     # counted from the rudder that keeps the boat straight, so that it needs no more trust to port than to starboard
     steered = noise.model_error * (model.gain * (rudder + bias) - model.n0) / model.time_constant
-    pushed, wandered = noise.acceleration, max(noise.bias, state.intensity.density)
-    if noise.waves and waves.is_extreme(state.sea, state.wave):
+    pushed, wandered = noise.acceleration, noise.bias
+    wandered = intensity.density if intensity.density > wandered else wandered
+    if noise.waves and is_extreme(sea, state.wave):
         pushed, wandered = noise.gust, noise.gust_bias
     q = (pushed + steered * steered) * dt
+    psi += dt * (rate + dt * twice * acceleration)
     boat = (
         time,
-        wrap(psi + dt * (rate + dt * twice * acceleration)),
+        psi if -PI < psi <= PI else wrap(psi),
         rate + turn * acceleration,
         bias,
         p00 + turn * p01 + drift * p02 + turn * a01 + drift * a02 + q * dt * dt / 3.0,
@@ -294,15 +299,16 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
         a12,
         p22 + wandered * dt,
     )
-    if state.sea.heading <= 0.0:
+    if sea.heading <= 0.0:
         return FilterState(*boat, *NO_WAVES, NO_SEA, NO_INTENSITY)
-    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), state.sea, state.intensity)
+    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), sea, intensity)
 
 
 def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float, gain: float, dt: float) -> Waves:
     """Return h, s, e and their covariances `dt` [s] later, in the order of the state; F of the boat as in `predict`."""
     h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, _ = state[10:]
-    a33, a34, a35, a43, a44, a45, a53, a54, a55 = waves.wave_step(sea, dt)
+    w0 = frequency(sea)
+    a33, a34, a35, a43, a44, a45, a53, a54, a55 = wave_step(w0, dt)
     # F of the boat on the left, A of the waves on the right
     l3, l4, l5 = (
         p03 + turn * p13 + drift * p23,
@@ -311,7 +317,7 @@ def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float
     )
     m3, m4, m5 = decay * p13 + gain * p23, decay * p14 + gain * p24, decay * p15 + gain * p25
     # A (P - balance) A' + balance: what is gained is what keeps the sea as it is
-    v33, v44, v45, v55 = waves.in_balance(sea)
+    v33, v44, v45, v55 = in_balance(sea, w0)
     d33, d44, d45, d55 = p33 - v33, p44 - v44, p45 - v45, p55 - v55
     x33, x34, x35 = (
         a33 * d33 + a34 * p34 + a35 * p35,
@@ -352,18 +358,19 @@ def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float
 
 def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
     """Return the state after a heading [rad] of `variance` [rad^2], the innovation taken the short way round."""
+    innovation, p03 = heading - state.psi - state.wave, state.p03
     return _fuse(
         state,
         (
-            state.p00 + state.p03,
+            state.p00 + p03,
             state.p01 + state.p13,
             state.p02 + state.p23,
-            state.p03 + state.p33,
+            p03 + state.p33,
             state.p04 + state.p34,
             state.p05 + state.p35,
         ),
-        wrap(heading - state.psi - state.wave),
-        heading_variance(state) + variance,
+        innovation if -PI < innovation <= PI else wrap(innovation),
+        state.p00 + 2.0 * p03 + state.p33 + variance,
     )
 
 
@@ -374,18 +381,19 @@ def heading_variance(state: FilterState) -> float:
 
 def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
     """Return the state after a yaw rate [rad/s] of `variance` [(rad/s)^2]."""
+    p14 = state.p14
     return _fuse(
         state,
         (
             state.p01 + state.p04,
-            state.p11 + state.p14,
+            state.p11 + p14,
             state.p12 + state.p24,
             state.p13 + state.p34,
-            state.p14 + state.p44,
+            p14 + state.p44,
             state.p15 + state.p45,
         ),
         rate - state.rate - state.wave_rate,
-        state.p11 + 2.0 * state.p14 + state.p44 + variance,
+        state.p11 + 2.0 * p14 + state.p44 + variance,
     )
 
 
@@ -406,9 +414,10 @@ def _fuse(
     c0, c1, c2, c3, c4, c5 = with_state
     share = 1.0 / total
     g0, g1, g2 = c0 * share, c1 * share, c2 * share
+    psi += g0 * innovation
     boat = (
         time,
-        wrap(psi + g0 * innovation),
+        psi if -PI < psi <= PI else wrap(psi),
         rate + g1 * innovation,
         bias + g2 * innovation,
         p00 - g0 * c0,
@@ -447,18 +456,14 @@ def _fuse(
     )
 
 
-def learn_waves(state: FilterState, dt: float) -> FilterState:
-    """Return the state with what it says of the sea after `dt` [s] taken in."""
-    if waves.is_extreme(state.sea, state.wave):
-        return state
-    heading, rate = state.wave * state.wave + state.p33, state.wave_rate * state.wave_rate + state.p44
-    return FilterState(*state[:-2], waves.learn(state.sea, heading, rate, dt), state.intensity)
-
-
-def learn_intensity(state: FilterState, noise: FilterNoise, rudder: float, dt: float) -> FilterState:
-    """Return the state with what its bias says of the gusts after `dt` [s] with the `rudder` [rad] taken in."""
+def learn_disturbances(state: FilterState, noise: FilterNoise, rudder: float, dt: float) -> FilterState:
+    """Return the state with what it says of sea and gusts after `dt` [s] with the `rudder` [rad] taken in."""
+    sea, wave, wave_rate = state.sea, state.wave, state.wave_rate
+    if not is_extreme(sea, wave):
+        sea = learn(sea, wave * wave + state.p33, wave_rate * wave_rate + state.p44, dt)
     changes = Changes(noise.bias, noise.gusty_bias, noise.gust_time)
-    return FilterState(*state[:-1], adapt_intensity(state.intensity, changes, state.bias, state.p22, rudder, dt))
+    intensity = adapt_intensity(state.intensity, changes, state.bias, state.p22, rudder, dt)
+    return FilterState(*state[:-2], sea, intensity)
 
 
 def is_sound(state: FilterState) -> bool:
@@ -467,5 +472,10 @@ def is_sound(state: FilterState) -> bool:
     return (
         math.isfinite(sum(state[:-2]) + sum(state.sea))
         and is_finite(state.intensity)
-        and min(state.p00, state.p11, state.p22, state.p33, state.p44, state.p55) >= 0.0
+        and state.p00 >= 0.0
+        and state.p11 >= 0.0
+        and state.p22 >= 0.0
+        and state.p33 >= 0.0
+        and state.p44 >= 0.0
+        and state.p55 >= 0.0
     )

@@ -61,7 +61,8 @@ def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float)
         return end, angles[newest & ring], newest
     at, turned = begun, 0.0
     while at < end:
-        until = min(times[(tick + 1) & ring], end) if tick < newest else end
+        until = times[(tick + 1) & ring] if tick < newest else end
+        until = end if end < until else until
         if until > at:
             if until - begun > grain and at > begun:
                 break
@@ -74,9 +75,10 @@ def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float)
 
 def tick_at(past: RudderPast, time: float) -> int:
     """Return the newest tick at or before `time` [s], or the oldest that is known."""
-    tick, ring = past.ticks - 1, len(past.times) - 1
-    oldest = max(past.ticks - ring - 1, 0)
-    while tick > oldest and past.times[tick & ring] > time:
+    times, tick = past.times, past.ticks - 1
+    ring = len(times) - 1
+    oldest = tick - ring if tick > ring else 0
+    while tick > oldest and times[tick & ring] > time:
         tick -= 1
     return tick
 
@@ -122,14 +124,9 @@ def rudder_memory() -> RudderMemory:
     )
 
 
-def past_of(observer: RudderObserver, memory: RudderMemory) -> RudderPast:
-    """Return where the rudder was."""
-    return RudderPast(memory.times, memory.angles, observer.ticks)
-
-
-def newest_angle(observer: RudderObserver, memory: RudderMemory) -> float:
+def newest_angle(past: RudderPast) -> float:
     """Return the newest estimate [rad]."""
-    return memory.angles[(observer.ticks - 1) & (len(memory.angles) - 1)]
+    return past.angles[(past.ticks - 1) & (len(past.angles) - 1)]
 
 
 def is_fed_back(observer: RudderObserver, now: float) -> bool:
@@ -175,24 +172,23 @@ def all_effective(observer: RudderObserver, memory: RudderMemory) -> RudderObser
 
 def advanced(gear: SteeringGear, observer: RudderObserver, memory: RudderMemory, now: float) -> RudderObserver:
     """Return the observer at `now` [s], the angle there written down; time does not go back."""
-    times, ring, orders_ring = memory.times, len(memory.times) - 1, len(memory.orders) - 1
-    modelled, passed, effective = observer.modelled, observer.passed, observer.effective
-    if observer.ticks:
-        dt = now - times[(observer.ticks - 1) & ring]
+    times, angles, gears, order_times, orders = memory
+    ring, orders_ring = len(times) - 1, len(orders) - 1
+    modelled, ticks, given, passed, effective, fed_back_at, fed_back = observer
+    if ticks:
+        dt = now - times[(ticks - 1) & ring]
         if dt <= 0.0:
             return observer
-        while passed < observer.given and memory.order_times[passed & orders_ring] + gear.delay <= now:
-            effective = memory.orders[passed & orders_ring]
+        while passed < given and order_times[passed & orders_ring] + gear.delay <= now:
+            effective = orders[passed & orders_ring]
             passed += 1
         modelled = gear_step(gear, modelled, effective, dt)
-    angle, at = modelled, observer.fed_back_at
-    if now - at < FEEDBACK_FRESH:
+    angle = modelled
+    if now - fed_back_at < FEEDBACK_FRESH:
         then = modelled
-        if observer.ticks and at < times[(observer.ticks - 1) & ring]:
-            then = memory.gears[tick_at(RudderPast(times, memory.angles, observer.ticks), at) & ring]
-        angle += observer.fed_back - then
-    place = observer.ticks & ring
-    times[place] = now
-    memory.gears[place] = modelled
-    memory.angles[place] = angle
-    return RudderObserver(modelled, observer.ticks + 1, observer.given, passed, effective, at, observer.fed_back)
+        if ticks and fed_back_at < times[(ticks - 1) & ring]:
+            then = gears[tick_at(RudderPast(times, angles, ticks), fed_back_at) & ring]
+        angle += fed_back - then
+    place = ticks & ring
+    times[place], gears[place], angles[place] = now, modelled, angle
+    return RudderObserver(modelled, ticks + 1, given, passed, effective, fed_back_at, fed_back)

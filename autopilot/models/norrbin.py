@@ -36,7 +36,8 @@ def yaw_acceleration(model: Norrbin, rate: float, rudder: float) -> float:
 
     Also elementwise over numpy arrays.
     """
-    return (model.gain * rudder - damping(model, rate)) / model.time_constant
+    gain, time_constant, n3, n2, n1, n0, _ = model
+    return (gain * rudder - (((n3 * rate + n2) * rate + n1) * rate + n0)) / time_constant
 
 
 def damping(model: Norrbin, rate: float) -> float:

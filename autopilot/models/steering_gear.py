@@ -45,11 +45,13 @@ def lag_share(gear: SteeringGear, dt: float) -> float:
 
 def gear_step_by(gear: SteeringGear, share: float, angle: float, order: float, dt: float) -> float:
     """Return the same as `gear_step`, its `lag_share` of `dt` [s] being known."""
-    error = clip(order, -gear.angle_max, gear.angle_max) - angle
-    if abs(error) <= gear.dead_band:
+    angle_max, rate_max, _, dead_band, _ = gear
+    error = (-angle_max if order < -angle_max else angle_max if order > angle_max else order) - angle
+    if abs(error) <= dead_band:
         return angle
-    reach = gear.rate_max * dt
-    return clip(angle + clip(share * error, -reach, reach), -gear.angle_max, gear.angle_max)
+    step, reach = share * error, rate_max * dt
+    moved = angle + (-reach if step < -reach else reach if step > reach else step)
+    return -angle_max if moved < -angle_max else angle_max if moved > angle_max else moved
 
 
 class DelayLine:

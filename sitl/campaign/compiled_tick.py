@@ -16,8 +16,7 @@ from autopilot.angles import shortest_turn
 from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.control.limits import Rest
 from autopilot.control.registry import law_step
-from autopilot.estimation.estimator import Smoothed, model_at, smoothed
-from autopilot.estimation.fusion import (
+from autopilot.estimation.estimator import (
     Fusion,
     Measured,
     Moment,
@@ -26,6 +25,7 @@ from autopilot.estimation.fusion import (
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
 from autopilot.estimation.rudder_observer import RudderMemory, RudderObserver, RudderPast, advanced, ordered
+from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.reference import Guide, heading_ordered, started
 from autopilot.guidance.turn import NO_EVIDENCE, VirtualBoat, is_turning, reference_of

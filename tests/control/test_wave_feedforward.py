@@ -23,9 +23,9 @@ from autopilot.control.wave_feedforward import (
     feedforward,
     wave_feedforward,
 )
-from autopilot.estimation import waves as wave_motion
+from autopilot.estimation import disturbance as wave_motion
+from autopilot.estimation.disturbance import filtered_share
 from autopilot.estimation.tuning import WAVE_EXTREME, WAVE_EXTREME_LEAST, WAVE_STIFFENING
-from autopilot.estimation.waves import filtered_share
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 

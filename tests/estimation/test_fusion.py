@@ -7,7 +7,7 @@ import math
 import pytest
 
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.fusion import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at
+from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_lyapunov
 
+from autopilot.estimation import disturbance as wave_motion
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation import waves as wave_motion
+from autopilot.estimation.disturbance import NO_SEA, Sea, frequency
 from autopilot.estimation.heading_ekf import (
     FilterNoise,
     FilterState,
@@ -23,7 +24,6 @@ from autopilot.estimation.heading_ekf import (
     is_sound,
     normalised_innovation,
 )
-from autopilot.estimation.waves import NO_SEA, Sea, frequency
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
 NOMOTO = Norrbin(0.2, 5.0)
@@ -90,7 +90,7 @@ def test_on_a_linear_boat_it_is_the_kalman_filter(model: Norrbin, sea: Sea) -> N
     random = np.random.default_rng(7)
     state = ekf.initial(0.0, 0.2, None, NOISE)
     if sea.heading > 0.0:
-        p33, p44, p45, p55 = wave_motion.in_balance(sea)
+        p33, p44, p45, p55 = wave_motion.in_balance(sea, frequency(sea))
         state = state._replace(sea=sea, p33=p33, p44=p44, p45=p45, p55=p55)
     x, p = matrices_of(state)
     for step in range(60):
@@ -168,7 +168,7 @@ def test_what_is_not_finite_or_negative_is_not_sound() -> None:
 
 
 def test_a_sea_that_is_forgotten_leaves_all_motion_to_the_boat() -> None:
-    p33, p44, p45, p55 = wave_motion.in_balance(SEA)
+    p33, p44, p45, p55 = wave_motion.in_balance(SEA, frequency(SEA))
     state = ekf.initial(3.0, 3.1, 0.02, NOISE)._replace(sea=SEA, p33=p33, p44=p44, p45=p45, p55=p55)
     state = fuse_rate(fuse_heading(ekf.predict(LANXIN, NOISE, state, 0.1, 3.4), 3.0, 1.0e-4), 0.1, 1.0e-4)
     state = state._replace(wave=0.1, wave_rate=-0.03, wave_lag=0.2, bias=0.05)

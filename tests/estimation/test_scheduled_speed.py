@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from autopilot.estimation.estimator import (
+from autopilot.estimation.speeds import (
     Speeds,
     measured_speed,
     scheduled_speed,

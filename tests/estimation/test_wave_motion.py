@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from autopilot.estimation import waves
-from autopilot.estimation.waves import (
+from autopilot.estimation import disturbance as waves
+from autopilot.estimation.disturbance import (
     Sea,
     filtered_share,
     frequency,
@@ -35,9 +35,9 @@ def test_the_step_is_exact_and_keeps_the_balance(w0: float, deviation: float, dt
     sea = sea_of(w0, deviation)
     xi, c = waves.WAVE_DAMPING, waves.WAVE_CORNER * w0
     a = np.array([[0.0, 1.0, 0.0], [-w0 * w0 - 2 * xi * w0 * c, -2 * xi * w0 - c, -w0 * w0], [c, 0.0, 0.0]])
-    step = np.reshape(wave_step(sea, dt), (3, 3))
+    step = np.reshape(wave_step(frequency(sea), dt), (3, 3))
     assert np.abs(step - expm(a * dt)).max() < 1e-9
-    v33, v44, v45, v55 = in_balance(sea)
+    v33, v44, v45, v55 = in_balance(sea, frequency(sea))
     balance = np.array([[v33, 0.0, 0.0], [0.0, v44, v45], [0.0, v45, v55]])
     gained = balance - step @ balance @ step.T
     assert np.linalg.eigvalsh(gained).min() > -1e-12 * balance.max(), "noise cannot have a negative variance"
@@ -56,9 +56,9 @@ def test_frequency_is_what_the_balance_was_made_with(w0: float, deviation: float
 @pytest.mark.parametrize("w0", [0.4, 1.2, 3.0])
 def test_a_sea_seen_clearly_is_learnt(w0: float) -> None:
     truth, dt = sea_of(w0, 0.05), 0.1
-    v33, v44, v45, v55 = in_balance(truth)
+    v33, v44, v45, v55 = in_balance(truth, frequency(truth))
     balance = np.array([[v33, 0.0, 0.0], [0.0, v44, v45], [0.0, v45, v55]])
-    step = np.reshape(wave_step(truth, dt), (3, 3))
+    step = np.reshape(wave_step(frequency(truth), dt), (3, 3))
     root = np.linalg.cholesky(balance - step @ balance @ step.T + 1e-12 * np.eye(3))
     random = np.random.default_rng(3)
     state, sea, found = np.zeros(3), waves.FIRST_SEA, []
@@ -82,7 +82,7 @@ def test_what_is_learnt_stays_inside_its_bounds(heading: float, rate: float, dt:
 
 def test_the_initial_sea_is_half_a_degree_at_one_radian_a_second() -> None:
     assert frequency(waves.FIRST_SEA) == pytest.approx(1.0)
-    assert in_balance(waves.FIRST_SEA)[0] == pytest.approx(math.radians(0.5) ** 2)
+    assert in_balance(waves.FIRST_SEA, frequency(waves.FIRST_SEA))[0] == pytest.approx(math.radians(0.5) ** 2)
     assert waves.FIRST_SEA.watched == 0.0
     assert frequency(Sea(0.0, 1.0)) == 0.0
 
@@ -116,7 +116,8 @@ def test_the_encounter_spectrum_has_its_width_and_its_lower_corner(
     w0: float,
 ) -> None:
     """Density of s/((s + c)(s^2 + 2 xi w0 s + w0^2)) from what is in balance: E[s^2]/E[h^2] and E[e^2]/E[h^2]."""
-    heading, rate, across, lag = in_balance(sea_of(w0, 0.05))
+    sea = sea_of(w0, 0.05)
+    heading, rate, across, lag = in_balance(sea, frequency(sea))
     xi, kappa = 0.15, 0.4
     assert rate / heading == pytest.approx((1.0 + 2.0 * xi * kappa) * w0**2)
     assert (across / heading, lag / heading) == pytest.approx((-kappa * w0, kappa * (2.0 * xi + kappa)))

@@ -1,0 +1,120 @@
+"""Which speed the model and the gains follow: that through the water, and over the ground only half the way.
+
+K ~ U and T ~ 1/U, so a loop designed for the ratio s of the trial's speed has (U/s)^2 times the gain that it was
+designed for where the boat goes at the ratio U. A loop bears an error of two either way; with a third of the true speed
+it swings for ever. Speed over the ground is the speed through the water and a current that nobody knows. Of two claims,
+that the boat goes as fast as the ground says, s, and that it goes as in the trial, 1, the geometric mean sqrt(s) is
+wrong by sqrt(s) at most, whichever is true. s counts for no less than STREAM_LEAST, so that this is 1.7 against a
+current of two thirds of the boat's speed, and more. Where log and ground differ by more than SPEEDS_APART, one of them
+is wrong or the current is strong, and the mean of both is taken in the same way. A speed that the boat's own turns have
+proven wrong (`autopilot.supervision.rudder_watch`) is not gone by at all.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.estimation.tuning import (
+    SPEED_FRESH,
+    SPEED_RATIO_MOST,
+    SPEED_SMOOTHING,
+    SPEEDS_APART,
+    STREAM_LEAST,
+    STREAM_MOST,
+)
+from autopilot.models.norrbin import Norrbin, at_speed
+from autopilot.models.steering_gear import clip
+from autopilot.signals import SpeedSample
+
+
+class Smoothed(NamedTuple):
+    """One kind of speed, smoothed [m/s], and the time [s] of its newest sample; nan where there is no fresh one."""
+
+    value: float = math.nan
+    time: float = math.nan
+
+
+def smoothed(before: Smoothed, now: float, speed: float) -> Smoothed:
+    """Return the smoothed speed after a `speed` [m/s] that came at `now` [s]."""
+    if math.isnan(before.value):
+        return Smoothed(speed, now)
+    share = 1.0 - math.exp(-max(now - before.time, 0.0) / SPEED_SMOOTHING)
+    return Smoothed(before.value + share * (speed - before.value), now)
+
+
+NO_SPEED = Smoothed()
+
+
+class Speeds(NamedTuple):
+    """Speed through the water and over the ground."""
+
+    water: Smoothed = NO_SPEED
+    ground: Smoothed = NO_SPEED
+
+    @property
+    def is_over_ground(self) -> bool:
+        """Whether nothing but a speed over the ground is known."""
+        return math.isnan(self.water.value) and not math.isnan(self.ground.value)
+
+
+def with_speed(speeds: Speeds, now: float, sample: SpeedSample) -> Speeds:
+    """Return the speeds after a sample that came at `now` [s]."""
+    if sample.over_ground:
+        return Speeds(speeds.water, smoothed(speeds.ground, now, sample.speed))
+    return Speeds(smoothed(speeds.water, now, sample.speed), speeds.ground)
+
+
+def while_fresh(speeds: Speeds, now: float) -> Speeds:
+    """Return the speeds at `now` [s] without what nobody has confirmed for long."""
+    water, ground = speeds.water, speeds.ground
+    if now - water.time >= SPEED_FRESH:
+        water = NO_SPEED
+    if now - ground.time >= SPEED_FRESH:
+        ground = NO_SPEED
+    return speeds if water is speeds.water and ground is speeds.ground else Speeds(water, ground)
+
+
+def measured_speed(speeds: Speeds) -> float:
+    """Return the speed [m/s] to be shown: through the water, else over the ground; nan where there is none."""
+    return speeds.ground.value if math.isnan(speeds.water.value) else speeds.water.value
+
+
+def speeds_apart(speeds: Speeds) -> float:
+    """Return how far log and ground lie apart [m/s] where no stream explains it; 0 where one does."""
+    water, ground = abs(speeds.water.value), abs(speeds.ground.value)
+    if math.isnan(water) or math.isnan(ground) or not _are_apart(water, ground):
+        return 0.0
+    return abs(water - ground) if abs(water - ground) > STREAM_MOST else 0.0
+
+
+def scheduled_speed(speeds: Speeds, reference_speed: float) -> float:
+    """Return the speed [m/s] for model and gains, nan where none is known; `reference_speed` [m/s]: the trial's.
+
+    ValueError for a reference speed that is not positive.
+    """
+    if not reference_speed > 0.0:
+        raise ValueError("the reference speed must be positive")
+    water, ground = speeds.water.value, speeds.ground.value
+    if math.isnan(water):
+        return ground if math.isnan(ground) else _half_way(ground, reference_speed)
+    # astern and at a standstill the ground says nothing about a log
+    if math.isnan(ground) or water <= 0.0 or not _are_apart(water, abs(ground)):
+        return water
+    return _half_way(min(water, abs(ground)), max(water, abs(ground)))
+
+
+def _are_apart(one: float, other: float) -> bool:
+    return max(one, other) > SPEEDS_APART * min(one, other)
+
+
+def _half_way(low: float, high: float) -> float:
+    return math.sqrt(max(abs(low), STREAM_LEAST * high) * high)
+
+
+def model_at(reference: Norrbin, speed: float) -> Norrbin:
+    """Return the model at the scheduled `speed` [m/s]; the trial's own where it is nan."""
+    if math.isnan(speed):
+        return reference
+    most = SPEED_RATIO_MOST * reference.reference_speed
+    return at_speed(reference, clip(speed, -most, most))
