@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from autopilot.angles import shortest_turn
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
@@ -41,7 +42,11 @@ def runaway() -> Stepped:
 def off_course(limits: AlarmLimits) -> Stepped:
     """Return the off-course alarm."""
     step = course_watch.off_course_step
-    return Stepped(lambda before, seen: step(limits, before, seen), course_watch.ON_ITS_COURSE)
+
+    def judged(before: course_watch.OffCourse, seen: MonitorInput) -> course_watch.OffCourse:
+        return step(limits, before, seen, shortest_turn(seen.wanted, seen.state.heading))
+
+    return Stepped(judged, course_watch.ON_ITS_COURSE)
 
 
 def consistency(most: float) -> Stepped:
@@ -149,9 +154,8 @@ class Turning(Stepped):
     def update(self, seen: MonitorInput) -> Any:
         """Go on to the next value, and return it."""
         last, self.last = self.last, seen
-        turn = course_watch.turn_since(
-            *((math.nan,) * 3 if last is None else (last.now, last.state.heading, last.wanted)), seen
-        )
+        before = (math.nan,) * 3 if last is None else (last.now, last.state.heading, last.wanted)
+        turn = course_watch.turn_since(*before, seen, course_watch.quickest_model(seen))
         self.value = self.step(self.value, seen, turn)
         return self.value
 

@@ -60,17 +60,18 @@ NO_TURNS = Turns(0.0, 0.0, 0.0, 0.0, 0.0)
 
 def turns_step(turns: Turns, by_heading: float, by_rate: float, step: float) -> Turns:
     """Return what is known after a step of `step` [s] in which the boat turned `by_heading` and `by_rate` [rad]."""
+    apart, heading, rate, difference, total = turns
     fades = math.exp(-step / SENSE_TIME)
     # no boat turns further between two headings, and an instrument that says so must not falsify the sums
     by_rate = clip(by_rate, -math.pi, math.pi)
-    heading, rate = turns.heading * fades + by_heading, turns.rate * fades + by_rate
+    heading, rate = heading * fades + by_heading, rate * fades + by_rate
     share = -math.expm1(-step / SENSE_LASTS)
     return Turns(
-        turns.apart * math.exp(-step / APART_TIME) + by_heading - by_rate,
+        apart * math.exp(-step / APART_TIME) + by_heading - by_rate,
         heading,
         rate,
-        turns.difference + share * ((heading - rate) ** 2 - turns.difference),
-        turns.sum + share * ((heading + rate) ** 2 - turns.sum),
+        difference + share * ((heading - rate) ** 2 - difference),
+        total + share * ((heading + rate) ** 2 - total),
     )
 
 

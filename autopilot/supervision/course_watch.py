@@ -96,18 +96,21 @@ def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, err
     return since, is_off or now - since >= limits.off_course_time
 
 
-def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput) -> OffCourse:
-    """Judge a tick: how far off, which way, and whether the rudder is at its stop; not while a turn may last."""
+def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, error: float) -> OffCourse:
+    """Judge a tick whose heading is off by `error` [rad]: how far, which way, and whether the rudder is at its stop;
+    not while a turn may last."""
     if not seen.holds_course or math.isinf(limits.off_course):
         return ON_ITS_COURSE
-    error = shortest_turn(seen.wanted, seen.state.heading)
     since, is_off = course_step(limits, before.since, before.is_off, seen.now, error)
     if not is_off:
-        return OffCourse(since)
+        return ON_ITS_COURSE if math.isnan(since) else OffCourse(since)
     if before.found is not None and not abs(error - before.reported) > NEWS:
         return OffCourse(since, True, before.reported, before.found)
     off = f"by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
     return OffCourse(since, True, error, AlarmEvent("off_course", off, AT_STOP if is_hard_over(seen) else ""))
+
+
+Sums = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float, float, float]
 
 
 class ByRudder(NamedTuple):
@@ -117,24 +120,39 @@ class ByRudder(NamedTuple):
     one frequency of a limit cycle a delay is a part of a and b; what gusts and waves do beside the rudder is none.
 
     time [s], turned psi [rad] and ordered D [rad s] since it began; sums: of the products of two of the columns 1, t,
-    psi, D and r, each pair once.
+    psi, D and r, each pair once, the first of them the number of ticks.
     """
 
     time: float = 0.0
     turned: float = 0.0
     ordered: float = 0.0
-    sums: tuple[float, ...] = ()
+    sums: Sums = (0.0,) * 15
 
     def with_tick(self, step: float, turned: float, rudder: float, rate: float) -> ByRudder:
         """Return the same with a tick `step` [s] later, in which the boat `turned` [rad]; what is between the first and
         the tick before it does not count."""
         time, psi, ordered, sums = self
-        if sums:
+        ticks, st, sp, so, sr, stt, stp, sto, str_, spp, spo, spr, soo, sor, srr = sums
+        if ticks > 0.0:
             time, psi, ordered = time + step, psi + turned, ordered + rudder * step
-        row = 1.0, time, psi, ordered, rate
-        products = (one * other for one, other in combinations_with_replacement(row, 2))
-        added = map(float.__add__, sums, products) if sums else products
-        return ByRudder(time, psi, ordered, tuple(added))
+        added = (
+            ticks + 1.0,
+            st + time,
+            sp + psi,
+            so + ordered,
+            sr + rate,
+            stt + time * time,
+            stp + time * psi,
+            sto + time * ordered,
+            str_ + time * rate,
+            spp + psi * psi,
+            spo + psi * ordered,
+            spr + psi * rate,
+            soo + ordered * ordered,
+            sor + ordered * rate,
+            srr + rate * rate,
+        )
+        return ByRudder(time, psi, ordered, added)
 
     def share(self) -> float:
         """Return R^2, 0 where nothing has turned: what elimination leaves of the last column's square."""
@@ -175,20 +193,38 @@ class Swings(NamedTuple):
 NO_SWINGS = Swings()
 
 
+class Quickest(NamedTuple):
+    """The quickest model of a boat, see `quickest_model`, with the model and the trial's speed [m/s] that it is of."""
+
+    of: Norrbin
+    trial_speed: float
+    model: Norrbin
+
+
+def quickest_for(seen: MonitorInput, before: Quickest | None) -> Quickest:
+    """Return what counts as the quickest: what it was `before`, as long as neither boat nor speed has changed."""
+    if before is not None and before.of is seen.model and before.trial_speed == seen.trial_speed:
+        return before
+    return Quickest(seen.model, seen.trial_speed, quickest_model(seen))
+
+
 class Turn(NamedTuple):
     """What the boat has done since the tick before: step [s], turned [rad]; how far the heading ordered has moved
-    [rad]; quickest: the model at the trial's speed where that is the quicker one."""
+    [rad]; off [rad]: how far the boat is off it; quickest: the model at the trial's speed where that is the quicker
+    one."""
 
     step: float
     turned: float
     led: float
+    off: float
     quickest: Norrbin
 
 
-def turn_since(time: float, heading: float, wanted: float, seen: MonitorInput) -> Turn:
+def turn_since(time: float, heading: float, wanted: float, seen: MonitorInput, quickest: Norrbin) -> Turn:
     """Return what the boat has done since the tick at `time` [s] with its heading and the one ordered [rad]."""
-    turned, led = shortest_turn(heading, seen.state.heading), shortest_turn(wanted, seen.wanted)
-    return Turn(seen.now - time, turned, led, quickest_model(seen))
+    is_at, order = seen.state.heading, seen.wanted
+    turned, led = shortest_turn(heading, is_at), 0.0 if order == wanted else shortest_turn(wanted, order)
+    return Turn(seen.now - time, turned, led, shortest_turn(order, is_at), quickest)
 
 
 def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) -> Swings:
@@ -196,11 +232,11 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
     if not seen.follows:
         return NO_SWINGS
     now, order = seen.now, seen.rudder
-    is_paused = now - before.swept > PAUSE[0] + PAUSE[1] * seen.model.time_constant
+    swept, side, extreme, turned, low, high, low_before, high_before, swung, lasted, count, by_rudder = before
+    is_paused = now - swept > PAUSE[0] + PAUSE[1] * seen.model.time_constant
     # a rudder that stood while the loop stalled swings the boat, too: late ticks are an alarm of their own
     if seen.is_late or is_paused or not abs(turn.led) < NEW_COURSE:
         return Swings(now, extreme=order)
-    swept, side, extreme, turned, low, high, low_before, high_before, swung, lasted, count, by_rudder = before
     turned += turn.turned
     low, high = turned if turned < low else low, turned if turned > high else high
     if by_rudder is not None:
@@ -262,7 +298,7 @@ def circles_step(before: Circles, seen: MonitorInput, turn: Turn) -> Circles:
     if not seen.follows:
         return NO_CIRCLES
     off, begun, since = before
-    near = shortest_turn(seen.wanted, seen.state.heading)
+    near = turn.off
     if math.isnan(off) or abs(turn.led) > NEW_COURSE:
         off, begun = near, abs(near)
     elif abs(seen.push) <= seen.angle_max or reads_low(seen):
@@ -272,7 +308,7 @@ def circles_step(before: Circles, seen: MonitorInput, turn: Turn) -> Circles:
         since = math.nan
     elif math.isnan(since):
         since = seen.now
-    elif seen.now - since >= max(ON_COURSE_TIME, ON_COURSE_TIME * seen.model.time_constant):
+    elif seen.now - since >= ON_COURSE_TIME and seen.now - since >= ON_COURSE_TIME * seen.model.time_constant:
         off = near
     return Circles(off, begun, since)
 
@@ -312,18 +348,17 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     turned = turn.turned / turn.step
     if abs(turned) > RATE_MOST:
         turned = 0.0
-    quickest, model = turn.quickest, seen.model
+    quickest, model, rudder_most = turn.quickest, seen.model, seen.angle_max
     rate -= math.expm1(-turn.step / max(SPIN_TIME[0], SPIN_TIME[1] * quickest.time_constant)) * (turned - rate)
-    is_steered = rate * seen.rudder > 0.0
+    is_steered, is_stable = rate * seen.rudder > 0.0, model.n1 > 0.0
+    if not is_steered and is_stable:
+        return Spin(True, wanted, by_sea, rate)
     # a wrong speed does what a sea does, and is doubted rather than borne
     by_rudder = math.copysign(max(abs(rate) - (0.0 if reads_low(seen) else by_sea), 0.0), rate)
-    outruns = False
     # a course-unstable boat outruns its rudder, against it too, where it is steered by a wrong speed
-    if is_steered or model.n1 <= 0.0:
-        most = OUTRUNS if model.n1 > 0.0 else OUTRUNS_UNSTABLE
-        outruns = is_beyond(model, by_rudder / most, seen.angle_max)
-    rushes = is_steered and is_beyond(quickest, by_rudder / RUSH, seen.angle_max)
-    is_fast = is_steered and is_beyond(quickest, by_rudder / SPIN, seen.angle_max)
+    outruns = is_beyond(model, by_rudder / (OUTRUNS if is_stable else OUTRUNS_UNSTABLE), rudder_most)
+    rushes = is_steered and is_beyond(quickest, by_rudder / RUSH, rudder_most)
+    is_fast = is_steered and is_beyond(quickest, by_rudder / SPIN, rudder_most)
     return Spin(True, wanted, by_sea, rate, is_fast, rushes, outruns)
 
 
@@ -346,6 +381,7 @@ class State(NamedTuple):
     spin: Spin = Spin()
     softer: float = 1.0
     hunts: bool = False
+    quickest: Quickest | None = None
 
 
 def update(
@@ -358,8 +394,9 @@ def update(
     likeliest cause of swings, the trial's speed the worst that is plausible, so it is doubted first; then less is
     ordered. A course-unstable boat would be lost with less than it needs against its own tendency to turn.
     """
-    time, heading, wanted, off_course, sweeps, throws, circles, spin, softer, hunts = before
-    turn = turn_since(time, heading, wanted, seen)
+    time, heading, wanted, off_course, sweeps, throws, circles, spin, softer, hunts, quickest = before
+    quickest = quickest_for(seen, quickest)
+    turn = turn_since(time, heading, wanted, seen, quickest.model)
     if not seen.steers:
         softer, hunts = 1.0, False
     elif rudder.asks_less:
@@ -370,17 +407,17 @@ def update(
     # no law is softer, and to try it once more would begin the count of everything anew
     fast = spin.rate if spin.is_fast or (spin.rushes and softer >= SOFTEST) else 0.0
     is_stable, contradicts_speed = seen.model.n1 > 0.0, False
-    is_soft = softer > 1.0 or not is_stable
-    swings = (is_soft and throws.sweeps >= HALF_SWINGS) or (softer >= SOFTEST and sweeps.sweeps >= SUSPECT_SWINGS)
+    is_soft, swept, thrown = softer > 1.0 or not is_stable, sweeps.sweeps, throws.sweeps
+    swings = (is_soft and thrown >= HALF_SWINGS) or (softer >= SOFTEST and swept >= SUSPECT_SWINGS)
     if not swings:
-        suspect = max(sweeps.sweeps, throws.sweeps) >= SUSPECT_SWINGS or (seen.follows and spin.rushes)
+        suspect = swept >= SUSPECT_SWINGS or thrown >= SUSPECT_SWINGS or (seen.follows and spin.rushes)
         contradicts_speed = (suspect or spin.outruns_speed) and reads_low(seen)
         if suspect and not contradicts_speed:
             hunts, softer = True, min(SOFTER * softer, SOFTEST) if is_stable else softer
         if suspect and (contradicts_speed or is_stable):
             sweeps, throws, spin = NO_SWINGS, NO_SWINGS, Spin()
     circles = circles_step(circles, seen, turn)
-    off_course = off_course_step(limits, off_course, seen)
+    off_course = off_course_step(limits, off_course, seen, turn.off)
     found: tuple[AlarmEvent, ...] = (AlarmEvent("swinging"),) if swings else ()
     if hunts and not rudder.other:
         found += (AlarmEvent("hunting"),)
@@ -392,5 +429,17 @@ def update(
         found += (AlarmEvent("speeds_disagree"),)
     if off_course.found is not None:
         found += (off_course.found,)
-    after = State(seen.now, seen.state.heading, seen.wanted, off_course, sweeps, throws, circles, spin, softer, hunts)
+    after = State(
+        seen.now,
+        seen.state.heading,
+        seen.wanted,
+        off_course,
+        sweeps,
+        throws,
+        circles,
+        spin,
+        softer,
+        hunts,
+        quickest,
+    )
     return after, found, contradicts_speed

@@ -45,40 +45,34 @@ class FailsafeSteering:
     For as long as a tick lasts: what it remembers is `memory`."""
 
     def __init__(self, memory: Memory = NO_MEMORY) -> None:
-        self._rate, self._wind, self._state, self._held = memory
-
-    @property
-    def memory(self) -> Memory:
-        """What is to be remembered."""
-        return Memory(self._rate, self._wind, self._state, self._held)
+        self.memory = memory
 
     def on_sample(self, samples: tuple[Sample, ...], takes_rates: bool = True) -> None:
         """Take rates of turn, where they are to be taken, and wind; headings are what cannot be trusted."""
         for sample in samples:
             if isinstance(sample, WindSample):
-                self._on_wind(sample)
-            elif takes_rates and isinstance(sample, HeadingSample | RateSample):
-                self._on_rate(sample.time, sample.rate)
+                self.memory = self.memory._replace(wind=wind_after(self.memory.wind, sample))
+            elif takes_rates and isinstance(sample, HeadingSample | RateSample) and is_rate(sample):
+                self.memory = self.memory._replace(rate=(sample.time, sample.rate))
 
     def begin(self, state: NavState) -> None:
         """Start from the last `state`: its heading is to be held."""
-        self._state, self._held = state, state.heading
+        self.memory = self.memory._replace(state=state, held=state.heading)
 
     def reckon(self, now: float, model: Norrbin, rudder: float) -> tuple[NavState, Reference]:
         """Return where the boat must be heading at `now` [s] by measured rate or model, and the heading to hold.
 
         `rudder` [rad] is where the steering gear stands. ValueError before `begin`.
         """
-        before = self._state
+        measured, _, before, held = self.memory
         if before is None:
             raise ValueError("reckon: begin first")
         step = clip(now - before.time, 0.0, RATE_FRESH)
-        measured = self._rate is not None and 0.0 <= now - self._rate[0] <= RATE_FRESH
-        if measured and self._rate is not None:
-            rate = self._rate[1]
+        if measured is not None and 0.0 <= now - measured[0] <= RATE_FRESH:
+            rate = measured[1]
         else:
             rate = rate_step(model, before.rate, rudder + before.bias, step)
-        self._state = before._replace(
+        state = before._replace(
             time=now,
             heading=wrap(before.heading + 0.5 * (before.rate + rate) * step),
             rate=rate,
@@ -88,30 +82,33 @@ class FailsafeSteering:
             wave_rate=0.0,
             wave_deviation=0.0,
         )
-        return self._state, Reference(self._held)
+        self.memory = self.memory._replace(state=state)
+        return state, Reference(held)
 
     def windward(self, now: float, rudder_most: float) -> float | None:
         """Return the rudder [rad] of a slow turn into the wind, at most `rudder_most`; None where no wind is known."""
-        wind = self._wind
+        wind = self.memory.wind
         if wind is None or not 0.0 <= now - wind.time <= WIND_FRESH:
             return None
         angle = math.atan2(wind.abeam, wind.ahead)
         return rudder_most * clip(angle / WINDWARD_ANGLE, -1.0, 1.0)
 
-    def _on_rate(self, time: float, rate: float | None) -> None:
-        if rate is not None and abs(rate) <= RATE_MOST and math.isfinite(time):
-            self._rate = (time, rate)
 
-    def _on_wind(self, sample: WindSample) -> None:
-        if not (math.isfinite(sample.time) and math.isfinite(sample.angle)):
-            return
-        ahead, abeam = math.cos(sample.angle), math.sin(sample.angle)
-        before = self._wind
-        if before is not None and 0.0 <= sample.time - before.time <= WIND_FRESH:
-            share = -math.expm1(-(sample.time - before.time) / WIND_SMOOTHING)
-            ahead = before.ahead + share * (ahead - before.ahead)
-            abeam = before.abeam + share * (abeam - before.abeam)
-        self._wind = Wind(sample.time, ahead, abeam)
+def is_rate(sample: HeadingSample | RateSample) -> bool:
+    """Return whether a sample tells of a rate of turn that a boat may have."""
+    return sample.rate is not None and abs(sample.rate) <= RATE_MOST and math.isfinite(sample.time)
+
+
+def wind_after(before: Wind | None, sample: WindSample) -> Wind | None:
+    """Return the wind after a sample of it, smoothed where it is close enough to the one before."""
+    if not (math.isfinite(sample.time) and math.isfinite(sample.angle)):
+        return before
+    ahead, abeam = math.cos(sample.angle), math.sin(sample.angle)
+    if before is not None and 0.0 <= sample.time - before.time <= WIND_FRESH:
+        share = -math.expm1(-(sample.time - before.time) / WIND_SMOOTHING)
+        ahead = before.ahead + share * (ahead - before.ahead)
+        abeam = before.abeam + share * (abeam - before.abeam)
+    return Wind(sample.time, ahead, abeam)
 
 
 def error_of(state: NavState, reference: Reference) -> float:

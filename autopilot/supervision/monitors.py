@@ -130,13 +130,13 @@ class Monitors:
         """Judge a tick."""
         limits = self.limits
         measured, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
-        compass, of_compass = compass_watch.update(limits, compass, seen, measured)
+        compass, found = compass_watch.update(limits, compass, seen, measured)
         rudder, of_rudder = rudder_watch.update(limits, rudder, seen, measured)
         course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder)
         if contradicts_speed:
             rudder = rudder.with_doubted_speed()
         self.state = State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
-        found = of_compass + of_rudder + of_course
+        found += of_rudder + of_course
         if conditions:
             found = (*(event for _, event in conditions), *found)
         if seen.waits:

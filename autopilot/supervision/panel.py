@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Mapping
 from typing import NamedTuple
 
-from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmState, Order, Sample, Siren
+from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmState, Order, OrderKind, Sample, Siren
 from autopilot.supervision.alarm_words import WORDS
 from autopilot.supervision.alarms import APART, AT_STOP, FAILED, OVERRIDDEN, VERBATIM, kind_of
 
@@ -37,7 +37,7 @@ class Memory(NamedTuple):
     """What the panel remembers: the alarms by name, and the order that was given last."""
 
     entries: Mapping[str, Entry] = NO_ENTRIES
-    order: tuple[int, int] | None = None
+    order: tuple[OrderKind, int] | None = None
 
 
 QUIET = Memory()
@@ -68,7 +68,12 @@ class AlarmPanel:
         raised: the alarms by their names, or by who says them.
         past: names that are the case no more: said as past until they are acknowledged, then gone.
         """
-        given, before = (int(order.kind), order.serial), self.memory
+        given, before = (order.kind, order.serial), self.memory
+        if not raised and not before.entries:
+            self.states = ()
+            if before.order != given:
+                self.memory = Memory(before.entries, given)
+            return (), Siren.QUIET
         entries = {name: entry for name, entry in before.entries.items() if now - entry.last <= REMEMBERED}
         for sample in samples:
             if isinstance(sample, AcknowledgeSample):

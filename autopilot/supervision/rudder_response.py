@@ -65,12 +65,15 @@ push."""
 RATE_UNKNOWN = 0.2**2
 PUSH_UNKNOWN = math.radians(20.0) ** 2
 """Variances of a rate [(rad/s)^2] and a push [rad^2] of which nothing is known."""
+OUTLIER_SQUARE = OUTLIER * OUTLIER
 STEEPEST = 20.0
 """The growth of a course-unstable boat over one step is cut at exp of this."""
 
 
 Transition = tuple[float, float, float, float, float]
 """turn, drift, decay, gain, kept: psi += turn r + drift u, r = decay r + gain u, w = kept w; u: rudder, push, sea."""
+Predicted = tuple[float, float, float, float, float, float, float, float, float, float]
+"""A covariance before its heading: as `Covariance`, and quicker to make."""
 Gains = tuple[float, float, float, float, float]
 """The variance [rad^2] of a heading's innovation, and what psi, r, p and w take of it."""
 
@@ -101,13 +104,8 @@ class Covariance(NamedTuple):
     p33: float
 
 
-class Mean(NamedTuple):
-    """psi [rad], r [rad/s], p [rad], w [rad]."""
-
-    psi: float
-    rate: float
-    push: float
-    sea: float
+Mean = tuple[float, float, float, float]
+"""psi [rad], r [rad/s], p [rad], w [rad]."""
 
 
 class Rudders(NamedTuple):
@@ -119,7 +117,7 @@ class Rudders(NamedTuple):
     slow: float
 
 
-NOTHING = Mean(0.0, 0.0, 0.0, 0.0)
+NOTHING: Mean = (0.0, 0.0, 0.0, 0.0)
 
 
 class Others(NamedTuple):
@@ -186,21 +184,23 @@ def seaway_step(before: Seaway | None, time: float, heading: float, swing: float
     north, east = math.cos(heading), math.sin(heading)
     if before is None:
         return Seaway(time, swing, north, east)
-    kept = math.exp(-(time - before.time) / SEA_KNOWN_S)
-    largest = before.swing * math.exp(-(time - before.time) / USUAL_TIME)
+    last, largest, mean_north, mean_east = before
+    kept = math.exp(-(time - last) / SEA_KNOWN_S)
+    largest *= math.exp(-(time - last) / USUAL_TIME)
     return Seaway(
         time,
         largest if largest > swing else swing,
-        north + kept * (before.north - north),
-        east + kept * (before.east - east),
+        north + kept * (mean_north - north),
+        east + kept * (mean_east - east),
     )
 
 
 def noise_of(model: Norrbin, heading: float, swing: float, frequency: float) -> Noise:
     """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws by `swing` [rad] at `frequency`."""
-    drive = model.gain / model.time_constant
+    gain, time_constant = model.gain, model.time_constant
+    drive = gain / time_constant
     pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
-    yaw, lag = swing * pace / model.gain, pace * model.time_constant
+    yaw, lag = swing * pace / gain, pace * time_constant
     sea = yaw * yaw * (1.0 + lag * lag)
     return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea if sea > SEA_LEAST else SEA_LEAST, pace)
 
@@ -218,7 +218,7 @@ def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
     """Return what is known after the first heading [rad]."""
     covariance = Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
-    mean, usual = Mean(heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
+    mean, usual = (heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
     # every field is given: what numba compiles has no defaults
     return ResponseState(
         time,
@@ -241,31 +241,34 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
 
 def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transition:
     """Return the transition over `dt` [s] of a boat that turns at about `rate` [rad/s] in a sea of that pace [1/s]."""
-    slope = model.n1 + (model.n2 + model.n3 * rate) * rate
-    x = slope * dt / model.time_constant
+    boat_gain, time_constant, n3, n2, n1, _, _ = model
+    slope = n1 + (n2 + n3 * rate) * rate
+    x = slope * dt / time_constant
     x = x if x > -STEEPEST else -STEEPEST
     lost = -math.expm1(-x)
     once, twice = (1.0 - 0.5 * x, 0.5) if abs(x) < 1.0e-3 else (lost / x, (x - lost) / (x * x))
-    drive = model.gain * dt / model.time_constant
+    drive = boat_gain * dt / time_constant
     return dt * once, drive * dt * twice, 1.0 - lost, drive * once, math.exp(-pace * dt)
 
 
-def predicted(step: Transition, covariance: Covariance, noise: Noise, push: float, dt: float) -> Covariance:
+def predicted(step: Transition, covariance: Covariance, noise: Noise, push: float, dt: float) -> Predicted:
     """Return the covariance `dt` [s] later: F P F' + Q; `push` [rad^2/s] counts, and not the noise's."""
     p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = covariance
     turn, drift, decay, gain, kept = step
-    a01 = p01 + turn * p11 + drift * (p12 + p13)
-    a02 = p02 + turn * p12 + drift * (p22 + p23)
-    a03 = p03 + turn * p13 + drift * (p23 + p33)
-    a12 = decay * p12 + gain * (p22 + p23)
-    a13 = decay * p13 + gain * (p23 + p33)
+    push_and_sea, of_sea = p22 + p23, p23 + p33
+    pushes = p12 + p13
+    a01 = p01 + turn * p11 + drift * pushes
+    a02 = p02 + turn * p12 + drift * push_and_sea
+    a03 = p03 + turn * p13 + drift * of_sea
+    a12 = decay * p12 + gain * push_and_sea
+    a13 = decay * p13 + gain * of_sea
     q = noise.acceleration * dt
-    return Covariance(
+    return (
         p00 + turn * p01 + drift * (p02 + p03) + turn * a01 + drift * (a02 + a03) + q * dt * dt / 3.0,
         decay * a01 + gain * (a02 + a03) + 0.5 * q * dt,
         a02,
         kept * a03,
-        decay * (decay * p11 + gain * (p12 + p13)) + gain * (a12 + a13) + q,
+        decay * (decay * p11 + gain * pushes) + gain * (a12 + a13) + q,
         a12,
         kept * a13,
         p22 + push * dt,
@@ -274,23 +277,12 @@ def predicted(step: Transition, covariance: Covariance, noise: Noise, push: floa
     )
 
 
-def gains_of(covariance: Covariance, heading: float) -> Gains:
-    """Return how much a heading of that variance [rad^2] is believed."""
-    variance = covariance.p00 + heading
-    return (
-        variance,
-        covariance.p00 / variance,
-        covariance.p01 / variance,
-        covariance.p02 / variance,
-        covariance.p03 / variance,
-    )
-
-
-def measured(gains: Gains, covariance: Covariance) -> Covariance:
-    """Return the covariance after a heading."""
-    _, k0, k1, k2, k3 = gains
-    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = covariance
-    return Covariance(
+def measured(before: Predicted, heading: float) -> tuple[Gains, Covariance]:
+    """Return how much a heading of that variance [rad^2] is believed, and the covariance after it."""
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = before
+    variance = p00 + heading
+    k0, k1, k2, k3 = p00 / variance, p01 / variance, p02 / variance, p03 / variance
+    return (variance, k0, k1, k2, k3), Covariance(
         p00 - k0 * p00,
         p01 - k0 * p01,
         p02 - k0 * p02,
@@ -304,11 +296,7 @@ def measured(gains: Gains, covariance: Covariance) -> Covariance:
     )
 
 
-Moved = tuple[float, float, float, float]
-"""A mean before its heading: as `Mean`, and quicker to make."""
-
-
-def moved(step: Transition, mean: Mean, rudder: float) -> Moved:
+def moved(step: Transition, mean: Mean, rudder: float) -> Mean:
     """Return the mean a step later under a held `rudder` [rad]."""
     psi, rate, push, sea = mean
     turn, drift, decay, gain, kept = step
@@ -316,18 +304,18 @@ def moved(step: Transition, mean: Mean, rudder: float) -> Moved:
     return psi + turn * rate + drift * pushed, decay * rate + gain * pushed, push, kept * sea
 
 
-def corrected(gains: Gains, mean: Moved, innovation: float) -> Mean:
+def corrected(gains: Gains, mean: Mean, innovation: float) -> Mean:
     """Return the mean after a heading that was `innovation` [rad] off."""
     psi, rate, push, sea = mean
     _, k0, k1, k2, k3 = gains
-    return Mean(psi + k0 * innovation, rate + k1 * innovation, push + k2 * innovation, sea + k3 * innovation)
+    return psi + k0 * innovation, rate + k1 * innovation, push + k2 * innovation, sea + k3 * innovation
 
 
-def grown(evidence: float, off: float, one: float, other: float, variance: float, most: float) -> float:
-    """Return the `evidence` with what a heading adds that is `off` [rad]: how much likelier the answer `other` is than
-    `one` [rad], half the difference of the squares that they leave, within MOST_AT_ONCE less and `most` more."""
-    left, left_by_other = off - one, off - other
-    more = 0.5 * (left * left - left_by_other * left_by_other) / variance
+def grown(evidence: float, squares: float, variance: float, most: float) -> float:
+    """Return the `evidence` with what a heading adds, of which one answer leaves a square that is so much larger
+    [rad^2] than what another leaves: how much likelier the other one is, half the difference of the `squares` over the
+    variance, within MOST_AT_ONCE less and `most` more."""
+    more = 0.5 * squares / variance
     evidence += most if more > most else more if more > -MOST_AT_ONCE else -MOST_AT_ONCE
     return evidence if evidence > 0.0 else 0.0
 
@@ -337,70 +325,74 @@ def response_step(
 ) -> ResponseState:
     """Return what is known after a heading [rad] `heard` at its time [s], the rudder having been at `rudders` since the
     one before; the boat turns at about `rate` [rad/s]."""
-    time, heading = heard
-    dt = time - before.time
+    last, known, mean, answer, late, stuck, stuck_late, reverse, reverse_late, _, outliers, usual, shown, others, _ = (
+        before
+    )
+    (time, heading), (rudder, rudder_late, rudder_slow) = heard, rudders
+    dt = time - last
     step = transition_of(model, rate, noise.pace, dt)
-    is_gust = before.unexplained > UNEXPLAINED
-    covariance = predicted(step, before.covariance, noise, noise.push + GUST if is_gust else noise.push, dt)
-    gains = gains_of(covariance, noise.heading)
+    unexplained = before.unexplained
+    is_gust = unexplained > UNEXPLAINED
+    covariance = predicted(step, known, noise, noise.push + GUST if is_gust else noise.push, dt)
+    gains, known = measured(covariance, noise.heading)
     variance = gains[0]
-    mean, answer = moved(step, before.mean, 0.0), moved(step, before.answer, rudders.in_time)
-    late, slow = moved(step, before.late, rudders.late), moved(step, before.others.slow, rudders.slow)
+    mean, answer = moved(step, mean, 0.0), moved(step, answer, rudder)
+    late, slow = moved(step, late, rudder_late), moved(step, others.slow, rudder_slow)
     off, s, s_late = shortest_turn(mean[0], heading), answer[0], late[0]
     # of the shares of the answer, the opposite one allowed, the one that explains most; a slow rudder is no gust either
     ahead, size = (-off, -s) if s < 0.0 else (off, s)
     left = ahead + size if ahead < -size else ahead - ANSWERS_MOST * size if ahead > ANSWERS_MOST * size else 0.0
     by_slow = off - slow[0]
-    square = min(left * left, by_slow * by_slow) / variance
-    if square > OUTLIER * OUTLIER:
-        if before.outliers < OUTLIERS_MOST:
-            return _without_heading(before, time, covariance, (mean, answer, late, slow))
-        square = OUTLIER * OUTLIER
+    square = (left * left if left * left < by_slow * by_slow else by_slow * by_slow) / variance
+    if square > OUTLIER_SQUARE:
+        if outliers < OUTLIERS_MOST:
+            return _without_heading(before, time, Covariance(*covariance), (mean, answer, late, slow))
+        square = OUTLIER_SQUARE
     kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
     # while a gust sets in nothing that the rudder does against it is evidence
     most = 0.0 if is_gust else MOST_AT_ONCE
-    least = min(max(LEAST_SHARE * before.usual / before.shown, LEAST[0]), LEAST[1])
-    some, some_late = least * s, least * s_late
-    stuck = grown(kept * before.stuck, off, some, 0.0, variance, most)
+    least = LEAST_SHARE * usual / shown
+    least = least if least > LEAST[0] else LEAST[0]
+    least = least if least < LEAST[1] else LEAST[1]
+    off_some, off_some_late = off - least * s, off - least * s_late
+    square_some, square_some_late = off_some * off_some, off_some_late * off_some_late
+    stuck = grown(kept * stuck, square_some - off * off, variance, most)
     # what may be a fault is none of the boat's usual ways
-    learns = 0.0 if stuck >= SUSPECT or before.reversed >= SUSPECT else 1.0 / variance
-    others = others_step(before.others, model, gains, dt, (off, s, s_late, slow))
+    learns = 0.0 if stuck >= SUSPECT or reverse >= SUSPECT else 1.0 / variance
+    others = others_step(others, model.time_constant, gains, dt, (off, s, s_late, slow))
+    off_reverse, off_reverse_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
     return ResponseState(
         time,
-        measured(gains, covariance),
+        known,
         corrected(gains, mean, off),
         corrected(gains, answer, -s),
         corrected(gains, late, -s_late),
         stuck,
-        grown(kept * before.stuck_late, off, some_late, 0.0, variance, most),
-        grown(kept * before.reversed, off, some, REVERSED_SHARE * s, variance, most),
-        grown(kept * before.reversed_late, off, some_late, REVERSED_SHARE * s_late, variance, most),
-        before.unexplained + (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - before.unexplained),
+        grown(kept * stuck_late, square_some_late - off * off, variance, most),
+        grown(kept * reverse, square_some - off_reverse * off_reverse, variance, most),
+        grown(kept * reverse_late, square_some_late - off_reverse_late * off_reverse_late, variance, most),
+        unexplained + (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained),
         0,
-        USUAL * USUAL_SURE + remembered * (before.usual - USUAL * USUAL_SURE) + learns * off * s,
-        USUAL_SURE + remembered * (before.shown - USUAL_SURE) + learns * s * s,
+        USUAL * USUAL_SURE + remembered * (usual - USUAL * USUAL_SURE) + learns * off * s,
+        USUAL_SURE + remembered * (shown - USUAL_SURE) + learns * s * s,
         others,
         others.colour if learns > 0.0 else before.usual_colour,
     )
 
 
-def _mean_of(mean: Moved) -> Mean:
-    return Mean(mean[0], mean[1], mean[2], mean[3])
-
-
 def _without_heading(
-    before: ResponseState, time: float, covariance: Covariance, means: tuple[Moved, Moved, Moved, Moved]
+    before: ResponseState, time: float, covariance: Covariance, means: tuple[Mean, Mean, Mean, Mean]
 ) -> ResponseState:
     """Return what is known at `time` [s] of a heading that is left out."""
     mean, answer, late, slow = means
     _, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before.others
-    others = Others(_mean_of(slow), lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour)
+    others = Others(slow, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour)
     return ResponseState(
         time,
         covariance,
-        _mean_of(mean),
-        _mean_of(answer),
-        _mean_of(late),
+        mean,
+        answer,
+        late,
         before.stuck,
         before.stuck_late,
         before.reversed,
@@ -415,32 +407,49 @@ def _without_heading(
 
 
 def others_step(
-    before: Others, model: Norrbin, gains: Gains, dt: float, heard: tuple[float, float, float, Moved]
+    before: Others, time_constant: float, gains: Gains, dt: float, heard: tuple[float, float, float, Mean]
 ) -> Others:
     """Return what is known of the other explanations `dt` [s] later; heard: how far the heading is from what it would
     be without a rudder, the answers to the rudder and to a late one [rad], and to a slow one."""
+    (
+        _,
+        (lively, lively_port),
+        (quick, quick_port),
+        misfit,
+        misfit_slow,
+        weak,
+        right,
+        strong,
+        latest,
+        fit,
+        left,
+        colour,
+    ) = before
     off, s, s_late, slow = heard
-    variance, s_slow, time_constant = gains[0], slow[0], model.time_constant
+    variance, s_slow = gains[0], slow[0]
     lasts = FADES_SLOW * time_constant
     kept = math.exp(-dt / (lasts if lasts > FADES_TIME else FADES_TIME))
     share = 1.0 - math.exp(-dt / (time_constant if time_constant > MISFIT_TIME else MISFIT_TIME))
     # what neither any share of the answer explains, nor a slow rudder's, is a gust or a sea: no evidence of either
     ahead, left_by_slow = off if s >= 0.0 else -off, off - s_slow
     square = ahead * ahead / variance if ahead < 0.0 else 0.0
-    misfit = before.misfit + share * (min(square, OUTLIER * OUTLIER) - before.misfit)
-    square = left_by_slow * left_by_slow / variance
-    misfit_slow = before.misfit_slow + share * (min(square, OUTLIER * OUTLIER) - before.misfit_slow)
+    misfit += share * ((OUTLIER_SQUARE if square > OUTLIER_SQUARE else square) - misfit)
+    square_slow = left_by_slow * left_by_slow
+    square = square_slow / variance
+    misfit_slow += share * ((OUTLIER_SQUARE if square > OUTLIER_SQUARE else square) - misfit_slow)
     most = MOST_AT_ONCE if misfit < MISFIT else 0.0
     most_slow = MOST_AT_ONCE if misfit_slow < MISFIT else 0.0
-    (lively, lively_port), (quick, quick_port) = before.lively, before.quick
     lively, lively_port, quick, quick_port = kept * lively, kept * lively_port, kept * quick, kept * quick_port
+    one, other = off - LIVELY[0] * s, off - LIVELY[1] * s
+    squares_lively = one * one - other * other
+    one, other = off - QUICK[0] * s, off - QUICK[1] * s
+    squares_quick = one * one - other * other
     if s > 0.0:
-        lively = grown(lively, off, LIVELY[0] * s, LIVELY[1] * s, variance, most)
-        quick = grown(quick, off, QUICK[0] * s, QUICK[1] * s, variance, most)
+        lively = grown(lively, squares_lively, variance, most)
+        quick = grown(quick, squares_quick, variance, most)
     else:
-        lively_port = grown(lively_port, off, LIVELY[0] * s, LIVELY[1] * s, variance, most)
-        quick_port = grown(quick_port, off, QUICK[0] * s, QUICK[1] * s, variance, most)
-    fit, left, colour = before.fit, before.left, before.colour
+        lively_port = grown(lively_port, squares_lively, variance, most)
+        quick_port = grown(quick_port, squares_quick, variance, most)
     newest = 1.0 - math.exp(-dt / COLOUR_TIME)
     # where no time has passed a second heading of the same instant says nothing of colour
     if newest > 0.0:
@@ -450,16 +459,17 @@ def others_step(
         # the mean of white noise has the variance newest/(2 - newest)
         square = left * left * (2.0 - newest) / newest
         colour = square + kept * (colour - square)
+    by_weak, by_right, by_strong, by_late = off - WEAK * s, off - s, off - STRONG * s, off - s_late
     return Others(
         corrected(gains, slow, -s_slow),
         (lively, lively_port),
         (quick, quick_port),
         misfit,
         misfit_slow,
-        grown(kept * before.weak, off, WEAK * s, s_slow, variance, most_slow),
-        grown(kept * before.right, off, s, s_slow, variance, most_slow),
-        grown(kept * before.strong, off, STRONG * s, s_slow, variance, most_slow),
-        grown(kept * before.late, off, s_late, s_slow, variance, most_slow),
+        grown(kept * weak, by_weak * by_weak - square_slow, variance, most_slow),
+        grown(kept * right, by_right * by_right - square_slow, variance, most_slow),
+        grown(kept * strong, by_strong * by_strong - square_slow, variance, most_slow),
+        grown(kept * latest, by_late * by_late - square_slow, variance, most_slow),
         fit,
         left,
         colour,
@@ -499,6 +509,8 @@ def acquitted(response: ResponseState) -> ResponseState:
 
 def verdict(response: ResponseState) -> int:
     """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite."""
+    if response.stuck < SURE and response.reversed < SURE:
+        return 0
     sure = SURE * max(response.usual_colour / COLOUR_KNOWN, 1.0)
     if response.reversed >= sure and response.reversed_late >= sure:
         return -1
@@ -514,7 +526,7 @@ def is_doubtful(response: ResponseState) -> bool:
 def push_at_least(response: ResponseState) -> float:
     """Return what the boat is pushed by beside rudder and sea [rad of rudder], less `PUSHED_SIGMAS`; 0 where that
     may be nothing. The boat is supposed to answer to its rudder as usual."""
-    push = response.mean.push + response.usual / response.shown * response.answer.push
+    push = response.mean[2] + response.usual / response.shown * response.answer[2]
     uncertain = PUSHED_SIGMAS * math.sqrt(max(response.covariance.p22, 0.0))
     return math.copysign(max(abs(push) - uncertain, 0.0), push)
 
@@ -524,6 +536,8 @@ def other_verdict(others: Others) -> str:
     allows for, "slow" where its rudder is slow, "" where nothing tells."""
     if others.right >= SURE and others.weak >= SURE and others.strong >= SURE and others.late >= SURE:
         return "slow"
+    if others.quick[0] < SURE and others.lively[0] < SURE:
+        return ""
     sure = SURE * max(others.colour, 1.0)
     if others.quick[0] >= sure and others.quick[1] >= sure:
         return "quick"

@@ -112,8 +112,11 @@ def following_step(
     elapsed = math.inf if last is None or last.source != sample.source else sample.time - last.time
     if not orders or elapsed > LONGEST_GAP_S or last is None:
         return before._replace(seen=sample)
-    order = min(orders, key=lambda each: abs(each - angle))
-    moved = max(math.copysign(1.0, each - last.angle) * (angle - last.angle) for each in orders)
+    turned = angle - last.angle
+    order = orders[0] if abs(orders[0] - angle) <= abs(orders[-1] - angle) else orders[-1]
+    moved = max(
+        math.copysign(1.0, orders[0] - last.angle) * turned, math.copysign(1.0, orders[-1] - last.angle) * turned
+    )
     is_off = abs(order - angle) > limits.rudder_tolerance
     if is_off and moved < PROGRESS_SHARE * min(filed, ASSUMED_RATE) * elapsed:
         bucket, low, high = bucket + elapsed, min(low, angle), max(high, angle)
@@ -194,31 +197,33 @@ def answer_step(
     else:
         reach = limits.rudder_rate / SLOW * max(now - slow[0], 0.0)
         slow = now, slow[1] + min(max(seen.rudder - slow[1], -reach), reach)
-    earliest = max(since, now - PAST_S)
+    earliest = now - PAST_S if now - PAST_S > since else since
     for sample in _in_order(headings):
+        heading, time, model = sample.heading, sample.time, seen.model
         seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
-        noise = noise_of(seen.model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
-        noise = seaway_noise(seen.model, noise, seaway, state.heading)
-        same = same + 1 if last is not None and last.heading == sample.heading else 1
+        noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
+        noise = seaway_noise(model, noise, seaway, state.heading)
+        same = same + 1 if last is not None and last.heading == heading else 1
         stands = same >= FROZEN_SAMPLES
         if (
             response is None
             or last is None
             or stands
             or last.source != sample.source
-            or sample.time - response.time > LONGEST_GAP_S
+            or time - response.time > LONGEST_GAP_S
         ):
-            response, last = None if stands else first_response(noise, sample.time, sample.heading), sample
-        elif sample.time > response.time:
+            response, last = None if stands else first_response(noise, time, heading), sample
+        elif time > response.time:
             last = sample
-            middle = 0.5 * (response.time + sample.time)
-            fastest = 2.0 * seen.model.gain * seen.angle_max
+            middle = 0.5 * (response.time + time)
+            fastest = 2.0 * model.gain * seen.angle_max
             in_time = rudder_at(past, earliest, middle)
             late = rudder_at(past, earliest, middle - LATE_S)
             rudders = Rudders(in_time, late, in_time if slow is None else slow[1])
-            rate = min(max(state.rate, -fastest), fastest)
-            after = response_step(response, seen.model, noise, rate, (sample.time, sample.heading), rudders)
-            response = after if sample.time > late_until else without_evidence(response, after)
+            rate = -fastest if state.rate < -fastest else state.rate
+            rate = fastest if rate > fastest else rate
+            after = response_step(response, model, noise, rate, (time, heading), rudders)
+            response = after if time > late_until else without_evidence(response, after)
     # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
     other = other_verdict(response.others) if response is not None and state.wave_deviation > 0.0 else ""
     doubts_trial = False
@@ -332,10 +337,10 @@ def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
     """
     if not seen.steers:
         return NO_RUNAWAY
-    state, now, model = seen.state, seen.now, seen.model
+    state, now, model, rudder = seen.state, seen.now, seen.model, seen.rudder
     last, time, mean_rate, side, turned, way, hard_since, held_way, held_since, _, overpowered = before
     heading = state.heading
-    if seen.zigzag_divergence > ZIGZAG_DIVERGED and state.rate * seen.rudder < 0.0:
+    if seen.zigzag_divergence > ZIGZAG_DIVERGED and state.rate * rudder < 0.0:
         return before._replace(heading=heading, time=now, has_run=True)
     # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
     step = shortest_turn(last, heading)
@@ -348,7 +353,7 @@ def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
         lasts = max(model.time_constant, waves / ((1.0 - AGAINST_SHARE) * abs(model.gain) * seen.angle_max))
         mean_rate -= math.expm1(-elapsed / lasts) * (step / elapsed - mean_rate)
     way += step
-    to = math.copysign(1.0, seen.rudder)
+    to = math.copysign(1.0, rudder)
     turned = max(turned - to * step, 0.0) if to == side else 0.0
     overpowered = overpowered if turned != 0.0 else ""
     if not is_hard_over(seen):

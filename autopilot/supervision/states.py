@@ -65,6 +65,9 @@ class Event(Enum):
     HEADING_BACK = "a lost heading is back, and the vessel file says resume"
     VEHICLE_BACK = "a vehicle that rebooted is ready again, and the vessel file says reengage_after_reboot"
 
+    # members are equal where they are the same: Enum would hash the name each time that the table is asked
+    __hash__ = object.__hash__
+
 
 ORDERS = (Event.ORDER_HEADING, Event.ORDER_TRACK, Event.ORDER_TRIAL)
 """The orders of people."""

@@ -182,8 +182,9 @@ class Supervisor:
         """Return who says that the helm is away, if anybody; who has only to be proved yet comes last."""
         away: HelmSample | None = None
         for sample in self._helm.values():
-            is_worse = away is None or (away.cause is HelmCause.UNPROVEN and sample.cause is not HelmCause.UNPROVEN)
-            if is_worse and not sample.available:
+            if sample.available:
+                continue
+            if away is None or (away.cause is HelmCause.UNPROVEN and sample.cause is not HelmCause.UNPROVEN):
                 away = sample
         return away
 
@@ -265,7 +266,8 @@ class Supervisor:
         return (self.alarm, *notes) if self.alarm is not None else notes
 
     def _lost(self, state: NavState) -> str:
-        if math.isnan(state.heading) or math.isnan(state.rate):
+        heading, rate = state.heading, state.rate
+        if heading != heading or rate != rate:
             return NOT_FINITE
         if not state.valid or not state.heading_age <= self._failsafe.heading_timeout:
             return HEADING_LOST
@@ -279,12 +281,11 @@ class Supervisor:
 
     def _watch_alarm(self, now: float, lost: str) -> None:
         """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
-        name = self.alarm.name if self.alarm is not None else ""
         # while it is engaged, or stands by, the alarm is neither of them
-        on = True
-        if name == HEADING_LOST:
+        on, alarm = True, self.alarm
+        if alarm is not None and alarm.name == HEADING_LOST:
             on = lost == HEADING_LOST
-        elif name == LINK_SILENT:
+        elif alarm is not None and alarm.name == LINK_SILENT:
             on = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
         if on:
             self._over_since = None
@@ -328,7 +329,7 @@ class Supervisor:
             self._since = now
             self._command_check.reset()
             self._cause = alarm.name if alarm is not None else ""
-        self.state, self.mode = row.next, MODES[row.next]
+            self.state, self.mode = row.next, MODES[row.next]
         if row.says is not Says.NOTHING:
             self.alarm = alarm
 

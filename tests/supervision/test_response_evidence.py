@@ -17,7 +17,6 @@ from autopilot.signals import HeadingSample, NavState
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.rudder_response import (
     NO_OTHERS,
-    Mean,
     Noise,
     Others,
     ResponseState,
@@ -200,12 +199,12 @@ def test_a_wild_heading_is_left_out_four_times_in_a_row(wild_so_far: int, side: 
     after = response_step(before, BOAT, NOISE, 0.0, (before.time + DT, side * 1.0), Rudders(0.1, 0.1, 0.1))
     if wild_so_far < 4:
         assert after.outliers == wild_so_far + 1
-        assert after.mean == pytest.approx((before.mean.psi, 0.0, 0.0, 0.0), abs=1e-3)
+        assert after.mean == pytest.approx((before.mean[0], 0.0, 0.0, 0.0), abs=1e-3)
         assert (after.stuck, after.usual, after.unexplained) == (3.0, 50.0, before.unexplained)
-        assert after.answer.psi > 0.0 and after.covariance.p00 > before.covariance.p00
+        assert after.answer[0] > 0.0 and after.covariance.p00 > before.covariance.p00
     else:
         assert after.outliers == 0
-        assert side * after.mean.psi > 0.1
+        assert side * after.mean[0] > 0.1
 
 
 def test_the_noise_of_a_boat_in_a_sea() -> None:
@@ -301,7 +300,7 @@ def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer
 def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() -> None:
     def memory(value: float) -> ResponseState:
         others = NO_OTHERS._replace(
-            slow=Mean(value, 0.0, 0.0, 0.0), lively=(value, value + 1), quick=(value + 2, value + 3)
+            slow=(value, 0.0, 0.0, 0.0), lively=(value, value + 1), quick=(value + 2, value + 3)
         )
         others = others._replace(**dict.fromkeys(("misfit", "misfit_slow", "weak", "right", "strong", "late"), value))
         plain = first_response(NOISE, value, 0.0)._replace(others=others)
@@ -321,8 +320,8 @@ def test_a_push_counts_beyond_two_deviations_and_beside_the_usual_answer() -> No
     before = first_response(NOISE, 0.0, 0.0)
     for side in (-1.0, 1.0):
         memory = before._replace(
-            mean=Mean(9.0, 9.0, side * 0.5, 9.0),
-            answer=Mean(9.0, 9.0, side * 0.2, 9.0),
+            mean=(9.0, 9.0, side * 0.5, 9.0),
+            answer=(9.0, 9.0, side * 0.2, 9.0),
             covariance=before.covariance._replace(p22=0.04),
             usual=30.0,
             shown=60.0,
@@ -452,7 +451,7 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
     """Known after 2 pi/0.4 = 15.71 s, and then for 0.3 s: at 15.75 s, the first tick after, and 0.375 s later. It is
     said in one tick of a trial."""
     still = first_response(NOISE, 0.0, 0.0).covariance._replace(p22=0.0)
-    looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -side * push, 0.0), covariance=still)
+    looks = Looks(monkeypatch, mean=(0.0, 0.0, -side * push, 0.0), covariance=still)
     for _ in range(160):
         looks.update(side * rudder, follows=False)
     assert looks.doubts == ([16.125] if is_doubted else [])
@@ -465,7 +464,7 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
 def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypatch: pytest.MonkeyPatch) -> None:
     """As far as it was over within the last 2.4 s counts."""
     still = first_response(NOISE, 0.0, 0.0).covariance._replace(p22=0.0)
-    looks = Looks(monkeypatch, mean=Mean(0.0, 0.0, -0.2, 0.0), covariance=still)
+    looks = Looks(monkeypatch, mean=(0.0, 0.0, -0.2, 0.0), covariance=still)
     for number in range(200):
         looks.update(0.25 if number <= 144 else 0.1, follows=False)
     # the last of 0.25 rad at 18 s is forgotten at 20.5 s, the first tick more than 2.4 s later
@@ -474,7 +473,7 @@ def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypa
 
 def test_a_second_heading_of_the_same_instant_says_nothing_of_colour() -> None:
     before = sailed(1.0, 0.0, 0.75, 5.0)[-1][0]
-    after = response_step(before, BOAT, NOISE, 0.0, (before.time, before.mean.psi + 0.01), Rudders(0.1, 0.1, 0.1))
+    after = response_step(before, BOAT, NOISE, 0.0, (before.time, before.mean[0] + 0.01), Rudders(0.1, 0.1, 0.1))
     assert (after.others.fit, after.others.left, after.others.colour) == (
         before.others.fit,
         before.others.left,
@@ -487,7 +486,7 @@ def stepped(share: float, seen: float, **change: Any) -> tuple[ResponseState, Re
     [rad] could be seen before."""
     before = sailed(1.0, 0.0, 0.75, 6.0)[-1][0]
     others = {name: change.pop(name) for name in tuple(change) if name in Others._fields}
-    before = before._replace(others=before.others._replace(**others), answer=Mean(seen, 0.0, 0.0, 0.0), **change)
+    before = before._replace(others=before.others._replace(**others), answer=(seen, 0.0, 0.0, 0.0), **change)
     step = transition_of(BOAT, 0.1, NOISE.pace, DT)
     answer, mean = moved(step, before.answer, 0.3)[0], moved(step, before.mean, 0.0)[0]
     after = response_step(before, BOAT, NOISE, 0.1, (before.time + DT, mean + share * answer), Rudders(0.3, 0.3, 0.3))
@@ -506,7 +505,7 @@ def test_a_gust_is_three_times_what_any_answer_explains(odd: float, is_gust: boo
 def test_six_deviations_beyond_every_answer_are_wild(sigmas: float, is_wild: bool) -> None:
     memory = first_response(NOISE, 0.0, 0.1)
     covariance = predicted(transition_of(BOAT, 0.0, NOISE.pace, DT), memory.covariance, NOISE, NOISE.push, DT)
-    off = sigmas * math.sqrt(covariance.p00 + NOISE.heading)
+    off = sigmas * math.sqrt(covariance[0] + NOISE.heading)
     after = response_step(memory, BOAT, NOISE, 0.0, (DT, 0.1 + off), Rudders(0.0, 0.0, 0.0))
     assert after.outliers == is_wild
 
@@ -525,7 +524,7 @@ def test_what_is_three_times_as_strange_is_not_what_turns_the_boat(misfit: float
     kept = math.exp(-DT / 4.0)
     _, after = stepped(6.0, 0.01, misfit=misfit / kept, lively=(1.0, 1.0), quick=(1.0, 1.0))
     assert (after.others.lively[0] > 1.0, after.others.quick[0] > 1.0) == (counts, counts)
-    slow = Mean(0.02, 0.0, 0.0, 0.0)
+    slow = (0.02, 0.0, 0.0, 0.0)
     _, after = stepped(2.0, 0.01, misfit_slow=misfit / kept, slow=slow, weak=1.0, right=1.0)
     assert (after.others.weak > 1.0, after.others.right > 1.0) == (counts, counts), "nor what a slow rudder explains"
 

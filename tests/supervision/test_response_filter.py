@@ -17,11 +17,9 @@ from autopilot.supervision.rudder_response import (
     RATE_UNKNOWN,
     STEEPEST,
     Covariance,
-    Mean,
     Noise,
     corrected,
     first_response,
-    gains_of,
     measured,
     moved,
     predicted,
@@ -131,12 +129,12 @@ def test_the_mean_and_the_covariance_move_by_the_same_matrix(model: Norrbin, see
     f = transition(step)
     x = np.array([0.1, -0.05, 0.02, 0.03])
     driven = np.array([step.drift, step.gain, 0.0, 0.0]) * rudder
-    assert np.allclose(moved(step, Mean(*map(float, x)), rudder), f @ x + driven, rtol=1e-12)
+    assert np.allclose(moved(step, (0.1, -0.05, 0.02, 0.03), rudder), f @ x + driven, rtol=1e-12)
     noise = np.zeros((4, 4))
     noise[:2, :2] = NOISE.acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     noise[2, 2] = NOISE.push * dt
     noise[3, 3] = (1.0 - math.exp(-2.0 * NOISE.pace * dt)) * NOISE.sea
-    found = matrix_of(predicted(step, covariance_of(p), NOISE, NOISE.push, dt))
+    found = matrix_of(Covariance(*predicted(step, covariance_of(p), NOISE, NOISE.push, dt)))
     assert np.allclose(found, f @ p @ f.T + noise, rtol=1e-10, atol=1e-14)
 
 
@@ -147,10 +145,10 @@ def test_a_heading_is_taken_in_as_a_kalman_filter_takes_it(seed: int) -> None:
     total = float((h @ p @ h.T)[0, 0]) + NOISE.heading
     gain = p @ h.T / total
     kept = np.eye(4) - gain @ h
-    gains = gains_of(covariance_of(p), NOISE.heading)
+    gains, known = measured(covariance_of(p), NOISE.heading)
     assert gains[0] == pytest.approx(total)
     assert np.allclose(gains[1:], gain.ravel(), rtol=1e-12)
     after = kept @ p @ kept.T + NOISE.heading * gain @ gain.T
-    assert np.allclose(matrix_of(measured(gains, covariance_of(p))), after, rtol=1e-9, atol=1e-14)
-    mean = Mean(0.1, 0.2, -0.3, 0.4)
+    assert np.allclose(matrix_of(known), after, rtol=1e-9, atol=1e-14)
+    mean = (0.1, 0.2, -0.3, 0.4)
     assert np.allclose(corrected(gains, mean, -0.05), np.array(mean) - 0.05 * gain.ravel(), rtol=1e-12)
