@@ -52,8 +52,8 @@ class FailsafeSteering:
         for sample in samples:
             if isinstance(sample, WindSample):
                 self.memory = self.memory._replace(wind=wind_after(self.memory.wind, sample))
-            elif takes_rates and isinstance(sample, HeadingSample | RateSample) and is_rate(sample):
-                self.memory = self.memory._replace(rate=(sample.time, sample.rate))
+            elif takes_rates and isinstance(sample, HeadingSample | RateSample):
+                self.memory = self.memory._replace(rate=rate_after(self.memory.rate, sample.time, sample.rate))
 
     def begin(self, state: NavState) -> None:
         """Start from the last `state`: its heading is to be held."""
@@ -94,9 +94,9 @@ class FailsafeSteering:
         return rudder_most * clip(angle / WINDWARD_ANGLE, -1.0, 1.0)
 
 
-def is_rate(sample: HeadingSample | RateSample) -> bool:
-    """Return whether a sample tells of a rate of turn that a boat may have."""
-    return sample.rate is not None and abs(sample.rate) <= RATE_MOST and math.isfinite(sample.time)
+def rate_after(before: tuple[float, float] | None, time: float, rate: float | None) -> tuple[float, float] | None:
+    """Return the newest rate of turn [rad/s] that a boat may have, with its time [s]."""
+    return before if rate is None or not abs(rate) <= RATE_MOST or not math.isfinite(time) else (time, rate)
 
 
 def wind_after(before: Wind | None, sample: WindSample) -> Wind | None:

@@ -325,9 +325,7 @@ def response_step(
 ) -> ResponseState:
     """Return what is known after a heading [rad] `heard` at its time [s], the rudder having been at `rudders` since the
     one before; the boat turns at about `rate` [rad/s]."""
-    last, known, mean, answer, late, stuck, stuck_late, reverse, reverse_late, _, outliers, usual, shown, others, _ = (
-        before
-    )
+    last, known, mean, answer, late, stuck, stuck_late, wrong, wrong_late, _, outliers, usual, shown, others, _ = before
     (time, heading), (rudder, rudder_late, rudder_slow) = heard, rudders
     dt = time - last
     step = transition_of(model, rate, noise.pace, dt)
@@ -358,9 +356,9 @@ def response_step(
     square_some, square_some_late = off_some * off_some, off_some_late * off_some_late
     stuck = grown(kept * stuck, square_some - off * off, variance, most)
     # what may be a fault is none of the boat's usual ways
-    learns = 0.0 if stuck >= SUSPECT or reverse >= SUSPECT else 1.0 / variance
+    learns = 0.0 if stuck >= SUSPECT or wrong >= SUSPECT else 1.0 / variance
     others = others_step(others, model.time_constant, gains, dt, (off, s, s_late, slow))
-    off_reverse, off_reverse_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
+    off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
     return ResponseState(
         time,
         known,
@@ -369,8 +367,8 @@ def response_step(
         corrected(gains, late, -s_late),
         stuck,
         grown(kept * stuck_late, square_some_late - off * off, variance, most),
-        grown(kept * reverse, square_some - off_reverse * off_reverse, variance, most),
-        grown(kept * reverse_late, square_some_late - off_reverse_late * off_reverse_late, variance, most),
+        grown(kept * wrong, square_some - off_wrong * off_wrong, variance, most),
+        grown(kept * wrong_late, square_some_late - off_wrong_late * off_wrong_late, variance, most),
         unexplained + (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained),
         0,
         USUAL * USUAL_SURE + remembered * (usual - USUAL * USUAL_SURE) + learns * off * s,
@@ -411,20 +409,8 @@ def others_step(
 ) -> Others:
     """Return what is known of the other explanations `dt` [s] later; heard: how far the heading is from what it would
     be without a rudder, the answers to the rudder and to a late one [rad], and to a slow one."""
-    (
-        _,
-        (lively, lively_port),
-        (quick, quick_port),
-        misfit,
-        misfit_slow,
-        weak,
-        right,
-        strong,
-        latest,
-        fit,
-        left,
-        colour,
-    ) = before
+    _, of_lively, of_quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before
+    (lively, lively_port), (quick, quick_port) = of_lively, of_quick
     off, s, s_late, slow = heard
     variance, s_slow = gains[0], slow[0]
     lasts = FADES_SLOW * time_constant
