@@ -36,7 +36,8 @@ from autopilot.firmware.file import firmware_from
 from autopilot.firmware.foreign_files import parse_foreign
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
-from autopilot.identification.methods import Question, TwoStageMethod
+from autopilot.identification.identified import Question
+from autopilot.identification.registry import method_named
 from autopilot.identification.residual_tests import residual_tests
 from autopilot.identification.rudder_path import rudder_rate_of
 from autopilot.identification.runs import Run, run_from_columns
@@ -83,7 +84,7 @@ from sitl.serve import chaos_faults
 from sitl.world import World
 
 ROOT = Path(__file__).parents[1]
-SETTINGS, METHOD = RudderSettings(at_full=0.5), TwoStageMethod()
+SETTINGS, METHOD = RudderSettings(at_full=0.5), method_named("two-stage")
 LINE_MOST = 2600
 """Characters of a line that a command prints: a note and what it quotes."""
 SECONDS = 4.0

@@ -23,9 +23,10 @@ import numpy as np
 
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import InputError
-from autopilot.identification.filter_methods import ParticleMethod
-from autopilot.identification.methods import Method, Question
+from autopilot.identification.identified import Question
+from autopilot.identification.methods import Method
 from autopilot.identification.registry import METHODS as REGISTERED
+from autopilot.identification.registry import method_named
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.identification.trial_design import InstrumentNoise, cramer_rao, planned, zigzag_helm
 from autopilot.models.norrbin import Norrbin
@@ -56,9 +57,8 @@ BOATS = (
 
 METHODS: dict[str, Method] = {
     **{method.name: method for method in REGISTERED},
-    "fpf": ParticleMethod("constant"),
-    "fpf-galerkin": ParticleMethod("galerkin"),
-    "fpf-kernel": ParticleMethod("kernel"),
+    "fpf-galerkin": method_named("fpf"),
+    "fpf-kernel": method_named("fpf"),
 }
 """Every method, the particle filter with each of its gains."""
 
@@ -75,6 +75,7 @@ class Estimate(NamedTuple):
 def estimate_by(method: str, run: Run, boat: Boat) -> Estimate:
     """Return what a method makes of a recording."""
     question, began = Question(reference_speed=SPEED, course_unstable=boat.model.n1 < 0.0), time.process_time()
+    question = question._replace(particle_gain=method.partition("fpf-")[2] or "constant")
     try:
         found = METHODS[method].identify([run], question)
     except InputError as refused:

@@ -19,7 +19,7 @@ import numpy as np
 from identification_accuracy import BOATS, HEADING_NOISE, RATE_NOISE, SPEED, clean
 
 from autopilot.errors import InputError
-from autopilot.identification.identified import Identified
+from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import FloatArray, run_from_columns
 
@@ -160,7 +160,7 @@ def answer(case: Case, seed: int) -> tuple[Identified, str] | str:
     """Return the fit and what was said of the recording, or the sentence that refuses it."""
     try:
         run = run_from_columns("log", recorded(case, seed))
-        return identify([run], reference_speed=SPEED), " ".join(run.notes).replace("log: ", "")
+        return identify([run], Question(reference_speed=SPEED)), " ".join(run.notes).replace("log: ", "")
     except InputError as error:
         return str(error)
 

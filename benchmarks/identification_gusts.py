@@ -18,6 +18,7 @@ import numpy as np
 from identification_accuracy import BOATS, GEAR, HEADING_NOISE, RATE_NOISE, SPACING, SPEED
 
 from autopilot.guidance.trials import zigzag_side
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.output_error import Weighting
 from autopilot.identification.runs import Run, run_from_columns
@@ -50,7 +51,7 @@ def gusty(q: float, seed: int) -> Run:
 
 def errors(weighting: Weighting, q: float, seed: int) -> list[float]:
     """Return errors of K and T as shares of the truth, and whether each lies inside its interval."""
-    found = identify([gusty(q, seed)], "nomoto", SPEED, weighting=weighting)
+    found = identify([gusty(q, seed)], Question("nomoto", SPEED, weighting=weighting))
     result = []
     for name in ("gain", "time_constant"):
         truth, error = getattr(BOAT.model, name), found.standard_errors[name] or 0.0

@@ -18,6 +18,7 @@ import numpy as np
 from identification_accuracy import BOATS, SPEED, Boat, noisy
 
 from autopilot.identification import simulation
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.output_error import fit_steps
 from autopilot.identification.residuals import typical_rate
@@ -29,7 +30,7 @@ def measure(boat: Boat) -> dict[str, object]:
     """Return the seconds of the fit, and the ratio of the loop over time to the simulation of all steps at once."""
     runs = [noisy(boat._replace(seconds=60.0 * MINUTES), seed) for seed in range(RUNS)]
     begin, cpu = time.perf_counter(), time.process_time()
-    found = identify(runs, reference_speed=SPEED)
+    found = identify(runs, Question(reference_speed=SPEED))
     wall, cpu = time.perf_counter() - begin, time.process_time() - cpu
     segments = [segment for run in runs for segment in run.segments]
     steps = fit_steps(segments, boat.model, typical_rate(segments))

@@ -32,7 +32,7 @@ def in_numpy(case: Case, steps: Steps, count: int) -> Callable[[int], None]:
 
     def step(k: int) -> None:
         nonlocal particles
-        particles = fpf_predict(particles, case.drift, steps.inputs[k], case.noise, float(steps.dt[k]), random)
+        particles = fpf_predict(particles, case.motion, steps.inputs[k], float(steps.dt[k]), random)
         particles = fpf_update(particles, case.observe, steps.measured[k], case.R)
 
     return step

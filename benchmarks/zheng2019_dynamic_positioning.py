@@ -51,7 +51,7 @@ def information_bound(case: Case, steps: Steps, truth: FloatArray) -> FloatArray
     """
     P = case.prior.covariance
     for k, (dt, inputs) in enumerate(zip(steps.dt, steps.inputs, strict=True)):
-        moved = ekf_predict(Gaussian(truth[k], P), case.drift, inputs, case.noise, float(dt), case.substeps)
+        moved = ekf_predict(Gaussian(truth[k], P), case.motion, inputs, float(dt))
         P = ekf_update(Gaussian(truth[k + 1], moved.covariance), case.observe, steps.measured[k], case.R)[0].covariance
     return np.asarray(P[case.states :, case.states :])
 

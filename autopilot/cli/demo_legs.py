@@ -27,7 +27,7 @@ from autopilot.angles import wrap
 from autopilot.control.trial import TRIAL_LAW
 from autopilot.errors import RefusedError
 from autopilot.files.saving import save_text
-from autopilot.identification.identified import Identified
+from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
 from autopilot.interruption import LEFT
 from autopilot.links.base import LinkError
@@ -146,7 +146,7 @@ def sail_demo(out: Path, seed: int, progress: Progress) -> DemoResult:
     progress(1, 5)
     run = load_run(str(out / "trial.tlog"))
     # nobody measures this rudder: its record runs ahead of the boat by what an order takes on its way
-    found = identify([run], reference_speed=true.model.reference_speed_m_s, rudder_train=("delay",))
+    found = identify([run], Question(reference_speed=true.model.reference_speed_m_s, rudder_train=("delay",)))
     vessel = designed(_with_model(true, found))
     save_text(out / "identified.yaml", dump_vessel(vessel))
     progress(2, 5)

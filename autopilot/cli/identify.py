@@ -131,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
         return int(ExitCode.OK)
     from autopilot.identification.registry import method_named
 
-    method = method_named(arguments.method, arguments.gain)  # said before the logs are read
+    method = method_named(arguments.method)  # said before the logs are read
     _check(arguments, method)
     if arguments.report:
         from autopilot.report import require_extra
@@ -191,9 +191,10 @@ def _methods() -> str:
 
 
 def _check(arguments: argparse.Namespace, method: Method) -> None:
-    from autopilot.cli.identify_report import check_model
+    from autopilot.cli.identify_report import check_gain, check_model
     from autopilot.identification.registry import that_take
 
+    check_gain(arguments, method)
     check_model(arguments, method)
     if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
         raise InputError(
@@ -228,26 +229,20 @@ def _steady_turns(path: str) -> SteadyTurns:
 def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None, fitted: list[Run], held_out: list[Run]) -> Any:
     from autopilot.cli.identify_report import Result, chosen, form_of
     from autopilot.cli.terminal import ProgressBar
-    from autopilot.identification.methods import Question
     from autopilot.identification.registry import method_named
     from autopilot.identification.residual_tests import residual_tests
     from autopilot.identification.rudder_path import rudder_rate_of
     from autopilot.identification.two_stage import nomoto_stage
 
-    method = method_named(arguments.method, arguments.gain)
-    form = form_of(arguments)
+    method = method_named(arguments.method)
     with ProgressBar("identifying") as bar:
-        question = Question(
-            form.kind,
-            arguments.reference_speed_m_s,
-            form.course_unstable,
+        question = form_of(arguments)._replace(
+            reference_speed=arguments.reference_speed_m_s,
             steady_turns=steady,
             gain=arguments.gain_1_s,
             forgetting=arguments.forgetting,
-            rudder_train=form.rudder_train,
             weighting=arguments.weighting,
-            quadratic=form.quadratic,
-            trim=form.trim,
+            particle_gain=arguments.gain,
             progress=bar.update,
         )
         choice = chosen(fitted, question, bar.update) if arguments.model == "auto" else None
@@ -283,7 +278,7 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
     """Write the page; the recursive methods run once more beside, for how they converged."""
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import save_page
-    from autopilot.identification.methods import Question
+    from autopilot.identification.identified import Question
     from autopilot.identification.registry import METHODS, method_named
     from autopilot.report.identification import Findings, identification_page
 

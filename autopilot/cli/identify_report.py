@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import InputError
 from autopilot.files.printable import fixed
-from autopilot.identification.identified import Identified, SteadyTurns
+from autopilot.identification.identified import Identified, Question, SteadyTurns
 from autopilot.identification.identify import identify, mean_speed
-from autopilot.identification.methods import Method, Question
-from autopilot.identification.model_choice import FORMS, Candidate, Choice, Form, choose
+from autopilot.identification.methods import Method
+from autopilot.identification.model_choice import FORMS, Candidate, Choice, choose
 from autopilot.identification.registry import method_named, that_take
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
@@ -31,7 +31,7 @@ from autopilot.logs.csv_log import WAVE_GLIDER_NEEDS, load_column_map, read_csv
 HEADINGS = ("candidate", "parameters", "held-out R2", "BIC less the least", "")
 
 
-def form_of(arguments: argparse.Namespace) -> Form:
+def form_of(arguments: argparse.Namespace) -> Question:
     """Return the form that --model, --course-unstable, --fit-rudder and --trim ask for; of auto, that of norrbin."""
     from autopilot.cli.identify import rudder_train
 
@@ -40,6 +40,14 @@ def form_of(arguments: argparse.Namespace) -> Form:
     ]
     train = (*named.rudder_train, *(name for name in rudder_train(arguments) if name not in named.rudder_train))
     return named._replace(course_unstable=arguments.course_unstable, rudder_train=train, trim=arguments.trim)
+
+
+def check_gain(arguments: argparse.Namespace, method: Method) -> None:
+    """Raise InputError where --gain does not go with the method."""
+    if arguments.gain != "constant" and "gain" not in method.takes:
+        raise InputError(
+            f"--gain {arguments.gain} goes with --method {that_take('gain')} alone; leave one of them out."
+        )
 
 
 def check_model(arguments: argparse.Namespace, method: Method) -> None:
@@ -64,16 +72,8 @@ def chosen(runs: Sequence[Run], question: Question, progress: Callable[[int, int
     """Return the candidates fitted to the runs, stated at one speed, and the one to take."""
     speed = mean_speed(runs) if question.reference_speed is None else question.reference_speed
 
-    def fit(some: Sequence[Run], form: Form) -> Identified:
-        return identify(
-            some,
-            form.kind,
-            speed,
-            course_unstable=form.course_unstable,
-            rudder_train=form.rudder_train,
-            quadratic=form.quadratic,
-            trim=form.trim,
-        )
+    def fit(some: Sequence[Run], form: Question) -> Identified:
+        return identify(some, form._replace(reference_speed=speed))
 
     return choose(runs, fit, progress)
 
@@ -410,9 +410,15 @@ def identify_wave_glider(arguments: argparse.Namespace) -> str:
             raise InputError(f"--{name.replace('_', '-')} does not go with --wave-glider; leave one of them out.")
     if not arguments.logs:
         raise InputError("identify --wave-glider needs a LOG, a CSV table with the headings of both bodies.")
-    method = method_named(arguments.method, arguments.gain)
+    method = method_named(arguments.method)
+    check_gain(arguments, method)
     fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
-    question = Question(arguments.model, arguments.reference_speed_m_s, forgetting=arguments.forgetting)
+    question = Question(
+        arguments.model,
+        arguments.reference_speed_m_s,
+        forgetting=arguments.forgetting,
+        particle_gain=arguments.gain,
+    )
     with ProgressBar("identifying") as bar:
         found = identify_bodies(fitted, method, question._replace(progress=bar.update))
     results = {

@@ -30,7 +30,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.filters.kalman import Drift, FloatArray, Gaussian, Observe, midpoint_step, observed
+from autopilot.filters.kalman import FloatArray, Gaussian, Motion, Observe, midpoint_step, observed
 
 ISOLATED = 1.0e-6
 """Share of phi that a particle forgets: far below any error of the gain."""
@@ -208,15 +208,10 @@ def fpf_belief(particles: FloatArray) -> Gaussian:
 
 
 def fpf_predict(
-    particles: FloatArray,
-    drift: Drift,
-    inputs: Any,
-    noise: FloatArray,
-    dt: float,
-    random: np.random.Generator,
-    substeps: int = 1,
+    particles: FloatArray, motion: Motion, inputs: Any, dt: float, random: np.random.Generator
 ) -> FloatArray:
-    """Return the particles, shape (N, d), `dt` [s] later, inputs held; noise as in `ekf_predict`, shape (d, q)."""
+    """Return the particles, shape (N, d), `dt` [s] later, inputs held."""
+    drift, noise, substeps = motion
     drawn = random.standard_normal((particles.shape[0], noise.shape[1]))
     return midpoint_step(drift, inputs, particles, dt, drawn @ (noise * np.sqrt(dt)).T, substeps)
 

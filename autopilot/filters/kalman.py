@@ -34,6 +34,15 @@ Observe = Callable[[Any], Sequence[Any]]
 """h(state): the m values that a measurement of the state would show without noise; state as in Drift."""
 
 
+class Motion(NamedTuple):
+    """How a state moves: x' = f(x, u) + w with f the `drift`; noise: square root of the intensity Q of w, shape (d, q),
+    Q = noise noise', in units of the state per sqrt(s); substeps of the midpoint rule in a step."""
+
+    drift: Drift
+    noise: FloatArray
+    substeps: int = 1
+
+
 def midpoint_step(
     drift: Drift, inputs: Any, states: FloatArray, dt: float, kick: FloatArray | float = 0.0, substeps: int = 1
 ) -> FloatArray:
@@ -90,15 +99,10 @@ class Update(NamedTuple):
     innovation_covariance: FloatArray
 
 
-def ekf_predict(
-    belief: Gaussian, drift: Drift, inputs: Any, noise: FloatArray, dt: float, substeps: int = 1
-) -> Gaussian:
-    """Return the belief `dt` [s] later, inputs held.
-
-    noise: square root of the intensity Q of the process noise, shape (d, q), Q = noise noise', in units of the state
-    per sqrt(s).
-    """
+def ekf_predict(belief: Gaussian, motion: Motion, inputs: Any, dt: float) -> Gaussian:
+    """Return the belief `dt` [s] later, inputs held."""
     mean, P = belief
+    drift, noise, substeps = motion
     d, q = noise.shape
     spread = _steps(belief)
     kick = noise * np.sqrt(dt)

@@ -26,6 +26,7 @@ from autopilot.filters.kalman import (
     Drift,
     FloatArray,
     Gaussian,
+    Motion,
     Observe,
     ekf_predict,
     ekf_update,
@@ -58,6 +59,11 @@ class Case(NamedTuple):
     R: FloatArray
     prior: Gaussian
     substeps: int = 1
+
+    @property
+    def motion(self) -> Motion:
+        """How state and parameters move."""
+        return Motion(self.drift, self.noise, self.substeps)
 
     @property
     def states(self) -> int:
@@ -111,7 +117,7 @@ def by_kalman_filter(case: Case, steps: Steps) -> Found:
     """Return the extended Kalman filter's estimates."""
     belief, history = case.prior, _History(case)
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
-        belief = ekf_predict(belief, case.drift, inputs, case.noise, float(dt), case.substeps)
+        belief = ekf_predict(belief, case.motion, inputs, float(dt))
         belief = ekf_update(belief, case.observe, z, case.R).belief
         history.add(belief.mean, np.diagonal(belief.covariance))
     return history.found(belief.covariance)
@@ -123,7 +129,7 @@ def by_particle_filter(
     """Return the feedback particle filter's estimates with `count` particles; gain: constant by default."""
     particles, history = fpf_start(case.prior, count, random), _History(case)
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
-        particles = fpf_predict(particles, case.drift, inputs, case.noise, float(dt), random, case.substeps)
+        particles = fpf_predict(particles, case.motion, inputs, float(dt), random)
         particles = fpf_update(particles, case.observe, z, case.R, gain)
         history.add(particles.mean(axis=0), particles.var(axis=0, ddof=1))
     return history.found(fpf_belief(particles).covariance)

@@ -15,10 +15,10 @@ from autopilot.errors import InputError
 from autopilot.filters.feedback_particle import GAINS
 from autopilot.filters.kalman import Gaussian
 from autopilot.identification.augmented_state import Case, Found, Steps, by_particle_filter
-from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified
+from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified, Question
 from autopilot.identification.identified import Steps as ProgressSteps
 from autopilot.identification.identify import sources_of
-from autopilot.identification.methods import NOTHING_MORE, Method, Question, begin, identified_as
+from autopilot.identification.methods import Method, begin, identified_as
 from autopilot.identification.norrbin_filter import HELD_STEPS_PER_TIME_CONSTANT as HELD
 from autopilot.identification.norrbin_filter import (
     NAMES,
@@ -186,43 +186,21 @@ BY_CHANCE = (
 )
 
 
-class KalmanMethod:
-    """The extended Kalman filter with the parameters as states."""
-
-    name = "ekf"
-    summary = "extended Kalman filter over heading, rate and parameters; knows gusts from instrument noise"
-    takes = NOTHING_MORE
-
-    def identify(self, runs: Sequence[Run], question: Question) -> Identified:
-        """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be determined."""
-        return _identify(runs, question, None, self.name)
+def kalman_filter(runs: Sequence[Run], question: Question) -> Identified:
+    """Return the last belief of the extended Kalman filter with the parameters as states; see `Method`. n3 is held at 0
+    where it cannot be determined."""
+    return _identify(runs, question, None, "ekf")
 
 
-class ParticleMethod:
-    """The feedback particle filter, the parameters as states.
+def particle_filter(runs: Sequence[Run], question: Question, particles: int = PARTICLES) -> Identified:
+    """Return the last belief of the feedback particle filter, the parameters as states; see `Method`. n3 is held at 0
+    where it cannot be determined. Raises KeyError for a gain that there is not."""
+    random, gain = np.random.default_rng(SEED), GAINS[question.particle_gain]
 
-    gain: one of `GAINS`; particles: how many. Raises KeyError for a gain that there is not.
-    """
+    def filtered(case: Case, steps: Steps) -> Found:
+        return by_particle_filter(case, steps, particles, random, gain)
 
-    name = "fpf"
-    summary = "feedback particle filter (Zheng et al. 2019), 300 particles; --gain constant, galerkin or kernel"
-    takes = frozenset({"gain"})
-
-    def __init__(self, gain: str = "constant", particles: int = PARTICLES) -> None:
-        self._gain, self._particles = GAINS[gain], particles
-
-    def with_gain(self, gain: str) -> ParticleMethod:
-        """Return the method with another gain."""
-        return ParticleMethod(gain, self._particles)
-
-    def identify(self, runs: Sequence[Run], question: Question) -> Identified:
-        """Return the filter's last belief; see `Method.identify`. n3 is held at 0 where it cannot be determined."""
-        random = np.random.default_rng(SEED)
-
-        def filtered(case: Case, steps: Steps) -> Found:
-            return by_particle_filter(case, steps, self._particles, random, self._gain)
-
-        return _identify(runs, question, filtered, self.name)
+    return _identify(runs, question, filtered, "fpf")
 
 
 def _identify(runs: Sequence[Run], question: Question, filter_: Filter | None, name: str) -> Identified:
@@ -277,4 +255,16 @@ def _identified(passes: Passes, result: Passed, reasons: dict[str, str], notes: 
     return found._replace(free=free, covariance=covariance)
 
 
-METHODS: tuple[Method, ...] = (KalmanMethod(), ParticleMethod())
+METHODS = (
+    Method(
+        "ekf",
+        "extended Kalman filter over heading, rate and parameters; knows gusts from instrument noise",
+        kalman_filter,
+    ),
+    Method(
+        "fpf",
+        "feedback particle filter (Zheng et al. 2019), 300 particles; --gain constant, galerkin or kernel",
+        particle_filter,
+        frozenset({"gain"}),
+    ),
+)

@@ -1,4 +1,4 @@
-"""What an identification answers with: the model, how sure it is, and what the runs cannot tell."""
+"""What an identification is asked, and what it answers: the model, how sure it is, and what the runs cannot tell."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from autopilot.identification.output_error import Solution
+from autopilot.identification.output_error import Solution, Weighting
 from autopilot.identification.residual_tests import Prediction, predict, simulate_run
-from autopilot.identification.residuals import PREFIX, Noise
+from autopilot.identification.residuals import PREFIX, Noise, Trim
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, has_propeller, has_wind
 from autopilot.identification.two_stage import CubicDamping
@@ -43,6 +43,42 @@ class SteadyTurns(NamedTuple):
     rudder: FloatArray
     rate: FloatArray
     speed: FloatArray | None = None
+
+
+def silent(done: int, total: int) -> None:
+    """Tell nobody of the progress."""
+
+
+class Question(NamedTuple):
+    """What is asked of a method; each says in `Method.takes` which of it, beyond the first three, it can be asked.
+
+    kind: with n3 or without.  reference_speed [m/s]: where the parameters are stated, None for the runs' mean speed.
+    course_unstable: the boat will not go straight by itself, n1 = -1; then n3 is what bounds its turning.
+    steady_turns, gain [1/s]: n3 from steady turns, with K held at `gain`, or else at the fitted K.  start: where a
+    recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
+    rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water.
+    weighting: "prediction-error" knows gusts from instrument noise.  quadratic: n2 too, of a boat that turns otherwise
+    to one side.  trim: "per-run" fits an n0 for each run; the model has their mean.  particle_gain: of the particle
+    filter.  progress: called with how far it is.
+    """
+
+    kind: ModelKind = "norrbin"
+    reference_speed: float | None = None
+    course_unstable: bool = False
+    steady_turns: SteadyTurns | None = None
+    gain: float | None = None
+    start: Norrbin | None = None
+    forgetting: float = 1.0
+    rudder_train: tuple[str, ...] = ()
+    weighting: Weighting = "residuals"
+    quadratic: bool = False
+    trim: Trim = "common"
+    particle_gain: str = "constant"
+    progress: Progress = silent
+
+
+USUAL = Question()
+"""Norrbin's model of a course-stable boat at the runs' mean speed."""
 
 
 class Convergence(NamedTuple):
@@ -102,10 +138,10 @@ def identified_from(solution: Solution, reasons: dict[str, str], runs: Sequence[
     names = ("gain", "time_constant", "n3", "n2", "n1", "n0")
     errors = {name: solution.standard_error(name) for name in names}
     shared = [i for i, name in enumerate(solution.free) if not name.startswith(PREFIX)]
-    model = solution.model
+    model, own = solution.model, solution.fitted.trims
     trims = tuple(
         (run.source, model.n0 - model.gain * float(angle))
-        for run, angle in zip(runs, solution.trims.angles if solution.trims.values else (), strict=False)
+        for run, angle in zip(runs, own.angles if own.values else (), strict=False)
     )
     return Identified(
         model,
@@ -114,7 +150,7 @@ def identified_from(solution: Solution, reasons: dict[str, str], runs: Sequence[
         solution.noise,
         free=tuple(solution.free[i] for i in shared),
         covariance=solution.covariance[np.ix_(shared, shared)],
-        train=solution.train,
+        train=solution.fitted.train,
         trims=trims,
     )
 

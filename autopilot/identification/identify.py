@@ -13,16 +13,16 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.identification.identified import (
     LARGEST_RELATIVE_ERROR,
+    USUAL,
     Identified,
-    ModelKind,
-    Progress,
+    Question,
     SteadyTurns,
     Steps,
     identified_from,
 )
 from autopilot.identification.model_extensions import CUBIC, START_N3, extended
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
-from autopilot.identification.residuals import RunTrims, Trim, initial_state, own_trims, triangle, typical_rate
+from autopilot.identification.residuals import Fitted, RunTrims, initial_state, own_trims, triangle, typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind, shortest_time_constant
 from autopilot.identification.simulation import RATE_BOUND_RAD_S, Forcing, at_samples, forcing, linear_responses
 from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage
@@ -200,57 +200,36 @@ def mean_speed(runs: Sequence[Run]) -> float:
     return sum(way) / sum(time)
 
 
-def identify(
-    runs: Sequence[Run],
-    kind: ModelKind = "norrbin",
-    reference_speed: float | None = None,
-    *,
-    steady_turns: SteadyTurns | None = None,
-    gain: float | None = None,
-    course_unstable: bool = False,
-    rudder_train: Sequence[str] = (),
-    weighting: Weighting = "residuals",
-    quadratic: bool = False,
-    trim: Trim = "common",
-    progress: Progress = lambda done, total: None,
-) -> Identified:
+def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:
     """Return the output-error estimate from all runs together, scaled with speed.
 
-    A "norrbin" has n3: from `steady_turns` where given (with K held at `gain` [1/s], or else at the fitted K),
-    otherwise fitted with the rest and dropped again, with the reason, where it ends on its bound or cannot be
-    distinguished from zero: the linear model that is left is stable everywhere. reference_speed [m/s]: default the
-    mean.
-
-    course_unstable: the boat will not go straight by itself, n1 = -1; then n3 is what bounds its turning, is always
-    fitted, and there is no smaller model to fall back to.
-
-    rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water; those that
-    cannot be distinguished from 0 are left out again. Not with `steady_turns`, nor `course_unstable`.
-
-    weighting: "prediction-error" knows gusts from instrument noise; K, T, n3 and n0 alone, of a course-stable boat.
-
-    quadratic: n2 too, of a boat that turns otherwise to one side; left out again where it cannot be distinguished from
-    0 or would let the boat turn without bound. trim: "per-run" fits an n0 for each run; the model has their mean.
+    A "norrbin" has n3: from steady turns where given, otherwise fitted with the rest and dropped again, with the
+    reason, where it ends on its bound or cannot be distinguished from zero: the linear model that is left is stable
+    everywhere. Of a course-unstable boat n3 is always fitted, and there is no smaller model to fall back to. Parts of
+    the rudder's train, and n2, are left out again where they cannot be distinguished from 0 or would let the boat turn
+    without bound. The train goes neither with steady turns nor with a course-unstable boat; prediction-error weighting
+    is for K, T, n3 and n0 alone, of a course-stable boat.
 
     Raises InputError where the rudder never moves, the boat makes no way, the motion does not follow the
     rudder, or follows it backwards.
     """
-    speed = mean_speed(runs) if reference_speed is None else reference_speed
+    kind, train, turns = question.kind, question.rudder_train, question.steady_turns
+    speed = mean_speed(runs) if question.reference_speed is None else question.reference_speed
     check_excitation(runs, speed)
-    fits = 1 if kind == "nomoto" else 3 if has_propeller(runs) or has_wind(runs) or rudder_train else 2
-    steps = Steps(progress, total=1 + NOISE_ROUNDS * (fits + quadratic))
+    fits = 1 if kind == "nomoto" else 3 if has_propeller(runs) or has_wind(runs) or train else 2
+    steps = Steps(question.progress, total=1 + NOISE_ROUNDS * (fits + question.quadratic))
     start = starting_point(runs, speed)
     check_response(runs, start)
     steps.next()
-    fit = _Fit(runs, steps, weighting, own_trims(runs, trim))
-    if course_unstable:
-        return _unstable(fit, unstable_starting_point(runs, start.model), quadratic)
+    fit = _Fit(runs, steps, question.weighting, own_trims(runs, question.trim))
+    if question.course_unstable:
+        return _unstable(fit, unstable_starting_point(runs, start.model), question.quadratic)
     if kind == "nomoto":
         plain = identified_from(fit.solve(start.model, LINEAR), {}, runs)
-        return extended(runs, plain, rudder_train, steps, (*LINEAR, *fit.trims.names), fit.trims)
-    if steady_turns is not None:
-        return _with_steady_turns(fit, fit.solve(start.model, LINEAR), steady_turns, gain)
-    return _norrbin(fit, start.model, quadratic, rudder_train)
+        return extended(runs, plain, train, steps, (*LINEAR, *fit.trims.names), fit.trims)
+    if turns is not None:
+        return _with_steady_turns(fit, fit.solve(start.model, LINEAR), turns, question.gain)
+    return _norrbin(fit, start.model, question.quadratic, train)
 
 
 class _Fit(NamedTuple):
@@ -264,7 +243,7 @@ class _Fit(NamedTuple):
     def solve(self, start: Norrbin, free: tuple[str, ...], rounds: int = NOISE_ROUNDS) -> Solution:
         """Return the best model near `start` with `free`, and the runs' own trims, fitted."""
         named = (*free, *self.trims.names)
-        return solve(self.runs, start, named, self.steps.next, rounds, weighting=self.weighting, trims=self.trims)
+        return solve(self.runs, Fitted(start, trims=self.trims), named, self.steps.next, rounds, self.weighting)
 
 
 def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[str]) -> Identified:

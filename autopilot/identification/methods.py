@@ -1,19 +1,17 @@
-"""One interface for every way from recorded runs to a model, so that they can be asked, compared and tested alike.
+"""One record for every way from recorded runs to a model, so that they can be asked, compared and tested alike.
 
-The output-error fit behind the interface of all methods.
-
-The two stages of Jiang et al. 2016 behind the interface of all methods.
+The output-error fit, and the two stages of Jiang et al. 2016, behind it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.identified import Convergence, Identified, ModelKind, Progress, SteadyTurns, too_quick
+from autopilot.identification.identified import Convergence, Identified, Question, too_quick
 from autopilot.identification.identify import (
     StartingPoint,
     check_excitation,
@@ -25,9 +23,8 @@ from autopilot.identification.identify import (
     steady_damping,
     unstable_starting_point,
 )
-from autopilot.identification.output_error import Weighting
 from autopilot.identification.residual_tests import simulate_run
-from autopilot.identification.residuals import Trim, residual_noise
+from autopilot.identification.residuals import residual_noise
 from autopilot.identification.runs import FloatArray, Run, shortest_time_constant
 from autopilot.identification.two_stage import nomoto_at_end, nomoto_path
 from autopilot.models.norrbin import Norrbin
@@ -36,63 +33,28 @@ PARAMETERS = ("gain", "time_constant", "n3", "n2", "n1", "n0")
 """Those every result names in its standard errors."""
 
 
-def _silent(done: int, total: int) -> None:
-    """Tell nobody."""
+class Method(NamedTuple):
+    """A way to identify; `tests/contract/test_identification_methods.py` holds every one in the registry to this.
 
+    name: what `autopilot identify --method` calls it.  summary: what it does, in a line.  takes: what it can be asked
+    beyond the usual question: `models` (n2, Nomoto's second order, or to choose), `trim`, `rudder` (what lies before
+    it), `weighting`, and the `gain` of a particle filter.
 
-class Question(NamedTuple):
-    """What is asked of a method.
-
-    kind: with n3 or without.  reference_speed [m/s]: where the parameters are stated, None for the runs' mean speed.
-    course_unstable: n1 = -1.  steady_turns, gain [1/s]: for methods that take n3 from steady turns.  start: where a
-    recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
-    rudder_train: names of RudderTrain to be fitted too, by methods that can. weighting: of the
-    output-error fit. quadratic: n2 too, trim: one n0 or one for each run, by methods that can.
-    progress: called with how far it is.
+    identify: returns the model that all runs together give. The runs are not changed; the same runs give the same
+    model. Raises InputError, in one sentence that names the runs, where they tell nothing: the rudder never moves, the
+    boat makes no way, the motion does not follow the rudder or follows it backwards, or the method cannot answer the
+    question at all.
     """
 
-    kind: ModelKind = "norrbin"
-    reference_speed: float | None = None
-    course_unstable: bool = False
-    steady_turns: SteadyTurns | None = None
-    gain: float | None = None
-    start: Norrbin | None = None
-    forgetting: float = 1.0
-    rudder_train: tuple[str, ...] = ()
-    weighting: Weighting = "residuals"
-    quadratic: bool = False
-    trim: Trim = "common"
-    progress: Progress = _silent
-
-
-class Method(Protocol):
-    """A way to identify; `tests/contract/test_identification_methods.py` holds every one in the registry to this."""
-
-    @property
-    def name(self) -> str:
-        """What `autopilot identify --method` calls it."""
-
-    @property
-    def summary(self) -> str:
-        """What it does, in a line."""
-
-    @property
-    def takes(self) -> frozenset[str]:
-        """What it can be asked beyond the usual question: `models` (n2, Nomoto's second order, or to choose), `trim`,
-        `rudder` (what lies before it), `weighting`, and the `gain` of a particle filter."""
-
-    def identify(self, runs: Sequence[Run], question: Question) -> Identified:
-        """Return the model that all runs together give. The runs are not changed; the same runs give the same model.
-
-        Raises InputError, in one sentence that names the runs, where they tell nothing: the rudder never moves, the
-        boat makes no way, the motion does not follow the rudder or follows it backwards, or the method cannot answer
-        the question at all.
-        """
+    name: str
+    summary: str
+    identify: Callable[[Sequence[Run], Question], Identified]
+    takes: frozenset[str] = frozenset()
 
 
 def begin(runs: Sequence[Run], question: Question) -> StartingPoint:
     """Return a linear model near the best one, stated at the question's reference speed, the runs being fit to
-    identify from. Raises InputError where they are not; see `Method.identify`."""
+    identify from. Raises InputError where they are not; see `Method`."""
     speed = mean_speed(runs) if question.reference_speed is None else question.reference_speed
     check_excitation(runs, speed)
     found = starting_point(runs, speed)
@@ -135,42 +97,6 @@ def identified_as(
     )
 
 
-NOTHING_MORE: frozenset[str] = frozenset()
-"""Of a method that answers the usual question alone."""
-
-
-@runtime_checkable
-class TakesGain(Protocol):
-    """A method with a gain to choose."""
-
-    def with_gain(self, gain: str) -> Method:
-        """Return the method with another gain."""
-
-
-class OutputErrorMethod:
-    """Simulate with the recorded rudder, minimise the residuals of heading and rate: the estimate that ships."""
-
-    name = "output-error"
-    summary = "simulates the model with the recorded rudder and fits heading and rate; with standard errors"
-    takes = frozenset({"models", "trim", "rudder", "weighting"})
-
-    def identify(self, runs: Sequence[Run], question: Question) -> Identified:
-        """Return `identification.identify.identify` of the runs."""
-        return identify(
-            runs,
-            question.kind,
-            question.reference_speed,
-            steady_turns=question.steady_turns,
-            gain=question.gain,
-            course_unstable=question.course_unstable,
-            rudder_train=question.rudder_train,
-            weighting=question.weighting,
-            quadratic=question.quadratic,
-            trim=question.trim,
-            progress=question.progress,
-        )
-
-
 NO_TURNS = (
     "n3: the two-stage method takes it from steady turns (--steady-turns), and there are none, so it is held at 0."
 )
@@ -183,40 +109,34 @@ FAR = 4.0
 """Estimates further than this factor from the last are the beginning's, and not shown."""
 
 
-class TwoStageMethod:
-    """K and T by recursive least squares with optional forgetting, then n3 from steady turns with K held."""
-
-    name = "two-stage"
-    summary = "recursive least squares for K and T, n3 from steady turns (Jiang et al. 2016)"
-    takes = NOTHING_MORE
-
-    def identify(self, runs: Sequence[Run], question: Question) -> Identified:
-        """Return K, T and, with steady turns, n3; see `Method.identify`. A course-unstable boat is refused."""
-        if question.course_unstable:
-            raise InputError(
-                f"{sources_of(runs)}: two-stage leaves n3 out of its first stage, without which a course-unstable "
-                "boat has no bounded turn; use --method output-error."
-            )
-        start = begin(runs, question).model
-        time, values = nomoto_path(runs, start.reference_speed, question.forgetting)
-        stage = nomoto_at_end(values)
-        if stage is None:
-            raise InputError(
-                f"{sources_of(runs)}: two-stage finds no boat that settles on a turn (K and T not both positive); "
-                "record a zigzag sampled more often than the rudder moves, or use --method output-error."
-            )
-        model = start._replace(gain=stage.gain, time_constant=stage.time_constant, n0=0.0)
-        path = _convergence(time, values, model)
-        if question.kind == "nomoto" or question.steady_turns is None:
-            reasons = {} if question.kind == "nomoto" else {"n3": NO_TURNS}
-            return identified_as(model, runs, {}, unidentifiable=reasons, notes=[NO_ERRORS], convergence=path)
-        cubic = steady_damping(question.steady_turns, question.gain or stage.gain, model.reference_speed)
-        if cubic.n3 <= 0.0:
-            reason = f"n3: the steady turns give {cubic.n3:.3g} s^2/rad^2, which bounds no turn, so it is held at 0."
-            return identified_as(model, runs, {}, unidentifiable={"n3": reason}, notes=[NO_ERRORS], convergence=path)
-        errors = {} if cubic.standard_error is None else {"n3": cubic.standard_error}
-        found = identified_as(model._replace(n3=cubic.n3), runs, errors, notes=[NO_ERRORS], convergence=path)
-        return found._replace(steady=cubic)
+def two_stage(runs: Sequence[Run], question: Question) -> Identified:
+    """Return K and T by recursive least squares with optional forgetting, then n3 from steady turns with K held; see
+    `Method`. A course-unstable boat is refused."""
+    if question.course_unstable:
+        raise InputError(
+            f"{sources_of(runs)}: two-stage leaves n3 out of its first stage, without which a course-unstable "
+            "boat has no bounded turn; use --method output-error."
+        )
+    start = begin(runs, question).model
+    time, values = nomoto_path(runs, start.reference_speed, question.forgetting)
+    stage = nomoto_at_end(values)
+    if stage is None:
+        raise InputError(
+            f"{sources_of(runs)}: two-stage finds no boat that settles on a turn (K and T not both positive); "
+            "record a zigzag sampled more often than the rudder moves, or use --method output-error."
+        )
+    model = start._replace(gain=stage.gain, time_constant=stage.time_constant, n0=0.0)
+    path = _convergence(time, values, model)
+    if question.kind == "nomoto" or question.steady_turns is None:
+        reasons = {} if question.kind == "nomoto" else {"n3": NO_TURNS}
+        return identified_as(model, runs, {}, unidentifiable=reasons, notes=[NO_ERRORS], convergence=path)
+    cubic = steady_damping(question.steady_turns, question.gain or stage.gain, model.reference_speed)
+    if cubic.n3 <= 0.0:
+        reason = f"n3: the steady turns give {cubic.n3:.3g} s^2/rad^2, which bounds no turn, so it is held at 0."
+        return identified_as(model, runs, {}, unidentifiable={"n3": reason}, notes=[NO_ERRORS], convergence=path)
+    errors = {} if cubic.standard_error is None else {"n3": cubic.standard_error}
+    found = identified_as(model._replace(n3=cubic.n3), runs, errors, notes=[NO_ERRORS], convergence=path)
+    return found._replace(steady=cubic)
 
 
 def _convergence(time: FloatArray, values: FloatArray, end: Norrbin) -> Convergence:
@@ -227,4 +147,12 @@ def _convergence(time: FloatArray, values: FloatArray, end: Norrbin) -> Converge
     return Convergence(time[begins:], ("gain", "time_constant"), values[begins:])
 
 
-METHODS: tuple[Method, ...] = (OutputErrorMethod(), TwoStageMethod())
+METHODS = (
+    Method(
+        "output-error",
+        "simulates the model with the recorded rudder and fits heading and rate; with standard errors",
+        identify,
+        frozenset({"models", "trim", "rudder", "weighting"}),
+    ),
+    Method("two-stage", "recursive least squares for K and T, n3 from steady turns (Jiang et al. 2016)", two_stage),
+)

@@ -27,8 +27,7 @@ import numpy as np
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
-from autopilot.identification.identified import Identified, ModelKind
-from autopilot.identification.residuals import Trim
+from autopilot.identification.identified import USUAL, Identified, Question
 from autopilot.identification.runs import SHORTEST_SEGMENT_SAMPLES, FloatArray, Run, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, rate_step
 from autopilot.models.wind import RaceAndWind, without_drift
@@ -146,28 +145,18 @@ LEAST_WORTH = 2.0
 """Independent samples that a record is at least taken to be worth."""
 
 
-class Form(NamedTuple):
-    """What a candidate fits: the kind of damping, n2, n1 = -1, parts of the rudder's train, and trims."""
-
-    kind: ModelKind = "norrbin"
-    quadratic: bool = False
-    course_unstable: bool = False
-    rudder_train: tuple[str, ...] = ()
-    trim: Trim = "common"
-
-
 SECOND_ORDER = ("lag", "lead")
 FORMS = {
-    "nomoto1": Form("nomoto"),
-    "nomoto2": Form("nomoto", rudder_train=SECOND_ORDER),
-    "norrbin": Form(),
-    "norrbin-n2": Form(quadratic=True),
-    "norrbin unstable": Form(course_unstable=True),
+    "nomoto1": Question("nomoto"),
+    "nomoto2": Question("nomoto", rudder_train=SECOND_ORDER),
+    "norrbin": USUAL,
+    "norrbin-n2": Question(quadratic=True),
+    "norrbin unstable": Question(course_unstable=True),
 }
 """The candidates, by name; the first four may be asked for by it."""
 PER_RUN = ", trim per run"
 
-Fit = Callable[[Sequence[Run], Form], Identified]
+Fit = Callable[[Sequence[Run], Question], Identified]
 """Fits a form to runs; raises InputError where they do not let it."""
 
 
@@ -177,7 +166,7 @@ class Candidate(NamedTuple):
     many were fitted."""
 
     name: str
-    form: Form
+    form: Question
     found: Identified | None
     held_out: float = -math.inf
     errors: tuple[float, ...] = ()
@@ -202,7 +191,7 @@ class Choice(NamedTuple):
         return found
 
     @property
-    def form(self) -> Form:
+    def form(self) -> Question:
         """The chosen candidate's form."""
         return next(candidate.form for candidate in self.candidates if candidate.name == self.chosen)
 
@@ -254,7 +243,7 @@ def _between(run: Run, begin: float, end: float) -> Run:
 
 
 def _candidate(
-    name: str, form: Form, runs: Sequence[Run], parts: Sequence[Run], fit: Fit, others: Sequence[Candidate]
+    name: str, form: Question, runs: Sequence[Run], parts: Sequence[Run], fit: Fit, others: Sequence[Candidate]
 ) -> Candidate:
     try:
         found = fit(runs, form)

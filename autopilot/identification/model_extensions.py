@@ -8,7 +8,7 @@ import numpy as np
 
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Identified, Steps, identified_from
 from autopilot.identification.output_error import Solution, solve
-from autopilot.identification.residuals import NO_TRIMS, RunTrims, typical_rate
+from autopilot.identification.residuals import NO_TRIMS, Fitted, RunTrims, typical_rate
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import Run, Segment, has_propeller, has_wind
 from autopilot.models.norrbin import Norrbin
@@ -64,7 +64,7 @@ def extended(
         around = around._replace(race=START_RACE * (start.reference_speed / around.reference_propeller) ** 2)
     if "steady_race" in names:
         around = around._replace(steady_race=START_RACE * start.reference_speed**2)
-    found = solve(runs, start, (*base, *names), steps.next, around=around, train=train, trims=trims)
+    found = solve(runs, Fitted(start, around, train, trims), (*base, *names), steps.next)
     if "n3" in base and has_wind(runs) and (drifting := _with_drift(runs, found, steps)) is not None:
         found, names = drifting, (*names, *DRIFT)
     reasons: dict[str, str] = {}
@@ -99,8 +99,7 @@ def _race(runs: Sequence[Run]) -> tuple[str, ...]:
 def _with_drift(runs: Sequence[Run], found: Solution, steps: Steps) -> Solution | None:
     """Return the fit with drift before the wind beside everything in `found`, None where the runs do not ask for it."""
     around = found.around._replace(drift=START_DRIFT, drift_time=0.5 * found.model.time_constant)
-    free, train, trims = (*found.free, *DRIFT), found.train, found.trims
-    drifting = solve(runs, found.model, free, steps.next, around=around, train=train, trims=trims)
+    drifting = solve(runs, found.fitted._replace(around=around), (*found.free, *DRIFT), steps.next)
     is_significant = (
         _relative_error(drifting, "drift") < SURELY and drifting.noise[0].size < WORTH_IT * found.noise[0].size
     )
@@ -121,16 +120,19 @@ def _extended(found: Solution, plain: Identified, reasons: dict[str, str], runs:
             f"drift: to a slow rudder this boat has K {steering.gain:.4g} 1/s, T {steering.time_constant:.4g} s; "
             "that goes into a vessel file, and gains are designed from it.",
         )
-    return result._replace(around=around, plain=plain.model, standard_errors=errors, train=found.train, notes=notes)
+    return result._replace(
+        around=around, plain=plain.model, standard_errors=errors, train=found.fitted.train, notes=notes
+    )
 
 
 def _without(runs: Sequence[Run], found: Solution, gone: Sequence[str], steps: Steps) -> Solution:
     """Return the fit without the parameters `gone`."""
     free = tuple(name for name in found.free if name not in gone)
-    around = found.around._replace(**{name: 0.0 for name in gone if name in RaceAndWind._fields})
-    train = found.train._replace(**{name: 0.0 for name in gone if name in RudderTrain._fields})
-    start = found.model._replace(**{name: 0.0 for name in gone if name in DAMPING})
-    return solve(runs, start, free, steps.next, around=around, train=train, trims=found.trims)
+    model, around, train, trims = found.fitted
+    around = around._replace(**{name: 0.0 for name in gone if name in RaceAndWind._fields})
+    train = train._replace(**{name: 0.0 for name in gone if name in RudderTrain._fields})
+    model = model._replace(**{name: 0.0 for name in gone if name in DAMPING})
+    return solve(runs, Fitted(model, around, train, trims), free, steps.next)
 
 
 def _is_better(larger: Solution, smaller: Solution, runs: Sequence[Run]) -> bool:
@@ -201,7 +203,7 @@ def _remedy(name: str) -> str:
 
 
 def _value(solution: Solution, name: str) -> float:
-    held = next(part for part in (solution.model, solution.around, solution.train) if name in part._fields)
+    held = next(part for part in solution.fitted[:3] if name in part._fields)
     return float(getattr(held, name))
 
 

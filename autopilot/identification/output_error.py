@@ -24,10 +24,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from autopilot.identification.residuals import (
-    NO_TRIMS,
+    Fitted,
     Noise,
     Problem,
-    RunTrims,
     disturbance_in,
     initial_state,
     residual_noise,
@@ -36,7 +35,6 @@ from autopilot.identification.residuals import (
     typical_rate,
     units,
 )
-from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
 from autopilot.identification.simulation import Forcing, forcing
 from autopilot.models.norrbin import Norrbin
@@ -80,22 +78,27 @@ predicted from those before it (`identification.whitening`): better where gusts 
 
 
 class Solution(NamedTuple):
-    """Best model with the parameters `free` fitted.
+    """The best `fitted` with the parameters `free` changed.
 
-    around: what propeller and wind add. covariance: of the free parameters in their own units, shape (F, F).
-    noise: of rate and heading residuals.
+    covariance: of the free parameters in their own units, shape (F, F). noise: of rate and heading residuals.
     at_bound: those that were fitted and ended at their bound: 0 where they cannot be negative, T at its shortest.
-    train: the way from the recorded rudder to the water. trims: of the runs.
     """
 
-    model: Norrbin
-    around: RaceAndWind
+    fitted: Fitted
     free: tuple[str, ...]
     covariance: FloatArray
     noise: tuple[Noise, Noise]
     at_bound: tuple[str, ...]
-    train: RudderTrain = DIRECT
-    trims: RunTrims = NO_TRIMS
+
+    @property
+    def model(self) -> Norrbin:
+        """The boat's model."""
+        return self.fitted.model
+
+    @property
+    def around(self) -> RaceAndWind:
+        """What propeller, wind and drift add."""
+        return self.fitted.around
 
     def standard_error(self, name: str) -> float | None:
         """Return the standard error of a parameter, None where it was not fitted."""
@@ -107,42 +110,29 @@ class Solution(NamedTuple):
 
 def solve(
     runs: Sequence[Run],
-    start: Norrbin,
+    start: Fitted,
     free: tuple[str, ...],
     after_round: Callable[[], None] = lambda: None,
     rounds: int = NOISE_ROUNDS,
-    around: RaceAndWind | None = None,
-    train: RudderTrain = DIRECT,
     weighting: Weighting = "residuals",
-    trims: RunTrims = NO_TRIMS,
 ) -> Solution:
-    """Return the best model near `start` and `around` with the parameters `free` of them fitted.
-
-    weighting: see `Weighting`. trims: where those that `free` names begin.
+    """Return the best model near `start` with the parameters `free` of it fitted.
 
     K and T stay positive, n3 and the race not negative; what is not free keeps its value.
     """
     segments = tuple(segment for run in runs for segment in run.segments)
     scale = typical_rate(segments)
     base, states = start, [initial_state(segment) for segment in segments]
-    around = around or RaceAndWind()
     noise: tuple[Noise, Noise] | None = None
     for _ in range(rounds):
-        steps = fit_steps(segments, base, scale)
-        problem = Problem(
-            segments, steps, base, around, free, scale, units(base, around, scale, segments), train, trims
-        )
+        steps = fit_steps(segments, base.model, scale)
+        problem = Problem(segments, steps, base, free, scale, units(base, scale, segments))
         if weighting == "prediction-error":
             residuals = [values for values, _ in problem.response(problem.vector(states))]
-            problem = replace(problem, disturbance=disturbance_in(residuals, segments, base.time_constant))
+            problem = replace(problem, disturbance=disturbance_in(residuals, segments, base.model.time_constant))
         start_z = problem.vector(states)
         z = _minimise(problem, start_z, noise or _noise(problem, start_z), TOLERANCE if noise else FIRST_TOLERANCE)
-        base, around, train, trims = (
-            problem.model(z),
-            problem.race_and_wind(z),
-            problem.rudder_train(z),
-            problem.run_trims(z),
-        )
+        base = problem.fitted(z)
         states = problem.states(z)
         before, noise = noise, _noise(problem, z)
         after_round()
@@ -233,7 +223,7 @@ def _bounds(problem: Problem, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         if name == "n2":
             low[i], high[i] = -LARGEST_ASYMMETRY, LARGEST_ASYMMETRY
         if name == "lag":
-            high[i] = problem.base.time_constant / problem.units["lag"]
+            high[i] = problem.base.model.time_constant / problem.units["lag"]
         if name == "drift_time":
             low[i], high[i] = z[i] - DRIFT_TIMES, z[i] + DRIFT_TIMES
     return low, high
@@ -265,15 +255,13 @@ def _solution(problem: Problem, z: FloatArray) -> Solution:
         projected = flat[:, :F] - flat[:, F:] @ np.linalg.lstsq(own, target, rcond=None)[0]
         residuals.append(values)
         jacobians.append(projected.reshape(*values.shape, F))
-    model = problem.model(z)
+    fitted = problem.fitted(z)
     scale = problem.parameter_scale(z)
     covariance = robust_covariance(jacobians, residuals) * np.outer(scale, scale)
     at_bound = tuple(
         name for name, value in zip(problem.free, z, strict=False) if name in NOT_NEGATIVE and value < AT_BOUND
     )
     shortest = shortest_time_constant(problem.segments)
-    if "time_constant" in problem.free and model.time_constant < (1.0 + SETTLED) * shortest:
+    if "time_constant" in problem.free and fitted.model.time_constant < (1.0 + SETTLED) * shortest:
         at_bound = (*at_bound, "time_constant")
-    train = problem.rudder_train(z)
-    around, trims = problem.race_and_wind(z), problem.run_trims(z)
-    return Solution(model, around, problem.free, covariance, noise, at_bound, train, trims)
+    return Solution(fitted, problem.free, covariance, noise, at_bound)

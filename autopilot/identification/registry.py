@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 
 from autopilot.errors import InputError
-from autopilot.identification.methods import Method, TakesGain
+from autopilot.identification.methods import Method
 
 MODULES = (
     "methods",
@@ -26,13 +26,9 @@ def that_take(option: str) -> str:
     return " or ".join(method.name for method in METHODS if option in method.takes)
 
 
-def method_named(name: str | None, gain: str = "constant") -> Method:
-    """Return the method called `name`, None: the first. gain: of one that has a choice of them. Raises InputError."""
+def method_named(name: str | None) -> Method:
+    """Return the method called `name`, None: the first. Raises InputError."""
     method = next((each for each in METHODS if name in (None, each.name)), None)
     if method is None:
         raise InputError(f"{name!r} is no identification method; there are {', '.join(NAMES)}.")
-    if gain == "constant":
-        return method
-    if not isinstance(method, TakesGain):
-        raise InputError(f"--gain {gain} goes with --method {that_take('gain')} alone; leave one of them out.")
-    return method.with_gain(gain)
+    return method

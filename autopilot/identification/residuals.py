@@ -282,19 +282,26 @@ LOG_BOUND = 25.0
 """Logarithms of K and T beyond this are held: no boat is there, and exp must not overflow."""
 
 
+class Fitted(NamedTuple):
+    """All that a fit may change: the model, what propeller, wind and drift add, the way from the recorded rudder to the
+    water, and the runs' own trims."""
+
+    model: Norrbin
+    around: RaceAndWind = RaceAndWind()
+    train: RudderTrain = DIRECT
+    trims: RunTrims = NO_TRIMS
+
+
 @dataclass(frozen=True)
 class Problem:
-    """Segments, how they are integrated, the model's fixed part, the names that are free, and their scales."""
+    """Segments, how they are integrated, what the fit begins with, the names that are free, and their scales."""
 
     segments: tuple[Segment, ...]
     forcing: Forcing
-    base: Norrbin
-    around: RaceAndWind
+    base: Fitted
     free: tuple[str, ...]
     typical_rate: float
     units: dict[str, float]
-    train: RudderTrain = DIRECT
-    trims: RunTrims = NO_TRIMS
     disturbance: DisturbanceModel | None = None
     """Where residuals are weighted by how well they could be predicted, what explains them."""
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
@@ -302,21 +309,15 @@ class Problem:
     latest: dict[str, Trajectory] = field(default_factory=dict, repr=False)
     """The latest motion: where the search for the next one begins."""
 
-    def model(self, z: FloatArray) -> Norrbin:
-        """Return the model that the vector stands for."""
-        return self.base._replace(**self._values(z, Norrbin._fields))
-
-    def race_and_wind(self, z: FloatArray) -> RaceAndWind:
-        """Return what the vector says of propeller and wind."""
-        return self.around._replace(**self._values(z, RaceAndWind._fields))
-
-    def rudder_train(self, z: FloatArray) -> RudderTrain:
-        """Return what the vector says of the way from the recorded rudder to the water."""
-        return self.train._replace(**self._values(z, RudderTrain._fields))
-
-    def run_trims(self, z: FloatArray) -> RunTrims:
-        """Return what the vector says of the runs' own trims."""
-        return self.trims._replace(values=tuple(self._values(z, self.trims.names).values()) or self.trims.values)
+    def fitted(self, z: FloatArray) -> Fitted:
+        """Return what the vector stands for."""
+        model, around, train, trims = self.base
+        return Fitted(
+            model._replace(**self._values(z, Norrbin._fields)),
+            around._replace(**self._values(z, RaceAndWind._fields)),
+            train._replace(**self._values(z, RudderTrain._fields)),
+            trims._replace(values=tuple(self._values(z, trims.names).values()) or trims.values),
+        )
 
     def _values(self, z: FloatArray, names: tuple[str, ...]) -> dict[str, float]:
         return {name: self._unscaled(name, float(z[i])) for i, name in enumerate(self.free) if name in names}
@@ -331,8 +332,9 @@ class Problem:
 
     def _scaled(self, name: str) -> float:
         if name.startswith(PREFIX):
-            return self.trims.values[self.trims.names.index(name)] / TYPICAL_TRIM_RAD
-        held = next(part for part in (self.base, self.around, self.train) if name in part._fields)
+            trims = self.base.trims
+            return trims.values[trims.names.index(name)] / TYPICAL_TRIM_RAD
+        held = next(part for part in self.base[:3] if name in part._fields)
         value = float(getattr(held, name))
         return float(np.log(value)) if name in LOGARITHMIC else value / self.units[name]
 
@@ -363,29 +365,30 @@ class Problem:
             self.memory[key] = self._simulated(z)
         return self.memory[key]
 
-    def _around(self, z: FloatArray) -> RaceAndWind | None:
-        """Return what the vector says of propeller and wind, None where they do not count."""
-        counts = any(name in RaceAndWind._fields for name in self.free) or self.around != RaceAndWind()
-        return self.race_and_wind(z) if counts else None
+    def _around(self, fitted: Fitted) -> RaceAndWind | None:
+        """Return what propeller and wind add, None where they do not count."""
+        counts = any(name in RaceAndWind._fields for name in self.free) or self.base.around != RaceAndWind()
+        return fitted.around if counts else None
 
-    def _rudder(self, z: FloatArray) -> FloatArray:
-        rudder, trims = rudder_behind(self.rudder_train(z), self.forcing), self.run_trims(z)
-        if not trims.values:
+    def _rudder(self, fitted: Fitted) -> FloatArray:
+        rudder = rudder_behind(fitted.train, self.forcing)
+        if not fitted.trims.values:
             return rudder
         lengths = [moments.shape[1] for moments in self.forcing.moments]
-        return rudder + np.repeat(trims.of_segments(), lengths)
+        return rudder + np.repeat(fitted.trims.of_segments(), lengths)
 
     def _simulated(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         F, S = len(self.free), len(self.segments)
-        moved = [z + DIFFERENCE_STEP * direction for direction in np.eye(F, z.size)]
-        model, around = self.model(z), self._around(z)
-        driven = self.forcing._replace(rudder=self._rudder(z))
+        moved = [self.fitted(z + DIFFERENCE_STEP * direction) for direction in np.eye(F, z.size)]
+        here = self.fitted(z)
+        model, around = here.model, self._around(here)
+        driven = self.forcing._replace(rudder=self._rudder(here))
         motion = simulate(model, driven, z[F : F + S] * self.typical_rate, around, self.latest.get("motion"))
         self.latest["motion"] = motion
         own = [name for name in self.free if not name.startswith(PREFIX)]
         shifted = [
-            (self.model(v), self._around(v), self._rudder(v) if name in RudderTrain._fields else driven.rudder)
-            for name, v in zip(own, moved, strict=False)
+            (there.model, self._around(there), self._rudder(there) if name in RudderTrain._fields else driven.rudder)
+            for name, there in zip(own, moved, strict=False)
         ]
         if len(own) < F:
             # a trim turns its run as the rudder does, and no other run: one derivative serves all of them
@@ -409,7 +412,7 @@ class Problem:
         columns, scales = [[i] for i in range(len(own))], [np.ones(1)] * len(own)
         if len(own) < F:
             columns.append(list(range(len(own), F)))
-            scales.append(TYPICAL_TRIM_RAD * self.trims.shares()[s])
+            scales.append(TYPICAL_TRIM_RAD * self.base.trims.shares()[s])
         return [*columns, [F]], [*scales, np.array([self.typical_rate])]
 
     def weighted(self, z: FloatArray, noise: Sequence[Noise]) -> list[tuple[FloatArray, FloatArray]]:
@@ -445,8 +448,9 @@ class Problem:
         return (now - first) / spread, spread
 
 
-def units(base: Norrbin, around: RaceAndWind, rate: float, segments: Sequence[Segment]) -> dict[str, float]:
+def units(fitted: Fitted, rate: float, segments: Sequence[Segment]) -> dict[str, float]:
     """Return what each parameter that is not fitted by its logarithm is measured in, given a typical `rate` [rad/s]."""
+    base, around = fitted.model, fitted.around
     winds = [np.mean(s.beam_wind**2) + np.mean(s.quarter_wind**2) for s in segments if s.beam_wind.size]
     wind = max(float(np.sqrt(np.mean(winds))), 1.0e-6) if winds else 1.0
     acceleration = rate / base.time_constant

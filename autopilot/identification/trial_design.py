@@ -25,7 +25,7 @@ import numpy as np
 
 from autopilot.guidance.trials import BinaryHelm, zigzag_side
 from autopilot.identification.output_error import fit_steps
-from autopilot.identification.residuals import Problem, initial_state, typical_rate, units
+from autopilot.identification.residuals import Fitted, Problem, initial_state, typical_rate, units
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
@@ -62,9 +62,9 @@ def cramer_rao(
     """
     segments = tuple(segment for run in runs for segment in run.segments)
     scale = typical_rate(segments)
-    around = around or RaceAndWind()
+    fitted = Fitted(model, around or RaceAndWind(), train)
     steps = fit_steps(segments, model, scale)
-    problem = Problem(segments, steps, model, around, free, scale, units(model, around, scale, segments), train)
+    problem = Problem(segments, steps, fitted, free, scale, units(fitted, scale, segments))
     z = problem.vector([initial_state(segment) for segment in segments])
     weight = np.array([1.0 / noise.rate, 1.0 / noise.heading])
     total = np.zeros((len(free), len(free)))

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.identified import Identified
+from autopilot.identification.identified import Identified, Question
 from autopilot.identification.integral_fit import FitSettings, IntegralFit
-from autopilot.identification.methods import Method, Question
+from autopilot.identification.methods import Method
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.wave_glider import WaveGlider, equivalent_rudder

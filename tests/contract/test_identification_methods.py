@@ -15,9 +15,9 @@ import pytest
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification import registry
-from autopilot.identification.filter_methods import ParticleMethod
-from autopilot.identification.identified import Identified
-from autopilot.identification.methods import PARAMETERS, Method, Question, begin, identified_as
+from autopilot.identification.filter_methods import particle_filter
+from autopilot.identification.identified import Identified, Question
+from autopilot.identification.methods import PARAMETERS, Method, begin, identified_as
 from autopilot.identification.registry import METHODS, NAMES, method_named
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 
@@ -52,7 +52,16 @@ def run_of(table: dict[str, Any], source: str = "zigzag.csv") -> Run:
 
 
 # fewer particles than the command has: the gain is what differs, and a kernel's cost goes with their square
-OTHER_GAINS = {"fpf-galerkin": ParticleMethod("galerkin", 60), "fpf-kernel": ParticleMethod("kernel", 120)}
+
+
+def with_gain(gain: str, particles: int) -> Method:
+    def identified(runs: Sequence[Run], question: Question) -> Identified:
+        return particle_filter(runs, question._replace(particle_gain=gain), particles)
+
+    return method_named("fpf")._replace(identify=identified)
+
+
+OTHER_GAINS = {"fpf-galerkin": with_gain("galerkin", 60), "fpf-kernel": with_gain("kernel", 120)}
 
 
 @pytest.fixture(

@@ -18,7 +18,7 @@ from autopilot.filters.feedback_particle import (
     fpf_start,
     fpf_update,
 )
-from autopilot.filters.kalman import Drift, FloatArray, Gaussian, Observe, ekf_predict, ekf_update
+from autopilot.filters.kalman import Drift, FloatArray, Gaussian, Motion, Observe, ekf_predict, ekf_update
 
 PARTICLES = 400
 
@@ -42,7 +42,7 @@ Filter = Callable[[Problem], list[Gaussian]]
 def extended_kalman(problem: Problem) -> list[Gaussian]:
     belief, found = problem.start, []
     for inputs, z in zip(problem.inputs, problem.measured, strict=True):
-        belief = ekf_predict(belief, problem.drift, inputs, problem.noise, problem.dt)
+        belief = ekf_predict(belief, Motion(problem.drift, problem.noise), inputs, problem.dt)
         belief = ekf_update(belief, problem.observe, z, problem.R).belief
         found.append(belief)
     return found
@@ -53,7 +53,7 @@ def feedback_particles(gain: Gain, count: int = PARTICLES, seed: int = 5) -> Fil
         random = np.random.default_rng(seed)
         particles, found = fpf_start(problem.start, count, random), []
         for inputs, z in zip(problem.inputs, problem.measured, strict=True):
-            particles = fpf_predict(particles, problem.drift, inputs, problem.noise, problem.dt, random)
+            particles = fpf_predict(particles, Motion(problem.drift, problem.noise), inputs, problem.dt, random)
             particles = fpf_update(particles, problem.observe, z, problem.R, gain)
             found.append(fpf_belief(particles))
         return found
@@ -288,6 +288,6 @@ def test_thousands_of_updates_leave_what_was_never_measured_as_uncertain_as_it_w
     particles = fpf_start(start, 60, random)
     noise = np.array([[1.0], [0.0]])
     for _ in range(400):
-        particles = fpf_predict(particles, lambda x, _: (-x[0], 0.0 * x[1]), None, noise, 0.5, random)
+        particles = fpf_predict(particles, Motion(lambda x, _: (-x[0], 0.0 * x[1]), noise), None, 0.5, random)
         particles = fpf_update(particles, lambda x: (x[0],), np.array([0.0]), np.array([[0.1]]))
     assert 0.25 < float(particles[:, 1].std()) < 4.0

@@ -11,7 +11,7 @@ from compiled_particles import CompiledParticleFilter, _damped_by_one, _damped_b
 
 from autopilot.errors import InputError
 from autopilot.filters.feedback_particle import damping_matrices, fpf_predict, fpf_update
-from autopilot.filters.kalman import FloatArray, Gaussian
+from autopilot.filters.kalman import FloatArray, Gaussian, Motion
 from autopilot.identification.norrbin_filter import YawDrive, cubic_rates, heading_and_rate
 
 NOISE = np.zeros((6, 1))
@@ -37,7 +37,7 @@ def test_the_boats_own_functions_compiled_with_all_they_call_give_the_same_parti
             z[k % 8 // 4] = np.nan
         fast.predict(particles, drive, 0.1, random, substeps=2)
         fast.update(particles, z)
-        plain = fpf_predict(plain, cubic_rates, drive, NOISE, 0.1, again, substeps=2)
+        plain = fpf_predict(plain, Motion(cubic_rates, NOISE, 2), drive, 0.1, again)
         plain = fpf_update(plain, heading_and_rate, z, R)
     np.testing.assert_allclose(particles, plain, rtol=0.0, atol=1.0e-9)
     assert np.all(plain.std(axis=0) > 1.0e-6)

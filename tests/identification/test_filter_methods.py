@@ -7,12 +7,10 @@ import pytest
 from zigzag_trials import zigzag
 
 from autopilot.cli.main import main
-from autopilot.errors import InputError
 from autopilot.filters.kalman import Gaussian
 from autopilot.identification.augmented_state import by_kalman_filter
-from autopilot.identification.filter_methods import KalmanMethod, ParticleMethod
-from autopilot.identification.identified import Identified
-from autopilot.identification.methods import Question
+from autopilot.identification.filter_methods import kalman_filter
+from autopilot.identification.identified import Identified, Question
 from autopilot.identification.norrbin_filter import (
     Innovations,
     RunNoise,
@@ -27,7 +25,7 @@ from autopilot.identification.norrbin_filter import (
     stacked,
     yaw_case,
 )
-from autopilot.identification.registry import method_named
+from autopilot.identification.registry import METHODS
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.models.norrbin import Norrbin
 
@@ -59,7 +57,7 @@ def test_on_a_slow_boat_its_errors_are_as_large_as_it_says(clean: dict[str, Floa
     """Two seeds on which a filter that linearises at each moment's belief was off by many standard errors."""
     share = []
     for seed in (2, 5):
-        found = KalmanMethod().identify([noisy(clean, seed)], Question(reference_speed=5.0))
+        found = kalman_filter([noisy(clean, seed)], Question(reference_speed=5.0))
         share += [off_by(found, name) for name in ("gain", "n3")]
         assert found.covariance is not None
         np.testing.assert_allclose(np.diag(found.covariance), [found.standard_errors[n] ** 2 for n in found.free])
@@ -122,9 +120,9 @@ def test_what_a_record_does_not_tell_stays_as_unsure_as_it_was() -> None:
 
 
 def test_a_gain_is_chosen_by_name_and_goes_with_the_particle_filter_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    assert isinstance(method_named("fpf", "galerkin"), ParticleMethod)
-    with pytest.raises(InputError, match="--gain kernel goes with --method fpf alone"):
-        method_named("ekf", "kernel")
+    assert [method.name for method in METHODS if "gain" in method.takes] == ["fpf"]
+    assert main(["identify", "log.csv", "--method", "ekf", "--gain", "kernel"]) == 2
+    assert "--gain kernel goes with --method fpf alone" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["identify", "log.csv", "--method", "fpf", "--gain", "magic"])
     assert "galerkin" in capsys.readouterr().err

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from zigzag_trials import noisy, run_of, zigzag
 
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment
 from autopilot.identification.trial_design import InstrumentNoise, cramer_rao, planned, zigzag_helm
@@ -65,7 +66,7 @@ def test_the_fit_reaches_the_bound_and_its_intervals_cover_the_truth() -> None:
     truth = Norrbin(0.701, 0.332, 3.2828, reference_speed=5.0)
     free = ("gain", "time_constant", "n3", "n0")
     bound = cramer_rao([run_of(table)], truth, free, InstrumentNoise(RATE, HEADING))
-    found = [identify([run_of(noisy(table, RATE, HEADING, seed))], reference_speed=5.0) for seed in range(12)]
+    found = [identify([run_of(noisy(table, RATE, HEADING, seed))], Question(reference_speed=5.0)) for seed in range(12)]
     for name in free:
         errors = np.array([getattr(fit.model, name) - getattr(truth, name) for fit in found])
         assert np.sqrt(np.mean(errors**2)) < 1.5 * bound[name]

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
+from autopilot.identification.identified import Question
 from autopilot.identification.integral_fit import FitSettings, IntegralFit, WindowRls, window_length
-from autopilot.identification.integral_method import IntegralMethod
+from autopilot.identification.integral_method import integral
 from autopilot.identification.integral_window import (
     Integrals,
     IntegralWindow,
@@ -20,7 +21,6 @@ from autopilot.identification.integral_window import (
     RecursionSettings,
     recursion_step,
 )
-from autopilot.identification.methods import Question
 from autopilot.identification.registry import method_named
 from autopilot.models.norrbin import Norrbin
 
@@ -242,7 +242,7 @@ def test_least_squares_over_the_windows_is_near_and_n3_may_be_held() -> None:
 
 def test_the_method_says_that_a_gentle_record_does_not_tell_n3() -> None:
     table = noisy(zigzag(math.radians(6.0), 60.0, 0.1), NOISE["rate"], NOISE["heading"], 3)
-    found = IntegralMethod().identify([run_of(table)], Question())
+    found = integral([run_of(table)], Question())
     assert found.model.n3 == 0.0
     assert "cannot be distinguished from 0" in found.unidentifiable["n3"]
 
@@ -251,7 +251,7 @@ def test_standard_errors_cover_the_truth() -> None:
     inside = 0
     for seed in range(8):
         run = run_of(noisy(zigzag(math.radians(20.0), 30.0, 0.1), NOISE["rate"], NOISE["heading"], seed))
-        found = IntegralMethod().identify([run], Question(start=TRUE._replace(n3=1.0, reference_speed=5.0)))
+        found = integral([run], Question(start=TRUE._replace(n3=1.0, reference_speed=5.0)))
         error = found.standard_errors["gain"]
         assert error is not None
         inside += abs(found.model.gain - TRUE.gain) < 2.0 * error

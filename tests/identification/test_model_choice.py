@@ -16,11 +16,12 @@ from zigzag_trials import noisy, run_of, zigzag
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification import model_choice
-from autopilot.identification.identified import Identified, identified_from
+from autopilot.identification.identified import Identified, Question, identified_from
 from autopilot.identification.identify import identify
-from autopilot.identification.model_choice import FORMS, Form, blocks, choose
+from autopilot.identification.model_choice import FORMS, blocks, choose
 from autopilot.identification.model_extensions import CUBIC
 from autopilot.identification.output_error import solve
+from autopilot.identification.residuals import Fitted
 from autopilot.identification.runs import FloatArray, Run
 from autopilot.models.norrbin import Norrbin, damping, folds, steady_rate
 
@@ -38,16 +39,8 @@ def run(seed: int, **boat: float) -> Run:
     return run_of(table(seed, **boat), f"run{seed}.csv")
 
 
-def fit(runs: Sequence[Run], form: Form) -> Identified:
-    return identify(
-        runs,
-        form.kind,
-        SPEED,
-        course_unstable=form.course_unstable,
-        rudder_train=form.rudder_train,
-        quadratic=form.quadratic,
-        trim=form.trim,
-    )
+def fit(runs: Sequence[Run], form: Question) -> Identified:
+    return identify(runs, form._replace(reference_speed=SPEED))
 
 
 @pytest.fixture(scope="module")
@@ -56,18 +49,18 @@ def asymmetric() -> list[Run]:
 
 
 def test_n2_is_found_within_its_standard_error(asymmetric: list[Run]) -> None:
-    found = identify(asymmetric, reference_speed=SPEED, quadratic=True)
+    found = identify(asymmetric, Question(reference_speed=SPEED, quadratic=True))
     error = found.standard_errors["n2"]
     assert error is not None
     assert error < 0.2
     assert found.model.n2 == pytest.approx(1.5, abs=3.0 * error)
     assert found.model.n3 == pytest.approx(8.0, abs=3.0 * (found.standard_errors["n3"] or 0.0))
-    without = identify(asymmetric, reference_speed=SPEED)
+    without = identify(asymmetric, Question(reference_speed=SPEED))
     assert without.noise[0].size > 1.2 * found.noise[0].size
 
 
 def test_n2_of_a_symmetric_boat_is_left_out_with_the_reason() -> None:
-    found = identify([run(1)], reference_speed=SPEED, quadratic=True)
+    found = identify([run(1)], Question(reference_speed=SPEED, quadratic=True))
     assert found.model.n2 == 0.0
     assert "cannot be distinguished from 0" in found.unidentifiable["n2"]
     assert "n2" not in found.free
@@ -93,8 +86,8 @@ def test_a_course_unstable_boat_with_n2_turns_to_the_side_of_the_rudder() -> Non
 def test_runs_in_other_winds_have_trims_of_their_own() -> None:
     n0s = (0.05, -0.04, 0.02)
     runs = [run(seed, n0=n0) for seed, n0 in enumerate(n0s)]
-    common = identify(runs, reference_speed=SPEED)
-    own = identify(runs, reference_speed=SPEED, trim="per-run")
+    common = identify(runs, Question(reference_speed=SPEED))
+    own = identify(runs, Question(reference_speed=SPEED, trim="per-run"))
     assert [n0 for _, n0 in own.trims] == pytest.approx(n0s, abs=0.002)
     assert own.model.n0 == pytest.approx(np.mean(n0s), abs=0.002)
     assert own.model.gain == pytest.approx(0.5, abs=3.0 * (own.standard_errors["gain"] or 0.0))
@@ -106,9 +99,9 @@ def test_runs_in_other_winds_have_trims_of_their_own() -> None:
 
 def test_one_run_alone_has_no_trim_of_its_own() -> None:
     runs = [run(3, seconds=30.0)]
-    own = identify(runs, "nomoto", SPEED, trim="per-run")
+    own = identify(runs, Question("nomoto", SPEED, trim="per-run"))
     assert own.trims == ()
-    assert own.model == identify(runs, "nomoto", SPEED).model
+    assert own.model == identify(runs, Question("nomoto", SPEED)).model
 
 
 @pytest.mark.parametrize(
@@ -135,9 +128,9 @@ def test_a_course_unstable_boat_is_recognised_from_blocks_of_one_run(monkeypatch
     record = run(5, K=0.4, T=1.0, n3=20.0, n1=-1.0)
     near = Norrbin(0.5, 1.3, n3=25.0, n1=-1.0, reference_speed=SPEED)
 
-    def begun_near(runs: Sequence[Run], form: Form) -> Identified:
+    def begun_near(runs: Sequence[Run], form: Question) -> Identified:
         # the search for where to begin is the long part, and tried elsewhere
-        return identified_from(solve(runs, near, CUBIC), {}) if form.course_unstable else fit(runs, form)
+        return identified_from(solve(runs, Fitted(near), CUBIC), {}) if form.course_unstable else fit(runs, form)
 
     choice = choose([record], begun_near)
     assert choice.chosen == "norrbin unstable"

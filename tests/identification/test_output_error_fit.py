@@ -10,7 +10,7 @@ from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
 from autopilot.errors import InputError
 from autopilot.identification import output_error
-from autopilot.identification.identified import SteadyTurns
+from autopilot.identification.identified import Question, SteadyTurns
 from autopilot.identification.identify import identify, mean_speed
 from autopilot.identification.residual_tests import predict
 from autopilot.identification.simulation import Forcing, at_samples, forcing, simulate
@@ -35,7 +35,7 @@ def test_at_the_paper_s_sampling_only_two_stage_is_biased() -> None:
     assert stage is not None
     assert stage.gain < 0.95 * LANXIN["K"]
     assert stage.time_constant < 0.95 * LANXIN["T"]
-    found = identify([run], steady_turns=steady_turns())
+    found = identify([run], Question(steady_turns=steady_turns()))
     assert found.unidentifiable == {}
     assert found.model.gain == pytest.approx(LANXIN["K"], rel=0.05)
     assert found.model.time_constant == pytest.approx(LANXIN["T"], rel=0.05)
@@ -95,7 +95,7 @@ def test_runs_at_two_speeds_give_one_model() -> None:
         run_of(noisy(FINE, RATE_NOISE, HEADING_NOISE, 8), "slow"),
         run_of(noisy(fast, RATE_NOISE, 0.005, 9), "fast"),
     ]
-    found = identify(runs, reference_speed=5.0)
+    found = identify(runs, Question(reference_speed=5.0))
     assert found.model.gain == pytest.approx(0.701, rel=0.05)
     assert found.model.time_constant == pytest.approx(0.332, rel=0.05)
     assert 5.0 < mean_speed(runs) < 10.0
@@ -120,7 +120,7 @@ def test_a_linear_boat_has_no_cubic_damping_and_the_fit_says_so() -> None:
 def test_a_course_unstable_boat_is_found_when_it_is_said_to_be_one() -> None:
     table = zigzag(np.radians(20.0), 60.0, 0.2, K=0.4, T=1.0, n3=20.0, n1=-1.0)
     run = run_of(noisy(table, RATE_NOISE, HEADING_NOISE, seed=14))
-    found = identify([run], course_unstable=True)
+    found = identify([run], Question(course_unstable=True))
     assert found.model.n1 == -1.0
     assert found.model.gain == pytest.approx(0.4, rel=0.05)
     assert found.model.time_constant == pytest.approx(1.0, rel=0.05)
@@ -131,7 +131,7 @@ def test_a_course_unstable_boat_is_found_when_it_is_said_to_be_one() -> None:
 
 
 def test_nomoto_leaves_the_cubic_out_without_complaint() -> None:
-    found = identify([run_of(FINE)], "nomoto")
+    found = identify([run_of(FINE)], Question("nomoto"))
     assert found.model.n3 == 0.0
     assert found.unidentifiable == {}
 
@@ -139,7 +139,7 @@ def test_nomoto_leaves_the_cubic_out_without_complaint() -> None:
 def test_steady_turns_give_the_cubic_that_a_gentle_zigzag_cannot() -> None:
     turns = steady_turns()
     gentle = noisy(zigzag(np.radians(3.0), 20.0, 0.1), RATE_NOISE, HEADING_NOISE, seed=12)
-    found = identify([run_of(gentle)], steady_turns=turns)
+    found = identify([run_of(gentle)], Question(steady_turns=turns))
     assert found.model.n3 == pytest.approx(LANXIN["n3"], rel=0.25)
     held = cubic_damping_stage(turns.rudder, turns.rate, LANXIN["K"])
     assert held.n3 == pytest.approx(LANXIN["n3"], rel=1e-6)
@@ -195,7 +195,7 @@ def test_standard_errors_cover_the_truth_under_gusts_that_last() -> None:
     inside = []
     for seed in range(8):
         table = zigzag(np.radians(15.0), 60.0, 0.3, n3=0.0, T=1.5, gust=0.04, gust_memory=2.0, seed=seed)
-        found = identify([run_of(noisy(table, 0.002, 0.002, seed))], "nomoto")
+        found = identify([run_of(noisy(table, 0.002, 0.002, seed))], Question("nomoto"))
         for name, truth in (("gain", LANXIN["K"]), ("time_constant", 1.5)):
             error = found.standard_errors[name]
             assert error is not None
@@ -245,7 +245,7 @@ def test_a_boat_quicker_than_its_samples_ends_in_a_sentence_and_not_in_ever_smal
 
 def test_a_time_constant_far_below_the_samples_is_not_given() -> None:
     table = zigzag(np.radians(15.0), 60.0, 0.1, T=0.004, n3=0.0, rudder_rate=np.radians(60.0))
-    found = identify([run_of(noisy(table, RATE_NOISE, HEADING_NOISE, 1))], "nomoto")
+    found = identify([run_of(noisy(table, RATE_NOISE, HEADING_NOISE, 1))], Question("nomoto"))
     assert (
         "faster than these runs can show; record a zigzag, with heading and rate more often"
         in found.unidentifiable["T"]

@@ -9,6 +9,7 @@ import pytest
 
 from autopilot.cli.main import main
 from autopilot.guidance.trials import zigzag_side
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.output_error import Weighting
 from autopilot.identification.residuals import DisturbanceModel, bridged, innovations
@@ -35,7 +36,7 @@ def gusty(q: float, seed: int, seconds: float = 120.0) -> Run:
 
 def misses(runs: list[Run], weighting: Weighting) -> FloatArray:
     """Return the errors of K [1/s], and those in units of their standard error, shape (2, runs)."""
-    found = [identify([run], "nomoto", 5.0, weighting=weighting) for run in runs]
+    found = [identify([run], Question("nomoto", 5.0, weighting=weighting)) for run in runs]
     errors = np.array([each.model.gain - 0.2 for each in found])
     return np.stack([errors, errors / np.array([each.standard_errors["gain"] for each in found], dtype=float)])
 
@@ -50,7 +51,8 @@ def test_in_gusts_it_is_nearer_the_truth_and_knows_how_near() -> None:
 
 def test_without_gusts_it_is_the_same_fit() -> None:
     plain, weighed = (
-        identify([gusty(0.0, 3)], "nomoto", 5.0, weighting=weighting) for weighting in ("residuals", "prediction-error")
+        identify([gusty(0.0, 3)], Question("nomoto", 5.0, weighting=weighting))
+        for weighting in ("residuals", "prediction-error")
     )
     error = plain.standard_errors["gain"]
     assert error is not None

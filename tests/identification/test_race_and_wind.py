@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from zigzag_trials import RECORDINGS
 
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
@@ -63,7 +64,7 @@ def without(run: Run, *names: str) -> Run:
 
 def test_race_and_wind_are_recovered_and_predict_another_trial() -> None:
     runs = [trial(seed, propeller, L2, 4.0e-4) for seed, propeller in enumerate((8.0, 12.0, 16.0))]
-    found = identify(runs, reference_speed=U0)
+    found = identify(runs, Question(reference_speed=U0))
     assert found.around is not None and not found.around.drifts
     assert found.around.race == pytest.approx(L2, rel=0.25)
     assert found.around.wind_beam == pytest.approx(4.0e-4, rel=0.1)
@@ -80,7 +81,7 @@ def test_race_and_wind_are_recovered_and_predict_another_trial() -> None:
 
 def test_what_is_not_there_is_not_found() -> None:
     runs = [trial(seed, propeller, 0.0, 0.0) for seed, propeller in enumerate((8.0, 12.0, 16.0))]
-    found = identify(runs, reference_speed=U0)
+    found = identify(runs, Question(reference_speed=U0))
     if found.around is not None:
         # noise may leave a trace that is distinguished from zero, but never one that matters
         assert found.around.race * N0**2 < 0.1 * U0**2
@@ -104,13 +105,13 @@ def test_the_inflow_is_one_at_the_reference() -> None:
 
 def test_drift_is_found_where_the_boat_slides_and_what_steers_is_what_it_comes_to() -> None:
     runs = [trial(seed, propeller, L2, 4.0e-4, slide=0.07) for seed, propeller in enumerate((8.0, 12.0, 16.0))]
-    found = identify(runs, reference_speed=U0)
+    found = identify(runs, Question(reference_speed=U0))
     assert found.around is not None and found.around.drifts
     # at U0: x = T slide U0 sway, sway settles at 8 s U0 rate
     assert found.around.drift == pytest.approx(found.model.time_constant * U0 * 8.0 * U0 * 0.07, rel=0.3)
     assert found.around.drift_time == pytest.approx(8.0, rel=0.5)
     other = trial(9, 14.0, L2, 4.0e-4, angle=-0.25, slide=0.07)
-    rigid = identify(runs, "nomoto", U0).predict(other).yaw_rate_r2
+    rigid = identify(runs, Question("nomoto", U0)).predict(other).yaw_rate_r2
     score = found.predict(other).yaw_rate_r2
     assert score is not None and rigid is not None and score > 0.97 > rigid
     steering, errors = steering_model(found), steering_errors(found)
@@ -133,7 +134,7 @@ def test_the_model_without_drift_has_the_same_answer_to_a_slow_rudder() -> None:
 
 def test_a_race_of_revolutions_that_nobody_recorded_is_found() -> None:
     runs = [without(trial(seed, 10.0, L2, 0.0), "propeller", "beam_wind", "quarter_wind") for seed in range(3)]
-    found = identify(runs, reference_speed=U0)
+    found = identify(runs, Question(reference_speed=U0))
     assert found.around is not None
     assert found.around.steady_race == pytest.approx(L2 * 10.0**2, rel=0.3)
     score = found.predict(without(trial(9, 10.0, L2, 0.0, -0.25), "propeller", "beam_wind", "quarter_wind")).yaw_rate_r2

@@ -12,6 +12,7 @@ from scipy.signal import lsim
 from zigzag_trials import noisy, run_of, zigzag
 
 from autopilot.cli.main import main
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train
 from autopilot.identification.runs import FloatArray
@@ -60,8 +61,8 @@ def commanded_late(lag: float, seed: int) -> dict[str, FloatArray]:
 
 def test_a_lag_that_the_record_does_not_show_is_found() -> None:
     run = run_of(commanded_late(0.3, 1))
-    without = identify([run], reference_speed=5.0)
-    found = identify([run], reference_speed=5.0, rudder_train=("lag",))
+    without = identify([run], Question(reference_speed=5.0))
+    found = identify([run], Question(reference_speed=5.0, rudder_train=("lag",)))
     error = found.standard_errors["lag"]
     assert error is not None
     assert found.train.lag == pytest.approx(0.3, abs=0.1)
@@ -71,10 +72,10 @@ def test_a_lag_that_the_record_does_not_show_is_found() -> None:
 
 def test_what_is_not_there_is_left_out_with_the_reason() -> None:
     run = run_of(noisy(zigzag(np.radians(15.0), 60.0, 0.1), RATE, HEADING, 3))
-    found = identify([run], reference_speed=5.0, rudder_train=("delay", "lag"))
+    found = identify([run], Question(reference_speed=5.0, rudder_train=("delay", "lag")))
     assert found.train == DIRECT
     assert "cannot be distinguished from 0" in found.unidentifiable["lag"]
-    assert found.model == identify([run], reference_speed=5.0).model
+    assert found.model == identify([run], Question(reference_speed=5.0)).model
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from zigzag_trials import run_of, zigzag
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import SteadyTurns
-from autopilot.identification.methods import Question
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run
 from autopilot.identification.two_stage import nomoto_stage

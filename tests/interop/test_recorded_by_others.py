@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from two_processes import free_port, patient_vessel, simulator
 
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.logs.reading import LogOptions, bytes_of, format_of, load_run, read_recording
 from autopilot.logs.series import HEADING, SHARE
@@ -62,7 +63,7 @@ def test_the_boat_is_identified_from_what_mavproxy_recorded(tmp_path: Path) -> N
     assert recording.best(SHARE) is not None, "MAVProxy fetches the parameters, so the servo is known"
     settings = RudderSettings(at_full=math.radians(LANXIN.rudder.angle_max_deg), gear=gear_of(LANXIN))
     run = load_run(path, options=LogOptions(rudder=settings))
-    found, ours = identify([run], "nomoto"), identify([load_run(str(own))], "nomoto")
+    found, ours = identify([run], Question("nomoto")), identify([load_run(str(own))], Question("nomoto"))
     assert found.model.gain == pytest.approx(ours.model.gain, rel=0.1)
     assert found.model.time_constant == pytest.approx(ours.model.time_constant, rel=0.2)
     assert found.predict(run).yaw_rate_r2 > 0.9

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from zigzag_trials import zigzag
 
 from autopilot.errors import InputError
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import run_from_columns
 from autopilot.logs.csv_log import COLUMNS, STEADY_TURN_NEEDS, load_column_map, read_csv
@@ -116,7 +117,7 @@ def test_both_parts_of_a_recording_whose_clock_was_set_are_used(tmp_path: Path, 
     info = info_of(recording, RudderSettings())
     assert info.missing == "" and info.segments == 2 and info.usable == pytest.approx(59.9)
     assert info.duration == pytest.approx(59.9 + PAUSE_S)
-    model = identify([run], "nomoto").model
+    model = identify([run], Question("nomoto")).model
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.01)
 
 

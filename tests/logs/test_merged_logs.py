@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.logs.merge import best_match, sources_of
 from autopilot.logs.reading import LogOptions, load_recording, load_run
@@ -59,7 +60,7 @@ def test_the_offset_is_found_where_the_boat_turned_alike(tmp_path: Path, begins:
     found = float(remark.split("begins ")[1].split(" s after")[0])
     assert found == pytest.approx(begins, abs=0.05)
     assert "where the yaw rates fit best" in remark
-    model = identify([run], "nomoto").model
+    model = identify([run], Question("nomoto")).model
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.02)
 
 
@@ -68,7 +69,7 @@ def test_a_given_offset_is_taken(tmp_path: Path) -> None:
     flight.write_bytes(tlog(tlog_events(BOAT)))
     rudder = csv(tmp_path, "rudder.csv", part(BOAT, 20.0, 110.0), "rudder_rad")
     run = load_run(f"{flight}+{rudder}@20")
-    assert identify([run], "nomoto").model.time_constant == pytest.approx(5.0, rel=0.02)
+    assert identify([run], Question("nomoto")).model.time_constant == pytest.approx(5.0, rel=0.02)
     with pytest.raises(InputError, match=r"\(one of them has neither heading nor yaw rate\).*rudder.csv@SEC"):
         load_run(f"{flight}+{rudder}")
 

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from pyulog import ULog
 
 from autopilot.errors import InputError
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.links.nmea.sentences import checksum
 from autopilot.logs.nmea_text import stamp_of
@@ -70,7 +71,7 @@ def test_a_px4_boat_is_identified(tmp_path: Path, topics: tuple[str, ...]) -> No
     path = written(tmp_path, ulog(BOAT, topics), "boat.ulg")
     run = load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL, gear=GEAR)))
     if "servos" in topics:
-        model = identify([run], "nomoto").model
+        model = identify([run], Question("nomoto")).model
         assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.03)
     else:
         # these pulses have their own end points: 1480 +- 360 against PX4's 1000 to 2000
@@ -170,7 +171,7 @@ def test_sentences_with_time_stamps_read_as_sailed(tmp_path: Path, form: str) ->
     assert recording.of(WIND_SPEED)[0].values[0] == 5.0
     assert recording.of(WIND_DIRECTION)[0].values[0] == pytest.approx(math.radians(-45.0))
     assert recording.of(PROPELLER)[0].values[0] == 10.0
-    model = identify([load_run(str(tmp_path / "boat.txt"))], "nomoto").model
+    model = identify([load_run(str(tmp_path / "boat.txt"))], Question("nomoto")).model
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.02)
 
 
@@ -190,7 +191,7 @@ def test_sentences_whose_stamps_jump_are_read_in_two_stretches(tmp_path: Path, b
     assert recording.began is not None, "the clock that was set is right"
     assert recording.began + heading.time[-1] == pytest.approx(EPOCH + 90.0, abs=0.2)
     assert len(run.segments) == 2
-    model = identify([run], "nomoto").model
+    model = identify([run], Question("nomoto")).model
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.03)
 
 
@@ -206,7 +207,7 @@ def test_without_time_stamps_the_times_are_spread_between_the_utc_inside(tmp_pat
     recording = read_recording(path)
     assert recording.notes == (f"{path}: has no time stamps; times are spread between the UTC in its sentences.",)
     assert recording.began == pytest.approx(EPOCH, abs=1.0)
-    model = identify([load_run(path)], "nomoto").model
+    model = identify([load_run(path)], Question("nomoto")).model
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.03)
 
 

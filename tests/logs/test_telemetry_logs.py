@@ -27,6 +27,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.logs.reading import LogOptions, ReadOptions, load_run, read_recording
 from autopilot.logs.series import HEADING, PROPELLER, RATE, SHARE, SPEED, WIND_DIRECTION, WIND_SPEED, Recording
@@ -124,7 +125,7 @@ def test_the_boat_is_identified_from_a_servo_log_through_the_steering_gear(tmp_p
     data = tlog(tlog_events(BOAT), jitter=0.2) if kind == "tlog" else dataflash(BOAT)
     run = load_run(written(tmp_path, data, f"trial.{kind}"), options=WITH_GEAR)
     assert any("through the steering gear of the vessel file" in note for note in run.notes)
-    model = identify([run], "nomoto").model
+    model = identify([run], Question("nomoto")).model
     assert model.gain == pytest.approx(0.2, rel=0.02)
     assert model.time_constant == pytest.approx(5.0, rel=0.03)
 
@@ -133,7 +134,7 @@ def test_without_the_steering_gear_the_log_gives_a_slower_boat_and_says_so(tmp_p
     path = written(tmp_path, tlog(tlog_events(BOAT)), "trial.tlog")
     run = load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL)))
     assert any("taken to stand where it was ordered" in note for note in run.notes)
-    assert identify([run], "nomoto").model.time_constant > 5.5
+    assert identify([run], Question("nomoto")).model.time_constant > 5.5
 
 
 def test_a_reversed_servo_is_turned_round_by_its_parameter(tmp_path: Path) -> None:
@@ -168,7 +169,7 @@ def test_a_servo_that_no_parameter_names_is_asked_for(tmp_path: Path) -> None:
         load_run(path)
     servo = servo_from_text("3:1120:1480:1910")
     run = load_run(path, options=WITH_GEAR._replace(reading=ReadOptions(servo=servo)))
-    assert identify([run], "nomoto").model.gain == pytest.approx(0.2, rel=0.02)
+    assert identify([run], Question("nomoto")).model.gain == pytest.approx(0.2, rel=0.02)
 
 
 def test_a_share_needs_the_angle_at_full_steering(tmp_path: Path) -> None:
@@ -250,7 +251,7 @@ def test_a_rudder_that_turns_the_wrong_way_is_refused_by_name(tmp_path: Path) ->
     path = written(tmp_path, tlog(tlog_events(BOAT)), "trial.tlog")
     swapped = LogOptions(rudder=RudderSettings(at_full=-FULL, gear=GEAR))
     with pytest.raises(InputError, match=r"--reverse-rudder|opposite"):
-        identify([load_run(path, options=swapped)], "nomoto")
+        identify([load_run(path, options=swapped)], Question("nomoto"))
 
 
 def test_a_message_with_fields_newer_than_the_reader_is_stepped_over(tmp_path: Path) -> None:
@@ -374,8 +375,10 @@ def test_a_log_as_csv_identifies_to_the_same_model(tmp_path: Path, capsys: pytes
     path, out = written(tmp_path, dataflash(BOAT), "trial.BIN"), tmp_path / "trial.csv"
     assert main(["log", "csv", path, "--rudder-at-full-deg", "30", "--out", str(out)]) == 0
     assert "Wrote 1201 rows" in capsys.readouterr().out
-    direct = identify([load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL)))], "nomoto").model
-    table = identify([load_run(str(out))], "nomoto").model
+    direct = identify(
+        [load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL)))], Question("nomoto")
+    ).model
+    table = identify([load_run(str(out))], Question("nomoto")).model
     assert table.gain == pytest.approx(direct.gain, rel=1e-6)
     assert table.time_constant == pytest.approx(direct.time_constant, rel=1e-6)
 
