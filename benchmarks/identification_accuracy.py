@@ -20,6 +20,7 @@ from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
+from integral_recursion import RECURSION
 
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import InputError
@@ -56,7 +57,7 @@ BOATS = (
 )
 
 METHODS: dict[str, Method] = {
-    **{method.name: method for method in REGISTERED},
+    **{method.name: method for method in (*REGISTERED, RECURSION)},
     "fpf-galerkin": method_named("fpf"),
     "fpf-kernel": method_named("fpf"),
 }

@@ -16,10 +16,11 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
+from integral_recursion import Recursion, RecursionSettings, WindowRls, recursion_step
 
 from autopilot.identification.identified import Question
-from autopilot.identification.integral_fit import FitSettings, IntegralFit, WindowRls, window_length
-from autopilot.identification.integral_window import IntegralWindow, Recursion, RecursionSettings, recursion_step
+from autopilot.identification.integral_fit import FitSettings, IntegralFit, window_length
+from autopilot.identification.integral_window import IntegralWindow
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import run_from_columns
 from autopilot.identification.trial_design import InstrumentNoise, cramer_rao

@@ -1,5 +1,4 @@
-"""The integral method on recorded runs, behind the interface of all methods: with all windows together, and as the
-recursion of one parameter after another."""
+"""The integral method on recorded runs: all windows together, gone through a few times."""
 
 from __future__ import annotations
 
@@ -12,13 +11,7 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified, Question
 from autopilot.identification.identify import sources_of
 from autopilot.identification.integral_fit import NAMES, FitSettings, IntegralFit, window_length
-from autopilot.identification.integral_window import (
-    BLOCKS,
-    IntegralWindow,
-    Recursion,
-    RecursionSettings,
-    recursion_step,
-)
+from autopilot.identification.integral_window import BLOCKS
 from autopilot.identification.methods import Method, begin, identified_as
 from autopilot.identification.runs import Run, gap_limit
 from autopilot.models.norrbin import Norrbin
@@ -26,13 +19,7 @@ from autopilot.models.norrbin import Norrbin
 PASSES = 3
 """How often the runs are gone through, each time with the boat simulated by the estimate of the time before."""
 
-RECURSION_PASSES = 10
 LEAST_GAP_S = 2.0
-
-NO_ERRORS = (
-    "integral-recursion gives no standard errors: it follows the error window by window, and where n3 counts "
-    "it has not settled yet; integral and output-error do."
-)
 
 
 class Moment(NamedTuple):
@@ -57,7 +44,8 @@ def moments(runs: Sequence[Run], reference_speed: float, gap: float) -> Iterator
         begun = float(time[-1]) + 2.0 * gap + 1.0
 
 
-def _gap(runs: Sequence[Run]) -> float:
+def longest_gap(runs: Sequence[Run]) -> float:
+    """Return the longest time [s] between samples of one stretch of the runs."""
     return max(LEAST_GAP_S, *(gap_limit(segment.time) for run in runs for segment in run.segments))
 
 
@@ -85,7 +73,7 @@ def integral(runs: Sequence[Run], question: Question) -> Identified:
 
 
 def _fit(runs: Sequence[Run], start: Norrbin, cubic: bool, question: Question) -> tuple[IntegralFit, Convergence]:
-    gap = _gap(runs)
+    gap = longest_gap(runs)
     settings = FitSettings(longest_gap=gap, memory=float("inf"), cubic=cubic, length=window_length(start.time_constant))
     simulated: Norrbin | None = None
     for done in range(PASSES):
@@ -102,44 +90,10 @@ def _fit(runs: Sequence[Run], start: Norrbin, cubic: bool, question: Question) -
     return fit, Convergence(table[:, 0], NAMES, table[:, 1:])
 
 
-def integral_recursion(runs: Sequence[Run], question: Question) -> Identified:
-    """Return where the recursion of the patent has come to after ten times through the runs; see `Method`.
-
-    A course-unstable boat is refused: there n3 is as large as everything else.
-    """
-    if question.course_unstable:
-        raise InputError(
-            f"{sources_of(runs)}: integral-recursion does not settle on a course-unstable boat; use --method "
-            "integral or output-error."
-        )
-    start = question.start or begin(runs, question).model
-    gap = _gap(runs)
-    window = IntegralWindow(window_length(start.time_constant), longest_gap=gap)
-    settings = RecursionSettings(nonlinear=question.kind == "norrbin")
-    state, path = Recursion(start), []
-    for done in range(RECURSION_PASSES):
-        for moment in moments(runs, start.reference_speed, gap):
-            integrals = window.update(*moment)
-            if integrals is not None and integrals.rudder_range > FitSettings().rudder_range:
-                state = recursion_step(settings, start, state, integrals)
-                path.append((moment.time, *(getattr(state.model, name) for name in NAMES[:3])))
-        window.reset()
-        question.progress(done + 1, RECURSION_PASSES)
-    last = np.array(path[-len(path) // RECURSION_PASSES :]).reshape(-1, 4)
-    return identified_as(
-        state.model, runs, {}, notes=[NO_ERRORS], convergence=Convergence(last[:, 0], NAMES[:3], last[:, 1:])
-    )
-
-
 METHODS = (
     Method(
         "integral",
         "the yaw equation integrated over windows, solved for all windows together; runs live too",
         integral,
-    ),
-    Method(
-        "integral-recursion",
-        "the integral method's recursion as published, one parameter after another; slow where n3 counts",
-        integral_recursion,
     ),
 )

@@ -13,14 +13,7 @@ from collections import deque
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.identification.integral_fit import ENOUGH, FitSettings, IntegralFit, WindowRls, window_length
-from autopilot.identification.integral_window import (
-    BLOCKS,
-    IntegralWindow,
-    Recursion,
-    RecursionSettings,
-    recursion_step,
-)
+from autopilot.identification.integral_fit import ENOUGH, FitSettings, IntegralFit
 from autopilot.identification.model_choice import Outcome, PredictionTest
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, Mode, OrderKind, RateSample, RudderSample, Tick
@@ -73,8 +66,7 @@ class _Candidate(NamedTuple):
 
 
 class Learner:
-    """Learns from ticks; see the module's docstring. Attributes: `recursion` and `least_squares` are the models of the
-    published recursion and of plain least squares over the same windows, for comparison.
+    """Learns from ticks; see the module's docstring.
 
     Raises ValueError for a present model with n2, which the method does not know.
     """
@@ -87,28 +79,14 @@ class Learner:
         """Forget everything and learn what differs from `present`."""
         self.present = present
         self._fit = IntegralFit(present, self._settings)
-        self._rls = WindowRls(present)
-        self._recursion = Recursion(present)
-        gap = self._settings.longest_gap
-        self._window = IntegralWindow(window_length(present.time_constant), BLOCKS, gap)
         self._rudders: deque[tuple[float, float]] = deque(maxlen=16)
         self._rudder_time = -math.inf
         self._rate: tuple[float, float] | None = None
-        self._last_motion = self._moved = -math.inf
+        self._last_motion = -math.inf
         self._candidate: _Candidate | None = None
         self._prediction_test: PredictionTest | None = None
         self._outcomes: deque[Outcome] = deque(maxlen=STRETCHES)
         self._proved: Proposal | None = None
-
-    @property
-    def recursion(self) -> Norrbin:
-        """The model of the recursion as published, linear form with n3 held."""
-        return self._recursion.model
-
-    @property
-    def least_squares(self) -> Norrbin:
-        """The model of recursive least squares."""
-        return self._rls.model
 
     @property
     def windows(self) -> int:
@@ -153,17 +131,8 @@ class Learner:
         is_steered = tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
         added = self._fit.update(time, rudder, ratio, heading, rate, tick.reference if is_steered else None)
         self._judge(time, rudder, ratio, heading, rate)
-        window = self._window.update(time, rudder, ratio, heading, rate)
-        if window is not None and self._is_moved(time):
-            self._recursion = recursion_step(RecursionSettings(), self.present, self._recursion, window)
         if added is not None:
-            self._moved = time
-            self._rls.update(added)
             self._put_forward()
-
-    def _is_moved(self, time: float) -> bool:
-        """Whether the fit has just found the rudder moved, and not by waves."""
-        return time - self._moved <= self._fit.length
 
     def _rudder_at(self, time: float) -> float:
         """Return the rudder [rad] at `time` [s], linear between ticks: headings are older than their tick."""

@@ -1,4 +1,4 @@
-"""Both bodies of a wave glider identified side by side, offline by any method and live by the integral method."""
+"""Both bodies of a wave glider identified side by side, by any method."""
 
 from __future__ import annotations
 
@@ -9,11 +9,8 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
-from autopilot.identification.integral_fit import FitSettings, IntegralFit
 from autopilot.identification.methods import Method
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
-from autopilot.models.norrbin import Norrbin
-from autopilot.models.wave_glider import WaveGlider, equivalent_rudder
 
 
 class BodyRuns(NamedTuple):
@@ -59,38 +56,3 @@ def identify_bodies(records: list[BodyRuns], method: Method, question: Question)
         method.identify([record.surface for record in records], question),
         method.identify([record.glider for record in records], question),
     )
-
-
-class WaveGliderFit:
-    """The integral method for both bodies at once, live and in constant memory; see `integral_fit`.
-
-    `first` is the craft it begins with.
-    """
-
-    def __init__(self, first: WaveGlider, settings: FitSettings = FitSettings()) -> None:  # noqa: B008 - immutable
-        self._fixed_angle = first.fixed_angle
-        self.surface = IntegralFit(first.surface, settings)
-        self.glider = IntegralFit(first.glider, settings)
-
-    @property
-    def craft(self) -> WaveGlider:
-        """The craft as it is known now."""
-        return WaveGlider(self.surface.model, self.glider.model, self._fixed_angle)
-
-    def update(
-        self,
-        time: float,
-        rudder: float,
-        speed: float,
-        surface: tuple[float, float | None],
-        glider: tuple[float, float | None],
-    ) -> None:
-        """Take what is known at `time` [s]: the glider's rudder [rad], speed [m/s], and each body's heading [rad] and
-        rate [rad/s] (None where there is none)."""
-        pull = equivalent_rudder(self._fixed_angle, glider[0], surface[0])
-        for fit, angle, (heading, rate) in ((self.surface, pull, surface), (self.glider, rudder, glider)):
-            fit.update(time, angle, _ratio(fit.first, speed), heading, rate)
-
-
-def _ratio(model: Norrbin, speed: float) -> float:
-    return abs(speed) / model.reference_speed

@@ -169,13 +169,8 @@ class LearningService:
     def _report(self) -> str:
         learner, proposal = self._learner, self._learner.proposal()
         lines = [f"put forward: {_numbers(proposal)}; {_check(proposal)}"] if proposal else [_progress(learner)]
-        for name, model in (
-            ("in force", learner.present),
-            ("now", learner.estimate),
-            ("recursion as published", learner.recursion),
-            ("least squares", learner.least_squares),
-        ):
-            lines.append(f"  {name:24} K {model.gain:.4g} 1/s  T {model.time_constant:.4g} s  n3 {model.n3:.4g}")
+        for name, model in (("in force", learner.present), ("now", learner.estimate)):
+            lines.append(f"  {name:9} K {model.gain:.4g} 1/s  T {model.time_constant:.4g} s  n3 {model.n3:.4g}")
         return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""The integral method: windows, the published recursion, least squares and the fit with instruments."""
+"""The integral method: windows, and the fit with instruments."""
 
 from __future__ import annotations
 
@@ -12,14 +12,11 @@ from hypothesis import strategies as st
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
 from autopilot.identification.identified import Question
-from autopilot.identification.integral_fit import FitSettings, IntegralFit, WindowRls, window_length
+from autopilot.identification.integral_fit import FitSettings, IntegralFit, window_length
 from autopilot.identification.integral_method import integral
 from autopilot.identification.integral_window import (
     Integrals,
     IntegralWindow,
-    Recursion,
-    RecursionSettings,
-    recursion_step,
 )
 from autopilot.identification.registry import method_named
 from autopilot.models.norrbin import Norrbin
@@ -149,46 +146,6 @@ def test_bad_numbers_count_as_missing() -> None:
     assert max(abs(error(TRUE, each)) for each in found) < 0.02 * max(abs(each.turned) for each in found)
 
 
-def test_the_recursion_settles_on_a_linear_boat_from_twice_and_half() -> None:
-    record = windows(zigzag(math.radians(15.0), 60.0, 0.1, n3=0.0))
-    for factor in (0.5, 2.0):
-        first = Norrbin(factor * TRUE.gain, factor * TRUE.time_constant)
-        state = Recursion(first)
-        for window in record:
-            state = recursion_step(RecursionSettings(), first, state, window)
-        assert state.model.gain == pytest.approx(TRUE.gain, rel=0.02)
-        assert state.model.time_constant == pytest.approx(TRUE.time_constant, rel=0.02)
-
-
-def test_each_parameter_alone_goes_to_where_the_windows_equation_holds() -> None:
-    """One parameter off, the others right: every step brings it nearer, n3 as well as K and T."""
-    for name in ("gain", "time_constant", "n3"):
-        for factor in (0.7, 1.4):
-            first = TRUE._replace(**{name: factor * getattr(TRUE, name)})
-            settings = RecursionSettings(step=0.2, nonlinear=True)
-            nearer = 0
-            for window in windows(TWENTY_SECONDS):
-                state = recursion_step(settings, first, Recursion(first), window)
-                before, after = abs(error(first, window)), abs(error(state.model, window))
-                nearer += after < before
-                moved = getattr(state.model, name) - getattr(first, name)
-                assert moved * (1.0 - factor) >= 0.0, name
-            assert nearer == len(windows(TWENTY_SECONDS)), name
-
-
-def test_the_recursion_keeps_its_bounds_and_stands_still_without_a_window() -> None:
-    first = Norrbin(0.7, 0.3, 3.0)
-    mad = Integrals(0.0, 50.0, 1.0e-3, 1.0, 1.0e-3, 1.0, 1.0, 1.0)
-    state = Recursion(first)
-    for _ in range(200):
-        state = recursion_step(RecursionSettings(nonlinear=True), first, state, mad)
-    assert 0.07 <= state.model.gain <= 7.0
-    assert 0.03 <= state.model.time_constant <= 3.0
-    assert 0.0 <= state.model.n3 <= 30.0
-    nothing = Integrals(0.0, *[0.0] * 7)
-    assert recursion_step(RecursionSettings(), first, Recursion(first), nothing).model == first
-
-
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_the_fit_comes_within_five_per_cent_in_twenty_seconds_and_stays(factor: float) -> None:
     for seed in range(3):
@@ -227,17 +184,6 @@ def test_windows_are_fitted_to_the_time_constant_that_was_found() -> None:
 def test_n2_is_not_known_to_the_method() -> None:
     with pytest.raises(ValueError, match="n2"):
         IntegralFit(Norrbin(1.0, 1.0, n2=0.1))
-
-
-def test_least_squares_over_the_windows_is_near_and_n3_may_be_held() -> None:
-    record = windows(noisy(TWENTY_SECONDS, NOISE["rate"], NOISE["heading"], 1), from_mean=True)
-    held = Norrbin(2.0 * TRUE.gain, 0.5 * TRUE.time_constant, TRUE.n3)
-    for cubic in (True, False):
-        plain = WindowRls(held, cubic=cubic)
-        for window in record:
-            plain.update(window)
-        assert plain.model.gain == pytest.approx(TRUE.gain, rel=0.06)
-        assert plain.model.time_constant == pytest.approx(TRUE.time_constant, rel=0.06)
 
 
 def test_the_method_says_that_a_gentle_record_does_not_tell_n3() -> None:

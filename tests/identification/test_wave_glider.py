@@ -14,11 +14,9 @@ from scipy.integrate import solve_ivp
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.identification.integral_fit import FitSettings
-from autopilot.identification.wave_glider import WaveGliderFit, body_runs
+from autopilot.identification.wave_glider import body_runs
 from autopilot.logs.csv_log import WAVE_GLIDER_NEEDS, read_csv
-from autopilot.models.norrbin import Norrbin
-from autopilot.models.wave_glider import TwoBodies, WaveGlider, equivalent_rudder, step
+from autopilot.models.wave_glider import TwoBodies, equivalent_rudder, step
 from sitl.wave_glider import Setting, write_record
 
 CRAFT = Setting().craft
@@ -86,23 +84,6 @@ def test_waves_and_the_pull_on_the_glider_cost_little(tmp_path: Path, capsys: py
     assert main(["identify", *names, "--wave-glider", "--method", "integral", "--reference-speed-m-s", "0.7"]) == 0
     text = capsys.readouterr().out
     assert "FLOAT" in text and "GLIDER" in text and "holdout" in text and "delta_0 = 30 deg" in text
-
-
-def test_live_both_bodies_are_learnt_from_twice_and_half(record: Path) -> None:
-    table, _ = read_csv(str(record), None, WAVE_GLIDER_NEEDS)
-    off = WaveGlider(
-        Norrbin(2.0 * 0.5, 0.5 * 2.0, 5.0, reference_speed=0.7),
-        Norrbin(0.5 * 0.3, 2.0 * 3.0, 10.0, reference_speed=0.7),
-        CRAFT.fixed_angle,
-    )
-    live = WaveGliderFit(off, FitSettings())
-    names = ("time_s", "rudder_rad", "speed_m_s", "heading_rad", "yaw_rate_rad_s")
-    columns = [table[n].tolist() for n in (*names, "glider_heading_rad", "glider_yaw_rate_rad_s")]
-    for time, rudder, speed, heading, rate, below, rate_below in zip(*columns, strict=True):
-        live.update(time, rudder, speed, (heading, rate), (below, rate_below))
-    for found, truth in ((live.craft.surface, CRAFT.surface), (live.craft.glider, CRAFT.glider)):
-        assert found.gain == pytest.approx(truth.gain, rel=0.06)
-        assert found.time_constant == pytest.approx(truth.time_constant, rel=0.06)
 
 
 def test_what_does_not_go_is_said(record: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -149,7 +149,6 @@ def test_the_boat_is_learnt_and_the_model_proves_itself(sailed: Sailed) -> None:
     assert proposal.model.gain == pytest.approx(LANXIN.model.K_1_s, rel=0.05)
     assert proposal.model.time_constant == pytest.approx(LANXIN.model.T_s, rel=0.1)
     assert proposal.proposed_error < 0.5 * proposal.present_error
-    assert learner.least_squares.gain == pytest.approx(LANXIN.model.K_1_s, rel=0.1)
 
 
 def test_learning_changes_no_command_until_adoption(sailed: Sailed) -> None:
@@ -165,7 +164,7 @@ def test_adopted_and_taken_back_on_a_word_logged_and_replayed(tmp_path: Path) ->
     assert early.startswith("error: nothing to adopt yet")
     assert adopted.startswith("adopted; K 0.45 -> 0.")
     assert "gains k1" in adopted
-    assert "in force" in report and "recursion as published" in report
+    assert "in force" in report
     assert reverted.startswith("reverted; K 0.")
     assert nothing.startswith("error: nothing to revert")
     assert len(found.saved) == 2
