@@ -23,9 +23,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from starlette.responses import JSONResponse
 
 from autopilot.cli.helm_keys import request_of
-from autopilot.cli.identify_report import Result
-from autopilot.cli.identify_report import as_json as identified_json
-from autopilot.cli.identify_report import as_text as identified_text
 from autopilot.cli.log import as_text
 from autopilot.cli.log_measures import as_json as measures_json
 from autopilot.cli.log_measures import as_text as measures_text
@@ -64,6 +61,9 @@ from autopilot.logs.table import RudderSettings, table_of
 from autopilot.logs.tlog import read_tlog
 from autopilot.logs.ulog import read_ulog
 from autopilot.operators.skipper import RouteSkipper
+from autopilot.report.identification import Result
+from autopilot.report.identification import as_json as identified_json
+from autopilot.report.identification import as_text as identified_text
 from autopilot.runtime.record import MOST_PIECES, PIECE, Recorder
 from autopilot.runtime.replay import replay
 from autopilot.runtime.tick_codec import HEADER as LOG_HEADER

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
+import math
 import shlex
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
-    from autopilot.cli.identify_report import Result
-    from autopilot.identification.identified import ModelKind, SteadyTurns
+    from autopilot.identification.identified import Identified, ModelKind, Question, SteadyTurns
     from autopilot.identification.methods import Method
+    from autopilot.identification.model_choice import Choice
     from autopilot.identification.runs import Run
+    from autopilot.identification.wave_glider import BodyRuns
+    from autopilot.report.identification import Result
 
 DESCRIPTION = """\
 Fits Norrbin's model  T r' + n3 r^3 + n1 r + n0 = K delta,  K ~ U, T ~ 1/U, n3 ~ 1/U^2,  to all LOG files together,
@@ -125,9 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(_methods())
         return int(ExitCode.OK)
     if arguments.wave_glider:
-        from autopilot.cli.identify_report import identify_wave_glider
-
-        print(identify_wave_glider(arguments))
+        print(_wave_glider(arguments))
         return int(ExitCode.OK)
     from autopilot.identification.registry import method_named
 
@@ -137,8 +140,8 @@ def run(arguments: argparse.Namespace) -> int:
         from autopilot.report import require_extra
 
         require_extra("by leaving out --report")
-    from autopilot.cli import identify_report as report
     from autopilot.files.saving import check_folder
+    from autopilot.report import identification as report
 
     for path in filter(None, (arguments.out, arguments.report)):
         check_folder(path)
@@ -191,11 +194,10 @@ def _methods() -> str:
 
 
 def _check(arguments: argparse.Namespace, method: Method) -> None:
-    from autopilot.cli.identify_report import check_gain, check_model
     from autopilot.identification.registry import that_take
 
-    check_gain(arguments, method)
-    check_model(arguments, method)
+    _check_gain(arguments, method)
+    _check_model(arguments, method)
     if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
         raise InputError(
             "--course-unstable needs n3 fitted from the LOGs: leave out --model nomoto and --steady-turns."
@@ -226,17 +228,17 @@ def _steady_turns(path: str) -> SteadyTurns:
     return SteadyTurns(table["rudder_rad"], table["yaw_rate_rad_s"], table.get("speed_m_s"))
 
 
-def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None, fitted: list[Run], held_out: list[Run]) -> Any:
-    from autopilot.cli.identify_report import Result, chosen, form_of
+def _identify(
+    arguments: argparse.Namespace, steady: SteadyTurns | None, fitted: list[Run], held_out: list[Run]
+) -> Result:
     from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.registry import method_named
     from autopilot.identification.residual_tests import residual_tests
     from autopilot.identification.rudder_path import rudder_rate_of
-    from autopilot.identification.two_stage import nomoto_stage
 
     method = method_named(arguments.method)
     with ProgressBar("identifying") as bar:
-        question = form_of(arguments)._replace(
+        question = _form_of(arguments)._replace(
             reference_speed=arguments.reference_speed_m_s,
             steady_turns=steady,
             gain=arguments.gain_1_s,
@@ -245,17 +247,68 @@ def _identify(arguments: argparse.Namespace, steady: SteadyTurns | None, fitted:
             particle_gain=arguments.gain,
             progress=bar.update,
         )
-        choice = chosen(fitted, question, bar.update) if arguments.model == "auto" else None
+        choice = _chosen(fitted, question, bar.update) if arguments.model == "auto" else None
         found = method.identify(fitted, question) if choice is None else choice.found
-    stage_one = nomoto_stage(fitted, found.model.reference_speed)
-    predictions = [(run, "fit", found.predict(run)) for run in fitted]
-    predictions += [(run, "holdout", found.predict(run)) for run in held_out]
     tests = residual_tests(fitted, found.model, found.around, found.train, dict(found.trims))
-    kind, rate = choice.chosen if choice else arguments.model, rudder_rate_of(fitted)
-    return Result(kind, found, stage_one, predictions, tests, choice, rate)
+    result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
+    return result._replace(residual_tests=tests, choice=choice, rudder_rate=rudder_rate_of(fitted))
 
 
-def rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:
+def _form_of(arguments: argparse.Namespace) -> Question:
+    """Return the form that --model, --course-unstable, --fit-rudder and --trim ask for; of auto, that of norrbin."""
+    from autopilot.identification.model_choice import FORMS
+
+    named = FORMS[
+        "nomoto1" if arguments.model == "nomoto" else arguments.model if arguments.model in FORMS else "norrbin"
+    ]
+    train = (*named.rudder_train, *(name for name in _rudder_train(arguments) if name not in named.rudder_train))
+    return named._replace(course_unstable=arguments.course_unstable, rudder_train=train, trim=arguments.trim)
+
+
+def _check_gain(arguments: argparse.Namespace, method: Method) -> None:
+    """Raise InputError where --gain does not go with the method."""
+    from autopilot.identification.registry import that_take
+
+    if arguments.gain != "constant" and "gain" not in method.takes:
+        raise InputError(
+            f"--gain {arguments.gain} goes with --method {that_take('gain')} alone; leave one of them out."
+        )
+
+
+def _check_model(arguments: argparse.Namespace, method: Method) -> None:
+    """Raise InputError where --model or --trim do not go with the other options."""
+    from autopilot.identification.registry import that_take
+
+    asked = f"--model {arguments.model}" if arguments.model in ("auto", "nomoto2", "norrbin-n2") else ""
+    asked, option = (asked, "models") if asked else ("--trim per-run" if arguments.trim == "per-run" else "", "trim")
+    if asked and option not in method.takes:
+        raise InputError(
+            f"{asked} goes with --method {that_take(option)}, not with {method.name}; leave one of them out."
+        )
+    if asked and arguments.weighting == "prediction-error":
+        raise InputError(f"{asked} and --weighting prediction-error exclude each other; leave one of them out.")
+    if arguments.model == "auto" and (
+        arguments.course_unstable or arguments.steady_turns or arguments.fit_rudder or arguments.trim == "per-run"
+    ):
+        raise InputError(
+            "--model auto chooses by itself: leave out --course-unstable, --steady-turns, --fit-rudder and --trim."
+        )
+
+
+def _chosen(runs: Sequence[Run], question: Question, progress: Callable[[int, int], None]) -> Choice:
+    """Return the candidates fitted to the runs, stated at one speed, and the one to take."""
+    from autopilot.identification.identify import identify, mean_speed
+    from autopilot.identification.model_choice import choose
+
+    speed = mean_speed(runs) if question.reference_speed is None else question.reference_speed
+
+    def fit(some: Sequence[Run], form: Question) -> Identified:
+        return identify(some, form._replace(reference_speed=speed))
+
+    return choose(runs, fit, progress)
+
+
+def _rudder_train(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return the fields of RudderTrain that are asked for. Raises InputError."""
     from autopilot.identification.registry import method_named, that_take
     from autopilot.identification.rudder_path import RudderTrain
@@ -280,7 +333,7 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
     from autopilot.files.saving import save_page
     from autopilot.identification.identified import Question
     from autopilot.identification.registry import METHODS, method_named
-    from autopilot.report.identification import Findings, identification_page
+    from autopilot.report.identification import identification_page
 
     fitted, asked = [run for run, role, _ in result.predictions if role == "fit"], method_named(arguments.method)
     convergence = {}
@@ -296,13 +349,72 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
                 continue  # a method that these runs do not suit has nothing to show
             if found.convergence is not None:
                 convergence[method.name] = found.convergence
-    findings = Findings(asked.name, result.found, result.predictions, result.residual_tests, steady, convergence)
-    if result.choice is not None:
-        from autopilot.cli.identify_report import choice_rows, choice_sentence
-
-        findings = findings._replace(choice=choice_rows(result.choice), chosen=choice_sentence(result.choice))
-    save_page(arguments.report, identification_page(findings, shlex.join(arguments.typed)))
+    page = identification_page(result, asked.name, shlex.join(arguments.typed), steady, convergence)
+    save_page(arguments.report, page)
 
 
 def _kind(result: Result) -> ModelKind:
     return "nomoto" if result.kind.startswith("nomoto") else "norrbin"
+
+
+NOT_HERE = ("out", "report", "steady_turns", "vessel")
+"""Options that have no meaning for a craft of two bodies."""
+
+
+def _wave_glider(arguments: argparse.Namespace) -> str:
+    """Return what is found of both bodies of a wave glider, as text or JSON. Raises InputError."""
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.identification.identified import Question
+    from autopilot.identification.registry import method_named
+    from autopilot.identification.wave_glider import identify_bodies
+    from autopilot.report.identification import as_text, document_of
+
+    for name in NOT_HERE:
+        if getattr(arguments, name):
+            raise InputError(f"--{name.replace('_', '-')} does not go with --wave-glider; leave one of them out.")
+    if not arguments.logs:
+        raise InputError("identify --wave-glider needs a LOG, a CSV table with the headings of both bodies.")
+    method = method_named(arguments.method)
+    _check_gain(arguments, method)
+    fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
+    question = Question(
+        arguments.model,
+        arguments.reference_speed_m_s,
+        forgetting=arguments.forgetting,
+        particle_gain=arguments.gain,
+    )
+    with ProgressBar("identifying") as bar:
+        found = identify_bodies(fitted, method, question._replace(progress=bar.update))
+    results = {
+        name: _result(arguments.model, body, [r[place] for r in fitted], [r[place] for r in held_out])
+        for place, (name, body) in enumerate((("float", found.surface), ("glider", found.glider)))
+    }
+    if arguments.json:
+        bodies = {name: document_of(result) for name, result in results.items()}
+        return json.dumps({"fixed_angle_deg": arguments.fixed_angle_deg, **bodies}, indent=2, allow_nan=False)
+    text = [f"{name.upper()}\n\n{as_text(result)}" for name, result in results.items()]
+    return "\n\n\n".join(text) + f"\n\nK of the float holds for delta_0 = {arguments.fixed_angle_deg:g} deg."
+
+
+def _load(paths: list[str], arguments: argparse.Namespace) -> list[BodyRuns]:
+    from autopilot.identification.wave_glider import BodyRuns, body_runs
+    from autopilot.logs.csv_log import WAVE_GLIDER_NEEDS, load_column_map, read_csv
+
+    column_map = load_column_map(arguments.columns) if arguments.columns else None
+    records = []
+    for path in paths:
+        table, notes = read_csv(path, column_map, WAVE_GLIDER_NEEDS)
+        if arguments.reverse_rudder:
+            table["rudder_rad"] = -table["rudder_rad"]
+        found = body_runs(path, table, math.radians(arguments.fixed_angle_deg))
+        records.append(BodyRuns(*(run._replace(notes=(*notes, *run.notes)) for run in found)))
+    return records
+
+
+def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Sequence[Run]) -> Result:
+    from autopilot.identification.two_stage import nomoto_stage
+    from autopilot.report.identification import Result
+
+    predictions = [(run, "fit", found.predict(run)) for run in fitted]
+    predictions += [(run, "holdout", found.predict(run)) for run in held_out]
+    return Result(kind, found, nomoto_stage(fitted, found.model.reference_speed), predictions)

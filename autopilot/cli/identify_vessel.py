@@ -14,12 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from autopilot.cli.identify_report import Result, undetermined
 from autopilot.errors import InputError
 from autopilot.files.saving import save_text
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
+from autopilot.report.identification import Result, undetermined
 from autopilot.vessel.file import dump_vessel, load_vessel, model_section, parse_vessel, updated_vessel_text
 from autopilot.vessel.schema import SCHEMA_VERSION, Control, Drive, Model, Rudder, Vessel
 

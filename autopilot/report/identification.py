@@ -1,62 +1,367 @@
-"""The identification's report: what was found, how sure it is, and measured beside predicted for every run."""
+"""What was found of a boat, how sure it is, and measured beside predicted: as JSON, as tables for people, as a page.
+
+JSON has SI units and radians, and degrees beside them.
+"""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from autopilot import __version__
 from autopilot.files.printable import fixed
 from autopilot.identification.identified import Convergence, Identified, SteadyTurns
-from autopilot.identification.model_choice import steering_model
+from autopilot.identification.model_choice import Candidate, Choice, steering_model
 from autopilot.identification.residual_tests import Prediction, ResidualTest
-from autopilot.identification.rudder_path import RudderTrain
+from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import FloatArray, Run
 from autopilot.identification.trial_design import InstrumentNoise, cramer_rao
+from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.report.page import Line, Panel, Section, render, time_figure
 
-SYMBOLS = {
-    "gain": ("K", "1/s"),
-    "time_constant": ("T", "s"),
-    "n3": ("n3", "s²/rad²"),
-    "n2": ("n2", "s/rad"),
-    "n1": ("n1", "1"),
-    "n0": ("n0", "rad/s"),
-    "race": ("c (race)", "m²"),
-    "wind_beam": ("c1 (wind)", "rad/m²"),
-    "wind_quarter": ("c2 (wind)", "rad/m²"),
-    "steady_race": ("w² (race)", "m²/s²"),
-    "drift": ("d (drift)", "1"),
-    "drift_time": ("Td (drift)", "s"),
-    "drift_wind": ("cd (drift by wind)", "rad/m²"),
-    "dead_band": ("rudder dead band", "rad"),
-    "delay": ("rudder delay", "s"),
-    "lag": ("rudder lag", "s"),
-    "lead": ("rudder lead", "s"),
-}
 SURE_OF_IT = 1.96
 """Standard errors to either side that hold the truth in 95 of 100 cases."""
 LARGEST_RUDDER = math.radians(35.0)
 PROBE = 1.0e-4
 LONGEST_MEMORY_SHOWN = 200
 
+DEG = math.pi / 180.0
 
-class Findings(NamedTuple):
-    """What is to be shown: the result, each run with its role and prediction, the tests of the residuals, steady turns
-    where given, how recursive methods converged, by name, and the table and the outcome of choosing the model."""
 
-    method: str
+class Quantity(NamedTuple):
+    """A parameter's symbol, its name in the model, unit in radians, unit in degrees, and radians per degree-unit."""
+
+    symbol: str
+    name: str
+    unit: str
+    unit_deg: str
+    factor: float
+
+
+QUANTITIES = (
+    Quantity("K", "gain", "1/s", "1/s", 1.0),
+    Quantity("T", "time_constant", "s", "s", 1.0),
+    Quantity("n3", "n3", "s^2/rad^2", "s^2/deg^2", DEG**-2),
+    Quantity("n1", "n1", "1", "1", 1.0),
+    Quantity("n0", "n0", "rad/s", "deg/s", DEG),
+)
+
+N2 = Quantity("n2", "n2", "s/rad", "s/deg", 1.0 / DEG)
+"""Named only where it was found."""
+
+AROUND = (
+    Quantity("c_race", "race", "m^2", "m^2", 1.0),
+    Quantity("c_wind_1", "wind_beam", "rad/m^2", "deg/m^2", DEG),
+    Quantity("c_wind_2", "wind_quarter", "rad/m^2", "deg/m^2", DEG),
+)
+"""What propeller and wind add, where the recordings show it."""
+
+BESIDE = (
+    Quantity("race_w2", "steady_race", "m^2/s^2", "m^2/s^2", 1.0),
+    Quantity("drift", "drift", "1", "1", 1.0),
+    Quantity("drift_time", "drift_time", "s", "s", 1.0),
+    Quantity("c_drift_wind", "drift_wind", "rad/m^2", "deg/m^2", DEG),
+)
+"""A race without recorded revolutions, and drift: named only where they were found."""
+
+TRAIN = (
+    Quantity("rudder_dead_band", "dead_band", "rad", "deg", DEG),
+    Quantity("rudder_delay", "delay", "s", "s", 1.0),
+    Quantity("rudder_lag", "lag", "s", "s", 1.0),
+    Quantity("rudder_lead", "lead", "s", "s", 1.0),
+)
+"""What lies between the recorded rudder and the boat, where it was asked for and shows."""
+
+
+ALL = (*QUANTITIES, N2, *AROUND, *BESIDE, *TRAIN)
+
+LEAST = "Least possible: the bound of Cramér and Rao, if the residuals were white noise of the size they have."
+
+
+class Result(NamedTuple):
+    """Everything to tell: the kind of model asked for or chosen, the estimate, stage one, each run with its role and
+    prediction, the tests of the residuals, the candidates where the kind was chosen, the rudder's measured rate, and
+    remarks on the file that was written."""
+
+    kind: str
     found: Identified
-    runs: Sequence[tuple[Run, str, Prediction]]
-    residual_tests: Sequence[ResidualTest]
-    steady_turns: SteadyTurns | None = None
-    convergence: Mapping[str, Convergence] = {}
-    choice: Sequence[tuple[str, ...]] = ()
-    chosen: str = ""
+    stage_one: Nomoto | None
+    predictions: Sequence[tuple[Run, str, Prediction]]
+    residual_tests: Sequence[ResidualTest] = ()
+    choice: Choice | None = None
+    rudder_rate: RudderRate | None = None
+    remarks: Sequence[str] = ()
+
+
+def document_of(result: Result) -> dict[str, Any]:
+    """Return the result as it is for programs; None where a number was not determined."""
+    found, model = result.found, result.found.model
+    return {
+        "model": result.kind,
+        "parameters": {
+            quantity.symbol: _parameter(quantity, value, found.standard_errors[quantity.name])
+            for quantity, value in _known_quantities(found)
+        },
+        "reference_speed_m_s": model.reference_speed,
+        "reference_propeller_rps": found.around.reference_propeller if found.around else None,
+        "runs": [_run(run, role, prediction) for run, role, prediction in result.predictions],
+        "unidentifiable": list(found.unidentifiable),
+        "reasons": found.unidentifiable,
+        "rudder_rate": result.rudder_rate
+        and {
+            "value_deg_s": math.degrees(result.rudder_rate.rate),
+            "std_deg_s": math.degrees(result.rudder_rate.standard_error),
+            "movements": result.rudder_rate.movements,
+        },
+        "notes": _notes(result),
+        "two_stage": _stages(result),
+        "trims_n0_rad_s": dict(found.trims),
+        "model_choice": choice_document(result.choice) if result.choice else None,
+        "residuals": {
+            "yaw_rate_rms_rad_s": _finite(found.noise[0].size),
+            "heading_rms_rad": _finite(found.noise[1].size),
+            "tests": [_residual_test(test) for test in result.residual_tests],
+        },
+    }
+
+
+def as_json(result: Result) -> str:
+    """Return the same as JSON text."""
+    return json.dumps(document_of(result), indent=2, allow_nan=False)
+
+
+HEADINGS = ("candidate", "parameters", "held-out R2", "BIC less the least", "")
+
+
+def choice_rows(choice: Choice) -> list[tuple[str, ...]]:
+    """Return the table of candidates, the chosen one marked."""
+    least = min(candidate.bic for candidate in choice.candidates)
+    return [HEADINGS, *(_row(candidate, choice.chosen, least) for candidate in choice.candidates)]
+
+
+def _row(candidate: Candidate, chosen_one: str, least: float) -> tuple[str, ...]:
+    if candidate.found is None:
+        return candidate.name, "-", "-", "-", candidate.reason
+    score = f"{candidate.held_out:.4f}" if math.isfinite(candidate.held_out) else "-"
+    mark = "chosen" if candidate.name == chosen_one else ""
+    return candidate.name, str(candidate.parameters), score, f"{candidate.bic - least:.1f}", mark
+
+
+def choice_sentence(choice: Choice) -> str:
+    """Return how the candidates were compared, and what was chosen."""
+    if choice.folds < 2:
+        return f"Chosen: {choice.chosen}, by BIC alone: the record is too short to hold parts of it back."
+    parts = f"{choice.folds} blocks of the run" if choice.by_blocks else f"{choice.folds} runs"
+    return (
+        f"Chosen: {choice.chosen}. Each of {parts} was predicted by a fit that had not seen it; of the candidates that "
+        "do so equally well the one with the least BIC is taken."
+    )
+
+
+def choice_document(choice: Choice) -> dict[str, Any]:
+    """Return the comparison for JSON; null where a number was not found."""
+    return {
+        "chosen": choice.chosen,
+        "left_out": {"count": choice.folds, "of": "blocks" if choice.by_blocks else "runs"},
+        "candidates": [
+            {
+                "name": candidate.name,
+                "parameters": candidate.parameters if candidate.found else None,
+                "held_out_r2": candidate.held_out if math.isfinite(candidate.held_out) else None,
+                "bic": candidate.bic if math.isfinite(candidate.bic) else None,
+                "reason": candidate.reason,
+            }
+            for candidate in choice.candidates
+        ],
+    }
+
+
+def _quantities(found: Identified) -> list[tuple[Quantity, float]]:
+    """Return what the model consists of, each with its value."""
+    pairs = [(quantity, float(getattr(found.model, quantity.name))) for quantity in QUANTITIES]
+    pairs += [(N2, found.model.n2)] if found.model.n2 != 0.0 else []
+    if found.around is not None:
+        recorded = AROUND if _felt(found) else ()
+        pairs += [(quantity, float(getattr(found.around, quantity.name))) for quantity in recorded]
+        pairs += [(q, float(getattr(found.around, q.name))) for q in BESIDE if getattr(found.around, q.name) != 0.0]
+    pairs += [(q, float(getattr(found.train, q.name))) for q in TRAIN if getattr(found.train, q.name) != 0.0]
+    return pairs
+
+
+def _known_quantities(found: Identified) -> list[tuple[Quantity, float | None]]:
+    """Return the same with None for a K or T that the recordings do not determine."""
+    return [(q, None if q.symbol in undetermined(found) else value) for q, value in _quantities(found)]
+
+
+def undetermined(found: Identified) -> tuple[str, ...]:
+    """Return which of K and T, without which there is no model, the recordings do not determine."""
+    return tuple(symbol for symbol in ("K", "T") if symbol in found.unidentifiable)
+
+
+def _felt(found: Identified) -> bool:
+    """Return whether the model uses recorded propeller or wind."""
+    around = found.around
+    return around is not None and (around.reference_propeller > 0.0 or around.wind_beam != 0.0)
+
+
+def _parameter(quantity: Quantity, value: float | None, std: float | None) -> dict[str, Any]:
+    return {
+        "value": value,
+        "std": std,
+        "unit": quantity.unit,
+        "value_deg": None if value is None else value / quantity.factor,
+        "std_deg": None if std is None else std / quantity.factor,
+        "unit_deg": quantity.unit_deg,
+    }
+
+
+def _notes(result: Result) -> list[str]:
+    """Return what was left out of the recordings and what the method has to say, a sentence each."""
+    return [*(note for run, _, _ in result.predictions for note in run.notes), *result.found.notes, *result.remarks]
+
+
+def _run(run: Run, role: str, prediction: Prediction) -> dict[str, Any]:
+    return {
+        "file": run.source,
+        "role": role,
+        "seconds": prediction.seconds,
+        "yaw_rate_r2": prediction.yaw_rate_r2,
+        "heading_rms_deg": None if prediction.heading_rms is None else math.degrees(prediction.heading_rms),
+        "segments": len(run.segments),
+    }
+
+
+def _residual_test(test: ResidualTest) -> dict[str, Any]:
+    return {
+        "signal": test.signal,
+        "is_white": test.is_white,
+        "whiteness_p": test.whiteness,
+        "lag_one_correlation": test.lag_one,
+        "memory_s": test.memory,
+        "follows_rudder": test.follows_rudder,
+        "rudder_correlation": test.rudder,
+        "rudder_lag_s": test.rudder_lag,
+        "rudder_correlation_by_chance": test.by_chance,
+    }
+
+
+def _stages(result: Result) -> dict[str, float | None]:
+    stage_one, steady = result.stage_one, result.found.steady
+    return {
+        "K": stage_one.gain if stage_one else None,
+        "T": stage_one.time_constant if stage_one else None,
+        "n3": steady.n3 if steady else None,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def as_text(result: Result) -> str:
+    """Return the result as tables and sentences."""
+    found, model = result.found, result.found.model
+    stages = _stages(result)
+    rows = [("", "estimate", "standard error", "unit", "in degrees", "two-stage (RLS)")]
+    for quantity, value in _known_quantities(found):
+        std = found.standard_errors[quantity.name]
+        in_degrees = None if value is None or quantity.factor == 1.0 else value / quantity.factor
+        degrees = "" if in_degrees is None else f"{in_degrees:.5g} {quantity.unit_deg}"
+        staged = stages.get(quantity.symbol)
+        rows.append(
+            (
+                quantity.symbol,
+                "not determined" if value is None else f"{value:.5g}",
+                _spread(quantity, std),
+                quantity.unit,
+                degrees,
+                "" if staged is None else f"{staged:.5g}",
+            )
+        )
+    choice = [_table(choice_rows(result.choice)), choice_sentence(result.choice)] if result.choice else []
+    parts = [
+        *choice,
+        f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
+        _table(rows),
+        "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
+        _table(_run_rows(result)),
+        *_trims(found),
+        *([f"Rudder rate: {rate_sentence(result.rudder_rate)}."] if result.rudder_rate else []),
+        *found.unidentifiable.values(),
+        *(" ".join(test.sentences()) for test in result.residual_tests),
+        *_notes(result),
+    ]
+    return "\n\n".join(parts)
+
+
+def _trims(found: Identified) -> list[str]:
+    if not found.trims:
+        return []
+    each = ", ".join(f"{source} {n0 / DEG:.3g}" for source, n0 in found.trims)
+    return [f"n0 of each run's own, deg/s: {each}; the model has their mean."]
+
+
+def _spread(quantity: Quantity, std: float | None) -> str:
+    if std is not None:
+        return f"{std:.2g}"
+    # some methods find K and T but no honest error of them
+    return "not given" if quantity.symbol in ("K", "T") else "held"
+
+
+def _run_rows(result: Result, name: Callable[[Run], str] = lambda run: run.source) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [("run", "role", "seconds", "R2 of yaw rate", "heading rms deg")]
+    for run, role, prediction in result.predictions:
+        r2, rms = prediction.yaw_rate_r2, prediction.heading_rms
+        rows.append(
+            (
+                name(run),
+                role,
+                f"{prediction.seconds:.1f}",
+                "-" if r2 is None else fixed(r2, 3),
+                "-" if rms is None else fixed(math.degrees(rms), 1),
+            )
+        )
+    return rows
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return "\n".join(_line(row, widths) for row in rows)
+
+
+def _line(row: Sequence[str], widths: Iterable[int]) -> str:
+    return "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def steady_report(turns: SteadyTurns, gain: float, *, as_json: bool) -> str:
+    """Return n3 from steady turns alone, with K [1/s] given: Jiang 2016's second stage."""
+    cubic = cubic_damping_stage(turns.rudder, turns.rate, gain)
+    values = {"gain": gain, "time_constant": None, "n3": cubic.n3, "n1": 1.0, "n0": 0.0}
+    if as_json:
+        document = {
+            "model": "norrbin",
+            "parameters": {
+                q.symbol: _parameter(q, values[q.name], cubic.standard_error if q.symbol == "n3" else None)
+                for q in QUANTITIES
+            },
+            "reference_speed_m_s": None,
+            "runs": [],
+            "unidentifiable": ["T"],
+            "reasons": {"T": "T: steady turns tell nothing of the time constant; record a zigzag."},
+        }
+        return json.dumps(document, indent=2, allow_nan=False)
+    error = "" if cubic.standard_error is None else f" +- {cubic.standard_error:.2g}"
+    error_deg = "" if cubic.standard_error is None else f" +- {cubic.standard_error * DEG**2:.2g}"
+    return (
+        f"K   {gain:.5g} 1/s (given)\n"
+        f"n3  {cubic.n3:.5g}{error} s^2/rad^2  =  {cubic.n3 * DEG**2:.5g}{error_deg} s^2/deg^2\n\n"
+        "Steady turns tell nothing of the time constant T; record a zigzag."
+    )
 
 
 class PredictedRun(NamedTuple):
@@ -67,73 +372,55 @@ class PredictedRun(NamedTuple):
     predicted: list[FloatArray]
 
 
-def identification_page(findings: Findings, command: str) -> str:
-    """Return the report as one HTML file."""
-    model = findings.found.model
-    shown = [PredictedRun(run, role, findings.found.simulated(run)) for run, role, _ in findings.runs]
+def identification_page(
+    result: Result, method: str, command: str, turns: SteadyTurns | None, convergence: Mapping[str, Convergence]
+) -> str:
+    """Return the report as one HTML file.
+
+    method: its name. turns: steady turns where given. convergence: how recursive methods came to theirs, by name.
+    """
+    found, choice = result.found, result.choice
+    model = found.model
+    shown = [PredictedRun(run, role, found.simulated(run)) for run, role, _ in result.predictions]
     sections = [
-        Section("Parameters", _parameters(findings), _unidentified(findings)),
-        *_correlation(findings.found),
-        *([Section("Candidates", findings.choice, (findings.chosen,))] if findings.choice else []),
-        Section("Predictions", _predictions(findings.runs), ("Open loop, from what drove the boat alone.",)),
-        *map(_run, shown),
-        _residuals(findings.residual_tests, [each for each in shown if each.role == "fit"]),
-        *_steady_turn_curve(findings),
-        *_convergence(findings),
+        Section("Parameters", _parameters(result), (*found.unidentifiable.values(), *_notes(result), LEAST)),
+        *_correlation(found),
+        *([Section("Candidates", choice_rows(choice), (choice_sentence(choice),))] if choice else []),
+        Section("Predictions", _run_rows(result, _name), ("Open loop, from what drove the boat alone.",)),
+        *map(_run_section, shown),
+        _residuals(result.residual_tests, [each for each in shown if each.role == "fit"]),
+        *_steady_turn_curve(found, turns),
+        *_convergence(found, convergence),
     ]
     lead = (
-        f"T r' + n3 r³ + n1 r + n0 = K δ at {model.reference_speed:.3g} m/s, by the method {findings.method}, from "
-        f"{', '.join(_name(run) for run, role, _ in findings.runs if role == 'fit')}."
+        f"T r' + n3 r³ + n1 r + n0 = K δ at {model.reference_speed:.3g} m/s, by the method {method}, from "
+        f"{', '.join(_name(run) for run, role, _ in result.predictions if role == 'fit')}."
     )
     return render("Identification: what the recordings say of this boat", lead, sections, command, __version__)
 
 
-def _parameters(findings: Findings) -> list[tuple[str, ...]]:
-    found = findings.found
-    bound = _bound(findings)
+def _parameters(result: Result) -> list[tuple[str, ...]]:
+    found, bound = result.found, _bound(result)
     rows: list[tuple[str, ...]] = [
         ("parameter", "unit", "estimate", "standard error", "95 % interval", "least possible")
     ]
-    for name, (symbol, unit) in SYMBOLS.items():
-        value = _value(found, name)
+    for quantity, value in _known_quantities(found):
+        error, unit = found.standard_errors.get(quantity.name), quantity.unit.replace("^2", "²")
         if value is None:
-            continue
-        error = found.standard_errors.get(name)
-        if symbol in ("K", "T") and symbol in found.unidentifiable:
-            rows.append((symbol, unit, "not determined", "-" if error is None else f"{error:.2g}", "-", "-"))
+            rows.append((quantity.symbol, unit, "not determined", "-" if error is None else f"{error:.2g}", "-", "-"))
             continue
         interval = "-" if error is None else f"{value - SURE_OF_IT * error:.4g} … {value + SURE_OF_IT * error:.4g}"
-        least = f"{bound[name]:.2g}" if name in bound else "-"
-        rows.append((symbol, unit, f"{value:.4g}", "held" if error is None else f"{error:.2g}", interval, least))
+        least = f"{bound[quantity.name]:.2g}" if quantity.name in bound else "-"
+        rows.append((quantity.symbol, unit, f"{value:.4g}", _spread(quantity, error), interval, least))
     return rows
 
 
-def _value(found: Identified, name: str) -> float | None:
-    if name == "n2" and found.model.n2 == 0.0:
-        return None
-    if name in Norrbin._fields:
-        return float(getattr(found.model, name))
-    if name in RudderTrain._fields:
-        return float(getattr(found.train, name)) or None
-    return None if found.around is None else float(getattr(found.around, name)) or None
-
-
-def _bound(findings: Findings) -> dict[str, float]:
-    found = findings.found
+def _bound(result: Result) -> dict[str, float]:
+    found = result.found
     free = found.free or ("gain", "time_constant", "n0", *(("n3",) if found.model.n3 > 0.0 else ()))
     rate, heading = (noise.size if noise.size > 0.0 else math.inf for noise in found.noise)
-    runs = [run for run, role, _ in findings.runs if role == "fit"]
+    runs = [run for run, role, _ in result.predictions if role == "fit"]
     return cramer_rao(runs, found.model, free, InstrumentNoise(rate, heading), found.around, found.train)
-
-
-def _unidentified(findings: Findings) -> tuple[str, ...]:
-    found = findings.found
-    return (
-        *found.unidentifiable.values(),
-        *found.notes,
-        *(note for run, _, _ in findings.runs for note in run.notes),
-        "Least possible: the bound of Cramér and Rao, if the residuals were white noise of the size they have.",
-    )
 
 
 def _correlation(found: Identified) -> list[Section]:
@@ -141,7 +428,7 @@ def _correlation(found: Identified) -> list[Section]:
         return []
     size = np.sqrt(np.maximum(np.diag(found.covariance), 1.0e-300))
     correlation = found.covariance / np.outer(size, size)
-    symbols = [SYMBOLS[name][0] for name in found.free]
+    symbols = [next(q.symbol for q in ALL if q.name == name) for name in found.free]
     rows = [("", *symbols)]
     rows += [(symbol, *(f"{value:+.2f}" for value in row)) for symbol, row in zip(symbols, correlation, strict=True)]
     said = (
@@ -150,16 +437,7 @@ def _correlation(found: Identified) -> list[Section]:
     return [Section("Correlation of the errors", rows, (said,))]
 
 
-def _predictions(runs: Sequence[tuple[Run, str, Prediction]]) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = [("run", "role", "length [s]", "R² of yaw rate [-]", "heading rms [deg]")]
-    for run, role, prediction in runs:
-        r2 = "-" if prediction.yaw_rate_r2 is None else fixed(prediction.yaw_rate_r2, 3)
-        rms = "-" if prediction.heading_rms is None else fixed(math.degrees(prediction.heading_rms), 1)
-        rows.append((_name(run), role, f"{prediction.seconds:.0f}", r2, rms))
-    return rows
-
-
-def _run(shown: PredictedRun) -> Section:
+def _run_section(shown: PredictedRun) -> Section:
     """Measured beside predicted, and what drove the boat."""
     run, role, simulated = shown
     time = _joined([segment.time for segment in run.segments])
@@ -222,15 +500,13 @@ def _autocorrelation(fitted: Sequence[PredictedRun], column: int) -> tuple[Float
     return np.asarray(spacing * np.arange(LONGEST_MEMORY_SHOWN), dtype=np.float64), np.array(correlation)
 
 
-def _steady_turn_curve(findings: Findings) -> list[Section]:
+def _steady_turn_curve(found: Identified, turns: SteadyTurns | None) -> list[Section]:
     """The curve of steady turns with the band that the uncertainty of the parameters leaves."""
-    found = findings.found
     if found.model.n1 <= 0.0 and found.model.n3 <= 0.0:
         return []
     rudder = np.linspace(-LARGEST_RUDDER, LARGEST_RUDDER, 71)
     rates = _rates(steering_model(found), rudder)
     lines = [Line("model, 95 % band", np.degrees(rudder), np.degrees(rates), band=_band(found, rudder, rates))]
-    turns = findings.steady_turns
     if turns is not None:
         ratio = 1.0 if turns.speed is None else turns.speed / found.model.reference_speed
         lines.append(Line("steady turns", np.degrees(turns.rudder), np.degrees(turns.rate / ratio), dots=True))
@@ -262,22 +538,21 @@ def _band(found: Identified, rudder: FloatArray, rates: FloatArray) -> FloatArra
     return np.asarray(SURE_OF_IT * np.degrees(np.sqrt(np.maximum(variance, 0.0))))
 
 
-def _convergence(findings: Findings) -> list[Section]:
+def _convergence(found: Identified, convergence: Mapping[str, Convergence]) -> list[Section]:
     """How the recursive methods came to their estimates, beside the one of this report."""
-    if not findings.convergence:
-        return []
     panels = []
-    for name in ("gain", "time_constant", "n3"):
-        symbol, unit = SYMBOLS[name]
+    for symbol, name, unit, *_ in QUANTITIES[:3]:
         lines = [
             Line(method, path.time, path.values[:, path.names.index(name)])
-            for method, path in findings.convergence.items()
+            for method, path in convergence.items()
             if name in path.names
         ]
         if lines:
             ends = np.array([min(line.time[0] for line in lines), max(line.time[-1] for line in lines)])
-            here = np.full(2, float(getattr(findings.found.model, name)))
-            panels.append(Panel(f"{symbol} [{unit}]", [Line("this report", ends, here, True), *lines]))
+            here = np.full(2, float(getattr(found.model, name)))
+            panels.append(
+                Panel(f"{symbol} [{unit.replace('^2', '²')}]", [Line("this report", ends, here, True), *lines])
+            )
     if not panels:
         return []
     return [

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from zigzag_trials import run_of, zigzag
 
-from autopilot.cli.identify_report import Result, as_json, as_text
 from autopilot.cli.identify_vessel import ASSUMED_RATE_DEG_S, Given, boat_for, write_vessel
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified
@@ -19,6 +18,7 @@ from autopilot.identification.residuals import Noise
 from autopilot.identification.rudder_path import measured_rudder_rate, rudder_rate_of
 from autopilot.identification.runs import Segment
 from autopilot.models.norrbin import Norrbin
+from autopilot.report.identification import Result, as_json, as_text
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Vessel
 
