@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.models import waves, wind
-from autopilot.models.waves import GRAVITY, SecondOrderWaves
+from autopilot.models.waves import GRAVITY, SecondOrderWaves, WaveState, WaveTransition
 from sitl.boat import BoatState, Disturbance, Hull
-from sitl.scenario import CurrentSection, IttcSection, Scenario, SecondOrderSection, WindSection
+from sitl.scenario import CurrentSection, IttcSection, Scenario, SecondOrderSection
 
 
 class Deviates:
@@ -33,21 +33,6 @@ def second_order_waves(section: SecondOrderSection) -> SecondOrderWaves:
     """Return the shaping filter of a scenario's section."""
     gain_deg = 2.0 * section.damping * section.frequency_rad_s * section.sigma_deg
     return SecondOrderWaves(section.frequency_rad_s, section.damping, math.radians(gain_deg), section.noise_power)
-
-
-class SecondOrderSea:
-    """Waves of `autopilot.models.waves.SecondOrderWaves`, as an equivalent rudder angle [rad]."""
-
-    def __init__(self, section: SecondOrderSection, deviates: Deviates, dt: float) -> None:
-        model = second_order_waves(section)
-        self._deviates = deviates
-        self._transition = waves.discretise(model, dt)
-        self._state = waves.stationary_state(model, deviates.next(), deviates.next())
-
-    def step(self) -> float:
-        """Move one step on and return the equivalent rudder [rad]."""
-        self._state = waves.wave_step(self._transition, self._state, self._deviates.next(), self._deviates.next())
-        return self._state.value
 
 
 class IttcWaves(NamedTuple):
@@ -120,13 +105,11 @@ class IttcSea:
     with theta the wave's phase amidships; summed over the components.
     """
 
-    def __init__(
-        self, section: IttcSection, hull: Hull, generator: np.random.Generator, current: CurrentSection = STILL_WATER
-    ) -> None:
-        self._waves = ittc_waves(section, hull, generator, current)
+    def __init__(self, components: IttcWaves) -> None:
+        self._waves = components
         self._known_degree: int | None = None
-        self._yaw_amplitude = np.zeros(section.components)
-        self._roll_amplitude = np.zeros(section.components)
+        self._yaw_amplitude = np.zeros(components.frequency.size)
+        self._roll_amplitude = np.zeros(components.frequency.size)
 
     def at(self, time: float, state: BoatState) -> tuple[float, float]:
         """Return yaw acceleration [rad/s^2] and effective roll slope [rad] for a boat at `state`, `time` [s]."""
@@ -150,45 +133,88 @@ def _spherical_bessel_1(argument: waves.Array) -> waves.Array:
     return np.asarray(np.where(small, argument / 3.0 * (1.0 - argument * argument / 10.0), exact))
 
 
-class Wind:
-    """Mean wind and gusts, as equivalent rudder and leeway."""
+NO_NOISE = np.zeros(0)
+NO_SWELL = WaveTransition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_WAVES = IttcWaves(NO_NOISE, NO_NOISE, NO_NOISE, NO_NOISE, 0.0, 1.0, 1.0)
 
-    def __init__(self, section: WindSection, deviates: Deviates, dt: float) -> None:
-        self._section = section
-        self._deviates = deviates
-        self._dt = dt
-        self._from = math.radians(section.from_deg)
-        self._gust = wind.Gust(section.gust_m_s, section.gust_time_s)
-        self._load = wind.WindLoad(math.radians(section.rudder_deg_per_m2_s2), section.leeway)
-        self._value = 0.0
 
-    def step(self, state: BoatState) -> tuple[float, float]:
-        """Move one step on; return equivalent rudder [rad] and leeway speed [m/s]."""
-        self._value = wind.gust_step(self._gust, self._value, self._dt, self._deviates.next())
-        speed = max(self._section.speed_m_s + self._value, 0.0)
-        felt = wind.apparent_wind(speed, self._from, state.heading, state.north_speed, state.east_speed)
-        return wind.rudder_equivalent(self._load, felt), wind.leeway_speed(self._load, felt)
+class Water(NamedTuple):
+    """Everything about sea, wind and current that does not change; arrays without entries where there are no waves.
+
+    swell_noise, two deviates a step, and wind_noise, one: where they are drawn before the run.
+    """
+
+    has_swell: bool
+    swell: WaveTransition
+    has_waves: bool
+    waves: IttcWaves
+    has_wind: bool
+    wind_speed: float
+    wind_from: float
+    gust: wind.Gust
+    load: wind.WindLoad
+    current_north: float
+    current_east: float
+    swell_noise: waves.Array = NO_NOISE
+    wind_noise: waves.Array = NO_NOISE
+
+
+def water_of(scenario: Scenario, hull: Hull, seed: np.random.SeedSequence, dt: float) -> Water:
+    """Return what a scenario has of sea, wind and current, for steps of `dt` [s]; the seed is that of the waves."""
+    section, ittc, gusts = scenario.waves.second_order, scenario.waves.ittc, scenario.wind
+    towards = math.radians(scenario.current.towards_deg)
+    generator = np.random.default_rng(seed)
+    return Water(
+        has_swell=section is not None,
+        swell=waves.discretise(second_order_waves(section), dt) if section else NO_SWELL,
+        has_waves=ittc is not None,
+        waves=ittc_waves(ittc, hull, generator, scenario.current) if ittc else NO_WAVES,
+        has_wind=gusts.speed_m_s > 0.0 or gusts.gust_m_s > 0.0,
+        wind_speed=gusts.speed_m_s,
+        wind_from=math.radians(gusts.from_deg),
+        gust=wind.Gust(gusts.gust_m_s, gusts.gust_time_s),
+        load=wind.WindLoad(math.radians(gusts.rudder_deg_per_m2_s2), gusts.leeway),
+        current_north=scenario.current.speed_m_s * math.cos(towards),
+        current_east=scenario.current.speed_m_s * math.sin(towards),
+    )
+
+
+def swell_at_start(scenario: Scenario, first: float, second: float) -> WaveState:
+    """Return the swell before the first step, from two deviates."""
+    section = scenario.waves.second_order
+    return waves.stationary_state(second_order_waves(section), first, second) if section else WaveState()
+
+
+def acting(water: Water, swell: float, gust: float, yaw: float, slope: float, state: BoatState) -> Disturbance:
+    """Return what acts on the boat: swell as a rudder angle [rad], gust [m/s], and what the wave components do to it,
+    yaw acceleration [rad/s^2] and effective roll slope [rad]."""
+    push, leeway = 0.0, 0.0
+    if water.has_wind:
+        speed = max(water.wind_speed + gust, 0.0)
+        felt = wind.apparent_wind(speed, water.wind_from, state.heading, state.north_speed, state.east_speed)
+        push, leeway = wind.rudder_equivalent(water.load, felt), wind.leeway_speed(water.load, felt)
+    return Disturbance(swell + push, yaw, slope, leeway, water.current_north, water.current_east)
 
 
 class Sea:
     """All that a scenario does to the boat; one `step` for each step of the boat."""
 
     def __init__(self, scenario: Scenario, hull: Hull, seed: np.random.SeedSequence, dt: float) -> None:
-        wave_seed, ittc_seed, wind_seed = seed.spawn(3)
-        second_order, ittc = scenario.waves.second_order, scenario.waves.ittc
-        self._second_order = (
-            SecondOrderSea(second_order, Deviates(np.random.default_rng(wave_seed)), dt) if second_order else None
-        )
-        self._ittc = IttcSea(ittc, hull, np.random.default_rng(ittc_seed), scenario.current) if ittc else None
-        is_windy = scenario.wind.speed_m_s > 0.0 or scenario.wind.gust_m_s > 0.0
-        self._wind = Wind(scenario.wind, Deviates(np.random.default_rng(wind_seed)), dt) if is_windy else None
-        towards = math.radians(scenario.current.towards_deg)
-        self._current_north = scenario.current.speed_m_s * math.cos(towards)
-        self._current_east = scenario.current.speed_m_s * math.sin(towards)
+        swell_seed, ittc_seed, wind_seed = seed.spawn(3)
+        self._water, self._dt = water_of(scenario, hull, ittc_seed, dt), dt
+        self._components = IttcSea(self._water.waves) if self._water.has_waves else None
+        self._swell_noise = Deviates(np.random.default_rng(swell_seed))
+        self._wind_noise = Deviates(np.random.default_rng(wind_seed))
+        self._swell, self._gust = WaveState(), 0.0
+        if self._water.has_swell:
+            self._swell = swell_at_start(scenario, self._swell_noise.next(), self._swell_noise.next())
 
     def step(self, time: float, state: BoatState) -> Disturbance:
         """Return what acts on the boat at `time` [s] since the start; to be called once a step."""
-        rudder = self._second_order.step() if self._second_order else 0.0
-        yaw, slope = self._ittc.at(time, state) if self._ittc else (0.0, 0.0)
-        push, leeway = self._wind.step(state) if self._wind else (0.0, 0.0)
-        return Disturbance(rudder + push, yaw, slope, leeway, self._current_north, self._current_east)
+        water, swell_noise = self._water, self._swell_noise
+        if water.has_swell:
+            self._swell = waves.wave_step(water.swell, self._swell, swell_noise.next(), swell_noise.next())
+        if water.has_wind:
+            self._gust = wind.gust_step(water.gust, self._gust, self._dt, self._wind_noise.next())
+        yaw, slope = self._components.at(time, state) if self._components else (0.0, 0.0)
+        return acting(water, self._swell.value, self._gust, yaw, slope, state)

@@ -20,7 +20,7 @@ from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.waves import WaveState
 from sitl.boat import BoatState, Disturbance, Plant, Step, boat_step
 from sitl.campaign.compiled_tick import CampaignConfig, Measurement, initial_state, tick
-from sitl.campaign.environment import Surface, Water, WaterState, water_step
+from sitl.campaign.environment import Surface, WaterState, water_step
 
 SETTLED = math.radians(1.0)
 """A turn is over when the true heading stays within this [rad] of the one ordered."""

@@ -17,37 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.models import waves, wind
-from autopilot.models.waves import WaveState, WaveTransition
-from autopilot.models.wind import Gust, WindLoad
+from autopilot.models.waves import WaveState
 from sitl.boat import BoatState, Disturbance
-from sitl.sea import IttcWaves, wave_forces, way_along, whole_degree
+from sitl.sea import IttcWaves, Water, acting, wave_forces, way_along, whole_degree
 
 Floats = NDArray[np.float64]
 
 AFRESH = 64
 LONGEST_TURN = 0.6
 """A phase that moves further than this [rad] in one step is taken anew each step."""
-
-
-class Water(NamedTuple):
-    """Everything about sea, wind and current that does not change; arrays without entries where there are no waves.
-
-    swell_noise holds two deviates a step, wind_noise one.
-    """
-
-    has_swell: bool
-    swell: WaveTransition
-    swell_noise: Floats
-    has_waves: bool
-    waves: IttcWaves
-    has_wind: bool
-    wind_speed: float
-    wind_from: float
-    gust: Gust
-    load: WindLoad
-    wind_noise: Floats
-    current_north: float
-    current_east: float
 
 
 class Surface(NamedTuple):
@@ -97,15 +75,10 @@ def water_step(
             _meet(water.waves, surface, degree)
         along = _phases(water.waves, surface, before.along, step, dt, state)
         yaw, slope = summed(surface.yaw[degree], surface.roll[degree], surface.cosine, surface.sine)
-    gust, push, leeway = before.gust, 0.0, 0.0
+    gust = before.gust
     if water.has_wind:
         gust = wind.gust_step(water.gust, gust, dt, water.wind_noise[step])
-        felt = wind.apparent_wind(
-            max(water.wind_speed + gust, 0.0), water.wind_from, state.heading, state.north_speed, state.east_speed
-        )
-        push, leeway = wind.rudder_equivalent(water.load, felt), wind.leeway_speed(water.load, felt)
-    acting = Disturbance(rudder + push, yaw, slope, leeway, water.current_north, water.current_east)
-    return WaterState(swell, gust, along, degree), acting
+    return WaterState(swell, gust, along, degree), acting(water, rudder, gust, yaw, slope, state)
 
 
 def _meet(components: IttcWaves, surface: Surface, degree: int) -> None:

@@ -19,8 +19,7 @@ from autopilot.angles import wrap
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import initial
 from autopilot.estimation.rudder_observer import RudderMemory
-from autopilot.models import waves, wind
-from autopilot.models.waves import WaveState, WaveTransition
+from autopilot.models.waves import WaveState
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
 from autopilot.tick import steering_of
@@ -42,12 +41,12 @@ from sitl.campaign.compiled_run import (
     scored,
 )
 from sitl.campaign.compiled_tick import CampaignConfig
-from sitl.campaign.environment import Water, surface_of
+from sitl.campaign.environment import surface_of
 from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.fault_kinds import KINDS
 from sitl.faults import FaultBoard
 from sitl.scenario import Scenario
-from sitl.sea import IttcWaves, ittc_waves, second_order_waves
+from sitl.sea import Water, swell_at_start, water_of
 from sitl.sensors import Reading, SensorFaults, or_else
 from sitl.world import STEP, Orders, Pace, World
 
@@ -158,8 +157,6 @@ def _scored(score: Score, course: Course, world: World, before: float, last_comm
 DEVIATES_A_SET = 10
 """How many deviates `Sensors.sample` draws."""
 RING = 64
-NO_NOISE = np.zeros(0)
-NO_SWELL = WaveTransition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Prepared(NamedTuple):
@@ -215,7 +212,7 @@ def setting_of(job: Job, run: int) -> Setting | None:
         return None
     steps = steps_of(job.study, STEP)
     sea_seed, sensor_seed, fault_seed, _ = np.random.SeedSequence(seed).spawn(4)
-    water, swell = water_of(shared.scenario, shared.plant, sea_seed, steps // WATER_EVERY + 1)
+    water, swell = drawn_water(shared.scenario, shared.plant, sea_seed, steps // WATER_EVERY + 1)
     every = measured_every(job.study)
     instruments = instruments_of(shared, sensor_seed, steps, every, job.study)
     if shared.scenario.faults:
@@ -266,36 +263,16 @@ def instruments_of(shared: Prepared, seed: np.random.SeedSequence, steps: int, e
     )
 
 
-def water_of(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, steps: int) -> tuple[Water, WaveState]:
+def drawn_water(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, steps: int) -> tuple[Water, WaveState]:
     """Return the sea with all its deviates, drawn as `sitl.sea.Sea` draws them, and the swell at the start."""
     swell_seed, ittc_seed, wind_seed = seed.spawn(3)
-    section, ittc, gusts = scenario.waves.second_order, scenario.waves.ittc, scenario.wind
-    transition, swell, swell_noise = NO_SWELL, WaveState(), NO_NOISE
-    if section is not None:
+    water, swell = water_of(scenario, plant.hull, ittc_seed, WATER_EVERY * STEP), WaveState()
+    if water.has_swell:
         drawn = np.random.default_rng(swell_seed).standard_normal(2 + 2 * steps)
-        model, swell_noise = second_order_waves(section), drawn[2:]
-        transition = waves.discretise(model, WATER_EVERY * STEP)
-        swell = waves.stationary_state(model, float(drawn[0]), float(drawn[1]))
-    components = IttcWaves(NO_NOISE, NO_NOISE, NO_NOISE, NO_NOISE, 0.0, 1.0, 1.0)
-    if ittc is not None:
-        components = ittc_waves(ittc, plant.hull, np.random.default_rng(ittc_seed), scenario.current)
-    has_wind = gusts.speed_m_s > 0.0 or gusts.gust_m_s > 0.0
-    towards = math.radians(scenario.current.towards_deg)
-    water = Water(
-        has_swell=section is not None,
-        swell=transition,
-        swell_noise=swell_noise,
-        has_waves=ittc is not None,
-        waves=components,
-        has_wind=has_wind,
-        wind_speed=gusts.speed_m_s,
-        wind_from=math.radians(gusts.from_deg),
-        gust=wind.Gust(gusts.gust_m_s, gusts.gust_time_s),
-        load=wind.WindLoad(math.radians(gusts.rudder_deg_per_m2_s2), gusts.leeway),
-        wind_noise=np.random.default_rng(wind_seed).standard_normal(steps) if has_wind else NO_NOISE,
-        current_north=scenario.current.speed_m_s * math.cos(towards),
-        current_east=scenario.current.speed_m_s * math.sin(towards),
-    )
+        swell = swell_at_start(scenario, float(drawn[0]), float(drawn[1]))
+        water = water._replace(swell_noise=drawn[2:])
+    if water.has_wind:
+        water = water._replace(wind_noise=np.random.default_rng(wind_seed).standard_normal(steps))
     return water, swell
 
 

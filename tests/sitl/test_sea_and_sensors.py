@@ -21,7 +21,7 @@ from sitl.scenario import (
     WavesSection,
     load_scenario,
 )
-from sitl.sea import IttcSea, Sea
+from sitl.sea import IttcSea, Sea, ittc_waves
 from sitl.sensors import Reading, Sensors
 from sitl.world import STEP, Orders, World
 
@@ -70,7 +70,7 @@ def test_a_boat_that_drifts_with_the_current_meets_the_sea_of_still_water() -> N
 
 def still_sea(from_deg: float) -> IttcSea:
     section = IttcSection(significant_height_m=2.0, peak_period_s=6.0, from_deg=from_deg)
-    return IttcSea(section, Hull(), np.random.default_rng(2))
+    return IttcSea(ittc_waves(section, Hull(), np.random.default_rng(2)))
 
 
 def test_head_seas_neither_roll_nor_yaw() -> None:
@@ -90,7 +90,7 @@ def test_slope_has_the_variance_of_the_spectrum() -> None:
     """Abeam, the slope's variance is the integral of k^2 S, with the hull's reductions near one for long waves."""
     section = IttcSection(significant_height_m=2.0, peak_period_s=9.0, from_deg=90.0, components=200)
     small = Hull(length=1.0, beam=0.1, draught=0.02)
-    sea = IttcSea(section, small, np.random.default_rng(0))
+    sea = IttcSea(ittc_waves(section, small, np.random.default_rng(0)))
     slopes = [sea.at(0.3 * step, BoatState())[1] for step in range(8000)]
     frequency = np.linspace(math.pi / 9.0, 6.0 * math.pi / 9.0, 2000)
     density = waves.ittc_spectrum(frequency, 2.0, waves.mean_period_of(9.0))
@@ -101,7 +101,7 @@ def test_slope_has_the_variance_of_the_spectrum() -> None:
 def test_a_moving_boat_meets_head_seas_more_often() -> None:
     """The encounter comes out of the boat's own motion, as the formula says it must."""
     section = IttcSection(significant_height_m=1.0, peak_period_s=8.0, from_deg=30.0, components=2)
-    sea = IttcSea(section, Hull(), np.random.default_rng(1))
+    sea = IttcSea(ittc_waves(section, Hull(), np.random.default_rng(1)))
     frequency = np.asarray(sea._waves.frequency)
     speed, towards = 6.0, math.radians(210.0)
     times = 0.05 * np.arange(40000)
