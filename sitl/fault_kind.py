@@ -46,12 +46,11 @@ class Moved(NamedTuple):
 class Kind(NamedTuple):
     """What a fault does; `unit` of its size, empty where it has none, the default size, and its range.
 
-    of_a_compass: one of two compasses may have it, with its rate gyro. is_tabled: what it does is known before a run
-    begins, so that compiled campaigns have it. silences: messages and sentences that it keeps from being sent.
-    order: what the gear is given for an order [rad]. reached: where the rudder [rad] really is. thrust: the speed [m/s]
-    that the engine reaches, of that which is asked for and that of the start. push: what acts on the boat, of its
-    heading [rad]. reads: what an instrument shows. happens: what is done to the firmware, once, when it begins. sticks:
-    where a hand has the radio's channels [us].
+    of_a_compass: one of two compasses may have it, with its rate gyro. silences: messages and sentences that it keeps
+    from being sent. order: what the gear is given for an order [rad]. reached: where the rudder [rad] really is.
+    thrust: the speed [m/s] that the engine reaches, of that which is asked for and that of the start. push: what acts
+    on the boat, of its heading [rad]. reads: what an instrument shows. happens: what is done to the firmware, once,
+    when it begins. sticks: where a hand has the radio's channels [us].
     """
 
     what: str
@@ -60,7 +59,6 @@ class Kind(NamedTuple):
     low: float = 1.0
     high: float = 1.0
     of_a_compass: bool = False
-    is_tabled: bool = False
     silences: tuple[str, ...] = ()
     order: Callable[[Acting, Ordered], float] | None = None
     reached: Callable[[Acting, Moved], float] | None = None

@@ -109,7 +109,7 @@ KINDS = {
     "shallow": Kind("STATUSTEXT: Shallow water", "m", 1.0, 0.0, 100.0, happens=shallow),
     "clock_step": Kind("the flight controller's clock steps, once", "s", 5.0, -86400.0, 86400.0, happens=clock_step),
     # of the lines to it: `sitl.serve` makes them as bad as these say
-    "silence": Kind("the boat sends nothing at all", is_tabled=True),
+    "silence": Kind("the boat sends nothing at all"),
     "link_deaf": Kind("nothing that is sent to the boat arrives"),
     "link_half_open": Kind("nothing arrives either way, without an error"),
     "link_loss": _chance("packets are lost", 0.3),

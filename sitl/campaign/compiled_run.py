@@ -21,6 +21,7 @@ from autopilot.models.waves import WaveState
 from sitl.boat import BoatState, Disturbance, Plant, Step, boat_step
 from sitl.campaign.compiled_tick import CampaignConfig, Measurement, initial_state, tick
 from sitl.campaign.environment import Surface, WaterState, water_step
+from sitl.sea import Water
 
 SETTLED = math.radians(1.0)
 """A turn is over when the true heading stays within this [rad] of the one ordered."""
@@ -127,10 +128,6 @@ Floats = NDArray[np.float64]
 
 HEADING, RATE, SPEED = 0, 5, 9
 """Places of these readings' deviates among those that `Sensors.sample` draws for one set."""
-NO_HEADING, NO_SPEED = 1, 2
-"""Bits of what a tick does not hear."""
-
-
 CALM = Disturbance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -138,9 +135,7 @@ class Instruments(NamedTuple):
     """Standard deviations [rad], [rad/s], [m/s]; offset and resolution [rad]; latency [s]; deviates by set of readings.
 
     A set is measured every `every` steps, a speed goes out with every `speed_every`-th set, and a rate with each where
-    there is a gyro, `has_rate`. Where instruments fail,
-    `corrupted` holds by set what to add to the heading [rad], factor on and addition to the rate [rad/s], factor on the
-    speed; `missing` by set what does not arrive.
+    there is a gyro, `has_rate`.
     """
 
     heading_noise: float
@@ -153,9 +148,6 @@ class Instruments(NamedTuple):
     every: int
     speed_every: int
     has_rate: bool
-    fails: bool
-    corrupted: Floats
-    missing: NDArray[np.int64]
 
 
 class Setting(NamedTuple):
@@ -206,8 +198,6 @@ def run_compiled(setting: Setting, workspace: Workspace) -> tuple[Score, bool]:
     orders_ring = len(workspace.orders) - 1
     heading, rate, speed = readings(instruments, 0, state)
     _keep(workspace, 0, heading, rate, speed)
-    if instruments.missing[0]:
-        return NOTHING, False
     measurement = Measurement(Measured(0.0, wrap(heading), rate), speed)
     pilot_state = initial_state(setting.campaign, setting.filtered, lag * dt, measurement, workspace.rudder)
     score, command = NOTHING, 0.0
@@ -246,11 +236,6 @@ def readings(instruments: Instruments, reading: int, state: BoatState) -> tuple[
     heading = wrap_positive(round(heading / step) * step if step > 0.0 else heading)
     rate = state.rate + instruments.rate_noise * deviates[reading, RATE]
     speed = state.speed + instruments.speed_noise * deviates[reading, SPEED]
-    if instruments.fails:
-        corrupted = instruments.corrupted
-        heading = wrap_positive(heading + corrupted[reading, 0])
-        rate = rate * corrupted[reading, 1] + corrupted[reading, 2]
-        speed *= corrupted[reading, 3]
     return heading, rate, speed
 
 
@@ -264,11 +249,7 @@ def _keep(workspace: Workspace, reading: int, heading: float, rate: float, speed
 def measurement_of(instruments: Instruments, workspace: Workspace, reading: int, dt: float) -> Measurement:
     """Return what of a set of readings reaches the pilot."""
     place, time = reading & (len(workspace.readings) - 1), reading * instruments.every * dt
-    missing = instruments.missing[reading] if instruments.fails else 0
-    heading, rate, speed = math.nan, math.nan, math.nan
-    if not missing & NO_HEADING:
-        heading = wrap(workspace.readings[place, 0])
-        rate = workspace.readings[place, 1] if instruments.has_rate else math.nan
-    if not missing & NO_SPEED and reading % instruments.speed_every == 0:
-        speed = workspace.readings[place, 2]
+    heading = wrap(workspace.readings[place, 0])
+    rate = workspace.readings[place, 1] if instruments.has_rate else math.nan
+    speed = workspace.readings[place, 2] if reading % instruments.speed_every == 0 else math.nan
     return Measurement(Measured(time, heading, rate), speed)

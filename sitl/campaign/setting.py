@@ -1,9 +1,5 @@
 """From a run of a study to the NamedTuples and arrays of `compiled_loop`: the same numbers that `full` starts from.
 
-Failing instruments, tabled before a run begins: what their faults add, multiply and swallow, set by set.
-
-Faults that keep an old value, and those of the boat itself, depend on how the run goes: the full simulator has them.
-
 One run of a campaign in the full simulator: `sitl.world` and the pilot itself, supervisor, monitors and all.
 """
 
@@ -26,8 +22,6 @@ from autopilot.tick import steering_of
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, Plant, plant_of, step_of
 from sitl.campaign.compiled_run import (
-    NO_HEADING,
-    NO_SPEED,
     NOTHING,
     Course,
     Figures,
@@ -43,40 +37,10 @@ from sitl.campaign.compiled_run import (
 from sitl.campaign.compiled_tick import CampaignConfig
 from sitl.campaign.environment import surface_of
 from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
-from sitl.fault_kinds import KINDS
-from sitl.faults import FaultBoard
 from sitl.scenario import Scenario
 from sitl.sea import Water, swell_at_start, water_of
-from sitl.sensors import Reading, SensorFaults, or_else
+from sitl.sensors import Reading, or_else
 from sitl.world import STEP, Orders, Pace, World
-
-UNIT = Reading(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def can_be_tabled(scenario: Scenario) -> bool:
-    """Return whether all faults of the scenario are known before it begins."""
-    return all(KINDS[fault.kind].is_tabled for fault in scenario.faults)
-
-
-def failing(instruments: Instruments, faults: FaultBoard, seed: np.random.SeedSequence) -> Instruments:
-    """Return the instruments with these faults; `seed` is that of the sensors, from which the corruption's comes."""
-    corruption, sets = SensorFaults(faults, seed.spawn(1)[0]), len(instruments.deviates)
-    corrupted, missing = np.zeros((sets, 4)), np.zeros(sets, dtype=np.int64)
-    lag = math.ceil(instruments.latency / STEP - 1.0e-7)
-    for place in range(sets):
-        step = place * instruments.every
-        time, received = step * STEP, (step + lag) * STEP
-        # what is done to nothing, and to a speed of 1, is what is done to everything
-        left = corruption.corrupt(time, UNIT)
-        factor = -1.0 if faults.is_on("rate_reversed", time) else 1.0
-        corrupted[place] = left.heading, factor, left.rate, left.water_speed
-        is_silent = faults.is_on("silence", received)
-        if is_silent or faults.is_on("heading_dropout", received):
-            missing[place] |= NO_HEADING
-        if is_silent or faults.is_on("speed_lost", received):
-            missing[place] |= NO_SPEED
-    return instruments._replace(fails=True, corrupted=corrupted, missing=missing)
-
 
 SPEED_HZ = 1
 WATER_EVERY = 5
@@ -208,15 +172,13 @@ def setting_of(job: Job, run: int) -> Setting | None:
     """Return the setting of a run; None where only the full simulator can do it."""
     case, seed = case_and_seed(job, run)
     shared = prepared(job, case)
-    if shared.campaign is None or not can_be_tabled(shared.scenario):
+    if shared.campaign is None or shared.scenario.faults:
         return None
     steps = steps_of(job.study, STEP)
-    sea_seed, sensor_seed, fault_seed, _ = np.random.SeedSequence(seed).spawn(4)
+    sea_seed, sensor_seed, _, _ = np.random.SeedSequence(seed).spawn(4)
     water, swell = drawn_water(shared.scenario, shared.plant, sea_seed, steps // WATER_EVERY + 1)
     every = measured_every(job.study)
     instruments = instruments_of(shared, sensor_seed, steps, every, job.study)
-    if shared.scenario.faults:
-        instruments = failing(instruments, FaultBoard(shared.scenario.faults, fault_seed), sensor_seed)
     heading, rate, _ = readings(instruments, 0, shared.start)
     return Setting(
         steps=steps,
@@ -257,9 +219,6 @@ def instruments_of(shared: Prepared, seed: np.random.SeedSequence, steps: int, e
         every=every,
         speed_every=study.heading_hz // SPEED_HZ,
         has_rate=study.gyro,
-        fails=False,
-        corrupted=np.zeros((0, 4)),
-        missing=np.zeros(1, dtype=np.int64),
     )
 
 

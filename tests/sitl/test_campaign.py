@@ -78,13 +78,6 @@ STUDIES = {
     "sliding": replace(STUDY, laws=("sliding",), heading_hz=20),
     "late, coarse compass": replace(STUDY, instruments={"late": SensorsSection(latency_s=0.25, heading_step_deg=0.1)}),
     "compass alone": replace(STUDY, gyro=False, seas={"sea": SEAS["sea"]}),
-    "gaps and offsets": faulty(
-        ("heading_dropout", 4.0, 4.6, 1.0),
-        ("heading_jump", 5.0, 6.0, 3.0),
-        ("heading_noise", 6.0, 9.0, 1.0),
-        ("rate_reversed", 9.0, 9.4, 1.0),
-        ("speed_lost", 10.0, 11.0, 1.0),
-    ),
 }
 
 
@@ -194,19 +187,24 @@ def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
 
 
 @pytest.mark.parametrize(
-    "study",
+    "instruments",
     [
-        faulty(("heading_dropout", 5.0, 8.0, 1.0)),
-        faulty(("heading_frozen", 5.0, 12.0, 1.0)),
-        faulty(("rudder_stuck", 5.0, 12.0, 1.0)),
-        faulty(("heading_jump", 5.0, 12.0, 90.0)),
-        faulty(("heading_spikes", 5.0, 12.0, 0.3)),
-        faulty(("rate_bias", 3.0, 12.0, 20.0)),
+        SensorsSection(heading_step_deg=10.0, heading_noise_deg=0.0),
+        SensorsSection(heading_noise_deg=20.0),
+        SensorsSection(rate_noise_deg_s=30.0),
+        SensorsSection(latency_s=1.5),
     ],
+    ids=["frozen", "jumps", "rate apart", "late"],
 )
-def test_what_is_more_than_steering_is_left_to_the_full_simulator(study: Study) -> None:
-    setting = setting_of(Job(study, "."), 0)
-    assert setting is None or not run_compiled(setting, workspace_of(setting))[1]
+def test_what_is_more_than_steering_is_left_to_the_full_simulator(instruments: SensorsSection) -> None:
+    setting = setting_of(Job(replace(STUDY, instruments={"poor": instruments}), "."), 0)
+    assert setting is not None
+    assert not run_compiled(setting, workspace_of(setting))[1]
+
+
+@pytest.mark.parametrize("kind", ["heading_dropout", "heading_frozen", "rudder_stuck", "speed_lost"])
+def test_faults_are_left_to_the_full_simulator(kind: FaultKind) -> None:
+    assert setting_of(Job(faulty((kind, 5.0, 8.0, 1.0)), "."), 0) is None
 
 
 def test_a_lost_compass_ends_the_engagement_in_the_results() -> None:
