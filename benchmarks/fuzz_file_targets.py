@@ -22,7 +22,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from starlette.responses import JSONResponse
 
-from autopilot.cli.helm_keys import request_of
+from autopilot.cli.helm import request_of
 from autopilot.cli.log import as_text
 from autopilot.cli.log_measures import as_json as measures_json
 from autopilot.cli.log_measures import as_text as measures_text

@@ -166,20 +166,9 @@ class LineClients:
 
 
 PERIOD_S = 0.2
-REASON_S = 1.2
-"""Why the boat refuses an order comes as a text of its own, after the refusal."""
 REFUSED, SILENT = 409, 504
 """Status of an order that the boat refuses as things stand, and of one that it does not answer."""
 MAGNETIC = "the boat steers magnetic courses (sensors.magnetic), and headingTrue is none: use adjustHeading"
-
-
-class _Refused(NamedTuple):
-    client: int
-    id: str
-    status: int
-    words: str
-    said: int
-    until: float
 
 
 class Bridge:
@@ -192,7 +181,6 @@ class Bridge:
         self._station, self._line, self._clients, self._token, self._print = station, line, clients, token, print_line
         self._deltas = Deltas()
         self._next = -math.inf
-        self._refused: list[_Refused] = []
         self._trouble = ""
 
     @property
@@ -212,7 +200,6 @@ class Bridge:
             self._take(now, client, line)
         if received:
             self._line.turn(now)
-        self._answer_refusals(now)
         if now >= self._next:
             self._next = now + PERIOD_S
             delta = self._deltas.due(self._station, now)
@@ -241,24 +228,12 @@ class Bridge:
         if request.order["do"] == "heading" and self._station.view.value("magnetic"):
             self._clients.send(answer(request.id, REFUSED, MAGNETIC), client)
             return
-        said = self._station.view.texts.count
 
         def on_done(answered: Answer, words: str) -> None:
-            if answered:
-                self._clients.send(answer(request.id, 200, words), client)
-            else:
-                until = now + REASON_S if answered is Answer.REFUSED else -math.inf
-                status = SILENT if answered is Answer.SILENT else REFUSED
-                self._refused.append(_Refused(client, request.id, status, words, said, until))
+            status = 200 if answered else SILENT if answered is Answer.SILENT else REFUSED
+            self._clients.send(answer(request.id, status, words), client)
 
-        asked_of(self._station, request.order)(now, on_done)
-
-    def _answer_refusals(self, now: float) -> None:
-        for refused in list(self._refused):
-            reasons = [text.words for text in self._station.view.texts.kept if text.number > refused.said]
-            if reasons or now >= refused.until:
-                self._refused.remove(refused)
-                self._clients.send(answer(refused.id, refused.status, (reasons or [refused.words])[-1]), refused.client)
+        self._station.ask(now, asked_of(self._station, request.order), on_done)
 
     def _publish(self) -> None:
         for news in self._clients.news:

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 from autopilot.errors import InputError
 from autopilot.files.outside import is_same_token, read_regular
 from autopilot.files.saving import replace_file
-from autopilot.web.orders import Answer, OnDone
+from autopilot.web.orders import Answer, Asked
 from autopilot.web.station import BoatLine, Station
 
 TOKEN_BYTES = 18
@@ -105,11 +105,6 @@ BEHIND_MOST = 50
 CLIENTS_MOST = 32
 """Places. Where they are full who has the token gets one, and keeps it, before who only looks."""
 ANSWER_S = 8.0
-REASON_S = 1.2
-"""Why something was refused comes as a text of its own, after the refusal, in pieces."""
-
-Asked = Callable[[float, OnDone], None]
-"""What carries an order out at a time [s], and is called with how it ended."""
 
 
 class Hub:
@@ -199,19 +194,18 @@ class Hub:
     async def ask(self, asked: Asked) -> tuple[bool, str]:
         """Give an order; return whether it was taken, and in words why not."""
         done: asyncio.Future[tuple[Answer, str]] = asyncio.get_running_loop().create_future()
-        said = self.station.view.texts.count
 
         def on_done(answer: Answer, words: str) -> None:
             if not done.done():
                 done.set_result((answer, words))
 
-        asked(self.clock(), on_done)
+        self.station.ask(self.clock(), asked, on_done)
         self._turn()
         try:
             answer, words = await asyncio.wait_for(done, ANSWER_S)
         except TimeoutError:
             return False, "the boat does not answer"
-        return bool(answer), words if answer is not Answer.REFUSED else await self._reason(said, words)
+        return bool(answer), words
 
     def close(self) -> None:
         """Let every browser go, and take no more."""
@@ -224,17 +218,6 @@ class Hub:
         while not queue.empty():
             queue.get_nowait()
         queue.put_nowait(None)
-
-    async def _reason(self, said: int, words: str) -> str:
-        """Return the boat's own words for a refusal where they come soon, `words` where not."""
-        texts = self.station.view.texts
-        until = self.clock() + REASON_S
-        while self.clock() < until:
-            new = [text.words for text in texts.kept if text.number > said]
-            if new:
-                return new[-1]
-            await asyncio.sleep(TURN_S)
-        return words
 
     def _turn(self) -> None:
         self.line.turn(self.clock())

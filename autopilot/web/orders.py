@@ -32,7 +32,7 @@ from autopilot.links.ground_station.commands import (
 from autopilot.links.ground_station.commands import REVERT as REVERTING
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.messages import CommandCancel
-from autopilot.web.view import BoatView
+from autopilot.web.view import BoatView, TextPieces
 
 AGAIN_S = 0.5
 TRIES = 4
@@ -65,6 +65,10 @@ NO_ANSWER = "the boat does not answer"
 
 OnDone = Callable[[Answer, str], None]
 """How an order ended, and that in words for people."""
+Asked = Callable[[float, OnDone], None]
+"""What carries an order out at a time [s], and is called with how it ended."""
+REASON_S = 1.2
+"""Why something was refused comes as a text of its own, after the refusal, in pieces."""
 
 
 class Command(NamedTuple):
@@ -120,6 +124,43 @@ def level(number: int) -> Command:
 
 ADOPT, REVERT = Command(LEARNING, (ADOPTING,)), Command(LEARNING, (REVERTING,))
 """Steer with the model learnt, or go back to the one before."""
+
+
+class _Refused(NamedTuple):
+    said: int
+    until: float
+    words: str
+    on_done: OnDone
+
+
+class Reasons:
+    """Lets a refusal wait for the boat's own words, which come as a text: `explained` is told of in their place."""
+
+    def __init__(self, texts: TextPieces) -> None:
+        self._texts = texts
+        self._refused: list[_Refused] = []
+
+    def explained(self, on_done: OnDone) -> OnDone:
+        """Return what hears of an order that is given now, and tells `on_done` when there is no more to wait for."""
+        said = self._texts.count
+
+        def heard(answer: Answer, words: str) -> None:
+            if answer is Answer.REFUSED:
+                self._refused.append(_Refused(said, math.inf, words, on_done))
+            else:
+                on_done(answer, words)
+
+        return heard
+
+    def update(self, now: float) -> None:
+        """Tell of what was refused, in the boat's words where they have come, without them where they do not."""
+        waiting, self._refused = self._refused, []
+        for each in waiting:
+            words = [text.words for text in self._texts.kept if text.number > each.said]
+            if words or now >= each.until:
+                each.on_done(Answer.REFUSED, (words or [each.words])[-1])
+            else:
+                self._refused.append(each._replace(until=min(each.until, now + REASON_S)))
 
 
 class _Waiting(NamedTuple):

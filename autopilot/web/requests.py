@@ -9,7 +9,7 @@ from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, number_from
 from autopilot.files.printable import printable
 from autopilot.web import orders
-from autopilot.web.hub import Asked
+from autopilot.web.orders import Asked
 from autopilot.web.station import Station
 
 TURN_MOST_DEG = 180.0

@@ -19,7 +19,7 @@ from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing
 from autopilot.links.url import accept_signed, open_transport, parse_url
-from autopilot.web.orders import Course, Orders
+from autopilot.web.orders import Asked, Course, OnDone, Orders, Reasons
 from autopilot.web.parameter_service import ParameterService
 from autopilot.web.view import AlarmBoard, BoatView
 
@@ -40,7 +40,8 @@ class Station:
     """Give `receive` every message and send what `due` returns.
 
     Attributes:
-        view: what is known of the boat.  orders: the orders to it.  parameters, files, alarms, course: its services.
+        view: what is known of the boat.  orders: the orders to it; `ask` gives one.  parameters, files, alarms, course:
+        its services.
     """
 
     def __init__(self) -> None:
@@ -50,6 +51,7 @@ class Station:
         self.parameters = ParameterService(self.files)
         self.alarms = AlarmBoard(self.files)
         self.course = Course(self.orders, self.view)
+        self._reasons = Reasons(self.view.texts)
         self._next_heartbeat = -math.inf
         self._next_rates = -math.inf
         self._boot_ms = 0
@@ -60,6 +62,10 @@ class Station:
         """Whom orders go to: a running Norrbin, or nobody."""
         vehicle = self.view.vehicle
         return vehicle.target if vehicle is not None and self.view.is_ours else None
+
+    def ask(self, now: float, asked: Asked, on_done: OnDone) -> None:
+        """Give an order at `now` [s]; `on_done` hears how it ended, of a refusal with the boat's reason."""
+        asked(now, self._reasons.explained(on_done))
 
     def receive(self, now: float, message: Message) -> None:
         """Take a message that came at `now` [s]."""
@@ -86,6 +92,7 @@ class Station:
             self._next_heartbeat = now + HEARTBEAT_S
             messages.append(station_heartbeat())
         self.view.texts.update(now)
+        self._reasons.update(now)
         target = self.target
         if target is None:
             return messages

@@ -13,7 +13,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.gains_tune import GENERATIONS, WEIGHT
+from autopilot.cli.gains import GENERATIONS, WEIGHT
 from autopilot.cli.options import whole_number
 from autopilot.control.design import DESIGNED
 from autopilot.control.registry import designed_laws

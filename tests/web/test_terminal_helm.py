@@ -18,8 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from monitored_boat import Watched, noted
 
-from autopilot.cli.helm import draw
-from autopilot.cli.helm_keys import ESCAPE, HelmKeys, request_of
+from autopilot.cli.helm import ESCAPE, HelmKeys, draw, request_of
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.links.mavlink.codec import MavlinkCodec, dialect
