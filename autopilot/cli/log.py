@@ -32,7 +32,7 @@ def add_parser(subparsers: Any) -> None:
     info.add_argument("--json", action="store_true", help="print JSON")
     table = actions.add_parser("csv", help="write it as a CSV table that `identify` reads")
     table.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
-    table.add_argument("--out", metavar="FILE.csv", required=True, help="the table to write")
+    table.add_argument("--out", dest="to", type=Path, metavar="FILE.csv", required=True, help="the table to write")
     table.add_argument("--overwrite", action="store_true", help="replace FILE.csv if it exists")
     exported = actions.add_parser("export", help="write it as MCAP (Foxglove, PlotJuggler), Parquet or CSV")
     exported.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     print_newer([arguments.log])
     options = log_options(arguments, vessel_of(arguments))
     if arguments.action in ("csv", "export") and not arguments.overwrite:
-        refuse_existing(arguments.out if arguments.action == "csv" else arguments.to)
+        refuse_existing(arguments.to)
     recording = load_recording(arguments.log, options.reading)
     if arguments.action in ("csv", "export"):
         return _rewrite(arguments, recording, options)
@@ -79,18 +79,12 @@ def run(arguments: argparse.Namespace) -> int:
 def _rewrite(arguments: argparse.Namespace, recording: Recording, options: LogOptions) -> int:
     from autopilot.cli.log_measures import export
     from autopilot.files.saving import is_standard_output
-    from autopilot.logs.export import write_csv
-    from autopilot.logs.table import table_of
 
-    place = Path(arguments.to if arguments.action == "export" else arguments.out)
-    say = partial(print, file=sys.stderr if is_standard_output(place) else sys.stdout)  # not into the table
+    ending = ".csv" if arguments.action == "csv" else arguments.to.suffix.lower()
+    say = partial(print, file=sys.stderr if is_standard_output(arguments.to) else sys.stdout)  # not into the table
     for note in recording.notes:
         say(note)
-    if arguments.action == "export":
-        say(export(arguments.log, recording, options, place))
-    else:
-        rows = write_csv(place, table_of(recording, options.rudder), arguments.log)
-        say(f"Wrote {rows} rows to {arguments.out}.")
+    say(export(arguments.log, recording, options, arguments.to, ending))
     return int(ExitCode.OK)
 
 

@@ -128,9 +128,8 @@ def log_options(arguments: argparse.Namespace, vessel: Vessel | None) -> LogOpti
 ENDINGS = (".mcap", ".parquet", ".csv")
 
 
-def export(text: str, recording: Recording, options: LogOptions, path: Path) -> str:
-    """Write the recording of the log `text` to `path`; return what to say. Raises InputError."""
-    ending = path.suffix.lower()
+def export(text: str, recording: Recording, options: LogOptions, path: Path, ending: str) -> str:
+    """Write the recording of the log `text` to `path` as its `ending` says; return what to say. Raises InputError."""
     if ending not in ENDINGS:
         raise InputError(f"--to {path}: its ending says what it becomes; allowed are {', '.join(ENDINGS)}.")
     if ending == ".mcap":

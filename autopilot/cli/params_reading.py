@@ -20,7 +20,7 @@ from autopilot.cli.options import patience_of, signing_of
 from autopilot.cli.params_files import formatted
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.files.printable import escaped
+from autopilot.files.printable import aligned, escaped
 from autopilot.files.saving import refuse_existing, save_text, save_unused
 from autopilot.firmware.download import Difference, Download, NamedDownload, differences, flattened
 from autopilot.firmware.file import FIRMWARE_NAMES, Heading, TypedValue, Wanted
@@ -81,13 +81,7 @@ def difference_table(found: Sequence[Difference], left: str, right: str) -> str:
 
 def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Return the rows with the first column flush left, the last as it is and the others flush right; a line each."""
-    rows = [tuple(map(escaped, row)) for row in rows]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
-    lines = []
-    for row in rows:
-        middle = [f"{text:>{width}}" for text, width in zip(row[1:-1], widths[1:], strict=True)]
-        lines.append("  ".join([f"{row[0]:<{widths[0]}}", *middle, row[-1]]).rstrip())
-    return lines
+    return aligned([tuple(map(escaped, row)) for row in rows], right=range(1, len(rows[0]) - 1))
 
 
 def upload_json(outcomes: Sequence[Outcome], vehicle: Vehicle, report: Report) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any, TextIO
 
 SHORT = 200
@@ -58,6 +58,18 @@ def printable(value: object, most: int = SHORT) -> str:
 def fixed(value: float, places: int, sign: str = "") -> str:
     """Return a number with so many decimals, or where that would be long in powers of ten; sign: '+' to show it."""
     return f"{value:{sign}.{places}f}" if abs(value) < LONG else f"{value:{sign}.3g}"
+
+
+def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
+    """Return the rows of a table, a line each: columns flush left, those of `right` flush right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.rjust(width) if place in right else cell.ljust(width)
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
 
 
 _LONG_WORD = re.compile(rf"\S{{{WORD + 1},}}")

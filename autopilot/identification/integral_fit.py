@@ -80,6 +80,22 @@ class WindowSums:
 RATE_BOUND_RAD_S = 3.0
 
 
+def moved_on(
+    model: Norrbin, ratio: float, motion: tuple[float, float], dt: float, rudder: tuple[float, float]
+) -> tuple[float, float]:
+    """Return rate [rad/s] and heading [rad] of a boat `dt` [s] later, at `ratio` times the reference speed, while the
+    rudder goes from one angle [rad] to the other; a rate that runs away is bounded."""
+    (rate, heading), (before, after) = motion, rudder
+    scaled = at_speed_ratio(model, max(ratio, SPEED_FLOOR_RATIO))
+    steps = math.ceil(2.0 * dt / scaled.time_constant)
+    for step in range(steps):
+        was, angle = rate, before + (after - before) * (step + 0.5) / steps
+        moved = rate_step(scaled, was, angle, dt / steps)
+        rate = min(max(moved, -RATE_BOUND_RAD_S), RATE_BOUND_RAD_S) if moved == moved else 0.0
+        heading += 0.5 * dt / steps * (was + rate)
+    return rate, heading
+
+
 class SimulatedBoat:
     """Heading [rad] and rate [rad/s] of a boat that knows the rudder and no noise.
 
@@ -108,21 +124,12 @@ class SimulatedBoat:
             self.rate = 0.0 if rate is None or not math.isfinite(rate) else rate
             self._measured = math.nan
         elif dt > 0.0 and math.isfinite(rudder):
-            self._move(at_speed_ratio(model, max(ratio, SPEED_FLOOR_RATIO)), dt, rudder)
+            self.rate, self.heading = moved_on(model, ratio, (self.rate, self.heading), dt, (self._rudder, rudder))
             if self._drawn_back:
                 self._draw_back(dt, heading, rate)
         self._at = max(time, self._at)
         self._rudder = self.moved_by = rudder if math.isfinite(rudder) else self._rudder
         self._measured = math.nan if heading is None else heading
-
-    def _move(self, model: Norrbin, dt: float, rudder: float) -> None:
-        steps = math.ceil(2.0 * dt / model.time_constant)
-        for step in range(steps):
-            angle = self._rudder + (rudder - self._rudder) * (step + 0.5) / steps
-            before = self.rate
-            moved = rate_step(model, before, angle, dt / steps)
-            self.rate = min(max(moved, -RATE_BOUND_RAD_S), RATE_BOUND_RAD_S)
-            self.heading += 0.5 * dt / steps * (before + self.rate)
 
     def _draw_back(self, dt: float, heading: float | None, rate: float | None) -> None:
         share = min(dt / self.return_time, 1.0)

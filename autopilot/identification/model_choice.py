@@ -28,8 +28,9 @@ import numpy as np
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.identification.identified import USUAL, Identified, Question
+from autopilot.identification.integral_fit import moved_on
 from autopilot.identification.runs import SHORTEST_SEGMENT_SAMPLES, FloatArray, Run, Segment
-from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, rate_step
+from autopilot.models.norrbin import Norrbin
 from autopilot.models.wind import RaceAndWind, without_drift
 
 AHEAD_TIME_CONSTANTS, AHEAD_SHORTEST_S, AHEAD_LONGEST_S = 4.0, 3.0, 30.0
@@ -50,26 +51,6 @@ class Outcome(NamedTuple):
     other: float
 
 
-class _Boat:
-    """A model's boat since the stretch began: rate [rad/s] and angle turned through [rad]."""
-
-    def __init__(self, model: Norrbin) -> None:
-        self.model = model
-        self.rate = self.turned = 0.0
-
-    def begin(self, rate: float) -> None:
-        self.rate, self.turned = rate, 0.0
-
-    def move(self, dt: float, before: float, rudder: float, ratio: float) -> None:
-        model = at_speed_ratio(self.model, max(ratio, SPEED_FLOOR_RATIO))
-        steps = math.ceil(2.0 * dt / model.time_constant)
-        for step in range(steps):
-            was, angle = self.rate, before + (rudder - before) * (step + 0.5) / steps
-            moved = rate_step(model, was, angle, dt / steps)
-            self.rate = min(max(moved, -3.0), 3.0) if moved == moved else 0.0
-            self.turned += 0.5 * dt / steps * (was + self.rate)
-
-
 class PredictionTest:
     """Feed it with `update`; it answers at the end of each stretch that tells something. Constant memory."""
 
@@ -77,7 +58,9 @@ class PredictionTest:
         longest = max(present.time_constant, other.time_constant)
         self.ahead = min(max(AHEAD_TIME_CONSTANTS * longest, AHEAD_SHORTEST_S), AHEAD_LONGEST_S)
         self._settling = min(SETTLING_S, 0.5 * min(present.time_constant, other.time_constant))
-        self._boats = _Boat(present), _Boat(other)
+        self._models = present, other
+        self._motions = [(0.0, 0.0), (0.0, 0.0)]
+        """Rate [rad/s] and angle turned since the stretch began [rad] of either model's boat."""
         self._at = -math.inf
         self._rudder = self._heading = self._rate = 0.0
         self._begun: float | None = None
@@ -105,8 +88,10 @@ class PredictionTest:
         outcome = None
         if self._begun is not None:
             self._turned += turned
-            for boat in self._boats:
-                boat.move(dt, self._rudder, rudder, ratio)
+            self._motions = [
+                moved_on(model, ratio, motion, dt, (self._rudder, rudder))
+                for model, motion in zip(self._models, self._motions, strict=True)
+            ]
             self._least, self._most = min(self._least, moved_by), max(self._most, moved_by)
             if time - self._begun >= self.ahead:
                 outcome = self._end()
@@ -121,14 +106,13 @@ class PredictionTest:
     def _begin(self, time: float, moved_by: float) -> None:
         self._begun, self._turned = time, 0.0
         self._least = self._most = moved_by
-        for boat in self._boats:
-            boat.begin(self._rate)
+        self._motions = [(self._rate, 0.0)] * 2
 
     def _end(self) -> Outcome | None:
         self._begun = None
         if self._most - self._least < LEAST_RUDDER_RANGE_RAD:
             return None
-        present, other = (boat.turned - self._turned for boat in self._boats)
+        present, other = (turned - self._turned for _, turned in self._motions)
         return Outcome(present, other)
 
 

@@ -22,6 +22,7 @@ from autopilot import __version__
 from autopilot.angles import wrap
 from autopilot.control.design import DESIGNED, loop
 from autopilot.control.margins import trace
+from autopilot.files.printable import aligned
 from autopilot.report.page import FloatArray, Line, Panel, Section, render, time_figure
 from autopilot.runtime.build import gear_of, law_of, loop_gains_of, model_of, shown_gains_of
 
@@ -335,13 +336,9 @@ def speeds_as_text(rows: Mapping[str, Judged]) -> str:
     """Return a table of speeds for each set of gains of the law that the file steers with."""
     lines = []
     for name, each in chosen(rows).items():
-        head, *cells = speed_table(each)
-        widths = [max(len(row[column]) for row in (head, *cells)) for column in range(len(head))]
+        rows_of_it = speed_table(each)
         lines.append(f"{name}, by speed")
-        lines += [
-            "    " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in (head, *cells)
-        ]
+        lines += [f"    {line}" for line in aligned(rows_of_it, right=range(len(rows_of_it[0])))]
     return "\n".join([*lines, UNSCHEDULED])
 
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from autopilot import __version__
-from autopilot.files.printable import fixed
+from autopilot.files.printable import aligned, fixed
 from autopilot.identification.identified import Convergence, Identified, SteadyTurns
 from autopilot.identification.model_choice import Candidate, Choice, steering_model
 from autopilot.identification.residual_tests import Prediction, ResidualTest
@@ -283,13 +283,13 @@ def as_text(result: Result) -> str:
                 "" if staged is None else f"{staged:.5g}",
             )
         )
-    choice = [_table(choice_rows(result.choice)), choice_sentence(result.choice)] if result.choice else []
+    choice = ["\n".join(aligned(choice_rows(result.choice))), choice_sentence(result.choice)] if result.choice else []
     parts = [
         *choice,
         f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
-        _table(rows),
+        "\n".join(aligned(rows)),
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
-        _table(_run_rows(result)),
+        "\n".join(aligned(_run_rows(result))),
         *_trims(found),
         *([f"Rudder rate: {rate_sentence(result.rudder_rate)}."] if result.rudder_rate else []),
         *found.unidentifiable.values(),
@@ -327,15 +327,6 @@ def _run_rows(result: Result, name: Callable[[Run], str] = lambda run: run.sourc
             )
         )
     return rows
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return "\n".join(_line(row, widths) for row in rows)
-
-
-def _line(row: Sequence[str], widths: Iterable[int]) -> str:
-    return "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
 def steady_report(turns: SteadyTurns, gain: float, *, as_json: bool) -> str:

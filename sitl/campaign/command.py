@@ -18,6 +18,7 @@ from autopilot.cli.options import whole_number
 from autopilot.control.design import DESIGNED
 from autopilot.control.registry import designed_laws
 from autopilot.errors import ExitCode, InputError
+from autopilot.files.printable import aligned
 from autopilot.interruption import as_exceptions
 
 if TYPE_CHECKING:
@@ -133,11 +134,7 @@ def _print_summary(job: Job, arguments: argparse.Namespace, tally: Tally, second
     if arguments.json:
         print(json.dumps({"study": study.name, "done": tally.done, "seconds": seconds, "cases": as_json(summaries)}))
         return
-    rows = table(summaries)
-    widths = [max(len(row[place]) for row in rows) for place in range(len(rows[0]))]
-    for row in rows:
-        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-    print(summary)
+    print(*aligned(table(summaries)), summary, sep="\n")
     for path in (arguments.out, arguments.report):
         if path:
             print(f"Wrote {path}.")
