@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from autopilot.identification.methods import Method
     from autopilot.identification.model_choice import Choice
     from autopilot.identification.runs import Run
-    from autopilot.identification.wave_glider import BodyRuns
     from autopilot.report.identification import Result
 
 DESCRIPTION = """\
@@ -366,7 +365,6 @@ def _wave_glider(arguments: argparse.Namespace) -> str:
     from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.identified import Question
     from autopilot.identification.registry import method_named
-    from autopilot.identification.wave_glider import identify_bodies
     from autopilot.report.identification import as_text, document_of
 
     for name in NOT_HERE:
@@ -383,12 +381,12 @@ def _wave_glider(arguments: argparse.Namespace) -> str:
         forgetting=arguments.forgetting,
         particle_gain=arguments.gain,
     )
+    results: dict[str, Result] = {}
     with ProgressBar("identifying") as bar:
-        found = identify_bodies(fitted, method, question._replace(progress=bar.update))
-    results = {
-        name: _result(arguments.model, body, [r[place] for r in fitted], [r[place] for r in held_out])
-        for place, (name, body) in enumerate((("float", found.surface), ("glider", found.glider)))
-    }
+        for place, name in enumerate(("float", "glider")):
+            runs, others = [each[place] for each in fitted], [each[place] for each in held_out]
+            found = method.identify(runs, question._replace(progress=bar.update))
+            results[name] = _result(arguments.model, found, runs, others)
     if arguments.json:
         bodies = {name: document_of(result) for name, result in results.items()}
         return json.dumps({"fixed_angle_deg": arguments.fixed_angle_deg, **bodies}, indent=2, allow_nan=False)
@@ -396,8 +394,9 @@ def _wave_glider(arguments: argparse.Namespace) -> str:
     return "\n\n\n".join(text) + f"\n\nK of the float holds for delta_0 = {arguments.fixed_angle_deg:g} deg."
 
 
-def _load(paths: list[str], arguments: argparse.Namespace) -> list[BodyRuns]:
-    from autopilot.identification.wave_glider import BodyRuns, body_runs
+def _load(paths: list[str], arguments: argparse.Namespace) -> list[list[Run]]:
+    """Return the runs of float and glider in each of the recordings."""
+    from autopilot.identification.runs import body_runs
     from autopilot.logs.csv_log import WAVE_GLIDER_NEEDS, load_column_map, read_csv
 
     column_map = load_column_map(arguments.columns) if arguments.columns else None
@@ -407,7 +406,7 @@ def _load(paths: list[str], arguments: argparse.Namespace) -> list[BodyRuns]:
         if arguments.reverse_rudder:
             table["rudder_rad"] = -table["rudder_rad"]
         found = body_runs(path, table, math.radians(arguments.fixed_angle_deg))
-        records.append(BodyRuns(*(run._replace(notes=(*notes, *run.notes)) for run in found)))
+        records.append([run._replace(notes=(*notes, *run.notes)) for run in found])
     return records
 
 

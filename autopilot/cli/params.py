@@ -7,13 +7,11 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
-from autopilot.cli.options import SYSTEM_ID, WAITING
+from autopilot.cli.options import SYSTEM_ID, add_signing_option, add_waiting_option
 from autopilot.interruption import as_exceptions
 
-SIGNING_HELP = "sign with the key in FILE, and accept only what is signed with it"
 LINK_HELP = "udpin:127.0.0.1:14550, serial:/dev/ttyUSB0:57600"
 CALIBRATION_HELP = "with the calibration of accelerometers, gyros, compasses; without it, it is left as it is"
-WAIT_HELP = "wait this long for a device or connection that is not there yet (10)"
 ON_FAILURE = ("ask", "rollback", "keep")
 
 
@@ -97,7 +95,7 @@ def _add_reading_actions(actions: Any) -> None:
     diff.add_argument("file", metavar="FILE")
     diff.add_argument("other", metavar="FILE|LINK", help=f"another file, or a link: {LINK_HELP}")
     diff.add_argument("--system", action=SYSTEM_ID, metavar="N", help="the vehicle's system id")
-    diff.add_argument("--signing-key", metavar="FILE", help=SIGNING_HELP)
+    add_signing_option(diff)
     diff.add_argument("--json", action="store_true", help="print JSON")
     diff.set_defaults(run=_call("params_reading", "diff"))
 
@@ -181,6 +179,6 @@ def _add_writing_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_link_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--link", required=True, metavar="URL", help=LINK_HELP)
-    parser.add_argument("--signing-key", metavar="FILE", help=SIGNING_HELP)
-    parser.add_argument("--link-wait", metavar="S", action=WAITING, default=10.0, help=WAIT_HELP)
+    add_signing_option(parser)
+    add_waiting_option(parser)
     parser.add_argument("--system", action=SYSTEM_ID, metavar="N", help="the vehicle's system id, if several answer")

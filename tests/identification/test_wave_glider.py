@@ -14,10 +14,9 @@ from scipy.integrate import solve_ivp
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.identification.wave_glider import body_runs
+from autopilot.identification.runs import body_runs
 from autopilot.logs.csv_log import WAVE_GLIDER_NEEDS, read_csv
-from autopilot.models.wave_glider import TwoBodies, equivalent_rudder, step
-from sitl.wave_glider import Setting, write_record
+from sitl.wave_glider import Setting, TwoBodies, equivalent_rudder, step, write_record
 
 CRAFT = Setting().craft
 QUIET = Setting(back_pull=0.0, wave_speed=0.0, shake=0.0)
