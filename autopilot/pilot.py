@@ -43,7 +43,7 @@ class Pilot:
     @property
     def last_command(self) -> RudderCommand:
         """The last command."""
-        return self.state.command
+        return self.state.rudder.command
 
     def reconfigure(self, config: PilotConfig, law: LawInForce) -> None:
         """Go on with other numbers from the next tick: memory is kept, the law starts at the rudder that was commanded.

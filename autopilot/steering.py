@@ -1,8 +1,8 @@
-"""What steers, stage by stage: waves, reference, limits. Scalar functions over NamedTuples.
+"""What steers, stage by stage: waves, order and reference, limits. Functions over NamedTuples.
 
-The pilot calls them as they are, and campaigns compile them (`sitl.campaign.compiled_tick`): there is one truth about
-what a state and an order come to. What goes before, the samples' way to a state, is `autopilot.estimation`'s; what
-stands beside, monitors and supervisor, is `autopilot.supervision`'s.
+The pilot calls them as they are, and campaigns compile those that steer to a heading (`sitl.campaign.compiled_tick`):
+there is one truth about what a state and an order come to. What goes before, the samples' way to a state, is
+`autopilot.estimation`'s; what stands beside, monitors and supervisor, is `autopilot.supervision`'s.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from autopilot.angles import wrap
 from autopilot.control.limits import Rest, RudderLimits, limit, rested
 from autopilot.control.wave_feedforward import CornerFrequencies, WaveFeedforward, Waves, wave_feedforward
 from autopilot.estimation.estimator import EstimatorConfig
-from autopilot.guidance.reference import Guide, Steering, led
-from autopilot.guidance.turn import TurnLimits, preset_rate, side_hard_over, turn_limits
+from autopilot.guidance.reference import Guide, Steering, heading_ordered, led, started, zigzag
+from autopilot.guidance.turn import TurnLimits, preset_rate, reference_of, side_hard_over, turn_limits
 from autopilot.models.norrbin import Norrbin
-from autopilot.signals import NavState
+from autopilot.signals import NavState, Order, OrderKind, Reference
 
 LONGEST_STEP = 0.5
 """A longer silence between ticks [s] counts as this much for limits and reference."""
@@ -29,9 +29,9 @@ class SteeringConfig(NamedTuple):
     """What steering goes by, in numbers.
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
-    where the other side steers by itself to the reference heading. wave_corners hold at the model's speed: which waves
-    are kept from the rudder, steered against, or undone, see `met_waves`. dead_band [rad]: on a course the rudder rests
-    until it is wrong by more. uses_bias: whether the law goes by the estimated bias.
+    where the other side steers by itself to the reference heading. corner_frequencies hold at the model's speed: which
+    waves are filtered out, and which are cancelled, see `wave_feedforward`. dead_band [rad]: on a course the rudder
+    rests until it is wrong by more. uses_bias: whether the law goes by the estimated bias.
     """
 
     estimator: EstimatorConfig
@@ -63,6 +63,27 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
     preset = preset_rate(config.turn_rate_max, config.turn_curvature_max, speed)
     limits = config.limits
     return Turning(turn_limits(model, limits.angle_max, limits.rate_max, config.rudder_share, preset), speed)
+
+
+class Way(NamedTuple):
+    """The order in force, the guide to its heading, what turns keep to, and whether the boat waits for way."""
+
+    order: Order = Order()
+    guide: Guide = Guide()
+    turning: Turning = NOT_TURNING
+    waits: bool = False
+
+
+def with_turning(config: SteeringConfig, way: Way, model: Norrbin) -> Way:
+    """Return the way with what turns keep to at the speed that is."""
+    turning = turning_at(config, way.turning, model)
+    return way if turning is way.turning else way._replace(turning=turning)
+
+
+def planned_anew(config: SteeringConfig, way: Way, model: Norrbin, steady: NavState) -> Way:
+    """Return the way with a plan from where the boat is."""
+    way = with_turning(config, way, model)
+    return way._replace(guide=started(way.guide, way.turning.limits, steady))
 
 
 def wave_rudder(config: SteeringConfig, model: Norrbin, state: NavState) -> WaveFeedforward:
@@ -107,7 +128,56 @@ def referred(
     return led(guide, model, turning.limits, state, steering, moved.dt)
 
 
+def adopted(config: SteeringConfig, way: Way, order: Order, model: Norrbin, steady: NavState) -> Way:
+    """Return the way of the order that is given: a new one begins from where the boat is."""
+    if order is way.order or order.is_same(way.order):
+        return way
+    way = with_turning(config, way, model)
+    limits, guide = way.turning.limits, way.guide
+    if way.order.kind is not OrderKind.HEADING:
+        guide = started(guide, limits, steady)
+    return way._replace(order=order, guide=heading_ordered(guide, model, limits, steady, order.heading))
+
+
+def refer(
+    config: SteeringConfig, way: Way, order: Order, model: Norrbin, steady: NavState, moved: Moved
+) -> tuple[Way, Reference]:
+    """Return the way one tick on, and the heading, rate and acceleration to be followed."""
+    way = adopted(config, way, order, model, steady)
+    turning = turning_at(config, way.turning, model)
+    guide = referred(config, way.guide, turning, model, steady, moved)
+    return Way(way.order, guide, turning, way.waits), reference_of(model, turning.limits, guide.boat)
+
+
+def obey(
+    config: SteeringConfig, way: Way, order: Order, model: Norrbin, steady: NavState
+) -> tuple[Way, Reference, float]:
+    """Return way, reference and demand [rad] of an order that no law carries out: a rudder, a zigzag, or a course for
+    which the boat has no way."""
+    way = adopted(config, way, order, model, steady)
+    if order.kind is OrderKind.HEADING:
+        return way, Reference(way.guide.heading), 0.0
+    _, reference, demand = idle(way, steady)
+    if order.kind is OrderKind.RUDDER:
+        demand = order.rudder
+    elif order.kind is OrderKind.ZIGZAG:
+        way = way._replace(guide=zigzag(way.guide, order, steady.heading))
+        demand = way.guide.side * order.rudder
+    return way, reference, demand
+
+
+def idle(way: Way, steady: NavState) -> tuple[Way, Reference, float]:
+    """Return way, reference and demand [rad] where nobody steers by us."""
+    return way, Reference(steady.heading, steady.rate, 0.0), 0.0
+
+
 def limited(config: SteeringConfig, before: Rest, moved: Moved, demand: float) -> Rest:
     """Return what is left of a `demand` [rad] within the limits and the dead band."""
     allowed = limit(config.limits, moved.command, demand, moved.dt)
     return rested(config.limits, config.dead_band, before, demand, allowed)
+
+
+def limited_at_once(config: SteeringConfig, moved: Moved, demand: float) -> Rest:
+    """Return the same without a dead band, which only a course that is held has."""
+    allowed = limit(config.limits, moved.command, demand, moved.dt)
+    return Rest(allowed, allowed)

@@ -15,9 +15,9 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from autopilot.control.law import NO_ROLL, LawInForce, LawInput, RollInput
-from autopilot.control.limits import Rest, RudderLimits, limit
+from autopilot.control.limits import Rest, RudderLimits
 from autopilot.control.roll_damping import RollDamper, RollDamping, damped, rolled
-from autopilot.control.wave_feedforward import CornerFrequencies, WaveFeedforward
+from autopilot.control.wave_feedforward import CornerFrequencies
 from autopilot.estimation import estimator
 from autopilot.estimation.estimator import (
     Beliefs,
@@ -35,15 +35,14 @@ from autopilot.estimation.estimator import (
 from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.rudder_observer import is_fed_back
 from autopilot.estimation.speeds import speeds_apart
-from autopilot.guidance.reference import Guide, heading_ordered, started, zigzag, zigzag_divergence
-from autopilot.guidance.turn import TurnLimits, is_turning, reference_of
+from autopilot.guidance.reference import zigzag_divergence
+from autopilot.guidance.turn import is_turning
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,
     AlarmSample,
-    AlarmState,
     ConditionSample,
     HelmCause,
     HelmSample,
@@ -64,12 +63,16 @@ from autopilot.steering import (
     NOT_TURNING,
     Moved,
     SteeringConfig,
-    Turning,
+    Way,
+    idle,
     limited,
-    referred,
+    limited_at_once,
+    obey,
+    planned_anew,
+    refer,
     steered_by,
-    turning_at,
     wave_rudder,
+    with_turning,
 )
 from autopilot.supervision import failsafe, panel, supervisor
 from autopilot.supervision.alarms import kind_of
@@ -94,8 +97,8 @@ class PilotConfig(NamedTuple):
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading, so that only what it reports says where the rudder
-    is. wave_corners hold at the model's speed: which waves are filtered out, steered against, or cancelled, see
-    `met_waves`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
+    is. corner_frequencies hold at the model's speed: which waves are filtered out, and which are cancelled, see
+    `wave_feedforward`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
     for this where steerage_over_ground says so. roll: the rudder damps roll too, while that helps; None: it does not.
     dead_band [rad]: on a course the rudder rests until it is wrong by more.
     """
@@ -160,18 +163,35 @@ class Inputs(NamedTuple):
     order: Order
 
 
+class Control(NamedTuple):
+    """What works the demand out: the law's own memory, and the roll that it goes by; the roll damping beside it and its
+    rudder [rad]; damps_roll: whether one of them works against roll."""
+
+    law: Any
+    roll: RollSample | None = None
+    damper: RollDamper = RollDamper()
+    roll_rudder: float = 0.0
+    damps_roll: bool = False
+
+
+class Rudder(NamedTuple):
+    """What the rudder was given: the last command; what the dead band left of it; what was set against waves on top of
+    the law [rad]; and whether a fail-safe reckons the heading."""
+
+    command: RudderCommand = RudderCommand(0.0, 0.0, False)
+    rest: Rest = Rest()
+    wave_rudder: float = 0.0
+    is_reckoned: bool = False
+
+
 NO_FINDINGS: Mapping[str, AlarmEvent] = {}
 
 
 class State(NamedTuple):
     """All that is remembered from tick to tick.
 
-    now [s]: of the last tick, nan before the first, which was the number-th. order: the order in force, and guide and
-    turning the way to it. law: the law's own memory; roll: the roll that it goes by; damper and roll_rudder [rad]: the
-    roll damping beside it, damps_roll whether one of them works. rest: what the dead band left; wave_rudder [rad]: what
-    was set against waves on top of the law. mean_bias [rad]: the bias of late. waits: for way. is_reckoned: a fail-safe
-    reckons the heading. command: the last one. findings: of the
-    monitors at the last tick, by their names in the catalogue.
+    now [s]: of the last tick, nan before the first, which was the number-th. mean_bias [rad]: the bias of late.
+    findings: of the monitors at the last tick, by their names in the catalogue.
     """
 
     estimate: EstimatorState
@@ -179,22 +199,12 @@ class State(NamedTuple):
     supervisor: supervisor.Memory
     panel: panel.Memory
     failsafe: failsafe.Memory
-    law: Any
+    control: Control
+    way: Way = Way()
+    rudder: Rudder = Rudder()
+    mean_bias: float = 0.0
     number: int = 0
     now: float = math.nan
-    order: Order = Order()
-    guide: Guide = Guide()
-    turning: Turning = NOT_TURNING
-    roll: RollSample | None = None
-    damper: RollDamper = RollDamper()
-    roll_rudder: float = 0.0
-    damps_roll: bool = False
-    rest: Rest = Rest()
-    wave_rudder: float = 0.0
-    mean_bias: float = 0.0
-    waits: bool = False
-    is_reckoned: bool = False
-    command: RudderCommand = RudderCommand(0.0, 0.0, False)
     findings: Mapping[str, AlarmEvent] = NO_FINDINGS
 
     @property
@@ -212,7 +222,7 @@ def first_state(config: Config) -> State:
         supervisor=supervisor.NOTHING_SEEN,
         panel=panel.QUIET,
         failsafe=failsafe.NO_MEMORY,
-        law=config.law.first(0.0),
+        control=Control(config.law.first(0.0)),
     )
 
 
@@ -221,16 +231,16 @@ def reconfigured(before: Config, config: Config, state: State) -> State:
 
     ValueError where that lies outside the new limits: it would have to jump.
     """
-    angle = state.command.angle
+    angle = state.rudder.command.angle
     if abs(angle) > config.boat.limits.angle_max:
         raise ValueError("reconfigure: the rudder stands outside the new limits")
+    control = begun(config, state.control, angle)
     if config.boat.roll != before.boat.roll:
-        state = state._replace(damper=RollDamper(), roll_rudder=0.0)
+        control = control._replace(damper=RollDamper(), roll_rudder=0.0)
     return state._replace(
         estimate=estimator.reconfigured(before.steering.estimator, config.steering.estimator, state.estimate),
-        law=config.law.first(angle),
-        roll=None,
-        turning=NOT_TURNING,
+        control=control,
+        way=state.way._replace(turning=NOT_TURNING),
     )
 
 
@@ -244,360 +254,310 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
     )
 
 
+class Work(NamedTuple):
+    """A tick in hand: its time [s], that since the last tick [s], how much of this counts for limits and reference [s],
+    and what watches it, for as long as it lasts."""
+
+    now: float
+    gap: float
+    dt: float
+    monitors: Monitors
+    supervisor: Supervisor
+    failsafe: FailsafeSteering
+
+
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
-    timely = timely_of(now, samples)
-    work = _Work(config, state, now)
-    work.select(timely)
-    is_other_boat = work.believe()
-    seen = work.estimate_at(timely)
-    found = work.monitor(seen)
-    mode, seen = work.supervise(order, seen, found)
-    steady = work.steady(seen)
-    work.watch_course(order, steady, is_other_boat=is_other_boat)
-    if mode is Mode.FAILSAFE and work.supervisor.law_steers:
-        steady, reference, demand = work.reckon(steady)
+    boat, steering, way, rudder = config.boat, config.steering, state.way, state.rudder
+    timely, work = timely_of(now, samples), in_hand(config, state, now)
+    dt, monitors, supervisor = work.dt, work.monitors, work.supervisor
+
+    estimate, control = select(config, work, state, timely)
+    estimate, way, is_other_boat = believe(steering, work, estimate, way)
+    estimate = estimated(steering.estimator, estimate, now, timely)
+    seen = nav_state(steering.estimator, estimate, now)
+    found = monitor(config, work, state, control.damps_roll, estimate, seen)
+
+    was, mode = supervisor.mode, supervisor.decide(now, order, seen, found)
+    is_engaged, model = mode is Mode.ENGAGED, estimate.model
+    if is_engaged and was is not Mode.ENGAGED:
+        estimate, seen = with_known_rudder(estimate, seen, now)
+        way, rudder = taken_over(steering, way, rudder, model, seen)
+        control = begun(config, control, rudder.command.angle)
+
+    waves = wave_rudder(steering, model, seen)
+    steady = steered_by(seen, waves.filtered)
+    mean_bias = averaged(0.0 if is_other_boat else state.mean_bias, steady.bias, model, dt)
+    if monitors.softer > 1.0:
+        # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
+        # against that keeps it swinging
+        steady = steady._replace(bias=mean_bias)
+    on_course = is_engaged and order.kind is OrderKind.HEADING
+    waits = on_course and lacks_way(boat, way, estimate, steady.speed)
+    if is_engaged and (is_other_boat or waits != way.waits):
+        # the turn that was planned is another boat's, or not from where the boat has drifted to
+        way = planned_anew(steering, way, model, steady)
+        control = control if waits == way.waits else begun(config, control, rudder.command.angle)
+    steers, way = on_course and not waits, way if waits == way.waits else way._replace(waits=waits)
+
+    # the law's memory is of its own rudder, not of what was set against waves and roll on top of it
+    own = Moved(rudder.rest.allowed - control.roll_rudder - rudder.wave_rudder, dt)
+    control = against_roll(boat, control, now, dt, engaged=steers and boat.rudder_is_ours)
+    reckons = mode is Mode.FAILSAFE and supervisor.law_steers
+    if reckons:
+        control, steady, reference, demand = reckon(config, work, control, rudder, model, steady)
+    elif steers:
+        way, reference = refer(steering, way, order, model, steady, Moved(rudder.command.angle, dt))
+        answering = model._replace(gain=model.gain * monitors.softer) if monitors.softer > 1.0 else model
+        control, demand = ask_law(config, control, answering, reference, steady, own)
+        demand = demand + waves.rudder + control.roll_rudder
     else:
-        reference = work.refer(order, steady)
-        demand = work.demand(order, reference, steady)
-    command = work.limit(order, seen, demand, work.picture(order, reference, steady))
-    alarms, siren, alarm_states = work.show(samples, order)
+        way, reference, demand = obey(steering, way, order, model, steady) if is_engaged else idle(way, steady)
+        demand += control.roll_rudder
+
+    previous = rudder.command.angle if rudder.command.engaged else seen.rudder
+    moved, rest = Moved(previous, dt), rudder.rest
+    if steers:
+        rest = limited(steering, Rest(previous, rest.allowed, rest.is_moving), moved, demand)
+    else:
+        rest = limited_at_once(steering, moved, demand)
+    command = supervisor.check(now, previous, demand, rest.command, dt, picture(boat, way, order, reference, steady))
+    if command.angle != rest.command:
+        rest = Rest(command.angle, command.angle)
+    if command.engaged and boat.rudder_is_ours:
+        estimate = with_order(estimate, now, command.angle)
+    rudder = Rudder(command, rest, waves.rudder if steers else 0.0, reckons)
+
+    shown = AlarmPanel(state.panel)
+    alarms, siren = show(work, shown, samples, order)
     tick = Tick(
-        number=state.number + 1,
-        now=now,
-        samples=samples,
-        order=order,
-        state=seen,
-        reference=reference,
-        demand=demand,
-        command=command,
-        mode=work.supervisor.mode,
-        alarms=alarms,
-        supervisor=work.supervisor.state,
-        siren=siren,
-        alarm_states=alarm_states,
+        state.number + 1,
+        now,
+        samples,
+        order,
+        seen,
+        reference,
+        demand,
+        command,
+        supervisor.mode,
+        alarms,
+        supervisor.state,
+        siren,
+        shown.states,
     )
-    return work.state(tick), tick
+    after = State(
+        estimate,
+        monitors.state,
+        supervisor.memory,
+        shown.memory,
+        work.failsafe.memory,
+        control,
+        way,
+        rudder,
+        mean_bias,
+        tick.number,
+        now,
+        monitors.findings,
+    )
+    return after, tick
 
 
-class _Work:
-    """A tick in hand: what is remembered, taken out of its value and put back at the end."""
+def in_hand(config: Config, state: State, now: float) -> Work:
+    """Return the work of the tick at `now` [s]."""
+    gap = 0.0 if math.isnan(state.now) else now - state.now
+    return Work(
+        now,
+        gap,
+        0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap,
+        Monitors(config.boat.alarms, state.monitors),
+        Supervisor(config.envelope, config.boat.failsafe, state.supervisor),
+        FailsafeSteering(state.failsafe),
+    )
 
-    def __init__(self, config: Config, state: State, now: float) -> None:
-        self.config, self.boat, self.now = config, config.boat, now
-        self.gap = 0.0 if math.isnan(state.now) else now - state.now
-        self.dt = clip(self.gap, 0.0, LONGEST_STEP)
-        self.supervisor = Supervisor(config.envelope, config.boat.failsafe, state.supervisor)
-        self.monitors = Monitors(config.boat.alarms, state.monitors)
-        self.failsafe = FailsafeSteering(state.failsafe)
-        self.panel = AlarmPanel(state.panel)
-        self.estimate, self.law, self.order_in_force = state.estimate, state.law, state.order
-        self.guide, self.turning, self.rest, self.command = state.guide, state.turning, state.rest, state.command
-        self.roll, self.damper, self.roll_rudder, self.damps_roll = (
-            state.roll,
-            state.damper,
-            state.roll_rudder,
-            state.damps_roll,
-        )
-        self.wave_rudder, self.mean_bias = state.wave_rudder, state.mean_bias
-        self.waits, self.is_reckoned = state.waits, state.is_reckoned
-        self.waves = WaveFeedforward(0.0, 0.0)
 
-    def state(self, tick: Tick) -> State:
-        """Return what is to be remembered."""
-        return State(
-            self.estimate,
-            self.monitors.state,
-            self.supervisor.memory,
-            self.panel.memory,
-            self.failsafe.memory,
-            self.law,
-            tick.number,
-            self.now,
-            self.order_in_force,
-            self.guide,
-            self.turning,
-            self.roll,
-            self.damper,
-            self.roll_rudder,
-            self.damps_roll,
-            self.rest,
-            self.wave_rudder,
-            self.mean_bias,
-            self.waits,
-            self.is_reckoned,
-            self.command,
-            self.monitors.findings,
-        )
-
-    def select(self, samples: tuple[Sample, ...]) -> None:
-        """Give each block the samples that are for it; those of the boat's motion are the estimator's."""
-        self.monitors.on_samples(samples)
-        steers_blindly = self.boat.failsafe.action in STEERING_ACTIONS
-        for sample in samples:
-            if isinstance(sample, HelmSample):
-                self.supervisor.on_sample(sample)
-                if sample.cause is HelmCause.STOOD_STILL:
-                    self.monitors.forget_past()
-            elif isinstance(sample, AlarmSample):
-                self.supervisor.note(sample)
-            elif isinstance(sample, RollSample):
-                self._take_roll(sample)
-            elif isinstance(sample, RudderSample) and self._moved_by_others(sample):
+def select(config: Config, work: Work, state: State, samples: tuple[Sample, ...]) -> tuple[EstimatorState, Control]:
+    """Give each block the samples that are for it; those of the boat's motion are the estimator's."""
+    boat, monitors, estimate, control = config.boat, work.monitors, state.estimate, state.control
+    monitors.on_samples(samples)
+    for sample in samples:
+        if type(sample) is RollSample:
+            # where boat or rudder is not what the damping was worked out for, none is wanted
+            if not (monitors.softer > 1.0 or monitors.rests_roll):
+                control = with_roll(config, control, sample)
+        elif type(sample) is RudderSample:
+            ours = state.rudder.command.engaged and boat.rudder_is_ours
+            if sample.ordered and not ours and is_rudder(sample.angle):
                 # the steering gear follows somebody else's orders
-                self._note_rudder_order(sample.angle)
-        if steers_blindly:
-            # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
-            self.failsafe.on_sample(samples, takes_rates=not self.monitors.rate_is_reversed)
+                estimate = with_order(estimate, work.now, sample.angle)
+        elif type(sample) is HelmSample:
+            work.supervisor.on_sample(sample)
+            if sample.cause is HelmCause.STOOD_STILL:
+                monitors.forget_past()
+        elif type(sample) is AlarmSample:
+            work.supervisor.note(sample)
+    if boat.failsafe.action in STEERING_ACTIONS:
+        # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
+        work.failsafe.on_sample(samples, takes_rates=not monitors.rate_is_reversed)
+    return estimate, control
 
-    def _take_roll(self, sample: RollSample) -> None:
-        if self.monitors.softer > 1.0 or self.monitors.rests_roll:
-            # neither boat nor rudder is what the damping was worked out for
-            return
-        takes_roll, damps = self.config.law.kind.takes_roll, self.boat.roll is not None
-        self.damps_roll = damps or takes_roll
-        if damps:
-            self.damper = rolled(self.damper, sample)
-        if takes_roll and sample.rate is not None:
-            self.roll = sample
 
-    def _moved_by_others(self, sample: RudderSample) -> bool:
-        ours = self.command.engaged and self.boat.rudder_is_ours
-        return sample.ordered and not ours and is_rudder(sample.angle)
+def with_roll(config: Config, control: Control, sample: RollSample) -> Control:
+    """Return what works the demand out after a sample of the roll."""
+    law, roll, damper, roll_rudder, _ = control
+    takes_roll, damps = config.law.kind.takes_roll, config.boat.roll is not None
+    if not (damps or takes_roll):
+        return control._replace(damps_roll=False) if control.damps_roll else control
+    if damps:
+        damper = rolled(damper, sample)
+    if takes_roll and sample.rate is not None:
+        roll = sample
+    return Control(law, roll, damper, roll_rudder, True)
 
-    def _note_rudder_order(self, angle: float) -> None:
-        self.estimate = with_order(self.estimate, self.now, angle)
 
-    def believe(self) -> bool:
-        """Go by what monitors and guidance say of the samples; return whether the boat turned out to be another."""
-        found, before, model = self.monitors, self.estimate.beliefs, self.estimate.model
-        turns = not self.guide.is_late(self.now) and is_turning(model, self._limits_at(model), self.guide.boat)
-        beliefs = Beliefs(not found.doubts_rate, found.doubts_speed, found.softer, turns)
-        self.estimate = believing(self.config.steering.estimator, self.estimate, beliefs)
-        if (beliefs.doubts_speed, beliefs.liveliness) == (before.doubts_speed, before.liveliness):
-            return False
-        self.estimate = without_disturbances(self.estimate)
-        self.mean_bias = 0.0
-        return True
+def believe(config: SteeringConfig, work: Work, estimate: EstimatorState, way: Way) -> tuple[EstimatorState, Way, bool]:
+    """Go by what monitors and guidance say of the samples; return whether the boat turned out to be another, too."""
+    found, before, model, turns = work.monitors, estimate.beliefs, estimate.model, False
+    if not way.guide.is_late(work.now):
+        way = with_turning(config, way, model)
+        turns = is_turning(model, way.turning.limits, way.guide.boat)
+    beliefs = Beliefs(not found.doubts_rate, found.doubts_speed, found.softer, turns)
+    if beliefs == before:
+        return estimate, way, False
+    estimate = believing(config.estimator, estimate, beliefs)
+    if (beliefs.doubts_speed, beliefs.liveliness) == (before.doubts_speed, before.liveliness):
+        return estimate, way, False
+    return without_disturbances(estimate), way, True
 
-    def estimate_at(self, samples: tuple[Sample, ...]) -> NavState:
-        """Take the samples in, and return what is known of the boat."""
-        self.estimate = estimated(self.config.steering.estimator, self.estimate, self.now, samples)
-        return nav_state(self.config.steering.estimator, self.estimate, self.now)
 
-    def monitor(self, seen: NavState) -> dict[str, AlarmEvent]:
-        """Return what the monitors and the links find, by its names in the catalogue."""
-        boat, estimate, is_engaged = self.boat, self.estimate, self.supervisor.mode is Mode.ENGAGED
-        ours, on_heading = is_engaged and boat.rudder_is_ours, self.order_in_force.kind is OrderKind.HEADING
-        is_turned = self.guide.is_late(self.now) and not self.waits
-        self.monitors.update(
-            MonitorInput(
-                self.now,
-                estimate.model,
-                seen,
-                ours,
-                is_engaged and on_heading and is_turned,
-                self.guide.heading,
-                self.command.angle if ours else 0.0,
-                boat.limits.angle_max,
-                abs(seen.speed) >= boat.steerage,
-                estimate.fusion.innovation_mean,
-                self.waits,
-                zigzag_divergence(self.guide, self.order_in_force, seen.heading) if is_engaged else 0.0,
-                push=estimate.push,
-                is_late=self.gap > boat.alarms.late,
-                follows=ours and on_heading and not self.waits,
-                speeds_apart=speeds_apart(estimate.speeds),
-                trial_speed=boat.model.reference_speed,
-                rudder_is_measured=is_fed_back(estimate.rudder, self.now),
-                damps_roll=self.damps_roll,
-            )
+def monitor(
+    config: Config, work: Work, state: State, damps_roll: bool, estimate: EstimatorState, seen: NavState
+) -> Mapping[str, AlarmEvent]:
+    """Return what the monitors and the links find, by its names in the catalogue; a doubt of the links' is found, too.
+
+    state: that from before the tick. damps_roll: the rudder works against roll too.
+    """
+    boat, (order, guide, _, waits), command = config.boat, state.way, state.rudder.command
+    is_engaged, on_heading = work.supervisor.mode is Mode.ENGAGED, order.kind is OrderKind.HEADING
+    ours = is_engaged and boat.rudder_is_ours
+    work.monitors.update(
+        MonitorInput(
+            work.now,
+            estimate.model,
+            seen,
+            ours,
+            is_engaged and on_heading and not waits and guide.is_late(work.now),
+            guide.heading,
+            command.angle if ours else 0.0,
+            boat.limits.angle_max,
+            abs(seen.speed) >= boat.steerage,
+            estimate.fusion.innovation_mean,
+            waits,
+            zigzag_divergence(guide, order, seen.heading) if is_engaged and not on_heading else 0.0,
+            push=estimate.push,
+            is_late=work.gap > boat.alarms.late,
+            follows=ours and on_heading and not waits,
+            speeds_apart=speeds_apart(estimate.speeds),
+            trial_speed=boat.model.reference_speed,
+            rudder_is_measured=is_fed_back(estimate.rudder, work.now),
+            damps_roll=damps_roll,
         )
-        found = self.monitors.findings
-        doubts = {event.name: event for event in self.supervisor.noted.values() if kind_of(event).is_doubt}
-        return {**found, **doubts} if doubts else found
-
-    def supervise(self, order: Order, seen: NavState, found: dict[str, AlarmEvent]) -> tuple[Mode, NavState]:
-        """Return the mode, and what is known of the boat, whose helm may have been taken just now."""
-        was = self.supervisor.mode
-        mode = self.supervisor.decide(self.now, order, seen, found)
-        if mode is not Mode.ENGAGED or was is Mode.ENGAGED:
-            return mode, seen
-        return mode, self._engage(seen)
-
-    def _engage(self, seen: NavState) -> NavState:
-        """Take the helm without a bump: from the heading, rate and rudder that are."""
-        if not is_fed_back(self.estimate.rudder, self.now):
-            self.estimate = without_bias(self.estimate)
-            seen = seen._replace(bias=0.0)
-        # a fail-safe that still holds the rudder hands over what it commanded
-        there = self.command.angle if self.command.engaged else seen.rudder
-        start = clip(there, -self.boat.limits.angle_max, self.boat.limits.angle_max)
-        self._begin_law(start)
-        waves = wave_rudder(self.config.steering, self.estimate.model, seen)
-        self._plan_anew(steered_by(seen, waves.filtered))
-        self.order_in_force = Order()
-        self.command = RudderCommand(self.now, start, True)
-        self.rest = Rest(start, start)
-        return seen
-
-    def steady(self, seen: NavState) -> NavState:
-        """Return what is steered by: without the waves that are left alone, and where the boat is steered softly with
-        the mean bias of late. What a boat does that is not its model is taken for wind that comes and goes with each
-        swing, and steering against that keeps it swinging."""
-        self.waves = wave_rudder(self.config.steering, self.estimate.model, seen)
-        state = steered_by(seen, self.waves.filtered)
-        share = -math.expm1(-self.dt / (CALM * self.estimate.model.time_constant))
-        self.mean_bias += share * (state.bias - self.mean_bias)
-        return state._replace(bias=self.mean_bias) if self.monitors.softer > 1.0 else state
-
-    def watch_course(self, order: Order, steady: NavState, *, is_other_boat: bool) -> None:
-        """Plan anew where the boat turns out to be another, or has lost or found the way that a rudder needs."""
-        is_engaged = self.supervisor.mode is Mode.ENGAGED
-        if is_other_boat and is_engaged:
-            # the turn that was planned is another boat's
-            self._plan_anew(steady)
-        counts = self.boat.steerage_over_ground or not self.estimate.speeds.is_over_ground
-        least = self.boat.steerage * (STEERAGE_AGAIN if self.waits else 1.0)
-        waits = is_engaged and order.kind is OrderKind.HEADING and counts and steady.speed < least
-        if waits == self.waits:
-            return
-        self.waits = waits
-        if is_engaged:
-            # from where the boat has drifted to
-            self._plan_anew(steady)
-            self._begin_law(self.command.angle)
-
-    def reckon(self, steady: NavState) -> tuple[NavState, Reference, float]:
-        """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts."""
-        self._against_roll(engaged=False)
-        self.wave_rudder = 0.0
-        if not self.is_reckoned:
-            self.is_reckoned = True
-            self.failsafe.begin(steady)
-            self._begin_law(self.command.angle)
-        model, action = self.estimate.model, self.boat.failsafe
-        reckoned, reference = self.failsafe.reckon(self.now, model, steady.rudder)
-        if action.action == "windward":
-            rudder = self.failsafe.windward(self.now, action.windward_rudder)
-            held = Reference(reckoned.heading, reckoned.rate)
-            return reckoned, held, 0.0 if rudder is None else rudder - reckoned.bias
-        return reckoned, reference, self._ask_law(model, reference, reckoned, self.command.angle)
-
-    def refer(self, order: Order, steady: NavState) -> Reference:
-        """Return the heading, rate and acceleration to be followed."""
-        self.is_reckoned = False
-        if self.supervisor.mode is not Mode.ENGAGED:
-            return Reference(steady.heading, steady.rate, 0.0)
-        model = self.estimate.model
-        if not order.is_same(self.order_in_force):
-            limits = self._limits_at(model)
-            if self.order_in_force.kind is not OrderKind.HEADING:
-                self.guide = started(self.guide, limits, steady)
-            self.guide = heading_ordered(self.guide, model, limits, steady, order.heading)
-            self.order_in_force = order
-        if order.kind is not OrderKind.HEADING:
-            return Reference(steady.heading, steady.rate, 0.0)
-        if self.waits:
-            return Reference(self.guide.heading)
-        limits, moved = self._limits_at(model), Moved(self.command.angle, self.dt)
-        self.guide = referred(self.config.steering, self.guide, self.turning, model, steady, moved)
-        return reference_of(model, limits, self.guide.boat)
-
-    def demand(self, order: Order, reference: Reference, steady: NavState) -> float:
-        """Return the rudder [rad] that is wanted: the law's or the order's, with what works against waves and roll."""
-        mode, kind = self.supervisor.mode, order.kind
-        before, self.wave_rudder = self.wave_rudder, 0.0
-        steers = mode is Mode.ENGAGED and kind is OrderKind.HEADING and not self.waits
-        demand = 0.0
-        if steers:
-            # the law's memory is of its own rudder, not of what was set against waves and roll on top of it
-            own, self.wave_rudder = self.rest.allowed - self.roll_rudder - before, self.waves.rudder
-            model = self.estimate.model
-            if self.monitors.softer > 1.0:
-                model = model._replace(gain=model.gain * self.monitors.softer)
-            demand = self._ask_law(model, reference, steady, own) + self.waves.rudder
-        elif mode is Mode.ENGAGED and kind is OrderKind.RUDDER:
-            demand = order.rudder
-        elif mode is Mode.ENGAGED and kind is OrderKind.ZIGZAG:
-            self.guide = zigzag(self.guide, order, steady.heading)
-            demand = self.guide.side * order.rudder
-        return demand + self._against_roll(engaged=steers and self.boat.rudder_is_ours)
-
-    def _against_roll(self, *, engaged: bool) -> float:
-        """Return the rudder against roll on top of the heading law's; trials keep the rudder they order."""
-        if self.boat.roll is None:
-            return 0.0
-        self.damper, self.roll_rudder = damped(self.boat.roll, self.damper, self.now, self.dt, engaged=engaged)
-        return self.roll_rudder
-
-    def _begin_law(self, rudder: float) -> None:
-        """Have the law begin anew at `rudder` [rad]; of the roll from before nothing counts."""
-        self.law, self.roll = self.config.law.first(rudder), None
-
-    def _ask_law(self, model: Norrbin, reference: Reference, state: NavState, last_rudder: float) -> float:
-        """Return the law's demand [rad], and keep what it remembers."""
-        boat, roll = self.boat, NO_ROLL if self.roll is None else self._roll_at(state.time)
-        ratio = model.reference_speed / boat.model.reference_speed
-        given = LawInput(model, ratio, reference, state, roll, last_rudder, boat.limits.angle_max, self.dt)
-        kind, gains = self.config.law
-        demand, self.law = kind.step(gains, self.law, given)
-        return demand
-
-    def _roll_at(self, now: float) -> RollInput:
-        sample = self.roll
-        if sample is None or sample.rate is None:
-            return NO_ROLL
-        return RollInput(sample.roll, sample.rate, now - sample.time)
-
-    def _limits_at(self, model: Norrbin) -> TurnLimits:
-        self.turning = turning_at(self.config.steering, self.turning, model)
-        return self.turning.limits
-
-    def _plan_anew(self, steady: NavState) -> None:
-        self.guide = started(self.guide, self._limits_at(self.estimate.model), steady)
-
-    def picture(self, order: Order, reference: Reference, steady: NavState) -> Picture:
-        """Return what the command was worked out from, for the check that shares no code with the law."""
-        follows = order.kind is OrderKind.HEADING and not self.waits and self.boat.rudder_is_ours
-        error = error_of(steady, reference) if follows else math.nan
-        return Picture(steady.time, steady.heading_age, error, steady.rate, steady.bias)
-
-    def limit(self, order: Order, seen: NavState, demand: float, picture: Picture) -> RudderCommand:
-        """Return the command: the demand within limits and dead band, checked once more by the supervisor."""
-        dt = self.dt
-        previous = self.command.angle if self.command.engaged else seen.rudder
-        if self.supervisor.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING and not self.waits:
-            # only a course that is held has a dead band
-            before = self.rest._replace(command=previous)
-            rest = limited(self.config.steering, before, Moved(previous, dt), demand)
-        else:
-            allowed = limit(self.boat.limits, previous, demand, dt)
-            rest = Rest(allowed, allowed)
-        command = self.supervisor.check(self.now, previous, demand, rest.command, dt, picture)
-        self.rest = rest if command.angle == rest.command else Rest(command.angle, command.angle)
-        if command.engaged and self.boat.rudder_is_ours:
-            self._note_rudder_order(command.angle)
-        self.command = command
-        return command
-
-    def show(self, samples: tuple[Sample, ...], order: Order) -> Shown:
-        """Return what is to be said, what is to be heard, and the state of each alarm: what ended steering or keeps it
-        from beginning comes first."""
-        ended = self.supervisor.alarm
-        raised = {ended.name: ended} if ended is not None else {}
-        raised.update(self.supervisor.noted)
-        for name, event in self.monitors.findings.items():
-            raised.setdefault(name, event)
-        past = (ended.name,) if ended is not None and self.supervisor.is_over else ()
-        alarms, siren = self.panel.update(self.now, raised, samples, order, past)
-        return Shown(alarms, siren, self.panel.states)
+    )
+    found, noted = work.monitors.findings, work.supervisor.noted
+    if not noted:
+        return found
+    return {**found, **{event.name: event for event in noted.values() if kind_of(event).is_doubt}}
 
 
-class Shown(NamedTuple):
-    """The alarms, what is to be heard, and the state of each alarm."""
+def with_known_rudder(estimate: EstimatorState, seen: NavState, now: float) -> tuple[EstimatorState, NavState]:
+    """Return what is known of a boat whose helm was taken just now: where nothing tells where its rudder was, no bias
+    was learnt."""
+    if is_fed_back(estimate.rudder, now):
+        return estimate, seen
+    return without_bias(estimate), seen._replace(bias=0.0)
 
-    alarms: tuple[AlarmEvent, ...]
-    siren: Siren
-    states: tuple[AlarmState, ...]
+
+def taken_over(config: SteeringConfig, way: Way, rudder: Rudder, model: Norrbin, seen: NavState) -> tuple[Way, Rudder]:
+    """Return the helm taken without a bump: from the heading, rate and rudder that are."""
+    # a fail-safe that still holds the rudder hands over what it commanded
+    there = rudder.command.angle if rudder.command.engaged else seen.rudder
+    start = clip(there, -config.limits.angle_max, config.limits.angle_max)
+    waves = wave_rudder(config, model, seen)
+    way = planned_anew(config, way, model, steered_by(seen, waves.filtered))
+    command = RudderCommand(seen.time, start, True)
+    return way._replace(order=Order()), rudder._replace(command=command, rest=Rest(start, start))
+
+
+def begun(config: Config, control: Control, angle: float) -> Control:
+    """Return the law begun anew at the rudder `angle` [rad]; of the roll from before nothing counts."""
+    return control._replace(law=config.law.first(angle), roll=None)
+
+
+def averaged(mean_bias: float, bias: float, model: Norrbin, dt: float) -> float:
+    """Return the bias [rad] of late, `dt` [s] later."""
+    return mean_bias - math.expm1(-dt / (CALM * model.time_constant)) * (bias - mean_bias)
+
+
+def lacks_way(boat: PilotConfig, way: Way, estimate: EstimatorState, speed: float) -> bool:
+    """Return whether the `speed` [m/s] is less than what a rudder needs to steer."""
+    counts = boat.steerage_over_ground or not estimate.speeds.is_over_ground
+    return counts and speed < boat.steerage * (STEERAGE_AGAIN if way.waits else 1.0)
+
+
+def reckon(
+    config: Config, work: Work, control: Control, rudder: Rudder, model: Norrbin, steady: NavState
+) -> tuple[Control, NavState, Reference, float]:
+    """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts."""
+    angle, action = rudder.command.angle, config.boat.failsafe
+    if not rudder.is_reckoned:
+        work.failsafe.begin(steady)
+        control = begun(config, control, angle)
+    reckoned, reference = work.failsafe.reckon(work.now, model, steady.rudder)
+    if action.action == "windward":
+        wanted = work.failsafe.windward(work.now, action.windward_rudder)
+        held = Reference(reckoned.heading, reckoned.rate)
+        return control, reckoned, held, 0.0 if wanted is None else wanted - reckoned.bias
+    control, demand = ask_law(config, control, model, reference, reckoned, Moved(angle, work.dt))
+    return control, reckoned, reference, demand
+
+
+def ask_law(
+    config: Config, control: Control, model: Norrbin, reference: Reference, state: NavState, own: Moved
+) -> tuple[Control, float]:
+    """Return the law's demand [rad], and what it remembers. own: the law's part of the last command."""
+    law, roll, damper, roll_rudder, damps_roll = control
+    measured = NO_ROLL
+    if roll is not None and roll.rate is not None:
+        measured = RollInput(roll.roll, roll.rate, state.time - roll.time)
+    ratio = model.reference_speed / config.boat.model.reference_speed
+    most = config.boat.limits.angle_max
+    kind, gains = config.law
+    demand, law = kind.step(gains, law, LawInput(model, ratio, reference, state, measured, own.command, most, own.dt))
+    return Control(law, roll, damper, roll_rudder, damps_roll), demand
+
+
+def against_roll(boat: PilotConfig, control: Control, now: float, dt: float, *, engaged: bool) -> Control:
+    """Return the rudder against roll on top of the heading law's; trials keep the rudder they order."""
+    if boat.roll is None:
+        return control
+    damper, roll_rudder = damped(boat.roll, control.damper, now, dt, engaged=engaged)
+    return control._replace(damper=damper, roll_rudder=roll_rudder)
+
+
+def picture(boat: PilotConfig, way: Way, order: Order, reference: Reference, steady: NavState) -> Picture:
+    """Return what the command was worked out from, for the check that shares no code with the law."""
+    follows = order.kind is OrderKind.HEADING and not way.waits and boat.rudder_is_ours
+    error = error_of(steady, reference) if follows else math.nan
+    return Picture(steady.time, steady.heading_age, error, steady.rate, steady.bias)
+
+
+def show(
+    work: Work, shown: AlarmPanel, samples: tuple[Sample, ...], order: Order
+) -> tuple[tuple[AlarmEvent, ...], Siren]:
+    """Return what is to be said and heard: what ended steering, or keeps it from beginning, comes first."""
+    ended, noted, found = work.supervisor.alarm, work.supervisor.noted, work.monitors.findings
+    raised = {ended.name: ended, **noted} if ended is not None else dict(noted)
+    for name, event in found.items():
+        raised.setdefault(name, event)
+    past = (ended.name,) if ended is not None and work.supervisor.is_over else ()
+    return shown.update(work.now, raised, samples, order, past)

@@ -160,7 +160,7 @@ def sail(pilot: Pilot, load: Array, noise: Array, hears_roll: bool) -> Array:
         travel += abs(rudder - before)
         state = moved(state, rudder, push)
         if (i + 1) % KEEP == 0:
-            weight = pilot.state.law.schedule.weight if isinstance(pilot.state.law, RollMemory) else 0.0
+            weight = pilot.state.control.law.schedule.weight if isinstance(pilot.state.control.law, RollMemory) else 0.0
             rows.append((*state, rudder, travel, weight, drag_coefficient(NAVAL_RUDDERS, rudder)))
     return np.array(rows)
 

@@ -179,8 +179,8 @@ def rolled(gear: SteeringGear, hears_roll: bool, has_sensor: bool) -> tuple[floa
         outside = Load(own.Y + push[0], own.K + push[1], own.N + push[2])
         state = motion_step(NAVAL_HULL, inverse, SERVICE_SPEED, state, outside, DT)
         roll.append(state.phi)
-    assert isinstance(pilot.state.law, RollMemory)
-    return float(np.degrees(np.std(roll[SEEN:]))), pilot.state.law.schedule.weight
+    assert isinstance(pilot.state.control.law, RollMemory)
+    return float(np.degrees(np.std(roll[SEEN:]))), pilot.state.control.law.schedule.weight
 
 
 @pytest.mark.parametrize("has_sensor", [True, False], ids=["rudder sensor", "no rudder sensor"])

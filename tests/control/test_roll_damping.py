@@ -196,7 +196,7 @@ def test_a_fail_safe_that_steers_ends_it_and_it_begins_anew_after() -> None:
         if now > lost + 2.0:
             demands.setdefault(tick.mode, []).append(tick.demand)
         elif now < lost:
-            phase = pilot.state.damper.phase
+            phase = pilot.state.control.damper.phase
     assert phase is Phase.KEPT_ON
     for mode in (Mode.FAILSAFE, Mode.ENGAGED):
         assert max(map(abs, demands[mode])) < math.radians(0.2)

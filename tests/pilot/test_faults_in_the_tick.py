@@ -29,7 +29,7 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "monitors": lambda _: (tick.Monitors, "update"),
     "supervisor decides": lambda _: (tick.Supervisor, "decide"),
     "guidance": lambda _: (reference, "turn_step"),
-    "law": lambda _: (tick._Work, "_ask_law"),
+    "law": lambda _: (tick, "ask_law"),
     "limits": lambda _: (steering, "limit"),
     "supervisor checks": lambda _: (tick.Supervisor, "check"),
     "alarms": lambda _: (tick.AlarmPanel, "update"),

@@ -122,7 +122,7 @@ def test_a_hung_tick_stops_the_signs_of_life(manager: Manager, monkeypatch: pyte
     run = Lockstep(VESSEL)
     run.engage(90.0)
     assert run.run(20.0, until=run.engaged)
-    law, hung, goes_on = tick._Work._ask_law, threading.Event(), threading.Event()
+    law, hung, goes_on = tick.ask_law, threading.Event(), threading.Event()
 
     def hang(*arguments: object) -> float:
         if run.now > 30.0:
@@ -130,7 +130,7 @@ def test_a_hung_tick_stops_the_signs_of_life(manager: Manager, monkeypatch: pyte
             assert goes_on.wait(60.0)
         return law(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(tick._Work, "_ask_law", hang)
+    monkeypatch.setattr(tick, "ask_law", hang)
 
     def sail() -> None:
         with ServiceHooks(RealTime(), None, print) as hooks:
