@@ -283,16 +283,16 @@ class RouteSkipper(PlotterSkipper):
         self._tick = tick
         if tick is not None:
             for sample in tick.samples:
-                if isinstance(sample, PositionSample):
+                if sample.__class__ is PositionSample:
                     self.track.take(sample)
-                elif isinstance(sample, WindSample) and tick.state.valid:
+                elif sample.__class__ is WindSample and tick.state.valid:
                     self.wind.on_sample(sample, tick.state.heading)
             if self._awaits_wind and self.wind.is_known(tick.now):
                 self.hold_wind()
         if self._script is not None:
             return self._sail(now, tick, self._script)
         order = super().__call__(now, tick)
-        leader = next((guide for guide in (self.track, self.wind) if guide.following), self.patterns)
+        leader = self.track if self.track.following else self.wind if self.wind.following else self.patterns
         if not leader.following or tick is None:
             if order.is_led and not self._guide.following:
                 self._order = order = order._replace(is_led=False)

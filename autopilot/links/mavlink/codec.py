@@ -27,6 +27,8 @@ PART = re.compile(r"(\d*)([A-Za-z])")
 
 HEADER = struct.Struct("<BBBBBBBHB")
 """Magic, payload length, incompatibility and compatibility flags, sequence, system, component, id (16 + 8 bits)."""
+SHORTEST = 12
+"""Bytes of a frame without payload."""
 
 
 class Layout(NamedTuple):
@@ -50,8 +52,10 @@ class Writer(NamedTuple):
 
 @functools.cache
 def layout_of(identity: int) -> Layout | None:
-    """Return the layout of the message `identity`; None where it has arrays and pymavlink knows it."""
-    kind = KNOWN[identity]
+    """Return the layout of the message `identity`; None where nobody knows it, or it has arrays and pymavlink does."""
+    kind = KNOWN.get(identity)
+    if kind is None:
+        return None
     has_arrays = any(kind.array_lengths) or "char" in kind.fieldtypes
     if dialect.mcrf4xx is None or (has_arrays and identity not in EXTRA_MESSAGES):
         return None
@@ -166,6 +170,13 @@ class MavlinkCodec:
 
     def decode(self, data: bytes) -> list[Message]:
         """Return the messages in a datagram, or those completed by a chunk of the stream; never raises."""
+        end = len(data)
+        if end > SHORTEST and data[0] == MAGIC_V2 and end == data[1] + SHORTEST and not self._rest and not data[2]:
+            # one frame without a signature, as nearly all datagrams are
+            message = self._decode_frame(data) if self._signing is None else None
+            if message is not None:
+                self.received += 1
+                return [message]
         messages: list[Message] = []
         buffer = self._rest + data if self._rest else data
         end = len(buffer)
@@ -219,16 +230,14 @@ class MavlinkCodec:
         if crc != frame[end] | frame[end + 1] << 8:
             return None
         # zeros at the end are left out on the way; what a newer sender adds is not read
-        payload = (frame[10:end] + bytes(layout.size))[: layout.size]
+        payload = frame[10:end]
+        if size != layout.size:
+            payload = (payload + bytes(layout.size))[: layout.size]
         message: Message = object.__new__(layout.kind)
-        message.__dict__ = {
-            **layout.blank,
-            **dict(zip(layout.names, layout.unpack(payload), strict=True)),
-            "_msgbuf": frame,
-            "_payload": payload,
-            "_crc": crc,
-            "_header": dialect.MAVLink_header(identity, flags, compatible, size, number, system, component),
-        }
+        message.__dict__ = fields = layout.blank.copy()
+        fields.update(zip(layout.names, layout.unpack(payload), strict=True))
+        fields["_msgbuf"], fields["_payload"], fields["_crc"] = frame, payload, crc
+        fields["_header"] = dialect.MAVLink_header(identity, flags, compatible, size, number, system, component)
         return message
 
     def _decoded_by_pymavlink(self, frame: bytes, identity: int, end: int) -> Message | None:
