@@ -72,7 +72,7 @@ def watched_run(setting: Setting, workspace: Workspace, limits: AlarmLimits, jam
     instruments, course, dt = setting.instruments, setting.course, setting.dt
     state = setting.start
     water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
-    lag = math.ceil(instruments.latency / dt - 1.0e-7)
+    lag = math.ceil(instruments.noise.latency / dt - 1.0e-7)
     taken, order, command = 0, 0.0, 0.0
     heading, rate, speed = readings(instruments, 0, state)
     workspace.readings[0, 0], workspace.readings[0, 1], workspace.readings[0, 2] = heading, rate, speed

@@ -76,14 +76,14 @@ def watched_run(
     instruments, dt = setting.instruments, setting.dt
     state = setting.start
     water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
-    lag = math.ceil(instruments.latency / dt - 1.0e-7)
+    lag = math.ceil(instruments.noise.latency / dt - 1.0e-7)
     taken, order, command = 0, 0.0, 0.0
     heading, rate, speed = readings(instruments, 0, state)
     workspace.readings[0, 0], workspace.readings[0, 1], workspace.readings[0, 2] = heading, rate, speed
     measurement = Measurement(Measured(0.0, wrap(heading), rate), speed)
     pilot_state = initial_state(setting.campaign, setting.filtered, lag * dt, measurement, workspace.rudder)
     memory = first_response(
-        noise_of(pilot_state.model, variance, 0.0, 0.0), lag * dt - instruments.latency, wrap(heading)
+        noise_of(pilot_state.model, variance, 0.0, 0.0), lag * dt - instruments.noise.latency, wrap(heading)
     )
     alarms, evidence, seen, off, is_reversed, moved = 0, 0.0, math.inf, 0.0, False, math.inf
     held = math.nan

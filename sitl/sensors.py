@@ -135,6 +135,44 @@ class SensorFaults:
         return self._held.setdefault(kind, values)
 
 
+class Noise(NamedTuple):
+    """What compass, rate gyro and log make of the truth: standard deviations [rad], [rad/s], [m/s]; the compass's
+    constant error and resolution [rad]; latency [s]."""
+
+    heading: float
+    rate: float
+    speed: float
+    offset: float
+    resolution: float
+    latency: float
+
+
+DEVIATES_A_SET = 10
+"""How many deviates one set of readings takes; heading, rate and speed take these of them."""
+HEADING, RATE, SPEED = 0, 5, 9
+
+
+def noise_of(vessel: Vessel, scenario: Scenario) -> Noise:
+    """Return the instruments of a scenario; what it leaves open is as the vessel file says."""
+    section, filed = scenario.sensors, vessel.sensors
+    return Noise(
+        heading=math.radians(or_else(section.heading_noise_deg, filed.heading_noise_deg)),
+        rate=math.radians(or_else(section.rate_noise_deg_s, filed.rate_noise_deg_s)),
+        speed=section.speed_noise_m_s,
+        offset=math.radians(section.heading_offset_deg),
+        resolution=math.radians(section.heading_step_deg),
+        latency=or_else(section.latency_s, filed.heading_latency_s),
+    )
+
+
+def shown(noise: Noise, state: BoatState, heading: float, rate: float, speed: float) -> tuple[float, float, float]:
+    """Return heading [rad] in [0, 2 pi), rate [rad/s] and speed through the water [m/s] with the deviates of each."""
+    seen = state.heading + noise.offset + noise.heading * heading
+    if noise.resolution > 0.0:
+        seen = round(seen / noise.resolution) * noise.resolution
+    return wrap_positive(seen), state.rate + noise.rate * rate, state.speed + noise.speed * speed
+
+
 class Sensors:
     """The boat's instruments. `sample` is called once a step; `latest` gives what has left the sensor by then."""
 
@@ -147,9 +185,7 @@ class Sensors:
         first, second = seed.spawn(2)
         self._corruptions = SensorFaults(faults, first), SensorFaults(faults, second, "second")
         self._start = scenario.start
-        self._heading_noise = math.radians(or_else(section.heading_noise_deg, vessel.sensors.heading_noise_deg))
-        self._rate_noise = math.radians(or_else(section.rate_noise_deg_s, vessel.sensors.rate_noise_deg_s))
-        self._latency = or_else(section.latency_s, vessel.sensors.heading_latency_s)
+        self._noise = noise_of(vessel, scenario)
         self._deviates = Deviates(np.random.default_rng(seed))
         self._on_their_way: deque[tuple[Reading, Reading]] = deque()
         self._latest: tuple[Reading, Reading] | None = None
@@ -159,24 +195,23 @@ class Sensors:
 
     def sample(self, time: float, state: BoatState) -> None:
         """Measure the boat at `time` [s] since the start."""
-        deviate = self._deviates.next
-        section = self._section
-        heading = state.heading + math.radians(section.heading_offset_deg) + self._heading_noise * deviate()
+        drawn = [self._deviates.next() for _ in range(DEVIATES_A_SET)]
+        section, noise = self._section, self._noise
+        heading, rate, water_speed = shown(noise, state, drawn[HEADING], drawn[RATE], drawn[SPEED])
         position = section.position_noise_m
-        speed_noise = section.speed_noise_m_s
-        north_speed = state.north_speed + speed_noise * deviate()
-        east_speed = state.east_speed + speed_noise * deviate()
-        latitude = self._start.latitude_deg + math.degrees((state.north + position * deviate()) / EARTH_RADIUS)
+        north_speed = state.north_speed + noise.speed * drawn[1]
+        east_speed = state.east_speed + noise.speed * drawn[2]
+        latitude = self._start.latitude_deg + math.degrees((state.north + position * drawn[3]) / EARTH_RADIUS)
         parallel = EARTH_RADIUS * math.cos(math.radians(latitude))
-        longitude = self._start.longitude_deg + math.degrees((state.east + position * deviate()) / parallel)
+        longitude = self._start.longitude_deg + math.degrees((state.east + position * drawn[4]) / parallel)
         reading = Reading(
             time=time,
-            heading=self._reported_heading(heading),
-            rate=state.rate + self._rate_noise * deviate(),
-            roll=state.roll + math.radians(section.roll_noise_deg) * deviate(),
-            roll_rate=state.roll_rate + self._rate_noise * deviate(),
-            rudder=state.rudder + math.radians(section.rudder_noise_deg) * deviate(),
-            water_speed=state.speed + speed_noise * deviate(),
+            heading=heading,
+            rate=rate,
+            roll=state.roll + math.radians(section.roll_noise_deg) * drawn[6],
+            roll_rate=state.roll_rate + noise.rate * drawn[7],
+            rudder=state.rudder + math.radians(section.rudder_noise_deg) * drawn[8],
+            water_speed=water_speed,
             ground_speed=math.hypot(north_speed, east_speed),
             course=wrap_positive(math.atan2(east_speed, north_speed)),
             latitude=latitude,
@@ -186,11 +221,6 @@ class Sensors:
         )
         one, other = self._corruptions
         self._on_their_way.append((one.corrupt(time, reading), other.corrupt(time, reading)))
-
-    def _reported_heading(self, heading: float) -> float:
-        """Resolution, after noise and offset."""
-        step = math.radians(self._section.heading_step_deg)
-        return wrap_positive(round(heading / step) * step if step > 0.0 else heading)
 
     def latest(self, time: float) -> Reading | None:
         """Return the newest reading of the flight controller that has left the sensor by `time` [s]; None before any.
@@ -206,7 +236,7 @@ class Sensors:
         return None if pair is None else pair[1]
 
     def _newest(self, time: float) -> tuple[Reading, Reading] | None:
-        latency = self._latency + (self._faults.size("heading_late", time) or 0.0)
+        latency = self._noise.latency + (self._faults.size("heading_late", time) or 0.0)
         while self._on_their_way and self._on_their_way[0][0].time + latency <= time + 1.0e-9:
             self._latest = self._on_their_way.popleft()
         return self._latest

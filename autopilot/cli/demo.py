@@ -33,9 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
         from autopilot.report import require_extra
 
         require_extra()
-    from autopilot.cli.demo_legs import as_json, as_text, sail_demo
+    from autopilot.cli.demo_legs import as_json, sail_demo
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import save_text, unused_folder
+    from autopilot.report.demo import as_text
 
     try:
         out = unused_folder(arguments.out)
@@ -57,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             holds={label: result.legs[name].ticks for name, label in HOLDS.items()},
         )
         write_demo_report(out, shown, summary)
-    print(json.dumps(summary, indent=2) if arguments.json else as_text(result))
+    print(json.dumps(summary, indent=2) if arguments.json else as_text(summary))
     if not arguments.json:
         print(f"\nWrote {', '.join(sorted(path.name for path in out.iterdir()))} in {out}")
     return int(ExitCode.OK)

@@ -1,4 +1,4 @@
-"""The demo's figures and report.html."""
+"""What the demo found, as tables for the terminal, figures and report.html."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autopilot import __version__
+from autopilot.files.printable import aligned
 from autopilot.files.saving import save_text
 from autopilot.report.page import Line, Panel, Section, render, time_figure
 from autopilot.signals import Tick
@@ -45,24 +46,41 @@ def write_demo_report(out: Path, shown: DemoFigures, summary: dict[str, Any]) ->
     save_text(out / "report.html", page)
 
 
-def _sections(figures: dict[str, str], summary: dict[str, Any]) -> list[Section]:
-    parameters = [("parameter", "unit", "true", "identified", "standard error")]
+Rows = list[tuple[str, ...]]
+
+
+def tables_of(summary: dict[str, Any]) -> tuple[Rows, Rows, Rows]:
+    """Return what was identified, the turns and the holds as tables, their heads first."""
+    parameters: Rows = [("identified", "unit", "true", "found", "standard error", "off by")]
     for name, row in summary["parameters"].items():
         error = "-" if row["std"] is None else f"{row['std']:.4f}"
-        parameters.append((name, row["unit"], f"{row['true']:.4f}", f"{row['identified']:.4f}", error))
-    turns = [("law and link", "overshoot [deg]", "settling to 1 deg [s]", "rudder travel [deg]")]
+        off = f"{100.0 * (row['identified'] / row['true'] - 1.0):+.1f} %" if row["true"] else "-"
+        parameters.append((name, row["unit"], f"{row['true']:.4f}", f"{row['identified']:.4f}", error, off))
+    turns: Rows = [("turn of 90 deg, calm", "overshoot", "settling to 1 deg", "rudder travel")]
     for name, row in summary["turn_90_deg_calm"].items():
-        turns.append(
-            (
-                name,
-                f"{row['overshoot_deg']:.2f}",
-                "never" if row["settling_s"] is None else f"{row['settling_s']:.1f}",
-                f"{row['rudder_travel_deg']:.0f}",
-            )
-        )
-    holds = [("law", "true heading rms [deg]", "rudder travel [deg/s]")]
+        settling = "never" if row["settling_s"] is None else f"{row['settling_s']:.1f} s"
+        turns.append((name, f"{row['overshoot_deg']:.2f} deg", settling, f"{row['rudder_travel_deg']:.1f} deg"))
+    holds: Rows = [("hold, sea state 5", "true heading rms", "rudder travel")]
     for name, row in summary["hold_sea_state_5"].items():
-        holds.append((name, f"{row['heading_rms_deg']:.2f}", f"{row['rudder_travel_deg_s']:.2f}"))
+        holds.append((name, f"{row['heading_rms_deg']:.2f} deg", f"{row['rudder_travel_deg_s']:.2f} deg/s"))
+    return parameters, turns, holds
+
+
+def as_text(summary: dict[str, Any]) -> str:
+    """Return the tables for a terminal."""
+    parameters, turns, holds = (aligned(rows, right=range(1, len(rows[0]))) for rows in tables_of(summary))
+    delay, said = summary["rudder_delay_s"], [*summary["unidentifiable"].values(), summary["model_form"]]
+    if delay > 0.0:
+        said.insert(
+            0,
+            f"rudder's delay {delay:.3f} s +- {summary['rudder_delay_std_s'] or 0.0:.3f} s: orders on their way, at "
+            "four times the pace",
+        )
+    return "\n".join([*parameters, *(f"  {sentence}" for sentence in said), "", *turns, "", *holds])
+
+
+def _sections(figures: dict[str, str], summary: dict[str, Any]) -> list[Section]:
+    parameters, turns, holds = tables_of(summary)
     note = (
         "Standard errors tell what sensor noise and sea leave open. The simulated boat also loses speed and drifts in "
         "turns, which the model leaves out: the difference to the true values holds that too.",

@@ -43,20 +43,16 @@ PAST_MOST = math.radians(5.0)
 """A turn that leads further past with WEAKER times the model's K is not well in hand."""
 
 
-def overshoot(vessel: Vessel, gain_factor: float) -> float:
-    """Return how far [rad] a turn of 90 deg leads past with K `gain_factor` times the model's; inf: not settled.
+def survives(vessel: Vessel) -> bool:
+    """Return whether a turn stays in hand where the rudder is 30 % weaker than the model's."""
+    return all(_past(vessel, seed) <= PAST_MOST for seed in SEEDS)
+
+
+def _past(vessel: Vessel, seed: int) -> float:
+    """Return how far [rad] a turn of 90 deg leads past with a rudder weaker than the model's; inf: not settled.
 
     Noise as in the vessel file. Raises RefusedError where the gains must not be engaged.
     """
-    return max(_one(vessel, gain_factor, seed) for seed in SEEDS)
-
-
-def survives(vessel: Vessel) -> bool:
-    """Return whether a turn stays in hand where the rudder is 30 % weaker than the model's."""
-    return all(_one(vessel, RUDDER_LOSS, seed) <= PAST_MOST for seed in SEEDS)
-
-
-def _one(vessel: Vessel, gain_factor: float, seed: int) -> float:
     from autopilot.guidance.turn import turn_limits, turning_time
     from autopilot.models.norrbin import rate_step
     from autopilot.models.steering_gear import DelayLine, gear_step
@@ -65,7 +61,7 @@ def _one(vessel: Vessel, gain_factor: float, seed: int) -> float:
 
     model, gear, limits, random = model_of(vessel), gear_of(vessel), limits_of(vessel), Random(seed)
     pilot, line = build_pilot(vessel), DelayLine(gear.delay + vessel.control.loop_delay_s)
-    true = model._replace(gain=gain_factor * model.gain)
+    true = model._replace(gain=RUDDER_LOSS * model.gain)
     turn = turn_limits(model, limits.angle_max, limits.rate_max, vessel.guidance.rudder_share)
     dt, noise, rate_noise = (
         1.0 / vessel.control.rate_hz,
@@ -211,25 +207,37 @@ def _finite(value: float) -> float | None:
 
 
 def as_text(rows: dict[str, Judged]) -> str:
-    """Return the table, a few lines for each."""
-    lines = [
-        f"{'':24}{'gain':>8}{'phase':>9}{'delay':>9}{'worst':>13}{'crossover':>12}{'rate saturates':>16}",
-        f"{'':24}{'margin':>8}{'margin':>9}{'margin':>9}{'sensitivity':>13}{'rad/s':>12}{'at error':>16}",
-    ]
+    """Return the table of margins with what else there is to say below each line of it."""
+    table = margin_table(rows)
+    head, *lines = aligned(table, right=range(1, len(table[0])))
+    said = [head]
+    for line, each in zip(lines, rows.values(), strict=True):
+        gains = "  ".join(f"{key} {value:g}" for key, value in shown_gains_of(each.vessel, each.law).items())
+        said += [line, *(f"    {sentence}" for sentence in (gains, *sentences(each)))]
+    return "\n".join(said)
+
+
+def margin_table(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
+    """Return the margins about straight running, a line for each set of gains below the heads."""
+    heads = ("gain margin", "phase margin", "delay margin", "worst sensitivity", "crossover", "rate saturates from")
+    table: list[tuple[str, ...]] = [("gains", *heads)]
     for name, each in rows.items():
         found = each.verdict.margins
-        if found.stable:
-            lines.append(
-                f"{name:24}{found.gain:8.2f}{math.degrees(found.phase):5.0f} deg{found.delay:7.2f} s"
-                f"{found.sensitivity:13.2f}{found.crossover:12.3f}{math.degrees(found.saturation):12.2f} deg"
+        if not found.stable:
+            table.append((name, "unstable", *[""] * (len(heads) - 1)))
+            continue
+        table.append(
+            (
+                name,
+                f"{found.gain:.2f}",
+                f"{math.degrees(found.phase):.0f} deg",
+                f"{found.delay:.2f} s",
+                f"{found.sensitivity:.2f}",
+                f"{found.crossover:.3g} rad/s",
+                f"{math.degrees(found.saturation):.2f} deg",
             )
-        else:
-            lines.append(f"{name:24}unstable")
-        lines.append(
-            "    " + "  ".join(f"{key} {value:g}" for key, value in shown_gains_of(each.vessel, each.law).items())
         )
-        lines += [f"    {sentence}" for sentence in sentences(each)]
-    return "\n".join(lines)
+    return table
 
 
 def sentences(each: Judged) -> list[str]:
@@ -373,7 +381,7 @@ def gains_page(name: str, rows: Mapping[str, Judged], levels: Mapping[int, Judge
         "functions that steer make of errors that saturate the rudder."
     )
     sections = [
-        Section("Margins", _margins(rows), _said(rows)),
+        Section("Margins", margin_table(rows), _said(rows)),
         Section("Open loop", figure=_open_loop(rows), caption="cut at the rudder; at the crossover |L| is 1"),
         Section(
             "Sensitivity", figure=_sensitivity(rows), caption="what the loop makes of disturbances: above 1 it adds"
@@ -386,37 +394,6 @@ def gains_page(name: str, rows: Mapping[str, Judged], levels: Mapping[int, Judge
         Section("Response levels", _levels(levels), ("Level 5 is the quickest loop with good margins.",)),
     ]
     return render("Gain design", lead, sections, command, __version__)
-
-
-def _margins(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
-    table: list[tuple[str, ...]] = [
-        (
-            "gains",
-            "gain margin [times]",
-            "phase margin [deg]",
-            "delay margin [s]",
-            "worst sensitivity [-]",
-            "crossover [rad/s]",
-            "rate saturates from [deg]",
-        )
-    ]
-    for name, each in rows.items():
-        found = each.verdict.margins
-        if not found.stable:
-            table.append((name, "unstable", "", "", "", "", ""))
-            continue
-        table.append(
-            (
-                name,
-                f"{found.gain:.2f}",
-                f"{math.degrees(found.phase):.0f}",
-                f"{found.delay:.2f}",
-                f"{found.sensitivity:.2f}",
-                f"{found.crossover:.3g}",
-                f"{math.degrees(found.saturation):.2f}",
-            )
-        )
-    return table
 
 
 def _said(rows: Mapping[str, Judged]) -> tuple[str, ...]:

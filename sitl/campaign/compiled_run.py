@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.angles import wrap, wrap_positive
+from autopilot.angles import wrap
 from autopilot.estimation.estimator import Measured
 from autopilot.estimation.heading_ekf import FilterState
 from autopilot.estimation.rudder_observer import RudderMemory
@@ -22,6 +22,7 @@ from sitl.boat import BoatState, Disturbance, Plant, Step, boat_step
 from sitl.campaign.compiled_tick import CampaignConfig, Measurement, initial_state, tick
 from sitl.campaign.environment import Surface, WaterState, water_step
 from sitl.sea import Water
+from sitl.sensors import HEADING, RATE, SPEED, Noise, shown
 
 SETTLED = math.radians(1.0)
 """A turn is over when the true heading stays within this [rad] of the one ordered."""
@@ -126,24 +127,17 @@ def figures(score: Score, tick_s: float, engaged: float) -> Figures:
 
 Floats = NDArray[np.float64]
 
-HEADING, RATE, SPEED = 0, 5, 9
-"""Places of these readings' deviates among those that `Sensors.sample` draws for one set."""
 CALM = Disturbance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Instruments(NamedTuple):
-    """Standard deviations [rad], [rad/s], [m/s]; offset and resolution [rad]; latency [s]; deviates by set of readings.
+    """The instruments' noise, and deviates by set of readings.
 
     A set is measured every `every` steps, a speed goes out with every `speed_every`-th set, and a rate with each where
     there is a gyro, `has_rate`.
     """
 
-    heading_noise: float
-    rate_noise: float
-    speed_noise: float
-    offset: float
-    resolution: float
-    latency: float
+    noise: Noise
     deviates: Floats
     every: int
     speed_every: int
@@ -191,7 +185,7 @@ def run_compiled(setting: Setting, workspace: Workspace) -> tuple[Score, bool]:
     instruments, course, dt = setting.instruments, setting.course, setting.dt
     state = setting.start
     water, acting, felt_dt = WaterState(setting.swell, 0.0, 0.0, 0), CALM, dt * setting.water_every
-    lag = math.ceil(instruments.latency / dt - 1.0e-7)
+    lag = math.ceil(instruments.noise.latency / dt - 1.0e-7)
     taken, order = 0, 0.0
     # counted on: dividing integers is slow
     next_tick, next_water, next_reading, ticks, felt, reading = lag, 0, instruments.every - 1, 0, 0, 0
@@ -230,13 +224,8 @@ def run_compiled(setting: Setting, workspace: Workspace) -> tuple[Score, bool]:
 
 def readings(instruments: Instruments, reading: int, state: BoatState) -> tuple[float, float, float]:
     """Return heading [rad] in [0, 2 pi), rate [rad/s] and speed [m/s] as `Sensors.sample` makes them."""
-    deviates = instruments.deviates
-    heading = state.heading + instruments.offset + instruments.heading_noise * deviates[reading, HEADING]
-    step = instruments.resolution
-    heading = wrap_positive(round(heading / step) * step if step > 0.0 else heading)
-    rate = state.rate + instruments.rate_noise * deviates[reading, RATE]
-    speed = state.speed + instruments.speed_noise * deviates[reading, SPEED]
-    return heading, rate, speed
+    drawn = instruments.deviates
+    return shown(instruments.noise, state, drawn[reading, HEADING], drawn[reading, RATE], drawn[reading, SPEED])
 
 
 def _keep(workspace: Workspace, reading: int, heading: float, rate: float, speed: float) -> None:

@@ -39,7 +39,7 @@ from sitl.campaign.environment import surface_of
 from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.scenario import Scenario
 from sitl.sea import Water, swell_at_start, water_of
-from sitl.sensors import Reading, or_else
+from sitl.sensors import DEVIATES_A_SET, Reading, noise_of
 from sitl.world import STEP, Orders, Pace, World
 
 SPEED_HZ = 1
@@ -118,8 +118,6 @@ def _scored(score: Score, course: Course, world: World, before: float, last_comm
     return scored(score, course, world.time, world.boat.state, before, last_command)
 
 
-DEVIATES_A_SET = 10
-"""How many deviates `Sensors.sample` draws."""
 RING = 64
 
 
@@ -205,16 +203,10 @@ def setting_of(job: Job, run: int) -> Setting | None:
 
 def instruments_of(shared: Prepared, seed: np.random.SeedSequence, steps: int, every: int, study: Study) -> Instruments:
     """Return the instruments with all their deviates, drawn as `sitl.sensors.Sensors` draws them."""
-    section, vessel = shared.scenario.sensors, shared.vessel.sensors
     sets = steps // every + 1
     deviates = np.random.default_rng(seed).standard_normal((sets, DEVIATES_A_SET))
     return Instruments(
-        heading_noise=math.radians(or_else(section.heading_noise_deg, vessel.heading_noise_deg)),
-        rate_noise=math.radians(or_else(section.rate_noise_deg_s, vessel.rate_noise_deg_s)),
-        speed_noise=section.speed_noise_m_s,
-        offset=math.radians(section.heading_offset_deg),
-        resolution=math.radians(section.heading_step_deg),
-        latency=or_else(section.latency_s, vessel.heading_latency_s),
+        noise=noise_of(shared.vessel, shared.scenario),
         deviates=deviates,
         every=every,
         speed_every=study.heading_hz // SPEED_HZ,
@@ -237,7 +229,7 @@ def drawn_water(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, 
 
 def workspace_of(setting: Setting) -> Workspace:
     """Return memory for one run."""
-    delay, latency = setting.plant.gear.delay, setting.instruments.latency
+    delay, latency = setting.plant.gear.delay, setting.instruments.noise.latency
     tick = setting.instruments.every * setting.dt
     past = ring_of(RING + math.ceil(2.0 / tick))
     orders = ring_of(3 + math.ceil(setting.campaign.config.estimator.gear.delay / tick))

@@ -16,7 +16,6 @@ from autopilot.cli.demo_legs import (
     Hold,
     TurnMeasures,
     as_json,
-    as_text,
     heading_rms,
     travel_rate,
     turn_measures,
@@ -24,7 +23,7 @@ from autopilot.cli.demo_legs import (
 from autopilot.identification.identified import Identified
 from autopilot.identification.residuals import Noise
 from autopilot.models.norrbin import Norrbin
-from autopilot.report.demo import DemoFigures, write_demo_report
+from autopilot.report.demo import DemoFigures, as_text, write_demo_report
 from autopilot.report.page import Line, Panel, Section, render, time_figure
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 from autopilot.vessel.file import load_vessel
@@ -93,10 +92,10 @@ def result() -> DemoResult:
 
 
 def test_the_table_holds_what_was_found(result: DemoResult) -> None:
-    text = as_text(result)
-    gain = next(line for line in text.splitlines() if line.startswith("  K "))
+    text = as_text(as_json(result))
+    gain = next(line for line in text.splitlines() if line.startswith("K "))
     assert gain.split() == ["K", "1/s", "0.7000", "0.7700", "0.0100", "+10.0", "%"]
-    cubic = next(line for line in text.splitlines() if line.startswith("  n3 "))
+    cubic = next(line for line in text.splitlines() if line.startswith("n3 "))
     assert cubic.split()[-3:] == ["-", "-100.0", "%"], "no standard error where nothing was fitted"
     assert "n3 cannot be distinguished from these runs." in text
     assert "3.00 deg" in text
