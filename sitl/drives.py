@@ -353,11 +353,10 @@ def checksum(data: bytes) -> int:
 class PypilotController(DriveLine):
     """The controller with its motor, clutch, rudder sensor and current sensor."""
 
-    def __init__(self, world: World, baud: int, has_sensor: bool = True) -> None:
+    def __init__(self, world: World, baud: int) -> None:
         super().__init__(world, baud)
         self.flags = 0
         self.processed = 0
-        self._has_sensor = has_sensor
         self._window = bytearray()
         self._in_sync = 0
         self._speed = 1000
@@ -455,8 +454,7 @@ class PypilotController(DriveLine):
             self._speed = 1000
             self.flags |= FLAG_OVERCURRENT
         self.flags &= ~(FLAG_MIN | FLAG_MAX)
-        if self._has_sensor:
-            self.flags |= FLAG_MIN * (self.raw < self._raw_min) | FLAG_MAX * (self.raw > self._raw_max)
+        self.flags |= FLAG_MIN * (self.raw < self._raw_min) | FLAG_MAX * (self.raw > self._raw_max)
         while self._credit >= CREDIT_EACH:
             self._send(time, CYCLE[self._turn % len(CYCLE)])
             self._turn += 1
@@ -467,7 +465,7 @@ class PypilotController(DriveLine):
         values = {
             "flags": (0x8F, self.flags),
             "current": (0x1C, round(self.current * 100.0)),
-            "rudder": (0xA7, self.raw if self._has_sensor else 65535),
+            "rudder": (0xA7, self.raw),
             "voltage": (0xB3, SUPPLY),
         }
         code, value = values[what]

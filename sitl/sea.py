@@ -16,15 +16,16 @@ from sitl.scenario import CurrentSection, IttcSection, Scenario, SecondOrderSect
 class Deviates:
     """Standard normal deviates one by one, drawn in blocks: a scalar draw costs more than the wave step it drives."""
 
-    def __init__(self, generator: np.random.Generator, block: int = 1024) -> None:
+    BLOCK = 1024
+
+    def __init__(self, generator: np.random.Generator) -> None:
         self._generator = generator
-        self._block = block
         self._waiting: list[float] = []
 
     def next(self) -> float:
         """Return the next deviate."""
         if not self._waiting:
-            self._waiting = self._generator.standard_normal(self._block).tolist()
+            self._waiting = self._generator.standard_normal(self.BLOCK).tolist()
             self._waiting.reverse()
         return self._waiting.pop()
 

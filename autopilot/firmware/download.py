@@ -20,7 +20,6 @@ from autopilot.firmware.protocol import (
     Message,
     Number,
     ParameterValue,
-    Patience,
     Requests,
     Target,
     as_float32,
@@ -62,9 +61,8 @@ class Download:
     RESTARTS_MAX = 3
     """A vehicle whose table changes under our hands is read again, this often."""
 
-    def __init__(self, target: Target, patience: Patience = PATIENCE) -> None:
+    def __init__(self, target: Target) -> None:
         self._target = target
-        self._patience = patience
         self._by_index: dict[int, ParameterValue] = {}
         self._count = 0
         self._list_tries = 0
@@ -164,7 +162,7 @@ class Download:
         if self._last_news is not None and now - self._last_news < self.QUIET_S:
             return []
         if self._count:
-            self._gaps = Requests(self.missing, self._patience)
+            self._gaps = Requests(self.missing, PATIENCE)
             return self.due(now)
         if self._list_tries >= self.LIST_TRIES:
             self.finished = True
@@ -177,11 +175,11 @@ class Download:
 class NamedDownload:
     """Fetches the parameters named. `values` by name; `unknown` the names that stayed unanswered."""
 
-    def __init__(self, target: Target, names: Sequence[str], patience: Patience = PATIENCE) -> None:
+    def __init__(self, target: Target, names: Sequence[str]) -> None:
         self._target = target
         self._names = set(names)
         self._quality = LinkQuality()
-        self._requests: Requests[str] = Requests(names, patience, self._quality)
+        self._requests: Requests[str] = Requests(names, PATIENCE, self._quality)
         self.values: dict[str, ParameterValue] = {}
 
     @property

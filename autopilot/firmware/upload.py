@@ -16,7 +16,6 @@ from autopilot.firmware.protocol import (
     Message,
     Number,
     ParameterValue,
-    Patience,
     Requests,
     Target,
     controls,
@@ -145,9 +144,8 @@ class Upload:
     the vehicle's last word; before they say what is known so far.
     """
 
-    def __init__(self, target: Target, wanted: Sequence[Wanted], patience: Patience = PATIENCE) -> None:
+    def __init__(self, target: Target, wanted: Sequence[Wanted]) -> None:
         self._target = target
-        self._patience = patience
         self._quality = LinkQuality()
         self._items = [_Item(each) for each in wanted]
         self._by_name = {name: item for item in self._items for name in item.wanted.names}
@@ -297,7 +295,7 @@ class Upload:
         for item in now:
             item.is_due, item.was_sent, item.mismatches = False, True, 0
         self.phase = Phase.SETTING
-        self._requests = Requests([item.name for item in now], self._patience, self._quality)
+        self._requests = Requests([item.name for item in now], PATIENCE, self._quality)
 
     def _verify(self) -> None:
         self.phase = Phase.VERIFYING
@@ -306,7 +304,7 @@ class Upload:
             item.mismatches = 0
         sent = any(item.was_sent for item in self._items)
         known = [item for item in self._items if item.old is not None and not item.reason and not item.is_settled]
-        self._requests = Requests([item.name for item in known if sent], self._patience, self._quality)
+        self._requests = Requests([item.name for item in known if sent], PATIENCE, self._quality)
         self._wants_list = self._is_long()
 
     def _is_long(self) -> bool:
@@ -326,7 +324,7 @@ class Upload:
         return [item for item in self._items if item.old is None]
 
     def _reads(self, items: Iterable[_Item]) -> Requests[str]:
-        return Requests([name for item in items for name in item.wanted.names], self._patience, self._quality)
+        return Requests([name for item in items for name in item.wanted.names], PATIENCE, self._quality)
 
     def outcomes(self) -> list[Outcome]:
         """Return what is known of each parameter, in the order of the file."""

@@ -182,14 +182,14 @@ class Simulated(NamedTuple):
     states: FloatArray
 
 
-def simulate_scenario(scenario: Scenario, random: np.random.Generator, noise: Noise | None = None) -> Simulated:
+def simulate_scenario(scenario: Scenario, random: np.random.Generator) -> Simulated:
     """Return the scenario's trial; the prior's mean is theta (1 + 0.5 U(-1, 1)), its deviation 0.5 |theta|."""
     truth = np.array(scenario.truth)
     mean = truth * (1.0 + PRIOR_SHARE * random.uniform(-1.0, 1.0, truth.size))
     deviation = [float(value) for value in PRIOR_SHARE * np.abs(truth)]
     if isinstance(scenario.truth, SurgeParameters):
-        case = surge_case(DREDGER, SurgeParameters(*mean), deviation, noise)
+        case = surge_case(DREDGER, SurgeParameters(*mean), deviation)
     else:
-        case = sway_yaw_case(DREDGER, SwayYawParameters(*mean), deviation, noise)
+        case = sway_yaw_case(DREDGER, SwayYawParameters(*mean), deviation)
     trial, states = simulated_trial(DREDGER, case, scenario.truth, scenario.dt, scenario.thrust, random)
     return Simulated(case, trial, states)

@@ -13,7 +13,7 @@ from collections import deque
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.identification.integral_fit import ENOUGH, FitSettings, IntegralFit
+from autopilot.identification.integral_fit import ENOUGH, IntegralFit
 from autopilot.identification.model_choice import Outcome, PredictionTest
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, Mode, OrderKind, RateSample, RudderSample, Tick
@@ -71,14 +71,13 @@ class Learner:
     Raises ValueError for a present model with n2, which the method does not know.
     """
 
-    def __init__(self, present: Norrbin, settings: FitSettings = FitSettings()) -> None:  # noqa: B008 - immutable
-        self._settings = settings
+    def __init__(self, present: Norrbin) -> None:
         self.begin(present)
 
     def begin(self, present: Norrbin) -> None:
         """Forget everything and learn what differs from `present`."""
         self.present = present
-        self._fit = IntegralFit(present, self._settings)
+        self._fit = IntegralFit(present)
         self._rudders: deque[tuple[float, float]] = deque(maxlen=16)
         self._rudder_time = -math.inf
         self._rate: tuple[float, float] | None = None
