@@ -247,6 +247,11 @@ def reconfigured(before: Config, config: Config, state: State) -> State:
 def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
     """Return what may be believed at `now` [s]: a measurement without a finite time is none, and one from a clock ahead
     of ours is of now. What is no measurement counts whenever it happened."""
+    for sample in samples:
+        if not -math.inf < sample.time <= now:
+            break
+    else:
+        return samples
     return tuple(
         sample if isinstance(sample, EVENTS) or sample.time <= now else sample._replace(time=now)
         for sample in samples

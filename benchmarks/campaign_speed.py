@@ -64,7 +64,7 @@ def measured(sea: str, seconds: float, repeats: int) -> dict[str, float]:
     return {
         "loop": steps / best(lambda: quick(setting, workspace_of(setting)), repeats),
         "run": steps / best(lambda: done_compiled(job, 0), repeats),
-        "plain": few / best(lambda: run_compiled(part, workspace_of(part)), PLAIN_REPEATS),
+        "plain": few / best(lambda: run_compiled(part, workspace_of(part, plain=True)), PLAIN_REPEATS),
         "full": few / best(lambda: run_reference(short, 0), PLAIN_REPEATS),
     }
 

@@ -125,24 +125,26 @@ def boat_step(
     north_speed = speed * cosine - sway * sine + disturbance.current_north
     east_speed = speed * sine + sway * cosine + disturbance.current_east
     return BoatState(
-        north=state.north + 0.5 * dt * (state.north_speed + north_speed),
-        east=state.east + 0.5 * dt * (state.east_speed + east_speed),
-        heading=heading,
-        rate=rate,
-        speed=speed,
-        sway=sway,
-        roll=roll,
-        roll_rate=roll_rate,
-        rudder=rudder,
-        north_speed=north_speed,
-        east_speed=east_speed,
+        state.north + 0.5 * dt * (state.north_speed + north_speed),
+        state.east + 0.5 * dt * (state.east_speed + east_speed),
+        heading,
+        rate,
+        speed,
+        sway,
+        roll,
+        roll_rate,
+        rudder,
+        north_speed,
+        east_speed,
     )
 
 
 def _speed_step(hull: Hull, share: float, speed: float, rate: float, thrust_speed: float) -> float:
     """Speed settles, with `speed_time`, where thrust balances resistance and the loss in turning."""
-    swing = rate * hull.length / max(abs(speed), 0.1)
-    settled = thrust_speed / (1.0 + hull.turn_speed_loss * min(swing * swing, 100.0))
+    through = abs(speed)
+    swing = rate * hull.length / (0.1 if through < 0.1 else through)
+    square = swing * swing
+    settled = thrust_speed / (1.0 + hull.turn_speed_loss * (100.0 if square > 100.0 else square))
     return speed + (settled - speed) * share
 
 

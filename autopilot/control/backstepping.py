@@ -50,7 +50,7 @@ import math
 from dataclasses import astuple, dataclass, replace
 from typing import Annotated, NamedTuple
 
-from autopilot.angles import wrap
+from autopilot.angles import PI, wrap
 from autopilot.control.law import (
     Law,
     LawBoat,
@@ -136,14 +136,17 @@ def error_max_at(error_max: float, speed_ratio: float) -> float:
 
     The boat answers the rudder by the square of the speed, and the gains ask for its third power.
     """
-    return max(error_max / _followed(speed_ratio), LEAST_BOUND)
+    bound = error_max / _followed(speed_ratio)
+    return LEAST_BOUND if bound < LEAST_BOUND else bound
 
 
 def errors(
     gains: BacksteppingGains, heading: float, rate: float, reference: Reference, error_max: float = math.inf
 ) -> tuple[float, float]:
     """Return z1 [rad], `error_max` [rad] at most, and z2 [rad/s], eqs (6), (9) and (14)."""
-    z1 = clip(wrap(heading - reference.heading), -error_max, error_max)
+    z1 = heading - reference.heading
+    z1 = z1 if -PI < z1 <= PI else wrap(z1)
+    z1 = -error_max if z1 < -error_max else error_max if z1 > error_max else z1
     return z1, rate - (reference.rate - gains.k1 * z1)
 
 

@@ -172,7 +172,8 @@ def filtered_share(frequency: float, corner: float) -> float:
         return 1.0
     if math.isinf(corner):
         return 0.0
-    ratio = min(frequency / corner, 1.0e3) ** WAVE_SHARPNESS
+    ratio = frequency / corner
+    ratio = (1.0e3 if ratio > 1.0e3 else ratio) ** WAVE_SHARPNESS
     return ratio / (1.0 + ratio)
 
 
@@ -228,9 +229,14 @@ def adapt_intensity(
     w += slow * (v - w)
     apart, explained = y - z, STRENGTH_ERROR * (v - w)
     scale = 1.0 / (GUST_SPREAD * time)
-    seen = min(scale * max(apart * apart - explained * explained, 0.0), GUST_SURGE * density)
-    seen += min(scale * DOUBT_SHARE * variance, density)
-    density -= math.expm1(-dt / max(GUST_MEMORY, 2.0 * GUST_LONGER * time)) * (seen - density)
+    moved, surge = apart * apart - explained * explained, GUST_SURGE * density
+    seen = scale * (0.0 if moved < 0.0 else moved)
+    seen = surge if surge < seen else seen
+    doubt = scale * DOUBT_SHARE * variance
+    seen += density if density < doubt else doubt
+    memory = 2.0 * GUST_LONGER * time
+    memory = memory if memory > GUST_MEMORY else GUST_MEMORY
+    density -= math.expm1(-dt / memory) * (seen - density)
     density = least if density < least else density
     density = most if density > most else density
     return Intensity(density, Means(x, y, z), Means(u, v, w), variance)

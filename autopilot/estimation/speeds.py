@@ -82,8 +82,10 @@ def measured_speed(speeds: Speeds) -> float:
 
 def speeds_apart(speeds: Speeds) -> float:
     """Return how far log and ground lie apart [m/s] where no stream explains it; 0 where one does."""
+    if math.isnan(speeds.water.value) or math.isnan(speeds.ground.value):
+        return 0.0
     water, ground = abs(speeds.water.value), abs(speeds.ground.value)
-    if math.isnan(water) or math.isnan(ground) or not _are_apart(water, ground):
+    if not _are_apart(water, ground):
         return 0.0
     return abs(water - ground) if abs(water - ground) > STREAM_MOST else 0.0
 

@@ -41,7 +41,10 @@ def yaw_acceleration(model: Norrbin, rate: float, rudder: float) -> float:
 
 
 def damping(model: Norrbin, rate: float) -> float:
-    """Return n3 r^3 + n2 r^2 + n1 r + n0 [rad/s], the right-hand side K delta in a steady turn at rate r."""
+    """Return n3 r^3 + n2 r^2 + n1 r + n0 [rad/s], the right-hand side K delta in a steady turn at rate r.
+
+    Functions that every tick calls have it written out.
+    """
     return ((model.n3 * rate + model.n2) * rate + model.n1) * rate + model.n0
 
 
@@ -52,7 +55,8 @@ def steady_rudder(model: Norrbin, rate: float) -> float:
 
 def rudder_for(model: Norrbin, rate: float, acceleration: float) -> float:
     """Return the rudder [rad] that gives yaw `acceleration` [rad/s^2] at `rate` [rad/s]: the inverse model."""
-    return (model.time_constant * acceleration + damping(model, rate)) / model.gain
+    gain, time_constant, n3, n2, n1, n0, _ = model
+    return (time_constant * acceleration + (((n3 * rate + n2) * rate + n1) * rate + n0)) / gain
 
 
 def rudder_within(model: Norrbin, rate: float, acceleration: float, rudder_max: float) -> float:
@@ -60,8 +64,11 @@ def rudder_within(model: Norrbin, rate: float, acceleration: float, rudder_max: 
 
     |damping| = K rudder_max at the steady rate of a rudder hard over: no trial has seen what the damping is beyond.
     """
-    held = min(max(damping(model, rate) / model.gain, -rudder_max), rudder_max)
-    return model.time_constant * acceleration / model.gain + held
+    gain, time_constant, n3, n2, n1, n0, _ = model
+    held = (((n3 * rate + n2) * rate + n1) * rate + n0) / gain
+    held = -rudder_max if held < -rudder_max else held
+    held = rudder_max if held > rudder_max else held
+    return time_constant * acceleration / gain + held
 
 
 def at_speed(model: Norrbin, speed: float) -> Norrbin:
@@ -70,20 +77,14 @@ def at_speed(model: Norrbin, speed: float) -> Norrbin:
     These are the Norrbin coefficients made dimensionless with L/U (SNAME prime system); the hull length
     cancels against the reference speed. Speeds below `SPEED_FLOOR_RATIO` of the reference are raised to it.
     """
-    return at_speed_ratio(model, max(abs(speed) / model.reference_speed, SPEED_FLOOR_RATIO))
+    ratio = abs(speed) / model.reference_speed
+    return at_speed_ratio(model, SPEED_FLOOR_RATIO if ratio < SPEED_FLOOR_RATIO else ratio)
 
 
 def at_speed_ratio(model: Norrbin, ratio: float) -> Norrbin:
     """Return the model at `ratio` > 0 times its reference speed. Also elementwise over numpy arrays."""
-    return Norrbin(
-        gain=model.gain * ratio,
-        time_constant=model.time_constant / ratio,
-        n3=model.n3 / (ratio * ratio),
-        n2=model.n2 / ratio,
-        n1=model.n1,
-        n0=model.n0 * ratio,
-        reference_speed=model.reference_speed * ratio,
-    )
+    gain, time_constant, n3, n2, n1, n0, speed = model
+    return Norrbin(gain * ratio, time_constant / ratio, n3 / (ratio * ratio), n2 / ratio, n1, n0 * ratio, speed * ratio)
 
 
 def liveliness(model: Norrbin, gain_per_speed: float) -> float:
@@ -95,10 +96,15 @@ def liveliness(model: Norrbin, gain_per_speed: float) -> float:
 
 def rate_step(model: Norrbin, rate: float, rudder: float, dt: float) -> float:
     """Return the yaw rate [rad/s] one classical Runge-Kutta step of `dt` [s] later, rudder [rad] held."""
-    k1 = yaw_acceleration(model, rate, rudder)
-    k2 = yaw_acceleration(model, rate + 0.5 * dt * k1, rudder)
-    k3 = yaw_acceleration(model, rate + 0.5 * dt * k2, rudder)
-    k4 = yaw_acceleration(model, rate + dt * k3, rudder)
+    gain, time_constant, n3, n2, n1, n0, _ = model
+    drive, half = gain * rudder, 0.5 * dt
+    k1 = (drive - (((n3 * rate + n2) * rate + n1) * rate + n0)) / time_constant
+    r = rate + half * k1
+    k2 = (drive - (((n3 * r + n2) * r + n1) * r + n0)) / time_constant
+    r = rate + half * k2
+    k3 = (drive - (((n3 * r + n2) * r + n1) * r + n0)) / time_constant
+    r = rate + dt * k3
+    k4 = (drive - (((n3 * r + n2) * r + n1) * r + n0)) / time_constant
     return rate + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 

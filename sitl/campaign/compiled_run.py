@@ -209,7 +209,7 @@ def run_compiled(setting: Setting, workspace: Workspace) -> tuple[Score, bool]:
             command = pilot_state.command
         workspace.orders[step & orders_ring] = command
         while taken <= step and taken * dt + setting.plant.gear.delay <= time:
-            order = workspace.orders[taken & orders_ring]
+            order = float(workspace.orders[taken & orders_ring])
             taken += 1
         if step == next_water:
             water, acting = water_step(setting.water, workspace.surface, water, felt, felt_dt, state)
@@ -225,7 +225,8 @@ def run_compiled(setting: Setting, workspace: Workspace) -> tuple[Score, bool]:
 def readings(instruments: Instruments, reading: int, state: BoatState) -> tuple[float, float, float]:
     """Return heading [rad] in [0, 2 pi), rate [rad/s] and speed [m/s] as `Sensors.sample` makes them."""
     drawn = instruments.deviates
-    return shown(instruments.noise, state, drawn[reading, HEADING], drawn[reading, RATE], drawn[reading, SPEED])
+    heading, rate, speed = drawn[reading, HEADING], drawn[reading, RATE], drawn[reading, SPEED]
+    return shown(instruments.noise, state, float(heading), float(rate), float(speed))
 
 
 def _keep(workspace: Workspace, reading: int, heading: float, rate: float, speed: float) -> None:
@@ -238,7 +239,7 @@ def _keep(workspace: Workspace, reading: int, heading: float, rate: float, speed
 def measurement_of(instruments: Instruments, workspace: Workspace, reading: int, dt: float) -> Measurement:
     """Return what of a set of readings reaches the pilot."""
     place, time = reading & (len(workspace.readings) - 1), reading * instruments.every * dt
-    heading = wrap(workspace.readings[place, 0])
-    rate = workspace.readings[place, 1] if instruments.has_rate else math.nan
-    speed = workspace.readings[place, 2] if reading % instruments.speed_every == 0 else math.nan
+    heading = wrap(float(workspace.readings[place, 0]))
+    rate = float(workspace.readings[place, 1]) if instruments.has_rate else math.nan
+    speed = float(workspace.readings[place, 2]) if reading % instruments.speed_every == 0 else math.nan
     return Measurement(Measured(time, heading, rate), speed)

@@ -65,7 +65,9 @@ def water_step(
     """Return the sea after step number `step`, and what it does to a boat at `state`."""
     swell, rudder = before.swell, 0.0
     if water.has_swell:
-        swell = waves.wave_step(water.swell, swell, water.swell_noise[2 * step], water.swell_noise[2 * step + 1])
+        swell = waves.wave_step(
+            water.swell, swell, float(water.swell_noise[2 * step]), float(water.swell_noise[2 * step + 1])
+        )
         rudder = swell.value
     yaw, slope, along, degree = 0.0, 0.0, before.along, before.degree
     if water.has_waves:
@@ -77,7 +79,7 @@ def water_step(
         yaw, slope = summed(surface.yaw[degree], surface.roll[degree], surface.cosine, surface.sine)
     gust = before.gust
     if water.has_wind:
-        gust = wind.gust_step(water.gust, gust, dt, water.wind_noise[step])
+        gust = wind.gust_step(water.gust, gust, dt, float(water.wind_noise[step]))
     return WaterState(swell, gust, along, degree), acting(water, rudder, gust, yaw, slope, state)
 
 

@@ -227,15 +227,19 @@ def drawn_water(scenario: Scenario, plant: Plant, seed: np.random.SeedSequence, 
     return water, swell
 
 
-def workspace_of(setting: Setting) -> Workspace:
-    """Return memory for one run."""
+def workspace_of(setting: Setting, *, plain: bool = False) -> Workspace:
+    """Return memory for one run; `plain`: for the loop as it is, which is slow with NumPy's numbers."""
     delay, latency = setting.plant.gear.delay, setting.instruments.noise.latency
     tick = setting.instruments.every * setting.dt
     past = ring_of(RING + math.ceil(2.0 / tick))
     orders = ring_of(3 + math.ceil(setting.campaign.config.estimator.gear.delay / tick))
+    if plain:
+        memory = RudderMemory([0.0] * past, [0.0] * past, [0.0] * past, [0.0] * orders, [0.0] * orders)
+    else:
+        memory = RudderMemory(np.zeros(past), np.zeros(past), np.zeros(past), np.zeros(orders), np.zeros(orders))
     return Workspace(
         surface_of(len(setting.water.waves.number)),
-        RudderMemory(np.zeros(past), np.zeros(past), np.zeros(past), np.zeros(orders), np.zeros(orders)),
+        memory,
         np.zeros(ring_of(2 + math.ceil(delay / setting.dt))),
         np.zeros((ring_of(2 + math.ceil(latency / tick)), 3)),
     )

@@ -90,7 +90,7 @@ def sailed_alike(job: Job, run: int) -> Figures:
     """Sail a run by the loop as it is compiled and by the full simulator: both must give these figures."""
     setting = setting_of(job, run)
     assert setting is not None
-    score, is_whole = run_compiled(setting, workspace_of(setting))
+    score, is_whole = run_compiled(setting, workspace_of(setting, plain=True))
     assert is_whole
     full = run_reference(job, run)
     assert figures(score, measured_every(job.study) * STEP, 1.0) == pytest.approx(full, rel=0.0, abs=1.0e-9)
@@ -199,7 +199,7 @@ def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
 def test_what_is_more_than_steering_is_left_to_the_full_simulator(instruments: SensorsSection) -> None:
     setting = setting_of(Job(replace(STUDY, instruments={"poor": instruments}), "."), 0)
     assert setting is not None
-    assert not run_compiled(setting, workspace_of(setting))[1]
+    assert not run_compiled(setting, workspace_of(setting, plain=True))[1]
 
 
 @pytest.mark.parametrize("kind", ["heading_dropout", "heading_frozen", "rudder_stuck", "speed_lost"])
