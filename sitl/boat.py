@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from sitl.scenario import Scenario
 
 
+EARTH_RADIUS = 6371008.8
+"""Mean radius [m], IUGG."""
+
+
 class Hull(NamedTuple):
     """What the yaw model leaves out; the defaults suit a planing or semi-displacement boat of 7 m.
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from sitl.fault_kind import Kind
 
@@ -12,6 +13,7 @@ MODULES = (
     "faults_of_instruments",
     "faults_of_the_boat",
     "faults_of_the_vehicle",
+    "faults_of_the_lines",
 )
 """Modules of `sitl` with a table KINDS. Where several faults act at one place, they do in this order."""
 KINDS: dict[str, Kind] = {
@@ -28,9 +30,16 @@ SOURCES: tuple[Source, ...] = get_args(Source)
 
 
 @cache
-def that_silence(message: str) -> tuple[FaultKind, ...]:
-    """Return the faults that keep a message or sentence from being sent."""
-    return tuple(name for name, kind in KINDS.items() if message in kind.silences)
+def that_silence(what: str) -> tuple[FaultKind, ...]:
+    """Return the faults that silence a message, a sentence or an instrument."""
+    return tuple(name for name, kind in KINDS.items() if what in kind.silences)
+
+
+@cache
+def that_act_at(place: str) -> tuple[tuple[FaultKind, Callable[..., Any]], ...]:
+    """Return the faults that act at a place, a field of `Kind`, and what each does there."""
+    found = ((name, getattr(kind, place)) for name, kind in KINDS.items())
+    return tuple((name, effect) for name, effect in found if effect is not None)
 
 
 def wrong_source(kind: FaultKind, source: Source) -> str:

@@ -11,8 +11,8 @@ import numpy as np
 
 from autopilot.models.steering_gear import SteeringGear
 from sitl.boat import Disturbance
-from sitl.fault_kind import Acting, Moved, Ordered
-from sitl.fault_kinds import KINDS, FaultKind, Source
+from sitl.fault_kind import RECEIVER, Acting, Moved, Ordered
+from sitl.fault_kinds import KINDS, FaultKind, Source, that_act_at, that_silence
 from sitl.scenario import FaultSection
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ class FaultBoard:
     def __init__(self, sections: Iterable[FaultSection] = (), seed: np.random.SeedSequence | None = None) -> None:
         rng = np.random.default_rng(np.random.SeedSequence(0) if seed is None else seed)
         self._faults: dict[FaultKind, list[Fault]] = {}
+        self._memories: dict[tuple[str, Source], dict[FaultKind, dict[str, Any]]] = {}
         for section in sections:
             for fault in _occurrences(section, rng):
                 self.add(fault)
@@ -77,21 +78,36 @@ class FaultBoard:
 
     def size(self, kind: FaultKind, time: float, source: Source = "first") -> float | None:
         """Return the size of the fault of `source` at `time` [s], of several the last added; None where it has none."""
+        fault = self._newest(kind, time, source)
+        return None if fault is None else fault.size_at(time)
+
+    def _newest(self, kind: FaultKind, time: float, source: Source) -> Fault | None:
         for fault in reversed(self._faults.get(kind, ())):
-            size = fault.size_at(time) if fault.hits(source) else None
-            if size is not None:
-                return size
+            if fault.hits(source) and fault.size_at(time) is not None:
+                return fault
         return None
 
     def is_on(self, kind: FaultKind, time: float, source: Source = "first") -> bool:
         """Return whether a fault of `kind` is at work in `source` at `time` [s]."""
-        return kind in self._faults and self.size(kind, time, source) is not None
+        return self._newest(kind, time, source) is not None
 
-    def lasted(self, kind: FaultKind, time: float, source: Source = "first") -> float:
-        """Return how long [s] the fault has been at work in `source` at `time`; 0 where it is not."""
-        faults = self._faults.get(kind, ())
-        on = [fault for fault in faults if fault.hits(source) and fault.size_at(time) is not None]
-        return time - on[-1].begin if on else 0.0
+    def silences(self, what: str, time: float, source: Source = "first") -> bool:
+        """Return whether a fault at work in `source` at `time` [s] silences a message, a sentence or an instrument."""
+        return bool(self._faults) and any(self.is_on(kind, time, source) for kind in that_silence(what))
+
+    def acting(self, place: str, time: float, source: Source = "first") -> Iterator[tuple[Acting, Callable[..., Any]]]:
+        """Yield the faults at work in `source` at `time` [s] that act at a place, a field of `Kind`, in the order of
+        their kinds, and what each does there. Memory: what each remembers there while it lasts."""
+        if not self._faults:
+            return
+        memories = self._memories.setdefault((place, source), {})
+        for kind, effect in that_act_at(place):
+            fault = self._newest(kind, time, source)
+            size = None if fault is None else fault.size_at(time)
+            if fault is None or size is None:
+                memories.pop(kind, None)
+            else:
+                yield Acting(size, time, memories.setdefault(kind, {}), time - fault.begin), effect
 
     def at_work(self, time: float) -> list[Fault]:
         """Return the faults at work at `time` [s], by the order of their kinds."""
@@ -120,55 +136,33 @@ def _occurrences(section: FaultSection, rng: np.random.Generator) -> list[Fault]
     return found
 
 
-class Effects:
-    """The faults that act at one place, in the order of their kinds. Memory: what they remember while they last."""
-
-    def __init__(self, faults: FaultBoard, place: str) -> None:
-        self._faults = faults
-        self._kinds = [(name, getattr(kind, place)) for name, kind in KINDS.items() if getattr(kind, place) is not None]
-        self._memory: dict[str, dict[str, Any]] = {}
-
-    def acting(self, time: float, source: Source = "first") -> Iterator[tuple[Acting, Callable[..., Any]]]:
-        """Yield the faults at work at `time` [s] in `source`, and what each does."""
-        if not self._faults and not self._memory:
-            return
-        for name, effect in self._kinds:
-            size = self._faults.size(name, time, source)
-            if size is None:
-                self._memory.pop(name, None)
-            else:
-                yield Acting(size, time, self._memory.setdefault(name, {})), effect
-
-
 class BoatFaults:
     """What faults do to rudder, engine and boat, between the orders and the physics; called once a step each."""
 
     def __init__(self, faults: FaultBoard, gear: SteeringGear) -> None:
-        self._gear = gear
-        self._order, self._reached = Effects(faults, "order"), Effects(faults, "reached")
-        self._thrust, self._push = Effects(faults, "thrust"), Effects(faults, "push")
+        self._faults, self._gear = faults, gear
 
     def order(self, time: float, order: float, rudder: float) -> float:
         """Return what the gear makes of the `order` [rad], the rudder being at `rudder` [rad]."""
-        for fault, effect in self._order.acting(time):
+        for fault, effect in self._faults.acting("order", time):
             order = effect(fault, Ordered(self._gear, order, rudder))
         return order
 
     def reached(self, time: float, before: float, after: float, dt: float) -> float:
         """Return where the rudder [rad] really is after a step of `dt` [s] from `before` to `after`."""
-        for fault, effect in self._reached.acting(time):
+        for fault, effect in self._faults.acting("reached", time):
             after = effect(fault, Moved(self._gear, before, after, dt))
         return after
 
     def thrust(self, time: float, thrust_speed: float, cruise_speed: float) -> float:
         """Return the speed [m/s] that the engine would reach."""
-        for fault, effect in self._thrust.acting(time):
+        for fault, effect in self._faults.acting("thrust", time):
             thrust_speed = effect(fault, thrust_speed, cruise_speed)
         return thrust_speed
 
     def pushed(self, time: float, heading: float, disturbance: Disturbance) -> Disturbance:
         """Return the `disturbance` of a boat that heads for `heading` [rad], and the pushes on top of it."""
-        for fault, effect in self._push.acting(time):
+        for fault, effect in self._faults.acting("push", time):
             disturbance = effect(fault, heading, disturbance)
         return disturbance
 
@@ -182,24 +176,23 @@ class VehicleFaults:
     def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
         self._faults = firmware.world.faults
-        self._once, self._sticks = Effects(self._faults, "happens"), Effects(self._faults, "sticks")
         self._rest: dict[int, int] = {}
 
     def work(self, time: float) -> None:
         """Do what the faults do at `time` [s]."""
         if not self._faults and not self._rest:
             return
-        for fault, happen in self._once.acting(time):
+        for fault, happen in self._faults.acting("happens", time):
             if not fault.memory.get("has_happened"):
                 fault.memory["has_happened"] = True
                 happen(fault, self._firmware)
         self._move_sticks(time)
-        self._firmware.receiver = self._firmware.has_receiver and not self._faults.is_on("receiver_lost", time)
+        self._firmware.receiver = self._firmware.has_receiver and not self._faults.silences(RECEIVER, time)
 
     def _move_sticks(self, time: float) -> None:
         """Put the sticks where the faults have them, and back to where they were."""
         wanted: dict[int, int] = {}
-        for fault, moved in self._sticks.acting(time):
+        for fault, moved in self._faults.acting("sticks", time):
             wanted.update(moved(fault, self._firmware))
         sticks = self._firmware.sticks
         for channel in [channel for channel in self._rest if channel not in wanted]:

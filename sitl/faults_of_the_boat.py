@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import TYPE_CHECKING
 
 from autopilot.models.steering_gear import clip
 from sitl.boat import Disturbance
-from sitl.fault_kind import Acting, Kind, Moved, Ordered
+from sitl.fault_kind import Acting, Dice, Kind, Moved, Ordered
+
+if TYPE_CHECKING:
+    from sitl.sensors import Reading
 
 TRAILING_S = 0.5
 """A rudder that nothing holds trails amidships with this time constant; assumed."""
@@ -102,6 +106,16 @@ def heeled(fault: Acting, heading: float, on: Disturbance) -> Disturbance:
     return on._replace(roll_slope=on.roll_slope + math.radians(fault.size))
 
 
+def feedback_frozen(fault: Acting, reading: Reading, dice: Dice) -> Reading:
+    """Show the rudder of the moment when it began."""
+    return reading._replace(rudder=fault.memory.setdefault("rudder", reading.rudder))
+
+
+def feedback_offset(fault: Acting, reading: Reading, dice: Dice) -> Reading:
+    """Show a rudder beside the true one."""
+    return reading._replace(rudder=reading.rudder + math.radians(fault.size))
+
+
 KINDS = {
     "rudder_late": Kind("orders reach the steering gear late", "s", 0.3, 0.0, 10.0, order=late),
     "rudder_reversed": Kind("the rudder goes to the other side", order=reversed_order),
@@ -122,8 +136,8 @@ KINDS = {
             "RSA",
         ),
     ),
-    "feedback_frozen": Kind("the rudder sensor repeats its last angle"),
-    "feedback_offset": Kind("the rudder sensor is off by a constant", "deg", 8.0, -45.0, 45.0),
+    "feedback_frozen": Kind("the rudder sensor repeats its last angle", reads=feedback_frozen),
+    "feedback_offset": Kind("the rudder sensor is off by a constant", "deg", 8.0, -45.0, 45.0, reads=feedback_offset),
     "engine_astern": Kind(
         "the engine pushes astern, a share of the speed", "share of the speed", 0.5, 0.0, 1.0, thrust=astern
     ),

@@ -1,5 +1,4 @@
-"""What happens to the flight controller: reboots, hands on its sticks and switches, warnings, a clock that steps, and
-lines that lose and corrupt what is said.
+"""What happens to the flight controller: reboots, hands on its sticks and switches, warnings, a clock that steps.
 
 Texts are those of ArduRover 4.6: AC_Fence.cpp ("Polygon fence breached", notice) and AP_BattMonitor.cpp ("Battery 1 is
 low ...", warning). ArduRover has no text of its own for shallow water; boats say it from a script.
@@ -9,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sitl.fault_kind import Acting, Kind
+from sitl.fault_kind import EVERYTHING, RECEIVER, Acting, Kind
 
 if TYPE_CHECKING:
     from sitl.firmware import Firmware
@@ -83,8 +82,9 @@ def receiver_low(fault: Acting, firmware: Firmware) -> dict[int, int]:
     return {firmware.setup.throttle_channel: round(fault.size)}
 
 
-def _chance(what: str, size: float) -> Kind:
-    return Kind(what, "share of packets", size, 0.0, 1.0)
+def left(fault: Acting, per_cent: float) -> float:
+    """Return what is left of the battery's charge."""
+    return fault.size
 
 
 KINDS = {
@@ -96,28 +96,26 @@ KINDS = {
         "a hand moves the steering stick alone", "share of the throw", 1.0, -1.0, 1.0, sticks=steering_stick
     ),
     "switch": Kind("the radio's switch for overrides is low", sticks=switch),
-    "receiver_lost": Kind("the radio receiver is silent"),
+    "receiver_lost": Kind("the radio receiver is silent", silences=(RECEIVER,)),
     "receiver_low": Kind(
         "the receiver has lost its radio and sends this throttle", "us", 900.0, 800.0, 2200.0, sticks=receiver_low
     ),
     "heartbeat_lost": Kind("the flight controller sends everything but heartbeats", silences=("HEARTBEAT",)),
-    "overrides_ignored": Kind("the flight controller ignores overrides and headings without a word"),
+    "overrides_ignored": Kind(
+        "the flight controller ignores overrides and headings without a word",
+        silences=("RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL", "SET_ATTITUDE_TARGET"),
+    ),
     "battery_low": Kind(
-        "the battery is low, SYS_STATUS and STATUSTEXT say so", "per cent left", 10.0, 0.0, 100.0, happens=battery_low
+        "the battery is low, SYS_STATUS and STATUSTEXT say so",
+        "per cent left",
+        10.0,
+        0.0,
+        100.0,
+        happens=battery_low,
+        charge=left,
     ),
     "geofence": Kind("STATUSTEXT: Polygon fence breached", happens=geofence),
     "shallow": Kind("STATUSTEXT: Shallow water", "m", 1.0, 0.0, 100.0, happens=shallow),
     "clock_step": Kind("the flight controller's clock steps, once", "s", 5.0, -86400.0, 86400.0, happens=clock_step),
-    # of the lines to it: `sitl.serve` makes them as bad as these say
-    "silence": Kind("the boat sends nothing at all"),
-    "link_deaf": Kind("nothing that is sent to the boat arrives"),
-    "link_half_open": Kind("nothing arrives either way, without an error"),
-    "link_loss": _chance("packets are lost", 0.3),
-    "link_delay": Kind("packets come late", "s", 0.3, 0.0, 30.0),
-    "link_jitter": Kind("packets come late by up to", "s", 0.3, 0.0, 30.0),
-    "link_duplicate": _chance("packets come twice", 0.3),
-    "link_reorder": _chance("packets are overtaken by the next ones", 0.3),
-    "link_corrupt": _chance("packets have changed bytes", 0.3),
-    "link_truncate": _chance("packets are cut short", 0.3),
-    "link_flood": Kind("noise comes in between", "packets/s", 500.0, 0.0, 20000.0),
+    "silence": Kind("the boat sends nothing at all", silences=(EVERYTHING,)),
 }

@@ -10,6 +10,7 @@ import math
 from enum import IntEnum
 from typing import Protocol
 
+from sitl.fault_kind import GPS
 from sitl.faults import VehicleFaults
 from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, ParameterTable, default_parameters
 from sitl.firmware_setup import (
@@ -158,7 +159,7 @@ class Firmware:
     def has_position(self, time: float) -> bool:
         """Return whether the firmware knows where it is."""
         late = self.time_since_boot(time) >= self.world.scenario.vehicle.position_after_s
-        return late and not self.world.faults.is_on("position_lost", time)
+        return late and not self.world.faults.silences(GPS, time)
 
     @property
     def has_received_radio(self) -> bool:

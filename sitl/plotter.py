@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 from autopilot.links.nmea.sentences import format_sentence
+from sitl.boat import EARTH_RADIUS
 from sitl.scenario import Scenario
-from sitl.sensors import EARTH_RADIUS, Reading
+from sitl.sensors import Reading
 
 ARRIVAL_M = 20.0
 MILE = 1852.0

@@ -33,7 +33,8 @@ from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, par
 from autopilot.links.url_options import UrlOptions
 from autopilot.vessel.file import load_vessel
 from sitl.drives import DriveLine, JrkController, MaestroController, PypilotController
-from sitl.fault_kinds import KINDS, FaultKind
+from sitl.fault_kind import Damage
+from sitl.fault_kinds import KINDS, that_act_at
 from sitl.faults import Fault, FaultBoard
 from sitl.firmware import Firmware
 from sitl.lines import FirmwareTcpServer, PtyTransport
@@ -192,36 +193,12 @@ def _sleep(descriptors: Sequence[int], seconds: float) -> None:
     select.select([descriptor for descriptor in descriptors if descriptor >= 0], [], [], seconds)
 
 
-NAMES: dict[str, FaultKind] = {
-    "loss": "link_loss",
-    "delay": "link_delay",
-    "jitter": "link_jitter",
-    "duplicate": "link_duplicate",
-    "reorder": "link_reorder",
-    "corrupt": "link_corrupt",
-    "truncate": "link_truncate",
-    "flood": "link_flood",
-    "half_open": "link_half_open",
-}
+NAMES = {kind.removeprefix("link_"): kind for kind, _ in that_act_at("line")}
 """Names of `--chaos`, and the faults that they stand for: one works all the time, the other when it is ordered to."""
 REORDER_S = 0.1
 """A packet that is overtaken waits so long."""
 NOISE_MOST = 64
 MOST_UNDER_WAY = 20000
-
-
-class Damage(NamedTuple):
-    """How bad a line is: shares of packets, seconds, and packets of noise a second; still: nothing passes."""
-
-    loss: float = 0.0
-    delay: float = 0.0
-    jitter: float = 0.0
-    duplicate: float = 0.0
-    reorder: float = 0.0
-    corrupt: float = 0.0
-    truncate: float = 0.0
-    flood: float = 0.0
-    still: bool = False
 
 
 class ChaosLine:
@@ -300,8 +277,8 @@ class ChaosPort:
         """Take bytes that set out for the boat at `now` [s]."""
         faults, time = self._world.faults, self._world.time_at(now)
         damage = damage_at(faults, time)
-        if faults.is_on("link_deaf", time):
-            damage = damage._replace(still=True)
+        for fault, effect in faults.acting("to_boat", time):
+            damage = effect(fault, damage)
         self._pass_on(now)
         self.to_boat.put(time, data, damage)
         self._pass_on(now)
@@ -327,12 +304,11 @@ class ChaosPort:
 
 
 def damage_at(faults: FaultBoard, time: float) -> Damage:
-    """Return how bad the line is at `time` [s]."""
-    if not faults:
-        return Damage()
-    sizes = {name: faults.size(kind, time) for name, kind in NAMES.items()}
-    still = sizes.pop("half_open") is not None
-    return Damage(**{name: size for name, size in sizes.items() if size is not None}, still=still)
+    """Return how bad the line is at `time` [s], either way."""
+    damage = Damage()
+    for fault, effect in faults.acting("line", time):
+        damage = effect(fault, damage)
+    return damage
 
 
 def chaos_faults(text: str) -> Iterable[Fault]:
@@ -343,10 +319,11 @@ def chaos_faults(text: str) -> Iterable[Fault]:
         if name not in NAMES or name in found:
             raise InputError(f"--chaos {text}: {name!r} is unknown or named twice, allowed are {', '.join(NAMES)}.")
         kind = KINDS[NAMES[name]]
-        size, begin = (_number(text, name, value, kind.low, kind.high), 0.0) if kind.unit else (1.0, 0.0)
-        if name == "half_open":
-            # nothing to say about its size, but when it begins
-            begin = _number(text, name, value, 0.0, 1.0e6) if equals else 0.0
+        size, begin = 1.0, 0.0
+        if kind.unit:
+            size = _number(text, name, value, kind.low, kind.high)
+        elif equals:
+            begin = _number(text, name, value, 0.0, 1.0e6)  # it has no size, but may begin later
         found[name] = Fault(NAMES[name], begin, math.inf, size)
     return found.values()
 

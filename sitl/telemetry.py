@@ -21,6 +21,8 @@ from sitl.firmware_parameters import ParameterTable
 from sitl.sensors import Reading
 
 UNKNOWN_HEADING = 65535
+FULL_PERCENT = 90.0
+"""What SYS_STATUS says of a battery that nothing ails."""
 OFFICIAL = 255
 RSSI_UNKNOWN, RSSI_GOOD = 255, 200
 RSSI_ANALOGUE = 1
@@ -63,12 +65,14 @@ def _state(firmware: Firmware) -> int:
 
 def attitude(firmware: Firmware, time: float, reading: Reading) -> Any:
     """ATTITUDE: radians, yaw in (-pi, pi]; stamped with the time of measurement."""
-    is_number = not firmware.world.faults.is_on("heading_nan", time)
+    yaw = wrap(reading.heading)
+    for fault, effect in firmware.world.faults.acting("attitude", time):
+        yaw = effect(fault, yaw)
     return dialect.MAVLink_attitude_message(
         boot_ms(firmware, reading.time),
         reading.roll,
         0.0,
-        wrap(reading.heading) if is_number else math.nan,
+        yaw,
         reading.roll_rate,
         0.0,
         reading.rate,
@@ -195,10 +199,11 @@ def sys_status(firmware: Firmware, time: float, reading: Reading) -> Any:
     failed = 0 if firmware.has_position(time) else dialect.MAV_SYS_STATUS_SENSOR_GPS
     if not firmware.world.sensors.has_heading(time):
         failed |= dialect.MAV_SYS_STATUS_SENSOR_3D_MAG | dialect.MAV_SYS_STATUS_AHRS
-    battery = firmware.world.faults.size("battery_low", time)
+    left = FULL_PERCENT
+    for fault, effect in firmware.world.faults.acting("charge", time):
+        left = effect(fault, left)
     fitted |= dialect.MAV_SYS_STATUS_SENSOR_BATTERY
-    failed |= dialect.MAV_SYS_STATUS_SENSOR_BATTERY if battery is not None else 0
-    left = 90.0 if battery is None else battery
+    failed |= dialect.MAV_SYS_STATUS_SENSOR_BATTERY if left != FULL_PERCENT else 0
     enabled = fitted if firmware.armed else fitted & ~dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
     return dialect.MAVLink_sys_status_message(
         *(fitted, enabled, fitted & ~failed, 120, battery_mv(left)),

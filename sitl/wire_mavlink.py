@@ -17,7 +17,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.signing import LinkSigning
 from sitl import firmware_setup
-from sitl.fault_kinds import that_silence
 from sitl.firmware import Firmware
 from sitl.firmware_parameters import Parameter, ParameterTable
 from sitl.guided import Target
@@ -111,8 +110,6 @@ def _whole(value: float) -> int:
     return int(value) if math.isfinite(value) and value == int(value) else -1
 
 
-SILENCED_BY = {identity: that_silence(dialect.mavlink_map[identity].msgname) for identity in BUILDERS}
-"""Faults that keep a message from being sent."""
 PASSED_ON = frozenset(
     (
         dialect.MAVLINK_MSG_ID_HEARTBEAT,
@@ -207,7 +204,7 @@ class MavlinkVehicle:
         reading = self.world.sensors.latest(time)
         if identity not in BUILDERS or reading is None:
             return False
-        if any(self.world.faults.is_on(fault, time) for fault in SILENCED_BY[identity]):
+        if self.world.faults.silences(dialect.mavlink_map[identity].msgname, time):
             return False
         message = BUILDERS[identity](self.firmware, time, reading)
         if message is None:
@@ -253,7 +250,7 @@ class MavlinkVehicle:
         if not self._is_from_station(message):
             return
         self.firmware.on_station(time)
-        if self.world.faults.is_on("overrides_ignored", time):
+        if self.world.faults.silences(message.get_type(), time):
             return
         for channel in range(1, firmware_setup.CHANNELS + 1):
             pulse = getattr(message, f"chan{channel}_raw")
@@ -269,7 +266,7 @@ class MavlinkVehicle:
         if not self._is_from_station(message) or message.target != self.codec.system:
             return
         self.firmware.on_station(time)
-        if self.world.faults.is_on("overrides_ignored", time):
+        if self.world.faults.silences(message.get_type(), time):
             return
         setup = self.firmware.setup
         for value, channel, calibration in (
@@ -285,7 +282,7 @@ class MavlinkVehicle:
 
     def _on_attitude_target(self, message: Any, time: float) -> None:
         """Obeyed from any system id, in GUIDED mode, with the thrust; a heading, or the turn rate if not masked."""
-        if self.world.faults.is_on("overrides_ignored", time):
+        if self.world.faults.silences(message.get_type(), time):
             return
         mask, values = message.type_mask, (*message.q, message.body_yaw_rate, message.thrust)
         if mask & dialect.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or not all(math.isfinite(value) for value in values):

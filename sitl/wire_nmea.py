@@ -18,7 +18,6 @@ from autopilot.files.outside import typed_number
 from autopilot.links.nmea import sentences as encode
 from autopilot.links.nmea.sentences import NmeaFramer, Sentence
 from sitl.drives import BoatSide
-from sitl.fault_kinds import that_silence
 from sitl.plotter import ChartPlotter
 from sitl.sensors import Reading
 from sitl.world import Orders, World
@@ -208,7 +207,7 @@ class NmeaInstruments(BoatSide):
             self._plotter.update(reading)
         if name in ("HDG", "HDM", "HDT") and not sensors.has_heading(time, "second"):
             return
-        if any(self.world.faults.is_on(fault, time) for fault in that_silence(name)):
+        if self.world.faults.silences(name, time):
             return
         if self._to_host.backlog(time) > BACKLOG_MAX_S:
             self.skipped += 1

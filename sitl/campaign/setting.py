@@ -106,11 +106,13 @@ def _samples(world: World, reading: Reading, now: float, with_speed: bool, with_
     """Return what of a set of readings reaches the pilot: the speed once a second, the heading unless it fails."""
     if world.sensors.is_silent(now):
         return ()
-    with_speed = with_speed and not world.faults.is_on("speed_lost", now)
+    with_speed = with_speed and not world.faults.silences("VFR_HUD", now)
     speed = (SpeedSample(reading.time, reading.water_speed),) if with_speed else ()
     if not world.sensors.has_heading(now):
         return speed
-    heading = math.nan if world.faults.is_on("heading_nan", now) else wrap(reading.heading)
+    heading = wrap(reading.heading)
+    for fault, effect in world.faults.acting("attitude", now):
+        heading = effect(fault, heading)
     return (HeadingSample(reading.time, heading, reading.rate if with_rate else None), *speed)
 
 

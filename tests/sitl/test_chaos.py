@@ -9,9 +9,10 @@ import pytest
 
 from autopilot.errors import InputError
 from autopilot.vessel.file import load_vessel
+from sitl.fault_kind import Damage
 from sitl.faults import Fault
 from sitl.scenario import load_scenario
-from sitl.serve import ChaosLine, ChaosPort, Damage, chaos_faults
+from sitl.serve import ChaosLine, ChaosPort, chaos_faults
 from sitl.world import World
 
 SENT = [number.to_bytes(4, "big") * 5 for number in range(2000)]

@@ -10,10 +10,11 @@ import pytest
 
 from autopilot.errors import InputError
 from autopilot.vessel.file import load_vessel
+from sitl.boat import EARTH_RADIUS
 from sitl.drives import CommandReader, jrk_length, maestro_length
 from sitl.plotter import ChartPlotter
 from sitl.scenario import load_scenario
-from sitl.sensors import EARTH_RADIUS, Reading
+from sitl.sensors import Reading
 from sitl.serve import drive_port, nmea_port, open_ports
 from sitl.wire_nmea import NmeaInstruments
 from sitl.world import World
