@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import os
 import signal
 import threading
 import time
+from functools import cache
 from pathlib import Path
+from typing import Any
+from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -26,8 +30,6 @@ NIGHTLY = Path(__file__).parent / "nightly.txt"
 """Tests that take seconds each and are like others that stay: the night runs them, `.ci/slow tests`."""
 REAL_TIME = Path(__file__).parent / "interop"
 REAL_TIME_GROUPS = 2
-STOOD_STILL_S = 1.0
-"""A machine that wakes a sleeper up so much too late cannot steer a boat meanwhile, whatever the program."""
 
 
 class MachineWatch:
@@ -61,10 +63,6 @@ class MachineWatch:
         """Forget what was."""
         self.longest = 0.0
 
-    def stood_still(self) -> bool:
-        """Return whether the machine took a processor away for longer than a boat may be without."""
-        return self.longest > STOOD_STILL_S
-
 
 WATCH = MachineWatch()
 
@@ -83,28 +81,53 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the night's tests out unless NORRBIN_SLOW is set; keep real-time tests to two workers.
-
-    Those start a simulator and a pilot as a user would, and mostly sleep; each worker has them one after the other. A
-    machine that takes the processor away for seconds makes the boat sail on unsteered, which says nothing about the
-    pilot: a test that failed while the machine was seen to stand still is run again, up to twice. Any other failure is
-    one. How many were run again is printed.
-    """
+    """Leave the night's tests out unless NORRBIN_SLOW is set."""
     if "NORRBIN_SLOW" not in os.environ:
         nightly = set(NIGHTLY.read_text(encoding="utf-8").splitlines())
         config.hook.pytest_deselected(items=[item for item in items if f"tests/{_name(item)}" in nightly])
         items[:] = [item for item in items if f"tests/{_name(item)}" not in nightly]
-    real_time = [item for item in items if _is_real_time(item)]
-    for number, item in enumerate(real_time):
-        item.add_marker(pytest.mark.xdist_group(f"real time {number % REAL_TIME_GROUPS}"))
-        if "NORRBIN_NO_RERUNS" not in os.environ:
-            item.add_marker(pytest.mark.flaky(reruns=2, condition=WATCH.stood_still))
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print how many tests were run again, also where none was."""
-    again = terminalreporter.stats.get("rerun", [])
-    terminalreporter.write_line(f"run again because the machine stood still for over {STOOD_STILL_S:g} s: {len(again)}")
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give real-time tests to two workers, one after the other, and what shares a costly fixture to one.
+
+    Real-time tests start a simulator and a pilot as a user would, and mostly sleep.
+    """
+    if config.getoption("dist") != "loadgroup":
+        return None
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByKind(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file, _, name = nodeid.partition("::")
+            marked, shares = _kinds_in(config.rootpath / file)
+            if marked is None or name.partition("[")[0] in marked:
+                return f"real time {crc32(nodeid.encode()) % REAL_TIME_GROUPS}"
+            return file if shares else nodeid
+
+    return ByKind(config, log)
+
+
+@cache
+def _kinds_in(path: Path) -> tuple[frozenset[str] | None, bool]:
+    """Return which functions of a file of tests are real-time (None: all), and whether it makes fixtures once."""
+    text = path.read_text(encoding="utf-8")
+    shares = 'scope="module"' in text
+    if REAL_TIME in path.parents or "pytestmark = pytest.mark.real_time" in text:
+        return None, shares
+    functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
+    marked = {each.name for each in functions if "pytest.mark.real_time" in map(ast.unparse, each.decorator_list)}
+    return frozenset(marked), shares
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Any:
+    """Say beside a real-time test that failed for how long the machine stood still meanwhile."""
+    report = yield
+    if report.failed and _is_real_time(item):
+        report.sections.append(("machine", f"a sleeper was woken up to {WATCH.longest:.2f} s too late"))
+    return report
 
 
 def _name(item: pytest.Item) -> str:

@@ -81,8 +81,12 @@ GROUP_ON: Table = {"GRP_ENABLE": (1, 2), "GRP_GAIN": (2.5, 9)}
 
 @pytest.mark.parametrize(
     ("old", "new", "kills", "latest_s"),
-    [(PLAIN, SHIFTED, 50, 1.0), (PLAIN | GROUP, SHIFTED | GROUP_ON, 2, 9.0)],
-    ids=["plain", "enabling"],
+    [
+        (PLAIN, SHIFTED, 15, 1.0),
+        (PLAIN, SHIFTED, 50, 1.0),
+        (PLAIN | GROUP, SHIFTED | GROUP_ON, 2, 9.0),
+    ],
+    ids=["plain", "plain, often", "enabling"],
 )
 def test_after_a_kill_the_vehicle_is_wholly_old_or_wholly_new(
     old: Table, new: Table, kills: int, latest_s: float, zygote: Zygote, served: ServedVehicle, tmp_path: Path

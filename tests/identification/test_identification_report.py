@@ -33,10 +33,6 @@ class Made(NamedTuple):
     typed: str
 
 
-pytestmark = pytest.mark.xdist_group("identification report")
-# made once, not once on each worker
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     folder = tmp_path_factory.mktemp("report")

@@ -13,11 +13,13 @@ from autopilot.signals import RudderCommand
 ORDER_AGE_S = 1.0
 RELEASES = 5
 
-ORDER_S, RELEASE_S = 0.05, 0.1
+ORDER_S, RELEASE_S = 1 / 16, 1 / 8
 ANGLES = st.sampled_from([0.0, 0.2, -0.3, math.nan, math.inf])
+WAITS = st.integers(0, 2048).map(lambda number: number / 1024)
+"""Times and periods [s] that binary fractions hold: sums and differences are exact, so the periods hold to the bit."""
 EVENTS = st.lists(
     st.tuples(
-        st.floats(0.0, 2.0),
+        WAITS,
         st.one_of(st.none(), st.builds(RudderCommand, ANGLES, st.just(0.0), st.booleans())),
         st.booleans(),
     ),

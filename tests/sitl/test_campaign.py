@@ -46,9 +46,6 @@ from sitl.fault_kinds import FaultKind
 from sitl.scenario import FaultSection, IttcSection, SecondOrderSection, SensorsSection, WavesSection, WindSection
 from sitl.world import STEP
 
-# one process compiles for all of them
-pytestmark = pytest.mark.xdist_group("compiled")
-
 SEAS = {
     "calm": SeaSection(),
     "swell": SeaSection(WavesSection(second_order=SecondOrderSection(0.6, 0.3, 1.0))),

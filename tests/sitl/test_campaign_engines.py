@@ -24,7 +24,6 @@ pytestmark = [
     # the library leaves sockets and loops to the garbage collector
     pytest.mark.filterwarnings("ignore"),
     pytest.mark.slow,
-    pytest.mark.xdist_group("compiled"),
 ]
 
 

@@ -28,9 +28,6 @@ from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from sitl.compiled import compiled, cosine, sine
 
-# one process compiles for all of them
-pytestmark = pytest.mark.xdist_group("compiled")
-
 
 def voyage(hull: Hull, inverse: InverseMass, rudders: Rudders, gear: SteeringGear, steps: int) -> Motion:
     """A weaving ship in a swell, through the functions of the models."""
