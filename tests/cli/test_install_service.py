@@ -133,7 +133,7 @@ def test_words_that_systemd_would_read_otherwise_are_quoted() -> None:
         ([*INSTALL, "--watchdog-s", "1"], "--watchdog-s 1: allowed is 3 to 600"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(
+def test_impossible_service_options_are_refused_in_one_sentence(
     arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = main(arguments if "--root" in arguments else [*arguments, "--root", "/nowhere/to/write"])

@@ -67,7 +67,7 @@ def test_a_push_heavier_than_the_rudder_is_reported_in_waves(vessel: Vessel, wit
 
 
 @pytest.mark.parametrize("vessel", [QUICK, SLOW, SHIP], ids=["quick", "slow", "ship"])
-def test_a_gust_that_the_rudder_holds_is_none(vessel: Vessel) -> None:
+def test_a_gust_that_the_rudder_can_hold_raises_no_overpowered_alarm(vessel: Vessel) -> None:
     begins = 200.0
     found, _ = sailed(vessel, lambda now: math.radians(20.0) if now >= begins else 0.0, begins + 300.0)
     assert "overpowered" not in found

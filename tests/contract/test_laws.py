@@ -259,7 +259,7 @@ def test_at_another_speed_the_same_path_asks_for_the_same_rudder(
     assert there == pytest.approx(here, rel=1e-9, abs=1e-9)
 
 
-def test_a_pid_in_numbers() -> None:
+def test_the_pid_law_gives_its_equations_numbers() -> None:
     """delta = I - kp z1 - kd (r - r_d) + F, I' = -ki z1 + (command - wanted) ki/max(kp, ki)."""
 
     def run(

@@ -186,7 +186,7 @@ def test_closing_is_final_and_may_be_repeated(pair: Pair) -> None:
         pair.near.send(b"x")
 
 
-def test_a_peer_that_leaves(pair: Pair) -> None:
+def test_after_the_peer_hangs_up_its_last_bytes_are_read(pair: Pair) -> None:
     pair.write(b"last words")
     pair.hang_up()
     if pair.loses_peer:

@@ -135,7 +135,9 @@ class Counting(Ordered):
         (10.0, 0.5, 200.0),  # never more than four times its own
     ],
 )
-def test_it_is_looked_at_for_long_enough(time_constant: float, bandwidth: float, own: float) -> None:
+def test_recoveries_are_simulated_for_own_time_and_one_slow_wave(
+    time_constant: float, bandwidth: float, own: float
+) -> None:
     boat = BOAT._replace(time_constant=time_constant)
     law = Counting(lambda *_: 0.0)
     recoveries(LOOP._replace(model=boat, rate_hz=2.0), law, bandwidth, [0.1])

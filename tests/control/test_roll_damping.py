@@ -84,7 +84,7 @@ NORTH = Order(OrderKind.HEADING, 0.0, serial=1)
 LONG = 2.0 * (PERIOD + SETTLE) + 30.0
 
 
-def test_it_measures_without_then_with_and_stays_where_it_helps() -> None:
+def test_roll_damping_is_tried_off_then_on_and_kept_where_it_helps() -> None:
     damper = Damper(DAMPING)
     phases = sailed(RollingBoat(1.1, 0.4), LONG, damper)
     assert list(dict.fromkeys(phases)) == [Phase.WITHOUT, Phase.WITH, Phase.KEPT_ON]
@@ -119,7 +119,7 @@ def test_without_fresh_roll_it_is_silent_at_once() -> None:
     assert damper.weight == 0.0 and damper.phase is Phase.WITHOUT
 
 
-def test_it_comes_without_a_bump() -> None:
+def test_roll_damping_fades_in_no_faster_than_its_fade_time() -> None:
     boat, damper = RollingBoat(1.1, 0.4), Damper(DAMPING)
     before = 0.0
     for _ in range(round(LONG / DT)):

@@ -273,12 +273,12 @@ def test_a_word_of_one_second_age_still_counts_and_the_middle_between_two_headin
         assert watch.reason("a") == reason
 
 
-def test_it_stands_from_three_tenths_of_a_second_on() -> None:
+def test_a_heading_unchanged_for_three_tenths_of_a_second_is_frozen() -> None:
     assert not is_left_standing(0.1, 0.5, 0.2999)
     assert is_left_standing(0.1, 0.5, 0.3)
 
 
-def test_it_is_not_well_that_agrees_and_stands() -> None:
+def test_a_frozen_compass_that_agrees_by_chance_stays_distrusted() -> None:
     watch = heard_by()
     watch.on_sample(3.1, "a", 0.8)
     for step in range(1, 90):
@@ -357,7 +357,7 @@ def test_one_jump_or_spike_is_no_noise(by_deg: float, lasts: float) -> None:
 
 
 @pytest.mark.parametrize("step", [0.1, 0.5, 1.0])
-def test_what_both_show_is_the_boat_s(step: float) -> None:
+def test_a_swing_that_both_compasses_show_distrusts_neither(step: float) -> None:
     """A launch in a sea of two seconds: once a second a compass sees it swing to and fro."""
 
     def swings(now: float) -> float:

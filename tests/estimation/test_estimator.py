@@ -208,7 +208,7 @@ def test_spikes_are_dropped_and_a_true_jump_is_accepted() -> None:
         SpeedSample(1.0, math.inf),
     ],
 )
-def test_what_cannot_be_is_dropped_and_counted(bad: Sample) -> None:
+def test_implausible_samples_are_dropped_and_counted(bad: Sample) -> None:
     tested = estimator()
     for i in range(10):
         tested.update(i * 0.1, (HeadingSample(i * 0.1, 0.2, 0.0),))

@@ -88,7 +88,7 @@ def test_a_bad_link_costs_time_and_nothing_else(loss: float) -> None:
     assert vehicle.ftp.open is None
 
 
-def test_the_older_message_says_it_too() -> None:
+def test_metadata_is_found_by_the_older_component_message_too() -> None:
     vehicle = described()
     vehicle.uri = {395: GENERAL_URI}
     client, _ = heard(vehicle)
@@ -174,7 +174,7 @@ def test_somebody_else_reads_from_px4_just_now() -> None:
         ("mftp://nowhere", "its file /nowhere does not come"),
     ],
 )
-def test_an_address_that_leads_nowhere(uri: str, expected: str) -> None:
+def test_a_metadata_address_that_leads_nowhere_is_reported_and_marks_nothing(uri: str, expected: str) -> None:
     vehicle = described()
     vehicle.uri = {397: uri}
     client, seconds = heard(vehicle)

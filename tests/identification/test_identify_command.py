@@ -156,7 +156,7 @@ def test_an_older_log_is_read_as_named_and_the_newest_is_named(
 @pytest.mark.parametrize(
     "given", [["a.csv", "a.csv"], ["a.csv", "./a.csv"], ["a.csv", "b.csv"], ["a.csv", "--holdout", "b.csv", "a.csv"]]
 )
-def test_a_log_counts_once(
+def test_a_log_given_twice_is_refused(
     given: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

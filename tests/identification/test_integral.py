@@ -133,7 +133,7 @@ def test_a_window_without_length_is_refused(length: float) -> None:
         IntegralWindow(length)
 
 
-def test_bad_numbers_count_as_missing() -> None:
+def test_nan_and_infinity_count_as_missing_samples() -> None:
     nan = math.nan
     broken = [
         (t, d, s, nan if i % 5 == 0 else h, math.inf if i % 7 == 0 else r)

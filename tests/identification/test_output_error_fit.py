@@ -60,7 +60,7 @@ def test_a_zero_order_hold_regression_has_no_time_constant_at_the_papers_samplin
     assert memory < 0.2  # exp(-0.5/0.332) is 0.22: the moving rudder has taken all of it
 
 
-def test_heading_alone_is_enough() -> None:
+def test_the_model_is_identified_from_heading_without_a_rate() -> None:
     table = {k: v for k, v in noisy(FINE, 0.0, np.radians(0.2), seed=5).items() if k != "yaw_rate_rad_s"}
     found = identify([run_of(table)])
     assert found.model.gain == pytest.approx(LANXIN["K"], rel=0.05)

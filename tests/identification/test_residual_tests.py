@@ -49,7 +49,7 @@ def test_only_what_was_measured_is_tested() -> None:
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.5])
-def test_blanks_do_not_disturb(missing: float) -> None:
+def test_missing_samples_leave_the_residual_tests_verdict(missing: float) -> None:
     table = {key: values.copy() for key, values in noisy(TABLE, 0.002, 0.0, 7).items()}
     blank = np.random.default_rng(8).random(table["time_s"].size) < missing
     table["yaw_rate_rad_s"][blank] = np.nan

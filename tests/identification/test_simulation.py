@@ -105,7 +105,7 @@ def test_the_derivatives_are_those_of_whole_simulations(around: RaceAndWind | No
             np.testing.assert_allclose(mine, difference, atol=1.0e-4 * max(1.0, float(np.max(np.abs(difference)))))
 
 
-def test_it_follows_scipy() -> None:
+def test_simulated_motion_agrees_with_scipys_integrator() -> None:
     driven = segment()
     steps = forcing([driven], 0.02)
     motion = simulate(TRUTH, steps, np.array([0.1]))

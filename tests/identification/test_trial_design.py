@@ -105,7 +105,7 @@ def test_more_water_or_time_tells_no_less() -> None:
     assert small.score >= wide.score >= long.score
 
 
-def test_a_pond_holds_nothing() -> None:
+def test_no_trial_is_designed_for_water_that_is_too_small() -> None:
     assert design_of(BOAT, Water(20.0, 10.0, 100.0), Candidate("zigzag", 0.3, 0.3)) is None
 
 

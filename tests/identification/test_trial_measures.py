@@ -231,7 +231,7 @@ def test_the_loop_of_a_spiral_is_twice_the_rudder_of_the_fold(unstable: bool) ->
         assert spiral.height == pytest.approx(0.0, abs=1e-4)
 
 
-def test_what_holds_no_manoeuvre_gives_none() -> None:
+def test_a_straight_run_holds_no_manoeuvre() -> None:
     found = measures_of(record_of("straight", sailed(lambda t, _: 0.0, 30.0)))
     assert (found.zigzags, found.circles, found.pull_outs, found.spiral) == ((), (), (), None)
 
@@ -250,7 +250,9 @@ def test_holds_are_found_where_the_rudder_stands() -> None:
     ("length", "first", "second", "loop"),
     [(20.0, 10.0, 25.0, 0.0), (60.0, 15.0, 32.5, 3.67), (120.0, 20.0, 40.0, 10.33), (300.0, 20.0, 40.0, 12.0)],
 )
-def test_criteria_at_3_m_s(length: float, first: float, second: float, loop: float) -> None:
+def test_manoeuvring_criteria_are_those_of_msc_137_at_3_m_s(
+    length: float, first: float, second: float, loop: float
+) -> None:
     """MSC.137(76), 5.3: at L/V of 20 s 5 + 20/2 and 17.5 + 0.75 20; capped below 10 s and from 30 s on."""
     assert math.degrees(criteria.first_overshoot_10(length, U)) == pytest.approx(first)
     assert math.degrees(criteria.second_overshoot_10(length, U)) == pytest.approx(second)

@@ -65,7 +65,9 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("method", ["integral", "output-error"])
-def test_both_bodies_are_found(record: Path, capsys: pytest.CaptureFixture[str], method: str) -> None:
+def test_k_and_t_of_float_and_glider_are_identified_within_five_percent(
+    record: Path, capsys: pytest.CaptureFixture[str], method: str
+) -> None:
     options = ["--method", method, "--reference-speed-m-s", "0.7", "--json"]
     assert main(["identify", str(record), "--wave-glider", *options]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -85,7 +87,9 @@ def test_waves_and_the_pull_on_the_glider_cost_little(tmp_path: Path, capsys: py
     assert "FLOAT" in text and "GLIDER" in text and "holdout" in text and "delta_0 = 30 deg" in text
 
 
-def test_what_does_not_go_is_said(record: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_that_do_not_go_with_wave_glider_are_refused(
+    record: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for options, words in (
         (["--out", "x.yaml"], "--out does not go with --wave-glider"),
         (["--steady-turns", "x.csv"], "--steady-turns does not go"),

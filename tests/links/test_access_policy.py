@@ -196,7 +196,7 @@ def test_noise_of_frame_starts_is_given_up_but_a_frame_behind_it_read(fill: byte
         assert looks <= TRIES
 
 
-def test_addresses_that_may_come_in() -> None:
+def test_only_addresses_of_the_allowed_networks_are_let_in() -> None:
     allows = only_from([ipaddress.ip_network("127.0.0.0/30"), ipaddress.ip_network("fe80::/10")])
     assert allows("127.0.0.1") and allows("::ffff:127.0.0.2") and allows("fe80::1%eth0")
     assert not allows("127.0.0.9") and not allows("::1")
@@ -813,7 +813,7 @@ def test_a_radio_on_a_serial_line_gives_no_order_until_the_skipper_says_so() -> 
         (dialect.MAVLink_param_set_message(1, 191, b"X", 0.0, 9), False),
     ],
 )
-def test_what_gives_the_rudder_back(message: Any, gives: bool) -> None:
+def test_messages_that_release_the_rudder_are_never_rate_limited(message: Any, gives: bool) -> None:
     assert gives_rudder_back(message) is gives
     access = AccessPolicy(AccessRules(commands_hz=1.0, writes_hz=1.0)).link()
     refused = [bool(access.refusal(0.0, message)) for _ in range(6)]
@@ -821,7 +821,7 @@ def test_what_gives_the_rudder_back(message: Any, gives: bool) -> None:
     assert bool(access.refusal(1.0, message)) is False
 
 
-def test_a_budget_by_hand() -> None:
+def test_a_rate_budget_gives_what_was_worked_out_by_hand() -> None:
     budget = Budget(10.0, 40.0)
     assert [budget.part(0.0, 30), budget.part(0.0, 30), budget.part(0.0, 30)] == [30, 10, 0]
     assert not budget.spend(0.5, 5.1) and budget.spend(0.5, 5.0) and not budget.spend(0.5, 0.1)

@@ -145,7 +145,7 @@ def test_the_heading_mode_keeps_the_heading_that_is_steered() -> None:
         ((254.0, 15.0), UNSUPPORTED, ""),
     ],
 )
-def test_modes_that_are_none(values: tuple[float, ...], result: int, says: str) -> None:
+def test_unknown_modes_are_refused_and_order_nothing(values: tuple[float, ...], result: int, says: str) -> None:
     service = Service()
     assert service.give(SET_MODE, *values) == result
     assert (service.said, service.hand.orders) == (says, [])
@@ -205,7 +205,9 @@ def test_a_mission_starts_at_an_item_and_goes_to_its_end(first: float, last: flo
         (False, (0.0, 0.0), REJECTED, "arm first"),
     ],
 )
-def test_missions_that_do_not_start(armed: bool, values: tuple[float, ...], result: int, says: str) -> None:
+def test_missions_that_cannot_be_followed_are_not_started(
+    armed: bool, values: tuple[float, ...], result: int, says: str
+) -> None:
     service = Service(armed)
     assert (service.give(MISSION_START, *values), service.said) == (result, says)
     assert not service.mission.is_followed

@@ -502,7 +502,7 @@ def test_a_reading_beyond_the_scale_is_none_and_65535_is_no_sensor() -> None:
     assert motor.order(0.1, 0.5)[-4:] == packet(0xC7, 1000), "nothing to position the rudder by"
 
 
-def test_an_old_angle_is_none() -> None:
+def test_a_rudder_angle_older_than_a_second_and_a_half_is_a_fault() -> None:
     motor = listening()
     motor.feed(0.0, sensor(0.0))
     motor.feed(1.5, packet(0xB3, 1260))
@@ -697,7 +697,7 @@ def test_a_drive_link_says_what_it_sees_once() -> None:
     assert (link.fileno(), link.take_packets()) == (-1, [])
 
 
-def test_what_became_of_the_rudder_of_a_drive_link() -> None:
+def test_a_drive_link_says_whether_its_release_was_sent() -> None:
     near, far = loopback_pair()
     link = DriveLink(near, JrkG2(SETTINGS))
     link.send(0.0, RudderCommand(0.0, 0.1, False))

@@ -344,7 +344,9 @@ def test_the_name_says_what_we_are() -> None:
         (61184, 1, 0, 9, 0x00EF0901),
     ],
 )
-def test_identifiers_by_hand(group: int, source: int, priority: int, destination: int, identity: int) -> None:
+def test_can_identifiers_are_those_worked_out_by_hand(
+    group: int, source: int, priority: int, destination: int, identity: int
+) -> None:
     assert identifier(group, source, priority, destination) == identity
     assert group_and_source(identity) == (group, source)
 

@@ -193,7 +193,7 @@ def test_what_calls_itself_invalid_is_no_data(body) -> None:
         "GPVTG,220.86,T,,M,-2.5,N,4.724,K,A",
     ],
 )
-def test_what_cannot_be_is_malformed(body) -> None:
+def test_nmea_sentences_with_impossible_values_are_counted_malformed(body) -> None:
     reader = NmeaReader(variation=0.0)
     (sentence,) = NmeaFramer().feed(f"${body}*{checksum(body.encode()):02X}\r\n".encode())
     assert reader.read(0.0, sentence) is None

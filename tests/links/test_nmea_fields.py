@@ -219,7 +219,7 @@ def test_a_speed_comes_without_a_place_and_a_place_only_whole(empty: str) -> Non
     assert isinstance(reader.read(0.0, sentence), SpeedSample) and reader.take_position() is None
 
 
-def test_every_sentence_whole() -> None:
+def test_every_nmea_encoder_writes_the_expected_sentence() -> None:
     radians = math.radians
     whole = [
         (encoders.encode_hdt(radians(7.24)), "HEHDT,007.2,T"),

@@ -140,7 +140,7 @@ def test_a_real_pseudo_terminal_both_ways_and_unplugged() -> None:
     link.close()
 
 
-def test_counts_add_up() -> None:
+def test_each_sentence_is_counted_as_read_ignored_invalid_or_damaged() -> None:
     near, far = loopback_pair()
     link = NmeaLink(near)
     far.send(b"$HEHDT,41.87,T*25\r\n$HEHDT,400.0,T*15\r\n$GPGSV,1,1,00*79\r\n")

@@ -39,7 +39,7 @@ APB = "GPAPB,A,A,0.10,R,N,V,V,011,M,DEST,011,M,011,M"
 """The layout of the sentence in "NMEA Revealed": 0.10 nm to steer right, bearing 11 magnetic, no mode field."""
 
 
-def test_apb_is_a_leg() -> None:
+def test_apb_gives_track_cross_track_error_and_waypoint() -> None:
     (leg,), _ = hear(APB, variation=math.radians(-3.0))
     assert isinstance(leg, PlotterLeg)
     assert math.degrees(leg.track) == pytest.approx(8.0)
@@ -112,7 +112,7 @@ def test_status_mode_and_override_say_that_it_does_not_lead(body: str) -> None:
         "IIHTD,X,,,H,N,,,,,045.0,,,T,A,A,A,040",
     ],
 )
-def test_what_cannot_be_is_malformed(body: str) -> None:
+def test_plotter_sentences_with_impossible_values_are_counted_malformed(body: str) -> None:
     heard, reader = hear(body)
     assert (heard, reader.malformed) == ([], 1)
 

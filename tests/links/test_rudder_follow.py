@@ -73,7 +73,7 @@ def test_a_stop_or_a_sensor_out_of_line_is_found() -> None:
     assert watch(lambda _: 0.0, gear(20.0), offset=math.radians(4.0)) == ""
 
 
-def test_it_takes_seconds_not_ages_and_is_forgiven_after_the_release() -> None:
+def test_a_stuck_rudder_is_reported_within_seconds_and_forgiven_after_release() -> None:
     follow = RudderFollow(FollowSettings())
     said = math.inf
     for step in range(60):

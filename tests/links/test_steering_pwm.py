@@ -47,7 +47,7 @@ def servo(channel: SteeringChannel, pulse: int) -> int:
 @pytest.mark.parametrize(
     ("pulse", "out"), [(1560, 1531), (1530, 1500), (1470, 1500), (1500, 1500), (2000, 2000), (1000, 1000), (2200, 2000)]
 )
-def test_forward_as_measured(pulse, out) -> None:
+def test_pulses_become_the_servo_outputs_measured_on_ardupilot(pulse, out) -> None:
     assert servo(WIDE, pulse) == out
 
 
@@ -59,7 +59,7 @@ def test_one_degree_demanded_is_one_degree_moved(degrees) -> None:
 
 
 @given(channels(), st.floats(-1.0, 1.0))
-def test_inverted_exactly_for_any_calibration(channel, share) -> None:
+def test_the_pulse_chosen_for_a_rudder_is_the_nearest_there_is(channel, share) -> None:
     best = min(abs(share_from_servo(channel, servo(channel, p)) - share) for p in range(channel.rc_min, channel.rc_max))
     chosen = pulse_table(channel).nearest(share)
     assert channel.rc_min <= chosen <= channel.rc_max

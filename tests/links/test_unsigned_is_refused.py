@@ -75,7 +75,7 @@ FORGED = [
 ]
 
 
-def test_a_served_boat_obeys_none() -> None:
+def test_a_served_boat_with_a_key_ignores_unsigned_orders() -> None:
     near, far = loopback_pair()
     signing, hand = Signing(KEY, CountingTimestamps(NOW)), Untouched()
     doing = Commands(hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
@@ -91,7 +91,7 @@ def test_a_served_boat_obeys_none() -> None:
 
 
 @pytest.mark.parametrize("is_latched", [False, True])
-def test_a_companion_hears_none(is_latched: bool) -> None:
+def test_a_companion_with_a_key_ignores_unsigned_messages(is_latched: bool) -> None:
     """Not even heartbeats, which take the helm away, or servo positions, which the rudder watch believes."""
     near, far = loopback_pair()
     signing = Signing(KEY, CountingTimestamps(NOW))

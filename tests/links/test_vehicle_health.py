@@ -97,7 +97,7 @@ def test_what_is_said_in_words_lasts_a_minute(words: str, name: str) -> None:
 
 
 @given(st.text(max_size=40))
-def test_other_words_mean_nothing(words: str) -> None:
+def test_status_texts_without_fence_or_shallow_raise_no_condition(words: str) -> None:
     if not any(word in words.lower() for word in ("fence", "shallow")):
         assert VehicleHealth().take(0.0, text(words.encode("ascii", "replace").decode())) == []
 

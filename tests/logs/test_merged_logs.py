@@ -158,7 +158,7 @@ def test_a_pause_in_the_orders_is_a_pause_in_the_rudder() -> None:
     np.testing.assert_array_equal(known, [True, False, True])
 
 
-def test_between_samples_round_the_circle() -> None:
+def test_headings_are_interpolated_across_the_end_of_the_circle() -> None:
     heading = Series("heading_rad", "compass", np.array([0.0, 1.0, 2.0]), np.radians([170.0, -170.0, -150.0]))
     np.testing.assert_allclose(np.degrees(between(heading, np.array([0.25, 0.75, 1.5]))), [175.0, -175.0, -160.0])
     rudder = Series(RUDDER, "x", np.array([0.0, 1.0, 2.0, 30.0]), np.zeros(4))

@@ -265,7 +265,7 @@ def test_a_few_wrong_checksums_are_left_out_and_reported(tmp_path: Path) -> None
     [("01,06,2026", True), ("1,6,2026", True), ("31,02,2026", False), ("1,1,99999999999999999999", False),
      ("1,1,0000", False), ("01,06,26", False), ("01,,2026", False)],
 )  # fmt: skip
-def test_a_date_that_no_calendar_has_is_none(date: str, is_known: bool, tmp_path: Path) -> None:
+def test_impossible_zda_dates_give_no_beginning_and_lose_no_heading(date: str, is_known: bool, tmp_path: Path) -> None:
     lines = [sentence(f"GPZDA,1200{second:02d},{date},00,00") for second in range(10)]
     lines = [line for second, zda in enumerate(lines) for line in (zda, sentence(f"HEHDT,{second}.0,T"))]
     recording = read_recording(written(tmp_path, "\n".join(lines), "boat.nmea"))

@@ -70,7 +70,7 @@ def test_the_printed_sign_of_y_pdot_breaks_the_reciprocity() -> None:
     assert mass[0, 1] != mass[1, 0]
 
 
-def test_against_another_integrator() -> None:
+def test_twenty_seconds_in_a_swell_agree_with_scipys_runge_kutta() -> None:
     """Twenty seconds with rudder and a swell, against scipy's adaptive Runge-Kutta of order 8."""
 
     def swell(time: float) -> Load:

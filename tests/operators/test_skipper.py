@@ -148,7 +148,7 @@ def test_no_line_gives_an_order_outside_what_is_allowed(line: str) -> None:
 
 
 @given(st.floats(0.0, 360.0))
-def test_every_compass_heading_is_one(degrees: float) -> None:
+def test_every_heading_on_the_compass_may_be_typed(degrees: float) -> None:
     assert math.cos(heading_of(str(degrees)) - math.radians(degrees)) == pytest.approx(1.0)
 
 

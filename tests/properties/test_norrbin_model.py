@@ -53,7 +53,7 @@ def test_the_step_agrees_with_an_independent_integrator(model: Norrbin) -> None:
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
-def test_a_symmetric_hull_is_odd(rate: float, rudder: float) -> None:
+def test_mirrored_rate_and_rudder_give_the_mirrored_yaw_acceleration(rate: float, rudder: float) -> None:
     for model in (LANXIN, UNSTABLE):
         assert yaw_acceleration(model, -rate, -rudder) == -yaw_acceleration(model, rate, rudder)
 

@@ -53,7 +53,7 @@ def test_a_stream_for_people_takes_any_text(parts: list[str], encoding: str) -> 
     st.integers(0, 3),
     st.sampled_from(["", "+"]),
 )
-def test_any_number_is_short(value: float, places: int, sign: str) -> None:
+def test_any_number_is_printed_in_at_most_fifteen_characters(value: float, places: int, sign: str) -> None:
     shown = fixed(value, places, sign)
     assert len(shown) <= 15
     assert math.isnan(value) or float(shown) == pytest.approx(value, rel=0.006, abs=0.6)

@@ -207,7 +207,7 @@ def test_a_model_that_no_gains_serve_is_refused(monkeypatch: pytest.MonkeyPatch,
     assert sailed.pilot.config.model == model_of(OFF)
 
 
-def test_news_come_once(sailed: Sailed) -> None:
+def test_a_learning_result_is_announced_once(sailed: Sailed) -> None:
     assert sailed.pilot.learner is not None
     service = LearningService(sailed.pilot.learner, sailed.store)
     tick = Tick(
@@ -313,7 +313,7 @@ samples = st.one_of(
 
 @given(st.lists(st.lists(samples, max_size=3), max_size=40))
 @settings(max_examples=20, deadline=None)
-def test_no_sample_makes_it_stumble(ticks: list[list[Sample]]) -> None:
+def test_learned_estimates_stay_finite_whatever_samples_come(ticks: list[list[Sample]]) -> None:
     pilot = build_pilot(OFF, learns=True)
     for i, given_samples in enumerate(ticks):
         now = 0.5 * i

@@ -19,7 +19,7 @@ def refuse(*_: object) -> None:
     raise PermissionError(1, "Operation not permitted")
 
 
-def test_nothing_is_asked_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_real_time_options_the_system_is_asked_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("sched_setaffinity", "sched_setscheduler"):
         monkeypatch.setattr(os, name, refuse)
     assert make_real_time(RealTime()) == []

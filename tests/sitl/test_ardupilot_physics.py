@@ -141,7 +141,7 @@ def test_any_datagrams_leave_a_finite_boat(datagrams: list[bytes]) -> None:
     assert all(map(math.isfinite, boat.state))
 
 
-def test_as_a_process_over_udp() -> None:
+def test_the_physics_process_answers_servo_packets_over_udp() -> None:
     command = [sys.executable, "-m", "sitl", "ardupilot-physics", "lanxin", "--listen", "127.0.0.1:0"]
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process,

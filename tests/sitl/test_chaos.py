@@ -109,7 +109,7 @@ def test_a_port_is_clear_until_a_fault_begins_and_after_it() -> None:
     assert all(bool(heard[step]) == (step in got) for step in range(50))
 
 
-def test_both_ways_are_late() -> None:
+def test_link_delay_applies_to_both_directions() -> None:
     port, echo = port_with(Fault("link_delay", 0.0, 100.0, 0.25))
     port.receive(0.0, b"x")
     returned = [step for step in range(100) if port.transmit(0.01 * step)]

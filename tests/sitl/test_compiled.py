@@ -40,7 +40,7 @@ def voyage(hull: Hull, inverse: InverseMass, rudders: Rudders, gear: SteeringGea
     return state
 
 
-def test_the_same_numbers_to_a_billionth() -> None:
+def test_compiled_motion_gives_the_plain_numbers_to_a_billionth() -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
     gear = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)
     given = (NAVAL_HULL, inverse_mass(NAVAL_HULL), NAVAL_RUDDERS, gear, 2000)
@@ -57,7 +57,7 @@ def proved(proof: Proof, steps: int) -> Proof:
     return proof
 
 
-def test_the_proof_of_the_roll_law_too() -> None:
+def test_the_compiled_roll_proof_gives_the_plain_numbers() -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
     plain, quick = proved(UNPROVEN, 3000), compiled(proved)(UNPROVEN, 3000)
     assert plain.failures > 0

@@ -194,7 +194,7 @@ def test_throttle_override_changes_the_speed(bench: MakeBench) -> None:
     assert boat.world.boat.state.speed == pytest.approx(2.0 * boat.world.cruise_speed, rel=0.01)
 
 
-def test_ground_station_failsafe(bench: MakeBench) -> None:
+def test_without_station_heartbeats_the_firmware_changes_to_hold(bench: MakeBench) -> None:
     boat = bench()
     boat.parameter_set("FS_GCS_ENABLE", 1)
     boat.send(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))

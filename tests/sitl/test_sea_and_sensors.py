@@ -38,7 +38,7 @@ def test_paper_waves_have_their_standard_deviation() -> None:
     assert waves.standard_deviation(waves.JIANG_DEG) == pytest.approx(0.1565, abs=1e-4)
 
 
-def test_a_sea_is_its_seed() -> None:
+def test_the_same_seed_gives_the_same_sea() -> None:
     def realisation(seed: int) -> list[float]:
         sea = sea_of("sea-state-5", seed)
         state = BoatState(speed=4.63, heading=0.3)
@@ -48,7 +48,7 @@ def test_a_sea_is_its_seed() -> None:
     assert realisation(4) != realisation(5)
 
 
-def test_calm_is_calm() -> None:
+def test_a_calm_sea_pushes_the_boat_nowhere() -> None:
     assert sea_of("calm").step(1.0, BoatState(speed=4.63)) == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -107,7 +107,7 @@ def test_who_starts_again_from_another_port_is_heard(serve: Serve) -> None:
         client.close()
 
 
-def test_instruments_on_a_serial_port(serve: Serve, tmp_path: Path) -> None:
+def test_sitl_serve_speaks_nmea_on_a_serial_port(serve: Serve, tmp_path: Path) -> None:
     path = tmp_path / "compass"
     process = serve("--nmea", f"{path}:38400", "--sentences", "HDG,ROT,RSA:10", "--speedup", "4")
     assert line_of(process) == f"ready nmea {path} (38400 baud)"

@@ -30,7 +30,9 @@ def test_a_ship_that_turns_better_than_its_model_comes_back_without_a_second_ove
 
 
 @pytest.mark.parametrize(("name", "over_deg"), [("coaster", 2.0), ("ferry", 1.0), ("lanxin", 2.0)])
-def test_pushed_a_minute_after_the_boat_was_engaged_too(steady_wind: Any, name: str, over_deg: float) -> None:
+def test_after_an_early_push_the_boat_comes_back_without_second_overshoot(
+    steady_wind: Any, name: str, over_deg: float
+) -> None:
     push = steady_wind.Pushed(60.0, 60.0, over_deg)
     for factor in steady_wind.FACTORS:
         past, second, _ = steady_wind.pushed(steady_wind.PUSHED_BOATS[name], factor, 0.3, False, push)

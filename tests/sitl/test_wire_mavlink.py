@@ -296,7 +296,7 @@ def test_how_often_the_world_is_asked_changes_nothing() -> None:
     assert coarse.boat.state == fine.boat.state, "earlier times change nothing"
 
 
-def test_a_clock_that_starts_anywhere() -> None:
+def test_the_simulation_does_not_depend_on_where_its_clock_starts() -> None:
     plain = World(load_vessel("lanxin"), load_scenario("jiang"))
     shifted = World(load_vessel("lanxin"), load_scenario("jiang"), epoch=1000.0)
     plain.advance(3.0)

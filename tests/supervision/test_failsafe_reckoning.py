@@ -49,13 +49,13 @@ def test_a_rate_is_used_for_half_a_second(age: float, is_used: bool) -> None:
 
 
 @pytest.mark.parametrize("rate", [math.nan, math.inf, -math.inf, 1.01 * RATE_MOST])
-def test_a_rate_that_cannot_be_is_none(rate: float) -> None:
+def test_impossible_rates_are_not_used_for_dead_reckoning(rate: float) -> None:
     steering = reckoning()
     steering.on_sample((RateSample(10.1, rate), RateSample(math.nan, 0.1)))
     assert abs(steering.reckon(10.1, BOAT, 0.0)[0].rate) < 1.0
 
 
-def test_what_cannot_be_takes_the_place_of_no_rate() -> None:
+def test_impossible_samples_leave_the_last_good_rate() -> None:
     steering = reckoning()
     wrong = (RateSample(math.nan, 0.3), RateSample(10.1, math.inf), HeadingSample(10.1, 0.0), RateSample(math.inf, 0.3))
     steering.on_sample((RateSample(10.1, -0.15), *wrong))
@@ -112,7 +112,7 @@ def test_the_wind_is_smoothed_over_two_seconds_and_begins_anew_after_five(later:
 
 
 @pytest.mark.parametrize(("time", "angle"), [(math.nan, 0.1), (math.inf, 0.1), (10.0, math.nan), (10.0, math.inf)])
-def test_a_wind_that_is_no_number_is_none(time: float, angle: float) -> None:
+def test_a_wind_that_is_not_finite_leaves_the_last_wind(time: float, angle: float) -> None:
     steering = reckoning()
     steering.on_sample((WindSample(10.0, 0.2, 8.0), WindSample(time, angle, 8.0)))
     assert steering.windward(10.0, 0.3) == pytest.approx(0.3 * 0.2 / math.radians(30.0))

@@ -337,7 +337,7 @@ def test_a_gyro_that_is_right_again_is_believed_after_a_while() -> None:
         max_size=40,
     )
 )
-def test_nothing_that_comes_in_makes_it_stumble(ticks: list[tuple[float, float, bool, bool]]) -> None:
+def test_monitors_raise_nothing_whatever_samples_come(ticks: list[tuple[float, float, bool, bool]]) -> None:
     monitors = Monitors(LIMITS)
     for k, (heading, rudder, holds, heels) in enumerate(ticks):
         monitors.on_samples((HeadingSample(k * DT, heading, rudder), RollSample(k * DT, heading if heels else 0.0)))

@@ -59,7 +59,7 @@ def test_a_gyro_that_is_a_little_off_and_a_compass_that_lags_go_the_same_way(
 
 
 @given(turns=st.builds(Turns, *[st.floats(-9.0, 9.0)] * 3, *[st.floats(0.0, 9.0)] * 2))
-def test_both_at_once_is_nonsense(turns: Turns) -> None:
+def test_rate_and_heading_are_never_opposite_and_consistent_at_once(turns: Turns) -> None:
     assert not (are_opposite(turns) and are_consistent(turns))
 
 

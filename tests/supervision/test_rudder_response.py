@@ -169,7 +169,7 @@ def test_a_rudder_that_is_stuck_where_it_should_be_tells_nothing_and_does_nothin
 
 @pytest.mark.parametrize("gain", [0.7, 1.0, 1.4])
 @pytest.mark.parametrize("late", [0.0, 0.3])
-def test_a_boat_that_answers_more_or_less_or_later_is_none(gain: float, late: float) -> None:
+def test_a_wrong_gain_or_delay_is_no_rudder_fault(gain: float, late: float) -> None:
     helm = Helm(boat=MODEL._replace(gain=gain * MODEL.gain), push=seaway, late=late)
     for course in (0.0, 0.5, 0.2, 1.5, 1.2, -1.0):
         assert helm.steer(20.0, course) == ""

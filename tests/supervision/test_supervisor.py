@@ -41,7 +41,7 @@ def engaged() -> Supervisor:
     return tested
 
 
-def test_it_stands_by_without_an_order() -> None:
+def test_the_supervisor_stands_by_without_an_order() -> None:
     tested = supervisor()
     assert tested.decide(0.0, Order(), state(0.0)) is Mode.STANDBY
     assert tested.check(0.0, 0.0, 0.2, 0.2, 0.1) == RudderCommand(0.0, 0.0, False)

@@ -111,7 +111,7 @@ def test_every_alarm_says_what_to_do(name: str) -> None:
     assert len(text) <= 200
 
 
-def test_what_ends_steering_sounds_like_it() -> None:
+def test_alarms_that_end_steering_are_critical() -> None:
     for kind in CATALOGUE.values():
         if kind.response in (Response.FAILSAFE, Response.LET_GO, Response.FAULT):
             assert kind.severity <= 2, kind.name

@@ -103,7 +103,7 @@ def test_size_and_number_of_values_are_bounded(monkeypatch: pytest.MonkeyPatch) 
         parse_document("a: " + "x" * 200)
 
 
-def test_every_value_knows_its_place() -> None:
+def test_every_yaml_value_knows_its_line_column_and_path() -> None:
     root = parse_document("a: 1\nb:\n  c: [5, 6]\n", "f.yaml")
     assert (root.at("b", "c").line, root.at("b", "c").column, root.at("b", "c").key_column) == (3, 6, 3)
     assert root.at("b", "c").path == "b.c"
