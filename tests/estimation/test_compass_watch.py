@@ -273,12 +273,12 @@ def test_a_word_of_one_second_age_still_counts_and_the_middle_between_two_headin
         assert watch.reason("a") == reason
 
 
-def test_a_heading_unchanged_for_three_tenths_of_a_second_is_frozen() -> None:
+def test_a_compass_that_stands_while_another_turns_is_frozen_after_0_3_s() -> None:
     assert not is_left_standing(0.1, 0.5, 0.2999)
     assert is_left_standing(0.1, 0.5, 0.3)
 
 
-def test_a_frozen_compass_that_agrees_by_chance_stays_distrusted() -> None:
+def test_a_standing_compass_that_agrees_stays_distrusted() -> None:
     watch = heard_by()
     watch.on_sample(3.1, "a", 0.8)
     for step in range(1, 90):

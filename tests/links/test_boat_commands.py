@@ -145,7 +145,7 @@ def test_the_heading_mode_keeps_the_heading_that_is_steered() -> None:
         ((254.0, 15.0), UNSUPPORTED, ""),
     ],
 )
-def test_unknown_modes_are_refused_and_order_nothing(values: tuple[float, ...], result: int, says: str) -> None:
+def test_modes_that_cannot_be_ordered_are_refused(values: tuple[float, ...], result: int, says: str) -> None:
     service = Service()
     assert service.give(SET_MODE, *values) == result
     assert (service.said, service.hand.orders) == (says, [])

@@ -697,7 +697,7 @@ def test_a_drive_link_says_what_it_sees_once() -> None:
     assert (link.fileno(), link.take_packets()) == (-1, [])
 
 
-def test_a_drive_link_says_whether_its_release_was_sent() -> None:
+def test_a_release_of_a_drive_is_reported_unconfirmed_or_lost() -> None:
     near, far = loopback_pair()
     link = DriveLink(near, JrkG2(SETTINGS))
     link.send(0.0, RudderCommand(0.0, 0.1, False))

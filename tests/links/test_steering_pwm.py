@@ -47,7 +47,7 @@ def servo(channel: SteeringChannel, pulse: int) -> int:
 @pytest.mark.parametrize(
     ("pulse", "out"), [(1560, 1531), (1530, 1500), (1470, 1500), (1500, 1500), (2000, 2000), (1000, 1000), (2200, 2000)]
 )
-def test_pulses_become_the_servo_outputs_measured_on_ardupilot(pulse, out) -> None:
+def test_pulses_become_the_servo_outputs_that_were_measured(pulse, out) -> None:
     assert servo(WIDE, pulse) == out
 
 

@@ -20,7 +20,7 @@ def through(pulse: int, channel: Calibration = INPUT, servo: Calibration = SERVO
     ("pulse", "expected"),
     [(1560, 1531), (1500, 1500), (1530, 1500), (1470, 1500), (1531, 1501), (1440, 1469), (2000, 2000), (1000, 1000)],
 )
-def test_radio_pulses_are_scaled_with_ardupilots_dead_zone_and_truncation(pulse: int, expected: int) -> None:
+def test_radio_pulses_are_scaled_with_dead_zone_and_truncation(pulse: int, expected: int) -> None:
     assert through(pulse) == expected
 
 
