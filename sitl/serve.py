@@ -29,8 +29,8 @@ from autopilot.files.saving import create_unused
 from autopilot.links.base import Transport
 from autopilot.links.mavlink.signing import LinkSigning, Signing
 from autopilot.links.transports import TcpServerTransport
+from autopilot.links.transports.medium import UrlOptions
 from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
-from autopilot.links.url_options import UrlOptions
 from autopilot.vessel.file import load_vessel
 from sitl.drives import DriveLine, JrkController, MaestroController, PypilotController
 from sitl.fault_kind import Damage

@@ -27,7 +27,7 @@ from autopilot.files.printable import terminal_of
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.url import parse_url
 from autopilot.runtime.app import App, Machine, Plan
-from autopilot.runtime.build_links import LinkOptions, access_rules_of
+from autopilot.runtime.build_links import KINDS, LinkOptions, access_rules_of
 from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.machine import RealTime, cpus_of
 from autopilot.runtime.session import Orders
@@ -209,6 +209,6 @@ def _about_north(vessel: Vessel, urls: tuple[str, ...]) -> list[str]:
     """Return which north courses count from where that is not beyond doubt."""
     if vessel.sensors.magnetic:
         return ["headings and courses are magnetic (sensors.magnetic)"]
-    if vessel.sensors.variation_deg == 0.0 and any(parse_url(url).protocol in ("nmea", "n2k") for url in urls):
+    if vessel.sensors.variation_deg == 0.0 and any(KINDS[parse_url(url).protocol].has_compass for url in urls):
         return ["sensors.variation_deg is 0: magnetic headings count as true"]
     return []

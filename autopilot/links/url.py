@@ -14,9 +14,8 @@ from autopilot.links.transports import UdpInTransport
 from autopilot.links.transports.medium import BAUD_MAX as BAUD_MAX
 from autopilot.links.transports.medium import BAUD_MIN as BAUD_MIN
 from autopilot.links.transports.medium import LinkUrl as LinkUrl
-from autopilot.links.transports.medium import Medium, Scheme, Written
+from autopilot.links.transports.medium import Medium, Scheme, UrlOptions, Written, parse_options
 from autopilot.links.transports.sockets import Network, is_everywhere, only_from
-from autopilot.links.url_options import UrlOptions, parse_options
 
 MODULES = (
     "udp",

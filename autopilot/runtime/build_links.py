@@ -190,7 +190,7 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     """
     refuse_failsafe(vessel, urls)
     parsed = [parse_url(url) for url in urls]
-    options = options._replace(has_compass=any(url.protocol in ("nmea", "n2k") for url in parsed))
+    options = options._replace(has_compass=any(KINDS[url.protocol].has_compass for url in parsed))
     router, behind = _forwarding(vessel, parsed, options) if options.forward else (None, [])
     links = _opened([*(_to_boat(vessel, url, options, router) for url in parsed), *behind], options)
     if len(urls) == 1 and parsed[0].protocol == "mavlink" and not vessel.sensors.priority:
@@ -205,40 +205,52 @@ def open_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions) -> lis
 
 
 def _to_boat(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None = None) -> _Opening:
-    steers = url.options.steers or url.protocol not in ("nmea", "n2k")
-    return _Opening(url.text, steers, partial(build_link, vessel, url.text, options, router))
+    return _Opening(url.text, url.options.steers, partial(build_link, vessel, url.text, options, router))
 
 
 def build_link(vessel: Vessel, url: str, options: LinkOptions, router: Router | None = None) -> Link:
     """Return the opened link of a URL, set up for the vessel and tapped for `router`. Raises LinkError."""
     parsed = parse_url(url)
-    if parsed.protocol == "n2k":
-        from autopilot.links.n2k import N2kLink, open_bus
+    return KINDS[parsed.protocol].build(vessel, parsed, options, router)
 
-        return N2kLink(parsed.text, open_bus(parsed.text, parsed.host, parsed.path), n2k_settings_of(vessel, parsed))
-    transport = open_transport(parsed, networks_of(vessel))
+
+def _transport(vessel: Vessel, url: LinkUrl, options: LinkOptions) -> Transport:
+    transport = open_transport(url, networks_of(vessel))
     if options.arrivals is not None:
-        transport = RecordingTransport(transport, parsed.protocol)
-        options.arrivals[url] = transport
-    if parsed.protocol == "nmea":
-        from autopilot.links.nmea.link import NmeaLink
-
-        return NmeaLink(transport, nmea_settings_of(vessel, parsed), options.guide)
-    if parsed.protocol in DRIVES:
-        from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
-
-        settings = DriveLinkSettings(parsed.baud, vessel.drive.rate_hz, follow_of(vessel))
-        return DriveLink(transport, drive_of(parsed.protocol, drive_settings_of(vessel)), settings)
-    return _companion(vessel, transport, options, router)
+        transport = options.arrivals[url.text] = RecordingTransport(transport, url.protocol)
+    return transport
 
 
-def _companion(vessel: Vessel, transport: Transport, options: LinkOptions, router: Router | None) -> Link:
+def _nmea_2000(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
+    """Return the link to a CAN bus, which is no stream of bytes."""
+    from autopilot.links.n2k import N2kLink, open_bus
+
+    return N2kLink(url.text, open_bus(url.text, url.host, url.path), n2k_settings_of(vessel, url))
+
+
+def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
+    """Return the link to instruments and a chart plotter."""
+    from autopilot.links.nmea.link import NmeaLink
+
+    return NmeaLink(_transport(vessel, url, options), nmea_settings_of(vessel, url), options.guide)
+
+
+def _rudder_drive(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
+    """Return the link to a rudder drive on a line of its own."""
+    from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
+
+    settings = DriveLinkSettings(url.baud, vessel.drive.rate_hz, follow_of(vessel))
+    drive = drive_of(url.protocol, drive_settings_of(vessel))
+    return DriveLink(_transport(vessel, url, options), drive, settings)
+
+
+def _companion(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
     """Return the link to a flight controller."""
     from autopilot.links.mavlink.companion import CompanionLink
     from autopilot.links.mavlink.requests import MODES
     from autopilot.links.mavlink.vehicle import CompanionSettings
 
-    helm = vessel.helm
+    helm, transport = vessel.helm, _transport(vessel, url, options)
     settings = CompanionSettings(
         rudder_at_full=math.radians(helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg),
         reversed=helm.reversed,
@@ -262,6 +274,22 @@ def _companion(vessel: Vessel, transport: Transport, options: LinkOptions, route
 
         transport = RoutedTransport(transport, router, signing)
     return CompanionLink(transport, settings, signing, alarm_outputs_of(vessel)[1])
+
+
+class LinkKind(NamedTuple):
+    """A kind of link, by what is spoken: what builds an opened one of a parsed URL, and whether its headings come from
+    a compass of the boat's own, magnetic ones among them."""
+
+    build: Callable[[Vessel, LinkUrl, LinkOptions, Router | None], Link]
+    has_compass: bool = False
+
+
+KINDS = {
+    "mavlink": LinkKind(_companion),
+    "nmea": LinkKind(_instruments, has_compass=True),
+    "n2k": LinkKind(_nmea_2000, has_compass=True),
+    **dict.fromkeys(DRIVES, LinkKind(_rudder_drive)),
+}
 
 
 def _forwarding(vessel: Vessel, urls: Sequence[LinkUrl], options: LinkOptions) -> tuple[Router, list[_Opening]]:

@@ -510,7 +510,7 @@ def test_what_waits_in_the_driver_is_counted_where_it_can_tell(line: tuple[Seria
 
     transport = line[0]
     real = transport._port
-    transport._unsent = b"abc"
+    transport._chunks.unsent = b"abc"
     transport._port = Port()  # type: ignore[assignment]
     assert transport.waiting_to_send() == 10
 

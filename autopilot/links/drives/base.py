@@ -11,6 +11,8 @@ SILENT_S = 1.5
 """A drive that answers requests and has not been heard for this long is gone."""
 JUMP_LEAST = math.radians(2.0)
 JUMP_RATES = 1.5
+POLOLU = 0xAA
+"""The first byte of a command in the Pololu protocol."""
 STALL_S = 1.0
 """Current above the limit for this long is a stall, not the start of the motor."""
 
@@ -43,6 +45,12 @@ class DriveSettings(NamedTuple):
         """Return the rudder angle [rad] at a place on the scale."""
         share = place - self.amidships
         return (-share if self.reversed else share) * self.angle_at_full
+
+    def pololu(self, command: int, *data: int) -> bytes:
+        """Return a command of Pololu's controllers; with a device number, the byte loses its top bit behind it."""
+        if self.device is None:
+            return bytes((command, *data))
+        return bytes((POLOLU, self.device, command & 0x7F, *data))
 
 
 class JumpGate:

@@ -21,7 +21,7 @@ from collections import deque
 from autopilot.links.drives.base import SILENT_S, DriveSettings, JumpGate, StallWatch
 from autopilot.signals import AlarmEvent
 
-SET_TARGET, MOTOR_OFF, GET_VARIABLES, POLOLU = 0xC0, 0xFF, 0xE5, 0xAA
+SET_TARGET, MOTOR_OFF, GET_VARIABLES = 0xC0, 0xFF, 0xE5
 TARGET_MAX = 4095
 MIDDLE = 2048
 SPAN = 2047
@@ -126,12 +126,12 @@ class JrkG2:
         target = min(max(MIDDLE + round(self._settings.place(angle) * SPAN), 0), TARGET_MAX)
         if not self._targets or self._targets[-1] != target:
             self._targets.append(target)
-        return self._command(SET_TARGET | target & 0x1F, target >> 5)
+        return self._settings.pololu(SET_TARGET | target & 0x1F, target >> 5)
 
     def release(self, now: float) -> bytes:
         """Return the command that switches the motor off."""
         self._engaged_since, self._has_released = math.inf, False
-        return self._command(MOTOR_OFF)
+        return self._settings.pololu(MOTOR_OFF)
 
     def has_released(self) -> bool:
         """Return whether the controller has reported since the release that it waits for a command, its motor off."""
@@ -147,12 +147,7 @@ class JrkG2:
         self._turn += 1
         self._asked = HEALTH if self._turn % 4 == 0 else MOTION
         self._asked_time = now
-        return self._command(GET_VARIABLES, self._asked[0], self._asked[1].size)
-
-    def _command(self, command: int, *data: int) -> bytes:
-        if self._settings.device is None:
-            return bytes((command, *data))
-        return bytes((POLOLU, self._settings.device, command & 0x7F, *data))
+        return self._settings.pololu(GET_VARIABLES, self._asked[0], self._asked[1].size)
 
     def fault(self, now: float) -> str:
         """Return why the controller cannot turn the rudder; empty where it can."""

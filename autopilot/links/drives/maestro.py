@@ -18,7 +18,7 @@ from collections import deque
 from autopilot.links.drives.base import SILENT_S, DriveSettings
 from autopilot.signals import AlarmEvent
 
-SET_TARGET, GET_POSITION, GET_ERRORS, POLOLU = 0x84, 0x90, 0xA1, 0xAA
+SET_TARGET, GET_POSITION, GET_ERRORS = 0x84, 0x90, 0xA1
 MIDDLE_US, SPAN_US, QUARTERS = 1500.0, 500.0, 4
 ANSWER = 2
 WAIT_S = 0.3
@@ -99,13 +99,13 @@ class Maestro:
         self._engaged = True
         target = round((MIDDLE_US + SPAN_US * self._settings.place(angle)) * QUARTERS)
         self._targets.append(target)
-        return self._command(SET_TARGET, self._settings.channel, target & 0x7F, target >> 7)
+        return self._settings.pololu(SET_TARGET, self._settings.channel, target & 0x7F, target >> 7)
 
     def release(self, now: float) -> bytes:
         """Return the command that stops the pulses: the servo goes limp."""
         self._engaged = self._has_released = False
         self._targets.clear()
-        return self._command(SET_TARGET, self._settings.channel, 0, 0)
+        return self._settings.pololu(SET_TARGET, self._settings.channel, 0, 0)
 
     def has_released(self) -> bool:
         """Return whether the controller has answered since the release that it gives no pulse."""
@@ -121,13 +121,8 @@ class Maestro:
         self._asked = GET_ERRORS if self._turn % 8 == 0 else GET_POSITION
         self._asked_time = now
         if self._asked == GET_ERRORS:
-            return self._command(GET_ERRORS)
-        return self._command(GET_POSITION, self._settings.channel)
-
-    def _command(self, command: int, *data: int) -> bytes:
-        if self._settings.device is None:
-            return bytes((command, *data))
-        return bytes((POLOLU, self._settings.device, command & 0x7F, *data))
+            return self._settings.pololu(GET_ERRORS)
+        return self._settings.pololu(GET_POSITION, self._settings.channel)
 
     def fault(self, now: float) -> str:
         """Return why the controller cannot move the servo; empty where it can."""

@@ -18,7 +18,7 @@ from typing import Protocol
 import serial
 
 from autopilot.links.base import LinkError, NotThereError
-from autopilot.links.transports.medium import Medium, Scheme, line
+from autopilot.links.transports.medium import Medium, Scheme, WholeChunks, line
 
 USB = "usb="
 
@@ -82,7 +82,7 @@ class SerialTransport:
         self.baud = baud
         self._path = path = device_of(name, path)
         self._closed = False
-        self._unsent = b""
+        self._chunks = WholeChunks(self._push)
         try:
             self._port = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
@@ -121,22 +121,14 @@ class SerialTransport:
         """Hand all of `data` to the driver or nothing; LinkError when the device is gone."""
         if self._closed or self._hung_up():
             raise self._gone()
-        if self._unsent:
-            self._unsent = self._unsent[self._push(self._unsent) :]
-            if self._unsent:
-                return False
-        sent = self._push(data)
-        if sent == 0:
-            return not data
-        self._unsent = bytes(data[sent:])
-        return True
+        return self._chunks.send(data)
 
     def waiting_to_send(self) -> int:
         """Return how many bytes have been handed over but have not left; 0 where the driver cannot tell."""
         try:
-            return int(self._port.out_waiting) + len(self._unsent)
+            return int(self._port.out_waiting) + len(self._chunks.unsent)
         except OSError:
-            return len(self._unsent)
+            return len(self._chunks.unsent)
 
     def forget_peer(self) -> None:
         """Do nothing: the other end is whatever is plugged in."""

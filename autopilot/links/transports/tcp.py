@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 
 from autopilot.links.base import LinkError
-from autopilot.links.transports.medium import Medium, Scheme, own_address, peer
+from autopilot.links.transports.medium import Medium, Scheme, WholeChunks, own_address, peer
 from autopilot.links.transports.sockets import Allows, everyone, is_loopback, open_error, resolve
 
 CONNECT_TIMEOUT_S = 3.0
@@ -21,7 +21,7 @@ class _Connection:
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.socket = sock
-        self._unsent = b""
+        self._chunks = WholeChunks(self._push)
 
     def receive(self) -> tuple[list[bytes], bool]:
         """Return the chunks that wait and whether the connection still stands."""
@@ -40,15 +40,7 @@ class _Connection:
 
     def send(self, data: bytes) -> bool:
         """Send all or nothing; OSError when the connection has broken."""
-        if self._unsent:
-            self._unsent = self._unsent[self._push(self._unsent) :]
-            if self._unsent:
-                return False
-        sent = self._push(data)
-        if sent == 0:
-            return not data
-        self._unsent = bytes(data[sent:])
-        return True
+        return self._chunks.send(data)
 
     def _push(self, data: bytes) -> int:
         try:
