@@ -223,8 +223,9 @@ def frozen_step(
     if standing.is_frozen:
         return standing, sea
     if standing.samples < 2:
-        is_flat = state.wave_deviation < SEA_FELT or math.isnan(sea.flat) or not seen.holds_course
-        sea = Sea(sea.digit, state.wave_deviation, now if is_flat else sea.flat)
+        digit, _, flat = sea
+        is_flat = state.wave_deviation < SEA_FELT or math.isnan(flat) or not seen.holds_course
+        sea = Sea(digit, state.wave_deviation, now if is_flat else flat)
     elif (
         sea.deviation >= max(SEA_FELT, SEA_DIGITS * sea.digit)
         and standing.since - sea.flat >= SEA_PROVEN
@@ -275,7 +276,7 @@ def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: floa
     ):
         return Jumping(sample, (), jumps, found, by, text)
     off = shortest_turn(last.heading + rate * (time - last.time), heading)
-    if abs(off) <= most:
+    if -most <= off <= most:
         return Jumping(sample, (), jumps, found, by, text)
     if not away or abs(shortest_turn(away[-1].heading, heading)) > most:
         away, jumps = (), (*(then for then in jumps if time - then < JUMPS_WITHIN), time)
@@ -309,7 +310,8 @@ def update(
             found = (AlarmEvent("heading_frozen"),)
     for sample in measured.headings:
         jumping = jumping_step(jumping, sample, rate, limits.heading_jump)
-    if 0.0 <= seen.now - jumping.found < JUMP_SAID:
+    now, state = seen.now, seen.state
+    if 0.0 <= now - jumping.found < JUMP_SAID:
         jumping = jumping if jumping.text else jumping._replace(text=f"by {math.degrees(jumping.by):+.0f} deg")
         found += (AlarmEvent("heading_jumping", jumping.text),)
     elif jumping.text:
@@ -319,10 +321,10 @@ def update(
     if not (seen.has_way and abs(seen.innovation) > limits.innovation):
         off_since, off_by = math.nan, ""
     elif math.isnan(off_since):
-        off_since = seen.now
-    elif seen.now - off_since >= INNOVATION_TIME:
+        off_since = now
+    elif now - off_since >= INNOVATION_TIME:
         # as it is at first: each tenth would be a new text
         off_by = off_by or f"{abs(seen.innovation):.1f} standard deviations"
         found += (AlarmEvent("innovation", off_by),)
-    rate = seen.state.rate if math.isfinite(seen.state.rate) else 0.0
+    rate = state.rate if math.isfinite(state.rate) else 0.0
     return State(standing, sea, jumping, rate, off_since, off_by), found

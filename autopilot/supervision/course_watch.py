@@ -238,7 +238,8 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
     if seen.is_late or is_paused or not abs(turn.led) < NEW_COURSE:
         return Swings(now, extreme=order)
     turned += turn.turned
-    low, high = turned if turned < low else low, turned if turned > high else high
+    low = turned if turned < low else low
+    high = turned if turned > high else high
     if by_rudder is not None:
         by_rudder = by_rudder.with_tick(turn.step, turn.turned, order, seen.state.rate)
     if side == 0:
@@ -341,7 +342,7 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     is_begun, wanted, by_sea, rate, _, _, _ = before
     if not seen.steers or not is_begun or not turn.step > 0.0:
         return Spin(True, wanted, by_sea, rate if seen.steers else 0.0)
-    if not abs(shortest_turn(wanted, seen.wanted)) < NEW_COURSE:
+    if wanted != seen.wanted and not abs(shortest_turn(wanted, seen.wanted)) < NEW_COURSE:
         # what is there before the first order is not known to be the sea's
         known = seen.state.wave_deviation * seen.state.wave_frequency
         by_sea, wanted = 0.0 if math.isnan(wanted) else SEA_SIGMAS * known, seen.wanted
@@ -349,7 +350,8 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     if abs(turned) > RATE_MOST:
         turned = 0.0
     quickest, model, rudder_most = turn.quickest, seen.model, seen.angle_max
-    rate -= math.expm1(-turn.step / max(SPIN_TIME[0], SPIN_TIME[1] * quickest.time_constant)) * (turned - rate)
+    lasts = SPIN_TIME[1] * quickest.time_constant
+    rate -= math.expm1(-turn.step / (lasts if lasts > SPIN_TIME[0] else SPIN_TIME[0])) * (turned - rate)
     is_steered, is_stable = rate * seen.rudder > 0.0, model.n1 > 0.0
     if not is_steered and is_stable:
         return Spin(True, wanted, by_sea, rate)
@@ -423,7 +425,7 @@ def update(
         found += (AlarmEvent("hunting"),)
     if fast:
         found += (AlarmEvent("too_quick", f"turning at {math.degrees(abs(fast)):.0f} deg/s"),)
-    if goes_round(circles, is_doubted=rudder.doubts_speed or contradicts_speed):
+    if abs(circles.off) > CIRCLES_DOUBTED and goes_round(circles, rudder.doubts_speed or contradicts_speed):
         found += (AlarmEvent("circling"),)
     if seen.speeds_apart > 0.0:
         found += (AlarmEvent("speeds_disagree"),)

@@ -64,31 +64,34 @@ class CommandCheck:
         """
         if not (demand - demand == 0.0 and command - command == 0.0):
             return NOT_FINITE, "the law's demand" if command - command == 0.0 else "the command"
-        most = self.envelope.angle_max + SLACK
+        angle_max, rate_max, heading_age_max = self.envelope
+        most = angle_max + SLACK
         if not -most <= command <= most:
             return OUTSIDE, f"rudder {math.degrees(command):.1f} deg"
         step = command - previous
         # a rudder of unlimited rate gets anywhere in no time
-        reach = math.inf if self.envelope.rate_max == math.inf else self.envelope.rate_max * dt + SLACK
+        reach = math.inf if rate_max == math.inf else rate_max * dt + SLACK
         if not -reach <= step <= reach:
             return OUTSIDE, f"rudder moved by {math.degrees(step):.1f} deg in {dt:.2f} s"
         if picture is None:
             return "", ""
         if not -OLDEST <= now - picture.time <= OLDEST:
             return OUTSIDE, f"worked out for {now - picture.time:+.1f} s ago"
-        if not picture.heading_age <= self.envelope.heading_age_max:
+        if not picture.heading_age <= heading_age_max:
             return OUTSIDE, f"from a heading {picture.heading_age:.1f} s old"
         if self._pushes_away(now, command, picture):
             return OUTSIDE, "the rudder turns the boat away from the heading to be steered"
         return "", ""
 
     def _pushes_away(self, now: float, command: float, picture: Picture) -> bool:
+        if not WRONG_ERROR < abs(picture.error) < WRONG_ERROR_MOST:
+            self.wrong_since = None
+            return False
         side = 1.0 if picture.error > 0.0 else -1.0
-        is_clear = WRONG_ERROR < side * picture.error < WRONG_ERROR_MOST
         # a bias towards the heading to be steered is what a rudder on the other side holds
         excused = side * picture.bias if side * picture.bias > 0.0 else 0.0
         pushes = side * command + excused < -WRONG_SHARE * self.envelope.angle_max
-        if not (is_clear and pushes and side * picture.rate <= 0.0):
+        if not (pushes and side * picture.rate <= 0.0):
             self.wrong_since = None
             return False
         if self.wrong_since is None:
