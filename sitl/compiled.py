@@ -33,6 +33,7 @@ REORDERED = (
     "autopilot.estimation.disturbance",
     "sitl.boat",
     "sitl.campaign.environment",
+    "autopilot.supervision.rudder_response",
 )
 """What the quick compilation may do to sums and quotients, another order, one rounding less, and where: in smooth
 equations, which it moves by parts in 1e15, never where times are compared, which must fall on the same tick."""

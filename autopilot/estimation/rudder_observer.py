@@ -88,6 +88,14 @@ def angle_at(past: RudderPast, time: float) -> float:
     return past.angles[tick_at(past, time) & (len(past.times) - 1)]
 
 
+def angle_from(past: RudderPast, time: float) -> float:
+    """Return the rudder's angle [rad] at the first tick at or after `time` [s]; the newest where none is."""
+    tick, newest, ring = tick_at(past, time), past.ticks - 1, len(past.times) - 1
+    if tick < newest and past.times[tick & ring] < time:
+        tick += 1
+    return past.angles[tick & ring]
+
+
 class RudderMemory(NamedTuple):
     """Rings that the observer writes in: of every tick the time [s], the angle and that of the steering gear's model
     [rad], of every order its time [s] and angle [rad]. Their lengths are powers of two."""

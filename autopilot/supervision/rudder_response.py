@@ -145,12 +145,12 @@ NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0
 
 
 class ResponseState(NamedTuple):
-    """time [s] of the newest heading; covariance and mean of a boat without a rudder; answers to the rudder [rad], in
-    time and late; how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and
-    that it is reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were;
-    usual and shown: the share of the model's answer that the boat has had so far is the former over the latter;
-    others: the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as
-    nothing was suspect."""
+    """time [s] of the newest heading, nan: nothing is known yet; covariance and mean of a boat without a rudder;
+    answers to the rudder [rad], in time and late; how much likelier it is that the rudder is stuck than that the boat
+    answers, in time and late, and that it is reversed; unexplained: squares that no answer explains; outliers: how
+    many of the last headings were; usual and shown: the share of the model's answer that the boat has had so far is
+    the former over the latter; others: the boat or its rudder may not be the file's; usual_colour: the colour of what
+    is left over as long as nothing was suspect."""
 
     time: float
     covariance: Covariance
@@ -170,8 +170,8 @@ class ResponseState(NamedTuple):
 
 
 class Seaway(NamedTuple):
-    """What a boat has met: at `time` [s], `swing` [rad] the largest yaw by waves of the last USUAL_TIME, `north` and
-    `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
+    """What a boat has met: at `time` [s], nan: nothing yet, `swing` [rad] the largest yaw by waves of the last
+    USUAL_TIME, `north` and `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
 
     time: float
     swing: float
@@ -179,12 +179,15 @@ class Seaway(NamedTuple):
     east: float
 
 
-def seaway_step(before: Seaway | None, time: float, heading: float, swing: float) -> Seaway:
+NO_SEAWAY = Seaway(math.nan, 0.0, 0.0, 0.0)
+
+
+def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Seaway:
     """Return what has been met by `time` [s] with waves that yaw the boat by `swing` [rad] on a `heading` [rad]."""
     north, east = math.cos(heading), math.sin(heading)
-    if before is None:
-        return Seaway(time, swing, north, east)
     last, largest, mean_north, mean_east = before
+    if math.isnan(last):
+        return Seaway(time, swing, north, east)
     kept = math.exp(-(time - last) / SEA_KNOWN_S)
     largest *= math.exp(-(time - last) / USUAL_TIME)
     return Seaway(
@@ -197,22 +200,25 @@ def seaway_step(before: Seaway | None, time: float, heading: float, swing: float
 
 def noise_of(model: Norrbin, heading: float, swing: float, frequency: float) -> Noise:
     """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws by `swing` [rad] at `frequency`."""
-    gain, time_constant = model.gain, model.time_constant
-    drive = gain / time_constant
+    drive = model.gain / model.time_constant
     pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
-    yaw, lag = swing * pace / gain, pace * time_constant
+    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea_of(model, swing, pace), pace)
+
+
+def sea_of(model: Norrbin, swing: float, pace: float) -> float:
+    """Return the sea [rad^2 of rudder] that yaws the boat by `swing` [rad] at its pace [1/s]."""
+    yaw, lag = swing * pace / model.gain, pace * model.time_constant
     sea = yaw * yaw * (1.0 + lag * lag)
-    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea if sea > SEA_LEAST else SEA_LEAST, pace)
+    return sea if sea > SEA_LEAST else SEA_LEAST
 
 
 def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
     """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one
     and the largest that has been met, at the slowest pace, the one that pushes harder."""
-    turned = shortest_turn(math.atan2(seaway.east, seaway.north), heading)
-    if not abs(turned) > SEA_TURNED:
+    largest = sea_of(model, seaway.swing, SEA_SLOWEST)
+    if not largest > noise.sea or not abs(shortest_turn(math.atan2(seaway.east, seaway.north), heading)) > SEA_TURNED:
         return noise
-    largest = noise_of(model, noise.heading, seaway.swing, SEA_SLOWEST)
-    return largest if largest.sea > noise.sea else noise
+    return Noise(noise.heading, noise.acceleration, noise.push, largest, SEA_SLOWEST)
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
@@ -237,6 +243,9 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         others=NO_OTHERS,
         usual_colour=1.0,
     )
+
+
+NO_RESPONSE = first_response(Noise(0.0, 0.0, 0.0, 0.0, 0.0), math.nan, math.nan)
 
 
 def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transition:
@@ -464,21 +473,36 @@ def others_step(
 
 def without_evidence(before: ResponseState, after: ResponseState) -> ResponseState:
     """Return `after` with no more evidence against the rudder than `before`; what speaks for it counts."""
-    was, (lively, quick) = before.others, (after.others.lively, after.others.quick)
-    others = after.others._replace(
-        lively=(min(was.lively[0], lively[0]), min(was.lively[1], lively[1])),
-        quick=(min(was.quick[0], quick[0]), min(was.quick[1], quick[1])),
-        weak=min(was.weak, after.others.weak),
-        right=min(was.right, after.others.right),
-        strong=min(was.strong, after.others.strong),
-        late=min(was.late, after.others.late),
-    )
-    return after._replace(
-        stuck=min(before.stuck, after.stuck),
-        stuck_late=min(before.stuck_late, after.stuck_late),
-        reversed=min(before.reversed, after.reversed),
-        reversed_late=min(before.reversed_late, after.reversed_late),
-        others=others,
+    was, others = before.others, after.others
+    return ResponseState(
+        after.time,
+        after.covariance,
+        after.mean,
+        after.answer,
+        after.late,
+        min(before.stuck, after.stuck),
+        min(before.stuck_late, after.stuck_late),
+        min(before.reversed, after.reversed),
+        min(before.reversed_late, after.reversed_late),
+        after.unexplained,
+        after.outliers,
+        after.usual,
+        after.shown,
+        Others(
+            others.slow,
+            (min(was.lively[0], others.lively[0]), min(was.lively[1], others.lively[1])),
+            (min(was.quick[0], others.quick[0]), min(was.quick[1], others.quick[1])),
+            others.misfit,
+            others.misfit_slow,
+            min(was.weak, others.weak),
+            min(was.right, others.right),
+            min(was.strong, others.strong),
+            min(was.late, others.late),
+            others.fit,
+            others.left,
+            others.colour,
+        ),
+        after.usual_colour,
     )
 
 
@@ -517,14 +541,19 @@ def push_at_least(response: ResponseState) -> float:
     return math.copysign(max(abs(push) - uncertain, 0.0), push)
 
 
-def other_verdict(others: Others) -> str:
-    """Return "quick" where the boat turns as no boat of the model does, "lively" where it turns more than the model
-    allows for, "slow" where its rudder is slow, "" where nothing tells."""
+FILED, QUICKER, SLOW_RUDDER, LIVELIER = 0, 1, 2, 3
+"""What boat and rudder turn out to be: the file's as far as anything tells, a boat that turns as none of the model, a
+slow rudder, or a boat that turns more than the model allows for. Of several the first counts."""
+
+
+def other_verdict(others: Others) -> int:
+    """Return what boat and rudder turn out to be."""
     if others.right >= SURE and others.weak >= SURE and others.strong >= SURE and others.late >= SURE:
-        return "slow"
-    if others.quick[0] < SURE and others.lively[0] < SURE:
-        return ""
+        return SLOW_RUDDER
+    quick, lively = others.quick, others.lively
+    if quick[0] < SURE and lively[0] < SURE:
+        return FILED
     sure = SURE * max(others.colour, 1.0)
-    if others.quick[0] >= sure and others.quick[1] >= sure:
-        return "quick"
-    return "lively" if others.lively[0] >= sure and others.lively[1] >= sure else ""
+    if quick[0] >= sure and quick[1] >= sure:
+        return QUICKER
+    return LIVELIER if lively[0] >= sure and lively[1] >= sure else FILED

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin, steady_rudder
+from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
 from autopilot.supervision.monitor_input import (
     AlarmLimits,
@@ -24,7 +25,13 @@ from autopilot.supervision.monitor_input import (
     speed_ratio,
 )
 from autopilot.supervision.rudder_response import (
+    FILED,
+    LIVELIER,
+    NO_RESPONSE,
+    NO_SEAWAY,
+    QUICKER,
     SEA_KNOWN_S,
+    SLOW_RUDDER,
     ResponseState,
     Rudders,
     Seaway,
@@ -159,24 +166,73 @@ def is_anothers(past: Past, now: float, report: RudderSample | None) -> bool:
     return not min(orders) - TOLERANCE <= angle <= max(orders) + TOLERANCE
 
 
-class Answer(NamedTuple):
-    """The rudder-response monitor at work. since [s]: since when it is; response: what is known; seaway: the seas met;
-    last: the newest heading, and how many `same` ones there were in a row; late_until [s]: until then nothing is
-    evidence; slow: the time [s] at which a slow rudder would stand there [rad], None where that is out of question;
-    held_off_since [s]: a trial's push holds against its rudder; doubted_trial: that has been said of this trial, and
-    doubts_trial: in this tick; other: see `other_verdict`; verdict: see `verdict`."""
+class Heard(NamedTuple):
+    """What the rudder-response monitor goes by, in numbers. since [s]: since when it is at work, nan: it is not;
+    response: what is known; seaway: the seas met; heading [rad]: the newest, and how many `same` ones there were in a
+    row; late_until [s]: until then nothing is evidence; slow [rad]: where a slow rudder would stand at slow_time [s],
+    nan where that is out of question."""
 
     since: float = math.nan
-    response: ResponseState | None = None
-    seaway: Seaway | None = None
-    last: HeadingSample | None = None
+    response: ResponseState = NO_RESPONSE
+    seaway: Seaway = NO_SEAWAY
+    heading: float = math.nan
     same: int = 0
     late_until: float = -math.inf
-    slow: tuple[float, float] | None = None
+    slow_time: float = math.nan
+    slow: float = math.nan
+
+
+NOTHING_HEARD = Heard()
+
+
+def heard_step(
+    before: Heard, limits: AlarmLimits, seen: MonitorInput, heard: tuple[float, float], rudders: tuple[float, float]
+) -> Heard:
+    """Return what is known after a tick and a heading [rad] `heard` at its time [s], not numbers where none came.
+    rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
+    since, response, seaway, last, same, late_until, slow_time, slow = before
+    (time, heading), state, now, model = heard, seen.state, seen.now, seen.model
+    since = now if math.isnan(since) else since
+    late_until = now + LATE_LASTS if seen.is_late else late_until
+    if seen.rudder_is_measured or not math.isfinite(limits.rudder_rate):
+        slow_time, slow = math.nan, math.nan
+    elif math.isnan(slow_time):
+        slow_time, slow = now, state.rudder
+    else:
+        reach = limits.rudder_rate / SLOW * max(now - slow_time, 0.0)
+        slow_time, slow = now, slow + clip(seen.rudder - slow, -reach, reach)
+    if math.isnan(heading):
+        return Heard(since, response, seaway, last, same, late_until, slow_time, slow)
+    seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
+    noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
+    noise = seaway_noise(model, noise, seaway, state.heading)
+    same = same + 1 if last == heading else 1
+    if same >= FROZEN_SAMPLES:
+        return Heard(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow)
+    known = response.time
+    # written so that it holds where nothing is known
+    if not time - known <= LONGEST_GAP_S:
+        response, last = first_response(noise, time, heading), heading
+    elif time > known:
+        fastest = 2.0 * model.gain * seen.angle_max
+        rate, in_time = clip(state.rate, -fastest, fastest), rudders[0]
+        at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow)
+        after = response_step(response, model, noise, rate, (time, heading), at)
+        response, last = after if time > late_until else without_evidence(response, after), heading
+    return Heard(since, response, seaway, last, same, late_until, slow_time, slow)
+
+
+class Answer(NamedTuple):
+    """The rudder-response monitor at work. heard: what it goes by; source: of the newest heading; held_off_since [s]: a
+    trial's push holds against its rudder; doubted_trial: that has been said of this trial, and doubts_trial: in this
+    tick; other: see `other_verdict`; verdict: see `verdict`."""
+
+    heard: Heard = NOTHING_HEARD
+    source: str = ""
     held_off_since: float = math.nan
     doubted_trial: bool = False
     doubts_trial: bool = False
-    other: str = ""
+    other: int = FILED
     verdict: int = 0
 
 
@@ -187,65 +243,36 @@ def answer_step(
     state, now = seen.state, seen.now
     if not (seen.steers and seen.has_way and math.isfinite(state.rate) and math.isfinite(state.rudder)):
         return NO_ANSWER
-    since, response, seaway, last, same, late_until, slow, held_off_since, doubted_trial, _, _, _ = before
-    since = now if math.isnan(since) else since
-    late_until = now + LATE_LASTS if seen.is_late else late_until
-    if seen.rudder_is_measured or not math.isfinite(limits.rudder_rate):
-        slow = None
-    elif slow is None:
-        slow = now, state.rudder
-    else:
-        reach = limits.rudder_rate / SLOW * max(now - slow[0], 0.0)
-        slow = now, slow[1] + min(max(seen.rudder - slow[1], -reach), reach)
+    heard, source, held_off_since, doubted_trial, _, _, _ = before
+    known = _in_order(headings)
+    if not known:
+        heard = heard_step(heard, limits, seen, NO_HEADING, NO_HEADING)
+    since = now if math.isnan(heard.since) else heard.since
     earliest = now - PAST_S if now - PAST_S > since else since
-    for sample in _in_order(headings):
-        heading, time, model = sample.heading, sample.time, seen.model
-        seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
-        noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
-        noise = seaway_noise(model, noise, seaway, state.heading)
-        same = same + 1 if last is not None and last.heading == heading else 1
-        stands = same >= FROZEN_SAMPLES
-        if (
-            response is None
-            or last is None
-            or stands
-            or last.source != sample.source
-            or time - response.time > LONGEST_GAP_S
-        ):
-            response, last = None if stands else first_response(noise, time, heading), sample
-        elif time > response.time:
-            last = sample
-            middle = 0.5 * (response.time + time)
-            fastest = 2.0 * model.gain * seen.angle_max
-            in_time = rudder_at(past, earliest, middle)
-            late = rudder_at(past, earliest, middle - LATE_S)
-            rudders = Rudders(in_time, late, in_time if slow is None else slow[1])
-            rate = -fastest if state.rate < -fastest else state.rate
-            rate = fastest if rate > fastest else rate
-            after = response_step(response, model, noise, rate, (time, heading), rudders)
-            response = after if time > late_until else without_evidence(response, after)
+    for sample in known:
+        if sample.source != source:
+            # what another compass shows does not follow on
+            heard, source = heard._replace(response=NO_RESPONSE), sample.source
+        middle = 0.5 * (heard.response.time + sample.time)
+        rudders = rudder_at(past, earliest, middle), rudder_at(past, earliest, middle - LATE_S)
+        heard = heard_step(heard, limits, seen, (sample.time, sample.heading), rudders)
+    response = heard.response
     # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
-    other = other_verdict(response.others) if response is not None and state.wave_deviation > 0.0 else ""
-    doubts_trial = False
+    other, found = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED, verdict(response)
     if seen.follows:
-        held_off_since, doubted_trial = math.nan, False
-    else:
-        is_held_off = (
-            response is not None and now - since >= SEA_KNOWN_S and _is_held_off(response, seen, past, earliest)
-        )
-        held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan
-        doubts_trial = (
-            response is not None and not doubted_trial and (is_doubtful(response) or now - held_off_since >= PUSHED_S)
-        )
-        if doubts_trial and response is not None:
-            response, doubted_trial = acquitted(response), True
-    found = 0 if response is None else verdict(response)
-    return Answer(
-        since, response, seaway, last, same, late_until, slow, held_off_since, doubted_trial, doubts_trial, other, found
-    )
+        return Answer(heard, source, other=other, verdict=found)
+    is_known = not math.isnan(response.time)
+    is_held_off = is_known and now - since >= SEA_KNOWN_S and _is_held_off(response, seen, past, earliest)
+    held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan
+    is_doubted = is_doubtful(response) or now - held_off_since >= PUSHED_S
+    if not is_known or doubted_trial or not is_doubted:
+        return Answer(heard, source, held_off_since, doubted_trial, False, other, found)
+    response = acquitted(response)
+    return Answer(heard._replace(response=response), source, held_off_since, True, True, other, verdict(response))
 
 
 NO_ANSWER = Answer()
+NO_HEADING = math.nan, math.nan
 
 
 def _in_order(headings: tuple[HeadingSample, ...]) -> Sequence[HeadingSample]:
@@ -259,10 +286,8 @@ def _in_order(headings: tuple[HeadingSample, ...]) -> Sequence[HeadingSample]:
 
 def rudder_at(past: Past, earliest: float, time: float) -> float:
     """Return the rudder [rad] at `time` [s], no earlier than that: each is that of the end of its tick."""
-    place = bisect_left(past, (time,))
-    if place == len(past):
-        return past[-1][2]
-    return past[place if past[place][0] >= earliest else bisect_left(past, (earliest,))][2]
+    place = bisect_left(past, (earliest if time < earliest else time,))
+    return past[place if place < len(past) else -1][2]
 
 
 def _is_held_off(response: ResponseState, seen: MonitorInput, past: Past, earliest: float) -> bool:
@@ -380,8 +405,8 @@ class State(NamedTuple):
     """What the rudder watch remembers. since [s]: since when we steer; past: commands and angles of late; stop_since
     [s]: the rudder stands at its stop; trial_doubted [s]: when that was.
 
-    What was found counts until we let go: other: what the answer tells of boat and rudder, "quick", "slow", "lively" or
-    ""; asks_less: the law is to order less for it; rests_roll: the rudder is too slow to work against roll too, and the
+    What was found counts until we let go: other: what the answer tells of boat and rudder, see `other_verdict`;
+    asks_less: the law is to order less for it; rests_roll: the rudder is too slow to work against roll too, and the
     quick orders are those: a course alone may well be held with it as it is;
     doubts_speed: the boat's own turns contradict its speed.
     """
@@ -394,7 +419,7 @@ class State(NamedTuple):
     runaway: Runaway = NO_RUNAWAY
     stop_since: float = math.nan
     trial_doubted: float = math.nan
-    other: str = ""
+    other: int = FILED
     asks_less: bool = False
     rests_roll: bool = False
     doubts_speed: bool = False
@@ -434,10 +459,10 @@ def update(
         stop_since = now
     asks_less = False
     if other or answer.other or following.is_slow:
-        news = (other, answer.other, "slow" if following.is_slow else "")
-        other = next(each for each in ("quick", "slow", "lively") if each in news)
-        rests = rests or (other == "slow" and seen.damps_roll and seen.model.n1 > 0.0)
-        asks_less = other == "lively" or (other == "slow" and not rests and seen.model.n1 > 0.0)
+        news = (other, answer.other, SLOW_RUDDER if following.is_slow else FILED)
+        other = min(each for each in news if each != FILED)
+        rests = rests or (other == SLOW_RUDDER and seen.damps_roll and seen.model.n1 > 0.0)
+        asks_less = other == LIVELIER or (other == SLOW_RUDDER and not rests and seen.model.n1 > 0.0)
     after = State(
         since,
         past,
@@ -459,7 +484,11 @@ VERDICTS = {
     1: AlarmEvent("rudder_stuck", "the boat does not answer to it"),
     -1: AlarmEvent("rudder_reversed", "the boat answers to the opposite rudder"),
 }
-OTHERS = {name: AlarmEvent(alarm) for name, alarm in (("quick", "too_quick"), ("slow", "rudder_slow"), ("lively",) * 2)}
+OTHERS = {
+    QUICKER: AlarmEvent("too_quick"),
+    SLOW_RUDDER: AlarmEvent("rudder_slow"),
+    LIVELIER: AlarmEvent("lively"),
+}
 
 
 def _findings(state: State, seen: MonitorInput) -> tuple[AlarmEvent, ...]:
@@ -478,10 +507,10 @@ def _findings(state: State, seen: MonitorInput) -> tuple[AlarmEvent, ...]:
         found += (AlarmEvent("overpowered", state.runaway.overpowered),)
     if seen.now - state.stop_since >= AT_THE_STOP_TIME:
         found += (AlarmEvent("rudder_at_stop"),)
-    if state.other == "slow" and seen.model.n1 <= 0.0:
+    if state.other == SLOW_RUDDER and seen.model.n1 <= 0.0:
         # no gain is soft enough for a boat that turns away quicker than its rudder comes
         found += (AlarmEvent("rudder_not_following", "much slower than its file says"),)
-    elif state.other:
+    elif state.other != FILED:
         found += (OTHERS[state.other],)
     if state.doubts_speed:
         found += (AlarmEvent("speed_doubtful"),)
@@ -508,6 +537,6 @@ def _followed(
 
 def _is_for_the_speed(answer: Answer, seen: MonitorInput) -> bool:
     """Return whether the answer to the rudder is one that a wrong speed explains: it is doubted then."""
-    if answer.other in ("quick", "lively") and reads_low(seen):
+    if answer.other in (QUICKER, LIVELIER) and reads_low(seen):
         return True
     return answer.verdict > 0 and speed_ratio(seen) > SPEED_DOUBT

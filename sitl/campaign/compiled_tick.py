@@ -24,7 +24,7 @@ from autopilot.estimation.estimator import (
     seen_at,
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
-from autopilot.estimation.rudder_observer import RudderMemory, RudderObserver, RudderPast, advanced, ordered
+from autopilot.estimation.rudder_observer import RudderMemory, RudderObserver, RudderPast, advanced, angle_from, ordered
 from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.reference import Guide, heading_ordered, started
@@ -46,7 +46,10 @@ from autopilot.steering import (
 )
 from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_opposite, turns_step
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
-from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES
+from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
+from autopilot.supervision.rudder_response import FILED, other_verdict, verdict
+from autopilot.supervision.rudder_watch import NOTHING_HEARD, PAST_S, Heard, heard_step
+from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, LATE_S
 
 Floats = NDArray[np.float64]
 
@@ -55,18 +58,15 @@ class CampaignConfig(NamedTuple):
     """What the pilot knows of the boat; see `PilotConfig`. gains are those of the law that steers, first is the memory
     with which it begins.
 
-    patience [s]: the rudder may be hard over for so long before a monitor would ask why; heading_jump and
-    rate_disagrees [rad] are the monitors' too, see `autopilot.supervision.monitors`.
+    alarms: the monitors' limits. The rudder may be hard over for as long as the boat may be off its course before a
+    monitor would ask why.
     """
 
     config: SteeringConfig
     gains: Any
     first: Any
     heading_timeout: float
-    watches_frozen: bool
-    patience: float
-    heading_jump: float
-    rate_disagrees: float
+    alarms: AlarmLimits
 
 
 class Compass(NamedTuple):
@@ -83,7 +83,8 @@ class State(NamedTuple):
     """What the pilot remembers from tick to tick, the rudder's rings apart.
 
     easy_time and right_time [s]: when the rudder was last not hard over for the monitors, and last not pushing the boat
-    away. gone: the run has come to where only the full simulator goes on.
+    away. answer: what the rudder-response monitor goes by. gone: the run has come to where only the full simulator goes
+    on.
     """
 
     now: float
@@ -99,6 +100,7 @@ class State(NamedTuple):
     rest: Rest
     undoing: float
     compass: Compass
+    answer: Heard
     easy_time: float
     right_time: float
     gone: bool
@@ -143,6 +145,7 @@ def initial_state(
         rest=Rest(0.0, 0.0, False),
         undoing=0.0,
         compass=Compass(measurement.measured.heading, state.time, 1, NO_TURNS),
+        answer=NOTHING_HEARD,
         easy_time=now,
         right_time=now,
         gone=False,
@@ -165,6 +168,12 @@ def tick(
     history = RudderPast(memory.times, memory.angles, listened.rudder.ticks)
     at = Moment(now, listened.speed.value, listened.heading_time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
+    answer, answers = listened.answer, True
+    # at the first tick the helm is not ours yet
+    if dt > 0.0 and campaign.alarms.rudder_response:
+        answer = _answer(campaign, pilot_state, seen, model, history, measurement.measured)
+        answers = verdict(answer.response) == 0
+        answers = answers and (seen.wave_deviation <= 0.0 or other_verdict(answer.response.others) == FILED)
     waves = wave_rudder(config, model, seen)
     state = steered_by(seen, waves.filtered)
     turning = turning_at(config, listened.turning, model)
@@ -184,7 +193,8 @@ def tick(
     off = shortest_turn(state.heading, guide.boat.heading)
     right_time = listened.right_time if _pushes_away(config, off, command, state) else now
     # numba takes no condition inside the call below
-    gone = listened.gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
+    gone = listened.gone or not answers
+    gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
     return State(
         now=now,
         model=model,
@@ -199,10 +209,46 @@ def tick(
         rest=rest,
         undoing=waves.rudder,
         compass=listened.compass,
+        answer=answer,
         easy_time=easy_time,
         right_time=right_time,
         gone=gone,
     )
+
+
+def _answer(
+    campaign: CampaignConfig, before: State, state: NavState, model: Norrbin, history: RudderPast, measured: Measured
+) -> Heard:
+    """Return what the rudder-response monitor goes by after a tick of a course that is followed by heading alone."""
+    now, heard, most = state.time, before.answer, campaign.config.limits.angle_max
+    seen = MonitorInput(
+        now=now,
+        model=model,
+        state=state,
+        steers=True,
+        holds_course=True,
+        wanted=before.guide.heading,
+        rudder=before.command,
+        angle_max=most,
+        has_way=True,
+        innovation=0.0,
+        waits=False,
+        zigzag_divergence=0.0,
+        push=0.0,
+        is_late=now - before.now > campaign.alarms.late,
+        follows=True,
+        speeds_apart=0.0,
+        trial_speed=campaign.config.estimator.model.reference_speed,
+        rudder_is_measured=False,
+        damps_roll=False,
+    )
+    since = now if math.isnan(heard.since) else heard.since
+    middle = 0.5 * (heard.response.time + measured.time)
+    rudders = (
+        angle_from(history, max(middle, since, now - PAST_S)),
+        angle_from(history, max(middle - LATE_S, since, now - PAST_S)),
+    )
+    return heard_step(heard, campaign.alarms, seen, (measured.time, measured.heading), rudders)
 
 
 def _pushes_away(config: SteeringConfig, error: float, rudder: float, state: NavState) -> bool:
@@ -222,16 +268,16 @@ def _must_go(
     heading_and_demand: float,
 ) -> bool:
     """Return whether the pilot would do more than steer: fail-safe, steerage, monitors."""
-    compass = pilot_state.compass
+    compass, alarms = pilot_state.compass, campaign.alarms
     return (
         not now - pilot_state.heading_time <= campaign.heading_timeout
         or not math.isfinite(heading_and_demand)
         or now - right_time >= WRONG_TIME
-        or abs(compass.turns.apart) > campaign.rate_disagrees
-        or (are_opposite(compass.turns) and math.isfinite(campaign.rate_disagrees))
+        or abs(compass.turns.apart) > alarms.rate_disagrees
+        or (are_opposite(compass.turns) and math.isfinite(alarms.rate_disagrees))
         or pilot_state.speed.value < campaign.config.estimator.steerage
-        or (campaign.watches_frozen and compass.same >= FROZEN_SAMPLES)
-        or now - easy_time >= campaign.patience
+        or (alarms.frozen_heading and compass.same >= FROZEN_SAMPLES)
+        or now - easy_time >= alarms.off_course_time
     )
 
 
@@ -256,7 +302,7 @@ def _listen(
         compass, turned = _compass(compass, measured)
         # the monitor's own reckoning is a little closer; what is half its measure is left to it
         since, before = measured.time - pilot_state.compass.time, fusion.state
-        gone = gone or abs(turned - before.rate * since) > 0.5 * campaign.heading_jump
+        gone = gone or abs(turned - before.rate * since) > 0.5 * campaign.alarms.heading_jump
         gone = gone or measured.time - before.time > PREDICT_LONGEST
         # the gap that a restart of the filter ends is not carried over
         time = min(measured.time, before.time + PREDICT_LONGEST)
@@ -284,6 +330,7 @@ def _listen(
         rest=pilot_state.rest,
         undoing=pilot_state.undoing,
         compass=compass,
+        answer=pilot_state.answer,
         easy_time=pilot_state.easy_time,
         right_time=pilot_state.right_time,
         gone=gone,

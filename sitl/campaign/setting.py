@@ -161,10 +161,7 @@ def campaign_of(vessel: Vessel, law: str) -> CampaignConfig | None:
         gains=chosen.gains,
         first=chosen.first(0.0),
         heading_timeout=config.failsafe.heading_timeout,
-        watches_frozen=config.alarms.frozen_heading,
-        patience=config.alarms.off_course_time,
-        heading_jump=config.alarms.heading_jump,
-        rate_disagrees=config.alarms.rate_disagrees,
+        alarms=config.alarms,
     )
 
 

@@ -16,6 +16,7 @@ from autopilot.supervision.course_watch import Spin, Swings
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.monitors import Monitors, State
 from autopilot.supervision.panel import sentences_of
+from autopilot.supervision.rudder_response import FILED, LIVELIER, QUICKER, SLOW_RUDDER
 from autopilot.supervision.rudder_watch import Answer
 from autopilot.supervision.tuning import SWEEP
 
@@ -499,6 +500,9 @@ def test_without_its_state_a_monitor_knows_nothing_of_what_was_found() -> None:
     assert monitors.findings == {}
 
 
+OTHERS = {"": FILED, "quick": QUICKER, "slow": SLOW_RUDDER, "lively": LIVELIER}
+
+
 class Said:
     """What the counts of swings, the rate of turn and the rudder's answer say, whatever the boat does."""
 
@@ -518,7 +522,7 @@ class Said:
 
     @staticmethod
     def of_answer(*_: object) -> Answer:
-        return Answer(other=Said.other, verdict=Said.verdict, doubts_trial=Said.doubts_trial)
+        return Answer(other=OTHERS[Said.other], verdict=Said.verdict, doubts_trial=Said.doubts_trial)
 
 
 def stubbed(monkeypatch: pytest.MonkeyPatch, **words: object) -> None:

@@ -16,7 +16,12 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, NavState
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.rudder_response import (
+    FILED,
+    LIVELIER,
     NO_OTHERS,
+    NO_SEAWAY,
+    QUICKER,
+    SLOW_RUDDER,
     Noise,
     Others,
     ResponseState,
@@ -229,7 +234,7 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
 ) -> None:
     """The launch and the coaster came from a following sea that hardly turned them; a wave held them against the
     rudder, and it was called reversed. What is met fades with 900 s, the headings with 15.7 s."""
-    seaway = seaway_step(None, 0.0, 1.0, swing)
+    seaway = seaway_step(NO_SEAWAY, 0.0, 1.0, swing)
     for tick in range(round(age)):
         seaway = seaway_step(seaway, tick + 1.0, 1.0, 0.0)
     assert seaway.swing == pytest.approx(swing * math.exp(-age / 900.0))
@@ -243,7 +248,7 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
 
 def test_calm_water_stays_calm_in_a_turn() -> None:
     noise = noise_of(BOAT, 2.0e-4, 0.0, 0.0)
-    assert seaway_noise(BOAT, noise, seaway_step(None, 0.0, 0.0, 0.0), 2.0) == noise
+    assert seaway_noise(BOAT, noise, seaway_step(NO_SEAWAY, 0.0, 0.0, 0.0), 2.0) == noise
 
 
 @pytest.mark.parametrize(
@@ -284,17 +289,17 @@ def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() ->
 def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer() -> None:
     for sides in itertools.product((10.3, SURE), repeat=2):
         both = min(sides) >= SURE
-        assert other_verdict(NO_OTHERS._replace(lively=sides)) == ("lively" if both else "")
-        assert other_verdict(NO_OTHERS._replace(quick=sides, lively=(99.0, 99.0))) == ("quick" if both else "lively")
+        assert other_verdict(NO_OTHERS._replace(lively=sides)) == (LIVELIER if both else FILED)
+        assert other_verdict(NO_OTHERS._replace(quick=sides, lively=(99.0, 99.0))) == (QUICKER if both else LIVELIER)
     # what is left over lies to one side for long: one heading tells a third of what it seems to
     coloured = NO_OTHERS._replace(colour=3.0)
-    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 31.0), quick=(31.0, 99.0))) == ""
-    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 99.0), quick=(31.0, 99.0))) == "lively"
-    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 99.0), quick=(32.0, 99.0))) == "quick"
+    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 31.0), quick=(31.0, 99.0))) == FILED
+    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 99.0), quick=(31.0, 99.0))) == LIVELIER
+    assert other_verdict(coloured._replace(lively=(3.0 * SURE, 99.0), quick=(32.0, 99.0))) == QUICKER
     for four in itertools.product((10.3, SURE), repeat=4):
         names = dict(zip(("weak", "right", "strong", "late"), four, strict=True))
         found = other_verdict(NO_OTHERS._replace(quick=(99.0, 99.0), **names))
-        assert found == ("slow" if min(four) >= SURE else "quick")
+        assert found == (SLOW_RUDDER if min(four) >= SURE else QUICKER)
 
 
 def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() -> None:
