@@ -140,11 +140,15 @@ def prepared(job: Job, case: Case) -> Prepared:
     vessel, scenario = vessel_of(job, case), scenario_of(job, case)
     if refusal := verdict_of(vessel, case.law).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {refusal}")
-    speed = scenario.start.speed_m_s or 0.0
+    speed, real = scenario.start.speed_m_s or 0.0, real_boat(job, case)
+    campaign = campaign_of(vessel, case.law)
+    if campaign is not None and real.model == vessel.model:
+        # a boat that is its file's answers its rudder, and to ask at every tick would cost a tenth of the speed
+        campaign = campaign._replace(alarms=campaign.alarms._replace(rudder_response=False))
     return Prepared(
         scenario,
-        plant_of(real_boat(job, case), scenario),
-        campaign_of(vessel, case.law),
+        plant_of(real, scenario),
+        campaign,
         course_of(job.study),
         BoatState(heading=0.0, speed=speed, north_speed=speed, east_speed=0.0),
         vessel,

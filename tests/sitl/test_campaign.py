@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -19,6 +19,7 @@ from autopilot.control import registry
 from autopilot.control.law import Law, LawInput, LoopGains
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.strict_yaml import parse_document
+from autopilot.supervision.rudder_watch import Heard, heard_step
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Limits
 from sitl.campaign import work
@@ -181,6 +182,56 @@ def test_compiled_it_gives_the_full_simulators_numbers(job: Job) -> None:
     assert quick is not None
     # a loop near its margin, as with the late compass, carries the last digits on
     assert quick == pytest.approx(run_reference(job, 0), rel=1.0e-9, abs=1.0e-9)
+
+
+def lively(times: float) -> Job:
+    """A minute in a sea with a boat that answers its rudder so many times as much as its file says."""
+    mismatches = {"lively": MismatchSection(times, 0.5, 0.01)}
+    return Job(replace(STUDY, seconds=60.0, seas={"sea": SEAS["sea"]}, mismatches=mismatches, gain_factors=(1.0,)), ".")
+
+
+def test_another_boat_that_is_found_out_is_left_to_the_full_simulator() -> None:
+    """The pilot lets go of a boat that turns six times as well as its file says; of one that is half as lively again it
+    notices nothing."""
+    job = lively(6.0)
+    setting = setting_of(job, 0)
+    assert setting is not None
+    assert not run_compiled(setting, workspace_of(setting))[1] and run_reference(job, 0).engaged < 1.0
+    assert sailed_alike(lively(1.5), 0).engaged == 1.0
+
+
+def test_the_evidence_of_the_loop_as_it_is_compiled_is_the_monitors(monkeypatch: pytest.MonkeyPatch) -> None:
+    job, kept = lively(1.5), list[Heard]()
+
+    def keeping(*given: Any) -> Heard:
+        kept.append(heard_step(*given))
+        return kept[-1]
+
+    monkeypatch.setattr("sitl.campaign.compiled_tick.heard_step", keeping)
+    sailed_alike(job, 0)
+    loop, kept = kept, []
+    monkeypatch.setattr("autopilot.supervision.rudder_watch.heard_step", keeping)
+    run_reference(job, 0)
+    assert len(loop) == len(kept) > 500
+    for one, other in zip(loop, kept, strict=True):
+        assert numbers_of(one) == pytest.approx(numbers_of(other), rel=1.0e-6, abs=1.0e-9, nan_ok=True)
+    assert max(heard.response.stuck for heard in loop) > 0.0
+
+
+def numbers_of(value: Any) -> list[float]:
+    """All numbers of a nested record, one after the other."""
+    return [number for each in value for number in numbers_of(each)] if isinstance(value, tuple) else [float(value)]
+
+
+@pytest.mark.parametrize("times", [1.5, 6.0])
+def test_compiled_it_is_found_out_at_the_same_tick(times: float) -> None:
+    pytest.importorskip("numba", reason="the extra `fast` is not installed")
+    job = lively(times)
+    setting, quick = setting_of(job, 0), work.compiled_loop("backstepping")
+    assert setting is not None and quick is not None
+    plain, compiled = run_compiled(setting, workspace_of(setting)), quick(setting, workspace_of(setting))
+    assert compiled[1] is plain[1] is (times < 2.0)
+    assert tuple(compiled[0]) == pytest.approx(tuple(plain[0]), rel=1.0e-9, abs=1.0e-9)
 
 
 @pytest.mark.parametrize(
