@@ -2,12 +2,6 @@
 
 `compiled(function)` compiles a function and everything it calls within `autopilot` and `sitl`, by its name or through
 its module. The functions stay as they are, plain scalars over NamedTuples, for everybody else.
-
-Sine and cosine that numba compiles into the loop itself: no call, no branch, both for little more than one.
-
-The angle is brought to r within pi/4 of a multiple k of pi/2, which is taken off in three parts so that no digit is
-lost (Cody and Waite 1980), and the series of sin r and cos r go to r^15 and r^16: parts in 1e16, for angles up to
-1e6, from where on the first two parts are no longer taken off exactly. The plain loop has the C library's.
 """
 
 from __future__ import annotations
@@ -99,13 +93,7 @@ def _allocates(function: FunctionType) -> bool:
 
 def _freedom(function: FunctionType) -> Any:
     """Return what the compilation may do to the arithmetic of a function; numba wants False for nothing."""
-    if function.__module__ == __name__:
-        return {"contract"}
-    return ARITHMETIC if _is_reordered(function) else False
-
-
-def _is_reordered(function: FunctionType) -> bool:
-    return function.__module__.startswith(REORDERED)
+    return ARITHMETIC if function.__module__.startswith(REORDERED) else False
 
 
 def _cache_folder(asked: str) -> Path:
@@ -135,9 +123,6 @@ def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
     scope = dict(function.__globals__)
     for name in called:
         value = scope.get(name)
-        if value is math and jit is _quick_jit and _is_reordered(function):
-            scope[name] = _quick_mathematics(jit, done)
-            continue
         if isinstance(value, FunctionType) and value.__module__.startswith(OURS):
             scope[name] = _compile(value, jit, done)
         elif isinstance(value, ModuleType) and value.__name__.startswith(OURS):
@@ -146,16 +131,6 @@ def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
     copy.__qualname__, copy.__module__ = function.__qualname__, function.__module__
     done[function] = jit(copy)
     return done[function]
-
-
-def _quick_mathematics(jit: Any, done: dict[Any, Any]) -> ModuleType:
-    """Return a stand-in for `math` with our sine and cosine."""
-    stand_in = ModuleType("math")
-    for name, value in vars(math).items():
-        setattr(stand_in, name, value)
-    for name, function in (("sin", sine), ("cos", cosine)):
-        setattr(stand_in, name, _compile(function, jit, done))
-    return stand_in
 
 
 def _module(module: ModuleType, called: tuple[str, ...], jit: Any, done: dict[Any, Any]) -> ModuleType:
@@ -189,45 +164,3 @@ def _teach_remainder() -> None:
         return remainder
 
     overload(math.remainder)(remainder_of)
-
-
-PER_ANGLE = 2.0 / math.pi
-FIRST = float.fromhex("0x1.921fb54400000p+0")
-SECOND = float.fromhex("0x1.0b4611a600000p-34")
-THIRD = float.fromhex("0x1.3198a2e037073p-69")
-"""Half of pi to 33 binary digits, the next 33, and the rest."""
-
-
-def sine(angle: float) -> float:
-    """Return sin `angle` [rad]."""
-    k = math.floor(angle * PER_ANGLE + 0.5)
-    r = ((angle - k * FIRST) - k * SECOND) - k * THIRD
-    value = _cosine_near(r * r) if k & 1 else _sine_near(r)
-    return -value if k & 2 else value
-
-
-def cosine(angle: float) -> float:
-    """Return cos `angle` [rad]."""
-    k = math.floor(angle * PER_ANGLE + 0.5)
-    r = ((angle - k * FIRST) - k * SECOND) - k * THIRD
-    value = _sine_near(r) if k & 1 else _cosine_near(r * r)
-    return -value if (k + 1) & 2 else value
-
-
-# both series are summed in pairs: one after the other, their terms would wait for each other
-
-
-def _sine_near(r: float) -> float:
-    q = r * r
-    q2 = q * q
-    low = (-1 / 6 + q * (1 / 120)) + q2 * (-1 / 5040 + q * (1 / 362880))
-    high = (-1 / 39916800 + q * (1 / 6227020800)) - q2 * (1 / 1307674368000)
-    return r + (r * q) * (low + (q2 * q2) * high)
-
-
-def _cosine_near(q: float) -> float:
-    q2 = q * q
-    q4 = q2 * q2
-    low = (-0.5 + q * (1 / 24)) + q2 * (-1 / 720 + q * (1 / 40320))
-    high = (-1 / 3628800 + q * (1 / 479001600)) + q2 * (-1 / 87178291200 + q * (1 / 20922789888000))
-    return 1.0 + q * (low + q4 * high)

@@ -7,8 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from naval_vessel import (
     NAVAL_HULL,
     NAVAL_RUDDERS,
@@ -26,7 +24,7 @@ from autopilot.control.rudder_roll import UNPROVEN, Proof, proof_step
 from autopilot.errors import InputError
 from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
-from sitl.compiled import compiled, cosine, sine
+from sitl.compiled import compiled
 
 
 def voyage(hull: Hull, inverse: InverseMass, rudders: Rudders, gear: SteeringGear, steps: int) -> Motion:
@@ -70,10 +68,3 @@ def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(sys.modules, "numba", None)
     with pytest.raises(InputError, match=r"'\.\[fast\]'"):
         compiled(voyage)
-
-
-@given(st.one_of(st.floats(-1.0e6, 1.0e6), st.integers(-600_000, 600_000).map(lambda k: k * 0.25 * math.pi)))
-def test_the_quick_sine_and_cosine_are_the_librarys(angle: float) -> None:
-    assert sine(angle) == pytest.approx(math.sin(angle), rel=0.0, abs=3.0e-16)
-    assert cosine(angle) == pytest.approx(math.cos(angle), rel=0.0, abs=3.0e-16)
-    assert sine(angle) == pytest.approx(math.sin(angle), rel=1.0e-9, abs=0.0)
