@@ -505,8 +505,8 @@ def averaged(mean_bias: float, bias: float, model: Norrbin, dt: float) -> float:
 
 def lacks_way(boat: PilotConfig, way: Way, estimate: EstimatorState, speed: float) -> bool:
     """Return whether the `speed` [m/s] is less than what a rudder needs to steer."""
-    counts = boat.steerage_over_ground or not estimate.speeds.is_over_ground
-    return counts and speed < boat.steerage * (STEERAGE_AGAIN if way.waits else 1.0)
+    is_slow = speed < boat.steerage * (STEERAGE_AGAIN if way.waits else 1.0)
+    return is_slow and (boat.steerage_over_ground or not estimate.speeds.is_over_ground)
 
 
 def reckon(

@@ -410,29 +410,37 @@ def _fuse(
     state: FilterState, with_state: tuple[float, float, float, float, float, float], innovation: float, total: float
 ) -> FilterState:
     """Return the state after an `innovation` of variance `total` and of covariance P H' `with_state`."""
-    time, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state[:10]
+    (
+        time, psi, rate, bias, p00, p01, p02, p11, p12, p22,
+        h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, intensity,
+    ) = state  # fmt: skip
     c0, c1, c2, c3, c4, c5 = with_state
     share = 1.0 / total
     g0, g1, g2 = c0 * share, c1 * share, c2 * share
     psi += g0 * innovation
-    boat = (
-        time,
-        psi if -PI < psi <= PI else wrap(psi),
-        rate + g1 * innovation,
-        bias + g2 * innovation,
-        p00 - g0 * c0,
-        p01 - g0 * c1,
-        p02 - g0 * c2,
-        p11 - g1 * c1,
-        p12 - g1 * c2,
-        p22 - g2 * c2,
-    )
-    if state.sea.heading <= 0.0:
-        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_INTENSITY)
-    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, gusts = state[10:]
+    psi = psi if -PI < psi <= PI else wrap(psi)
+    rate += g1 * innovation
+    bias += g2 * innovation
+    p00 -= g0 * c0
+    p01 -= g0 * c1
+    p02 -= g0 * c2
+    p11 -= g1 * c1
+    p12 -= g1 * c2
+    p22 -= g2 * c2
+    if sea.heading <= 0.0:
+        return FilterState(time, psi, rate, bias, p00, p01, p02, p11, p12, p22, *NO_WAVES, NO_SEA, NO_INTENSITY)
     g3, g4, g5 = c3 * share, c4 * share, c5 * share
     return FilterState(
-        *boat,
+        time,
+        psi,
+        rate,
+        bias,
+        p00,
+        p01,
+        p02,
+        p11,
+        p12,
+        p22,
         h + g3 * innovation,
         s + g4 * innovation,
         e + g5 * innovation,
@@ -452,7 +460,7 @@ def _fuse(
         p45 - g4 * c5,
         p55 - g5 * c5,
         sea,
-        gusts,
+        intensity,
     )
 
 
