@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -32,7 +33,9 @@ BOATS = {
 }
 
 
+@functools.cache
 def vessel_of(boat: Boat) -> Vessel:
+    """Return the boat's vessel file with gains designed for it; the design is made once in a process."""
     model = Norrbin(boat.K, boat.T, boat.n3, n1=boat.n1, reference_speed=boat.speed)
     gear = SteeringGear(math.radians(30.0), math.radians(boat.rudder_rate_deg_s), 0.1, 0.0, 0.05)
     gains = design_backstepping(model, gear, gear.rate_max, 0.05)
