@@ -1,6 +1,8 @@
 """Changes of heading by 90 deg: overshoot and settling beside the quickest turn that the rudder allows; a table.
 
     python benchmarks/turns.py [--seeds 40] [--levels 3,5,8] [--boats unstable,unstable2] [--no-gyro] [--gusts-deg 1]
+    python benchmarks/turns.py --summary --seeds 20 --boats unstable,unstable2,unstable3,unstable4,unstable5
+    python benchmarks/turns.py --summary --seeds 20 --drawn 10
 
 The pilot with gains of level 5 (the course-unstable boats: 7) and the turn it plans by itself, 10 Hz compass with
 noise and gyro, rudder with 0.1 s lag and 0.1 s of delay in all; the boat turns as its model says (K 1.0), or as if K
@@ -10,6 +12,11 @@ which knows of no lag and no delay. Reserve: the quickest turn that is ended wit
 rate, so that a rudder which is as much weaker than the model's would still end it, and the same up to 1 deg from its
 end. By the pilot's tick as campaigns have it, compiled (`norrbin[fast]`); `turned` does the same by `Pilot.step`. The
 numbers of the plan were tuned on other seeds.
+
+`--drawn` turns course-unstable boats that are drawn by a rule (`drawn`) in place of those named, so that what was tuned
+on the named ones is seen on boats that nobody tuned for. `--summary` prints the boats together: with a gyro, without,
+and in gusts, for K from 0.7 to 1.3 times the model's, the mean over the boats of the median settling time over the
+quickest, how many turns go past by more than 3 deg, and how many are lost, that is, go past by more than 30 deg.
 """
 
 from __future__ import annotations
@@ -80,6 +87,13 @@ MORE = {
 }
 """Course-unstable boats made up to tune the plan with, beside the one above."""
 
+DRAWN_SEED = 20261124
+FACTORS = (0.7, 0.85, 1.0, 1.15, 1.3)
+"""K of the boat in units of the model's, as `--summary` has it."""
+LOST_DEG = 30.0
+WATCHED_SUMMARY = 4.0
+"""A turn of the summary is watched for so many times the least time, and counts as that where it never settles."""
+
 
 class Sailed(NamedTuple):
     """Noise of the compass [deg], whether there is a gyro, gusts [deg] of rudder, and the turn [deg]."""
@@ -110,6 +124,35 @@ def vessel_of(boat: Boat) -> Vessel:
         sensors=Sensors(heading_noise_deg=0.3, rate_noise_deg_s=0.2),
         control=Control(backstepping=Backstepping(*gains)),
     )
+
+
+def drawn(count: int, seed: int = DRAWN_SEED) -> dict[str, Boat]:
+    """Return `count` course-unstable boats, drawn anew with every `seed`, level 7.
+
+    T from 2 to 20 s and K T from 0.5 to 2 (both log-uniform), n1 from -1.1 to -0.3, and n3 such that the largest moment
+    that the boat has against its rudder is 0.2 to 1 times what the rudder hard over gives; the rudder goes to 25 to 35
+    deg, in 0.6 to 1.5 T (log-uniform) from amidships. A boat for which there are no gains is drawn again.
+    """
+    random, found = np.random.default_rng(seed), dict[str, Boat]()
+    while len(found) < count:
+        time_constant, turning = 2.0 * 10.0 ** random.random(), 0.5 * 4.0 ** random.random()
+        n1, against = -random.uniform(0.3, 1.1), random.uniform(0.2, 1.0)
+        angle_deg, over = float(round(random.uniform(25.0, 35.0))), 0.6 * 2.5 ** random.random()
+        gain = turning / time_constant
+        largest = against * gain * math.radians(angle_deg)
+        n3 = -n1 / 3.0 * (2.0 / 3.0 * n1 / largest) ** 2
+        model = Norrbin(*(_short(number) for number in (gain, time_constant, n3)), n1=_short(n1), reference_speed=4.0)
+        boat = Boat(model, angle_deg, _short(angle_deg / (over * time_constant)), 7)
+        try:
+            vessel_of(boat)
+        except ValueError:
+            continue
+        found[f"drawn{len(found) + 1}"] = boat
+    return found
+
+
+def _short(number: float) -> float:
+    return float(f"{number:.3g}")
 
 
 def quickest(boat: Boat, braked: float = 1.0) -> float:
@@ -261,6 +304,37 @@ def table(boats: list[tuple[str, Boat]], sailed: Sailed, seeds: range) -> None:
         print(f"{name:10s}{boat.level:6d}{least:9.1f} {settling} {past} {worst}  {far} {reserve}", flush=True)
 
 
+def summary(boats: list[tuple[str, Boat]], sailed: Sailed, seeds: range) -> None:
+    """Turn every boat with each seed, K and kind of day, and print what they come to together."""
+    print(f"{'':10s}settling/quickest, K{'':27s}past 3 deg{'':14s}lost")
+    print(f"{'':10s}{''.join(f'{factor:6.2f}' for factor in FACTORS)}  mean  most {'   0.7 to 1.3':21s} 0.7 to 1.3")
+    known = [(vessel_of(boat), quickest(boat)) for _, boat in boats]
+    days = {
+        "gyro": sailed,
+        "no gyro": sailed._replace(has_gyro=False),
+        "gusts 1 deg": sailed._replace(gusts_deg=1.0),
+    }
+    for day, like in days.items():
+        found = np.array(
+            [
+                [
+                    [turned_compiled(vessel, factor, like, WATCHED_SUMMARY * least, seed) for seed in seeds]
+                    for factor in FACTORS
+                ]
+                for vessel, least in known
+            ]
+        )
+        least_times = np.array([least for _, least in known])[:, None, None]
+        settling = np.median(np.minimum(found[..., 1] / least_times, WATCHED_SUMMARY), axis=2)
+        past, lost = (np.count_nonzero(found[..., 0] > limit, axis=(0, 2)) for limit in (FAR_DEG, LOST_DEG))
+        times = "".join(f"{mean:5.2f} " for mean in np.mean(settling, axis=0))
+        counts = "  ".join("".join(f"{many:4d}" for many in counted) for counted in (past, lost))
+        print(
+            f"{day:11s}{times}{np.mean(settling):6.3f}{np.max(settling):6.2f}  {counts}  of {len(known) * len(seeds)}",
+            flush=True,
+        )
+
+
 def main() -> None:
     """Turn every boat and print."""
     known = {**BOATS, **MORE}
@@ -272,9 +346,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--first-seed", type=int, default=1000)
     parser.add_argument("--boats", default=",".join(BOATS), help=", ".join(known))
+    parser.add_argument("--drawn", type=int, default=0, help="so many boats drawn by a rule in place of --boats")
+    parser.add_argument("--drawn-seed", type=int, default=DRAWN_SEED)
+    parser.add_argument("--summary", action="store_true", help="the boats together, by kind of day and K")
     parser.add_argument("--levels", default="", help="response levels in place of the boats' own")
     asked = parser.parse_args()
-    names, levels = asked.boats.split(","), asked.levels.split(",") if asked.levels else []
+    if asked.drawn > 0:
+        known = drawn(asked.drawn, asked.drawn_seed)
+    names, levels = (
+        list(known) if asked.drawn > 0 else asked.boats.split(","),
+        asked.levels.split(",") if asked.levels else [],
+    )
     if unknown := set(names) - set(known):
         parser.error(f"--boats {','.join(sorted(unknown))}: known are {', '.join(known)}")
     if not set(levels) <= {str(level) for level in range(1, 10)}:
@@ -285,7 +367,11 @@ def main() -> None:
         for level in levels or ("",)
     ]
     sailed = Sailed(asked.noise_deg, not asked.no_gyro, asked.gusts_deg, asked.turn_deg)
-    table(boats, sailed, range(asked.first_seed, asked.first_seed + asked.seeds))
+    seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
+    if asked.summary:
+        summary(boats, sailed, seeds)
+    else:
+        table(boats, sailed, seeds)
 
 
 if __name__ == "__main__":
