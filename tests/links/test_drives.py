@@ -138,7 +138,15 @@ def test_a_stall_is_an_alarm_that_is_taken_back() -> None:
 
 def test_a_controller_without_rudder_sensor_cannot_steer() -> None:
     bench = Bench("pypilot")
-    bench.twin._has_sensor = False
+    transmit = bench.twin.transmit
+
+    def without_angle(now: float) -> list[bytes]:
+        """The controller's telegrams of four bytes, the rudder angle as it says that it has none."""
+        said = b"".join(transmit(now))
+        telegrams = [said[at : at + 4] for at in range(0, len(said), 4)]
+        return [packet(0xA7, 65535) if telegram[0] == 0xA7 else telegram for telegram in telegrams]
+
+    bench.twin.transmit = without_angle
     bench.sail(2.0, 15.0)
     assert not bench.helm.available
     assert "reports no rudder angle; it cannot" in bench.helm.reason
