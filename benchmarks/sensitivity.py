@@ -57,10 +57,7 @@ FAULTS = (
     "rudder_slow",
     "heading_frozen",
     "heading_jump",
-    "heading_drift",
     "rate_reversed",
-    "speed_wrong",
-    "yaw_push",
 )
 SHOWN = 0.05
 """Changes of a figure by less than this share are not shown."""
@@ -345,7 +342,7 @@ def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--only", default="", help="names, separated by commas")
-    parser.add_argument("--seconds", type=float, default=100.0, help="on the course (default 100)")
+    parser.add_argument("--seconds", type=float, default=80.0, help="on the course (default 80)")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, help="write the record here")
     parser.add_argument("--points", type=Path, help="keep what was sailed here, and go on from it")
