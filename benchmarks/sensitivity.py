@@ -4,15 +4,16 @@
     python benchmarks/sensitivity.py --only SEA,GUST --seconds 120                # two numbers, sooner
     python benchmarks/sensitivity.py --json                                       # for a machine
 
-Tables: `autopilot.estimation.tuning` and `autopilot.supervision.tuning`. A number is scaled wherever a module has taken
-it by its name; one of several values is scaled as a whole. What follows from it by a formula in the table follows here,
-too.
+Tables: `autopilot.estimation.tuning`, `autopilot.supervision.tuning` and `autopilot.guidance.tuning`. A number is
+scaled wherever a module has taken it by its name; one of several values is scaled as a whole. What follows from it by a
+formula in the table follows here, too.
 
 Healthy boats: the study boats (`study_boats`) on a course, in calm water and in sea state 5 from 60 deg, and in calm
 water in a turn of 60 deg after that; one of them with a rudder that is 30 % weaker than its model's. Faults: the
 matrix's boat (`fault_boat`) with each of FAULTS under way. Figures: the largest change, over all, of heading rms and
 rudder travel on the course and of the overshoot; alarms that only then a healthy boat raises; faults
-that are noticed later, or not at all in WITHIN_S.
+that are noticed later, or not at all in WITHIN_S. The numbers of planned turns are judged by turns of 90 deg alone, of
+boats of `turns`, ten of them drawn and course-unstable, with K 0.7, 1 and 1.3 times the model's.
 """
 
 from __future__ import annotations
@@ -28,13 +29,14 @@ import math
 import pkgutil
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+import turns
 from fault_boat import FaultBoat, Injected
 from study_boats import CONTROL_HZ, SEAS, StudyBoat, boats, figures, sail
 
@@ -44,7 +46,8 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.runtime.build import build_pilot
 from autopilot.signals import Mode, Order, OrderKind, Sample
 
-TABLES = ("autopilot.estimation.tuning", "autopilot.supervision.tuning")
+TURNS = "autopilot.guidance.tuning"
+TABLES = ("autopilot.estimation.tuning", "autopilot.supervision.tuning", TURNS)
 FACTORS = (0.7, 1.3)
 TURN = math.radians(60.0)
 CALM, ROUGH = "calm", "state 5"
@@ -93,6 +96,14 @@ class Outcome(NamedTuple):
 
     healthy: tuple[Healthy, ...]
     faulty: tuple[Faulty, ...]
+
+
+class Turned(NamedTuple):
+    """Turns of 90 deg: the mean settling time over the quickest possible, how many went past by more than 3 deg, and
+    the furthest [deg]; of course-stable boats and of unstable ones."""
+
+    stable: tuple[float, int, float]
+    unstable: tuple[float, int, float]
 
 
 def numbers() -> list[Number]:
@@ -235,6 +246,44 @@ def outcome_with(seconds: float, number: Number, factor: float) -> Outcome:
         return outcome(seconds)
 
 
+def turned() -> Turned:
+    """Turn the boats with the numbers as they are."""
+    known = {**{name: turns.BOATS[name] for name in ("lanxin", "coaster", "esso")}, **turns.drawn(10)}
+    found: dict[bool, list[tuple[float, float]]] = {True: [], False: []}
+    for boat in known.values():
+        least = turns.quickest(boat)
+        for factor in (turns.WEAKER, 1.0, turns.STRONGER):
+            each = turns.turned(boat, factor, 0.3, turns.WATCHED * least)
+            found[boat.model.n1 > 0.0].append((min(each.settling_s / least, turns.WATCHED), each.overshoot_deg))
+    stable, unstable = (
+        (
+            sum(time for time, _ in each) / len(each),
+            sum(past > turns.FAR_DEG for _, past in each),
+            max(past for _, past in each),
+        )
+        for each in (found[True], found[False])
+    )
+    return Turned(stable, unstable)
+
+
+def turned_with(number: Number, factor: float) -> Turned:
+    """The same with another value of one number."""
+    with set_to(number, factor):
+        return turned()
+
+
+def turned_rows(rows: list[tuple[str, float, Turned]]) -> str:
+    """Return turns as Markdown: settling over the quickest, turns past by more than 3 deg, and the furthest [deg]."""
+    lines = [
+        "| number | times | stable: settling | past 3° | furthest | unstable: settling | past 3° | furthest |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, factor, found in rows:
+        cells = [f"{time:.2f} | {past} | {far:.1f}" for time, past, far in found]
+        lines.append(f"| {name} | {factor:g} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def row_of(base: Outcome, number: Number, factor: float, found: Outcome) -> dict[str, Any]:
     """Return what changed: for each figure the run in which it changed most, and by how much."""
     row: dict[str, Any] = {"table": number.table.split(".")[1], "number": number.name, "factor": factor}
@@ -275,6 +324,10 @@ def table_of(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def _rounded(found: Turned) -> list[tuple[float, int, float]]:
+    return [(round(time, 2), past, round(far, 1)) for time, past, far in found]
+
+
 def _change(found: dict[str, Any]) -> str:
     parts = []
     if found["most"] > 1.0 + SHOWN:
@@ -288,7 +341,7 @@ def _s(seconds: float) -> str:
     return "never" if math.isinf(seconds) else f"{seconds:.1f}"
 
 
-def record_of(base: Outcome, rows: list[dict[str, Any]], date: str, command: str) -> str:
+def record_of(base: Outcome, rows: list[dict[str, Any]], turning: str, date: str, command: str) -> str:
     """Return the record: what was sailed, how it went as the numbers are, and what each change does."""
     quiet = sorted({row["number"] for row in rows} - {row["number"] for row in rows if not is_quiet(row)})
     runs = [
@@ -329,6 +382,14 @@ def record_of(base: Outcome, rows: list[dict[str, Any]], date: str, command: str
             "",
             ", ".join(f"`{name}`" for name in quiet) + ".",
             "",
+            "## Planned turns",
+            "",
+            "Turns of 90° of Lanxin, coaster and Esso Osaka (stable) and of ten drawn course-unstable boats of",
+            "`benchmarks/turns.py`, with K 0.7, 1 and 1.3 times the model's, one seed: settling over the least time,",
+            "turns past by more than 3°, the furthest [deg]. A number that changes nothing shown is left out.",
+            "",
+            turning,
+            "",
         ]
     )
 
@@ -354,34 +415,42 @@ def main() -> None:
     missing = names - {number.name for number in chosen}
     if missing:
         parser.error(f"no such number: {', '.join(sorted(missing))}")
-    base = outcome(arguments.seconds)
-    tasks = [(number, factor) for number in chosen for factor in FACTORS]
     kept: dict[str, Any] = {}
     if arguments.points is not None and arguments.points.exists():
         kept = {line["key"]: line["row"] for line in map(json.loads, arguments.points.read_text().splitlines())}
-    rows = []
+    base, still = outcome(arguments.seconds), turned()
+    rows: list[dict[str, Any]] = []
+    turning = [("as they are", 1.0, still)]
+    waiting = [(number, factor, f"{number.table} {number.name} {factor}") for number in chosen for factor in FACTORS]
     with ProcessPoolExecutor(arguments.workers) as pool:
-        waiting = [(number, factor, f"{number.table} {number.name} {factor}") for number, factor in tasks]
-        futures = {
-            key: pool.submit(partial(outcome_with, arguments.seconds, number, factor))
-            for number, factor, key in waiting
-            if key not in kept
-        }
+        futures: dict[str, Future[Any]] = {}
+        for number, factor, key in waiting:
+            if key not in kept:
+                sailed = turned_with if number.table == TURNS else partial(outcome_with, arguments.seconds)
+                futures[key] = pool.submit(sailed, number, factor)
         for place, (number, factor, key) in enumerate(waiting, 1):
-            row = kept[key] if key in kept else row_of(base, number, factor, futures[key].result())
-            rows.append(row)
+            found = kept[key] if key in kept else futures[key].result()
+            if number.table != TURNS and key not in kept:
+                found = row_of(base, number, factor, found)
             if arguments.points is not None and key not in kept:
                 with arguments.points.open("a") as file:
-                    file.write(json.dumps({"key": key, "row": row}) + "\n")
+                    file.write(json.dumps({"key": key, "row": found}) + "\n")
+            if number.table == TURNS:
+                turning.append((f"`{number.name}`", factor, Turned(*(tuple(each) for each in found))))
+            else:
+                rows.append(found)
             print(f"\r{place} of {len(waiting)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
+    shown = [each for each in turning if each[1] == 1.0 or _rounded(each[2]) != _rounded(still)]
     command = "python benchmarks/sensitivity.py " + " ".join(sys.argv[1:])
     if arguments.json:
-        print(json.dumps({"base": base, "rows": rows}))
-    elif arguments.out is not None:
-        arguments.out.write_text(record_of(base, rows, arguments.date, command.strip()), encoding="utf-8")
+        print(json.dumps({"base": base, "rows": rows, "turns": turning}))
+        return
+    record = record_of(base, rows, turned_rows(shown), arguments.date, command.strip())
+    if arguments.out is not None:
+        arguments.out.write_text(record, encoding="utf-8")
     else:
-        print(record_of(base, rows, arguments.date, command.strip()))
+        print(record)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,8 @@ from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
 from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.track import TrackSettings
-from autopilot.guidance.turn import HARD_OVER, preset_rate, turn_limits
+from autopilot.guidance.tuning import HARD_OVER
+from autopilot.guidance.turn import preset_rate, turn_limits
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.norrbin import Norrbin, at_speed_ratio
 from autopilot.models.steering_gear import SteeringGear
