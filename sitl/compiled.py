@@ -110,10 +110,23 @@ def _fingerprint(functions: Iterable[FunctionType]) -> str:
         fast = sorted(_freedom(function) or ()), _allocates(function)
         code, scope = function.__code__, function.__globals__
         used = {name: scope[name] for name in code.co_names if name in scope}
-        values = {name: value for name, value in used.items() if isinstance(value, float | int | str | tuple | dict)}
+        values = {name: _text(value) for name, value in used.items() if isinstance(value, _Plain)}
         fields = {name: getattr(value, "_fields", None) for name, value in used.items()}
         parts.append(repr((function.__qualname__, code.co_code, code.co_consts, code.co_names, values, fields, fast)))
     return hashlib.sha256("\n".join(sorted(parts)).encode()).hexdigest()[:24]
+
+
+_Plain = float | int | str | tuple | dict  # type: ignore[type-arg]  # for isinstance
+
+
+def _text(value: Any) -> str:
+    """Return a number or a collection as text, functions by their names: where they lie in memory differs from process
+    to process."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{_text(key)}: {_text(each)}' for key, each in value.items())}}}"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_text, value))})"
+    return f"{value.__module__}.{value.__qualname__}" if callable(value) else repr(value)
 
 
 def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
 import sys
 
 import numpy as np
@@ -68,3 +70,18 @@ def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(sys.modules, "numba", None)
     with pytest.raises(InputError, match=r"'\.\[fast\]'"):
         compiled(voyage)
+
+
+def test_another_process_finds_the_compiled_code_on_disk() -> None:
+    program = "from sitl.campaign.work import compiled_loop; print(compiled_loop('backstepping').stats.cache_path)"
+    folders = {
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2", "3")
+    }
+    assert len(folders) == 1
