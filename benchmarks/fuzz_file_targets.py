@@ -54,6 +54,7 @@ from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.logs.csv_log import load_column_map
 from autopilot.logs.dataflash import read_dataflash
+from autopilot.logs.n2k_text import read_n2k
 from autopilot.logs.nmea_text import read_nmea
 from autopilot.logs.reading import info_of, load_run, read_recording
 from autopilot.logs.series import Recording
@@ -117,8 +118,9 @@ def targets() -> dict[str, Target]:
         "DataFlash log": Target(lambda data: _sound(read_dataflash("x.bin", data)), logs["dataflash"]),
         "ULog": Target(lambda data: _sound(read_ulog("x.ulg", data)), logs["ulog"]),
         "NMEA log": Target(lambda data: _sound(read_nmea("x.txt", mended(data), 0.1)), logs["nmea"]),
+        "NMEA 2000 log": Target(lambda data: _sound(read_n2k("x.log", data, 0.1)), N2K),
         "any log": Target(
-            _in_file(lambda path: _sound(read_recording(path))), [*[log[0] for log in logs.values()], CANDUMP]
+            _in_file(lambda path: _sound(read_recording(path))), [*[log[0] for log in logs.values()], *N2K]
         ),
         "link URL": Target(lambda data: _text(data, parse_url), URLS),
         "signing key": Target(lambda data: _key(data), [b"0123456789abcdef" * 4, bytes(range(32))]),
@@ -181,9 +183,27 @@ HEADERS = [
     b'{"first": 0, "format": 2, "law": null, "norrbin": "1.0", "part": 1, "run": "1-2", "vessel": "x"}',
     b'{"law": "pid", "part": 1, "vessel": %b}' % json.dumps(dump_vessel(load_vessel("lanxin"))).encode(),
 ]
-CANDUMP = b"""(1436509052.249713) can0 09F11200#FFB2A4FF7FFF7FFD
-2016-02-28T19:57:02.364Z,2,127250,7,255,8,ff,10,3b,ff,7f,ce,f5,fc
-"""
+N2K_PAYLOADS = (
+    (127250, "ff103bff7fcef5fc"),
+    (127251, "7d0b7d0200ffffff"),
+    (127245, "00f8ff7fa00fffff"),
+    (127257, "ff8813ff7fff7fff"),
+    (128259, "ff2c01ffff00ffff"),
+    (129025, "a07de618c005fbd5"),
+    (129026, "fffc10272c01ffff"),
+    (130306, "fff401c2d6faffff"),
+)
+"""Groups and what they hold, after canboat's layouts."""
+N2K_FORMS: tuple[Callable[[int, int, bytes], str], ...] = (
+    lambda s, g, d: f"2016-02-28T19:57:0{s}.364Z,2,{g},7,255,8,{d.hex(',')}",
+    lambda s, g, d: f"({1456689420 + s}.249713) can0 {2 << 26 | g << 8 | 7:08X}#{d.hex().upper()}",
+    lambda s, g, d: f"17:33:2{s}.107 R {2 << 26 | g << 8 | 7:08X} {d.hex(' ').upper()}",
+    lambda s, g, d: f"A17332{s}.107 07FF2 {g:05X} {d.hex().upper()}",
+)
+N2K = [
+    "\n".join(form(second, group, bytes.fromhex(data)) for second in range(6) for group, data in N2K_PAYLOADS).encode()
+    for form in N2K_FORMS
+]
 
 
 def _mission(text: str) -> None:

@@ -23,7 +23,8 @@ from autopilot.links.drives.base import Drive, DriveSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
-from autopilot.links.n2k import READ, Compass, sample_of
+from autopilot.links.n2k import READ
+from autopilot.links.n2k_messages import Compass, sample_of
 from autopilot.links.nmea import sentences as encode
 from autopilot.links.nmea.samples import NmeaReader
 from autopilot.links.nmea.sentences import NmeaFramer, format_sentence

@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 
 KINDS_HELP = """\
 a LOG is a .tlog (any MAVLink vehicle, or our own), an ArduPilot .BIN, a PX4 .ulg (extra `ulog`), NMEA 0183 sentences in
-text, or a CSV table, known by its content. Several logs of one run: FILE+FILE, or FILE+FILE@SECONDS where the second
-begins so much later than the first; without @ the offset is found from how the boat turned, or from the dates.
+text, NMEA 2000 (canboat, candump, Yacht Devices RAW, Actisense N2K ASCII), or a CSV table, known by its content.
+Several logs of one run: FILE+FILE, or FILE+FILE@SECONDS where the second begins so much later than the first; without @
+the offset is found from how the boat turned, or from the dates.
 """
 
 
@@ -65,7 +66,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         "--variation-deg",
         action=number(-180.0, 180.0),
         metavar="DEG",
-        help="magnetic variation, east positive, for NMEA compasses",
+        help="magnetic variation, east positive, for NMEA compasses and NMEA 2000",
     )
 
 

@@ -1,14 +1,12 @@
 """The link to an NMEA 2000 bus: heading, rate and rudder in, rudder order and heading control out.
 
-Needs the extra `n2k`: python-can moves the frames, the package nmea2000 decodes and encodes them.
-
-What NMEA 2000 parameter groups mean: decoded fields to samples, and a node's address. Pure.
+Needs the extra `n2k`: python-can moves the frames, the package nmea2000 encodes ours; `n2k_messages` reads the others'.
 
     127250 vessel heading   127251 rate of turn   127245 rudder   127237 heading/track control
      60928 ISO address claim: the node with the lower name keeps a contested address
 
-Source: field names and encodings of the canboat project's PGN database (https://canboat.github.io/canboat/), which
-the decoder package uses; address claim after SAE J1939-81.
+Source: field names of the canboat project's PGN database (https://canboat.github.io/canboat/), which the encoder uses;
+address claim after SAE J1939-81.
 """
 
 from __future__ import annotations
@@ -16,11 +14,23 @@ from __future__ import annotations
 import logging
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from autopilot.links.base import LinkError, SilentLink
-from autopilot.links.north import UnusableHeadings, steered
+from autopilot.links.n2k_messages import (
+    HEADING,
+    RATE_OF_TURN,
+    RUDDER,
+    Compass,
+    decoded,
+    group_and_source,
+    identifier,
+    is_heading,
+    own_variation,
+    sample_of,
+)
+from autopilot.links.north import UnusableHeadings
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow, StandingOrder
 from autopilot.signals import (
@@ -28,91 +38,20 @@ from autopilot.signals import (
     HelmSample,
     Mode,
     OrderKind,
-    RateSample,
     RudderCommand,
     RudderSample,
     Sample,
     Tick,
 )
 
-HEADING, RATE_OF_TURN, RUDDER, CONTROL = 127250, 127251, 127245, 127237
+CONTROL = 127237
 ADDRESS_CLAIM, REQUEST = 60928, 59904
 READ = (HEADING, RATE_OF_TURN, RUDDER)
-EVERYBODY = 255
 ADDRESS_LAST = 251
 NO_ADDRESS = 254
-NORTHS = ("True", "Magnetic")
-RUDDER_MOST = 0.5 * math.pi
-RATE_MOST = 10.0
 NAME = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21
 """Arbitrary address capable, marine, class 40 "steering and control surfaces", function 150 "autopilot", maker 2046
 (none of the registered ones); the unique number comes below."""
-
-Fields = Mapping[str, object]
-
-
-def identifier(group: int, source: int, priority: int = 2, destination: int = EVERYBODY) -> int:
-    """Return the 29 bits of a frame's identifier."""
-    low = destination if (group >> 8) & 0xFF < 240 else group & 0xFF
-    return priority << 26 | (group >> 8) << 16 | low << 8 | source
-
-
-def group_and_source(identifier: int) -> tuple[int, int]:
-    """Return parameter group number and source address of an identifier."""
-    group = identifier >> 8 & 0x3FFFF
-    return (group & 0x3FF00 if (group >> 8) & 0xFF < 240 else group), identifier & 0xFF
-
-
-class Compass(NamedTuple):
-    """variation [rad], east positive, where a heading brings none of its own; magnetic: whether such are steered."""
-
-    variation: float | None = None
-    magnetic: bool = False
-
-
-def sample_of(group: int, now: float, fields: Fields, compass: Compass, source: str) -> Sample | None:
-    """Return the sample in the decoded `fields` of `group`; None where it holds none or what cannot be."""
-    if group == HEADING:
-        return _heading(now, fields, compass, source)
-    if group == RATE_OF_TURN:
-        rate = _number(fields, "rate", RATE_MOST)
-        return None if rate is None else RateSample(now, rate, source)
-    if group == RUDDER:
-        position = _number(fields, "position", RUDDER_MOST)
-        return None if position is None else RudderSample(now, position, False, source)
-    return None
-
-
-def own_variation(fields: Fields) -> float | None:
-    """Return the variation [rad] in a heading message; None where it has none."""
-    return _number(fields, "variation", math.pi)
-
-
-def is_heading(group: int, fields: Fields) -> bool:
-    """Return whether a message holds a heading, usable or not."""
-    heading = _number(fields, "heading", math.tau)
-    return group == HEADING and heading is not None and heading >= 0.0 and fields.get("reference") in NORTHS
-
-
-def _heading(now: float, fields: Fields, compass: Compass, source: str) -> Sample | None:
-    heading = _number(fields, "heading", math.tau)
-    reference = fields.get("reference")
-    if heading is None or heading < 0.0 or reference not in NORTHS:
-        return None
-    own = own_variation(fields)
-    east = compass.variation if own is None else own
-    is_magnetic = reference == "Magnetic"
-    if is_magnetic:
-        heading += _number(fields, "deviation", 0.5 * math.pi) or 0.0
-    found = steered(heading, is_magnetic=is_magnetic, by_compass=compass.magnetic, variation=east)
-    return None if found is None else HeadingSample(now, found, None, source)
-
-
-def _number(fields: Fields, name: str, most: float) -> float | None:
-    value = fields.get(name)
-    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= most:
-        return None
-    return float(value)
 
 
 class NodeAddress:
@@ -180,33 +119,31 @@ def open_bus(text: str, interface: str, channel: str) -> Any:
         ) from error
 
 
-def decoder(name: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Any]:
-    """Return decode, encode and the message class of the package nmea2000. Raises LinkError."""
+def encoder(name: str) -> tuple[Callable[[Any], Any], Any]:
+    """Return encode and the message class of the package nmea2000. Raises LinkError."""
     try:
         import nmea2000
         from nmea2000.input_formats import N2KFormat
     except ImportError as error:
         raise LinkError(f"link {name!r}: NMEA 2000 needs the package nmea2000; {EXTRA}") from error
     logging.getLogger("nmea2000").setLevel(logging.CRITICAL)
-    decode = nmea2000.NMEA2000Decoder(include_pgns=list(READ), bound_format=N2KFormat.PYTHON_CAN).decode
-    return decode, nmea2000.create_encoder(N2KFormat.PYTHON_CAN).encode, nmea2000
+    return nmea2000.create_encoder(N2KFormat.PYTHON_CAN).encode, nmea2000
 
 
 class N2kLink(SilentLink):
     """A `Link` over NMEA 2000.
 
     Attributes:
-        rejected: frames of ours to read that could not be decoded.  unsent: frames that the bus did not take.
+        unsent: frames that the bus did not take.
     """
 
     def __init__(self, name: str, bus: Any, settings: N2kSettings = N2kSettings()) -> None:  # noqa: B008 - immutable
         self.name = name
-        self.rejected = 0
         self.unsent = 0
         self.address = NodeAddress()
         self._bus = bus
         self._settings = settings
-        self._decode, self._encode, self._package = decoder(name)
+        self._encode, self._package = encoder(name)
         self._follow = RudderFollow(settings.follow)
         self._variation = settings.variation
         self._unusable = 0
@@ -252,13 +189,7 @@ class N2kLink(SilentLink):
             return
         if group not in READ or source == self.address.current:
             return
-        try:
-            message = self._decode(frame)
-            fields = {} if message is None else {field.id: field.value for field in message.fields}
-        except Exception:
-            # a decoder that stumbles over a frame must not take the helm with it
-            self.rejected += 1
-            return
+        fields = decoded(group, bytes(frame.data))
         if group == HEADING and self._settings.variation is None:
             heard = own_variation(fields)
             self._variation = self._variation if heard is None else heard

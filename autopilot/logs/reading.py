@@ -29,6 +29,7 @@ MODULES = (
     "tlog",
     "dataflash",
     "ulog",
+    "n2k_text",
     "nmea_text",
     "csv_log",
 )

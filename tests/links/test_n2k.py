@@ -16,15 +16,12 @@ from hypothesis import strategies as st
 from autopilot.links.base import LinkError
 from autopilot.links.n2k import (
     NAME,
-    Compass,
     N2kLink,
     N2kSettings,
     NodeAddress,
-    group_and_source,
-    identifier,
     open_bus,
-    sample_of,
 )
+from autopilot.links.n2k_messages import Compass, group_and_source, identifier, sample_of
 from autopilot.links.north import UnusableHeadings
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import SteeringGear, gear_step

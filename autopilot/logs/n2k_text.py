@@ -1,0 +1,224 @@
+"""NMEA 2000 logs in text, a frame or a message a line: canboat, candump, Yacht Devices RAW, Actisense N2K ASCII.
+
+    2011-11-24-22:42:04.388,2,127251,36,255,8,7d,0b,...  canboat: stamp, priority, group, source, destination, length;
+                                                         frames, or fast packets put together; also stamped ...T...Z
+    (1436509052.249713) can0 09F8027F#FFFC...            candump -L
+    (1436509052.249713)  can0  09F8027F   [8]  FF FC     candump -ta; without the stamp; <0x09f8027f> [8] ff fc
+    17:33:21.107 R 19F51323 01 2F 30 70                  Yacht Devices: received or transmitted, identifier
+    A173321.107 23FF7 1F513 012F3070002F30709F           Actisense: source, destination and priority, group
+
+Before a line may stand what a Signal K server's log has there: milliseconds since 1970 and the kind of line.
+Sources: canboat, common/parse.c and samples; can-utils, candump.c and lib.c; Yacht Devices, manual of the YDWG-02,
+appendix E; Actisense, "NMEA 2000 ASCII output format" of the W2K-1; Signal K, data logging.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from autopilot.errors import InputError
+from autopilot.links.n2k_messages import FAST, FRAME_BYTES, IDENTIFIER_MOST, LAYOUTS, FastPackets, decoded, moment
+from autopilot.links.n2k_messages import group_and_source as addressed
+from autopilot.logs.format import LogFormat
+from autopilot.logs.line_times import BACK_MOST_S, EPOCH_FROM, PREFIX_MOST, spread, stamp_of, stamped
+from autopilot.logs.n2k_recording import Message, recording_of
+from autopilot.logs.series import FloatArray, Recording
+
+LOOK_AT = 65536
+LINE_MOST = 4096
+"""Characters of a line; the longest message of NMEA 2000 has 1785 bytes."""
+BAD_SHARE = 0.2
+LINE_S = 1.0e-3
+"""What a line of a log without stamps is taken to last while fast packets are put together."""
+
+PAIR = "[0-9A-Fa-f]{2}"
+IN_BRACKETS = r"\((?P<stamp>[^()]{1,40})\)\s+"
+IDENTIFIER = "(?P<id>[0-9A-Fa-f]{3,8})"
+SPACED = rf"(?P<data>(?:\s+{PAIR})*)"
+FORMS = {
+    "canboat log": r"(?P<stamp>\d{4}-\d\d-\d\d[-T ]\d\d:\d\d:\d\d(?:[.,]\d{1,9})?Z?),\d{1,2},(?P<group>\d{1,6}),"
+    rf"(?P<source>\d{{1,3}}),\d{{1,3}},(?P<length>\d{{1,4}}),(?P<data>{PAIR}(?:,{PAIR})*),?",
+    "candump log": rf"{IN_BRACKETS}\S{{1,32}}\s+{IDENTIFIER}#(?P<data>(?:{PAIR})*|R\d?)(?:\s+[RT])?",
+    "candump": rf"(?:(?:{IN_BRACKETS})?[A-Za-z]\S{{0,31}}\s+(?:[RT]X\s+\S\s+\S\s+)?{IDENTIFIER}"
+    rf"|<0x(?P<bare>[0-9A-Fa-f]{{3,8}})>)\s+\[\d{{1,2}}\]{SPACED}(?:\s+(?:'.*'|remote request|ERRORFRAME))?",
+    "Yacht Devices RAW log": rf"(?P<stamp>\d\d:\d\d:\d\d\.\d{{1,6}})\s+[RT]\s+{IDENTIFIER}{SPACED}",
+    "Actisense N2K ASCII log": rf"A(?P<stamp>\d{{6}}\.\d{{1,6}})\s+(?P<from>{PAIR}){PAIR}[0-9A-Fa-f]\s+"
+    rf"(?P<hex>[0-9A-Fa-f]{{5,6}})\s+(?P<data>(?:{PAIR})+)",
+}
+"""What a line has to be as a whole, by what such a log is called."""
+PATTERNS = {name: re.compile(form, re.ASCII) for name, form in FORMS.items()}
+SERVER = re.compile(r"(\d{13});[^;]{1,40};")
+ACTISENSE = re.compile(r"(\d\d)(\d\d)(\d\d\.\d+)")
+
+
+class Frame(NamedTuple):
+    """A line: its place in the file, its stamp ('': none), and what of a message it is."""
+
+    place: int
+    stamp: str
+    group: int
+    source: int
+    data: bytes
+
+
+class Lines(NamedTuple):
+    """The frames of groups that are read. kind: the form of the lines. good, bad: lines of it, and of none."""
+
+    kind: str
+    frames: list[Frame]
+    good: int
+    bad: int
+
+
+def is_n2k_text(data: bytes) -> bool:
+    """Return whether the beginning of a file has such lines, and not more NMEA 0183 sentences than those."""
+    head = data[:LOOK_AT]
+    good = lines_of(head).good
+    return good > 0 and good >= len(re.findall(rb"\$[A-Z]{5},", head))
+
+
+def read_n2k(path: str, data: bytes, variation: float | None = None) -> Recording:
+    """Return the recording in a log of such lines. Raises InputError.
+
+    variation [rad], east positive: of magnetic headings that bring none.
+    """
+    kind, frames, good, bad = lines_of(data)
+    count = good + bad
+    if bad > BAD_SHARE * count:
+        raise InputError(f"{path}: {bad} of {count} lines are none of a {kind}; it is damaged.")
+    if not frames:
+        known = ", ".join(str(group) for group in LAYOUTS)
+        raise InputError(f"{path}: is a {kind} without any of the messages that are read: {known}.")
+    stamps = [_stamp(each.stamp) for each in frames]
+    notes = []
+    if any(each.stamp for each in frames):
+        sound = [(frame, stamp) for frame, stamp in zip(frames, stamps, strict=True) if stamp is not None]
+        kept = _without_outliers([stamp for _, stamp in sound])
+        sound = [each for each, is_kept in zip(sound, kept, strict=True) if is_kept]
+        if len(sound) < (1.0 - BAD_SHARE) * len(frames):
+            raise InputError(f"{path}: {len(frames) - len(sound)} of {len(frames)} time stamps are no times.")
+        bad += len(frames) - len(sound)
+        time, is_of_day = stamped(path, [stamp for _, stamp in sound], "message")
+        is_dated = not is_of_day and bool(time[-1] > EPOCH_FROM)
+        messages, lost = _messages([frame for frame, _ in sound], time)
+    else:
+        messages, lost = _spread(path, kind, frames)
+        is_dated = True
+        notes.append(f"{path}: has no time stamps; times are spread between those in its messages.")
+    if bad:
+        notes.append(f"{path}: {bad} of {count} lines are damaged and left out.")
+    if lost:
+        notes.append(f"{path}: {lost} messages of several frames lack one and are left out.")
+    found = recording_of(path, f"NMEA 2000 ({kind})", messages, variation, is_dated)
+    return found._replace(notes=(*notes, *found.notes))
+
+
+def lines_of(data: bytes) -> Lines:
+    """Return the lines of whatever is in a file; blank ones and comments (#) are none."""
+    kinds = dict.fromkeys(PATTERNS, 0)
+    pattern, kind = PATTERNS["canboat log"], "canboat log"
+    frames: list[Frame] = []
+    bad = 0
+    for place, raw in enumerate(data.splitlines()):
+        line = raw[: LINE_MOST + 1].decode("ascii", "replace").strip()
+        if not line or line.startswith("#"):
+            continue
+        stamp = ""
+        if (server := SERVER.match(line)) is not None:
+            stamp, line = server[1], line[server.end() :]
+        found = pattern.fullmatch(line)
+        if found is None:
+            for other, candidate in PATTERNS.items():
+                if (found := candidate.fullmatch(line)) is not None:
+                    pattern, kind = candidate, other
+                    break
+        if found is None or len(line) > LINE_MOST:
+            bad += 1
+            continue
+        frame = _frame(place, stamp, found.groupdict())
+        if frame is None:
+            bad += 1
+            continue
+        kinds[kind] += 1
+        if frame.group in LAYOUTS:
+            frames.append(frame)
+    return Lines(max(kinds, key=kinds.__getitem__), frames, sum(kinds.values()), bad)
+
+
+def _frame(place: int, stamp: str, parts: dict[str, str | None]) -> Frame | None:
+    """Return the frame in the parts of a line, of group 0 where it is none of NMEA 2000; None where it is damaged."""
+    text = parts["data"] or ""
+    stamp = stamp or parts.get("stamp") or ""
+    if (address := parts.get("id") or parts.get("bare")) is not None:
+        value = int(address, 16)
+        is_short = len(address) < 8 and parts.get("bare") is None
+        if is_short or value > IDENTIFIER_MOST or text.startswith("R"):
+            return Frame(place, stamp, 0, 0, b"")
+        group, source = addressed(value)
+    elif (number := parts.get("hex")) is not None:
+        group, source = int(number, 16), int(parts["from"] or "", 16)
+    else:
+        group, source = int(parts["group"] or ""), int(parts["source"] or "")
+    if group not in LAYOUTS:
+        return Frame(place, stamp, 0, 0, b"")
+    data = bytes.fromhex(text.replace(",", ""))
+    if (length := parts.get("length")) is not None and int(length) != len(data):
+        return None
+    return Frame(place, stamp, group, source, data)
+
+
+def _stamp(text: str) -> tuple[float, bool] | None:
+    """Return the time [s] in a stamp, and whether it is one of day; Actisense's may have any hour."""
+    if (found := ACTISENSE.fullmatch(text)) is not None:
+        return int(found[1]) * 3600.0 + int(found[2]) * 60.0 + float(found[3]), True
+    return stamp_of(f"{text[:10]}T{text[11:]}" if text[10:11] == "-" else text[:PREFIX_MOST])
+
+
+def _without_outliers(stamps: Sequence[tuple[float, bool]]) -> list[bool]:
+    """Return which stamps are kept: not one alone that lies outside its neighbours, which are in order."""
+    time = np.array([seconds for seconds, _ in stamps])
+    kept = np.full(time.size, True)
+    if time.size > 2:
+        before, here, after = time[:-2], time[1:-1], time[2:]
+        odd = (here < before - BACK_MOST_S) | (here > after + BACK_MOST_S)
+        kept[1:-1] = ~((before <= after) & odd)
+    return [bool(each) for each in kept]
+
+
+def _messages(frames: Sequence[Frame], time: FloatArray) -> tuple[list[Message], int]:
+    """Return the messages in frames, and how many of several frames were lost."""
+    packets = FastPackets()
+    messages = []
+    for frame, now in zip(frames, time.tolist(), strict=True):
+        whole: bytes | None = frame.data
+        if frame.group in FAST and len(frame.data) <= FRAME_BYTES:
+            whole = packets.add(now, frame.group, frame.source, frame.data)
+        if whole is not None:
+            messages.append(Message(now, frame.group, frame.source, decoded(frame.group, whole)))
+    return messages, packets.lost
+
+
+def _spread(path: str, kind: str, frames: Sequence[Frame]) -> tuple[list[Message], int]:
+    """Return the messages of a log without stamps, timed by the moments in some of them. Raises InputError."""
+    messages, lost = _messages(frames, np.array([LINE_S * frame.place for frame in frames]))
+    places = [each.time for each in messages]
+    marks = [(each.time, when) for each in messages if (when := moment(each.fields)) is not None]
+    time = spread(places, marks)
+    if time is None:
+        raise InputError(
+            f"{path}: is a {kind} without time stamps, and {len(marks)} messages in it tell the time (129029, 126992); "
+            "record with time stamps (candump -L)."
+        )
+    return [each._replace(time=when) for each, when in zip(messages, time.tolist(), strict=True)], lost
+
+
+FORMAT = LogFormat(
+    "an NMEA 2000 log in text",
+    is_n2k_text,
+    lambda path, data, options: read_n2k(path, data, options.variation),
+    is_text=True,
+)
