@@ -54,10 +54,13 @@ from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.logs.csv_log import load_column_map
 from autopilot.logs.dataflash import read_dataflash
+from autopilot.logs.export import series_entries, write_mcap
+from autopilot.logs.mcap_log import read_mcap
+from autopilot.logs.n2k_json import read_n2k_json
 from autopilot.logs.n2k_text import read_n2k
 from autopilot.logs.nmea_text import read_nmea
 from autopilot.logs.reading import info_of, load_run, read_recording
-from autopilot.logs.series import Recording
+from autopilot.logs.series import HEADING, RUDDER, SPEED, Recording, Series
 from autopilot.logs.table import RudderSettings, table_of
 from autopilot.logs.tlog import read_tlog
 from autopilot.logs.ulog import read_ulog
@@ -119,8 +122,10 @@ def targets() -> dict[str, Target]:
         "ULog": Target(lambda data: _sound(read_ulog("x.ulg", data)), logs["ulog"]),
         "NMEA log": Target(lambda data: _sound(read_nmea("x.txt", mended(data), 0.1)), logs["nmea"]),
         "NMEA 2000 log": Target(lambda data: _sound(read_n2k("x.log", data, 0.1)), N2K),
+        "NMEA 2000 in JSON": Target(lambda data: _sound(read_n2k_json("x.json", data, 0.1)), N2K_JSON),
+        "MCAP": Target(lambda data: _sound(read_mcap("x.mcap", data)), logs["mcap"]),
         "any log": Target(
-            _in_file(lambda path: _sound(read_recording(path))), [*[log[0] for log in logs.values()], *N2K]
+            _in_file(lambda path: _sound(read_recording(path))), [*[log[0] for log in logs.values()], *N2K, *N2K_JSON]
         ),
         "link URL": Target(lambda data: _text(data, parse_url), URLS),
         "signing key": Target(lambda data: _key(data), [b"0123456789abcdef" * 4, bytes(range(32))]),
@@ -203,6 +208,19 @@ N2K_FORMS: tuple[Callable[[int, int, bytes], str], ...] = (
 N2K = [
     "\n".join(form(second, group, bytes.fromhex(data)) for second in range(6) for group, data in N2K_PAYLOADS).encode()
     for form in N2K_FORMS
+]
+N2K_JSON = [
+    b"\n".join(
+        b'{"timestamp":"2016-02-28T19:57:0%d.364Z","prio":2,"src":7,"dst":255,"pgn":%d,"fields":%b}' % (second, *each)
+        for second in range(6)
+        for each in (
+            (127250, b'{"Heading":151.5,"Variation":3.1,"Reference":{"value":1,"name":"Magnetic"}}'),
+            (127251, b'{"rate":0.125}'),
+            (127245, b'{"Instance":0,"Direction Order":"Move to port","Angle Order":-5.5,"Position":-4.5}'),
+            (128259, b'{"Speed Water Referenced":3.25}'),
+            (129025, b'{"Latitude":57.69,"Longitude":11.84}'),
+        )
+    )
 ]
 
 
@@ -570,6 +588,7 @@ def _recordings() -> dict[str, list[bytes]]:
         "own": [_own_log()],
         "dataflash": [dataflash(short)],
         "ulog": [ulog(short)],
+        "mcap": [_mcap()],
         "nmea": [_nmea(), *(_every_sentence(stamp) for stamp in STAMPS)],
     }
 
@@ -652,6 +671,16 @@ def _own_log(header: bytes | None = None) -> bytes:
             order = Order(OrderKind.HEADING, 0.3, serial=1)
             recorder.record(pilot.step(now, (HeadingSample(now, 0.1, 0.0),), order), [])
         recorder.close()
+        return path.read_bytes()
+
+
+def _mcap() -> bytes:
+    """Return a short export."""
+    times = np.arange(0.0, 20.0, 0.5)
+    series = tuple(Series(name, "a", times, 0.1 * times) for name in (HEADING, RUDDER, SPEED))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.mcap"
+        write_mcap(path, series_entries(Recording("x", "x", series, 1.78e9)), "x")
         return path.read_bytes()
 
 

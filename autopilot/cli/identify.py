@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 DESCRIPTION = """\
 Fits Norrbin's model  T r' + n3 r^3 + n1 r + n0 = K delta,  K ~ U, T ~ 1/U, n3 ~ 1/U^2,  to all LOG files together,
 and predicts every LOG and every --holdout LOG from its rudder and speed alone. A LOG is of any kind that
-`autopilot log` reads: .tlog, .BIN, .ulg, NMEA 0183 and 2000, CSV.
+`autopilot log` reads: .tlog, .BIN, .ulg, NMEA 0183 and 2000, MCAP, CSV.
 """
 
 COLUMNS_HELP = """\

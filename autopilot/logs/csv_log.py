@@ -106,7 +106,7 @@ def read_csv(path: str, column_map: Mapping[str, str] | None = None, needs: Need
     line and column, where the file cannot be read, is empty or cut off, lacks a column, has text where a number
     belongs, or has times that do not increase or cannot be those of a recording.
     """
-    header, lines, rows = _rows(path)
+    header, lines, rows = _rows(path, column_map is not None)
     places = _places(path, header, column_map, needs)
     columns = {name: np.empty(len(rows)) for name, _, _ in places}
     for row, (line, cells) in enumerate(zip(lines, rows, strict=True)):
@@ -123,8 +123,8 @@ def read_csv(path: str, column_map: Mapping[str, str] | None = None, needs: Need
     return Columns({**columns, "time_s": clock.read(time)}, clock.notes)
 
 
-def _rows(path: str) -> tuple[list[str], list[int], list[list[str]]]:
-    """Return the header, and the line number and cells of every row below it."""
+def _rows(path: str, is_mapped: bool) -> tuple[list[str], list[int], list[list[str]]]:
+    """Return the header, and the line number and cells of every row below it. is_mapped: it is known for a table."""
     try:
         text = read_regular(path).decode("utf-8-sig")
     except OSError as error:
@@ -142,6 +142,12 @@ def _rows(path: str) -> tuple[list[str], list[int], list[list[str]]]:
     if not table:
         raise InputError(f"{path}: is empty; a CSV table with a header line is needed.")
     header = [name.strip() for name in table[0][1]]
+    if not is_mapped and not _is_table(header, [cells for _, cells in table[1:]]):
+        raise InputError(
+            f"{path}: is text of no kind known here: its first line, '{printable(','.join(header), NAME_MOST)}', names "
+            "none of a table's columns (time_s, heading_deg, rudder_deg, speed_m_s, ...); `autopilot log -h` lists "
+            "what is read."
+        )
     if len(table) == 1:
         raise InputError(f"{path}: has a header but no rows.")
     for line, cells in table[1:]:
@@ -149,6 +155,13 @@ def _rows(path: str) -> tuple[list[str], list[int], list[list[str]]]:
             last = " (the last line: was the recording cut off? delete it)" if line == table[-1][0] else ""
             raise InputError(f"{path}, line {line}: has {len(cells)} cells where the header has {len(header)}{last}.")
     return header, [line for line, _ in table[1:]], [cells for _, cells in table[1:]]
+
+
+def _is_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
+    """Return whether text is a table: it has a column that is known, or nearly, or several cells in all its lines."""
+    if any(name in COLUMNS or _nearest(name, list(COLUMNS)) for name in header[:NAMED_MOST]):
+        return True
+    return len(header) > 1 and bool(rows) and all(len(cells) == len(header) for cells in rows)
 
 
 def _places(

@@ -110,3 +110,14 @@ def stamped(path: str, stamps: Sequence[tuple[float, bool]], what: str) -> tuple
             "the clock was set, or two logs were put together; keep one part."
         )
     return time, is_of_day
+
+
+def without_outliers(stamps: Sequence[tuple[float, bool]]) -> list[bool]:
+    """Return which stamps are kept: not one alone that lies outside its neighbours, which are in order."""
+    time = np.array([seconds for seconds, _ in stamps])
+    kept = np.full(time.size, True)
+    if time.size > 2:
+        before, here, after = time[:-2], time[1:-1], time[2:]
+        odd = (here < before - BACK_MOST_S) | (here > after + BACK_MOST_S)
+        kept[1:-1] = ~((before <= after) & odd)
+    return [bool(each) for each in kept]

@@ -24,7 +24,7 @@ from autopilot.errors import InputError
 from autopilot.links.n2k_messages import FAST, FRAME_BYTES, IDENTIFIER_MOST, LAYOUTS, FastPackets, decoded, moment
 from autopilot.links.n2k_messages import group_and_source as addressed
 from autopilot.logs.format import LogFormat
-from autopilot.logs.line_times import BACK_MOST_S, EPOCH_FROM, PREFIX_MOST, spread, stamp_of, stamped
+from autopilot.logs.line_times import EPOCH_FROM, spread, stamp_of, stamped, without_outliers
 from autopilot.logs.n2k_recording import Message, recording_of
 from autopilot.logs.series import FloatArray, Recording
 
@@ -97,7 +97,7 @@ def read_n2k(path: str, data: bytes, variation: float | None = None) -> Recordin
     notes = []
     if any(each.stamp for each in frames):
         sound = [(frame, stamp) for frame, stamp in zip(frames, stamps, strict=True) if stamp is not None]
-        kept = _without_outliers([stamp for _, stamp in sound])
+        kept = without_outliers([stamp for _, stamp in sound])
         sound = [each for each, is_kept in zip(sound, kept, strict=True) if is_kept]
         if len(sound) < (1.0 - BAD_SHARE) * len(frames):
             raise InputError(f"{path}: {len(frames) - len(sound)} of {len(frames)} time stamps are no times.")
@@ -175,18 +175,12 @@ def _stamp(text: str) -> tuple[float, bool] | None:
     """Return the time [s] in a stamp, and whether it is one of day; Actisense's may have any hour."""
     if (found := ACTISENSE.fullmatch(text)) is not None:
         return int(found[1]) * 3600.0 + int(found[2]) * 60.0 + float(found[3]), True
-    return stamp_of(f"{text[:10]}T{text[11:]}" if text[10:11] == "-" else text[:PREFIX_MOST])
+    return stamp_of(dashed(text))
 
 
-def _without_outliers(stamps: Sequence[tuple[float, bool]]) -> list[bool]:
-    """Return which stamps are kept: not one alone that lies outside its neighbours, which are in order."""
-    time = np.array([seconds for seconds, _ in stamps])
-    kept = np.full(time.size, True)
-    if time.size > 2:
-        before, here, after = time[:-2], time[1:-1], time[2:]
-        odd = (here < before - BACK_MOST_S) | (here > after + BACK_MOST_S)
-        kept[1:-1] = ~((before <= after) & odd)
-    return [bool(each) for each in kept]
+def dashed(text: str) -> str:
+    """Return a stamp with a dash between date and time, as canboat writes it, as one with a T."""
+    return f"{text[:10]}T{text[11:]}" if text[10:11] == "-" else text
 
 
 def _messages(frames: Sequence[Frame], time: FloatArray) -> tuple[list[Message], int]:

@@ -23,19 +23,21 @@ from autopilot.logs.format import ReadOptions as ReadOptions
 from autopilot.logs.merge import merged, sources_of
 from autopilot.logs.series import ANGLES, FloatArray, Recording, Series, duration
 from autopilot.logs.table import RudderSettings, Table, table_of
+from autopilot.logs.unread import LOOK_AT, named, named_by_ending
 
 MODULES = (
     "own_log",
     "tlog",
     "dataflash",
     "ulog",
+    "mcap_log",
+    "n2k_json",
     "n2k_text",
     "nmea_text",
     "csv_log",
 )
 """Modules of this room with a constant FORMAT, in the order in which a file is asked whether it is of one."""
 FORMATS: tuple[LogFormat, ...] = tuple(import_module(f"autopilot.logs.{module}").FORMAT for module in MODULES)
-PACKED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"7z\xbc\xaf": "7z", b"\xfd7zXZ": "xz"}
 
 
 def examples() -> str:
@@ -53,19 +55,17 @@ def format_of(path: str, data: bytes) -> LogFormat:
     """Return of what format a file is, by its content. Raises InputError where that is none known here."""
     if (found := next((each for each in FORMATS if not each.is_text and each.is_it(data)), None)) is not None:
         return found
-    if data.startswith(b"FMT, 128"):
-        raise InputError(f"{path}: is a DataFlash log turned into text; give the .BIN that it was made from.")
+    if (refusal := named(path, data)) is not None:
+        raise InputError(refusal)
     for each in FORMATS:
         if each.ending and Path(path).suffix.lower() == each.ending:
             raise InputError(f"{path}: {each.broken}")
-    for beginning, name in PACKED.items():
-        if data.startswith(beginning):
-            raise InputError(f"{path}: is packed ({name}); unpack it first.")
     if data[:1] in (bytes([MAGIC_V1]), bytes([MAGIC_V2])):
         raise InputError(f"{path}: is a MAVLink stream without time stamps; record it as .tlog.")
-    if b"\0" in data[:4096]:
+    if b"\0" in data[:LOOK_AT]:
         raise InputError(
-            f"{path}: is no log of a kind known here, or its beginning is lost; readable are {examples()}."
+            named_by_ending(path)
+            or f"{path}: is no log of a kind known here, or its beginning is lost; readable are {examples()}."
         )
     return next(each for each in FORMATS if each.is_text and each.is_it(data))
 

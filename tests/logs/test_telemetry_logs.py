@@ -307,7 +307,7 @@ def test_a_torn_end_is_left_out_and_reported(tmp_path: Path, kind: str) -> None:
     ("data", "sentence"),
     [
         (b"", "is empty"),
-        (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "no log of a kind known here"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "is a picture, which is not read"),
         (b"\x1f\x8b\x08\x00rest", r"is packed \(gzip\)"),
         (b"PK\x03\x04rest", r"is packed \(zip\)"),
         (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\r\n", "give the .BIN that it was made from"),

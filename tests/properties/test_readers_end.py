@@ -20,7 +20,7 @@ from autopilot.files.outside import read_regular
 from autopilot.links.nmea.sentences import checksum
 from autopilot.logs.line_times import MILLISECONDS_FROM, stamp_of
 
-BINARY = ("telemetry log", "own log", "DataFlash log", "ULog", "MAVLink order")
+BINARY = ("telemetry log", "own log", "DataFlash log", "ULog", "MCAP", "MAVLink order")
 EDITS = "CSV numbers"
 """Its inputs say which numbers to put where: no file."""
 PLACES = 4

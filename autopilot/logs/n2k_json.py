@@ -1,0 +1,145 @@
+"""NMEA 2000 messages that canboat has decoded, a JSON object a line: its analyser's, and those of canboatjs.
+
+    {"timestamp":"2016-02-28T19:57:02.364Z","prio":2,"src":7,"dst":255,"pgn":127250,"fields":{"Heading":151.0,...}}
+
+The fields have canboat's names or its identifiers (Heading, heading), words as such or as {"value": 0, "name": "True"}.
+Angles are in degrees where the first line says "units":"std", in radians where it says "si". Without that line, as
+canboatjs writes radians, they are degrees if a heading, course or wind angle is beyond a full turn of radians.
+Positions are in degrees.
+
+Source: canboat, analyzer/analyzer.c and print.c; canboatjs.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+from autopilot.errors import InputError
+from autopilot.files.outside import parse_json
+from autopilot.links.n2k_messages import LAYOUTS
+from autopilot.logs.format import LogFormat
+from autopilot.logs.line_times import EPOCH_FROM, stamp_of, stamped, without_outliers
+from autopilot.logs.n2k_recording import Message, recording_of
+from autopilot.logs.n2k_text import BAD_SHARE, LOOK_AT, dashed
+from autopilot.logs.series import Recording
+
+LINE_MOST = 65536
+GROUP = re.compile(rb'"pgn"\s*:\s*(\d{1,6})\b')
+UNITS = re.compile(rb'"units"\s*:\s*"(std|si)"')
+PLACES = ("latitude", "longitude")
+TURNING = ("heading", "cog", "windAngle")
+"""Angles from 0 to a full turn, by which degrees are told from radians."""
+IN_RADIANS = {
+    field.name
+    for fields in LAYOUTS.values()
+    for field in fields
+    if not field.words and field.unit in (1.0e-4, 3.125e-8) and field.name not in ("time",)
+}
+
+
+def is_n2k_json(data: bytes) -> bool:
+    """Return whether a file begins with such lines."""
+    head = data[:LOOK_AT]
+    return data[:3].lstrip(b"\xef\xbb\xbf \r\n")[:1] == b"{" and GROUP.search(head) is not None and b'"fields"' in head
+
+
+def read_n2k_json(path: str, data: bytes, variation: float | None = None) -> Recording:
+    """Return the recording in such lines. variation [rad], east positive. Raises InputError."""
+    messages: list[tuple[str, int, int, dict[str, object]]] = []
+    good = bad = 0
+    for line in data.splitlines():
+        group = GROUP.search(line)
+        if group is None:
+            bad += bool(line.strip()) and not line.lstrip().startswith(b"{")
+            continue
+        if int(group[1]) not in LAYOUTS:
+            good += 1
+            continue
+        message = _message(line, int(group[1]))
+        if message is None:
+            bad += 1
+            continue
+        good += 1
+        messages.append(message)
+    if bad > BAD_SHARE * (good + bad):
+        raise InputError(f"{path}: {bad} of {good + bad} lines are no messages of canboat's; it is damaged.")
+    stamps = [(stamp, each) for each in messages if (stamp := stamp_of(dashed(each[0]))) is not None]
+    if not stamps:
+        raise InputError(f"{path}: holds no message with a time stamp of those that are read.")
+    kept = without_outliers([stamp for stamp, _ in stamps])
+    stamps = [each for each, is_kept in zip(stamps, kept, strict=True) if is_kept]
+    bad += len(messages) - len(stamps)
+    time, is_of_day = stamped(path, [stamp for stamp, _ in stamps], "message")
+    factor, notes = _radians(path, data, [each for _, each in stamps])
+    if bad:
+        notes.append(f"{path}: {bad} of {good + bad} lines are damaged and left out.")
+    read = [
+        Message(when, group, source, _si(fields, factor))
+        for when, (_, (_, group, source, fields)) in zip(time.tolist(), stamps, strict=True)
+    ]
+    is_dated = not is_of_day and bool(time[-1] > EPOCH_FROM)
+    found = recording_of(path, "NMEA 2000 (canboat JSON)", read, variation, is_dated)
+    return found._replace(notes=(*notes, *found.notes))
+
+
+def _message(line: bytes, group: int) -> tuple[str, int, int, dict[str, object]] | None:
+    """Return time stamp, group, source and fields of a line; None where it is damaged."""
+    try:
+        content = parse_json(line, "a line", LINE_MOST)
+    except InputError:
+        return None
+    if not isinstance(content, dict) or content.get("pgn") != group:
+        return None
+    stamp, source, fields = content.get("timestamp"), content.get("src"), content.get("fields")
+    if not isinstance(stamp, str) or not isinstance(source, int) or not isinstance(fields, dict):
+        return None
+    return stamp, group, source, {_identifier(name): _plain(value) for name, value in fields.items()}
+
+
+def _identifier(name: str) -> str:
+    """Return canboat's identifier of a field from its name: "Speed Water Referenced" is speedWaterReferenced."""
+    words = name.split()
+    if not words:
+        return ""
+    first = words[0].lower() if words[0].isupper() else words[0][:1].lower() + words[0][1:]
+    return first + "".join(each[:1].upper() + each[1:] for each in words[1:])
+
+
+def _plain(value: Any) -> object:
+    return value.get("name", value.get("value")) if isinstance(value, dict) else value
+
+
+def _radians(
+    path: str, data: bytes, messages: list[tuple[str, int, int, dict[str, object]]]
+) -> tuple[float, list[str]]:
+    """Return what angles are to be multiplied by, and a note where that was found by their size."""
+    stated = UNITS.search(data[:LOOK_AT])
+    if stated is not None:
+        return (math.radians(1.0) if stated[1] == b"std" else 1.0), []
+    angles = [fields.get(name) for _, _, _, fields in messages for name in TURNING]
+    largest = max((abs(each) for each in angles if isinstance(each, int | float)), default=0.0)
+    if largest > 1.001 * math.tau:
+        return math.radians(1.0), [f"{path}: does not say its units; its angles are taken for degrees."]
+    return 1.0, [f"{path}: does not say its units; its angles are taken for radians."]
+
+
+def _si(fields: dict[str, object], factor: float) -> dict[str, object]:
+    found: dict[str, object] = {}
+    for name, value in fields.items():
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            number = float(value)
+            number *= math.radians(1.0) if name in PLACES else factor if name in IN_RADIANS else 1.0
+            found[name] = number
+        elif name not in ("date", "time"):
+            found[name] = value
+    return found
+
+
+FORMAT = LogFormat(
+    "",
+    is_n2k_json,
+    lambda path, data, options: read_n2k_json(path, data, options.variation),
+    is_text=True,
+)
