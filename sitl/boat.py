@@ -29,7 +29,8 @@ class Hull(NamedTuple):
 
     length, beam, draught [m]; speed_time [s] in which the speed settles; turn_speed_loss c in
     U = U0/(1 + c (r L/U)^2) of a steady turn; drift_lever [m], sway speed = -lever x yaw rate; sway_time [s];
-    roll_period [s], roll_damping [-]; roll_lever [-], heel = lever x r U/g outwards.
+    roll_period [s], roll_damping [-]; roll_lever [-], heel = lever x r U/g outwards. windage: the plant has the forces
+    of the wind itself, and gets neither leeway nor an equivalent rudder for them.
     """
 
     length: float = 7.0
@@ -42,6 +43,7 @@ class Hull(NamedTuple):
     roll_period: float = 2.5
     roll_damping: float = 0.15
     roll_lever: float = 0.3
+    windage: bool = False
 
 
 class Plant(NamedTuple):
@@ -57,7 +59,8 @@ class Disturbance(NamedTuple):
 
     rudder [rad]: yaw disturbance as an equivalent rudder; yaw_acceleration [rad/s^2]: what waves would give a
     boat without yaw damping; roll_slope [rad]: effective wave slope athwartships; sway_speed [m/s]: leeway to
-    starboard; current_north, current_east [m/s].
+    starboard; current_north, current_east [m/s]; wind_ahead, wind_starboard [m/s]: how much of the apparent wind comes
+    from there.
     """
 
     rudder: float = 0.0
@@ -66,6 +69,8 @@ class Disturbance(NamedTuple):
     sway_speed: float = 0.0
     current_north: float = 0.0
     current_east: float = 0.0
+    wind_ahead: float = 0.0
+    wind_starboard: float = 0.0
 
 
 STILL = Disturbance()

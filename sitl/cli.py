@@ -77,7 +77,11 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _add_physics_options(physics: argparse.ArgumentParser) -> None:
-    physics.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
+    physics.add_argument(
+        "vessel",
+        metavar="VESSEL.yaml",
+        help="vessel file, or the name of a shipped one (lanxin) or of a plant (mmg_tanker)",
+    )
     physics.add_argument(
         "--listen", metavar="HOST:PORT", default="127.0.0.1:9002", help="where ArduPilot sends (default %(default)s)"
     )
@@ -103,7 +107,11 @@ def _add_physics_options(physics: argparse.ArgumentParser) -> None:
 
 
 def _add_serve_options(serve: argparse.ArgumentParser) -> None:
-    serve.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
+    serve.add_argument(
+        "vessel",
+        metavar="VESSEL.yaml",
+        help="vessel file, or the name of a shipped one (lanxin) or of a plant (mmg_tanker)",
+    )
     serve.add_argument(
         "--mavlink",
         metavar="URL",
@@ -271,11 +279,15 @@ def run_physics(arguments: argparse.Namespace) -> int:
     from autopilot.vessel.file import load_vessel
     from sitl.ardupilot import ArdupilotPhysics, Outputs, open_socket, serve_physics
     from sitl.scenario import load_scenario
+    from sitl.serve import afloat
 
     should_stop = _StopOnSignal()
     outputs = Outputs(arguments.steering_servo, arguments.throttle_servo)
     physics = ArdupilotPhysics(
-        load_vessel(arguments.vessel), load_scenario(arguments.scenario), arguments.seed, outputs
+        load_vessel(arguments.vessel),
+        afloat(arguments.vessel, load_scenario(arguments.scenario)),
+        arguments.seed,
+        outputs,
     )
     with open_socket(arguments.listen) as line:
         print(f"ready physics {line.getsockname()[0]}:{line.getsockname()[1]}", flush=True)

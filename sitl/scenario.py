@@ -52,6 +52,18 @@ class HullSection:
 
 
 @dataclass(frozen=True)
+class GearSection:
+    """The steering gear of a plant that has its own; null: as it is. The usual plant's is that of the vessel file."""
+
+    rate_deg_s: Annotated[float, Bounds(0.01, 1000.0, "rate")] | None = None
+    lag_s: Annotated[float, Bounds(0.0, 100.0, "lag")] | None = None
+    dead_band_deg: Annotated[float, Bounds(0.0, 20.0, "no movement within it, each way")] | None = None
+    play_deg: Annotated[float, Bounds(0.0, 20.0, "backlash of the linkage, each way")] = 0.0
+    on_off: bool = False
+    """A valve or relay: the rudder runs at its full rate or stands still; give it a dead band."""
+
+
+@dataclass(frozen=True)
 class SecondOrderSection:
     """Waves as white noise through 2 xi w0 sigma s/(s^2 + 2 xi w0 s + w0^2), an equivalent rudder in degrees."""
 
@@ -170,8 +182,11 @@ class Scenario:
     seed: Annotated[int, Bounds(0, 2**63 - 1, "seed of all random numbers")] = 1
     start: Start = field(default_factory=Start)
     plant: PlantName = USUAL
-    """Whose equations move the boat; the vessel file and `hull` give the numbers."""
+    """Whose equations move the boat. The usual plant takes its numbers from the vessel file and `hull`; the others have
+    their own, and `scale` and `gear`."""
     hull: HullSection = field(default_factory=HullSection)
+    scale: Annotated[float, Bounds(0.01, 1000.0, "lengths of a plant that has its own, by Froude's law")] = 1.0
+    gear: GearSection = field(default_factory=GearSection)
     waves: WavesSection = field(default_factory=WavesSection)
     wind: WindSection = field(default_factory=WindSection)
     current: CurrentSection = field(default_factory=CurrentSection)

@@ -174,7 +174,7 @@ def water_of(scenario: Scenario, hull: Hull, seed: np.random.SeedSequence, dt: f
         wind_speed=gusts.speed_m_s,
         wind_from=math.radians(gusts.from_deg),
         gust=wind.Gust(gusts.gust_m_s, gusts.gust_time_s),
-        load=wind.WindLoad(math.radians(gusts.rudder_deg_per_m2_s2), gusts.leeway),
+        load=wind.WindLoad() if hull.windage else wind.WindLoad(math.radians(gusts.rudder_deg_per_m2_s2), gusts.leeway),
         current_north=scenario.current.speed_m_s * math.cos(towards),
         current_east=scenario.current.speed_m_s * math.sin(towards),
     )
@@ -189,12 +189,13 @@ def swell_at_start(scenario: Scenario, first: float, second: float) -> WaveState
 def acting(water: Water, swell: float, gust: float, yaw: float, slope: float, state: BoatState) -> Disturbance:
     """Return what acts on the boat: swell as a rudder angle [rad], gust [m/s], and what the wave components do to it,
     yaw acceleration [rad/s^2] and effective roll slope [rad]."""
-    push, leeway = 0.0, 0.0
+    push, leeway, ahead, starboard = 0.0, 0.0, 0.0, 0.0
     if water.has_wind:
         speed = max(water.wind_speed + gust, 0.0)
         felt = wind.apparent_wind(speed, water.wind_from, state.heading, state.north_speed, state.east_speed)
         push, leeway = wind.rudder_equivalent(water.load, felt), wind.leeway_speed(water.load, felt)
-    return Disturbance(swell + push, yaw, slope, leeway, water.current_north, water.current_east)
+        ahead, starboard = felt.ahead, felt.starboard
+    return Disturbance(swell + push, yaw, slope, leeway, water.current_north, water.current_east, ahead, starboard)
 
 
 class Sea:

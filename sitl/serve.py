@@ -38,6 +38,7 @@ from sitl.fault_kinds import KINDS, that_act_at
 from sitl.faults import Fault, FaultBoard
 from sitl.firmware import Firmware
 from sitl.lines import FirmwareTcpServer, PtyTransport
+from sitl.plants import PLANTS, USUAL
 from sitl.scenario import Scenario, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.wire_nmea import PLOTTER, NmeaInstruments, chosen_rates
@@ -351,11 +352,18 @@ NETWORK_BAUD = 115200
 def world_from(arguments: argparse.Namespace) -> World:
     """Return the world that vessel, scenario and options describe. Raises InputError."""
     vessel = load_vessel(arguments.vessel)
-    scenario = with_options(load_scenario(arguments.scenario), arguments.armed, arguments.mode, arguments.speed_m_s)
+    scenario = afloat(arguments.vessel, load_scenario(arguments.scenario))
+    scenario = with_options(scenario, arguments.armed, arguments.mode, arguments.speed_m_s)
     world = World(vessel, scenario, arguments.seed)
     for fault in chaos_faults(arguments.chaos) if arguments.chaos else ():
         world.faults.add(fault)
     return world
+
+
+def afloat(vessel: str, scenario: Scenario) -> Scenario:
+    """Return the scenario with the plant of this name, where `vessel` names one and the scenario names none."""
+    named = vessel in PLANTS and scenario.plant == USUAL
+    return dataclasses.replace(scenario, plant=vessel) if named else scenario
 
 
 def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed: float | None) -> Scenario:
