@@ -6,6 +6,7 @@ The forms are written out here from their descriptions. Nothing here is a record
 from __future__ import annotations
 
 import math
+from base64 import b64encode
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from typing import NamedTuple
@@ -91,12 +92,15 @@ OF_FRAMES: dict[str, Callable[[Sent, int, bytes], str]] = {
 OF_MESSAGES: dict[str, Callable[[Sent, bytes], str]] = {
     "canboat": lambda m, d: _canboat(m, d, "%Y-%m-%d-%H:%M:%S.%f", ""),
     "canboat ISO": lambda m, d: _canboat(m, d, "%Y-%m-%dT%H:%M:%S.%f", "Z"),
+    "iKonvert": lambda m, d: (
+        f"!PDGY,{m.group},2,{m.source},255,{500 + int(m.time)}.{round(1000 * (m.time % 1.0))},{b64encode(d).decode()}"
+    ),
     "Actisense": lambda m, d: (
         f"A{_stamp(m.time, '%H:%M:%S.%f').replace(':', '')} {m.source:02X}FF2 {m.group:05X} {d.hex().upper()}"
     ),
 }
 """A line for each message, fast packets put together, of message and payload."""
-UNDATED = ("Yacht Devices", "Actisense")
+UNDATED = ("Yacht Devices", "Actisense", "iKonvert")
 
 
 def lines(messages: Iterator[Sent], form: str) -> list[str]:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 KINDS_HELP = """\
 a LOG is a .tlog (any MAVLink vehicle, or our own), an ArduPilot .BIN, a PX4 .ulg (extra `ulog`), NMEA 0183 sentences in
-text, NMEA 2000 (canboat, also its JSON; candump, Yacht Devices RAW, Actisense N2K ASCII), an exported .mcap (extra
+text, NMEA 2000 (canboat, also its JSON; candump, Yacht Devices RAW, Actisense, iKonvert), an exported .mcap (extra
 `export`), or a CSV table, known by its content. Several logs of one run: FILE+FILE, or FILE+FILE@SECONDS where the
 second begins so much later than the first; without @ the offset is found from how the boat turned, or from the dates.
 """

@@ -29,6 +29,8 @@ RUDDER_MOST = 0.5 * math.pi
 RATE_MOST = 10.0
 SPEED_MOST = 100.0
 DAY_S = 86400.0
+CLOCKS_FROM_S = 10957 * DAY_S
+"""The year 2000: an earlier date is that of a receiver that has heard no satellite yet."""
 
 Fields = Mapping[str, object]
 
@@ -222,9 +224,9 @@ def apparent_wind(fields: Fields) -> tuple[float, float] | None:
 
 
 def moment(fields: Fields) -> float | None:
-    """Return the Unix time [s] in a message that has date and time; None where it has not both."""
+    """Return the Unix time [s] in a message that has date and time; None where it has not both, or they are not set."""
     date, time = number(fields, "date", 65532.0 * DAY_S), number(fields, "time", DAY_S + 1.0)
-    return None if date is None or time is None else date + time
+    return None if date is None or time is None or date < CLOCKS_FROM_S else date + time
 
 
 def own_variation(fields: Fields) -> float | None:

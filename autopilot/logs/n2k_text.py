@@ -1,4 +1,4 @@
-"""NMEA 2000 logs in text, a frame or a message a line: canboat, candump, Yacht Devices RAW, Actisense N2K ASCII.
+"""NMEA 2000 logs in text, a frame or a message a line: canboat, candump, Yacht Devices, Actisense, Digital Yacht.
 
     2011-11-24-22:42:04.388,2,127251,36,255,8,7d,0b,...  canboat: stamp, priority, group, source, destination, length;
                                                          frames, or fast packets put together; also stamped ...T...Z
@@ -6,14 +6,18 @@
     (1436509052.249713)  can0  09F8027F   [8]  FF FC     candump -ta; without the stamp; <0x09f8027f> [8] ff fc
     17:33:21.107 R 19F51323 01 2F 30 70                  Yacht Devices: received or transmitted, identifier
     A173321.107 23FF7 1F513 012F3070002F30709F           Actisense: source, destination and priority, group
+    !PDGY,127250,2,3,255,482.36,2y20AAAAAAE=             iKonvert: group, priority, source, destination, seconds and
+                                                         milliseconds (482.036 s) since it began, base 64
 
 Before a line may stand what a Signal K server's log has there: milliseconds since 1970 and the kind of line.
 Sources: canboat, common/parse.c and samples; can-utils, candump.c and lib.c; Yacht Devices, manual of the YDWG-02,
-appendix E; Actisense, "NMEA 2000 ASCII output format" of the W2K-1; Signal K, data logging.
+appendix E; Actisense, "NMEA 2000 ASCII output format" of the W2K-1; canboat's samples/ikonvert.log; Signal K, data
+logging.
 """
 
 from __future__ import annotations
 
+import binascii
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -48,6 +52,8 @@ FORMS = {
     "Yacht Devices RAW log": rf"(?P<stamp>\d\d:\d\d:\d\d\.\d{{1,6}})\s+[RT]\s+{IDENTIFIER}{SPACED}",
     "Actisense N2K ASCII log": rf"A(?P<stamp>\d{{6}}\.\d{{1,6}})\s+(?P<from>{PAIR}){PAIR}[0-9A-Fa-f]\s+"
     rf"(?P<hex>[0-9A-Fa-f]{{5,6}})\s+(?P<data>(?:{PAIR})+)",
+    "iKonvert log": r"!PDGY,(?P<group>\d{1,6}),\d,(?P<source>\d{1,3}),\d{1,3},(?P<seconds>\d{1,9})\.(?P<ms>\d{1,3}),"
+    r"(?P<base64>[A-Za-z0-9+/]{2,400}={0,2})",
 }
 """What a line has to be as a whole, by what such a log is called."""
 PATTERNS = {name: re.compile(form, re.ASCII) for name, form in FORMS.items()}
@@ -118,14 +124,14 @@ def read_n2k(path: str, data: bytes, variation: float | None = None) -> Recordin
 
 
 def lines_of(data: bytes) -> Lines:
-    """Return the lines of whatever is in a file; blank ones and comments (#) are none."""
+    """Return the lines of whatever is in a file; blank ones, comments (#) and a device's status are none."""
     kinds = dict.fromkeys(PATTERNS, 0)
     pattern, kind = PATTERNS["canboat log"], "canboat log"
     frames: list[Frame] = []
     bad = 0
     for place, raw in enumerate(data.splitlines()):
         line = raw[: LINE_MOST + 1].decode("ascii", "replace").strip()
-        if not line or line.startswith("#"):
+        if not line or line.startswith(("#", "$PDGY,")):
             continue
         stamp = ""
         if (server := SERVER.match(line)) is not None:
@@ -151,8 +157,10 @@ def lines_of(data: bytes) -> Lines:
 
 def _frame(place: int, stamp: str, parts: dict[str, str | None]) -> Frame | None:
     """Return the frame in the parts of a line, of group 0 where it is none of NMEA 2000; None where it is damaged."""
-    text = parts["data"] or ""
+    text = parts.get("data") or ""
     stamp = stamp or parts.get("stamp") or ""
+    if parts.get("seconds") is not None:
+        stamp = stamp or f"{parts['seconds']}.{parts['ms']:0>3}"
     if (address := parts.get("id") or parts.get("bare")) is not None:
         value = int(address, 16)
         is_short = len(address) < 8 and parts.get("bare") is None
@@ -165,7 +173,11 @@ def _frame(place: int, stamp: str, parts: dict[str, str | None]) -> Frame | None
         group, source = int(parts["group"] or ""), int(parts["source"] or "")
     if group not in LAYOUTS:
         return Frame(place, stamp, 0, 0, b"")
-    data = bytes.fromhex(text.replace(",", ""))
+    try:
+        packed = parts.get("base64")
+        data = bytes.fromhex(text.replace(",", "")) if packed is None else binascii.a2b_base64(packed, strict_mode=True)
+    except binascii.Error:
+        return None
     if (length := parts.get("length")) is not None and int(length) != len(data):
         return None
     return Frame(place, stamp, group, source, data)

@@ -56,7 +56,9 @@ def _is_signalk(data: bytes) -> bool:
 
 
 def _is_json(data: bytes) -> bool:
-    return re.match(rb"[{\[]\s*[{\[\"\]}]", data[:LOOK_AT].lstrip()) is not None and b'"pgn"' not in data[:FARTHER]
+    return re.match(rb"[{\[]\s*[{\[\"\]}]", data[:LOOK_AT].lstrip()) is not None and not {b'"pgn"', b'"fields"'} <= set(
+        re.findall(rb'"pgn"|"fields"', data[:FARTHER])
+    )
 
 
 def _is_spreadsheet(data: bytes) -> bool:
@@ -115,7 +117,11 @@ TEXT = (
     Kind("a MOOS log (.alog)", TABLE, _matches(rb"%%+[^\n]*\n?%% LOG FILE|%% LOG FILE")),
     Kind("an OpenCPN log without NMEA 0183", RECORD, _lines(rb"received_at,protocol,")),
     Kind("NMEA 2000 inside NMEA 0183 ($PCDIN, $MXPGN)", CANBOAT, _lines(rb"\$(?:PCDIN|MXPGN),")),
-    Kind("an iKonvert log (!PDGY)", RECORD, _lines(rb"!PDGY,")),
+    Kind(
+        "canboat's text for people",
+        CANBOAT,
+        _matches(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d+ \d +\d{1,3} +\d{1,3} +\d{4,6} "),
+    ),
     Kind("a log of AIS reports", "they tell of other ships; " + NO_RUDDER, _lines(rb"!(?:AI|BS|AB)VD[MO],")),
     Kind("a Signal K log", "log what the instruments send instead (data logging of the connection)", _is_signalk),
     Kind("GeoJSON", NO_RUDDER, _matches(rb"\{[^\n]{0,400}\"FeatureCollection\"")),

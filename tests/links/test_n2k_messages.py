@@ -79,6 +79,8 @@ def test_date_and_time_are_one_moment() -> None:
         found = decoded(group, Sent(0.0, group, 1, dict(fields)).payload())
         assert moment(found) == pytest.approx(1714817730.25, abs=1e-3)
     assert moment(decoded(126992, Sent(0.0, 126992, 1, {"time": time(1, 2, 3)}).payload())) is None
+    unset = {"date": date(1970, 1, 1), "time": time(0, 2, 11)}
+    assert moment(decoded(126992, Sent(0.0, 126992, 1, dict(unset)).payload())) is None, "no satellite yet"
 
 
 @pytest.mark.parametrize("group", sorted(LAYOUTS))

@@ -98,6 +98,9 @@ def test_examples_of_the_formats_own_pages_are_read() -> None:
     assert (raw.kind, raw.good, raw.bad) == ("Yacht Devices RAW log", 2, 0)
     assert [(f.group, f.source) for f in raw.frames] == [(129025, 0x15)]
     assert lines_of(b"A173321.107 23FF7 1F513 012F3070002F30709F\n")[2:] == (1, 0)
+    shop = lines_of(b"!PDGY,127250,2,3,255,482.36,2y20AAAAAAE=\n$PDGY,000000,3,,5,482,1,0\n!PDGY,127250,2,3")
+    assert (shop.kind, shop.good, shop.bad) == ("iKonvert log", 1, 1)
+    assert shop.frames[0][1:] == ("482.036", 127250, 3, bytes.fromhex("db2db40000000001"))
     for line in (b"<0x18eeff01> [8] 05 a0 be 1c 00 a0 a0 c0", b"can0 123#1122", b"(1.0) can0 123#R8", b"can0 123 [0]"):
         assert lines_of(line).bad == (line == b"can0 123#1122"), line
 
