@@ -37,18 +37,7 @@ from liu2017_roll import (
     sea_from,
     text_of,
 )
-from naval_vessel import (
-    NAVAL_HULL,
-    NAVAL_RUDDERS,
-    SERVICE_SPEED,
-    Load,
-    Sea,
-    drag_coefficient,
-    inverse_mass,
-    linear_motion,
-    motion_step,
-    rudder_load,
-)
+from naval_vessel import Sea, inverse_mass, linear_motion, motion_step
 
 from autopilot.angles import wrap
 from autopilot.control.law import LawInForce, LawInput
@@ -64,6 +53,7 @@ from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of
 from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, SpeedSample
 from autopilot.vessel.file import load_vessel
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Load, drag_coefficient, rudder_load
 
 VESSEL = load_vessel("naval_vessel")
 GEAR = gear_of(VESSEL)

@@ -18,23 +18,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from naval_vessel import (
-    NAVAL_HULL,
-    NAVAL_RUDDERS,
     NAVAL_STRIPS,
-    SERVICE_SPEED,
-    Hull,
     InverseMass,
-    Load,
-    Rudders,
     Sea,
     calm_resistance,
-    drag_coefficient,
     extra_resistance,
     inverse_mass,
     linear_motion,
     motion_step,
     printed_speed_ratio,
-    rudder_load,
     sea_forces,
     true_speed_ratio,
 )
@@ -63,6 +55,7 @@ from autopilot.errors import InputError
 from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from sitl.compiled import compiled
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Hull, Load, Rudders, drag_coefficient, rudder_load
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,7 @@
 about the origin of the towing tank tests: 3.38 m ahead of the centre of gravity, in the waterline; x forward, y to
 starboard, z down. Surge is left out: the speed u is an argument, and what it loses is worked out below.
 
-Sources: Liu and Jin 2017, eqs (1)-(11), after Perez 2005; the coefficients are those that Perez published with the
-model `navalvessel` of the Marine Systems Simulator (hull without rudders; from Blanke and Christensen 1993).
-Two of them are corrected here. Y_pdot is printed -296e3: +296e3 makes added mass symmetric with K_vdot, as the
-potential theory behind it demands. The yaw term phi |u phi| must be phi |u v|, as in sway and roll.
+The hull and its rudders, and where their numbers come from, are those of `sitl/roll_ship.py`.
 
 First-order wave forces on a hull by strips, in sway, roll and yaw, and the waves that its motions radiate.
 
@@ -54,102 +51,19 @@ from numpy.typing import NDArray
 
 from autopilot.models.motion import LinearMotion, Motion
 from autopilot.models.waves import GRAVITY, component_amplitudes, wave_number
+from sitl.roll_ship import (
+    CALM_WATER,
+    DENSITY,
+    NAVAL_HULL,
+    NAVAL_RUDDERS,
+    Hull,
+    Load,
+    Rudders,
+    drag_coefficient,
+    hull_load,
+)
 
 Array = NDArray[np.float64]
-
-KNOT = 1852.0 / 3600.0
-DENSITY = 1014.0
-"""Water density [kg/m^3] of the published model."""
-GRAVITY_OF_MODEL = 9.81
-"""Gravity [m/s^2] of the published model."""
-SERVICE_SPEED = 15.0 * KNOT
-"""Speed [m/s] of Liu and Jin 2017."""
-
-
-class SwayForce(NamedTuple):
-    """Derivatives of Y in SI units: added masses, then u|v, ur, ..., and those with the roll angle (b)."""
-
-    v_dot: float
-    p_dot: float
-    r_dot: float
-    uv: float
-    ur: float
-    vv: float
-    vr: float
-    rv: float
-    buv: float
-    bur: float
-    buu: float
-
-
-class RollMoment(NamedTuple):
-    """Derivatives of K in SI units; up, pp and p damp the roll, `restoring` is rho g GM displacement [N m/rad]."""
-
-    v_dot: float
-    p_dot: float
-    uv: float
-    ur: float
-    vv: float
-    vr: float
-    rv: float
-    buv: float
-    bur: float
-    buu: float
-    up: float
-    pp: float
-    p: float
-    bbb: float
-    restoring: float
-
-
-class YawMoment(NamedTuple):
-    """Derivatives of N in SI units."""
-
-    v_dot: float
-    r_dot: float
-    uv: float
-    ur: float
-    rr: float
-    rv: float
-    buv: float
-    bur: float
-    buu: float
-
-
-class Hull(NamedTuple):
-    """mass [kg], inertia about x and z [kg m^2] of the origin, centre of gravity [m], length, beam, draught [m]."""
-
-    mass: float
-    inertia_x: float
-    inertia_z: float
-    x_g: float
-    z_g: float
-    length: float
-    beam: float
-    draught: float
-    sway: SwayForce
-    roll: RollMoment
-    yaw: YawMoment
-
-
-class Rudders(NamedTuple):
-    """Rudders side by side: total area [m^2], lift slope [1/rad], stall angle [rad], aspect ratio of one, and the
-    point where they pull, x and z [m] from the origin."""
-
-    area: float
-    lift_slope: float
-    stall: float
-    aspect: float
-    x: float
-    z: float
-
-
-class Load(NamedTuple):
-    """Sway force Y [N], roll moment K and yaw moment N [N m] about the origin."""
-
-    Y: float
-    K: float
-    N: float
 
 
 class InverseMass(NamedTuple):
@@ -164,46 +78,6 @@ class InverseMass(NamedTuple):
     rv: float
     rp: float
     rr: float
-
-
-_MASS = 357.0 * DENSITY
-
-NAVAL_HULL = Hull(
-    mass=_MASS,
-    inertia_x=2.3763e6,
-    inertia_z=47.934e6,
-    x_g=-3.38,
-    z_g=-1.06,
-    length=51.5,
-    beam=8.6,
-    draught=2.3,
-    sway=SwayForce(-393e3, 296e3, -1.4e6, -11.8e3, 131e3, -3.7e3, -794e3, -182e3, 10.8e3, 251e3, -74.0),
-    roll=RollMoment(
-        v_dot=296e3,
-        p_dot=-774e3,
-        uv=9260.0,
-        ur=-102e3,
-        vv=29.3e3,
-        vr=621e3,
-        rv=142e3,
-        buv=-8400.0,
-        bur=-196e3,
-        buu=-1180.0,
-        up=-15.5e3,
-        pp=-416e3,
-        p=-500e3,
-        bbb=-0.325 * _MASS * GRAVITY_OF_MODEL,
-        restoring=_MASS * GRAVITY_OF_MODEL * 1.1,
-    ),
-    yaw=YawMoment(538e3, -38.7e6, -92e3, -4.71e6, -202e6, -15.6e6, -214e3, -4.98e6, -8e3),
-)
-"""The published hull, with the two corrections of this module's docstring."""
-
-NAVAL_RUDDERS = Rudders(
-    area=2.0 * 1.5, lift_slope=math.degrees(0.054), stall=math.radians(23.0), aspect=1.5, x=-23.79, z=1.55
-)
-"""Two rudders of 1.5 m span and 1.0 m chord (Liu and Jin 2017 swap the two), 20.41 m abaft the centre of gravity,
-their middle 1.55 m under water: K = -1.55 Y, N = -23.79 Y."""
 
 
 def mass_matrix(hull: Hull) -> Array:
@@ -223,51 +97,6 @@ def inverse_mass(hull: Hull) -> InverseMass:
     return InverseMass(*(float(value) for value in np.linalg.inv(mass_matrix(hull)).ravel()))
 
 
-def hull_load(hull: Hull, speed: float, state: Motion) -> Load:
-    """Return hull forces without added mass, and the centripetal terms, at `speed` u [m/s]: eqs (1)-(3), (6)-(8)."""
-    v, p, r, b, _ = state
-    u = speed
-    uv, ur, vr, rv = abs(u) * v, u * r, v * abs(r), r * abs(v)
-    buv, bur, buu = b * abs(u * v), b * abs(u * r), b * u * abs(u)
-    y, k, n = hull.sway, hull.roll, hull.yaw
-    m = hull.mass
-    sway = y.uv * uv + (y.ur - m) * ur + y.vv * v * abs(v) + y.vr * vr + y.rv * rv
-    sway += y.buv * buv + y.bur * bur + y.buu * buu
-    roll = k.uv * uv + (k.ur + m * hull.z_g) * ur + k.vv * v * abs(v) + k.vr * vr + k.rv * rv
-    roll += k.buv * buv + k.bur * bur + k.buu * buu
-    roll += (k.up * abs(u) + k.pp * abs(p) + k.p) * p + k.bbb * b * b * b - k.restoring * b
-    yaw = n.uv * uv + n.ur * abs(u) * r - m * hull.x_g * ur + n.rr * r * abs(r) + n.rv * rv
-    yaw += n.buv * buv + n.bur * b * u * abs(r) + n.buu * buu
-    return Load(sway, roll, yaw)
-
-
-def lift_coefficient(rudders: Rudders, angle: float) -> float:
-    """Return C_L [-] of one rudder at `angle` [rad]: straight up to the stall, held there beyond it."""
-    return rudders.lift_slope * max(-rudders.stall, min(rudders.stall, angle))
-
-
-def drag_coefficient(rudders: Rudders, angle: float) -> float:
-    """Return C_D [-] induced by the lift: C_L^2/(0.9 pi aspect), and past the stall no less than C_L |sin(angle)|.
-
-    Aspect ratio 1.5, doubled by the hull above it, gives the 2.7 pi of a wing of aspect 3 with 0.9 efficiency.
-    """
-    lift = lift_coefficient(rudders, angle)
-    induced = lift * lift / (0.9 * math.pi * 2.0 * rudders.aspect)
-    if abs(angle) <= rudders.stall:
-        return induced
-    return max(induced, abs(lift * math.sin(angle)))
-
-
-def rudder_load(rudders: Rudders, speed: float, angle: float) -> Load:
-    """Return what the rudders do at `angle` [rad], positive to starboard: eqs (9)-(11) with moments in this frame.
-
-    A rudder to starboard pushes the stern to port, Y < 0, and since it pulls below the origin it first heels the
-    vessel to starboard, into the turn; the turn then heels it outwards. Rudder to roll is non-minimum phase.
-    """
-    sway = -0.5 * DENSITY * rudders.area * lift_coefficient(rudders, angle) * speed * speed
-    return Load(sway, -rudders.z * sway, rudders.x * sway)
-
-
 def rudder_drag(rudders: Rudders, speed: float, angle: float) -> float:
     """Return the resistance [N] of the rudders at `angle` [rad] and `speed` [m/s], above that amidships."""
     return 0.5 * DENSITY * rudders.area * drag_coefficient(rudders, angle) * speed * speed
@@ -275,7 +104,7 @@ def rudder_drag(rudders: Rudders, speed: float, angle: float) -> float:
 
 def motion_rate(hull: Hull, inverse: InverseMass, speed: float, state: Motion, outside: Load) -> Motion:
     """Return the derivative of `state` at `speed` [m/s] under the load from `outside` (rudders and waves)."""
-    own = hull_load(hull, speed, state)
+    own = hull_load(hull, speed, state.v, state.p, state.r, state.phi)
     y, k, n = own.Y + outside.Y, own.K + outside.K, own.N + outside.N
     return Motion(
         inverse.vv * y + inverse.vp * k + inverse.vr * n,
@@ -436,8 +265,6 @@ def strip_damping(hull: StripHull, frequency: float) -> Array:
     return np.asarray(force**2 * step * frequency / (DENSITY * GRAVITY**2))
 
 
-CALM_WATER = 1960.0
-"""R_t/U^2 [N s^2/m^2] of the naval vessel: the coefficient X_|u|u of the published model."""
 CONVERGED = 1.0e-15
 
 

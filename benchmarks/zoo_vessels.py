@@ -49,6 +49,13 @@ TRIALS = {
         ((10.0, 10.0), (-10.0, 10.0), (20.0, 20.0), (-20.0, 20.0)),
         240.0,
     ),
+    "roll_ship": Trial(
+        "Naval vessel of 51.5 m, free to roll",
+        "The simulated plant roll_ship, after Blanke and Christensen 1993, Perez 2005, and Liu and Jin 2017",
+        7.717,
+        ((10.0, 10.0), (-10.0, 10.0), (20.0, 20.0), (-20.0, 20.0)),
+        120.0,
+    ),
 }
 
 

@@ -10,6 +10,7 @@ from sitl.plant_kind import PlantKind
 MODULES = (
     "boat",
     "mmg_tanker",
+    "roll_ship",
 )  # fmt: skip
 """Modules of `sitl` with a constant PLANT; the one to take unless another is named comes first."""
 PLANTS: dict[str, PlantKind] = {

@@ -19,8 +19,7 @@ from autopilot.runtime.log_files import FileSink
 from autopilot.signals import Mode, Order, OrderKind, Tick
 from autopilot.vessel.schema import Vessel
 from sitl.firmware import Firmware
-from sitl.plants import USUAL
-from sitl.scenario import load_scenario
+from sitl.scenario import Scenario, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.world import Pace, World
 
@@ -119,9 +118,9 @@ class Lockstep:
         is_stream: bool = False,
         log: Path | None = None,
         measured_every: int = 1,
-        plant: str = USUAL,
+        scenario: Scenario | None = None,
     ) -> None:
-        scenario = dataclasses.replace(load_scenario("calm"), plant=plant)
+        scenario = scenario or load_scenario("calm")
         scenario = dataclasses.replace(scenario, vehicle=dataclasses.replace(scenario.vehicle, **(vehicle or {})))
         self.world = World(vessel, scenario, pace=Pace(measured_every, measured_every))
         self.firmware = Firmware(self.world)

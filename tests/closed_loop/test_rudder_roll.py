@@ -8,20 +8,14 @@ import math
 import numpy as np
 import pytest
 from naval_vessel import (
-    NAVAL_HULL,
-    NAVAL_RUDDERS,
     NAVAL_STRIPS,
-    SERVICE_SPEED,
-    Load,
     Sea,
     SeaForces,
     calm_resistance,
-    drag_coefficient,
     extra_resistance,
     inverse_mass,
     linear_motion,
     motion_step,
-    rudder_load,
     sea_forces,
     true_speed_ratio,
 )
@@ -46,6 +40,7 @@ from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, RudderSample
 from autopilot.vessel.file import load_vessel
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Load, drag_coefficient, rudder_load
 
 DT, SECONDS, SETTLED = 0.1, 360.0, 1500
 PILOTED, PILOT_SETTLED = 2500, 1200

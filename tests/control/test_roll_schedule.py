@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, linear_motion
+from naval_vessel import linear_motion
 from scipy.linalg import expm
 
 from autopilot.control.rudder_roll import (
@@ -37,6 +37,7 @@ from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import quiet_at
 from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED
 
 SHIP = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)
 DT = 0.1

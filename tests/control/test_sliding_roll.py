@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, linear_motion
+from naval_vessel import linear_motion
 from steersman import Steersman
 
 from autopilot.control.rudder_roll import RollGains, linear_response, linear_step_of, roll_rudder
@@ -39,6 +39,7 @@ from autopilot.runtime.build import build_pilot, law_of, model_of
 from autopilot.signals import HeadingSample, NavState, Order, OrderKind, Reference, RollSample
 from autopilot.vessel.file import load_vessel, parse_vessel
 from autopilot.vessel.schema import Roll, Vessel
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED
 
 DT = 0.1
 VESSEL = load_vessel("naval_vessel")

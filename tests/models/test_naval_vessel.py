@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Load
 from scipy import integrate, linalg
 
 from autopilot.models.motion import Motion
+from sitl import roll_ship
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Load
 
 INVERSE = naval.inverse_mass(NAVAL_HULL)
 STRAIGHT = Motion(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -50,7 +51,7 @@ def test_the_roll_period_is_the_published_hulls() -> None:
 def test_first_inward_then_outward() -> None:
     """A step of the rudder to starboard heels the vessel to starboard, then, turning to starboard, to port."""
     state, heel = STRAIGHT, []
-    load = naval.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, math.radians(10.0))
+    load = roll_ship.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, math.radians(10.0))
     for _ in range(1200):
         state = naval.motion_step(NAVAL_HULL, INVERSE, SERVICE_SPEED, state, load, 0.05)
         heel.append(state.phi)
@@ -74,7 +75,7 @@ def test_twenty_seconds_in_a_swell_agree_with_scipys_runge_kutta() -> None:
     """Twenty seconds with rudder and a swell, against scipy's adaptive Runge-Kutta of order 8."""
 
     def swell(time: float) -> Load:
-        rudder = naval.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, 0.2 * math.sin(0.3 * time))
+        rudder = roll_ship.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, 0.2 * math.sin(0.3 * time))
         return Load(rudder.Y, rudder.K + 4.0e5 * math.sin(1.1 * time), rudder.N)
 
     def rate(time: float, x: np.ndarray) -> tuple[float, ...]:
@@ -111,7 +112,7 @@ def test_the_linear_model_is_the_slope_of_the_nonlinear_one() -> None:
         values[column] = small
         rate = naval.motion_rate(NAVAL_HULL, INVERSE, SERVICE_SPEED, Motion(*values), Load(0.0, 0.0, 0.0))
         np.testing.assert_allclose(np.array(rate) / small, model.A[:, column], rtol=1e-4, atol=1e-5)
-    push = naval.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, small)
+    push = roll_ship.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, small)
     rate = naval.motion_rate(NAVAL_HULL, INVERSE, SERVICE_SPEED, STRAIGHT, push)
     np.testing.assert_allclose(np.array(rate) / small, model.b, rtol=1e-6, atol=1e-9)
 
@@ -141,22 +142,22 @@ def test_at_rest_a_heeled_hull_loses_energy_and_comes_upright() -> None:
 
 @given(angle=angles)
 def test_lift_rises_to_the_stall_and_drag_is_even(angle: float) -> None:
-    lift = naval.lift_coefficient(NAVAL_RUDDERS, angle)
+    lift = roll_ship.lift_coefficient(NAVAL_RUDDERS, angle)
     assert abs(lift) <= 0.054 * 23.0 + 1e-12
-    assert lift == -naval.lift_coefficient(NAVAL_RUDDERS, -angle)
-    drag = naval.drag_coefficient(NAVAL_RUDDERS, angle)
-    assert drag == naval.drag_coefficient(NAVAL_RUDDERS, -angle) >= 0.0
+    assert lift == -roll_ship.lift_coefficient(NAVAL_RUDDERS, -angle)
+    drag = roll_ship.drag_coefficient(NAVAL_RUDDERS, angle)
+    assert drag == roll_ship.drag_coefficient(NAVAL_RUDDERS, -angle) >= 0.0
 
 
 def test_the_naval_vessel_s_rudder_has_the_published_figures() -> None:
     """Ten degrees at 15 knots by hand: Y = 0.5 x 1014 x 3 x 0.54 x 7.7167^2 N to port."""
-    load = naval.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, math.radians(10.0))
+    load = roll_ship.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, math.radians(10.0))
     assert pytest.approx(-0.5 * 1014.0 * 3.0 * 0.54 * SERVICE_SPEED**2) == load.Y
     assert pytest.approx(-1.55 * load.Y) == load.K
     assert pytest.approx(-23.79 * load.Y) == load.N
-    assert naval.drag_coefficient(NAVAL_RUDDERS, math.radians(10.0)) == pytest.approx(0.54**2 / (2.7 * math.pi))
+    assert roll_ship.drag_coefficient(NAVAL_RUDDERS, math.radians(10.0)) == pytest.approx(0.54**2 / (2.7 * math.pi))
     past = math.radians(30.0)
-    assert naval.drag_coefficient(NAVAL_RUDDERS, past) == pytest.approx(1.242 * 0.5)
+    assert roll_ship.drag_coefficient(NAVAL_RUDDERS, past) == pytest.approx(1.242 * 0.5)
 
 
 def test_the_roll_response_has_the_frequency_response_of_the_linear_model() -> None:
@@ -166,7 +167,7 @@ def test_the_roll_response_has_the_frequency_response_of_the_linear_model() -> N
     response = np.linalg.solve(1j * omega * np.eye(5) - model.A, model.b)[3]
     state, roll = STRAIGHT, []
     for step in range(15000):
-        load = naval.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, amplitude * math.sin(omega * (step + 0.5) * dt))
+        load = roll_ship.rudder_load(NAVAL_RUDDERS, SERVICE_SPEED, amplitude * math.sin(omega * (step + 0.5) * dt))
         state = naval.motion_step(NAVAL_HULL, INVERSE, SERVICE_SPEED, state, load, dt)
         roll.append(state.phi)
     last = np.array(roll[-3141:])

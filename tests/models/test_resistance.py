@@ -9,21 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from naval_vessel import (
-    NAVAL_HULL,
-    NAVAL_RUDDERS,
-    NAVAL_STRIPS,
-    SERVICE_SPEED,
-    Sea,
-    drag_coefficient,
-    sea_forces,
-    sections,
-    strip_damping,
-    strip_load,
-    water_acceleration,
-)
+from naval_vessel import NAVAL_STRIPS, Sea, sea_forces, sections, strip_damping, strip_load, water_acceleration
 
 from autopilot.models.waves import GRAVITY
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, drag_coefficient
 
 FREQUENCY = np.linspace(0.35, 2.2, 60)
 QUARTER = math.radians(135.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from naval_vessel import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, linear_motion
+from naval_vessel import linear_motion
 from steersman import asked
 
 from autopilot.angles import wrap
@@ -21,6 +21,7 @@ from autopilot.models.motion import Motion
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import Reference
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED
 
 MODELS = [
     Norrbin(0.701, 0.332, 3.2828),

@@ -9,24 +9,14 @@ import sys
 
 import numpy as np
 import pytest
-from naval_vessel import (
-    NAVAL_HULL,
-    NAVAL_RUDDERS,
-    SERVICE_SPEED,
-    Hull,
-    InverseMass,
-    Load,
-    Rudders,
-    inverse_mass,
-    motion_step,
-    rudder_load,
-)
+from naval_vessel import InverseMass, inverse_mass, motion_step
 
 from autopilot.control.rudder_roll import UNPROVEN, Proof, proof_step
 from autopilot.errors import InputError
 from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from sitl.compiled import compiled
+from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Hull, Load, Rudders, rudder_load
 
 
 def voyage(hull: Hull, inverse: InverseMass, rudders: Rudders, gear: SteeringGear, steps: int) -> Motion:

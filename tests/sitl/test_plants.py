@@ -185,7 +185,7 @@ def test_the_vessel_file_knows_the_steering_gear_of_its_plant(kind: str) -> None
 @each
 def test_its_own_file_steers_it_through_a_turn_and_holds_it(kind: str) -> None:
     vessel = load_vessel(kind)
-    boat = Lockstep(vessel, plant=kind, measured_every=2)
+    boat = Lockstep(vessel, scenario=dataclasses.replace(load_scenario("calm"), plant=kind), measured_every=2)
     boat.engage(0.0)
     assert boat.run(60.0, boat.engaged)
     boat.run(10.0)
