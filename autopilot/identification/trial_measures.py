@@ -9,7 +9,7 @@ The yardsticks of ship manoeuvrability beside a boat's measures. They are made f
 IMO MSC.137(76), annex, section 5.3, and for the loop of the spiral MSC/Circ.1053, the explanatory notes to it.
 L is the length [m], V the speed [m/s] at which the trial began.
 
-One recording as the manoeuvring measures see it: track, and the stretches in which the rudder stood still.
+One recording as the manoeuvring measures see it: track and motion; `rudder_orders` says where the rudder stood.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
+from autopilot.identification.rudder_orders import LEAST_ANGLE, SHORTEST_SAMPLES, Hold, holds_of
 from autopilot.identification.runs import FloatArray, gap_limit
 
 SHIPS = "criteria of IMO MSC.137(76), made for ships of 100 m and more: a yardstick here, no verdict"
@@ -66,11 +67,6 @@ RECKONED = "dead reckoning from speed and heading (leeway and current left out)"
 
 EARTH_M = 6371000.8
 """Mean radius (IUGG): over the few hundred metres of a trial the Earth is a plane."""
-STILL_RAD = math.radians(0.5)
-STILL_SHARE = 0.02
-"""The rudder stands still within this, or within this share of the range it goes through."""
-SHORTEST_S = 0.3
-SHORTEST_SAMPLES = 3
 PAUSE_S = 30.0
 """No manoeuvre is measured over a longer one."""
 POSITION_SHARE = 0.9
@@ -89,16 +85,6 @@ class TrialRecord(NamedTuple):
     north: FloatArray
     east: FloatArray
     position: str
-
-
-class Hold(NamedTuple):
-    """The rudder standing still: rows `first` to `last` of the record, at a median `angle` [rad]; `ordered` is the row
-    at which it had begun to move there."""
-
-    ordered: int
-    first: int
-    last: int
-    angle: float
 
 
 def record_of(source: str, columns: Mapping[str, FloatArray]) -> TrialRecord:
@@ -158,53 +144,20 @@ def stretches_of(record: TrialRecord) -> list[TrialRecord]:
     return [TrialRecord._make([*(array[part] for array in record[:-1]), record.position]) for part in parts]
 
 
-def still_within(rudder: FloatArray) -> float:
-    """Return the band [rad] within which the rudder counts as standing still."""
-    return max(STILL_RAD, STILL_SHARE * float(np.ptp(rudder)))
-
-
-def holds_of(record: TrialRecord) -> list[Hold]:
-    """Return the stretches in which the rudder stands still, in order of time."""
-    time, rudder = record.time, record.rudder
-    band = still_within(rudder)
-    cuts = gap_limit(time)
-    found: list[Hold] = []
-    first = 0
-    while first < time.size:
-        last = first
-        low = high = rudder[first]
-        while last + 1 < time.size and time[last + 1] - time[last] <= cuts:
-            lower, upper = min(low, rudder[last + 1]), max(high, rudder[last + 1])
-            if upper - lower > band:
-                break
-            low, high, last = lower, upper, last + 1
-        if last - first + 1 >= SHORTEST_SAMPLES and time[last] - time[first] >= SHORTEST_S:
-            _append(found, Hold(first, first, last, float(np.median(rudder[first : last + 1]))), band)
-            first = last + 1
-        else:
-            first += 1
-    return [_ordered(found, number) for number in range(len(found))]
-
-
-def _append(found: list[Hold], hold: Hold, band: float) -> None:
-    """Append a hold, or lengthen the last one where the rudder stood at the same angle."""
-    if found and abs(found[-1].angle - hold.angle) < band:
-        before = found.pop()
-        hold = hold._replace(ordered=before.ordered, first=before.first, angle=before.angle)
-    found.append(hold)
-
-
-def _ordered(found: list[Hold], number: int) -> Hold:
-    """Return the hold with the row at which the rudder began to move to it: the last of the hold before."""
-    hold = found[number]
-    return hold._replace(ordered=found[number - 1].last) if number else hold
-
-
 def steady_rate(record: TrialRecord, hold: Hold) -> float:
-    """Return the mean yaw rate [rad/s] in the last part of a hold."""
+    """Return the yaw rate [rad/s] in the last part of a hold."""
     begin = record.time[hold.last] - STEADY_PART * (record.time[hold.last] - record.time[hold.first])
-    rows = slice(int(np.searchsorted(record.time, begin)), hold.last + 1)
-    return float(np.mean(record.rate[rows]))
+    return _rate_in(record, slice(int(np.searchsorted(record.time, begin)), hold.last + 1))
+
+
+def _rate_in(record: TrialRecord, rows: slice) -> float:
+    """Return the slope [rad/s] of the line through the headings, which waves and noise bend less than they do a mean of
+    rates; of few rows that mean."""
+    time, heading = record.time[rows], record.heading[rows]
+    if time.size < SHORTEST_SAMPLES:
+        return float(np.mean(record.rate[rows]))
+    off = time - time.mean()
+    return float(np.dot(off, heading - heading.mean()) / np.dot(off, off))
 
 
 def is_steady(record: TrialRecord, hold: Hold) -> bool:
@@ -212,12 +165,17 @@ def is_steady(record: TrialRecord, hold: Hold) -> bool:
 
     Where nothing came in the part before, it is not.
     """
+    return _change(record, hold) < STEADY_CHANGE * abs(steady_rate(record, hold))
+
+
+def _change(record: TrialRecord, hold: Hold) -> float:
+    """Return by how much [rad/s] the yaw rate of the last part of a hold is off that of the part before; infinite where
+    nothing came in that."""
     time, length = record.time, STEADY_PART * (record.time[hold.last] - record.time[hold.first])
     late, early = (int(np.searchsorted(time, time[hold.last] - parts * length)) for parts in (1.0, 2.0))
     if early == late:
-        return False
-    rates = float(np.mean(record.rate[early:late])), float(np.mean(record.rate[late : hold.last + 1]))
-    return abs(rates[1] - rates[0]) < STEADY_CHANGE * abs(rates[1])
+        return math.inf
+    return abs(_rate_in(record, slice(late, hold.last + 1)) - _rate_in(record, slice(early, late)))
 
 
 def speed_before(record: TrialRecord, row: int) -> float:
@@ -247,17 +205,37 @@ def crossing(values: FloatArray, level: float) -> float:
     return float(at - (values[at] - level) / (values[at] - values[at - 1]))
 
 
+def _passing(values: FloatArray, level: float) -> float:
+    """Return where `values` pass `level` on their way up, as a row with its fraction: half way between where
+    noise first takes them there and where it last takes them back; nan where they never do."""
+    first = crossing(values, level)
+    if math.isnan(first) or first == 0.0:
+        return first
+    return 0.5 * (first + values.size - 1 - crossing(-values[::-1], -level))
+
+
 def value_at(values: FloatArray, row: float) -> float:
     """Return the value at a row with its fraction; nan for nan."""
     return math.nan if math.isnan(row) else float(np.interp(row, np.arange(values.size), values))
 
 
 QUARTER, HALF, FULL = 0.5 * math.pi, math.pi, 2.0 * math.pi
-LEAST_ANGLE = math.radians(2.0)
-"""A rudder at smaller angles counts as amidships."""
 ALIKE = 0.25
 """Two sides of a zigzag differ by less than this share of the angle."""
+LIKE_SWING, LEAST_SWING = 0.3, math.radians(2.0)
+"""From one execute of a zigzag to the next the heading goes through this share of the median at least, and this."""
+PEAK_PART = 0.5
+"""Half the time over which a peak is taken to be a parabola, as a part of the time that it took to come to it."""
+PEAK_STEPS, MEAN_PART = 3, 8
+"""A wave beside the peak may be higher than it: the mean over an eighth of the rows says where to begin, and the
+parabola is moved to where it leads, so often at most."""
+SHARP_PART, SHARP_SAMPLES = 0.05, 7
+"""Part of the time between two executes over which the heading is taken to be a parabola, and samples it needs."""
 SPIRAL_ANGLES = 5
+PASSED = 0.2
+"""A hold of less than this share of those before and after it is no angle of a spiral."""
+UNSTEADY, MOST_STEADY = 0.2, 0.75
+"""The yaw rate of so large a share of a spiral's holds changes by less than this share of its largest, in the end."""
 LEAST_TURN = math.radians(30.0)
 """A pull-out begins from a turn that has become steady over this much at least."""
 SWING_MOST = math.radians(170.0)
@@ -339,7 +317,7 @@ class Measures(NamedTuple):
 
 def measures_of(record: TrialRecord) -> Measures:
     """Return what the record can be measured by; empty where it holds none of these manoeuvres."""
-    parts = [(part, holds_of(part)) for part in stretches_of(record)]
+    parts = [(part, holds_of(part.time, part.rudder)) for part in stretches_of(record)]
     spirals = [spiral for part, holds in parts if (spiral := _spiral(part, holds)) is not None]
     return Measures(
         tuple(found for part, holds in parts for found in _zigzags(part, holds)),
@@ -356,8 +334,8 @@ def _is_over(hold: Hold) -> bool:
 
 def _zigzags(record: TrialRecord, holds: Sequence[Hold]) -> list[Zigzag]:
     groups: list[list[Hold]] = []
-    for hold in holds:
-        turns = abs(record.heading[hold.last] - record.heading[hold.ordered]) > SWING_MOST
+    for hold in _sides(holds):
+        turns = abs(record.heading[hold.last] - value_at(record.heading, hold.ordered)) > SWING_MOST
         joins = groups and groups[-1] and _opposite(groups[-1][-1], hold)
         if not _is_over(hold) or turns:
             groups.append([])
@@ -365,74 +343,168 @@ def _zigzags(record: TrialRecord, holds: Sequence[Hold]) -> list[Zigzag]:
             groups[-1].append(hold)
         else:
             groups.append([hold])
-    return [_zigzag(record, group) for group in groups if len(group) >= 3]
+    followed = [_followed(record, group) for group in groups if len(group) >= 3]
+    return [_zigzag(record, group) for group in followed if len(group) >= 3]
+
+
+def _sides(holds: Sequence[Hold]) -> list[Hold]:
+    """Return the holds, those after one another at nearly the same angle as one."""
+    found: list[Hold] = []
+    for hold in holds:
+        if found and min(abs(found[-1].angle), abs(hold.angle)) >= LEAST_ANGLE and _alike(found[-1], hold):
+            before = found.pop()
+            longer = max((before, hold), key=lambda one: one.last - one.first)
+            hold = Hold(before.ordered, before.first, hold.last, longer.angle)
+        found.append(hold)
+    return found
 
 
 def _opposite(before: Hold, after: Hold) -> bool:
-    return abs(before.angle + after.angle) < ALIKE * abs(before.angle)
+    """Return whether the rudder went over: to nearly the same angle where it stood at both."""
+    return _alike(before, after._replace(angle=-after.angle))
+
+
+def _alike(before: Hold, after: Hold) -> bool:
+    stood = before.last > before.first and after.last > after.first
+    near = abs(before.angle - after.angle) < ALIKE * abs(before.angle)
+    return before.angle * after.angle > 0.0 and (near or not stood)
+
+
+def _followed(record: TrialRecord, holds: Sequence[Hold]) -> list[Hold]:
+    """Return the longest part in which the rudder went over because the heading had: to the side of the rudder, by
+    like angles from one execute to the next. A rudder that works against waves, or by the clock, does not."""
+    headings = [value_at(record.heading, hold.ordered) for hold in holds[1:]]
+    sides = [math.copysign(1.0, hold.angle) for hold in holds]
+    swings = [side * (one - after) for side, one, after in zip(sides, headings, headings[1:], strict=False)]
+    least = max(LIKE_SWING * float(np.median(swings)), LEAST_SWING)
+    parts: list[list[Hold]] = [[holds[0], holds[1]]]
+    for number, swing in enumerate(swings):
+        if swing >= least:
+            parts[-1].append(holds[number + 2])
+        else:
+            parts.append([holds[number + 1], holds[number + 2]])
+    return max(parts, key=len)
 
 
 def _zigzag(record: TrialRecord, holds: Sequence[Hold]) -> Zigzag:
-    time, rows = record.time, [hold.ordered for hold in holds]
+    rows = [hold.ordered for hold in holds]
+    times = [value_at(record.time, row) for row in rows]
+    ends = float(holds[-1].last)
     side = math.copysign(1.0, holds[0].angle)
-    swing = side * (record.heading - record.heading[rows[0]])
+    swing = side * (record.heading - _sharp(record, record.heading, rows, 0))
+    executed = [_sharp(record, swing, rows, number) for number in range(len(rows))]
     overshoots, checks = [], []
     for number, start in enumerate(rows[1:]):
-        end = rows[number + 2] if number + 2 < len(rows) else holds[-1].last
+        end = rows[number + 2] if number + 2 < len(rows) else ends
         sign = 1.0 if number % 2 == 0 else -1.0
-        peak = start + int(np.argmax(sign * swing[start : end + 1]))
-        if peak < end or end < holds[-1].last:
-            overshoots.append(float(sign * (swing[peak] - swing[start])))
-            checks.append(float(time[peak] - time[start]))
-    back = first_row(swing[rows[1] :] <= 0.0)
-    periods = [time[later] - time[row] for row, later in zip(rows[1:], rows[3:], strict=False)]
+        moment, peak = _peak(record.time, sign * swing, start, end)
+        if moment < value_at(record.time, end) or end < ends:
+            overshoots.append(peak - sign * executed[number + 1])
+            checks.append(moment - times[number + 1])
+    after = math.ceil(rows[1])
+    back = crossing(-swing[after:], 0.0)
+    periods = [later - time for time, later in zip(times[1:], times[3:], strict=False)]
     way = way_of(record)
     return Zigzag(
-        float(time[rows[0]]),
-        abs(holds[0].angle),
-        float(swing[rows[1]]),
-        float(time[rows[1]] - time[rows[0]]),
-        float(way[rows[1]] - way[rows[0]]),
+        times[0],
+        _angle_of(holds),
+        executed[1],
+        times[1] - times[0],
+        value_at(way, rows[1]) - value_at(way, rows[0]),
         _initial_turn(record, rows[0], swing, way),
         tuple(overshoots),
         tuple(checks),
-        math.nan if back is None else float(time[rows[1] + back] - time[rows[0]]),
+        value_at(record.time, after + back) - times[0],
         float(np.mean(periods)) if periods else math.nan,
-        speed_before(record, rows[0]),
+        speed_before(record, int(rows[0])),
     )
 
 
-def _initial_turn(record: TrialRecord, start: int, swing: FloatArray, way: FloatArray) -> tuple[float, float]:
+def _angle_of(holds: Sequence[Hold]) -> float:
+    """Return the rudder [rad] of a zigzag: where it never stood, that of the largest swings."""
+    stood = [abs(hold.angle) for hold in holds if hold.last > hold.first]
+    swings = [abs(hold.angle) for hold in holds]
+    return float(np.median(stood or [angle for angle in swings if angle >= 0.9 * max(swings)]))
+
+
+def _sharp(record: TrialRecord, values: FloatArray, rows: Sequence[float], number: int) -> float:
+    """Return the value at an execute, of the parabola through what was recorded about it, so that noise counts less."""
+    moments = [value_at(record.time, row) for row in rows]
+    least = min((after - before for before, after in itertools.pairwise(moments)), default=0.0)
+    near = np.flatnonzero(np.abs(record.time - moments[number]) <= SHARP_PART * least)
+    if near.size < SHARP_SAMPLES:
+        return value_at(values, rows[number])
+    return float(np.polyfit(record.time[near] - moments[number], values[near], 2)[2])
+
+
+def _peak(time: FloatArray, values: FloatArray, start: float, end: float) -> tuple[float, float]:
+    """Return time [s] and value of the largest of `values` from row `start` to row `end`: of the parabola through the
+    rows about it, so that neither noise nor sampling adds to it; the largest itself at either end."""
+    first, last = math.ceil(start), math.floor(end)
+    top = first + int(np.argmax(_mean_about(values[first : last + 1]))) if last >= first else first
+    found = float(time[top]), float(values[top])
+    for _ in range(PEAK_STEPS):
+        if not first < top < last:
+            return float(time[top]), float(values[top])
+        width = PEAK_PART * float(time[top] - time[first])
+        near = np.flatnonzero(np.abs(time[first : last + 1] - time[top]) <= width) + first
+        if near.size < 5:
+            near = np.arange(top - 1, top + 2)
+        a, b, c = np.polyfit(time[near] - time[top], values[near], 2)
+        if a >= 0.0:
+            return found
+        moment = min(max(-0.5 * b / a, float(time[near[0]] - time[top])), float(time[near[-1]] - time[top]))
+        found = float(time[top] + moment), float(c + b * moment + a * moment * moment)
+        if near[0] < top < near[-1] and abs(moment) < width:
+            return found
+        top = int(near[0] if moment < 0.0 else near[-1])
+    return found
+
+
+def _mean_about(values: FloatArray) -> FloatArray:
+    """Return the mean of the rows about each, fewer at either end."""
+    reach, rows = values.size // (2 * MEAN_PART), np.arange(values.size)
+    width = np.minimum(np.minimum(rows, rows[::-1]), reach)
+    sums = np.concatenate(([0.0], np.cumsum(values)))
+    means: FloatArray = (sums[rows + width + 1] - sums[rows - width]) / (2 * width + 1)
+    return means
+
+
+def _initial_turn(record: TrialRecord, begins: float, swing: FloatArray, way: FloatArray) -> tuple[float, float]:
     """Return time [s] and distance [m] from the first execute to a heading changed by 10 deg."""
-    at = crossing(swing[start:], math.radians(10.0))
-    if math.isnan(at):
-        return math.nan, math.nan
-    return value_at(record.time, start + at) - float(record.time[start]), value_at(way, start + at) - float(way[start])
+    first = math.ceil(begins)
+    at = first + crossing(swing[first:], math.radians(10.0))
+    return value_at(record.time, at) - value_at(record.time, begins), value_at(way, at) - value_at(way, begins)
 
 
 def _circles(record: TrialRecord, holds: Sequence[Hold]) -> list[Circle]:
     return [
         _circle(record, hold)
         for hold in holds
-        if _is_over(hold) and abs(record.heading[hold.last] - record.heading[hold.ordered]) >= HALF
+        if _is_over(hold)
+        and hold.last > hold.first
+        and abs(record.heading[hold.last] - value_at(record.heading, hold.ordered)) >= HALF
     ]
 
 
 def _circle(record: TrialRecord, hold: Hold) -> Circle:
-    start, end = hold.ordered, hold.last + 1
-    course, side = record.heading[start], math.copysign(1.0, hold.angle)
+    begins, side = hold.ordered, math.copysign(1.0, hold.angle)
+    start, end = math.ceil(begins), hold.last + 1
+    course, moment = value_at(record.heading, begins), value_at(record.time, begins)
     turned = side * (record.heading[start:end] - course)
-    north, east = record.north[start:end] - record.north[start], record.east[start:end] - record.east[start]
+    north = record.north[start:end] - value_at(record.north, begins)
+    east = record.east[start:end] - value_at(record.east, begins)
     ahead = north * math.cos(course) + east * math.sin(course)
     abeam = side * (east * math.cos(course) - north * math.sin(course))
-    quarter, half, full = (crossing(turned, angle) for angle in (QUARTER, HALF, FULL))
-    time = record.time[start:end] - record.time[start]
+    quarter, half, full = (_passing(turned, angle) for angle in (QUARTER, HALF, FULL))
+    time = record.time[start:end] - moment
     # the steady end: beyond 270 deg, or the last part of a shorter turn
     steady = turned >= min(1.5 * HALF, (1.0 - STEADY_PART) * float(turned[-1]))
+    steady &= np.arange(start, end) >= hold.first
     speed, rate = float(np.mean(record.speed[start:end][steady])), float(np.mean(record.rate[start:end][steady]))
-    before = speed_before(record, start)
+    before = speed_before(record, int(begins))
     return Circle(
-        float(record.time[start]),
+        moment,
         hold.angle,
         float(turned[-1]),
         value_at(ahead, quarter),
@@ -451,16 +523,38 @@ def _circle(record: TrialRecord, hold: Hold) -> Circle:
 def _pull_outs(record: TrialRecord, holds: Sequence[Hold]) -> list[PullOut]:
     found = []
     for turn, after in itertools.pairwise(holds):
-        turned = abs(record.heading[turn.last] - record.heading[turn.ordered])
+        turned = abs(record.heading[turn.last] - value_at(record.heading, turn.ordered))
         if _is_over(turn) and not _is_over(after) and turned >= LEAST_TURN and is_steady(record, turn):
-            time = float(record.time[after.last] - record.time[after.ordered])
+            begins = value_at(record.time, after.ordered)
             rates = steady_rate(record, turn), steady_rate(record, after)
-            found.append(PullOut(float(record.time[after.ordered]), turn.angle, *rates, time))
+            found.append(PullOut(begins, turn.angle, *rates, float(record.time[after.last]) - begins))
     return found
 
 
-def _spiral(record: TrialRecord, holds: Sequence[Hold]) -> Spiral | None:
+def _long(record: TrialRecord, holds: Sequence[Hold]) -> list[Hold]:
+    """Return the holds without those that are passed through between two longer ones."""
+    lasts = [float(record.time[hold.last] - record.time[hold.first]) for hold in holds]
+    beside = [min(before, after) for before, after in zip([0.0, *lasts[:-1]], [*lasts[1:], 0.0], strict=True)]
+    return [
+        hold
+        for hold, time, other in zip(holds, lasts, beside, strict=True)
+        if hold.last > hold.first and time >= PASSED * other
+    ]
+
+
+def _is_spiral(record: TrialRecord, holds: Sequence[Hold]) -> bool:
+    """Return whether the rudder went to both sides, and stood at its angles until the boat turned steadily."""
+    angles = [hold.angle for hold in holds]
+    if max(angles) < LEAST_ANGLE or min(angles) > -LEAST_ANGLE:
+        return False
+    largest = max(abs(steady_rate(record, hold)) for hold in holds)
+    steady = [_change(record, hold) < UNSTEADY * largest for hold in holds]
+    return sum(steady) >= MOST_STEADY * len(steady)
+
+
+def _spiral(record: TrialRecord, every: Sequence[Hold]) -> Spiral | None:
     """Return the spiral: the longest row of holds whose angles go down and then up again."""
+    holds = _long(record, every)
     angles = [hold.angle for hold in holds]
     best: tuple[int, int, int] = (0, 0, 0)
     for start in range(len(holds)):
@@ -473,14 +567,14 @@ def _spiral(record: TrialRecord, holds: Sequence[Hold]) -> Spiral | None:
         if min(turn - start, end - turn) > min(best[1] - best[0], best[2] - best[1]):
             best = (start, turn, end)
     start, turn, end = best
-    if min(turn - start, end - turn) + 1 < SPIRAL_ANGLES:
+    if min(turn - start, end - turn) + 1 < SPIRAL_ANGLES or not _is_spiral(record, holds[start : end + 1]):
         return None
     rates = {at: steady_rate(record, holds[at]) for at in range(start, end + 1)}
     down = tuple((angles[at], rates[at]) for at in range(start, turn + 1))
     up = tuple((angles[at], rates[at]) for at in range(turn, end + 1))
     width = max(_turns_over(up) - _turns_over(tuple(reversed(down))), 0.0)
     height = abs(_rate_at(down[::-1]) - _rate_at(up))
-    return Spiral(float(record.time[holds[start].ordered]), down, up, width, height)
+    return Spiral(value_at(record.time, holds[start].ordered), down, up, width, height)
 
 
 def _turns_over(branch: Sequence[tuple[float, float]]) -> float:
