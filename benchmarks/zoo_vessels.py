@@ -56,6 +56,20 @@ TRIALS = {
         ((10.0, 10.0), (-10.0, 10.0), (20.0, 20.0), (-20.0, 20.0)),
         120.0,
     ),
+    "twin_thruster": Trial(
+        "Otter, steered by two propellers",
+        "The simulated plant twin_thruster, the Otter of the Marine Systems Simulator; rudder is differential thrust",
+        1.5,
+        ((5.0, 10.0), (-5.0, 10.0), (10.0, 20.0), (-10.0, 20.0)),
+        60.0,
+    ),
+    "outboard": Trial(
+        "Otter's hull with an outboard motor",
+        "The simulated plant outboard, the hull of the Otter with one motor that is turned",
+        1.5,
+        ((10.0, 10.0), (-10.0, 10.0), (20.0, 20.0), (-20.0, 20.0)),
+        60.0,
+    ),
 }
 
 

@@ -11,6 +11,8 @@ MODULES = (
     "boat",
     "mmg_tanker",
     "roll_ship",
+    "twin_thruster",
+    "outboard",
 )  # fmt: skip
 """Modules of `sitl` with a constant PLANT; the one to take unless another is named comes first."""
 PLANTS: dict[str, PlantKind] = {

@@ -1,0 +1,54 @@
+"""The Otter's hull with one outboard motor at its stern, which steers by where it pushes.
+
+    X = T cos(d),   Y = -T sin(d),   N = -x Y = (L/2) T sin(d)
+
+The turning moment goes with the thrust T, whatever the speed: a boat that gets under way, or stops against a current,
+steers with its engine, and one that coasts does not steer at all. Hull and pull are the Otter's (`sitl/otter.py`); the
+motor in the place of its two propellers is a construction of this simulator, not a boat that exists.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from autopilot.models.steering_gear import SteeringGear
+from sitl import otter
+from sitl.boat import Disturbance, Hull
+from sitl.craft import Motion, craft_step, gear_of, turning
+from sitl.plant_kind import PlantKind
+
+if TYPE_CHECKING:
+    from autopilot.vessel.schema import Vessel
+    from sitl.scenario import Scenario
+
+GEAR = SteeringGear(math.radians(35.0), math.radians(25.0), 0.1)
+"""Of an outboard with a small electric drive; assumed."""
+
+
+class Outboard(NamedTuple):
+    """Everything about the boat that does not change."""
+
+    gear: SteeringGear
+    hull: Hull
+    play: float = 0.0
+    push: float = 0.0
+
+
+def accelerations(boat: Outboard, motion: Motion, rudder: float, thrust_speed: float, acting: Disturbance) -> Motion:
+    """Return the derivative of the motion."""
+    thrust = min(max(otter.DRAG * thrust_speed, -otter.PULL_ASTERN), otter.PULL)
+    across = -thrust * math.sin(rudder)
+    push = otter.Push(thrust * math.cos(rudder), across, -0.5 * otter.LENGTH * across)
+    return otter.moved_by(push, motion, boat.hull, boat.push, acting)
+
+
+def of(vessel: Vessel, scenario: Scenario) -> Outboard:
+    """Return the boat. InputError for a scale: its drag does not go with the square of the speed."""
+    otter.refuse_scale("outboard", scenario.scale)
+    boat = Outboard(gear_of(GEAR, scenario.gear), otter.HULL, math.radians(scenario.gear.play_deg))
+    return boat._replace(push=turning(accelerations, boat, otter.SERVICE_SPEED))
+
+
+PLANT = PlantKind("outboard", of, functools.partial(craft_step, accelerations))
