@@ -56,6 +56,15 @@ TRIALS = {
         ((10.0, 10.0), (-10.0, 10.0), (20.0, 20.0), (-20.0, 20.0)),
         120.0,
     ),
+    "small_craft": Trial(
+        "CyberShip II",
+        "The simulated plant small_craft, a supply vessel of 1.26 m after Skjetne, Smogeli and Fossen 2004",
+        0.5,
+        ((10.0, 10.0), (-10.0, 10.0), (20.0, 20.0), (-20.0, 20.0)),
+        150.0,
+        # what --model auto chooses, and the boat itself shows: it does not go straight
+        ("--course-unstable",),
+    ),
     "twin_thruster": Trial(
         "Otter, steered by two propellers",
         "The simulated plant twin_thruster, the Otter of the Marine Systems Simulator; rudder is differential thrust",

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from autopilot.errors import InputError
 from autopilot.models.steering_gear import SteeringGear, gear_step_by
 from sitl.boat import BoatState, Disturbance, Hull, Step
 
@@ -102,6 +103,12 @@ def gear_of(own: SteeringGear, section: GearSection) -> SteeringGear:
     dead_band = own.dead_band if section.dead_band_deg is None else math.radians(section.dead_band_deg)
     lag = own.lag if section.lag_s is None else section.lag_s
     return own._replace(rate_max=rate, dead_band=dead_band, lag=0.0 if section.on_off else lag)
+
+
+def refuse_scale(kind: str, scale: float) -> None:
+    """Raise InputError where a scenario enlarges a boat whose drag goes with the speed, not with its square."""
+    if scale != 1.0:
+        raise InputError(f"plant {kind}: scale is {scale:g}, and this boat has one size only: leave scale out.")
 
 
 def dragged(play: float, rudder: float, order: float) -> float:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from autopilot.errors import InputError
 from sitl.boat import Disturbance, Hull
 from sitl.craft import Motion, Windage, roll_acceleration, wind_force
 
@@ -59,12 +58,6 @@ class Push(NamedTuple):
 
 HULL = Hull(length=LENGTH, beam=BEAM, draught=DRAUGHT, roll_period=1.2, roll_damping=0.2, roll_lever=0.1, windage=True)
 """The hull that the sea meets; its roll, which moves nothing else, is assumed."""
-
-
-def refuse_scale(kind: str, scale: float) -> None:
-    """Raise InputError where a scenario enlarges a boat whose drag goes with the speed, not with its square."""
-    if scale != 1.0:
-        raise InputError(f"plant {kind}: scale is {scale:g}, and this boat has one size only: leave scale out.")
 
 
 def cross_flow(v: float, r: float) -> tuple[float, float]:

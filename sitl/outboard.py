@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from autopilot.models.steering_gear import SteeringGear
 from sitl import otter
 from sitl.boat import Disturbance, Hull
-from sitl.craft import Motion, craft_step, gear_of, turning
+from sitl.craft import Motion, craft_step, gear_of, refuse_scale, turning
 from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def accelerations(boat: Outboard, motion: Motion, rudder: float, thrust_speed: f
 
 def of(vessel: Vessel, scenario: Scenario) -> Outboard:
     """Return the boat. InputError for a scale: its drag does not go with the square of the speed."""
-    otter.refuse_scale("outboard", scenario.scale)
+    refuse_scale("outboard", scenario.scale)
     boat = Outboard(gear_of(GEAR, scenario.gear), otter.HULL, math.radians(scenario.gear.play_deg))
     return boat._replace(push=turning(accelerations, boat, otter.SERVICE_SPEED))
 

@@ -11,6 +11,7 @@ MODULES = (
     "boat",
     "mmg_tanker",
     "roll_ship",
+    "small_craft",
     "twin_thruster",
     "outboard",
 )  # fmt: skip

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from autopilot.models.steering_gear import SteeringGear
 from sitl import otter
 from sitl.boat import Disturbance, Hull
-from sitl.craft import Motion, craft_step, gear_of, turning
+from sitl.craft import Motion, craft_step, gear_of, refuse_scale, turning
 from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def accelerations(
 
 def of(vessel: Vessel, scenario: Scenario) -> TwinThruster:
     """Return the boat. InputError for a scale: its drag does not go with the square of the speed."""
-    otter.refuse_scale("twin_thruster", scenario.scale)
+    refuse_scale("twin_thruster", scenario.scale)
     boat = TwinThruster(gear_of(GEAR, scenario.gear), otter.HULL, math.radians(scenario.gear.play_deg))
     return boat._replace(push=turning(accelerations, boat, otter.SERVICE_SPEED))
 
