@@ -534,7 +534,7 @@ def _pull_outs(record: TrialRecord, holds: Sequence[Hold]) -> list[PullOut]:
 def _long(record: TrialRecord, holds: Sequence[Hold]) -> list[Hold]:
     """Return the holds without those that are passed through between two longer ones."""
     lasts = [float(record.time[hold.last] - record.time[hold.first]) for hold in holds]
-    beside = [min(before, after) for before, after in zip([0.0, *lasts[:-1]], [*lasts[1:], 0.0], strict=True)]
+    beside = [min(before, after) for before, after in zip([0.0, *lasts][:-1], [*lasts, 0.0][1:], strict=True)]
     return [
         hold
         for hold, time, other in zip(holds, lasts, beside, strict=True)

@@ -77,6 +77,19 @@ def test_a_turn_without_samples_before_its_end_is_not_steady() -> None:
     assert found.pull_outs == ()
 
 
+def test_a_rudder_that_stands_nowhere_has_no_manoeuvre() -> None:
+    time = np.arange(0.0, 60.0, 0.1)
+    rudder = np.radians(np.random.default_rng(1).uniform(-30.0, 30.0, len(time)))
+    columns = {
+        "time_s": time,
+        "heading_deg": 0.0 * time,
+        "rudder_deg": np.degrees(rudder),
+        "speed_m_s": 0.0 * time + 2.0,
+    }
+    found = measures_of(record_of("restless", columns))
+    assert (found.zigzags, found.circles, found.spirals, found.pull_outs) == ((), (), (), ())
+
+
 def test_no_manoeuvre_is_measured_over_a_pause() -> None:
     """Nobody knows what the boat did; a clock that was set looks the same."""
     columns = circle(math.radians(35.0))
