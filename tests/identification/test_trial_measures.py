@@ -82,12 +82,12 @@ def test_a_rudder_that_stands_nowhere_has_no_manoeuvre() -> None:
     rudder = np.radians(np.random.default_rng(1).uniform(-30.0, 30.0, len(time)))
     columns = {
         "time_s": time,
-        "heading_deg": 0.0 * time,
-        "rudder_deg": np.degrees(rudder),
+        "heading_rad": 0.0 * time,
+        "rudder_rad": rudder,
         "speed_m_s": 0.0 * time + 2.0,
     }
     found = measures_of(record_of("restless", columns))
-    assert (found.zigzags, found.circles, found.spirals, found.pull_outs) == ((), (), (), ())
+    assert (found.zigzags, found.circles, found.spiral, found.pull_outs) == ((), (), None, ())
 
 
 def test_no_manoeuvre_is_measured_over_a_pause() -> None:
