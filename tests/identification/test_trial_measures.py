@@ -77,16 +77,10 @@ def test_a_turn_without_samples_before_its_end_is_not_steady() -> None:
     assert found.pull_outs == ()
 
 
-def test_a_rudder_that_stands_nowhere_has_no_manoeuvre() -> None:
+def test_a_rudder_that_never_rests_makes_no_manoeuvre() -> None:
     time = np.arange(0.0, 60.0, 0.1)
-    rudder = np.radians(np.random.default_rng(1).uniform(-30.0, 30.0, len(time)))
-    columns = {
-        "time_s": time,
-        "heading_rad": 0.0 * time,
-        "rudder_rad": rudder,
-        "speed_m_s": 0.0 * time + 2.0,
-    }
-    found = measures_of(record_of("restless", columns))
+    columns = {"time_s": time, "heading_rad": 0.0 * time, "rudder_rad": 0.01 * time, "speed_m_s": 0.0 * time + 2.0}
+    found = measures_of(record_of("sweep", columns))
     assert (found.zigzags, found.circles, found.spiral, found.pull_outs) == ((), (), None, ())
 
 
