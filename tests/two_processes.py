@@ -30,9 +30,9 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 @contextlib.contextmanager
-def simulator(speedup: float, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Run `sitl serve lanxin` at `speedup` while the block lasts."""
-    command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--speedup", str(speedup), *arguments]
+def simulator(speedup: float, *arguments: str, kind: str = "lanxin") -> Iterator[subprocess.Popen[str]]:
+    """Run `sitl serve` at `speedup` while the block lasts."""
+    command = [sys.executable, "-m", "sitl", "serve", kind, "--speedup", str(speedup), *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
