@@ -85,20 +85,26 @@ def add_parser(subparsers: Any) -> None:
         "--fit-rudder",
         default="",
         metavar="LIST",
-        help="also fit what lies between the recorded rudder and the boat: delay,lag,lead,dead-band; "
-        "lag,lead together make Nomoto's second order",
+        help="fit these of what lies between the recorded rudder and the boat: delay,lag,lead,dead-band (default: "
+        "delay,lag of a rudder that was ordered, nothing of one that was measured); lag,lead together make Nomoto's "
+        "second order",
     )
     parser.add_argument(
         "--weighting",
-        choices=("residuals", "prediction-error"),
-        default="residuals",
-        help="prediction-error: weigh each sample by what those before it could not predict, for records in gusts; "
-        "without propeller, wind, drift and --fit-rudder",
+        choices=("likelihood", "residuals", "prediction-error"),
+        default="likelihood",
+        help="likelihood (default): gusts, waves and noise are found with the boat; residuals: simulated and compared; "
+        "prediction-error: weigh each sample by what those before it could not predict, without propeller, wind, "
+        "drift and --fit-rudder",
     )
     parser.add_argument(
         "--reference-speed-m-s", action=number(0.01, 100.0), metavar="U", help="default: mean speed of the LOGs"
     )
-    parser.add_argument("--course-unstable", action="store_true", help="n1 = -1: the boat will not go straight")
+    parser.add_argument(
+        "--course-unstable",
+        action="store_true",
+        help="the boat will not go straight (found by itself by output-error; other methods need it)",
+    )
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
     parser.add_argument(
         "--wave-glider", action="store_true", help="both bodies of a wave glider, from a CSV with glider_heading_deg"
@@ -247,7 +253,10 @@ def _identify(
             progress=bar.update,
         )
         choice = _chosen(fitted, question, bar.update) if arguments.model == "auto" else None
-        found = method.identify(fitted, question) if choice is None else choice.found
+        if choice is None or choice.chosen in ("norrbin", "norrbin unstable"):
+            found = method.identify(fitted, question)
+        else:
+            found = choice.found
     tests = residual_tests(fitted, found.model, found.around, found.train, dict(found.trims))
     result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
     return result._replace(residual_tests=tests, choice=choice, rudder_rate=rudder_rate_of(fitted))
@@ -261,7 +270,8 @@ def _form_of(arguments: argparse.Namespace) -> Question:
         "nomoto1" if arguments.model == "nomoto" else arguments.model if arguments.model in FORMS else "norrbin"
     ]
     train = (*named.rudder_train, *(name for name in _rudder_train(arguments) if name not in named.rudder_train))
-    return named._replace(course_unstable=arguments.course_unstable, rudder_train=train, trim=arguments.trim)
+    own = {"course_unstable": arguments.course_unstable, "rudder_train": train, "trim": arguments.trim}
+    return named._replace(weighting=arguments.weighting, **own)
 
 
 def _check_gain(arguments: argparse.Namespace, method: Method) -> None:

@@ -14,13 +14,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from autopilot.errors import InputError
+from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import save_text
+from autopilot.identification.identified import SURE_OF_IT, Identified
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.report.identification import Result, undetermined
-from autopilot.vessel.file import dump_vessel, load_vessel, model_section, parse_vessel, updated_vessel_text
+from autopilot.vessel.file import dump_vessel, load_vessel, model_section, parse_vessel, rounded, updated_vessel_text
 from autopilot.vessel.schema import SCHEMA_VERSION, Control, Drive, Model, Rudder, Vessel
 
 ASSUMED_RATE_DEG_S = 10.0
@@ -75,13 +76,18 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
     written out, so that nobody who edits the end stop changes the scale. Raises InputError where K or T is not
     determined, where no command could read the file, or where it cannot be written.
     """
-    if unknown := undetermined(result.found):
+    ratios = result.found.ratios
+    on_ridge = ratios is not None and ratios.on_ridge
+    if (unknown := undetermined(result.found)) and not on_ridge:
         raise InputError(f"{path} is not written, for it needs K and T: {result.found.unidentifiable[unknown[0]]}")
     runs = [run for run, role, _ in result.predictions if role == "fit"]
     rate = result.rudder_rate
     fresh = boat is None
     if boat is None:
         boat = Vessel(SCHEMA_VERSION, Path(path).stem, _model(result, runs), _new_rudder(runs, given, rate))
+        train = result.found.train
+        moved = dataclasses.replace(boat.rudder, delay_s=rounded(train.delay), lag_s=rounded(train.lag))
+        boat = dataclasses.replace(boat, rudder=moved)
     vessel = _with_scale(dataclasses.replace(boat, model=_model(result, runs)), given)
     exists = Path(path).exists()
     before = Path(path).read_text(encoding="utf-8-sig") if exists else ""
@@ -90,8 +96,85 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
         parse_vessel(text, path)
     except InputError as error:
         raise InputError(f"{path} is not written, for no command could steer by it: {error}") from None
+    _check_steering(path, vessel, result.found)
     save_text(path, text)
-    return [] if fresh else _rudder_remarks(path, runs, vessel, rate)
+    remarks = _not_kept(path, result.found)
+    if on_ridge:
+        remarks.append(
+            f"{path} holds n1 {vessel.model.n1:+g} with T {vessel.model.T_s:.3g} s, of which the runs know little; "
+            "gains serve at both ends of what they leave open."
+        )
+    return [
+        *remarks,
+        *_train_remarks(path, result, vessel),
+        *([] if fresh else _rudder_remarks(path, runs, vessel, rate)),
+    ]
+
+
+def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
+    """Raise InputError, with what to sail next, where no gains can be designed for the model; where course stability
+    is not determined, for that at either end of its interval."""
+    models = [vessel.model]
+    if found.ratios is not None and found.ratios.on_ridge:
+        (a, b, d, e), (_, error, _, _) = found.ratios
+        models = [
+            dataclasses.replace(
+                vessel.model,
+                K_1_s=a / abs(end),
+                T_s=1.0 / abs(end),
+                n1=math.copysign(1.0, end),
+                n3_s2_rad2=max(d, 0.0) / abs(end),
+                n0_rad_s=e / abs(end),
+            )
+            for end in (b - SURE_OF_IT * error, b + SURE_OF_IT * error)
+        ]
+    try:
+        for model in models:
+            _check_design(dataclasses.replace(vessel, model=model))
+    except RefusedError as error:
+        raise InputError(
+            f"{path} is not written, for no gains serve such a boat: {error}; sail a 20/20 zigzag of six reversals or "
+            "more, and check the rudder's rate."
+        ) from None
+
+
+def _check_design(vessel: Vessel) -> None:
+    """Raise RefusedError where `autopilot gains` would refuse the vessel."""
+    from autopilot.report.gains import survives
+    from autopilot.runtime.tuning import GainRequest, designed
+
+    usual = GainRequest()
+    better = designed(vessel, usual)
+    if vessel.model.n1 > 0.0 or survives(better):
+        return
+    if not any(survives(designed(vessel, usual._replace(level=level))) for level in range(usual.level + 1, 10)):
+        raise RefusedError("a turn with a rudder 30 % weaker than the model's is lost at every level")
+
+
+def _not_kept(path: str, found: Identified) -> list[str]:
+    """Return what was fitted and has no place in a vessel file."""
+    around = found.around
+    if around is None:
+        return []
+    kept = {"the propeller's race": around.race or around.steady_race, "wind": around.wind_beam or around.wind_quarter}
+    names = " and ".join(name for name, value in kept.items() if value)
+    return [f"{path} does not keep {names}: it has no place for it, and gains do not know it."] if names else []
+
+
+def _train_remarks(path: str, result: Result, vessel: Vessel) -> list[str]:
+    """Return what the fitted delay and lag of the rudder mean for a file that has other ones."""
+    train = result.found.train
+    found = {"delay_s": train.delay, "lag_s": train.lag}
+    off = [
+        f"rudder.{name} {value:.2g}"
+        for name, value in found.items()
+        if value > 0.0 and abs(getattr(vessel.rudder, name) - value) > 0.5 * value
+    ]
+    return (
+        [f"Between order and rudder the runs show {' and '.join(off)}; {path} has other ones: look over them."]
+        if off
+        else []
+    )
 
 
 def _with_scale(vessel: Vessel, given: Given) -> Vessel:

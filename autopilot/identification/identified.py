@@ -20,6 +20,8 @@ ModelKind = Literal["nomoto", "norrbin"]
 Progress = Callable[[int, int], None]
 """Called with how many of how many steps are done."""
 
+SURE_OF_IT = 1.96
+"""Standard errors to either side that hold the truth in 95 of 100 cases."""
 LARGEST_RELATIVE_ERROR = 0.5
 """A parameter whose standard error is more than this share of it cannot be distinguished from zero at two sigma."""
 
@@ -57,9 +59,9 @@ class Question(NamedTuple):
     steady_turns, gain [1/s]: n3 from steady turns, with K held at `gain`, or else at the fitted K.  start: where a
     recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
     rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water.
-    weighting: "prediction-error" knows gusts from instrument noise.  quadratic: n2 too, of a boat that turns otherwise
-    to one side.  trim: "per-run" fits an n0 for each run; the model has their mean.  particle_gain: of the particle
-    filter.  progress: called with how far it is.
+    weighting: "likelihood" and "prediction-error" know gusts from instrument noise.  quadratic: n2 too, of a boat that
+    turns otherwise to one side.  trim: "per-run" fits an n0 for each run; the model has their mean.  particle_gain: of
+    the particle filter.  progress: called with how far it is.
     """
 
     kind: ModelKind = "norrbin"
@@ -70,7 +72,7 @@ class Question(NamedTuple):
     start: Norrbin | None = None
     forgetting: float = 1.0
     rudder_train: tuple[str, ...] = ()
-    weighting: Weighting = "residuals"
+    weighting: Weighting = "likelihood"
     quadratic: bool = False
     trim: Trim = "common"
     particle_gain: str = "constant"
@@ -90,6 +92,18 @@ class Convergence(NamedTuple):
     values: FloatArray
 
 
+class Ratios(NamedTuple):
+    """K/T [1/s^2], n1/T [1/s], n3/T [s/rad^2] and n0/T [rad/s^2] at the reference speed, and their standard errors."""
+
+    values: tuple[float, float, float, float]
+    errors: tuple[float, float, float, float]
+
+    @property
+    def on_ridge(self) -> bool:
+        """Return whether n1/T, and with it whether the boat is course-stable, cannot be told from 0."""
+        return abs(self.values[1]) < SURE_OF_IT * self.errors[1]
+
+
 class Identified(NamedTuple):
     """The model; standard errors by parameter name, None where not fitted; what the runs cannot tell, a sentence
     by symbol; the residuals of rate and heading; n3 of the steady-turn stage where there was one; what propeller
@@ -97,7 +111,7 @@ class Identified(NamedTuple):
     a sentence each; from a recursive method, how it came there; and the covariance, shape (F, F), of the parameters
     called `free` where the method knows it. train: the way from the recorded rudder to the water, where it was asked
     for and the runs show it. trims: where each run has an n0 of its own, that [rad/s] by the run's source; the model's
-    is their mean."""
+    is their mean. ratios: where the method has them, what is determined of a boat of either stability."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -112,6 +126,7 @@ class Identified(NamedTuple):
     covariance: FloatArray | None = None
     train: RudderTrain = DIRECT
     trims: tuple[tuple[str, float], ...] = ()
+    ratios: Ratios | None = None
 
     def predict(self, run: Run) -> Prediction:
         """Return how well `run` is predicted, with propeller and wind where both model and run know them."""

@@ -20,7 +20,8 @@ from autopilot.identification.identified import (
     Steps,
     identified_from,
 )
-from autopilot.identification.model_extensions import CUBIC, START_N3, extended
+from autopilot.identification.likelihood_model import ORDERED, likeliest, ordered
+from autopilot.identification.model_extensions import CUBIC, START_N3, extended, may_extend
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
 from autopilot.identification.residuals import Fitted, RunTrims, initial_state, own_trims, triangle, typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind, shortest_time_constant
@@ -219,9 +220,14 @@ def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:
     fits = 1 if kind == "nomoto" else 3 if has_propeller(runs) or has_wind(runs) or train else 2
     steps = Steps(question.progress, total=1 + NOISE_ROUNDS * (fits + question.quadratic))
     start = starting_point(runs, speed)
+    fit = _Fit(runs, steps, question.weighting, own_trims(runs, question.trim))
+    if _asks_likelihood(question, fit.trims):
+        linear = start.model if start.model.gain > 0.0 and start.explained > LEAST_EXPLAINED else None
+        likely = likeliest(runs, speed, linear, ORDERED if ordered(runs) and not train else train, steps)
+        if likely is not None:
+            return _with_surroundings(fit, likely)
     check_response(runs, start)
     steps.next()
-    fit = _Fit(runs, steps, question.weighting, own_trims(runs, question.trim))
     if question.course_unstable:
         return _unstable(fit, unstable_starting_point(runs, start.model), question.quadratic)
     if kind == "nomoto":
@@ -244,6 +250,30 @@ class _Fit(NamedTuple):
         """Return the best model near `start` with `free`, and the runs' own trims, fitted."""
         named = (*free, *self.trims.names)
         return solve(self.runs, Fitted(start, trims=self.trims), named, self.steps.next, rounds, self.weighting)
+
+
+def _asks_likelihood(question: Question, trims: RunTrims) -> bool:
+    """Return whether the question is the usual one, which the likelihood answers."""
+    return (
+        question.kind == "norrbin"
+        and question.weighting == "likelihood"
+        and question.steady_turns is None
+        and not question.quadratic
+        and not trims.names
+        and set(question.rudder_train) <= set(ORDERED)
+    )
+
+
+def _with_surroundings(fit: _Fit, likely: Identified) -> Identified:
+    """Return the answer with propeller, wind and drift where the runs show them; of a boat that is clearly
+    course-stable."""
+    if likely.model.n1 < 0.0 or "T" in likely.unidentifiable:
+        return likely
+    train = tuple(name for name in ORDERED if getattr(likely.train, name) > 0.0)
+    more = extended(fit.runs, likely, train, fit.steps, CUBIC, fit.trims) if may_extend(fit.runs) else likely
+    if more.around is not None:
+        return more
+    return likely._replace(unidentifiable={**more.unidentifiable, **likely.unidentifiable}, notes=more.notes)
 
 
 def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[str]) -> Identified:

@@ -27,7 +27,7 @@ import numpy as np
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
-from autopilot.identification.identified import USUAL, Identified, Question
+from autopilot.identification.identified import Identified, Question
 from autopilot.identification.integral_fit import moved_on
 from autopilot.identification.runs import SHORTEST_SEGMENT_SAMPLES, FloatArray, Run, Segment
 from autopilot.models.norrbin import Norrbin
@@ -133,11 +133,12 @@ SECOND_ORDER = ("lag", "lead")
 FORMS = {
     "nomoto1": Question("nomoto"),
     "nomoto2": Question("nomoto", rudder_train=SECOND_ORDER),
-    "norrbin": USUAL,
+    "norrbin": Question(weighting="residuals"),
     "norrbin-n2": Question(quadratic=True),
-    "norrbin unstable": Question(course_unstable=True),
+    "norrbin unstable": Question(course_unstable=True, weighting="residuals"),
 }
-"""The candidates, by name; the first four may be asked for by it."""
+"""The candidates, by name; the first four may be asked for by it. All are fitted alike, so that their residuals
+compare."""
 PER_RUN = ", trim per run"
 
 Fit = Callable[[Sequence[Run], Question], Identified]

@@ -35,6 +35,9 @@ START_N3 = 0.2
 WORTH_IT = 0.98
 """Propeller and wind must take the residuals of the rate below this share of what they are without."""
 
+LARGEST_RACE = 9.0
+"""A race w^2 beyond this many times the largest speed's square: three times as fast as the boat, no propeller's."""
+
 START_TRAIN = 0.1
 """Where the fit of delay, lag and lead begins, as a share of T."""
 START_DEAD_BAND = 0.01
@@ -82,16 +85,37 @@ def extended(
             return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
     only_around = not any(name in RudderTrain._fields for name in names)
     if only_around and found.noise[0].size > WORTH_IT * plain.noise[0].size:
+        reasons.update({name: _not_worth(name, trims) for name in names if name in (*WIND, "race")})
         return plain._replace(unidentifiable={**reasons, **plain.unidentifiable})
+    if found.around.steady_race > LARGEST_RACE * _fastest(runs) ** 2:
+        reason = (
+            "race_w2: the fit ends at a race beside which the boat's speed would not count, which no propeller makes, "
+            "so it is held at 0; record the propeller's revolutions."
+        )
+        return plain._replace(unidentifiable={**reasons, "race_w2": reason, **plain.unidentifiable})
     if _is_uncertain(found, "n3"):
         reasons["n3"] = _kept_together("n3", found)
     return _extended(found, plain, reasons, runs)
 
 
+def may_extend(runs: Sequence[Run]) -> bool:
+    """Return whether the runs may tell of a propeller's race or of wind."""
+    return has_wind(runs) or bool(_race(runs))
+
+
+def _not_worth(name: str, trims: RunTrims) -> str:
+    beside = "; an n0 of each run's own takes what the wind did" if trims.names and name in WIND else ""
+    return f"{name}: explains less than 2 % of what is left without it, so it is left out{beside}."
+
+
+def _fastest(runs: Sequence[Run]) -> float:
+    return max(float(np.max(np.abs(segment.speed))) for segment in _segments(runs))
+
+
 def _race(runs: Sequence[Run]) -> tuple[str, ...]:
     """Return the race that the runs may tell: of recorded revolutions, or of unknown ones that stayed the same."""
     if has_propeller(runs):
-        return ("race",)
+        return ("race",) if mean_propeller(runs) > 0.0 else ()
     speed = np.abs(np.concatenate([segment.speed for segment in _segments(runs)]))
     return ("steady_race",) if float(np.std(speed)) > SPEED_VARIES * float(np.mean(speed)) else ()
 
@@ -217,6 +241,6 @@ def _segments(runs: Sequence[Run]) -> list[Segment]:
 
 
 def mean_propeller(runs: Sequence[Run]) -> float:
-    """Return the mean revolutions [1/s] over the runs' recorded time: the reference for the propeller's race."""
-    turns = sum(float(np.trapezoid(np.abs(s.propeller), s.time)) for s in _segments(runs))
+    """Return the mean revolutions ahead [1/s] over the runs' recorded time: the reference for the propeller's race."""
+    turns = sum(float(np.trapezoid(np.maximum(s.propeller, 0.0), s.time)) for s in _segments(runs))
     return turns / sum(float(s.time[-1] - s.time[0]) for s in _segments(runs))

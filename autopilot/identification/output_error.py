@@ -72,9 +72,10 @@ SETTLED = 0.01
 """Relative change of the weights below which another round would change nothing that matters."""
 
 
-Weighting = Literal["residuals", "prediction-error"]
-"""How rate and heading are weighed: each by its residuals' size and memory, or by how far each sample could not be
-predicted from those before it (`identification.whitening`): better where gusts push the boat."""
+Weighting = Literal["likelihood", "residuals", "prediction-error"]
+"""How rate and heading are weighed: by the likelihood of all motions that gusts allow (`identification.likelihood_fit`;
+what it does not know, n2, trims of the runs' own, a lead, is fitted by residuals); each by its residuals' size and
+memory; or by how far each sample could not be predicted from those before it, in gusts (`identification.residuals`)."""
 
 
 class Solution(NamedTuple):

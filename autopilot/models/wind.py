@@ -5,7 +5,7 @@ What besides rudder and speed turns a boat: the propeller's race over the rudder
 Norrbin's model scaled with the inflow W to the rudder in place of the speed U, and two terms more:
 
     T r' + n3 r^3 + n2 r^2 + n1 r + n0 = K delta + T (c1 Ua^2 sin g + c2 Ua^2 sin 2g) + (U W0)/(U0 W) x
-    W^2 = U^2 + c n^2 + w^2,   W0^2 = U0^2 + c n0^2 + w^2
+    W^2 = U^2 + c max(n, 0)^2 + w^2,   W0^2 = U0^2 + c n0^2 + w^2
     x' = (U/U0) (d r - x)/Td + cd Ua^2 sin g
 
 K ~ W, T ~ 1/W, n3 ~ 1/W^2, so that K is the gain at the reference speed U0 and the reference revolutions n0. A rudder
@@ -124,10 +124,11 @@ class RaceAndWind(NamedTuple):
 def inflow_ratio(around: RaceAndWind, reference_speed: float, ratio: FloatArray, propeller: FloatArray) -> FloatArray:
     """Return W/W0 [-] at U = `ratio` times `reference_speed` [m/s] and `propeller` n [1/s].
 
-    Elementwise; the fields of `around` may be arrays.
+    Elementwise; the fields of `around` may be arrays. A propeller that turns astern makes no race over the rudder.
     """
     still = reference_speed**2 + around.race * around.reference_propeller**2 + around.steady_race
-    moving = (ratio * reference_speed) ** 2 + around.race * propeller**2 + around.steady_race
+    ahead = np.maximum(propeller, 0.0)
+    moving = (ratio * reference_speed) ** 2 + around.race * ahead**2 + around.steady_race
     return np.sqrt(np.asarray(moving / still))
 
 

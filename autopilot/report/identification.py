@@ -14,18 +14,17 @@ import numpy as np
 
 from autopilot import __version__
 from autopilot.files.printable import aligned, fixed
-from autopilot.identification.identified import Convergence, Identified, SteadyTurns
+from autopilot.identification.identified import SURE_OF_IT, Convergence, Identified, SteadyTurns
 from autopilot.identification.model_choice import Candidate, Choice, steering_model
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import FloatArray, Run
 from autopilot.identification.trial_design import InstrumentNoise, cramer_rao
 from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
+from autopilot.identification.verdict import Verdict, verdict_of
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.report.page import Line, Panel, Section, render, time_figure
 
-SURE_OF_IT = 1.96
-"""Standard errors to either side that hold the truth in 95 of 100 cases."""
 LARGEST_RUDDER = math.radians(35.0)
 PROBE = 1.0e-4
 LONGEST_MEMORY_SHOWN = 200
@@ -80,6 +79,9 @@ TRAIN = (
 
 ALL = (*QUANTITIES, N2, *AROUND, *BESIDE, *TRAIN)
 
+RATIOS = (("K/T", "1/s^2"), ("n1/T", "1/s"), ("n3/T", "s/rad^2"), ("n0/T", "rad/s^2"))
+"""What is determined of a boat of either stability, where the method gives it."""
+
 LEAST = "Least possible: the bound of Cramér and Rao, if the residuals were white noise of the size they have."
 
 
@@ -100,13 +102,15 @@ class Result(NamedTuple):
 
 def document_of(result: Result) -> dict[str, Any]:
     """Return the result as it is for programs; None where a number was not determined."""
-    found, model = result.found, result.found.model
+    found, model, verdict = result.found, result.found.model, verdict_on(result)
     return {
+        "verdict": {"grade": verdict.grade, "sentence": verdict.sentence},
         "model": result.kind,
         "parameters": {
             quantity.symbol: _parameter(quantity, value, found.standard_errors[quantity.name])
             for quantity, value in _known_quantities(found)
         },
+        "ratios": _ratios(found),
         "reference_speed_m_s": model.reference_speed,
         "reference_propeller_rps": found.around.reference_propeller if found.around else None,
         "runs": [_run(run, role, prediction) for run, role, prediction in result.predictions],
@@ -128,6 +132,34 @@ def document_of(result: Result) -> dict[str, Any]:
             "tests": [_residual_test(test) for test in result.residual_tests],
         },
     }
+
+
+def verdict_on(result: Result) -> Verdict:
+    """Return what the model is good for."""
+    fitted = [prediction for _, role, prediction in result.predictions if role == "fit"]
+    return verdict_of(result.found, fitted, result.residual_tests)
+
+
+def _ratios(found: Identified) -> dict[str, dict[str, Any]] | None:
+    if found.ratios is None:
+        return None
+    return {
+        symbol: {
+            "value": value,
+            "std": std,
+            "interval_95": [value - SURE_OF_IT * std, value + SURE_OF_IT * std],
+            "unit": unit,
+        }
+        for (symbol, unit), value, std in zip(RATIOS, *found.ratios, strict=True)
+    }
+
+
+def _ratio_rows(found: Identified) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [("", "estimate", "standard error", "95 % interval", "unit")]
+    for symbol, each in (_ratios(found) or {}).items():
+        low, high = each["interval_95"]
+        rows.append((symbol, f"{each['value']:.4g}", f"{each['std']:.2g}", f"{low:.4g} ... {high:.4g}", each["unit"]))
+    return rows
 
 
 def as_json(result: Result) -> str:
@@ -285,9 +317,11 @@ def as_text(result: Result) -> str:
         )
     choice = ["\n".join(aligned(choice_rows(result.choice))), choice_sentence(result.choice)] if result.choice else []
     parts = [
+        _capital(verdict_on(result).sentence),
         *choice,
         f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
         "\n".join(aligned(rows)),
+        *(["\n".join(aligned(_ratio_rows(found)))] if found.ratios is not None and found.ratios.on_ridge else []),
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
         "\n".join(aligned(_run_rows(result))),
         *_trims(found),
@@ -297,6 +331,10 @@ def as_text(result: Result) -> str:
         *_notes(result),
     ]
     return "\n\n".join(parts)
+
+
+def _capital(sentence: str) -> str:
+    return sentence[0].upper() + sentence[1:]
 
 
 def _trims(found: Identified) -> list[str]:
@@ -384,6 +422,7 @@ def identification_page(
         *_convergence(found, convergence),
     ]
     lead = (
+        f"{_capital(verdict_on(result).sentence)} "
         f"T r' + n3 r³ + n1 r + n0 = K δ at {model.reference_speed:.3g} m/s, by the method {method}, from "
         f"{', '.join(_name(run) for run, role, _ in result.predictions if role == 'fit')}."
     )

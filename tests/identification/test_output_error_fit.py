@@ -111,10 +111,15 @@ def test_the_bias_is_found() -> None:
 
 def test_a_linear_boat_has_no_cubic_damping_and_the_fit_says_so() -> None:
     table = noisy(zigzag(np.radians(10.0), 20.0, 0.1, n3=0.0), RATE_NOISE, HEADING_NOISE, seed=11)
-    found = identify([run_of(table)])
-    assert found.model.n3 == 0.0
-    assert found.standard_errors["n3"] is None
-    assert found.unidentifiable["n3"].startswith("n3: ")
+    dropped = identify([run_of(table)], Question(weighting="residuals"))
+    assert dropped.model.n3 == 0.0
+    assert dropped.standard_errors["n3"] is None
+    assert dropped.unidentifiable["n3"].startswith("n3: ")
+    kept = identify([run_of(table)])
+    assert kept.unidentifiable["n3"].startswith("n3: ") and "kept with its doubt" in kept.unidentifiable["n3"]
+    for name, truth in (("gain", LANXIN["K"]), ("time_constant", LANXIN["T"]), ("n3", 0.0)):
+        error = kept.standard_errors[name]
+        assert error is not None and abs(getattr(kept.model, name) - truth) < 3.0 * error, name
 
 
 def test_a_course_unstable_boat_is_found_when_it_is_said_to_be_one() -> None:
@@ -237,10 +242,16 @@ def test_a_boat_quicker_than_its_samples_ends_in_a_sentence_and_not_in_ever_smal
 
     fit_steps = output_error.fit_steps
     monkeypatch.setattr(output_error, "fit_steps", counted)
-    found = identify([run_of(spinning_boat(seed))])
+    found = identify([run_of(spinning_boat(seed))], Question(weighting="residuals"))
     assert steps
     assert "T" not in found.unidentifiable or "faster than these runs can show" in found.unidentifiable["T"]
     assert found.model.time_constant >= 0.02 * (1.0 - 1.0e-6)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_quick_motorboat_is_identified_from_43_seconds(seed: int) -> None:
+    found = identify([run_of(spinning_boat(seed))])
+    assert found.model.gain == pytest.approx(10.75, rel=0.1) or "T" in found.unidentifiable
 
 
 def test_a_time_constant_far_below_the_samples_is_not_given() -> None:

@@ -1,0 +1,169 @@
+"""The likeliest boat (`likelihood_fit`) in Norrbin's convention, n1 = 1 or -1, and in words what the runs cannot tell.
+
+With T = 1/|b|, n1 is the sign of b, K = a T, n3 = d T, n0 = e T, and their standard errors follow from the covariance
+of a, b, d and e to first order. Where b cannot be told from 0 no T is given, nor what is a multiple of it: the runs
+then determine K/T and n3/T, and those are named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from autopilot.identification.identified import (
+    LARGEST_RELATIVE_ERROR,
+    SURE_OF_IT,
+    Identified,
+    Ratios,
+    Steps,
+)
+from autopilot.identification.likelihood_fit import (
+    LikelihoodFit,
+    Start,
+    better_start,
+    likelihood_fit,
+    start_rates,
+)
+from autopilot.identification.marginal_likelihood import Rates
+from autopilot.identification.residual_tests import simulate_run
+from autopilot.identification.residuals import Noise, residual_noise
+from autopilot.identification.rudder_path import RudderTrain
+from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
+from autopilot.models.norrbin import Norrbin
+
+ORDERED = ("delay", "lag")
+"""What lies between an ordered rudder and the water."""
+LEAST_EXPLAINED = 0.1
+"""Share of the turning's changes that rates must explain to begin with them."""
+SURELY_TURNS = 3.0
+"""K/T must differ from 0 by so many standard errors."""
+QUICK = 2.0
+"""A boat this many times as slow as the samples can tell, or quicker, is left to the fit that knows that limit."""
+SMALLEST_B = 1.0e-6
+
+
+def ordered(runs: Sequence[Run]) -> bool:
+    """Return whether the recorded rudder is an order, or a pilot's estimate from its orders, and no measured angle."""
+    return all(run.rudder != "measured" for run in runs)
+
+
+def likeliest(
+    runs: Sequence[Run], speed: float, linear: Norrbin | None, train: tuple[str, ...], steps: Steps
+) -> Identified | None:
+    """Return the likeliest boat at the reference `speed` [m/s]; None where another fit must say why there is none.
+
+    linear: the best linear model, to begin with, if there is one. train: what is fitted of the rudder's way.
+    """
+    segments = tuple(segment for run in runs for segment in run.segments)
+    regressed = start_rates(segments, speed)
+    begin = _begin(segments, speed, regressed, linear)
+    if begin is None or 1.0 / max(abs(begin.b), SMALLEST_B) < QUICK * shortest_time_constant(segments):
+        return None
+    reasons: dict[str, str] = {}
+    found = likelihood_fit(segments, speed, begin, train, steps.next)
+    shortest = shortest_time_constant(segments)
+    while found is not None and (gone := _least_shown(found, train, shortest)):
+        reasons[gone] = _why_no(gone, found)
+        train = tuple(name for name in train if name != gone)
+        found = likelihood_fit(segments, speed, found.rates if train else begin, train, steps.next)
+    return None if found is None else _answer(found, runs, speed, reasons)
+
+
+def _begin(segments: Sequence[Segment], speed: float, regressed: Start, linear: Norrbin | None) -> Rates | None:
+    starts = []
+    if linear is not None:
+        T = linear.time_constant
+        starts.append(Rates(linear.gain / T, 1.0 / T, 0.0, 0.0, linear.n0 / T))
+    if regressed.rates.a > 0.0 and regressed.explained > LEAST_EXPLAINED:
+        starts.append(regressed.rates)
+    return better_start(segments, speed, starts) if starts else None
+
+
+def _least_shown(found: LikelihoodFit, train: tuple[str, ...], shortest: float) -> str:
+    """Return the part of the train that is hardest to tell from 0, '' where all can be; what is shorter than the
+    `shortest` time [s] that the samples can tell is none."""
+    doubt = {
+        name: found.train_errors[name] / getattr(found.train, name) if getattr(found.train, name) > shortest else np.inf
+        for name in train
+    }
+    weakest = max(doubt, key=lambda name: doubt[name], default="")
+    return weakest if weakest and doubt[weakest] > LARGEST_RELATIVE_ERROR else ""
+
+
+def _why_no(name: str, found: LikelihoodFit) -> str:
+    value, error = getattr(found.train, name), found.train_errors[name]
+    return (
+        f"{name}: {value:.3g} with a standard error of {error:.2g} cannot be distinguished from 0, so it is held at 0; "
+        "trials with quick reversals, sampled well within that time, would tell it."
+    )
+
+
+def _answer(found: LikelihoodFit, runs: Sequence[Run], speed: float, reasons: dict[str, str]) -> Identified | None:
+    a, b, _, d, e = found.rates
+    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    if a < SURELY_TURNS * spread[0]:
+        return None
+    ratios = Ratios((a, b, d, e), (spread[0], spread[1], spread[2], spread[3]))
+    model, covariance = _in_norrbin(found, speed)
+    names = ("gain", "time_constant", "n3", "n0")
+    errors: dict[str, float | None] = dict(
+        zip(names, np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), strict=True)
+    )
+    errors |= {"n1": None, "n2": None, **{name: found.train_errors.get(name) for name in RudderTrain._fields}}
+    reasons = {**reasons, **_reasons(ratios, model, errors)}
+    noises = _noises(model, runs, found.train)
+    return Identified(
+        model,
+        errors,
+        reasons,
+        noises,
+        free=names,
+        covariance=covariance,
+        train=found.train,
+        ratios=ratios,
+    )
+
+
+def _noises(model: Norrbin, runs: Sequence[Run], train: RudderTrain) -> tuple[Noise, Noise]:
+    off = [
+        values - np.stack([segment.rate, segment.heading], axis=1)
+        for run in runs
+        for segment, values in zip(run.segments, simulate_run(model, run, None, train), strict=True)
+    ]
+    return residual_noise([values[:, 0] for values in off]), residual_noise([values[:, 1] for values in off])
+
+
+def _in_norrbin(found: LikelihoodFit, speed: float) -> tuple[Norrbin, FloatArray]:
+    """Return the model and the covariance of K, T, n3 and n0."""
+    a, b, _, d, e = found.rates
+    b = math.copysign(max(abs(b), SMALLEST_B), b)
+    T, sign = 1.0 / abs(b), math.copysign(1.0, b)
+    slope = np.zeros((4, 4))
+    slope[:, 1] = -sign * T * T * np.array([a, 1.0, d, e])
+    slope[0, 0] = slope[2, 2] = slope[3, 3] = T
+    model = Norrbin(a * T, T, max(d, 0.0) * T, n1=sign, n0=e * T, reference_speed=speed)
+    return model, slope @ found.covariance @ slope.T
+
+
+def _reasons(ratios: Ratios, model: Norrbin, errors: dict[str, float | None]) -> dict[str, str]:
+    (a, b, d, _), (a_error, b_error, d_error, _) = ratios
+    if ratios.on_ridge:
+        known = (
+            f"K/T {a:.3g} +- {SURE_OF_IT * a_error:.2g} 1/s^2 and n3/T {d:.3g} +- {SURE_OF_IT * d_error:.2g} s/rad^2 "
+            "(95 %)"
+        )
+        why = (
+            f"n1/T {b:.3g} +- {SURE_OF_IT * b_error:.2g} 1/s holds 0, so that the boat may be course-stable or not; "
+            f"these runs tell {known}; sail a zigzag with small rudder angles (5 deg) and some turns held for minutes."
+        )
+        return {symbol: f"{symbol}: not determined: {why}" for symbol in ("K", "T")}
+    error = errors["n3"] or 0.0
+    if error > LARGEST_RELATIVE_ERROR * model.n3:
+        return {
+            "n3": f"n3: {model.n3:.3g} with a standard error of {error:.2g} s^2/rad^2 cannot be distinguished from 0; "
+            "it is kept with its doubt, which K and T share; steady turns at large rudder angles would tell it "
+            "(--steady-turns)."
+        }
+    return {}

@@ -1,0 +1,481 @@
+"""The likelihood of a recording in which gusts, waves and noise push the boat, all possible motions summed over.
+
+    r' = a delta - b r - c r^2 - d r^3 - e + g + w,    psi' = r,    g' = -g/tau + v
+
+a = K/T, b = n1/T, c = n2/T, d = n3/T, e = n0/T at the reference speed, each scaled with the speed of the moment; b of
+either sign, so that course-stable and course-unstable boats, and those in between, are one model. w is white, as what
+noise on the recorded rudder is worth; g is a gust that lasts. Compass and gyro see psi + x and r + x' with white noise,
+where x is the boat's motion in waves, x'' + 2 z W x' + W^2 x = white noise, if there are any.
+
+The states at all samples are found together, as the minimum of their negative logarithmic density: a sparse system, of
+which each sample touches the next one only (Bell 1994, the iterated Kalman smoother as Gauss and Newton's method). The
+integral over all states is that of the Gaussian with the curvature there (Laplace's approximation; exact but for the
+cubic term). What a boat does in the record is known from the record, so that nothing runs away however unstable it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpbtrf, dpbtrs
+
+from autopilot.identification.residuals import instrument_noise
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, with_corners
+from autopilot.identification.runs import FloatArray, Segment
+
+SPEED_FLOOR_RATIO = 0.05
+SUBSTEP = 0.3
+"""Steps of the integration, as a share of the time constant at most."""
+NODE_SHARE, LONGEST_NODE_S, MOST_NODES = 0.1, 1.0, 3000
+"""Samples are averaged over this share of the time constant, at most so long, unless there are more than so many."""
+SPEED_LAG_S, WINDOW_PER_MEMORY = 10.0, 3.5
+"""The speed's noise is told from its changes over this time. A window of so many times the memory of an exponential
+smoother to both sides averages as much noise away."""
+ROUNDS, ARRIVED = 12, 1.0e-6
+PROBE = 1.0e-5
+"""Step of the differences inside one integration step, as a share of the typical rate."""
+
+
+IntArray = NDArray[np.intp]
+
+
+class Rates(NamedTuple):
+    """a [1/s^2], b [1/s], c [1/rad], d [s/rad^2], e [rad/s^2] at the reference speed; see above."""
+
+    a: float
+    b: float
+    c: float = 0.0
+    d: float = 0.0
+    e: float = 0.0
+
+
+class Weather(NamedTuple):
+    """gust [rad/s^2], rms, and its time [s]; white [rad/s/sqrt(s)]; noise of gyro [rad/s] and compass [rad]; wave
+    [rad], rms of the heading, its frequency [rad/s] and damping; a wave of 0 is none."""
+
+    gust: float
+    gust_time: float
+    white: float
+    gyro: float
+    compass: float
+    wave: float = 0.0
+    wave_frequency: float = 1.0
+    wave_damping: float = 0.1
+
+
+class Record(NamedTuple):
+    """Segments, one after the other, on N nodes with M steps between them, each of S substeps.
+
+    begin: the node at which each step begins, shape (M,). first: of each segment. step [s], shape (M,). rate [rad/s]
+    and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. ratio: speed over
+    the reference speed, shape (S, M). edges: per segment the times [s] of the substeps' ends; paths: its rudder.
+    """
+
+    begin: IntArray
+    first: IntArray
+    step: FloatArray
+    rate: FloatArray
+    heading: FloatArray
+    rate_count: FloatArray
+    heading_count: FloatArray
+    ratio: FloatArray
+    edges: tuple[FloatArray, ...]
+    paths: tuple[tuple[FloatArray, FloatArray], ...]
+
+    @property
+    def nodes(self) -> int:
+        """N."""
+        return int(self.rate.size)
+
+    @property
+    def pins(self) -> FloatArray:
+        """What holds the first heading of each segment in which none is measured, shape (S,)."""
+        headed = np.add.reduceat(self.heading_count, self.first)
+        return np.where(headed > 0.0, 0.0, PIN)
+
+    @property
+    def rates_known(self) -> int:
+        """At how many nodes a rate was measured."""
+        return int(np.count_nonzero(self.rate_count))
+
+    @property
+    def headings_known(self) -> int:
+        """At how many nodes a heading was measured."""
+        return int(np.count_nonzero(self.heading_count))
+
+
+def record_of(segments: Sequence[Segment], reference_speed: float, time_constant: float) -> Record:
+    """Return the segments on nodes fit for a boat of about that time constant [s]."""
+    total = sum(segment.time.size for segment in segments)
+    parts, begins, firsts, at = [], [], [], 0
+    for segment in segments:
+        spacing = float(np.median(np.diff(segment.time)))
+        wanted = min(NODE_SHARE * time_constant, LONGEST_NODE_S)
+        averaged = max(1, int(wanted / spacing))
+        apart = max(averaged, -(-total // MOST_NODES) if total > MOST_NODES * averaged else 1)
+        while segment.time.size < 8 * apart and apart > 1:
+            apart -= 1
+        part = _averaged(segment, apart, min(averaged, apart))
+        parts.append(part)
+        count = part[0].size
+        firsts.append(at)
+        begins.append(at + np.arange(count - 1))
+        at += count
+    step = np.concatenate([np.diff(part[0]) for part in parts])
+    substeps = int(np.clip(math.ceil(float(np.median(step)) / (SUBSTEP * time_constant)), 1, 12))
+    edges, ratios, paths = [], [], []
+    for segment, part in zip(segments, parts, strict=True):
+        times = part[0]
+        share = np.arange(substeps + 1) / substeps
+        grid = times[:-1, None] + np.diff(times)[:, None] * share
+        edges.append(np.append(grid[:, :-1].ravel(), times[-1]))
+        middle = 0.5 * (grid[:, :-1] + grid[:, 1:])
+        speed = np.interp(middle, segment.time, smoothed(segment.time, np.abs(segment.speed)))
+        ratios.append(np.maximum(speed / reference_speed, SPEED_FLOOR_RATIO).T)
+        paths.append(with_corners(segment.time, segment.rudder))
+    joined = [np.concatenate([part[i] for part in parts]) for i in range(1, 5)]
+    return Record(
+        np.concatenate(begins),
+        np.array(firsts),
+        step,
+        np.nan_to_num(joined[0]),
+        np.nan_to_num(joined[1]),
+        joined[2],
+        joined[3],
+        np.concatenate(ratios, axis=1),
+        tuple(edges),
+        tuple(paths),
+    )
+
+
+def smoothed(time: FloatArray, values: FloatArray) -> FloatArray:
+    """Return `values` without their noise, by the means over a window that suits them.
+
+    Taken for a random walk of variance q a sample under white noise of variance R, whose best smoother forgets in
+    sqrt(R/q) samples to either side. Differences over one sample have the variance 2 R + q, over m samples 2 R + m q.
+    """
+    lag = min(int(SPEED_LAG_S / max(float(np.median(np.diff(time))), 1.0e-6)), values.size // 4)
+    if lag < 2:
+        return values
+    near, far = (float(np.mean((values[step:] - values[:-step]) ** 2)) for step in (1, lag))
+    walk = max((far - near) / (lag - 1), 0.0)
+    noise = max(0.5 * (near - walk), 0.0)
+    wanted = WINDOW_PER_MEMORY * math.sqrt(noise / max(walk, 1.0e-3 * noise / lag, 1.0e-300))
+    width = min(int(wanted), 2 * lag) | 1
+    if width < 3:
+        return values
+    padded = np.pad(values, width // 2, mode="reflect")
+    return np.asarray(np.convolve(padded, np.full(width, 1.0 / width), mode="valid"))
+
+
+def _averaged(segment: Segment, apart: int, together: int) -> tuple[FloatArray, ...]:
+    """Return times, rates, headings and how many samples each is the mean of: of so many `together` in the middle of
+    blocks of samples so many `apart`."""
+    count = segment.time.size // apart
+    middle = slice((apart - together) // 2, (apart - together) // 2 + together)
+
+    def of_blocks(values: FloatArray) -> FloatArray:
+        return np.asarray(values[: count * apart].reshape(count, apart)[:, middle])
+
+    means, counts = [], []
+    for values in (segment.rate, segment.heading):
+        block = of_blocks(values)
+        # where some are missing the rest is off the middle: such a mean is left out
+        whole = np.isfinite(block).all(axis=1)
+        means.append(np.where(whole, block.mean(axis=1), np.nan))
+        counts.append(np.where(whole, float(together), 0.0))
+    return of_blocks(segment.time).mean(axis=1), means[0], means[1], counts[0], counts[1]
+
+
+def rudder_on(record: Record, train: RudderTrain = DIRECT) -> tuple[FloatArray, FloatArray]:
+    """Return mean and rise [rad] of the rudder over each substep, shape (S, M) each, behind `train`."""
+    means, rises = [], []
+    substeps = record.ratio.shape[0]
+    for edges, (time, angle) in zip(record.edges, record.paths, strict=True):
+        moments, there = time, angle
+        if train != DIRECT:
+            moments = np.union1d(time + train.delay, edges)
+            there = behind_train(train, time, angle, moments)
+        grid = np.union1d(moments, edges)
+        values = np.interp(grid, moments, there)
+        area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(grid))])
+        at = np.searchsorted(grid, edges)
+        means.append((np.diff(area[at]) / np.diff(edges)).reshape(-1, substeps).T)
+        rises.append(np.diff(values[at]).reshape(-1, substeps).T)
+    return np.concatenate(means, axis=1), np.concatenate(rises, axis=1)
+
+
+def stepped(
+    rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray], start: FloatArray, push: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the yaw rate [rad/s] a step after `start`, and the angle turned meanwhile [rad], with a `push` [rad/s^2]
+    that stays; start, push: shape (..., M)."""
+    a, b, c, d, e = rates
+    S = record.ratio.shape[0]
+    h, r, turned = record.step / S, start, np.zeros_like(start)
+    for s in range(S):
+        ratio, mean, rise = record.ratio[s], rudder[0][s], rudder[1][s]
+        square = ratio * ratio
+        drive = square * (a * mean - e) + push
+        half = 0.5 * a * square * rise
+        linear, cubic = b * ratio, d / ratio
+        k1 = drive - half - r * (linear + r * (c + cubic * r))
+        x = r + 0.5 * h * k1
+        k2 = drive - x * (linear + x * (c + cubic * x))
+        x = r + 0.5 * h * k2
+        k3 = drive - x * (linear + x * (c + cubic * x))
+        x = r + h * k3
+        k4 = drive + half - x * (linear + x * (c + cubic * x))
+        turned = turned + h * (r + h / 6.0 * (k1 + k2 + k3))
+        r = r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return r, turned
+
+
+class Path(NamedTuple):
+    """The states at the nodes, shape (N, D): heading [rad], rate [rad/s], gust [rad/s^2], wave [rad, rad/s]; and the
+    negative logarithm of the record's likelihood there, constants left out."""
+
+    states: FloatArray
+    loss: float
+
+
+def begin_path(record: Record) -> FloatArray:
+    """Return states to begin the search with: the measured ones, smoothed where only headings are."""
+    N = record.nodes
+    states = np.zeros((N, 3))
+    ends = np.append(record.first[1:], N)
+    for first, end in zip(record.first.tolist(), ends.tolist(), strict=True):
+        rate, heading = record.rate[first:end], record.heading[first:end]
+        time = np.concatenate([[0.0], np.cumsum(record.step[_steps(record, first, end)])])
+        known = record.heading_count[first:end] > 0.0
+        if known.any():
+            states[first:end, 0] = np.interp(time, time[known], heading[known])
+        seen = record.rate_count[first:end] > 0.0
+        if seen.any():
+            states[first:end, 1] = np.interp(time, time[seen], rate[seen])
+            if not known.any():
+                steps = 0.5 * (states[first + 1 : end, 1] + states[first : end - 1, 1]) * np.diff(time)
+                states[first:end, 0] = np.concatenate([[0.0], np.cumsum(steps)])
+        else:
+            width = min(max(3, int(1.0 / float(np.median(np.diff(time)))) | 1), (end - first - 1) | 1)
+            slope = np.gradient(states[first:end, 0], time)
+            padded = np.pad(slope, width // 2, mode="edge")
+            states[first:end, 1] = np.convolve(padded, np.full(width, 1.0 / width), mode="valid")[: end - first]
+    return states
+
+
+def _steps(record: Record, first: int, end: int) -> slice:
+    low = int(np.searchsorted(record.begin, first))
+    return slice(low, low + end - first - 1)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def best_path(
+    rates: Rates,
+    weather: Weather,
+    record: Record,
+    rudder: tuple[FloatArray, FloatArray],
+    start: FloatArray,
+    rounds: int = ROUNDS,
+) -> Path:
+    """Return the most likely states near `start` and the loss; a loss of inf where the search does not arrive."""
+    noise = _noise_of(weather, record)
+    states, probe = start, PROBE * max(float(np.std(start[:, 1])), 1.0e-6)
+    for number in range(rounds):
+        found = _assembled(rates, record, rudder, states, probe, noise)
+        if found is None:
+            return Path(start, math.inf)
+        band, slope, density = found
+        factor, failed = dpbtrf(band, lower=1, overwrite_ab=1)
+        if failed:
+            return Path(start, math.inf)
+        move, _ = dpbtrs(factor, -slope, lower=1)
+        decrement = -float(move @ slope)
+        if not math.isfinite(decrement):
+            return Path(start, math.inf)
+        if decrement < ARRIVED or number == rounds - 1:
+            break
+        states = states + move.reshape(states.shape)
+    # half the decrement is what the last step would still have gained
+    return Path(states, density - 0.5 * decrement + float(np.log(factor[0]).sum()))
+
+
+class _Noise(NamedTuple):
+    """Inverse covariances of what drives each step, by their entries, shape (M,): (heading, heading), (heading, rate),
+    (rate, rate), gust. initial: 1/variance of the states where a segment begins, shape (D,). gyro, compass: 1/variance
+    of what was measured at each node, 0 where nothing was. keep: of the gust, shape (M,). wave: transition of the
+    waves, inverse of what drives them, and both products that the curvature needs, each of shape (4, M) by rows."""
+
+    angle: FloatArray
+    cross: FloatArray
+    rate: FloatArray
+    gust: FloatArray
+    initial: FloatArray
+    gyro: FloatArray
+    compass: FloatArray
+    keep: FloatArray
+    wave: tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None
+    constant: float
+
+
+def _noise_of(weather: Weather, record: Record) -> _Noise:
+    h, q = record.step, weather.white**2
+    keep = np.exp(-h / weather.gust_time)
+    # the inverse of [[h^3/3, h^2/2], [h^2/2, h]] q
+    per = 1.0 / (q * h)
+    gust = 1.0 / (weather.gust**2 * (1.0 - keep * keep))
+    logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + h.size * math.log(q * q / 12.0)
+    segments = record.first.size
+    logs += segments * 2.0 * math.log(weather.gust)
+    initial, wave = np.array([0.0, 0.0, weather.gust**-2.0]), None
+    if weather.wave > 0.0:
+        still = weather.wave**2 * np.array([1.0, weather.wave_frequency**2])
+        wave, log = _wave_noise(weather, h, still)
+        logs += log + segments * float(np.log(still).sum())
+        initial = np.append(initial, 1.0 / still)
+    gyro, compass = record.rate_count / weather.gyro**2, record.heading_count / weather.compass**2
+    logs += 2.0 * (record.rates_known * math.log(weather.gyro) + record.headings_known * math.log(weather.compass))
+    return _Noise(12.0 * per / (h * h), -6.0 * per / h, 4.0 * per, gust, initial, gyro, compass, keep, wave, 0.5 * logs)
+
+
+def _wave_noise(
+    weather: Weather, h: FloatArray, still: FloatArray
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], float]:
+    """Return `_Noise.wave` and the logarithm of the determinant of what drives the waves over all steps of `h` [s]."""
+    W, z = weather.wave_frequency, min(weather.wave_damping, 0.95)
+    own = W * math.sqrt(1.0 - z * z)
+    fade, cosine, sine = np.exp(-z * W * h), np.cos(own * h), np.sin(own * h) / own
+    moved = np.stack(
+        [fade * (cosine + z * W * sine), fade * sine, -fade * W * W * sine, fade * (cosine - z * W * sine)]
+    )
+    first, second = still
+    xx = first - moved[0] ** 2 * first - moved[1] ** 2 * second
+    xy = -moved[0] * moved[2] * first - moved[1] * moved[3] * second
+    yy = second - moved[2] ** 2 * first - moved[3] ** 2 * second
+    determinant = xx * yy - xy * xy
+    inverse = np.stack([yy, -xy, -xy, xx]) / determinant
+    ahead = _product(inverse, moved)
+    back = _product(moved[[0, 2, 1, 3]], ahead)
+    return (moved, inverse, ahead, back), float(np.log(determinant).sum())
+
+
+def _product(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the products of 2 by 2 matrices, each of shape (4, M) by rows."""
+    a, b, c, d = left
+    e, f, g, h = right
+    return np.stack([a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h])
+
+
+def _assembled(
+    rates: Rates,
+    record: Record,
+    rudder: tuple[FloatArray, FloatArray],
+    states: FloatArray,
+    probe: float,
+    noise: _Noise,
+) -> tuple[FloatArray, FloatArray, float] | None:
+    """Return the lower band of the curvature, the slope and the density at `states`; None where they overflow.
+
+    Written out by entries: A is the step's derivative, Q^-1 its inverse covariance, and of each step A'Q^-1 A, Q^-1 A
+    and Q^-1 are what the states before and after it have to do with themselves and one another.
+    """
+    N, D = states.shape
+    begin, end = record.begin, record.begin + 1
+    psi, r, gust = (np.ascontiguousarray(states[:, i]) for i in range(3))
+    push_probe = probe / record.step[0]
+    now, pushed = r[begin], gust[begin]
+    ahead, turned = stepped(
+        rates, record, rudder, np.stack([now, now + probe, now]), np.stack([pushed, pushed, pushed + push_probe])
+    )
+    if not math.isfinite(float(ahead.sum())):
+        return None
+    t, u = (turned[1] - turned[0]) / probe, (turned[2] - turned[0]) / push_probe
+    m, g = (ahead[1] - ahead[0]) / probe, (ahead[2] - ahead[0]) / push_probe
+    p, q, s, i, keep = noise.angle, noise.cross, noise.rate, noise.gust, noise.keep
+    e0, e1, e2 = psi[end] - psi[begin] - turned[0], r[end] - ahead[0], gust[end] - keep * pushed
+    w0, w1, w2 = p * e0 + q * e1, q * e0 + s * e1, i * e2
+    density = noise.constant + 0.5 * float(e0 @ w0 + e1 @ w1 + e2 @ w2)
+    slope = np.zeros((N, D))
+    slope[end, 0], slope[end, 1], slope[end, 2] = w0, w1, w2
+    slope[begin, 0] -= w0
+    slope[begin, 1] -= t * w0 + m * w1
+    slope[begin, 2] -= u * w0 + g * w1 + keep * w2
+    # rows of the band are the distance from the diagonal; the columns of a node lie side by side
+    band = np.zeros((N, D, 2 * D))
+    pr, sr, pg, sg = p * t + q * m, q * t + s * m, p * u + q * g, q * u + s * g
+    band[end, 0, 0], band[end, 0, 1], band[end, 1, 0], band[end, 2, 0] = p, q, s, i
+    band[begin, 0, 0] += p
+    band[begin, 0, 1] += pr
+    band[begin, 0, 2] += pg
+    band[begin, 1, 0] += t * pr + m * sr
+    band[begin, 1, 1] += u * pr + g * sr
+    band[begin, 2, 0] += u * pg + g * sg + keep * keep * i
+    for column, entries in ((0, (p, q)), (1, (pr, sr)), (2, (pg, sg))):
+        for row in range(2):
+            band[begin, column, D + row - column] = -entries[row]
+    band[begin, 2, D] = -keep * i
+    if noise.wave is not None:
+        density += _add_waves(noise.wave, record, states, slope, band)
+    for column, values, weight in ((1, record.rate, noise.gyro), (0, record.heading, noise.compass)):
+        seen = states[:, column] + states[:, 4 - (1 - column)] if D == 5 else states[:, column]
+        off = seen - values
+        pull = weight * off
+        density += 0.5 * float(off @ pull)
+        slope[:, column] += pull
+        band[:, column, 0] += weight
+        if D == 5:
+            slope[:, 3 + column] += pull
+            band[:, 3 + column, 0] += weight
+            band[:, column, 3] += weight
+    first = record.first
+    slope[first] += noise.initial * states[first]
+    band[first, :, 0] += noise.initial + LOOSE
+    band[first, 0, 0] += record.pins
+    density += 0.5 * float((noise.initial * states[first] ** 2).sum())
+    return band.reshape(N * D, 2 * D).T, slope.ravel(), density
+
+
+def _add_waves(
+    wave: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    record: Record,
+    states: FloatArray,
+    slope: FloatArray,
+    band: FloatArray,
+) -> float:
+    """Add what the waves' steps have to do with their states to slope and band; return their part of the density."""
+    moved, inverse, ahead, back = wave
+    begin, end, D = record.begin, record.begin + 1, 5
+    x, v = states[begin, 3], states[begin, 4]
+    e0, e1 = states[end, 3] - moved[0] * x - moved[1] * v, states[end, 4] - moved[2] * x - moved[3] * v
+    w0, w1 = inverse[0] * e0 + inverse[1] * e1, inverse[2] * e0 + inverse[3] * e1
+    slope[end, 3] += w0
+    slope[end, 4] += w1
+    slope[begin, 3] -= moved[0] * w0 + moved[2] * w1
+    slope[begin, 4] -= moved[1] * w0 + moved[3] * w1
+    band[end, 3, 0] += inverse[0]
+    band[end, 3, 1] += inverse[2]
+    band[end, 4, 0] += inverse[3]
+    band[begin, 3, 0] += back[0]
+    band[begin, 3, 1] += back[2]
+    band[begin, 4, 0] += back[3]
+    for row in range(2):
+        for column in range(2):
+            band[begin, 3 + column, D + row - column] -= ahead[2 * row + column]
+    return 0.5 * float(e0 @ w0 + e1 @ w1)
+
+
+LOOSE, PIN = 1.0e-6, 1.0e8
+"""States are held by so little where they begin; a heading that is nowhere measured by so much, at what it is."""
+
+
+def instruments(segments: Sequence[Segment]) -> tuple[float, float]:
+    """Return the white noise of gyro [rad/s] and compass [rad], from the second differences of the record."""
+    result = []
+    for rows in ([segment.rate for segment in segments], [segment.heading for segment in segments]):
+        known = [size for size in map(instrument_noise, rows) if math.isfinite(size)]
+        result.append(math.sqrt(float(np.mean(np.square(known)))) if known else 1.0)
+    return result[0], result[1]

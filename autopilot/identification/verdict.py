@@ -1,0 +1,75 @@
+"""Whether a model is good enough to steer by, in one sentence: said before any number.
+
+Designed gains bear a boat that is some 30 % off its model, so that 95 % intervals of K and T inside that are good, and
+wider ones are good for a start. What is not determined is no model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from autopilot.identification.identified import SURE_OF_IT, Identified
+from autopilot.identification.residual_tests import Prediction, ResidualTest
+
+Grade = Literal["good", "start", "not enough"]
+
+GOOD, ENOUGH = 0.3, 0.6
+"""Half a 95 % interval of K or T, as a share of it: that gains bear, and that a first design may be tried with."""
+LEAST_R2 = 0.5
+"""Share of the yaw rate that must be predicted open loop from rudder and speed for a good model of a stable boat."""
+KNOT_M_S = 1852.0 / 3600.0
+
+
+class Verdict(NamedTuple):
+    """The grade, and the sentence for the skipper."""
+
+    grade: Grade
+    sentence: str
+
+
+def verdict_of(
+    found: Identified, predictions: Sequence[Prediction] = (), tests: Sequence[ResidualTest] = ()
+) -> Verdict:
+    """Return what the model is good for; predictions of the runs that were fitted, tests of their residuals."""
+    again = f"20/20 once more at {found.model.reference_speed / KNOT_M_S:.3g} kn"
+    unknown = [symbol for symbol in ("K", "T") if symbol in found.unidentifiable]
+    if found.ratios is not None and found.ratios.on_ridge:
+        return Verdict(
+            "not enough",
+            "not enough: the runs do not tell whether the boat is course-stable; sail a zigzag with small rudder "
+            "angles (5/5) and two turns held for some minutes, and identify all of them together.",
+        )
+    if unknown:
+        return Verdict("not enough", f"not enough: {' and '.join(unknown)} not determined; sail {again}.")
+    doubts = {
+        symbol: SURE_OF_IT * error / abs(value)
+        for symbol, value, error in (
+            ("K", found.model.gain, found.standard_errors["gain"]),
+            ("T", found.model.time_constant, found.standard_errors["time_constant"]),
+        )
+        if error is not None
+    }
+    if not doubts:
+        return Verdict(
+            "start", f"good for a start: this method gives no doubt of K and T; compare output-error on {again}."
+        )
+    worst = max(doubts, key=lambda symbol: doubts[symbol])
+    share = f"{worst} +- {100.0 * doubts[worst]:.0f} %"
+    if doubts[worst] > ENOUGH or not math.isfinite(doubts[worst]):
+        return Verdict("not enough", f"not enough: {share} (95 %); sail {again}, for twice as long.")
+    if doubts[worst] > GOOD:
+        return Verdict("start", f"good for a start ({share}, 95 %): sail {again}.")
+    scores = [each.yaw_rate_r2 for each in predictions if each.yaw_rate_r2 is not None]
+    if found.model.n1 > 0.0 and scores and sorted(scores)[len(scores) // 2] < LEAST_R2:
+        return Verdict(
+            "start", f"good for a start: the model explains less than half of the yaw rate; sail {again} in less wind."
+        )
+    if any(test.follows_rudder for test in tests) and found.model.n1 > 0.0:
+        return Verdict(
+            "start",
+            "good for a start: the residuals follow the rudder, so that the model misses part of what it does; check "
+            f"the rudder's scale and sail {again}.",
+        )
+    return Verdict("good", f"good, steer with it ({share}, 95 %).")

@@ -1,0 +1,110 @@
+"""A boat that shares nothing with the project: it imports none of it. Many recordings of zigzags side by side.
+
+    r' = a delta - b r - d r^3 - e + a g(t),    psi' = r
+
+a = K/T, b = n1/T, d = n3/T, e = n0/T. Runge and Kutta's fourth order in steps of 10 ms; the rudder follows its order at
+a limited rate and angle; g is what gusts (first-order, coloured) and waves (a lightly damped oscillator driven by
+noise) are worth in rudder angle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+FINE_S, EVERY = 0.01, 10
+"""Steps of 10 ms; a record at 10 Hz."""
+SPEED_M_S = 5.0
+
+
+class Plant(NamedTuple):
+    """The boat's own coefficients (see above), its rudder's rate [deg/s], and how long each zigzag lasts [s]."""
+
+    name: str
+    a: float
+    b: float
+    d: float
+    e: float
+    rudder_rate_deg_s: float
+    seconds: float
+
+
+class Sea(NamedTuple):
+    """Gusts and waves [deg of rudder, rms], their time [s] and period [s]; noise of compass [deg], gyro [deg/s, none
+    where it is not recorded], rudder [deg] and speed [share]."""
+
+    name: str
+    gust_deg: float = 0.0
+    gust_time_s: float = 5.0
+    wave_deg: float = 0.0
+    wave_period_s: float = 5.0
+    compass_deg: float = 0.3
+    gyro_deg_s: float | None = None
+    rudder_deg: float = 0.0
+    speed_share: float = 0.0
+
+
+def zigzags(
+    plant: Plant, sea: Sea, seeds: list[int], side: int, angle_deg: float = 20.0
+) -> list[dict[str, FloatArray]]:
+    """Return a 20/20 zigzag for each seed, the rudder put over to `side` (+1 starboard) first: columns in SI units."""
+    count, steps = len(seeds), round(plant.seconds / FINE_S)
+    randoms = [np.random.default_rng([seed, 0 if side > 0 else 1]) for seed in seeds]
+    pushes = np.array([_pushes(sea, random, steps) for random in randoms])
+    angle, rate_max = math.radians(angle_deg), math.radians(plant.rudder_rate_deg_s) * FINE_S
+    order = np.full(count, side * angle)
+    psi, r, rudder = np.zeros(count), np.zeros(count), np.zeros(count)
+    rows = np.empty((count, steps // EVERY, 3))
+
+    def turning(rate: FloatArray, angle_: FloatArray) -> FloatArray:
+        return plant.a * angle_ - (plant.b + plant.d * rate * rate) * rate - plant.e
+
+    for i in range(steps):
+        if i % EVERY == 0:
+            rows[:, i // EVERY] = np.stack([psi, r, rudder], axis=1)
+        order = np.where(psi * np.sign(order) >= angle, -order, order)
+        moved = np.clip(rudder + np.clip(order - rudder, -rate_max, rate_max), -0.61, 0.61)
+        begin, end = rudder + pushes[:, i], moved + pushes[:, i]
+        middle, h = 0.5 * (begin + end), FINE_S
+        k1 = turning(r, begin)
+        k2 = turning(r + 0.5 * h * k1, middle)
+        k3 = turning(r + 0.5 * h * k2, middle)
+        k4 = turning(r + h * k3, end)
+        psi = psi + h * (r + h / 6.0 * (k1 + k2 + k3))
+        r = r + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        rudder = moved
+    return [_recorded(row, sea, random) for row, random in zip(rows, randoms, strict=True)]
+
+
+def _recorded(row: FloatArray, sea: Sea, random: np.random.Generator) -> dict[str, FloatArray]:
+    size = row.shape[0]
+    table = {
+        "time_s": np.arange(size) * FINE_S * EVERY,
+        "heading_rad": row[:, 0] + math.radians(sea.compass_deg) * random.normal(size=size),
+        "rudder_rad": row[:, 2] + math.radians(sea.rudder_deg) * random.normal(size=size),
+        "speed_m_s": SPEED_M_S * (1.0 + sea.speed_share * random.normal(size=size)),
+    }
+    if sea.gyro_deg_s is not None:
+        table["yaw_rate_rad_s"] = row[:, 1] + math.radians(sea.gyro_deg_s) * random.normal(size=size)
+    return table
+
+
+def _pushes(sea: Sea, random: np.random.Generator, steps: int) -> FloatArray:
+    """Return gusts and waves [rad of rudder] at each step."""
+    keep = math.exp(-FINE_S / sea.gust_time_s)
+    gust, wave, wave_rate = random.normal(), random.normal(), random.normal()
+    omega, damping = 2.0 * math.pi / sea.wave_period_s, 0.1
+    drive = math.sqrt(4.0 * damping * omega * FINE_S)  # in units of the frequency: rms 1
+    white = random.normal(size=(steps, 2)).tolist()
+    result = []
+    for first, second in white:
+        gust = keep * gust + math.sqrt(1.0 - keep * keep) * first
+        wave_rate += -FINE_S * omega * (2.0 * damping * wave_rate + wave) + drive * second
+        wave += FINE_S * omega * wave_rate
+        result.append(sea.gust_deg * gust + sea.wave_deg * wave)
+    return np.radians(result)

@@ -1,0 +1,201 @@
+"""The likelihood of a boat in gusts: intervals that hold, boats of either stability, and what is said of them.
+
+The boats are those of `benchmarks/independent_boat.py`, which imports nothing of the project.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from identification_intervals import PLANTS, SEAS
+from independent_boat import SPEED_M_S, Plant, Sea, zigzags
+
+from autopilot.cli.identify_vessel import Given, write_vessel
+from autopilot.cli.main import main
+from autopilot.errors import InputError
+from autopilot.identification.identified import Identified, Question
+from autopilot.identification.identify import identify
+from autopilot.identification.likelihood_fit import truncated
+from autopilot.identification.marginal_likelihood import (
+    Rates,
+    Weather,
+    begin_path,
+    best_path,
+    record_of,
+    rudder_on,
+    smoothed,
+)
+from autopilot.identification.rudder_path import rudder_rate_of
+from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
+from autopilot.identification.verdict import verdict_of
+from autopilot.models.wind import RaceAndWind, inflow_ratio
+from autopilot.report.identification import Result, as_text, document_of
+from autopilot.vessel.file import load_vessel
+
+QUESTION = Question(reference_speed=SPEED_M_S)
+PLANT = {plant.name: plant for plant in PLANTS}
+SEA = {sea.name: sea for sea in SEAS}
+
+
+def runs_of(plant: Plant, sea: Sea, seed: int) -> list[Run]:
+    return [run_from_columns(f"{side:+d}.csv", zigzags(plant, sea, [seed], side)[0]) for side in (1, -1)]
+
+
+@pytest.fixture(scope="module")
+def unstable() -> Identified:
+    return identify(runs_of(PLANT["unstable"], SEA["calm"], 100), QUESTION)
+
+
+@pytest.fixture(scope="module")
+def ridge() -> Identified:
+    neutral = PLANT["neutral"]._replace(b=0.0)
+    return identify(runs_of(neutral, SEA["gusts and waves"], 101), QUESTION)
+
+
+def test_a_course_unstable_boat_is_found_without_being_told(unstable: Identified) -> None:
+    assert unstable.ratios is not None
+    assert unstable.ratios.values[:3] == pytest.approx((0.2, -0.5, 10.0), rel=0.03)
+    assert unstable.model.n1 == -1.0
+    assert unstable.model.gain == pytest.approx(0.4, rel=0.03)
+
+
+def test_in_gusts_and_waves_the_intervals_hold_the_truth() -> None:
+    plant, sea, inside = PLANT["K 0.43, T 3.5"], SEA["gusts and waves"], []
+    for seed in range(200, 205):
+        ratios = identify(runs_of(plant, sea, seed), QUESTION).ratios
+        assert ratios is not None
+        truth = (plant.a, plant.b, plant.d, plant.e)
+        inside += [
+            abs(value - true) < 1.96 * error
+            for value, true, error in zip(ratios.values, truth, ratios.errors, strict=True)
+        ]
+    # 95 % of 20; 16 or fewer by chance in one case of 400
+    assert sum(inside) >= 16
+
+
+def test_where_stability_is_not_told_the_ratios_are_and_a_sentence_says_so(ridge: Identified) -> None:
+    assert ridge.ratios is not None and ridge.ratios.on_ridge
+    assert {"K", "T"} <= set(ridge.unidentifiable)
+    assert "K/T 0.2" in ridge.unidentifiable["K"] and "n3/T" in ridge.unidentifiable["K"]
+    verdict = verdict_of(ridge)
+    assert verdict.grade == "not enough" and "course-stable" in verdict.sentence
+    document = document_of(Result("norrbin", ridge, None, []))
+    assert document["parameters"]["K"]["value"] is None
+    low, high = document["ratios"]["K/T"]["interval_95"]
+    assert low < 0.2 < high
+    assert as_text(Result("norrbin", ridge, None, [])).startswith("Not enough: ")
+
+
+@pytest.mark.parametrize("which", ["unstable", "ridge"])
+def test_a_file_that_is_written_can_be_designed_for(
+    which: str, tmp_path: Path, unstable: Identified, ridge: Identified
+) -> None:
+    found = unstable if which == "unstable" else ridge
+    run = runs_of(PLANT["unstable"], SEA["calm"], 100)[0]
+    path = tmp_path / "boat.yaml"
+    result = Result("norrbin", found, None, [(run, "fit", found.predict(run))], rudder_rate=rudder_rate_of([run]))
+    try:
+        write_vessel(str(path), result, None, Given(end_stop_deg=35.0))
+    except InputError as refused:
+        assert "is not written" in str(refused) and not path.exists()
+        return
+    assert load_vessel(path).model.n1 in (-1.0, 1.0)
+    assert main(["gains", str(path), "--json"]) == 0
+
+
+def test_a_model_nobody_can_steer_by_is_not_written(tmp_path: Path, unstable: Identified) -> None:
+    run = runs_of(PLANT["unstable"], SEA["calm"], 100)[0]
+    wild = unstable._replace(
+        model=unstable.model._replace(gain=0.01, time_constant=0.05, n3=1.0e-3), ratios=None, unidentifiable={}
+    )
+    path = tmp_path / "boat.yaml"
+    with pytest.raises(InputError, match="is not written"):
+        write_vessel(
+            str(path), Result("norrbin", wild, None, [(run, "fit", wild.predict(run))]), None, Given(None, 35.0)
+        )
+    assert not path.exists()
+
+
+def test_a_delay_is_fitted_where_the_rudder_was_ordered_and_not_where_it_was_measured() -> None:
+    late = [
+        run._replace(
+            rudder="ordered", segments=tuple(s._replace(time=s.time, rudder=_ahead(s, 0.3)) for s in run.segments)
+        )
+        for run in runs_of(PLANT["K 0.43, T 3.5"], SEA["calm"], 102)
+    ]
+    found = identify(late, QUESTION)
+    assert found.train.delay + found.train.lag == pytest.approx(0.3, abs=0.05)
+    assert found.model.gain == pytest.approx(0.43, rel=0.03)
+    assert found.model.time_constant == pytest.approx(3.5, rel=0.03)
+    measured = identify([run._replace(rudder="measured") for run in late], QUESTION)
+    assert measured.train.delay == measured.train.lag == 0.0
+
+
+def _ahead(segment: Segment, by: float) -> FloatArray:
+    return np.interp(segment.time + by, segment.time, segment.rudder)
+
+
+def test_the_loss_is_that_of_a_kalman_filter() -> None:
+    """Of a linear boat the likelihood is the product of a Kalman filter's innovations, reckoned here one by one."""
+    run = runs_of(Plant("linear", 0.1, 0.3, 0.0, 0.0, 15.0, 12.0), Sea("calm", gyro_deg_s=0.1), 7)[0]
+    record = record_of(run.segments, SPEED_M_S, 1.0)
+    rudder, start = rudder_on(record), begin_path(record)
+
+    def filtered(b: float, weather: Weather) -> float:
+        h, N = float(record.step[0]), record.nodes
+        m = math.exp(-b * h)
+        keep = math.exp(-h / weather.gust_time)
+        s = (1.0 - m) / b
+        A = np.array([[1.0, s, (h - s) / b], [0.0, m, s], [0.0, 0.0, keep]])
+        q = weather.white**2
+        Q = np.diag([0.0, 0.0, weather.gust**2 * (1.0 - keep**2)])
+        Q[:2, :2] = q * np.array([[h**3 / 3.0, h**2 / 2.0], [h**2 / 2.0, h]])
+        x, P, total = np.zeros(3), np.diag([1.0e6, 1.0e6, weather.gust**2]), 0.0
+        R = np.diag([weather.compass**2, weather.gyro**2])
+        H = np.eye(3)[:2]
+        for k in range(N):
+            S = H @ P @ H.T + R
+            e = np.array([record.heading[k], record.rate[k]]) - H @ x
+            total += 0.5 * float(e @ np.linalg.solve(S, e)) + 0.5 * float(np.linalg.slogdet(S)[1])
+            gain = P @ H.T @ np.linalg.inv(S)
+            x, P = x + gain @ e, (np.eye(3) - gain @ H) @ P
+            if k < N - 1:
+                drive = 0.1 * float(rudder[0][:, k].mean())
+                x = A @ x + drive * np.array([(h - s) / b, s, 0.0])
+                P = A @ P @ A.T + Q
+        return total
+
+    one = Weather(0.01, 4.0, 0.003, math.radians(0.1), math.radians(0.3))
+    other = one._replace(gust=0.02, white=0.002, compass=math.radians(0.4))
+    ours = [best_path(Rates(0.1, b), weather, record, rudder, start).loss for b, weather in ((0.3, one), (0.4, other))]
+    theirs = [filtered(b, weather) for b, weather in ((0.3, one), (0.4, other))]
+    assert ours[1] - ours[0] == pytest.approx(theirs[1] - theirs[0], abs=0.3)
+    assert abs(theirs[1] - theirs[0]) > 10.0
+
+
+def test_a_normal_distribution_that_cannot_be_negative() -> None:
+    random = np.random.default_rng(3)
+    mean, covariance = np.array([1.0, 0.2]), np.array([[1.0, 0.6], [0.6, 0.8]])
+    drawn = random.multivariate_normal(mean, covariance, 400_000)
+    drawn = drawn[drawn[:, 1] > 0.0]
+    found, spread = truncated(mean, covariance, 1)
+    assert found == pytest.approx(drawn.mean(axis=0), abs=0.01)
+    assert spread == pytest.approx(np.cov(drawn.T), abs=0.01)
+
+
+def test_the_noise_of_a_log_goes_and_its_changes_stay() -> None:
+    time = np.arange(0.0, 120.0, 0.1)
+    truth = 5.0 - 0.5 * (np.sin(time / 8.0) > 0.0) * np.sin(time / 8.0)
+    seen = truth + 0.1 * np.random.default_rng(5).normal(size=time.size)
+    off = smoothed(time, seen) - truth
+    assert np.sqrt(np.mean(off**2)) < 0.05
+
+
+def test_a_propeller_astern_makes_no_race() -> None:
+    around = RaceAndWind(race=1.0e-3, reference_propeller=10.0)
+    ratio = np.array([1.0, 1.0])
+    astern, stopped = inflow_ratio(around, 0.25, ratio, np.array([-12.0, 0.0]))
+    assert astern == stopped
