@@ -116,6 +116,11 @@ def add_parser(subparsers: Any) -> None:
         metavar="DEG",
         help="delta_0 of the wave glider (default 30)",
     )
+    parser.add_argument(
+        "--roll",
+        action="store_true",
+        help="how the boat rolls under its rudder, from one LOG with roll (docs/roll_damping.md)",
+    )
     parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
     parser.add_argument(
         "--rudder-max-deg",
@@ -134,8 +139,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.method == "list":
         print(_methods())
         return int(ExitCode.OK)
-    if arguments.wave_glider:
-        print(_wave_glider(arguments))
+    if arguments.wave_glider or arguments.roll:
+        print(_roll(arguments) if arguments.roll else _wave_glider(arguments))
         return int(ExitCode.OK)
     from autopilot.identification.registry import method_named
 
@@ -190,6 +195,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report and not arguments.json:
         print(f"\nWrote the report to {arguments.report}.")
     return int(ExitCode.OK)
+
+
+def _roll(arguments: argparse.Namespace) -> str:
+    from autopilot.cli.identify_roll import identified_roll
+
+    return identified_roll(arguments)
 
 
 def _methods() -> str:

@@ -40,6 +40,8 @@ COLUMNS: dict[str, Column] = {
     "heading_deg": Column("heading_rad", math.pi / 180.0),
     "yaw_rate_rad_s": Column("yaw_rate_rad_s", 1.0),
     "yaw_rate_deg_s": Column("yaw_rate_rad_s", math.pi / 180.0),
+    "roll_rad": Column("roll_rad", 1.0),
+    "roll_deg": Column("roll_rad", math.pi / 180.0),
     "rudder_rad": Column("rudder_rad", 1.0),
     "rudder_deg": Column("rudder_rad", math.pi / 180.0),
     "speed_m_s": Column("speed_m_s", 1.0),

@@ -30,6 +30,7 @@ from autopilot.logs.series import (
     LONGITUDE,
     PROPELLER,
     RATE,
+    ROLL,
     SHARE,
     SPEED,
     WIND_DIRECTION,
@@ -207,6 +208,7 @@ FIRST = 0.0
 FIX_2D = 2
 MEANINGS = (
     (HEADING, "ATT", "Yaw", DEG),
+    (ROLL, "ATT", "Roll", DEG),
     (RATE, "STER", "TurnRate", DEG),
     (RATE, "RATE", "Y", DEG),
     (RATE, "IMU", "GyrZ", 1.0),

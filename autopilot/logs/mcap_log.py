@@ -25,6 +25,7 @@ from autopilot.logs.series import (
     ORDER,
     PROPELLER,
     RATE,
+    ROLL,
     RUDDER,
     SHARE,
     SPEED,
@@ -38,7 +39,20 @@ from autopilot.logs.series import (
 
 HEAD = b"\x89MCAP0\r\n"
 SAMPLE = "norrbin.Sample"
-QUANTITIES = (HEADING, RATE, SPEED, RUDDER, ORDER, SHARE, LATITUDE, LONGITUDE, PROPELLER, WIND_SPEED, WIND_DIRECTION)
+QUANTITIES = (
+    HEADING,
+    RATE,
+    ROLL,
+    SPEED,
+    RUDDER,
+    ORDER,
+    SHARE,
+    LATITUDE,
+    LONGITUDE,
+    PROPELLER,
+    WIND_SPEED,
+    WIND_DIRECTION,
+)
 CHUNK_MOST = 256 << 20
 """Bytes that a chunk may unpack to; writers make them of 1 to 4 MB."""
 MESSAGE_MOST = 4096

@@ -32,6 +32,7 @@ from autopilot.logs.line_times import EPOCH_FROM, of_day, spread, stamp_of, stam
 from autopilot.logs.series import (
     HEADING,
     PROPELLER,
+    ROLL,
     SPEED,
     WIND_DIRECTION,
     WIND_SPEED,
@@ -79,6 +80,8 @@ def date_of(sentence: Sentence) -> float | None:
 
 WIND_UNITS = {"N": KNOT_M_S, "M": 1.0, "K": KMH_M_S}
 RPM_LIMIT = 100_000.0
+XDR_ROLLS = (("A", "D", "ROLL"), ("A", "D", "HEEL"))
+"""Kind, unit and name of a transducer that measures roll [deg]."""
 BAD_SHARE = 0.2
 THROUGH_WATER = "VHW"
 LOOK_AT = 65536
@@ -187,7 +190,8 @@ def _values(
 
 
 def _around(sentence: Sentence) -> list[tuple[str, float]]:
-    """Return the apparent wind of MWV (angle, R, speed, unit, A) and a shaft's RPM (S, number, rpm, pitch, A)."""
+    """Return the apparent wind of MWV (angle, R, speed, unit, A), a shaft's RPM (S, number, rpm, pitch, A), the roll of
+    XDR (A, value, D, name; any number of them) or PASHR (time, heading, T, roll, ...)."""
     fields = sentence.fields
     try:
         if sentence.type == "MWV" and fields[1:2] == ("R",):
@@ -198,6 +202,12 @@ def _around(sentence: Sentence) -> list[tuple[str, float]]:
             letter(fields, 0, "S")
             status(fields, 4)
             return [(PROPELLER, number(fields, 2, -RPM_LIMIT, RPM_LIMIT) / 60.0)]
+        if sentence.type == "XDR":
+            groups = zip(*(fields[part::4] for part in range(4)), strict=False)
+            rolls = tuple(value for kind, value, unit, name in groups if (kind, unit, name.upper()) in XDR_ROLLS)
+            return [(ROLL, math.radians(number(rolls, 0, -180.0, 180.0)))] if rolls else []
+        if sentence.talker + sentence.type == "PASHR":
+            return [(ROLL, math.radians(number(fields, 3, -180.0, 180.0)))]
     except (ValueError, KeyError, NoDataError):
         return []
     return []

@@ -15,6 +15,8 @@ from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderS
 FloatArray = NDArray[np.float64]
 
 HEADING, RATE, SPEED = "heading_rad", "yaw_rate_rad_s", "speed_m_s"
+ROLL = "roll_rad"
+"""Positive with the starboard side down."""
 RUDDER = "rudder_rad"
 """The rudder's angle as measured, starboard positive."""
 ORDER = "rudder_order_rad"

@@ -36,6 +36,7 @@ from autopilot.logs.series import (
     PILOT,
     PROPELLER,
     RATE,
+    ROLL,
     RUDDER,
     SHARE,
     SPEED,
@@ -279,7 +280,7 @@ def _offers(recording: Recording) -> str:
     return f"it has {' and '.join(there)}" if there else "it has no rudder of any kind"
 
 
-BESIDE = (SPEED, LATITUDE, LONGITUDE, PROPELLER, WIND_SPEED, WIND_DIRECTION)
+BESIDE = (ROLL, SPEED, LATITUDE, LONGITUDE, PROPELLER, WIND_SPEED, WIND_DIRECTION)
 ALIKE = 1.5
 """Two series whose spacings differ by less than this factor are sampled alike: one is taken between its samples."""
 

@@ -31,6 +31,7 @@ from autopilot.logs.series import (
     LONGITUDE,
     PROPELLER,
     RATE,
+    ROLL,
     SHARE,
     SPEED,
     WIND_DIRECTION,
@@ -222,6 +223,7 @@ class VehicleLog:
         key = self._now(message.time_boot_ms * 1.0e-3)
         self._put(HEADING, "ATTITUDE", key, message.yaw)
         self._put(RATE, "ATTITUDE", key, message.yawspeed)
+        self._put(ROLL, "ATTITUDE", key, message.roll)
 
     def _position(self, message: Message) -> None:
         key = self._now(message.time_boot_ms * 1.0e-3)

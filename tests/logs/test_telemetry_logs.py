@@ -236,7 +236,7 @@ def test_messages_of_another_time_are_left_out_and_counted(tmp_path: Path) -> No
         data[place + 3 : place + 11] = struct.pack("<Q", 10**18 + place)
     path = written(tmp_path, bytes(data), "boat.BIN")
     recording = read_recording(path)
-    assert recording.notes[0].startswith(f"{path}: 3 of ")
+    assert recording.notes[0].startswith(f"{path}: 6 of "), "heading and roll of three messages"
     assert_sailed(recording, BOAT, 0.01)
 
 
