@@ -11,6 +11,8 @@ import math
 import re
 from collections import defaultdict
 from datetime import UTC, datetime
+from functools import reduce
+from operator import xor
 from typing import NamedTuple
 
 from autopilot.errors import InputError
@@ -80,6 +82,8 @@ def date_of(sentence: Sentence) -> float | None:
 
 WIND_UNITS = {"N": KNOT_M_S, "M": 1.0, "K": KMH_M_S}
 RPM_LIMIT = 100_000.0
+_PASHR = re.compile(rb"\$(PASHR,([^*]{0,80}))\*([0-9A-Fa-f]{2})")
+"""Attitude of a satellite compass: time, heading, T, roll, pitch, ... behind the commas."""
 XDR_ROLLS = (("A", "D", "ROLL"), ("A", "D", "HEEL"))
 """Kind, unit and name of a transducer that measures roll [deg]."""
 BAD_SHARE = 0.2
@@ -129,6 +133,15 @@ def _lines(data: bytes) -> tuple[list[Line], int]:
             found = framer.feed(raw[start:].rstrip().rstrip(b'"') + b"\r\n")
             if found:
                 lines.append(Line(found[0], raw[:start].decode("ascii", "replace"), place + start))
+            elif (attitude := _PASHR.match(raw, start)) is not None:
+                # a maker's own sentence, which no link reads
+                if reduce(xor, attitude[1]) == int(attitude[3], 16):
+                    fields = tuple(attitude[2].decode("ascii", "replace").split(","))
+                    lines.append(
+                        Line(Sentence("PA", "SHR", fields, 0), raw[:start].decode("ascii", "replace"), place + start)
+                    )
+                else:
+                    bad += 1
             bad += framer.counts.checksum_errors + framer.counts.malformed
         place += len(raw)
     return lines, bad

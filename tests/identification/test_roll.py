@@ -129,10 +129,13 @@ def test_the_command_writes_a_file_that_steers(tmp_path: Path, capsys: pytest.Ca
     assert "give --vessel FILE" in capsys.readouterr().err
 
 
-def test_roll_comes_from_nmea_sentences() -> None:
+@pytest.mark.parametrize(
+    "form", ["IIXDR,C,20.0,C,AIR,A,{:.1f},D,ROLL", "PASHR,120000.00,1.0,T,{:.1f},1.0,0.0,0.1,0.1,0.1,1,1"]
+)
+def test_roll_comes_from_nmea_sentences(form: str) -> None:
     lines = []
     for second in range(20):
-        for body in (f"IIHDT,{10.0 + second:.1f},T", f"IIXDR,C,20.0,C,AIR,A,{second - 10:.1f},D,ROLL"):
+        for body in (f"IIHDT,{10.0 + second:.1f},T", form.format(second - 10)):
             check = 0
             for letter in body:
                 check ^= ord(letter)
