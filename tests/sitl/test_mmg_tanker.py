@@ -124,7 +124,7 @@ def test_hull_propeller_and_rudder_are_those_of_shipmmg(rudder_deg: float) -> No
     Its wake changes otherwise in a turn, and it puts the centre of gravity elsewhere into the drift: both are set to
     nothing on both sides. What is left is every other equation.
     """
-    shipmmg = pytest.importorskip("shipmmg.mmg_3dof", reason="pip install '.[interop]'")
+    shipmmg = pytest.importorskip("shipmmg.mmg_3dof", reason="pip install --no-deps shipmmg")
     wake, revolutions, length, draught, density = 0.0, 11.0, mmg.LENGTH, mmg.DRAUGHT, 1000.0
     hull, mass, propeller, rudder = mmg.HullForces(), mmg.Mass(), mmg.Propeller(wake=wake, c1=0.0), mmg.Rudder()
     unit = 0.5 * density * length**2 * draught
