@@ -8,6 +8,7 @@ from zigzag_trials import noisy, run_of, zigzag
 
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
+from autopilot.identification.output_error import Weighting
 from autopilot.identification.runs import Run, Segment
 from autopilot.identification.trial_design import InstrumentNoise, cramer_rao, planned, zigzag_helm
 from autopilot.models.norrbin import Norrbin
@@ -60,16 +61,24 @@ def test_the_planned_trial_is_the_zigzag_of_another_integration() -> None:
     np.testing.assert_allclose(mine.time[reversals], other["time_s"][theirs], atol=0.02)
 
 
-def test_the_fit_reaches_the_bound_and_its_intervals_cover_the_truth() -> None:
-    """12 seeds of a zigzag: rms error over bound is within 1.25 for the sample that small (chi-square, 1 %: 1.5)."""
+@pytest.mark.parametrize("weighting", ["residuals", "likelihood"])
+def test_the_fit_reaches_the_bound_and_its_intervals_cover_the_truth(weighting: Weighting) -> None:
+    """12 seeds of a zigzag: rms error over bound is within 1.25 for the sample that small (chi-square, 1 %: 1.5).
+
+    The bound knows that there are no gusts, and so does the fit to white residuals. The likelihood asks the record, and
+    what it cannot exclude makes its intervals wider.
+    """
     table = zigzag(np.radians(15.0), 60.0, 0.1)
     truth = Norrbin(0.701, 0.332, 3.2828, reference_speed=5.0)
     free = ("gain", "time_constant", "n3", "n0")
     bound = cramer_rao([run_of(table)], truth, free, InstrumentNoise(RATE, HEADING))
-    found = [identify([run_of(noisy(table, RATE, HEADING, seed))], Question(reference_speed=5.0)) for seed in range(12)]
+    question = Question(reference_speed=5.0, weighting=weighting)
+    found = [identify([run_of(noisy(table, RATE, HEADING, seed))], question) for seed in range(12)]
     for name in free:
         errors = np.array([getattr(fit.model, name) - getattr(truth, name) for fit in found])
         assert np.sqrt(np.mean(errors**2)) < 1.5 * bound[name]
         bounds = np.array([fit.standard_errors[name] for fit in found], dtype=float)
-        assert np.mean(bounds) == pytest.approx(bound[name], rel=0.1)
+        assert np.mean(bounds) > 0.9 * bound[name]
+        if weighting == "residuals":
+            assert np.mean(bounds) == pytest.approx(bound[name], rel=0.1)
         assert np.count_nonzero(np.abs(errors) > 1.96 * bounds) <= 3

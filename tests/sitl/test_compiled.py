@@ -63,6 +63,7 @@ def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_another_process_finds_the_compiled_code_on_disk() -> None:
+    pytest.importorskip("numba")
     program = "from sitl.campaign.work import compiled_loop; print(compiled_loop('backstepping').stats.cache_path)"
     folders = {
         subprocess.run(
