@@ -20,6 +20,7 @@ from autopilot.models.steering_gear import SteeringGear, gear_step_by
 from sitl.boat import BoatState, Disturbance, Hull, Step
 
 if TYPE_CHECKING:
+    from sitl.plant_kind import PlantStep
     from sitl.scenario import GearSection
 
 AIR_DENSITY = 1.225
@@ -124,48 +125,46 @@ def turning(accelerations: Accelerations, plant: Any, speed: float) -> float:
     return (starboard - port) / (2.0 * SLIGHT)
 
 
-def craft_step(
-    accelerations: Accelerations,
-    plant: Any,
-    step: Step,
-    now: BoatState,
-    order: float,
-    thrust_speed: float,
-    acting: Disturbance,
-) -> BoatState:  # six of them are those of every plant's step
-    """Return the state a step later: the gear, then the classical Runge-Kutta method with the rudder held."""
-    dt = step.dt
-    rudder = gear_step_by(plant.gear, step.rudder, now.rudder, dragged(plant.play, now.rudder, order), dt)
-    start = Motion(now.speed, now.sway, now.rate, now.roll_rate, now.roll)
-    k1 = accelerations(plant, start, rudder, thrust_speed, acting)
-    k2 = accelerations(plant, _along(start, k1, 0.5 * dt), rudder, thrust_speed, acting)
-    k3 = accelerations(plant, _along(start, k2, 0.5 * dt), rudder, thrust_speed, acting)
-    k4 = accelerations(plant, _along(start, k3, dt), rudder, thrust_speed, acting)
-    sixth, third = dt / 6.0, dt / 3.0
-    surge = now.speed + sixth * (k1.surge + k4.surge) + third * (k2.surge + k3.surge)
-    sway = now.sway + sixth * (k1.sway + k4.sway) + third * (k2.sway + k3.sway)
-    rate = now.rate + sixth * (k1.rate + k4.rate) + third * (k2.rate + k3.rate)
-    roll_rate = now.roll_rate + sixth * (k1.roll_rate + k4.roll_rate) + third * (k2.roll_rate + k3.roll_rate)
-    roll = now.roll + sixth * (k1.roll + k4.roll) + third * (k2.roll + k3.roll)
-    level = math.cos(roll)
-    heading = now.heading + 0.5 * dt * (now.rate * math.cos(now.roll) + rate * level)
-    cosine, sine = math.cos(heading), math.sin(heading)
-    across = sway * level
-    north_speed = surge * cosine - across * sine + acting.current_north
-    east_speed = surge * sine + across * cosine + acting.current_east
-    return BoatState(
-        now.north + 0.5 * dt * (now.north_speed + north_speed),
-        now.east + 0.5 * dt * (now.east_speed + east_speed),
-        heading,
-        rate,
-        surge,
-        sway,
-        roll,
-        roll_rate,
-        rudder,
-        north_speed,
-        east_speed,
-    )
+def step_by(accelerations: Accelerations) -> PlantStep:
+    """Return a plant's step: the gear, then the classical Runge-Kutta method with the rudder held."""
+
+    def craft_step(
+        plant: Any, step: Step, now: BoatState, order: float, thrust_speed: float, acting: Disturbance
+    ) -> BoatState:
+        dt = step.dt
+        rudder = gear_step_by(plant.gear, step.rudder, now.rudder, dragged(plant.play, now.rudder, order), dt)
+        start = Motion(now.speed, now.sway, now.rate, now.roll_rate, now.roll)
+        k1 = accelerations(plant, start, rudder, thrust_speed, acting)
+        k2 = accelerations(plant, _along(start, k1, 0.5 * dt), rudder, thrust_speed, acting)
+        k3 = accelerations(plant, _along(start, k2, 0.5 * dt), rudder, thrust_speed, acting)
+        k4 = accelerations(plant, _along(start, k3, dt), rudder, thrust_speed, acting)
+        sixth, third = dt / 6.0, dt / 3.0
+        surge = now.speed + sixth * (k1.surge + k4.surge) + third * (k2.surge + k3.surge)
+        sway = now.sway + sixth * (k1.sway + k4.sway) + third * (k2.sway + k3.sway)
+        rate = now.rate + sixth * (k1.rate + k4.rate) + third * (k2.rate + k3.rate)
+        roll_rate = now.roll_rate + sixth * (k1.roll_rate + k4.roll_rate) + third * (k2.roll_rate + k3.roll_rate)
+        roll = now.roll + sixth * (k1.roll + k4.roll) + third * (k2.roll + k3.roll)
+        level = math.cos(roll)
+        heading = now.heading + 0.5 * dt * (now.rate * math.cos(now.roll) + rate * level)
+        cosine, sine = math.cos(heading), math.sin(heading)
+        across = sway * level
+        north_speed = surge * cosine - across * sine + acting.current_north
+        east_speed = surge * sine + across * cosine + acting.current_east
+        return BoatState(
+            now.north + 0.5 * dt * (now.north_speed + north_speed),
+            now.east + 0.5 * dt * (now.east_speed + east_speed),
+            heading,
+            rate,
+            surge,
+            sway,
+            roll,
+            roll_rate,
+            rudder,
+            north_speed,
+            east_speed,
+        )
+
+    return craft_step
 
 
 def _along(start: Motion, slope: Motion, dt: float) -> Motion:

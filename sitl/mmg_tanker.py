@@ -18,7 +18,6 @@ Not modelled: shallow water, sinkage and trim, and a propeller astern that throw
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -28,9 +27,9 @@ from sitl.craft import (
     WATER_DENSITY,
     Motion,
     Windage,
-    craft_step,
     gear_of,
     roll_acceleration,
+    step_by,
     turning,
     wind_force,
 )
@@ -256,4 +255,4 @@ def of(vessel: Vessel, scenario: Scenario) -> Tanker:
     return tanker._replace(push=turning(accelerations, tanker, SERVICE_SPEED * root))
 
 
-PLANT = PlantKind("mmg_tanker", of, functools.partial(craft_step, accelerations))
+PLANT = PlantKind("mmg_tanker", of, step_by(accelerations))

@@ -9,14 +9,13 @@ motor in the place of its two propellers is a construction of this simulator, no
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
 from sitl import otter
 from sitl.boat import Disturbance, Hull
-from sitl.craft import Motion, craft_step, gear_of, refuse_scale, turning
+from sitl.craft import Motion, gear_of, refuse_scale, step_by, turning
 from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
@@ -51,4 +50,4 @@ def of(vessel: Vessel, scenario: Scenario) -> Outboard:
     return boat._replace(push=turning(accelerations, boat, otter.SERVICE_SPEED))
 
 
-PLANT = PlantKind("outboard", of, functools.partial(craft_step, accelerations))
+PLANT = PlantKind("outboard", of, step_by(accelerations))

@@ -15,13 +15,12 @@ theory behind it demands. The yaw term phi |u phi| must be phi |u v|, as in sway
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
 from sitl import boat
-from sitl.craft import Motion, Windage, craft_step, gear_of, turning, wind_force
+from sitl.craft import Motion, Windage, gear_of, step_by, turning, wind_force
 from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
@@ -310,4 +309,4 @@ def of(vessel: Vessel, scenario: Scenario) -> RollShip:
     return ship._replace(push=turning(accelerations, ship, SERVICE_SPEED * root))
 
 
-PLANT = PlantKind("roll_ship", of, functools.partial(craft_step, accelerations))
+PLANT = PlantKind("roll_ship", of, step_by(accelerations))

@@ -21,7 +21,6 @@ wind are assumed.
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,10 +30,10 @@ from sitl.craft import (
     WATER_DENSITY,
     Motion,
     Windage,
-    craft_step,
     gear_of,
     refuse_scale,
     roll_acceleration,
+    step_by,
     turning,
     wind_force,
 )
@@ -134,4 +133,4 @@ def of(vessel: Vessel, scenario: Scenario) -> SmallCraft:
     return craft._replace(push=turning(accelerations, craft, SERVICE_SPEED))
 
 
-PLANT = PlantKind("small_craft", of, functools.partial(craft_step, accelerations))
+PLANT = PlantKind("small_craft", of, step_by(accelerations))

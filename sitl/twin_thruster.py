@@ -8,14 +8,13 @@ whatever turns a rudder sails this boat; the "rudder" that the boat shows is the
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
 from sitl import otter
 from sitl.boat import Disturbance, Hull
-from sitl.craft import Motion, craft_step, gear_of, refuse_scale, turning
+from sitl.craft import Motion, gear_of, refuse_scale, step_by, turning
 from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
@@ -75,4 +74,4 @@ def of(vessel: Vessel, scenario: Scenario) -> TwinThruster:
     return boat._replace(push=turning(accelerations, boat, otter.SERVICE_SPEED))
 
 
-PLANT = PlantKind("twin_thruster", of, functools.partial(craft_step, accelerations))
+PLANT = PlantKind("twin_thruster", of, step_by(accelerations))

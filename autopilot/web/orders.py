@@ -134,7 +134,7 @@ class _Refused(NamedTuple):
 
 
 class Reasons:
-    """Lets a refusal wait for the boat's own words, which come as a text: `explained` is told of in their place."""
+    """Lets a refusal wait for the boat's own words, which come as a text: `explained` is called in their place."""
 
     def __init__(self, texts: TextPieces) -> None:
         self._texts = texts
