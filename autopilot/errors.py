@@ -9,7 +9,7 @@ from autopilot.files.printable import brief
 
 
 class ExitCode(IntEnum):
-    """Exit codes of the commands; documented in the README."""
+    """Exit codes of the commands; documented in docs/safety.md."""
 
     OK = 0
     USAGE = 2

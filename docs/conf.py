@@ -6,16 +6,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from pygments.lexers.special import TextLexer
-
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import reference_pages
 
+BESIDE = ("CHANGELOG", "CONTRIBUTING", "SECURITY")
+"""Pages beside the README of which the site has copies."""
+
 project = "Norrbin"
 author = "the Norrbin developers"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx_copybutton"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["README.md"]
 html_theme = "furo"
@@ -32,11 +33,11 @@ def _to_records(_app: Any, _page: str, source: list[str]) -> None:
     """Let links to `benchmarks/results` lead to the copies within the site."""
     source[0] = source[0].replace("](../../benchmarks/results/", "](../reference/results/")
     source[0] = source[0].replace("](../benchmarks/results/", "](reference/results/")
+    for name in BESIDE:
+        source[0] = source[0].replace(f"](../{name}.md)", f"](reference/{name.lower()}.md)")
 
 
 def setup(app: Any) -> None:
     """Write the pages of the reference before the sources are read."""
     app.connect("source-read", _to_records)
-    # diagrams are drawn where a reader knows Mermaid, elsewhere they are text
-    app.add_lexer("mermaid", TextLexer)
-    app.connect("config-inited", lambda *_: reference_pages.write(Path(__file__).parent / "reference"))
+    app.connect("config-inited", lambda *_: reference_pages.write(Path(__file__).parent / "reference", BESIDE))

@@ -17,8 +17,8 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 
 
-def write(folder: Path) -> None:
-    """Write every page of the reference into `folder`, and copies of the records of what was measured."""
+def write(folder: Path, beside: tuple[str, ...] = ()) -> None:
+    """Write every page of the reference into `folder`, and copies of the records and of pages `beside` the README."""
     from mavlink_reference import mavlink
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -30,6 +30,10 @@ def write(folder: Path) -> None:
         "measurements": measurements,
     }
     texts = {folder / f"{name}.md": page() for name, page in pages.items()}
+    for name in beside:
+        text = (ROOT / f"{name}.md").read_text(encoding="utf-8").replace("](docs/", "](../")
+        text = text.replace("](benchmarks/results/", "](results/")
+        texts[folder / f"{name.lower()}.md"] = text
     (folder / "results").mkdir(exist_ok=True)
     for record in sorted((ROOT / "benchmarks" / "results").glob("*.md")):
         text = record.read_text(encoding="utf-8").replace("](../../docs/", "](../../")

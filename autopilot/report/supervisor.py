@@ -10,13 +10,12 @@ from collections.abc import Iterable
 from itertools import groupby
 from pathlib import Path
 
-from autopilot.signals import SupervisorState
+from autopilot.signals import Mode, SupervisorState
 from autopilot.supervision.alarm_words import WORDS
 from autopilot.supervision.alarms import CATALOGUE, AlarmKind, Response
-from autopilot.supervision.states import ENDED, ENGAGED, MEANING, MODES, TABLE, Action, Event, Row, Says
+from autopilot.supervision.states import MEANING, MODES, TABLE, Action, Event, Row, Says
 
 COMMAND = "python -m autopilot.report.supervisor docs"
-GROUPS = ((SupervisorState.STANDBY,), ENGAGED, ENDED)
 
 
 def supervisor_page() -> str:
@@ -26,7 +25,7 @@ def supervisor_page() -> str:
         "Who has the rudder, drawn from the table in `autopilot/supervision/states.py` by\n"
         f"`{COMMAND}`. A pair of state and event that is in none of the rows below\n"
         "changes nothing.",
-        _diagram(),
+        _between(),
         "## States",
         _rows(("State", "Mode", "Meaning"), ((_name(s), MODES[s].name, MEANING[s]) for s in SupervisorState)),
         "## Events",
@@ -81,27 +80,17 @@ def _alarm_table(kinds: Iterable[AlarmKind]) -> str:
     )
 
 
-def _diagram() -> str:
-    """What all engaged states share is one arrow from, or to, the box around them."""
-    inside = "\n".join(f"        {_name(state)}" for state in ENGAGED)
-    lines = ["```mermaid", "stateDiagram-v2", "    [*] --> standby", f"    state engaged {{\n{inside}\n    }}"]
-    between: dict[tuple[str, str], list[str]] = {}
-    for event in Event:
-        leaving = [state for state in SupervisorState if TABLE[state, event].next is not state]
-        for start in [ENGAGED, *((state,) for state in leaving)]:
-            follows = {TABLE[state, event].next for state in start}
-            if len(follows) > 1 or not set(start) <= set(leaving) or (len(start) == 1 and _shared(start[0], event)):
-                continue
-            name = "engaged" if start is ENGAGED else _name(start[0])
-            between.setdefault((name, _name(follows.pop())), []).append(event.name.lower())
-    lines += [f"    {a} --> {b}: {', '.join(events)}" for (a, b), events in between.items()]
-    return "\n".join([*lines, "```"])
-
-
-def _shared(state: SupervisorState, event: Event) -> bool:
-    """Return whether the arrow leaves the box of the engaged states, all of them alike."""
-    follows = {TABLE[other, event].next for other in ENGAGED}
-    return state in ENGAGED and len(follows) == 1 and not follows & set(ENGAGED)
+def _between() -> str:
+    """Return which events lead from a mode, down the side, to another, along the top."""
+    rows = []
+    for start in Mode:
+        cells: dict[Mode, list[str]] = {mode: [] for mode in Mode}
+        for event in Event:
+            leaving = (state for state in SupervisorState if MODES[state] is start)
+            for follows in sorted({MODES[TABLE[state, event].next] for state in leaving} - {start}):
+                cells[follows].append(event.name.lower())
+        rows.append((f"**{start.name}**", *("<br>".join(cells[mode]) for mode in Mode)))
+    return _rows(("from, to", *(mode.name for mode in Mode)), rows)
 
 
 def _transitions() -> str:

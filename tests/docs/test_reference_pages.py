@@ -64,12 +64,12 @@ def test_every_message_and_command_that_pilot_and_page_exchange_is_in_the_table(
     assert all(sent[name] or read[name] for name in sent.keys() | read.keys())
 
 
-def test_every_exit_code_is_on_its_page_and_in_the_readme(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_exit_code_is_on_its_page_and_beside_the_answers_to_failures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     import reference_pages
 
     rows = re.findall(r"^\| (\d+) \| (?:`(\w+)`)? *\| (.+) \|$", reference_pages.exit_codes(), re.MULTILINE)
     assert [int(code) for code, _, _ in rows] == [*range(7), 130, 143]
     assert {name: int(code) for code, name, _ in rows if name} == {code.name: code.value for code in ExitCode}
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert re.findall(r"^\| (\d+) \| .+ \|$", readme, re.MULTILINE) == [code for code, _, _ in rows]
+    page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| (\d+) \| .+ \|$", page, re.MULTILINE) == [code for code, _, _ in rows]
