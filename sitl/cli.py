@@ -12,6 +12,7 @@ from types import FrameType
 from autopilot import __version__
 from autopilot.cli.main import answer
 from autopilot.cli.options import SEED, SPEEDUP, add_waiting_option, number, patience_of, whole_number
+from autopilot.cli.parsers import Parser, add_completion_parser, print_completion
 from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import print_end
 from sitl.campaign import command as campaign
@@ -34,7 +35,7 @@ EXIT_CODES = """exit codes:
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of `sitl`."""
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = Parser(
         prog="sitl",
         description="A simulated boat on real links.",
         epilog=EXIT_CODES,
@@ -73,7 +74,13 @@ def build_parser() -> argparse.ArgumentParser:
     glider.set_defaults(run=run_wave_glider)
     campaign.add_parser(commands)
     campaign.add_tune_parser(commands)
+    add_completion_parser(commands, "sitl").set_defaults(run=run_completion)
     return parser
+
+
+def run_completion(arguments: argparse.Namespace) -> int:
+    """Print what completes the program's commands in a shell."""
+    return print_completion(build_parser(), arguments.shell)
 
 
 def _add_physics_options(physics: argparse.ArgumentParser) -> None:

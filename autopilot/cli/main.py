@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from autopilot import __version__
+from autopilot.cli.parsers import Parser, commands_in_groups
 from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
 from autopilot.files.printable import brief, escaped, printable_output
 
@@ -27,9 +28,16 @@ SUBCOMMANDS = {
     "install-service": "steer from power-on: a system service with watchdog and user",
     "helm": "the helm in a terminal, for SSH",
     "demo": "trial, identification and steering of the simulated Lanxin boat, in about a minute",
+    "completion": "print what completes this program's commands and options in a shell",
 }
 """The commands, and what stands beside each in `--help`: as in their own parsers, which are loaded when needed."""
 
+GROUPS = {
+    "try it": ("demo",),
+    "from a trial to gains": ("trial", "log", "identify", "identify-dp", "gains", "params"),
+    "steer": ("doctor", "run", "helm", "web", "signalk", "replay"),
+    "set it up": ("install-service", "completion"),
+}
 EXIT_CODES = """exit codes:
   0  done as asked
   1  the program failed: the rudder was given back, the trace says where
@@ -45,14 +53,18 @@ EXIT_CODES = """exit codes:
 
 def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
     """Return the parser with every subcommand in it; for given arguments only the one they name is whole."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="autopilot",
+        usage="autopilot COMMAND ...",
         description="Identify a boat from its log, design its gains, and steer it over MAVLink or serial.",
-        epilog=EXIT_CODES,
+        epilog=f"{commands_in_groups(GROUPS, SUBCOMMANDS)}\neach has a help of its own: autopilot COMMAND --help\n\n"
+        + EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"norrbin {__version__}")
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    subparsers = parser.add_subparsers(
+        dest="command", metavar="COMMAND", required=True, help=argparse.SUPPRESS, prog="autopilot"
+    )
     named = None if argv is None else next((word for word in argv if not word.startswith("-")), "")
     for name, summary in SUBCOMMANDS.items():
         if named is None or name == named:
