@@ -1,8 +1,8 @@
-"""The link to an NMEA 2000 bus: heading, rate and rudder in, rudder order and heading control out.
+"""The link to an NMEA 2000 bus: heading, rate, roll and rudder in, rudder order and heading control out.
 
 Needs the extra `n2k`: python-can moves the frames, the package nmea2000 encodes ours; `n2k_messages` reads the others'.
 
-    127250 vessel heading   127251 rate of turn   127245 rudder   127237 heading/track control
+    127250 vessel heading   127251 rate of turn   127245 rudder   127237 heading/track control   127257 attitude
      60928 ISO address claim: the node with the lower name keeps a contested address
 
 Source: field names of the canboat project's PGN database (https://canboat.github.io/canboat/), which the encoder uses;
@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from autopilot.links.base import LinkError, SilentLink
 from autopilot.links.n2k_messages import (
+    ATTITUDE,
     HEADING,
     RATE_OF_TURN,
     RUDDER,
@@ -46,7 +47,7 @@ from autopilot.signals import (
 
 CONTROL = 127237
 ADDRESS_CLAIM, REQUEST = 60928, 59904
-READ = (HEADING, RATE_OF_TURN, RUDDER)
+READ = (HEADING, RATE_OF_TURN, RUDDER, ATTITUDE)
 ADDRESS_LAST = 251
 NO_ADDRESS = 254
 NAME = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21

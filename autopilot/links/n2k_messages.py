@@ -18,7 +18,15 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from autopilot.links.north import steered
-from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import (
+    HeadingSample,
+    PositionSample,
+    RateSample,
+    RollSample,
+    RudderSample,
+    Sample,
+    SpeedSample,
+)
 
 HEADING, RATE_OF_TURN, RUDDER, ATTITUDE, VARIATION = 127250, 127251, 127245, 127257, 127258
 WATER_SPEED, POSITION, GROUND_SPEED, GNSS, WIND, SYSTEM_TIME = 128259, 129025, 129026, 129029, 130306, 126992
@@ -27,6 +35,7 @@ IDENTIFIER_MOST = 0x1FFFFFFF
 NORTHS = ("True", "Magnetic")
 RUDDER_MOST = 0.5 * math.pi
 RATE_MOST = 10.0
+ROLL_MOST = math.pi
 SPEED_MOST = 100.0
 DAY_S = 86400.0
 CLOCKS_FROM_S = 10957 * DAY_S
@@ -192,6 +201,9 @@ def sample_of(group: int, now: float, fields: Fields, compass: Compass, source: 
     if group == RUDDER:
         position = number(fields, "position", RUDDER_MOST)
         return None if position is None else RudderSample(now, position, False, source)
+    if group == ATTITUDE:
+        roll = number(fields, "roll", ROLL_MOST)
+        return None if roll is None else RollSample(now, roll, None, source)
     if group in (WATER_SPEED, GROUND_SPEED):
         speed = number(fields, "speedWaterReferenced" if group == WATER_SPEED else "sog", SPEED_MOST)
         return None if speed is None else SpeedSample(now, speed, group == GROUND_SPEED, source)

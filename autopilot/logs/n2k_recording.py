@@ -1,4 +1,4 @@
-"""What the messages of an NMEA 2000 log mean: heading, yaw rate, rudder and its orders, speed, position, wind.
+"""What the messages of an NMEA 2000 log mean: heading, yaw rate, roll, rudder and its orders, speed, position, wind.
 
 Several sources of one group are series of their own, the one with the most samples first. Speed through the water comes
 before that over the ground, a heading before the yaw of an attitude, whose north no field tells.
@@ -50,7 +50,7 @@ from autopilot.logs.series import (
 YAW_MOST = 3.1416
 PREFERRED = (VESSEL_HEADING, ATTITUDE, RATE_OF_TURN, RUDDER, WATER_SPEED, GROUND_SPEED, POSITION, GNSS, WIND)
 """Groups that series come from; of those with the same quantity the preferred one first."""
-KINDS = "heading 127250, rate of turn 127251, rudder 127245, speed 128259 or 129026, position 129025 or 129029"
+KINDS = "heading 127250, rate of turn 127251, rudder 127245, speed 128259 or 129026, position 129025 or 129029, roll 127257"
 
 
 class Message(NamedTuple):
@@ -86,7 +86,7 @@ def recording_of(
     ordered = sorted(found.items(), key=lambda item: (PREFERRED.index(item[0][1]), -len(item[1])))
     series: list[Series] = []
     for (quantity, group, source), pairs in ordered:
-        if group == ATTITUDE and len({value for _, value in pairs}) == 1:
+        if (quantity, group) == (HEADING, ATTITUDE) and len({value for _, value in pairs}) == 1:
             continue  # of a sensor that knows roll and pitch alone
         series += series_of(quantity, source, [time for time, _ in pairs], [value for _, value in pairs])
     if not series:

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
-from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import (
+    HeadingSample,
+    PositionSample,
+    RateSample,
+    RollSample,
+    RudderSample,
+    Sample,
+    SpeedSample,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -224,6 +232,8 @@ def quantities_of(sample: Sample) -> list[tuple[str, float]]:
             return [(HEADING, heading)] if rate is None else [(HEADING, heading), (RATE, rate)]
         case RateSample(rate=rate):
             return [(RATE, rate)]
+        case RollSample(roll=roll):
+            return [(ROLL, roll)]
         case RudderSample(angle=angle, ordered=False):
             return [(RUDDER, angle)]
         case SpeedSample(speed=speed):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +128,25 @@ def test_the_command_writes_a_file_that_steers(tmp_path: Path, capsys: pytest.Ca
     assert json.loads(capsys.readouterr().out)["roll_row"][4] == pytest.approx(TRUTH["rudder"], rel=0.02)
     assert main(["identify", "--roll", str(log), "--out", str(tmp_path / "new.yaml")]) == 2
     assert "give --vessel FILE" in capsys.readouterr().err
+
+
+def test_a_roll_model_comes_from_an_nmea_2000_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """candump -L of headings, rudder, speed and attitude, packed here by hand."""
+    columns, log, lines = sailed(3), tmp_path / "can.log", []
+
+    def put(time: float, group: int, data: bytes) -> None:
+        lines.append(f"({1.6e9 + time:.6f}) can0 {2 << 26 | group << 8 | 35:08X}#{data.hex().upper()}\n")
+
+    for t, psi, phi, delta, speed in zip(
+        *(columns[name] for name in ("time_s", "heading_rad", "roll_rad", "rudder_rad", "speed_m_s")), strict=True
+    ):
+        put(t, 127250, struct.pack("<BHhhB", 1, round(psi % math.tau * 1e4), 0x7FFF, 0x7FFF, 0xFC))
+        put(t, 127257, struct.pack("<BhhhB", 1, 0x7FFF, 0x7FFF, round(phi * 1e4), 255))
+        put(t, 127245, struct.pack("<BBhhH", 0, 0xF8, 0x7FFF, round(delta * 1e4), 0xFFFF))
+        put(t, 128259, struct.pack("<BHHBH", 1, round(speed * 100), 0xFFFF, 0, 0xFFFF))
+    log.write_text("".join(lines))
+    assert main(["identify", "--roll", str(log), "--vessel", "naval_vessel", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["roll_row"][4] == pytest.approx(TRUTH["rudder"], rel=0.03)
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ from autopilot.signals import (
     Order,
     OrderKind,
     RateSample,
+    RollSample,
     Reference,
     RudderCommand,
     RudderSample,
@@ -87,6 +88,12 @@ def test_heading_rate_and_rudder_become_samples(bus: Bus) -> None:
     assert got[0] == HeadingSample(5.0, pytest.approx(6.0 - math.tau), None, "N2K127250.35")
     assert got[1] == RateSample(5.0, pytest.approx(-0.05, abs=1e-6), "N2K127251.35")
     assert got[2] == RudderSample(5.0, pytest.approx(-0.15), False, "N2K127245.35")
+
+
+def test_the_roll_of_an_attitude_becomes_a_sample_and_an_unknown_one_none(bus: Bus) -> None:
+    bus.put(127257, struct.pack("<BhhhB", 1, 0x7FFF, 0x7FFF, -1234, 255), source=7)
+    bus.put(127257, struct.pack("<BhhhB", 1, 0x7FFF, 200, 0x7FFF, 255), source=7)
+    assert bus.samples(5.0) == [RollSample(5.0, pytest.approx(-0.1234), None, "N2K127257.7")]
 
 
 def test_a_compass_that_is_late_measured_before_its_heading_came() -> None:

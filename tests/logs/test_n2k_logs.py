@@ -173,6 +173,13 @@ def test_speed_through_the_water_comes_before_that_over_the_ground_and_a_heading
     assert [each.source for each in recording.of(HEADING)] == ["N2K127250.35", "N2K127257.8"]
 
 
+def test_the_roll_of_an_attitude_is_read_also_where_it_has_no_yaw() -> None:
+    more = [Sent(float(t), 127257, 7, {"roll": 0.01 * t - 0.4}) for t in range(90)]
+    (roll,) = read(sorted([*SENT, *more], key=lambda each: each.time)).of("roll_rad")
+    assert roll.source == "N2K127257.7"
+    assert roll.values == pytest.approx([0.01 * t - 0.4 for t in range(90)], abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("direction", "angle", "order"),
     [
