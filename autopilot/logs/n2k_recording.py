@@ -50,7 +50,9 @@ from autopilot.logs.series import (
 YAW_MOST = 3.1416
 PREFERRED = (VESSEL_HEADING, ATTITUDE, RATE_OF_TURN, RUDDER, WATER_SPEED, GROUND_SPEED, POSITION, GNSS, WIND)
 """Groups that series come from; of those with the same quantity the preferred one first."""
-KINDS = "heading 127250, rate of turn 127251, rudder 127245, speed 128259 or 129026, position 129025 or 129029, roll 127257"
+KINDS = (
+    "heading 127250, rate of turn 127251, rudder 127245, speed 128259 or 129026, position 129025 or 129029, roll 127257"
+)
 
 
 class Message(NamedTuple):
