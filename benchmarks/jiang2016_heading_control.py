@@ -103,7 +103,9 @@ def law_step(trial: Trial, model: Norrbin) -> LawStep:
     if trial.law == "eq. (26) as printed":
         return lambda reference, heading, rate, last: printed_equation_26(model, gains, reference, heading, rate)
     bounded = BoundedGains(gains)
-    return lambda *seen: backstepping_rudder(bounded, given_of(*seen))
+    return lambda reference, heading, rate, last: backstepping_rudder(
+        bounded, given_of(reference, heading, rate, last), rate
+    )
 
 
 def sea_of(seed: int | None) -> list[float]:

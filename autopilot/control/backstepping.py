@@ -17,22 +17,29 @@ that is held,
 stable however large the error. E is where a swing at the loop's natural frequency, e = A sin(sqrt(W) t), asks for
 OVERTAXED times the rudder's rate, A (T/K) W sqrt(W + (S - n1/T)^2), but not below LEAST_BOUND.
 
-The damping n1 r + n2 r^2 + n3 r^3 + n0 counts for no more rudder than there is, that is up to the steady rate of a
-rudder hard over. No trial has seen what it is beyond, and n3 ~ 1/U^2: a speed that is read too low would have the law
-turn the boat ever faster to make up for a damping that is not there.
+What is cancelled of the damping is n1 r at the measured rate and d(r_d) = n3 r_d^3 + n2 r_d^2 at the rate r_d that is
+planned. n3 ~ 1/U^2: cancelled at the measured rate, a speed that is read three times too low would make nine times the
+true damping a push that turns the boat ever faster. At the planned rate it is a known order to the rudder, and the
+boat's own damping stays in the loop,
+
+    e'' + S e' + p(e')/T + W sat(e) = 0,   p(y) = d(r_d + y) - d(r_d),   V' = -S e'^2 - e' p(e')/T,
+
+for any r_d, held or not. The boat's damping p(y) is passive, y p(y) >= 0, wherever n3 r^3 + n2 r^2 rises, and so for
+n2 = 0 at every rate. V knows nothing of the file's n3: one that is wrong leaves the loop stable and passive
+and adds no more than (d - d_file)(r_d)/T from outside, which is 0 on a course. All that is cancelled counts for no more
+rudder than there is. The paper's law, with d at the measured rate, is the case p = 0.
 
 A third step spares the rudder: it does not jump to delta, it goes there at a rate,
 
     u' = -k3 (u - delta - b),   u = rudder + b,   k3 = 1/smoothing.
 
-With a course or a rate r_d that is held the boat's damping d(r) = n3 r^3 + n2 r^2 + n1 r + n0 cancels but for its
-slope, and
+With a course or a rate r_d that is held and the damping c(r) = n3 r^3 + n2 r^2 + n1 r + n0,
 
-    e''' + a(r) e'' + k3 S e' + k3 W e = 0,   a(r) = k3 + d'(r)/T,
-    V3 = (e'' + W/S e')^2/2 + k3 S (e' + W/S e)^2/2 + W/S int_0^e' (a(r_d + y) - W/S) y dy,
-    V3' = -(a(r) - W/S) e''^2:
+    e''' + a(r) e'' + k3 S e' + k3 p(e')/T + k3 W e = 0,   a(r) = k3 + c'(r)/T,
+    V3 = (e'' + W/S e')^2/2 + k3 S (e' + W/S e)^2/2 + int_0^e' (W/S (a(r_d + y) - W/S) y + k3 p(y)/T) dy,
+    V3' = -(a(r) - W/S) e''^2 - k3 W/S e' p(e')/T:
 
-stable, however large the error, where k3 + d'(r)/T > W/S at every rate; nothing but e = e' = 0 keeps e'' = 0. The
+stable, however large the error, where k3 + c'(r)/T > W/S at every rate; nothing but e = e' = 0 keeps e'' = 0. The
 linear-quadratic regulator with a weight on the rudder's rate is of this form (`autopilot.control.design`). u begins
 each time at the rudder that was really commanded: nothing winds up, and engaging makes no bump. A planned turn that
 takes rudder is steered without this step, as the plan wants its rudder at once.
@@ -150,15 +157,16 @@ def errors(
     return z1, rate - (reference.rate - gains.k1 * z1)
 
 
-def backstepping_rudder(bounded: BoundedGains, given: LawInput) -> float:
+def backstepping_rudder(bounded: BoundedGains, given: LawInput, cancelled: float) -> float:
     """Return the unlimited rudder demand [rad] of the law in the module's docstring, without its third step.
 
-    bounded: the gains at the present speed.
+    bounded: the gains at the present speed. cancelled [rad/s]: the rate whose n3 r^3 + n2 r^2 is cancelled; the
+    measured one is the paper's law.
     """
     gains, reference, rate = bounded.gains, given.reference, given.state.rate
     z1, z2 = errors(gains, given.state.heading, rate, reference, bounded.error_max)
     wanted = -gains.k2 * z2 - gains.gamma * z1 + reference.acceleration - gains.k1 * (rate - reference.rate)
-    return rudder_within(given.model, rate, wanted, given.rudder_max) - given.state.bias
+    return rudder_within(given.model, rate, cancelled, wanted, given.rudder_max) - given.state.bias
 
 
 def smoothed_rudder(smoothing: float, wanted: float, last_rudder: float, dt: float) -> float:
@@ -209,7 +217,7 @@ def bounded_gains_at(bounded: BoundedGains, speed_ratio: float) -> BoundedGains:
 def step(bounded: BoundedGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
     """Return the rudder demand [rad]. There is no memory: bias and limits come with the state and the last rudder."""
     here = bounded_gains_at(bounded, given.ratio)
-    wanted = backstepping_rudder(here, given)
+    wanted = backstepping_rudder(here, given, given.reference.rate)
     smoothing = smoothing_in(given.model, here.gains.smoothing, given.reference)
     return smoothed_rudder(smoothing, wanted, given.last_rudder, given.dt), memory
 

@@ -89,7 +89,7 @@ def sliding_rudder(gains: SlidingGains, given: LawInput) -> float:
     rate_error = rate - reference.rate
     surface = rate_error + gains.slope * wrap(given.state.heading - reference.heading)
     wanted = reference.acceleration - gains.slope * rate_error - gains.reach * math.tanh(surface / gains.boundary)
-    return rudder_within(given.model, rate, wanted, given.rudder_max) - given.state.bias
+    return rudder_within(given.model, rate, rate, wanted, given.rudder_max) - given.state.bias
 
 
 def step(gains: SlidingGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:

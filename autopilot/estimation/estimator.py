@@ -50,6 +50,7 @@ from autopilot.estimation.tuning import (
     INNOVATION_LASTING,
     INNOVATION_MEAN_TIME,
     INNOVATION_MOST,
+    LEAN_SIGMAS,
     LONGEST_SHARE,
     PREDICT_LONGEST,
     RATE_MOST,
@@ -66,12 +67,20 @@ from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample,
 
 class Fusion(NamedTuple):
     """What the measurements have left: the filter's state, what lies between expectation and measurement on average
-    [standard deviations], how many spikes in a row agree, and the newest of them [rad]."""
+    [standard deviations], how many spikes in a row agree, and the newest of them [rad]; lean: the average of the
+    headings alone over the time of gusts, and leans: whether it is more than white noise leaves."""
 
     state: FilterState
     innovation_mean: float = 0.0
     spikes: int = 0
     spike: float = 0.0
+    lean: float = 0.0
+    leans: bool = False
+
+
+def is_pushed(innovation_mean: float, leans: bool) -> bool:
+    """Return whether the innovations lie to one side, by a lot for seconds or by a little for the time of gusts."""
+    return leans or not abs(innovation_mean) < INNOVATION_LASTING
 
 
 NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -115,7 +124,7 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     at, latest = state.time, state.time + PREDICT_LONGEST
     end = latest if latest < to else to
     longest, grain = LONGEST_SHARE * model.time_constant, GRAIN_SHARE * model.time_constant
-    moving = noises.usual if abs(fusion.innovation_mean) < INNOVATION_LASTING else noises.pushed
+    moving = noises.pushed if is_pushed(fusion.innovation_mean, fusion.leans) else noises.usual
     tick = tick_at(past, at)
     while at < end:
         until, angle, tick = stretch(past, tick, at, end, grain)
@@ -180,21 +189,27 @@ def fuse_measured(
     off = normalised_innovation(state, heading, rate, noise)
     off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
     lasting = before - math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - before)
-    spikes, spike = fusion.spikes, fusion.spike
+    spikes, spike, lean, leans = fusion.spikes, fusion.spike, fusion.lean, fusion.leans
     if not math.isnan(heading):
-        gate = GATE_SIGMAS * math.sqrt(heading_variance(state) + noise.heading)
+        deviation = math.sqrt(heading_variance(state) + noise.heading)
+        gate = GATE_SIGMAS * deviation
         gate = gate if gate > GATE_LEAST else GATE_LEAST
         innovation = heading - state.psi - state.wave
-        if abs(innovation if -PI < innovation <= PI else wrap(innovation)) > gate:
+        innovation = innovation if -PI < innovation <= PI else wrap(innovation)
+        if abs(innovation) > gate:
             agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
-            return Fusion(fusion.state, lasting, spikes + 1 if agrees else 1, heading), False
+            return Fusion(fusion.state, lasting, spikes + 1 if agrees else 1, heading, lean, leans), False
         spikes = 0
+        share = -math.expm1(-dt / noise.gust_time)
+        lean += share * (innovation / deviation - lean)
+        # the mean of white noise has the variance share/(2 - share)
+        leans = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share > 0.0
         state = fuse_heading(state, heading, noise.heading)
     if not math.isnan(rate):
         state = fuse_rate(state, rate, noise.rate)
     if noise.waves and abs(lasting) < INNOVATION_LASTING:
         state = learn_disturbances(state, noise, angle_at(past, time), dt)
-    return Fusion(state, lasting, spikes, spike), True
+    return Fusion(state, lasting, spikes, spike, lean, leans), True
 
 
 MEASURED_AT = attrgetter("time")

@@ -154,7 +154,8 @@ def filter_noise(model: Norrbin, given: Filtered) -> FilterNoise:
     """Return the noise of a boat's filter: disturbances are rudder angles [rad], whose moment is K/T times them."""
     moment = model.gain / model.time_constant
     calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if given.waves else (SEA, BIAS_CHANGE)
-    error = MODEL_ERROR * math.sqrt(model.time_constant) if model.n1 > 0.0 else MODEL_ERROR_UNSTABLE
+    lasts = manoeuvre_time(model, given.rudder_max)
+    error = MODEL_ERROR * math.sqrt(lasts) if model.n1 > 0.0 else MODEL_ERROR_UNSTABLE
     return FilterNoise(
         heading=given.heading,
         rate=given.rate,
@@ -172,9 +173,18 @@ def filter_noise(model: Norrbin, given: Filtered) -> FilterNoise:
     )
 
 
-def usual_bias_time(model: Norrbin) -> float:
+def manoeuvre_time(model: Norrbin, rudder_max: float) -> float:
+    """Return the time [s] in which a wrong model looks like wind: the time constant, but no longer than the rudder hard
+    over, up to `rudder_max` [rad], takes to turn the boat by a radian from rest, t = sqrt(2 T/(K rudder_max)).
+
+    A boat of neutral stability has any T that is long beside its manoeuvres, and K/T alone says what it does.
+    """
+    return min(model.time_constant, math.sqrt(2.0 * model.time_constant / (model.gain * rudder_max)))
+
+
+def usual_bias_time(model: Norrbin, rudder_max: float) -> float:
     """Return the time [s] in which wind, current and trim change where nobody says."""
-    return max(BIAS_TIME, 2.0 * model.time_constant)
+    return max(BIAS_TIME, 2.0 * manoeuvre_time(model, rudder_max))
 
 
 def quickest_turn(model: Norrbin, rudder_max: float) -> float:

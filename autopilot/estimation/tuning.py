@@ -57,6 +57,8 @@ INNOVATION_MOST = 5.0
 INNOVATION_LASTING = 1.5
 """White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
 longer, wind has changed or the model is wrong, and neither is a wave."""
+LEAN_SIGMAS = 4.0
+"""White innovations of headings average over the time of gusts to less than so many of what they deviate by."""
 BIAS_MOST = 0.5
 """Largest bias [rad] handed to the law."""
 PREDICT_LONGEST = 2.0

@@ -59,13 +59,14 @@ def rudder_for(model: Norrbin, rate: float, acceleration: float) -> float:
     return (time_constant * acceleration + (((n3 * rate + n2) * rate + n1) * rate + n0)) / gain
 
 
-def rudder_within(model: Norrbin, rate: float, acceleration: float, rudder_max: float) -> float:
-    """Return the same, the damping counted for no more rudder than `rudder_max` [rad].
+def rudder_within(model: Norrbin, rate: float, planned: float, acceleration: float, rudder_max: float) -> float:
+    """Return the same with n3 r^3 and n2 r^2 at the rate that is `planned` [rad/s], the damping counted for no more
+    rudder than `rudder_max` [rad].
 
     |damping| = K rudder_max at the steady rate of a rudder hard over: no trial has seen what the damping is beyond.
     """
     gain, time_constant, n3, n2, n1, n0, _ = model
-    held = (((n3 * rate + n2) * rate + n1) * rate + n0) / gain
+    held = ((n3 * planned + n2) * planned * planned + n1 * rate + n0) / gain
     held = -rudder_max if held < -rudder_max else held
     held = rudder_max if held > rudder_max else held
     return time_constant * acceleration / gain + held

@@ -161,7 +161,7 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
 
 def bias_time_of(vessel: Vessel) -> float:
     """Return the time [s] in which wind, current and trim change: the file's, or the usual one."""
-    return vessel.estimator.bias_time_s or usual_bias_time(model_of(vessel))
+    return vessel.estimator.bias_time_s or usual_bias_time(model_of(vessel), gear_of(vessel).angle_max)
 
 
 def corner_frequencies_of(vessel: Vessel, law: str | None = None) -> CornerFrequencies:

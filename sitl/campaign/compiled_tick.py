@@ -122,7 +122,7 @@ def initial_state(
     config = campaign.config
     model = model_at(config.estimator.model, measurement.speed)
     speed = Smoothed(measurement.speed, now)
-    fusion = Fusion(state, 0.0, 0, 0.0)
+    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, False)
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
     history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
@@ -313,7 +313,8 @@ def _listen(
             pilot_state.model, pilot_state.turning.limits, pilot_state.guide.boat
         )
         if is_fused and is_planned:
-            fusion = Fusion(with_bias_of(before, fusion.state), fusion.innovation_mean, fusion.spikes, fusion.spike)
+            state, mean, spikes, spike, lean, leans = fusion
+            fusion = Fusion(with_bias_of(before, state), mean, spikes, spike, lean, leans)
         heading_time = time if is_fused else heading_time
         gone = gone or fusion.spikes > GATE_PATIENCE
     return State(

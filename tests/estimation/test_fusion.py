@@ -160,3 +160,18 @@ def test_at_the_measurement_time_the_mean_is_the_state() -> None:
     turning = Fusion(ekf.initial(1.0, 0.5, 0.1, NOISE))
     seen = seen_at(BOAT, NOISES, turning, moved, Moment(1.0, 2.0, 0.5))
     assert seen == NavState(1.0, 0.5, 0.1, 2.0, 0.3, 0.0, 0.5, True)
+
+
+def test_headings_that_lie_to_one_side_for_the_time_of_gusts_make_the_bias_quick() -> None:
+    """By less than the seconds' mean notices: noise averages out over that time, wind does not."""
+    wavy = noises_of(NOISE._replace(waves=True, gust_bias=5.0e-4, gust_time=10.0))
+    side, after = 0.8 * math.sqrt(NOISE.heading), fusion()
+    for step in range(1, 200):
+        expected = after.state.psi + after.state.rate * 0.1
+        sway = side if step > 100 else 0.0
+        after, _ = fuse_measured(BOAT, wavy, after, PAST, Measured(0.1 * step, expected + sway, math.nan))
+        if step == 100:
+            assert not after.leans
+    assert after.leans and abs(after.innovation_mean) < 1.5
+    known = after.state.p22
+    assert carried(BOAT, wavy, after, PAST, 20.3).p22 - known == pytest.approx(0.4 * 5.0e-4, rel=0.01)

@@ -24,7 +24,7 @@ from autopilot.control.backstepping import (
     errors,
     gains_at,
 )
-from autopilot.control.law import LawBoat
+from autopilot.control.law import LawBoat, NoMemory
 from autopilot.control.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear
@@ -44,7 +44,7 @@ def backstepping_rudder(
     model: Norrbin, gains: BacksteppingGains, reference: Reference, heading: float, rate: float, bias: float = 0.0
 ) -> float:
     given = asked(model, reference, heading, rate, bias=bias)
-    return backstepping.backstepping_rudder(BoundedGains(gains), given)
+    return backstepping.backstepping_rudder(BoundedGains(gains), given, rate)
 
 
 def lyapunov_rate(
@@ -155,11 +155,46 @@ def test_with_errors_that_count_as_less_the_energy_still_falls(
 ) -> None:
     """V = e'^2/2 + W int sat falls as -S e'^2, by the chain rule, from the plant."""
     gains = GAINS[1]
-    rudder = backstepping.backstepping_rudder(BoundedGains(gains, most), asked(model, Reference(0.0), error, yaw))
+    rudder = backstepping.backstepping_rudder(BoundedGains(gains, most), asked(model, Reference(0.0), error, yaw), yaw)
     square, total = gains.gamma + gains.k1 * gains.k2, gains.k1 + gains.k2
     counted = math.copysign(min(abs(error), most), error)
     found = yaw * (yaw_acceleration(model, yaw, rudder) + square * counted)
     assert found == pytest.approx(-total * yaw * yaw, rel=1e-7, abs=1e-9)
+
+
+@given(
+    st.floats(-3.0, 3.0),
+    st.floats(-0.4, 0.4),
+    st.floats(-0.2, 0.2),
+    st.floats(-0.1, 0.1),
+    st.sampled_from([model for model in MODELS if model.n2 == 0.0]),
+)
+def test_what_is_cancelled_at_the_planned_rate_leaves_the_boat_its_own_damping(
+    error: float, yaw: float, planned: float, acceleration: float, model: Norrbin
+) -> None:
+    """V falls by the damping that the boat has beyond the plan faster than -S e'^2, on any plan."""
+    gains, most = GAINS[1], 0.3
+    given_ = asked(model, Reference(0.0, planned, acceleration), error, yaw)
+    rudder = backstepping.backstepping_rudder(BoundedGains(gains, most), given_, planned)
+    square, total = gains.gamma + gains.k1 * gains.k2, gains.k1 + gains.k2
+    off = yaw - planned
+    counted = math.copysign(min(abs(error), most), error)
+    found = off * (yaw_acceleration(model, yaw, rudder) - acceleration + square * counted)
+    left = off * model.n3 * (yaw**3 - planned**3) / model.time_constant
+    assert left >= 0.0
+    assert found == pytest.approx(-total * off * off - left, rel=1e-7, abs=1e-9)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-1.0, 1.0), st.floats(0.0, 20.0), st.sampled_from(MODELS[:3]))
+def test_a_course_is_held_alike_whatever_n3_the_file_has(
+    error: float, yaw: float, times: float, model: Norrbin
+) -> None:
+    """A speed that is read wrong changes n3 by its square: the law in force does not go by it on a course."""
+    bounded, ours = BoundedGains(GAINS[1], 0.3), model._replace(n3=times * model.n3)
+    state = asked(ours, Reference(0.0), error, yaw)
+    assert backstepping.step(bounded, NoMemory(), state) == backstepping.step(
+        bounded, NoMemory(), asked(model, Reference(0.0), error, yaw)
+    )
 
 
 @pytest.mark.parametrize("model", MODELS[:3])

@@ -98,7 +98,7 @@ def test_the_models_compute_elementwise_over_arrays() -> None:
 def test_the_damping_counts_in_full_up_to_the_steady_rate(rate: float, acceleration: float, ratio: float) -> None:
     model, most = at_speed(LANXIN, 4.63 * ratio), math.radians(30.0)
     reached = steady_rate(model, most)
-    needed = rudder_within(model, rate, acceleration, most)
+    needed = rudder_within(model, rate, rate, acceleration, most)
     if abs(rate) <= reached:
         assert needed == pytest.approx(rudder_for(model, rate, acceleration), abs=1e-9)
     else:

@@ -60,7 +60,7 @@ def test_s_falls_as_promised_on_the_norrbin_plant(
 def test_in_its_layer_it_is_backstepping_without_gamma(heading: float, rate: float, model: Norrbin) -> None:
     gains, reference = GAINS[0], Reference(0.0)
     peer = BacksteppingGains(gains.slope, gains.reach / gains.boundary, 0.0)
-    expected = backstepping_rudder(BoundedGains(peer), asked(model, reference, heading, rate))
+    expected = backstepping_rudder(BoundedGains(peer), asked(model, reference, heading, rate), rate)
     assert sliding_rudder(model, gains, reference, heading, rate) == pytest.approx(expected, rel=1e-4, abs=1e-6)
 
 

@@ -191,9 +191,9 @@ def lively(times: float) -> Job:
 
 
 def test_another_boat_that_is_found_out_is_left_to_the_full_simulator() -> None:
-    """The pilot lets go of a boat that turns six times as well as its file says; of one that is half as lively again it
+    """The pilot lets go of a boat that turns twelve times as well as its file; of one that is half as lively again it
     notices nothing."""
-    job = lively(6.0)
+    job = lively(12.0)
     setting = setting_of(job, 0)
     assert setting is not None
     assert not run_compiled(setting, workspace_of(setting))[1] and run_reference(job, 0).engaged < 1.0
@@ -223,7 +223,7 @@ def numbers_of(value: Any) -> list[float]:
     return [number for each in value for number in numbers_of(each)] if isinstance(value, tuple) else [float(value)]
 
 
-@pytest.mark.parametrize("times", [1.5, 6.0])
+@pytest.mark.parametrize("times", [1.5, 12.0])
 def test_compiled_it_is_found_out_at_the_same_tick(times: float) -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
     job = lively(times)
