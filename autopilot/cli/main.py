@@ -14,6 +14,7 @@ from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
 from autopilot.files.printable import brief, escaped, printable_output
 
 SUBCOMMANDS = {
+    "new-boat": "begin with a boat of your own: its file, then every step to the first hold",
     "run": "steer a boat in real time",
     "trial": "sail manoeuvres to identify and measure the boat",
     "identify": "identify a boat's model from recordings of rudder, speed and motion",
@@ -33,7 +34,7 @@ SUBCOMMANDS = {
 """The commands, and what stands beside each in `--help`: as in their own parsers, which are loaded when needed."""
 
 GROUPS = {
-    "try it": ("demo",),
+    "begin": ("demo", "new-boat"),
     "from a trial to gains": ("trial", "log", "identify", "identify-dp", "gains", "params"),
     "steer": ("doctor", "run", "helm", "web", "signalk", "replay"),
     "set it up": ("install-service", "completion"),

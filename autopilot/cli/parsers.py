@@ -16,6 +16,7 @@ from autopilot.errors import ExitCode, InputError
 from autopilot.files.printable import brief, escaped
 
 EXAMPLES = {
+    "autopilot new-boat": "autopilot new-boat my-boat.yaml --link udpin:127.0.0.1:14550 --as-gcs",
     "autopilot run": "autopilot run my-boat.yaml --link udpin:127.0.0.1:14550 --as-gcs --engage 90 --log run.tlog",
     "autopilot trial": "autopilot trial zigzag my-boat.yaml --link udpin:127.0.0.1:14550 --as-gcs --log zigzag.tlog",
     "autopilot identify": "autopilot identify zigzag.tlog --out my-boat.yaml",

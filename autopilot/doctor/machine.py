@@ -239,7 +239,7 @@ def disk(folder: Path) -> Finding:
 
 def serial_lines(devices: Iterable[Path] | None = None) -> Finding:
     """Return the serial devices that are plugged in and whether they may be used."""
-    found = sorted(_devices() if devices is None else devices)
+    found = sorted(serial_devices() if devices is None else devices)
     if not found:
         return Finding("serial lines", Verdict.GO, "none plugged in")
     closed = [str(path) for path in found if not os.access(path, os.R_OK | os.W_OK)]
@@ -249,7 +249,8 @@ def serial_lines(devices: Iterable[Path] | None = None) -> Finding:
     return Finding("serial lines", Verdict.WARN, f"permission denied on {', '.join(closed)}", cure)
 
 
-def _devices() -> list[Path]:
+def serial_devices() -> list[Path]:
+    """Return the serial devices that are plugged in."""
     return [
         path for pattern in ("ttyUSB*", "ttyACM*", "ttyAMA*", "serial[0-9]*") for path in Path("/dev").glob(pattern)
     ]

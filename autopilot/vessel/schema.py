@@ -289,6 +289,7 @@ class Vessel:
     model: Model
     rudder: Rudder
     description: Annotated[str, NOW] = ""
+    length_m: Annotated[float, NOW, Bounds(0.2, 500.0, "length, to compare the boat with others")] | None = None
     sensors: Sensors = field(default_factory=Sensors)
     control: Control = field(default_factory=Control)
     guidance: Guidance = field(default_factory=Guidance)

@@ -1,0 +1,167 @@
+"""The list from an empty folder to the first hold: kept, taken up again, and refused where it is not ours."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from autopilot.cli import new_boat
+from autopilot.cli.commissioning import STEPS, Boat, Checklist
+from autopilot.cli.main import main
+from autopilot.errors import InputError
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.similar import Wanted, similar_boat
+
+WHEN = datetime(2026, 11, 24, 12, 0)
+NUMBERS = ("--length-m", "7", "--speed-kn", "9", "--rudder-max-deg", "30", "--side-to-side-s", "3")
+
+
+@pytest.fixture
+def known(tmp_path: Path) -> list[str]:
+    """Lanxin, and a ship ten times as long of the same form, at the same Froude number."""
+    boat = replace(load_vessel("lanxin"), length_m=7.0)
+    model = boat.model
+    slower = math.sqrt(10.0)
+    ship = replace(
+        boat,
+        length_m=70.0,
+        model=replace(
+            model,
+            K_1_s=model.K_1_s / slower,
+            T_s=model.T_s * slower,
+            n3_s2_rad2=model.n3_s2_rad2 * slower**2,
+            reference_speed_m_s=model.reference_speed_m_s * slower,
+        ),
+    )
+    for name, each in (("boat", boat), ("ship", ship)):
+        (tmp_path / f"{name}.yaml").write_text(dump_vessel(each))
+    return [str(tmp_path / "boat.yaml"), str(tmp_path / "ship.yaml")]
+
+
+def test_a_model_is_scaled_with_length_and_speed(known: list[str]) -> None:
+    small, ship = (load_vessel(name).model for name in known)
+    found = similar_boat(Wanted(70.0, ship.reference_speed_m_s, 30.0, 5.0), known[:1]).vessel("mine")
+    assert found.model.K_1_s == pytest.approx(ship.K_1_s, rel=1e-3)
+    assert found.model.T_s == pytest.approx(ship.T_s, rel=1e-3)
+    assert found.model.n3_s2_rad2 == pytest.approx(ship.n3_s2_rad2, rel=1e-3)
+    assert found.rudder.rate_max_deg_s == 5.0 and found.control.backstepping is None
+    assert small.K_1_s > found.model.K_1_s
+
+
+def test_the_boat_taken_is_the_one_most_alike(known: list[str]) -> None:
+    assert similar_boat(Wanted(9.0, 5.0, 30.0, 5.0), known).name == known[0]
+    assert similar_boat(Wanted(50.0, 12.0, 30.0, 5.0), known).name == known[1]
+
+
+def test_without_any_length_there_is_no_guess() -> None:
+    with pytest.raises(InputError, match="no shipped vessel names its length"):
+        similar_boat(Wanted(9.0, 5.0, 30.0, 5.0), [])
+
+
+def test_the_list_is_kept_and_what_rests_on_a_step_is_done_again(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    checklist = Checklist(file)
+    checklist.links = ("--link", "udpin:127.0.0.1:14550")
+    for step in STEPS:
+        assert checklist.next is step
+        checklist.tick_off(step, WHEN)
+    checklist.save()
+    again = Checklist(file)
+    assert again.next is None and again.links == checklist.links
+    assert all("done" in line for line in again.lines())
+    again.redo("zigzag")
+    assert again.next is not None and again.next.name == "zigzag" and set(again.done) == {"doctor", "rudder"}
+    checklist.tick_off(STEPS[0], WHEN)
+    assert set(checklist.done) == {"doctor"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"links": 3, "done": {}}',
+        '{"links": [], "done": {"fly": "x"}}',
+        '{"links": [1], "done": {}}',
+        '{"links": [], "done": []}',
+        "\x00",
+    ],
+)
+def test_a_list_that_is_not_ours_is_refused_by_name(text: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.commissioning.json").write_text(text)
+    with pytest.raises(InputError, match=r"mine\.commissioning\.json"):
+        Checklist(tmp_path / "mine.yaml")
+
+
+def test_a_step_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--redo fly: no step; there are doctor, rudder"):
+        Checklist(tmp_path / "mine.yaml").redo("fly")
+
+
+def test_the_zigzag_lasts_for_the_boat(known: list[str], tmp_path: Path) -> None:
+    zigzag = next(step for step in STEPS if step.name == "zigzag")
+
+    def seconds(name: str) -> float:
+        command = zigzag.command(Boat(tmp_path / "mine.yaml", (), load_vessel(name)))
+        return float(command[command.index("--duration") + 1])
+
+    assert seconds(known[0]) == 40.0 < seconds(known[1]) <= 1800.0
+
+
+def test_a_log_never_takes_a_name_that_is_there(tmp_path: Path) -> None:
+    boat = Boat(tmp_path / "mine.yaml", (), load_vessel("lanxin"))
+    (tmp_path / "mine-hold.tlog").write_text("")
+    assert boat.log("hold") == str(tmp_path / "mine-hold-2.tlog")
+
+
+@pytest.fixture
+def commands(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """Commands that are not run but noted; a zigzag leaves its log."""
+    noted: list[list[str]] = []
+
+    def noting(command: Sequence[str], check: bool) -> SimpleNamespace:
+        noted.append(list(command[3:]))
+        if "zigzag" in command:
+            Path(command[command.index("--log") + 1]).write_text("")
+        return SimpleNamespace(returncode=int(command[3] == "gains"))
+
+    monkeypatch.setattr(new_boat.subprocess, "run", noting)
+    return noted
+
+
+def test_it_goes_on_where_it_was_left(
+    known: list[str], commands: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.yaml"
+    shutil.copy(known[0], file)
+    given = ["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--as-gcs", "--yes"]
+    assert main(given) == 4
+    said = capsys.readouterr().err
+    assert "the gains is not done" in said and "Good enough is" in said and "If not" in said
+    assert [command[0] for command in commands] == ["doctor", "trial", "trial", "identify", "gains"]
+    assert all(command[2:5] == ["--link", "udpin:127.0.0.1:1", "--as-gcs"] for command in commands[:1])
+    kept = json.loads((tmp_path / "mine.commissioning.json").read_text())
+    assert list(kept["done"]) == ["doctor", "rudder", "zigzag", "identify"]
+    commands.clear()
+    assert main(["new-boat", str(file), "--yes"]) == 4
+    assert [command[0] for command in commands] == ["gains"]
+    assert main(["new-boat", str(file), "--list"]) == 0
+    assert "5. next  the gains" in capsys.readouterr().out
+
+
+def test_where_nobody_answers_the_option_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new-boat", str(tmp_path / "mine.yaml"), "--yes", *NUMBERS[2:]]) == 2
+    assert "--length-m is needed where nobody answers" in capsys.readouterr().err
+    assert main(["new-boat", str(tmp_path / "mine.yaml"), "--list"]) == 2
+    assert "not there yet" in capsys.readouterr().err
+    assert main(["new-boat", "lanxin", "--yes"]) == 2
+    assert not list(tmp_path.iterdir())
