@@ -10,7 +10,7 @@ const PATTERNS = [
 ];
 const RESULTS = { 0: "done", 1: "refused for now", 2: "refused", 3: "not known", 4: "ended early: the helm was taken", 5: "under way", 6: "ended as you asked" };
 const TRIAL_ROWS_MOST = 6000;
-let learntRows = [], learntKey = "", trialRows = [], trialStart = null, trialHeading = null, wasRunning = false;
+let learntRows = [], learntValues = "", trialRows = [], trialStart = null, trialHeading = null, wasRunning = false;
 
 function patternSizes() {
   const [, sizes] = PATTERNS[Number(byId("pattern").elements.number.value)];
@@ -116,9 +116,9 @@ function drawLearning() {
   ];
   byId("learning-check").textContent = words[learnt.lrn_state ?? 0] ?? "";
   const shares = [learnt.lrn_K / learnt.lrn_K_in, learnt.lrn_T / learnt.lrn_T_in].map((share) => 100 * share);
-  const key = JSON.stringify(learnt);
-  if (key !== learntKey && shares.every(Number.isFinite)) {
-    learntKey = key;
+  const values = JSON.stringify(learnt);
+  if (values !== learntValues && shares.every(Number.isFinite)) {
+    learntValues = values;
     if (learntRows.length && boat.state.t < learntRows.at(-1)[0]) learntRows = [];
     learntRows.push([boat.state.t, ...shares]);
     learntRows.splice(0, learntRows.length - 900);
