@@ -135,6 +135,7 @@ def text_of(kind: str, trial: Trial, model: str, control: str) -> str:
 schema_version: 2
 name: {trial.name}
 description: {trial.description}
+length_m: {PLANTS[kind].of(load_vessel("lanxin"), Scenario(1, kind, plant=kind)).hull.length:g}
 
 model:
 {model}

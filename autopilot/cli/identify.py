@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 from autopilot.errors import ExitCode, InputError
 
 if TYPE_CHECKING:
+    from autopilot.identification.boat_prior import BoatPrior
     from autopilot.identification.identified import Identified, ModelKind, Question, SteadyTurns
     from autopilot.identification.methods import Method
     from autopilot.identification.model_choice import Choice
     from autopilot.identification.runs import Run
     from autopilot.report.identification import Result
+    from autopilot.vessel.schema import Vessel
 
 DESCRIPTION = """\
 Fits Norrbin's model  T r' + n3 r^3 + n1 r + n0 = K delta,  K ~ U, T ~ 1/U, n3 ~ 1/U^2,  to all LOG files together,
@@ -101,6 +103,13 @@ def add_parser(subparsers: Any) -> None:
         "--reference-speed-m-s", action=number(0.01, 100.0), metavar="U", help="default: mean speed of the LOGs"
     )
     parser.add_argument(
+        "--length-m",
+        action=number(0.2, 500.0),
+        metavar="L",
+        help="length of the boat (default: the vessel file's): where the LOGs tell little, other boats of that length "
+        "and speed help, and it is said how much",
+    )
+    parser.add_argument(
         "--course-unstable",
         action="store_true",
         help="the boat will not go straight (found by itself by output-error; other methods need it)",
@@ -182,7 +191,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         given = Given(vessel, arguments.rudder_max_deg, arguments.rudder_at_full_deg)
         boat = boat_for(arguments.out, fitted, given)
-    result = _identify(arguments, steady, fitted, held_out)
+    result = _identify(arguments, steady, _prior(arguments.length_m, vessel, fitted), fitted, held_out)
     if arguments.out:
         from autopilot.cli.identify_vessel import write_vessel
 
@@ -245,10 +254,14 @@ def _steady_turns(path: str) -> SteadyTurns:
 
 
 def _identify(
-    arguments: argparse.Namespace, steady: SteadyTurns | None, fitted: list[Run], held_out: list[Run]
+    arguments: argparse.Namespace,
+    steady: SteadyTurns | None,
+    prior: BoatPrior | None,
+    fitted: list[Run],
+    held_out: list[Run],
 ) -> Result:
     from autopilot.cli.terminal import ProgressBar
-    from autopilot.identification.registry import method_named
+    from autopilot.identification.registry import METHODS, method_named
     from autopilot.identification.residual_tests import residual_tests
     from autopilot.identification.rudder_path import rudder_rate_of
 
@@ -262,6 +275,7 @@ def _identify(
             weighting=arguments.weighting,
             particle_gain=arguments.gain,
             progress=bar.update,
+            prior=prior if method.name == METHODS[0].name else None,
         )
         choice = _chosen(fitted, question, bar.update) if arguments.model == "auto" else None
         if choice is None or choice.chosen in ("norrbin", "norrbin unstable"):
@@ -271,6 +285,20 @@ def _identify(
     tests = residual_tests(fitted, found.model, found.around, found.train, dict(found.trims))
     result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
     return result._replace(residual_tests=tests, choice=choice, rudder_rate=rudder_rate_of(fitted))
+
+
+def _prior(length: float | None, vessel: Vessel | None, runs: Sequence[Run]) -> BoatPrior | None:
+    """Return what other boats say of one of this `length` [m], or of that of `vessel`, or of the pilot that recorded;
+    None where none of them knows it."""
+    from autopilot.vessel.file import parse_vessel
+    from autopilot.vessel.fleet import boats_prior
+
+    text = next((run.vessel for run in runs if run.vessel), "")
+    if vessel is None and text:
+        vessel = parse_vessel(text, f"{runs[0].source} (header)")
+    if length is None and vessel is not None:
+        length = vessel.length_m
+    return None if length is None else boats_prior(length, (vessel.name,) if vessel is not None else ())
 
 
 def _form_of(arguments: argparse.Namespace) -> Question:

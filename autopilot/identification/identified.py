@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from autopilot.identification.boat_prior import BoatPrior
 from autopilot.identification.output_error import Solution, Weighting
 from autopilot.identification.residual_tests import Prediction, predict, simulate_run
 from autopilot.identification.residuals import PREFIX, Noise, Trim
@@ -61,7 +63,8 @@ class Question(NamedTuple):
     rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water.
     weighting: "likelihood" and "prediction-error" know gusts from instrument noise.  quadratic: n2 too, of a boat that
     turns otherwise to one side.  trim: "per-run" fits an n0 for each run; the model has their mean.  particle_gain: of
-    the particle filter.  progress: called with how far it is.
+    the particle filter.  progress: called with how far it is.  prior: what other boats of its length say of
+    the boat.
     """
 
     kind: ModelKind = "norrbin"
@@ -76,6 +79,7 @@ class Question(NamedTuple):
     quadratic: bool = False
     trim: Trim = "common"
     particle_gain: str = "constant"
+    prior: BoatPrior | None = None
     progress: Progress = silent
 
 
@@ -111,7 +115,9 @@ class Identified(NamedTuple):
     a sentence each; from a recursive method, how it came there; and the covariance, shape (F, F), of the parameters
     called `free` where the method knows it. train: the way from the recorded rudder to the water, where it was asked
     for and the runs show it. trims: where each run has an n0 of its own, that [rad/s] by the run's source; the model's
-    is their mean. ratios: where the method has them, what is determined of a boat of either stability."""
+    is their mean. ratios: where the method has them, what is determined of a boat of either stability.
+    leans: by symbol K, T and n3 the share of what is known of K/T, n1/T and n3/T that other boats said; empty where
+    they said nothing."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -127,6 +133,7 @@ class Identified(NamedTuple):
     train: RudderTrain = DIRECT
     trims: tuple[tuple[str, float], ...] = ()
     ratios: Ratios | None = None
+    leans: Mapping[str, float] = MappingProxyType({})
 
     def predict(self, run: Run) -> Prediction:
         """Return how well `run` is predicted, with propeller and wind where both model and run know them."""

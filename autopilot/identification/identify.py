@@ -223,7 +223,8 @@ def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:
     fit = _Fit(runs, steps, question.weighting, own_trims(runs, question.trim))
     if _asks_likelihood(question, fit.trims):
         linear = start.model if start.model.gain > 0.0 and start.explained > LEAST_EXPLAINED else None
-        likely = likeliest(runs, speed, linear, ORDERED if ordered(runs) and not train else train, steps)
+        fitted = ORDERED if ordered(runs) and not train else train
+        likely = likeliest(runs, speed, linear, question._replace(rudder_train=fitted), steps)
         if likely is not None:
             return _with_surroundings(fit, likely)
     check_response(runs, start)
@@ -273,7 +274,8 @@ def _with_surroundings(fit: _Fit, likely: Identified) -> Identified:
     more = extended(fit.runs, likely, train, fit.steps, CUBIC, fit.trims) if may_extend(fit.runs) else likely
     if more.around is not None:
         return more
-    return likely._replace(unidentifiable={**more.unidentifiable, **likely.unidentifiable}, notes=more.notes)
+    notes = tuple(dict.fromkeys((*likely.notes, *more.notes)))
+    return likely._replace(unidentifiable={**more.unidentifiable, **likely.unidentifiable}, notes=notes)
 
 
 def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[str]) -> Identified:

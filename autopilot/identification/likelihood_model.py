@@ -8,14 +8,16 @@ then determine K/T and n3/T, and those are named.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from autopilot.identification.boat_prior import BoatPrior, Combined, Expected, combined
 from autopilot.identification.identified import (
     LARGEST_RELATIVE_ERROR,
     SURE_OF_IT,
     Identified,
+    Question,
     Ratios,
     Steps,
 )
@@ -50,17 +52,26 @@ def ordered(runs: Sequence[Run]) -> bool:
 
 
 def likeliest(
-    runs: Sequence[Run], speed: float, linear: Norrbin | None, train: tuple[str, ...], steps: Steps
+    runs: Sequence[Run], speed: float, linear: Norrbin | None, question: Question, steps: Steps
 ) -> Identified | None:
     """Return the likeliest boat at the reference `speed` [m/s]; None where another fit must say why there is none.
 
-    linear: the best linear model, to begin with, if there is one. train: what is fitted of the rudder's way.
+    linear: the best linear model, to begin with, if there is one. question: what is fitted of the rudder's way, and
+    what other boats say of this one.
     """
+    found, reasons = likeliest_fit(runs, speed, linear, question.rudder_train, steps)
+    return None if found is None else answer_of(found, runs, speed, question.prior, reasons)
+
+
+def likeliest_fit(
+    runs: Sequence[Run], speed: float, linear: Norrbin | None, train: tuple[str, ...], steps: Steps
+) -> tuple[LikelihoodFit | None, dict[str, str]]:
+    """Return the fit to the recording alone, and why parts of the `train` are left out of it, by name."""
     segments = tuple(segment for run in runs for segment in run.segments)
     regressed = start_rates(segments, speed)
     begin = _begin(segments, speed, regressed, linear)
     if begin is None or 1.0 / max(abs(begin.b), SMALLEST_B) < QUICK * shortest_time_constant(segments):
-        return None
+        return None, {}
     reasons: dict[str, str] = {}
     found = likelihood_fit(segments, speed, begin, train, steps.next)
     shortest = shortest_time_constant(segments)
@@ -68,7 +79,7 @@ def likeliest(
         reasons[gone] = _why_no(gone, found)
         train = tuple(name for name in train if name != gone)
         found = likelihood_fit(segments, speed, found.rates if train else begin, train, steps.next)
-    return None if found is None else _answer(found, runs, speed, reasons)
+    return found, reasons
 
 
 def _begin(segments: Sequence[Segment], speed: float, regressed: Start, linear: Norrbin | None) -> Rates | None:
@@ -100,11 +111,20 @@ def _why_no(name: str, found: LikelihoodFit) -> str:
     )
 
 
-def _answer(found: LikelihoodFit, runs: Sequence[Run], speed: float, reasons: dict[str, str]) -> Identified | None:
+def answer_of(
+    found: LikelihoodFit, runs: Sequence[Run], speed: float, prior: BoatPrior | None, reasons: Mapping[str, str]
+) -> Identified | None:
+    """Return a fit in Norrbin's convention, together with what other boats say; None where the boat cannot be told to
+    follow its rudder."""
+    # that the boat turns to the side of its rudder must be in the recording: no other boat can say that
+    if found.rates.a < SURELY_TURNS * math.sqrt(max(float(found.covariance[0, 0]), 0.0)):
+        return None
+    expected = None if prior is None else prior.at(speed)
+    together = None if expected is None else combined(found.rates, found.covariance, expected)
+    if together is not None:
+        found = found._replace(rates=together.rates, covariance=together.covariance)
     a, b, _, d, e = found.rates
     spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    if a < SURELY_TURNS * spread[0]:
-        return None
     ratios = Ratios((a, b, d, e), (spread[0], spread[1], spread[2], spread[3]))
     model, covariance = _in_norrbin(found, speed)
     names = ("gain", "time_constant", "n3", "n0")
@@ -123,6 +143,26 @@ def _answer(found: LikelihoodFit, runs: Sequence[Run], speed: float, reasons: di
         covariance=covariance,
         train=found.train,
         ratios=ratios,
+        notes=_said(together, expected),
+        leans=dict(zip(("K", "T", "n3"), together.shares, strict=True)) if together and any(together.shares) else {},
+    )
+
+
+def _said(together: Combined | None, expected: Expected | None) -> tuple[str, ...]:
+    """Return what is to be said of the other boats' part."""
+    if together is None or expected is None:
+        return ()
+    if together.contradicted:
+        return (
+            f"The runs contradict {expected.boats} other boats of that length and speed, which were left out; check "
+            "the length, the speed column and the rudder's scale, or take it that this boat is another kind.",
+        )
+    if not any(together.shares):
+        return ()
+    a, b, d = (f"{100.0 * share:.0f} %" for share in together.shares)
+    return (
+        f"{expected.boats} other boats of that length and speed helped: of what is known of K/T {a} is theirs, of n1/T "
+        f"{b}, of n3/T {d}; more manoeuvres replace them.",
     )
 
 

@@ -17,6 +17,8 @@ Grade = Literal["good", "start", "not enough"]
 
 GOOD, ENOUGH = 0.3, 0.6
 """Half a 95 % interval of K or T, as a share of it: that gains bear, and that a first design may be tried with."""
+MOST_LEANING = 0.5
+"""Share of what is known of K/T or n1/T that other boats may have said of a good model."""
 LEAST_R2 = 0.5
 """Share of the yaw rate that must be predicted open loop from rudder and speed for a good model of a stable boat."""
 KNOT_M_S = 1852.0 / 3600.0
@@ -61,6 +63,10 @@ def verdict_of(
         return Verdict("not enough", f"not enough: {share} (95 %); sail {again}, for twice as long.")
     if doubts[worst] > GOOD:
         return Verdict("start", f"good for a start ({share}, 95 %): sail {again}.")
+    leaning = max((found.leans.get(symbol, 0.0) for symbol in ("K", "T")), default=0.0)
+    if leaning > MOST_LEANING:
+        whose = f"{100.0 * leaning:.0f} % of what is known is other boats'"
+        return Verdict("start", f"good for a start ({share}, 95 %; {whose}): sail {again}.")
     scores = [each.yaw_rate_r2 for each in predictions if each.yaw_rate_r2 is not None]
     if found.model.n1 > 0.0 and scores and sorted(scores)[len(scores) // 2] < LEAST_R2:
         return Verdict(

@@ -246,6 +246,7 @@ ELSEWHERE = {
     "control.loop_delay_s": "the margins go by it",
     "control.law": "the pilot is built with it",
     "failsafe.reengage_after_restart_s": "the note of a held heading is kept for it",
+    "length_m": "identify expects by it what other boats do",
 }
 
 

@@ -170,7 +170,7 @@ def test_names_and_paths_that_lead_nowhere(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"^lanxn: neither a file nor shipped; did you mean lanxin\?$"):
         load_vessel("lanxn")
-    with pytest.raises(InputError, match="shipped are lanxin"):
+    with pytest.raises(InputError, match="shipped are container_ship"):
         load_vessel("zzz")
     with pytest.raises(InputError, match=r"lanxin\.yaml: no such file here; the shipped file is named lanxin"):
         load_vessel("lanxin.yaml")
