@@ -186,3 +186,17 @@ def test_a_zigzag_is_started_seen_and_ended_and_a_log_is_downloaded(helm: Helm) 
     page.keyboard.press("Escape")
     word(page, "mode-word", "Standby")
     page.context.close()
+
+
+@pytest.mark.parametrize("size", [(320, 568), (667, 375), (390, 844)], ids="{0[0]}x{0[1]}".format)
+def test_what_steers_is_in_reach_on_small_screens(helm: Helm, size: tuple[int, int]) -> None:
+    width, height = size
+    page = helm.open(size={"width": width, "height": height})
+    until(page, "!document.getElementById('engage').disabled")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    footer = page.locator("footer").bounding_box()["y"]
+    for button in ("button[data-turn='-10']", "button[data-turn='10']", "#engage", "#route", "#standby"):
+        box = page.locator(button).bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= width, button
+        assert box["y"] >= 0 and box["y"] + box["height"] <= footer, button
+        assert box["height"] >= 40, button
