@@ -70,7 +70,7 @@ def _rudder(boat: Boat) -> list[str]:
         "--each",
         f"{2.0 + 2.0 * most / (boat.vessel.rudder.rate_max_deg_s or most):.0f}",
     ]
-    return ["trial", "turning", str(boat.file), *boat.links, *options, "--log", boat.log("rudder")]
+    return ["trial", "turning", str(boat.file), *boat.links, "--unidentified", *options, "--log", boat.log("rudder")]
 
 
 def _zigzag(boat: Boat) -> list[str]:
@@ -78,7 +78,7 @@ def _zigzag(boat: Boat) -> list[str]:
     angle = min(ZIGZAG_DEG, boat.vessel.rudder.angle_max_deg)
     lasts = min(max(SWINGS * (1.0 / model.K_1_s + model.T_s), ZIGZAG_S[0]), ZIGZAG_S[1])
     options = ["--rudder-deg", f"{angle:g}", "--heading-deg", f"{angle:g}", "--duration", f"{math.ceil(lasts)}"]
-    return ["trial", "zigzag", str(boat.file), *boat.links, *options, "--log", boat.log("zigzag")]
+    return ["trial", "zigzag", str(boat.file), *boat.links, "--unidentified", *options, "--log", boat.log("zigzag")]
 
 
 def _identify(boat: Boat) -> list[str]:

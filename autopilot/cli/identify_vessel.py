@@ -66,7 +66,9 @@ def boat_for(path: str, runs: Sequence[Run], given: Given) -> Vessel | None:
 def _for_new_model(vessel: Vessel, path: str) -> Vessel:
     """Return what stays of a boat's file for a model of its own: all but the name and the gains of the old model."""
     control = Control(rate_hz=vessel.control.rate_hz, loop_delay_s=vessel.control.loop_delay_s)
-    return dataclasses.replace(vessel, name=Path(path).stem, description="", control=control)
+    # off in `trial --unidentified`, where the model was a guess
+    alarms = dataclasses.replace(vessel.alarms, reversed_rudder=True)
+    return dataclasses.replace(vessel, name=Path(path).stem, description="", control=control, alarms=alarms)
 
 
 def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -> list[str]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from autopilot.cli.commissioning import Boat, Checklist, Step
 
 DESCRIPTION = """\
-Begin with a boat of your own: find its links, write its file from a boat of like length and speed, then go through
+Begin with a boat of your own: find its links, write its file, then go through
 doctor, proof of control, zigzag, identification, gains and the first hold. Leave it whenever you like; the same command
 goes on where you left. Each step is an ordinary command, printed before it runs."""
 LENGTHS = number(0.2, 500.0)
@@ -141,8 +141,10 @@ class Talk:
 def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     """Ask what the boat is like and write its file. Raises InputError."""
     from autopilot.files.saving import save_text
-    from autopilot.vessel.file import dump_vessel
-    from autopilot.vessel.similar import KN, Wanted, similar_boat
+    from autopilot.identification.verdict import KNOT_M_S
+    from autopilot.vessel.file import dump_vessel, rounded
+    from autopilot.vessel.fleet import first_model
+    from autopilot.vessel.schema import SCHEMA_VERSION, Helm, Rudder, Vessel
 
     file: Path = arguments.file
     print(f"{file} is not there yet. Four numbers begin it; the zigzag will find the rest.")
@@ -161,9 +163,16 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     if side is None and not talk.silent and talk.yes("Can the rudder be moved from stop to stop now, at full speed?"):
         side = round(talk.seconds("Move it from one stop to the other."), 2)
     side = asked(side, "Seconds from one end stop to the other", "--side-to-side-s", SIDES)
-    found = similar_boat(Wanted(length, speed * KN, stop, 2.0 * stop / side))
-    save_text(file, dump_vessel(found.vessel(file.stem), found.remark), overwrite=False)
-    print(f"wrote {file}: {found.remark}")
+    boat = Vessel(
+        schema_version=SCHEMA_VERSION,
+        name=file.stem,
+        length_m=length,
+        model=first_model(length, speed * KNOT_M_S),
+        rudder=Rudder(stop, rounded(2.0 * stop / side), source="stops and time from side to side, measured"),
+        helm=Helm(rudder_at_full_pwm_deg=stop, source="assumed to be the end stop; measure it"),
+    )
+    save_text(file, dump_vessel(boat), overwrite=False)
+    print(f"wrote {file}; its model is {boat.model.source}")
 
 
 def links_of(arguments: argparse.Namespace, checklist: Checklist, talk: Talk) -> tuple[str, ...]:

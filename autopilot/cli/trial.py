@@ -74,6 +74,11 @@ def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.A
     parser.add_argument(
         "--foretell", action="store_true", help="print how well it could identify K, T and n3 at best, without sailing"
     )
+    parser.add_argument(
+        "--unidentified",
+        action="store_true",
+        help="the model in the file is a guess: the alarms that rest on it (alarms.reversed_rudder) are off",
+    )
     _number(
         parser,
         "--approach",
@@ -106,6 +111,8 @@ def _number(
 
 def run(arguments: argparse.Namespace) -> int:
     """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
+    from dataclasses import replace
+
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.control.trial import TRIAL_LAW
     from autopilot.vessel.file import load_vessel
@@ -113,6 +120,8 @@ def run(arguments: argparse.Namespace) -> int:
     vessel = load_vessel(arguments.vessel)
     if vessel.helm.method == "guided":
         raise InputError(f"{arguments.vessel}: helm.method guided moves no rudder; write rc_override for trials")
+    if arguments.unidentified:
+        vessel = replace(vessel, alarms=replace(vessel.alarms, reversed_rudder=False))
     script = _script(arguments, vessel)
     if arguments.foretell:
         from autopilot.cli.trial_prediction import predicted_accuracy

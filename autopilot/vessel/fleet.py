@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from functools import cache
 
 from autopilot.identification.boat_prior import BoatPrior, KnownBoat, prior_of
 from autopilot.models.norrbin import Norrbin
-from autopilot.vessel.file import load_vessel
+from autopilot.vessel.file import load_vessel, rounded
 from autopilot.vessel.schema import Model
 
 PUBLISHED = (
@@ -37,6 +38,22 @@ def boats_prior(length: float, without: Collection[str] = ()) -> BoatPrior:
     titles = {name: load_vessel(name).name for name in PUBLISHED}
     boats = [boat for boat in published_boats() if not {boat.name, titles[boat.name]} & set(without)]
     return prior_of(boats, length)
+
+
+def first_model(length: float, speed: float) -> Model:
+    """Return what the published boats let expect of one of `length` [m] at `speed` [m/s]: good enough to sail a zigzag
+    by, and to no other end."""
+    expected = boats_prior(length).at(speed)
+    a, b, d = math.exp(expected.mean[0]), float(expected.mean[1]), math.exp(expected.mean[2])
+    time_constant = 1.0 / abs(b)
+    return Model(
+        K_1_s=rounded(a * time_constant),
+        T_s=rounded(time_constant),
+        n1=math.copysign(1.0, b),
+        n3_s2_rad2=rounded(d * time_constant),
+        reference_speed_m_s=rounded(speed),
+        source=f"expected of a boat of {length:g} m by {expected.boats} published ones: a guess to sail the zigzag by",
+    )
 
 
 @cache

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,52 +16,27 @@ from autopilot.cli.commissioning import STEPS, Boat, Checklist
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.vessel.file import dump_vessel, load_vessel
-from autopilot.vessel.similar import Wanted, similar_boat
+from autopilot.vessel.fleet import first_model
 
 WHEN = datetime(2026, 11, 24, 12, 0)
 NUMBERS = ("--length-m", "7", "--speed-kn", "9", "--rudder-max-deg", "30", "--side-to-side-s", "3")
 
 
-@pytest.fixture
-def known(tmp_path: Path) -> list[str]:
-    """Lanxin, and a ship ten times as long of the same form, at the same Froude number."""
-    boat = replace(load_vessel("lanxin"), length_m=7.0)
-    model = boat.model
+def test_the_first_model_goes_with_length_and_speed() -> None:
+    small, ship = first_model(7.0, 4.0), first_model(70.0, 4.0 * math.sqrt(10.0))
     slower = math.sqrt(10.0)
-    ship = replace(
-        boat,
-        length_m=70.0,
-        model=replace(
-            model,
-            K_1_s=model.K_1_s / slower,
-            T_s=model.T_s * slower,
-            n3_s2_rad2=model.n3_s2_rad2 * slower**2,
-            reference_speed_m_s=model.reference_speed_m_s * slower,
-        ),
-    )
-    for name, each in (("boat", boat), ("ship", ship)):
-        (tmp_path / f"{name}.yaml").write_text(dump_vessel(each))
-    return [str(tmp_path / "boat.yaml"), str(tmp_path / "ship.yaml")]
+    assert small.K_1_s == pytest.approx(slower * ship.K_1_s, rel=1e-3)
+    assert small.T_s == pytest.approx(ship.T_s / slower, rel=1e-3)
+    assert small.n3_s2_rad2 == pytest.approx(ship.n3_s2_rad2 / 10.0, rel=1e-3)
 
 
-def test_a_model_is_scaled_with_length_and_speed(known: list[str]) -> None:
-    small, ship = (load_vessel(name).model for name in known)
-    found = similar_boat(Wanted(70.0, ship.reference_speed_m_s, 30.0, 5.0), known[:1]).vessel("mine")
-    assert found.model.K_1_s == pytest.approx(ship.K_1_s, rel=1e-3)
-    assert found.model.T_s == pytest.approx(ship.T_s, rel=1e-3)
-    assert found.model.n3_s2_rad2 == pytest.approx(ship.n3_s2_rad2, rel=1e-3)
-    assert found.rudder.rate_max_deg_s == 5.0 and found.control.backstepping is None
-    assert small.K_1_s > found.model.K_1_s
-
-
-def test_the_boat_taken_is_the_one_most_alike(known: list[str]) -> None:
-    assert similar_boat(Wanted(9.0, 5.0, 30.0, 5.0), known).name == known[0]
-    assert similar_boat(Wanted(50.0, 12.0, 30.0, 5.0), known).name == known[1]
-
-
-def test_without_any_length_there_is_no_guess() -> None:
-    with pytest.raises(InputError, match="no shipped vessel names its length"):
-        similar_boat(Wanted(9.0, 5.0, 30.0, 5.0), [])
+def test_the_file_that_is_written_holds_what_was_asked_and_no_gains(tmp_path: Path, commands: list[list[str]]) -> None:
+    file = tmp_path / "mine.yaml"
+    assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *NUMBERS]) == 4
+    boat = load_vessel(file)
+    assert boat.length_m == 7.0 and boat.model.reference_speed_m_s == pytest.approx(4.63, abs=0.01)
+    assert boat.rudder.angle_max_deg == 30.0 and boat.rudder.rate_max_deg_s == pytest.approx(20.0)
+    assert boat.control.backstepping is None and "a guess" in boat.model.source
 
 
 def test_the_list_is_kept_and_what_rests_on_a_step_is_done_again(tmp_path: Path) -> None:
@@ -107,14 +80,14 @@ def test_a_step_that_does_not_exist_is_named(tmp_path: Path) -> None:
         Checklist(tmp_path / "mine.yaml").redo("fly")
 
 
-def test_the_zigzag_lasts_for_the_boat(known: list[str], tmp_path: Path) -> None:
+def test_the_zigzag_lasts_for_the_boat(tmp_path: Path) -> None:
     zigzag = next(step for step in STEPS if step.name == "zigzag")
 
     def seconds(name: str) -> float:
         command = zigzag.command(Boat(tmp_path / "mine.yaml", (), load_vessel(name)))
         return float(command[command.index("--duration") + 1])
 
-    assert seconds(known[0]) == 40.0 < seconds(known[1]) <= 1800.0
+    assert seconds("lanxin") == 40.0 < seconds("mariner") <= 1800.0
 
 
 def test_a_log_never_takes_a_name_that_is_there(tmp_path: Path) -> None:
@@ -139,10 +112,10 @@ def commands(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 
 
 def test_it_goes_on_where_it_was_left(
-    known: list[str], commands: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    commands: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "mine.yaml"
-    shutil.copy(known[0], file)
+    file.write_text(dump_vessel(load_vessel("lanxin")))
     given = ["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--as-gcs", "--yes"]
     assert main(given) == 4
     said = capsys.readouterr().err
