@@ -54,10 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
         table = [{**found._asdict(), "verdict": WORDS[found.verdict].lower()} for found in findings]
         print(json.dumps({"verdict": WORDS[verdict].lower(), "findings": table}, indent=2))
     else:
+        print(summary(findings), end="\n\n")
         _show(findings)
-        warnings = sum(finding.verdict is Verdict.WARN for finding in findings)
-        count = f", {warnings} warning{'s' if warnings != 1 else ''}" if warnings else ""
-        print("NO GO" if verdict is Verdict.NO_GO else f"GO{count}")
     return int(ExitCode.REFUSED if verdict is Verdict.NO_GO else ExitCode.OK)
 
 
@@ -100,6 +98,18 @@ def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
     opened = partial(open_links, vessel, arguments.link, options)
     clock, timeout = MonotonicClock(), vessel.failsafe.heading_timeout_s
     return examine(opened, clock, arguments.seconds, timeout, vessel, lambda: came(arrivals.values()))
+
+
+def summary(findings: list[Finding]) -> str:
+    """Return the verdict and what stands behind it, in one sentence."""
+    from autopilot.doctor.machine import Verdict, worst
+
+    against = {verdict: [each.name for each in findings if each.verdict is verdict] for verdict in Verdict}
+    if worst(findings) is Verdict.NO_GO:
+        return f"NO GO: {', '.join(against[Verdict.NO_GO])}. What to do stands behind the arrows."
+    warned = against[Verdict.WARN]
+    count = f"{len(warned)} warning{'s' if len(warned) != 1 else ''}"
+    return f"GO, {count}: {', '.join(warned)}." if warned else "GO: this machine and these links are fit to steer."
 
 
 def _show(findings: list[Finding]) -> None:

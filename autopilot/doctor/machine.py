@@ -129,7 +129,10 @@ def real_time(priority: int = 40) -> Finding:
 
 def memory(meminfo: str | None = None) -> Finding:
     """Return the memory that is free; `meminfo`: the text of /proc/meminfo."""
-    text = Path("/proc/meminfo").read_text() if meminfo is None else meminfo
+    try:
+        text = Path("/proc/meminfo").read_text() if meminfo is None else meminfo
+    except FileNotFoundError:
+        return Finding("memory", Verdict.WARN, "not known, /proc is not there", "mount /proc in this container")
     found = re.search(r"^MemAvailable:\s+(\d+) kB", text, re.M)
     if found is None:
         return Finding("memory", Verdict.WARN, "not known", "look with `free -m`")

@@ -291,7 +291,7 @@ def test_the_command_says_go_and_no_go_and_exits_so(
     monkeypatch.setattr(machine, "wake_up", lambda _: well)
     monkeypatch.setattr(machine, "cyclictest", lambda: Finding("cyclictest", Verdict.GO, "not installed"))
     assert main(["doctor", "lanxin", "--log-dir", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].startswith("GO")
+    assert capsys.readouterr().out.splitlines()[0].startswith("GO")
     monkeypatch.setattr(machine, "wake_up", lambda _: well._replace(verdict=Verdict.NO_GO, cure="a quicker machine"))
     assert main(["doctor", "--log-dir", str(tmp_path), "--json"]) == 4
     report = json.loads(capsys.readouterr().out)

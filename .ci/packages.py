@@ -1,0 +1,275 @@
+"""Debian packages and an OCI image of a built wheel: `.ci/release` calls this.
+
+A package holds a virtual environment in /opt/norrbin for the Python of one Debian release, with wheels of the package
+index for one architecture, the commands in /usr/bin, completions, manual pages, and a systemd unit that is not enabled.
+Nothing is compiled, so that arm64 is made on amd64. The same wheel, lock file and time give the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import hashlib
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from autopilot import __version__
+from autopilot.cli.install_service import Service, unit_text, user_text
+
+ROOT = Path(__file__).parent.parent
+HOME = "opt/norrbin"
+MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
+GLIBC = ("2_17", "2_24", "2_26", "2_27", "2_28")
+"""Debian 12 has 2.36, so that each of these runs there."""
+UNIT_ARGUMENTS = "NORRBIN_ARGUMENTS_PLACE"
+CONTROL = """\
+Package: norrbin
+Version: {version}
+Architecture: {architecture}
+Maintainer: the Norrbin developers <norrbin@localhost>
+Depends: python{python}
+Section: misc
+Priority: optional
+Installed-Size: {size}
+Description: turns a sea trial into a boat autopilot
+ Record a zigzag, identify the boat, design its gains with their margins, and steer it from a companion computer over
+ MAVLink or plain serial.
+"""
+POSTINST = """\
+#!/bin/sh
+set -e
+if [ "$1" = configure ]; then
+    command -v systemd-sysusers > /dev/null && systemd-sysusers norrbin.conf || true
+    [ -d /run/systemd/system ] && systemctl daemon-reload || true
+    echo "norrbin: begin with 'autopilot new-boat my-boat.yaml'; steer from power-on: /etc/default/norrbin"
+fi
+"""
+DEFAULTS = """\
+# The arguments of `autopilot run` when the service steers: systemctl enable --now norrbin.
+# Put your boat's file at /var/lib/norrbin/boat.yaml first, and name its links here.
+NORRBIN_ARGUMENTS="/var/lib/norrbin/boat.yaml --link serial:/dev/serial0:57600 --as-gcs --reconnect --realtime \\
+--log-dir /var/log/norrbin"
+"""
+
+
+def tree(wheel: Path, folder: Path, architecture: str, python: str) -> None:
+    """Lay out what the package installs below `folder`."""
+    site = folder / HOME / "lib" / f"python{python}" / "site-packages"
+    machine = MACHINES[architecture]
+    platforms = [f"manylinux_{glibc}_{machine}" for glibc in GLIBC] + [f"manylinux2014_{machine}"]
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile"]
+    command += ["--only-binary=:all:", "--python-version", python, "--implementation", "cp", "--target", str(site)]
+    command += [word for platform in platforms for word in ("--platform", platform)]
+    command += ["--constraint", str(ROOT / "requirements.lock"), f"{wheel}[web,edit]"]
+    subprocess.run(command, check=True)
+    shutil.rmtree(site / "bin", ignore_errors=True)
+    home = folder / HOME
+    (home / "bin").mkdir()
+    (home / "pyvenv.cfg").write_text(f"home = /usr/bin\ninclude-system-site-packages = false\nversion = {python}\n")
+    for name in ("python", "python3"):
+        (home / "bin" / name).symlink_to(f"/usr/bin/python{python}")
+    commands = folder / "usr/bin"
+    commands.mkdir(parents=True)
+    for name, call in (
+        ("autopilot", "from autopilot.entry import autopilot as main"),
+        ("sitl", "from sitl.__main__ import main"),
+    ):
+        script = home / "bin" / name
+        script.write_text(f"#!/{HOME}/bin/python3\n{call}\n\nif __name__ == '__main__':\n    main()\n")
+        script.chmod(0o755)
+        (commands / name).symlink_to(f"/{HOME}/bin/{name}")
+    helps(folder)
+    service(folder)
+
+
+def helps(folder: Path) -> None:
+    """Write completions and manual pages."""
+    for program in ("autopilot", "sitl"):
+        for shell, place in (
+            ("bash", f"usr/share/bash-completion/completions/{program}"),
+            ("zsh", f"usr/share/zsh/vendor-completions/_{program}"),
+            ("fish", f"usr/share/fish/vendor_completions.d/{program}.fish"),
+        ):
+            said = subprocess.run([sys.executable, "-m", program, "completion", shell], capture_output=True, check=True)
+            save(folder / place, said.stdout)
+        module = {"autopilot": "autopilot.cli.main", "sitl": "sitl.cli"}[program]
+        page = folder / f"usr/share/man/man1/{program}.1"
+        page.parent.mkdir(parents=True, exist_ok=True)
+        command = [
+            sys.executable,
+            "-c",
+            "from argparse_manpage.cli import main; main()",
+            "--module",
+            module,
+            "--function",
+            "build_parser",
+        ]
+        command += ["--project-name", "norrbin", "--version", __version__, "--prog", program, "--output", str(page)]
+        command += ["--description", "boat autopilot" if program == "autopilot" else "simulated boat"]
+        subprocess.run(command, check=True, cwd=ROOT)
+        save(page.with_suffix(".1.gz"), gzip.compress(page.read_bytes(), mtime=0))
+        page.unlink()
+
+
+def service(folder: Path) -> None:
+    """Write the unit, its user and its arguments; udev rules are each boat's own (`autopilot install-service`)."""
+    boat = Service("norrbin", "norrbin", ("/usr/bin/autopilot", "run", UNIT_ARGUMENTS))
+    unit = unit_text(boat).replace(UNIT_ARGUMENTS, "$NORRBIN_ARGUMENTS")
+    unit = unit.replace(
+        "[Service]\n",
+        "ConditionPathExists=/var/lib/norrbin/boat.yaml\n\n[Service]\nEnvironmentFile=/etc/default/norrbin\n",
+    )
+    save(folder / "lib/systemd/system/norrbin.service", unit.encode())
+    save(folder / "usr/lib/sysusers.d/norrbin.conf", user_text(boat).encode())
+    save(folder / "etc/default/norrbin", DEFAULTS.encode())
+    rules = 'SUBSYSTEM=="tty", SUBSYSTEMS=="usb", GROUP="dialout", MODE="0660"\n'
+    save(folder / "lib/udev/rules.d/70-norrbin.rules", rules.encode())
+
+
+def save(path: Path, data: bytes) -> None:
+    """Write a file and the folders above it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def deb(folder: Path, out: Path, architecture: str, python: str, epoch: int) -> Path:
+    """Build the package of a laid out tree; return its path."""
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file() and not path.is_symlink()) // 1024
+    control = CONTROL.format(version=__version__, architecture=architecture, python=python, size=size)
+    save(folder / "DEBIAN/control", control.encode())
+    save(folder / "DEBIAN/conffiles", b"/etc/default/norrbin\n")
+    save(folder / "DEBIAN/postinst", POSTINST.encode())
+    (folder / "DEBIAN/postinst").chmod(0o755)
+    for path in (folder, *folder.rglob("*")):
+        os.utime(path, (epoch, epoch), follow_symlinks=False)
+    place = out / f"norrbin_{__version__}_python{python}_{architecture}.deb"
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": str(epoch)}
+    command = ["dpkg-deb", "--root-owner-group", "-Zxz", "--build", str(folder), str(place)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
+    return place
+
+
+def layer(folder: Path, epoch: int) -> bytes:
+    """Return a folder as a compressed layer of an image, its files in order, root's, and of one time."""
+    packed = io.BytesIO()
+
+    def plain(info: tarfile.TarInfo) -> tarfile.TarInfo | None:
+        info.uid = info.gid = 0
+        info.uname = info.gname = ""
+        info.mtime = epoch
+        return None if info.name.startswith("DEBIAN") or info.isdev() else info
+
+    with tarfile.open(fileobj=packed, mode="w", format=tarfile.GNU_FORMAT) as archive:
+        for path in sorted(folder.rglob("*")):
+            archive.add(path, str(path.relative_to(folder)), recursive=False, filter=plain)
+    return packed.getvalue()
+
+
+def image(folders: Iterable[Path], out: Path, architecture: str, epoch: int) -> Path:
+    """Write an OCI image whose layers are `folders`, the lowest first; return its path.
+
+    Source: OCI image format 1.1 (image-layout, manifest, config).
+    """
+    blobs: dict[str, bytes] = {}
+
+    def blob(data: bytes, kind: str) -> dict[str, object]:
+        digest = hashlib.sha256(data).hexdigest()
+        blobs[f"blobs/sha256/{digest}"] = data
+        return {"mediaType": f"application/vnd.oci.image.{kind}", "digest": f"sha256:{digest}", "size": len(data)}
+
+    layers, differences = [], []
+    for folder in folders:
+        packed = layer(folder, epoch)
+        differences.append(f"sha256:{hashlib.sha256(packed).hexdigest()}")
+        layers.append(blob(gzip.compress(packed, 6, mtime=0), "layer.v1.tar+gzip"))
+    labels = {
+        "org.opencontainers.image.title": "norrbin",
+        "org.opencontainers.image.version": __version__,
+        "org.opencontainers.image.licenses": "MIT",
+        **blueos_labels(),
+    }
+    config = {
+        "architecture": architecture,
+        "os": "linux",
+        "config": {
+            "Entrypoint": ["/usr/bin/autopilot"],
+            "Cmd": ["--help"],
+            "WorkingDir": "/var/lib/norrbin",
+            "Labels": labels,
+        },
+        "rootfs": {"type": "layers", "diff_ids": differences},
+    }
+    manifest = {
+        "schemaVersion": 2,
+        "mediaType": "application/vnd.oci.image.manifest.v1+json",
+        "config": blob(json.dumps(config, sort_keys=True).encode(), "config.v1+json"),
+        "layers": layers,
+    }
+    described = blob(json.dumps(manifest, sort_keys=True).encode(), "manifest.v1+json")
+    described["annotations"] = {"org.opencontainers.image.ref.name": f"norrbin:{__version__}"}
+    index = {"schemaVersion": 2, "manifests": [described]}
+    place = out / f"norrbin-{__version__}-{architecture}.oci.tar"
+    with tarfile.open(place, "w", format=tarfile.GNU_FORMAT) as archive:
+        for name, data in {
+            "oci-layout": b'{"imageLayoutVersion": "1.0.0"}',
+            "index.json": json.dumps(index, sort_keys=True).encode(),
+            **dict(sorted(blobs.items())),
+        }.items():
+            info = tarfile.TarInfo(name)
+            info.size, info.mtime = len(data), epoch
+            archive.addfile(info, io.BytesIO(data))
+    return place
+
+
+def blueos_labels() -> dict[str, str]:
+    """Return what BlueOS reads of an extension's image: version, permissions, kind.
+
+    Source: BlueOS documentation, "Extensions", metadata of the image.
+    """
+    permissions = {
+        "ExposedPorts": {"8080/tcp": {}},
+        "HostConfig": {
+            "NetworkMode": "host",
+            "Binds": ["/usr/blueos/extensions/norrbin:/var/lib/norrbin"],
+        },
+    }
+    return {
+        "version": __version__,
+        "type": "device-integration",
+        "tags": '["autopilot", "boat"]',
+        "permissions": json.dumps(permissions, sort_keys=True),
+        "requirements": "core >= 1.1",
+    }
+
+
+def main() -> int:
+    """Build what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("wheel", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--architecture", choices=MACHINES, action="append")
+    parser.add_argument("--python", default="3.11", help="of Debian 12: 3.11, of Debian 13: 3.13 (3.11)")
+    parser.add_argument("--rootfs", type=Path, help="a Debian root with that Python: makes an OCI image upon it, too")
+    chosen = parser.parse_args()
+    epoch = int(os.environ.get("SOURCE_DATE_EPOCH", "0"))
+    for architecture in chosen.architecture or MACHINES:
+        with tempfile.TemporaryDirectory() as folder:
+            root = Path(folder) / "root"
+            root.mkdir()
+            tree(chosen.wheel.resolve(), root, architecture, chosen.python)
+            print(deb(root, chosen.out, architecture, chosen.python, epoch))
+            if chosen.rootfs is not None and architecture == "amd64":
+                print(image((chosen.rootfs, root), chosen.out, architecture, epoch))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
