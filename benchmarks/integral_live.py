@@ -132,7 +132,7 @@ VARIANTS: dict[str, Callable[[Norrbin], Learner]] = {
     "recursion as published, linear": lambda first: recursion(first, nonlinear=False),
     "recursion as published, with n3": lambda first: recursion(first, nonlinear=True),
     "least squares over the windows": least_squares,
-    "with instruments (what runs live)": fit,
+    "with instruments": fit,
     HEADINGS: lambda first: fit(first, rates=False),
 }
 

@@ -20,15 +20,20 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from learning_seasons import CALM, KINDS, Kind, Sample, hand, kind_of, weather_of
+from learning_seasons import errors as stretch_errors
+from learning_seasons import sailed as plant_sailed
+from learning_seasons import zigzag as plant_zigzag
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
 from autopilot.identification.boat_prior import BoatPrior, primes, prior_of
-from autopilot.identification.identified import Identified, Steps, silent
-from autopilot.identification.identify import LEAST_EXPLAINED, check_excitation, starting_point
+from autopilot.identification.identified import Identified, Question, Steps, silent
+from autopilot.identification.identify import LEAST_EXPLAINED, check_excitation, identify, starting_point
 from autopilot.identification.likelihood_model import answer_of, likeliest_fit
 from autopilot.identification.runs import Run, run_from_columns
-from autopilot.vessel.fleet import boats_prior, published_boats
+from autopilot.models.norrbin import Norrbin
+from autopilot.vessel.fleet import PUBLISHED, boats_prior, published_boats
 
 FloatArray = NDArray[np.float64]
 LENGTHS_H = (3.0, 4.5, 7.0, 10.0, 15.0, 22.0, 33.0, 50.0, 75.0)
@@ -247,6 +252,51 @@ def boats() -> None:
     print(f"held in 95 % intervals: {sum(held)} of {len(held)}")
 
 
+ZOO_H, ZOO_AHEAD_H = (15.0, 30.0, 60.0), 10.0
+
+
+def zoo(seeds: int, first: int) -> None:
+    """Print how well what the plants' harbour exits tell predicts a 20/20 zigzag in calm water: the root mean square
+    heading error after ZOO_AHEAD_H, beside that of the plant's file, which four zigzags made."""
+    print(
+        "| plant | seed | record [h] | file [deg] | alone [deg] | with other boats [deg] |\n|---|---|---|---|---|---|"
+    )
+    for name in KINDS:
+        kind = kind_of(name)
+        speed, lasts = kind.model.reference_speed, ZOO_H[-1] * kind.h
+        shown = [each for each in PUBLISHED if each == name or (name, each) == ("roll_ship", "naval_vessel")]
+        prior = boats_prior(speed * kind.h, shown)
+        calm = list(plant_sailed(kind, CALM, plant_zigzag(), lasts, speed, np.random.default_rng(first)))
+        for seed in range(first, first + seeds):
+            random = np.random.default_rng([seed, 31])
+            steer, weather = hand(random, kind.h, lasts), weather_of(random, kind.h)
+            rows = np.array(list(plant_sailed(kind, weather, steer, lasts, speed, random)))
+            names = ("time_s", "rudder_rad", "speed_m_s", "heading_rad", "yaw_rate_rad_s")
+            record = dict(zip(names, rows.T[:5] * np.array([1.0, 1.0, speed, 1.0, 1.0])[:, None], strict=True))
+            for length in ZOO_H:
+                answers = zoo_asked(shortened(record, length * kind.h), speed, (None, prior))
+                cells = [_error(kind, model, calm) for model in (kind.model, *answers)]
+                print(f"| {name} | {seed} | {length:g} | {' | '.join(cells)} |", flush=True)
+
+
+def zoo_asked(run: Run, speed: float, priors: Sequence[BoatPrior | None]) -> list[Norrbin | None]:
+    """Return the models that `autopilot identify` makes of the run with each prior."""
+    found = []
+    for prior in priors:
+        try:
+            found.append(identify([run], Question(reference_speed=speed, prior=prior)).model)
+        except InputError:
+            found.append(None)
+    return found
+
+
+def _error(kind: Kind, model: Norrbin | None, samples: Sequence[Sample]) -> str:
+    if model is None:
+        return "refused"
+    off = stretch_errors(kind, model, list(samples), ZOO_AHEAD_H * kind.h)
+    return f"{math.degrees(math.sqrt(float(np.mean(np.square(off))))):.1f}"
+
+
 def main() -> None:
     """Print the table asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -261,8 +311,6 @@ def main() -> None:
     elif given.what == "drawn":
         drawn(given.boats, seed)
     else:
-        from ordinary_zoo import zoo
-
         zoo(given.seeds, seed)
 
 

@@ -1,9 +1,18 @@
-"""Learning while sailing: the integral method fed with the ticks, and a candidate model that must predict what comes.
+"""Learning while sailing: a filter fed with the ticks, and a candidate model that must predict what comes.
 
-It only proposes. A model that the windows tell well enough is put forward as a candidate, and from that moment on
-both it and the present model predict the boat's heading, stretch by stretch, from the rudder alone: what they are
-judged by is what the candidate has not learnt from. Memory is constant: `integral_fit`, the last few rudder angles,
-one running prediction, and the outcomes of the last `STRETCHES` stretches.
+It only proposes. A model whose K and T the filter (`live_filter`) knows well enough is put forward as a candidate, and
+from that moment on both it and the present model predict the boat's heading, stretch by stretch, from the rudder alone:
+what they are judged by is what the candidate has not learnt from. A bet is made on each stretch, that the candidate's
+error is the smaller one: with e0 and e1 the errors of the present model and of the candidate and
+
+    x = (e0^2 - e1^2)/(e0^2 + e1^2),   wealth = mean over l of the product of (1 + l x) over all stretches so far
+
+a candidate that is no better than the present model makes no wealth: that it ever has more than w is less probable than
+1/w, however often one looks (Ville's inequality; Shafer 2021, Waudby-Smith and Ramdas 2024). It has proved itself when
+its wealth is above k (k + 1)/CHANCE, k counting the candidates, so that all together are wrong with less than CHANCE.
+
+n0 is the wind's and stays as it is: each model's mean error over the stretches before is taken off. Memory is constant:
+the filter, the last few rudder angles, one running prediction, and the outcomes of the last `STRETCHES` stretches.
 """
 
 from __future__ import annotations
@@ -12,27 +21,36 @@ import math
 from collections import deque
 from typing import NamedTuple
 
+import numpy as np
+
 from autopilot.angles import wrap
-from autopilot.identification.integral_fit import ENOUGH, IntegralFit
+from autopilot.identification.live_filter import LiveFilter
 from autopilot.identification.model_choice import Outcome, PredictionTest
 from autopilot.models.norrbin import Norrbin
-from autopilot.signals import HeadingSample, Mode, OrderKind, RateSample, RudderSample, Tick
+from autopilot.signals import HeadingSample, RateSample, RudderSample, Tick
 
-WORTH_PROPOSING = 0.1
-"""K and T must be known to this share before a model is put forward."""
-
-MUCH_BETTER = 0.5
-"""A candidate is replaced when the standard errors have shrunk to this share; it is then judged anew."""
+SURE_OF_IT = 1.96
+GOOD, START = 0.15, 0.3
+"""Standard errors of K and T, as shares, of a good model and of one that is put forward: as of `verdict`."""
+LEAST_MOVED_S = 10.0
+"""The rudder must have been away from its mean for so long before a model is put forward."""
+MUCH_BETTER = 0.6
+"""A candidate that is not winning is replaced when the standard errors have shrunk to this share, and judged anew."""
 
 STRETCHES = 64
 """Outcomes kept: with stretches of a few seconds to half a minute, the last minutes of manoeuvring."""
-
-LEAST_STRETCHES = 3
-BETTER = 0.95
-"""The proposed model's root mean square error must be below this share of the present one's."""
+CHANCE = 0.02
+"""With this probability at most a model that predicts no better is called proved between two adoptions."""
+BETS = np.array([0.1, 0.25, 0.5, 0.8, 0.98])
+MEAN_OVER = 4.0
+"""Stretches over which each model's mean error is taken."""
 
 RUDDER_FRESH_S = 2.0
 RATE_FRESH_S = 0.3
+LOOKS_S = 1.0
+"""Seconds between looks at what the filter holds."""
+SPACING_S = 0.045
+"""Headings that follow one another more quickly are not taken."""
 SPIKE_RAD = math.radians(30.0)
 RATE_MOST_RAD_S = 3.0
 
@@ -40,62 +58,77 @@ RATE_MOST_RAD_S = 3.0
 class Proposal(NamedTuple):
     """A model that was learnt, and how it did since.
 
-    standard_errors by parameter; windows it was learnt from, each of `length` [s]; stretches predicted since it was put
-    forward, each of `ahead` [s]; root mean square heading errors [rad] of the present model and the proposed one.
+    standard_errors by parameter; learnt from `moved` [s] in which the rudder was away from its mean; stretches
+    predicted since it was put forward, each of `ahead` [s]; root mean square heading errors [rad] of the present model
+    and the proposed one; wealth of the bets on it, and how much proves it.
     """
 
     model: Norrbin
     standard_errors: dict[str, float]
-    windows: int
-    length: float
+    moved: float
     stretches: int
     ahead: float
     present_error: float
     proposed_error: float
+    wealth: float
+    needed: float
 
     @property
     def is_proved(self) -> bool:
-        """Whether it predicted what came afterwards clearly better than the present model."""
-        return self.stretches >= LEAST_STRETCHES and self.proposed_error < BETTER * self.present_error
+        """Whether it predicted what came afterwards better than the present model, by more than chance gives."""
+        return self.wealth >= self.needed
+
+    @property
+    def verdict(self) -> str:
+        """What the model is good for, from its intervals and its predictions."""
+        worst = max(self.standard_errors[name] / getattr(self.model, name) for name in ("gain", "time_constant"))
+        share = f"K and T +- {100.0 * SURE_OF_IT * worst:.0f} % or better, 95 %"
+        if not self.is_proved:
+            return f"not proved yet: {share}"
+        return f"good, steer with it ({share})" if worst <= GOOD else f"good for a start ({share}): turn or zigzag"
 
 
 class _Candidate(NamedTuple):
     model: Norrbin
     standard_errors: dict[str, float]
-    windows: int
+    moved: float
 
 
 class Learner:
     """Learns from ticks; see the module's docstring.
 
-    Raises ValueError for a present model with n2, which the method does not know.
+    chance: with which a model that is no better may be called proved at most. n2 is not known to it.
     """
 
-    def __init__(self, present: Norrbin) -> None:
+    def __init__(self, present: Norrbin, chance: float = CHANCE) -> None:
+        self._chance = chance
         self.begin(present)
 
     def begin(self, present: Norrbin) -> None:
         """Forget everything and learn what differs from `present`."""
         self.present = present
-        self._fit = IntegralFit(present)
+        self._fit = LiveFilter(present)
         self._rudders: deque[tuple[float, float]] = deque(maxlen=16)
         self._rudder_time = -math.inf
         self._rate: tuple[float, float] | None = None
-        self._last_motion = -math.inf
+        self._last_motion = self._looked = -math.inf
         self._candidate: _Candidate | None = None
         self._prediction_test: PredictionTest | None = None
         self._outcomes: deque[Outcome] = deque(maxlen=STRETCHES)
+        self._candidates = 0
+        self._wealth = np.ones(BETS.size)
+        self._means = [0.0, 0.0]
         self._proved: Proposal | None = None
 
     @property
-    def windows(self) -> int:
-        """How many windows carried information so far."""
-        return self._fit.windows
+    def moved(self) -> float:
+        """For how long [s] the rudder was away from its mean so far: what there was to learn from."""
+        return self._fit.moved_s
 
     @property
     def estimate(self) -> Norrbin:
-        """What the fit holds for the boat now, whether or not it is worth proposing."""
-        return self._fit.model
+        """What the filter holds for the boat now, whether or not it is worth proposing."""
+        return learnt_model(self._fit, self.present)[0]
 
     def learn(self, tick: Tick, *, steered: bool) -> None:
         """Take a tick. `steered`: the rudder follows our orders; where nobody else tells what it does either, nothing
@@ -123,14 +156,22 @@ class Learner:
 
     def _take(self, sample: HeadingSample, tick: Tick, ratio: float) -> None:
         time, heading, rate = min(sample.time, tick.now), sample.heading, self._rate_at(sample)
-        if not time > self._last_motion:
+        if not time - self._last_motion > SPACING_S:
             return
         self._last_motion = time
-        rudder = self._rudder_at(time)
-        is_steered = tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
-        added = self._fit.update(time, rudder, ratio, heading, rate, tick.reference if is_steered else None)
-        self._judge(time, rudder, ratio, heading, rate)
-        if added is not None:
+        self.update(time, self._rudder_at(time), ratio, heading, rate)
+
+    def update(self, time: float, rudder: float, ratio: float, heading: float, rate: float | None) -> None:
+        """Take a heading [rad], with a rate [rad/s] where one is measured, and the rudder [rad] at `time` [s], at
+        `ratio` times the reference speed."""
+        self._fit.update(time, rudder, ratio, heading, rate)
+        outcome = None
+        if self._prediction_test is not None:
+            outcome = self._prediction_test.update(time, rudder, ratio, heading, self._fit.rate)
+        if outcome is not None:
+            self._judge(outcome)
+        if time - self._looked >= LOOKS_S:
+            self._looked = time
             self._put_forward()
 
     def _rudder_at(self, time: float) -> float:
@@ -146,28 +187,35 @@ class Learner:
 
     def _put_forward(self) -> None:
         """Make the estimate the candidate where there is none, or it is known much better than the candidate was."""
-        if self._fit.windows < ENOUGH:
+        if self._fit.moved_s < LEAST_MOVED_S:
             return
-        model, errors = self._fit.model, self._fit.standard_errors()
-        shares = [errors[name] / getattr(model, name) for name in ("gain", "time_constant")]
-        if max(shares) > WORTH_PROPOSING:
+        model, errors = learnt_model(self._fit, self.present)
+        if max(errors[name] / getattr(model, name) for name in ("gain", "time_constant")) > START:
             return
         if self._candidate is not None:
             before = self._candidate.standard_errors
-            if any(errors[name] > MUCH_BETTER * before[name] for name in ("gain", "time_constant")):
+            is_winning = float(np.mean(self._wealth)) > 1.0
+            if is_winning or any(errors[name] > MUCH_BETTER * before[name] for name in ("gain", "time_constant")):
                 return
-        self._candidate = _Candidate(model, errors, self._fit.windows)
+        self._candidate = _Candidate(model, errors, self._fit.moved_s)
         self._prediction_test = PredictionTest(self.present, model)
+        self._candidates += 1
+        self._wealth = np.ones(BETS.size)
+        self._means = [0.0, 0.0]
         self._outcomes.clear()
 
-    def _judge(self, time: float, rudder: float, ratio: float, heading: float, rate: float | None) -> None:
-        if self._prediction_test is not None:
-            outcome = self._prediction_test.update(time, rudder, ratio, heading, rate, self._fit.moved_by)
-            if outcome is not None:
-                self._outcomes.append(outcome)
-                judged = self._judged()
-                if judged is not None and judged.is_proved:
-                    self._proved = judged
+    def _judge(self, outcome: Outcome) -> None:
+        """Take a stretch's errors, less what each model's were on average before; bet on it."""
+        errors = [error - mean for error, mean in zip(outcome, self._means, strict=True)]
+        share = min(1.0 / (len(self._outcomes) + 1.0), 1.0 / MEAN_OVER)
+        self._means = [mean + share * (error - mean) for error, mean in zip(outcome, self._means, strict=True)]
+        self._outcomes.append(Outcome(*errors))
+        present, other = errors[0] ** 2, errors[1] ** 2
+        if present + other > 0.0:
+            self._wealth = self._wealth * (1.0 + BETS * (present - other) / (present + other))
+        judged = self._judged()
+        if judged is not None and judged.is_proved:
+            self._proved = judged
 
     def proposal(self) -> Proposal | None:
         """Return what is put forward, None as long as nothing is: the latest that has proved itself, or else the one
@@ -182,10 +230,27 @@ class Learner:
         return Proposal(
             model=self._candidate.model,
             standard_errors=self._candidate.standard_errors,
-            windows=self._candidate.windows,
-            length=self._fit.length,
+            moved=self._candidate.moved,
             stretches=count,
             ahead=self._prediction_test.ahead,
             present_error=math.sqrt(squares[0]),
             proposed_error=math.sqrt(squares[1]),
+            wealth=float(np.mean(self._wealth)),
+            needed=self._candidates * (self._candidates + 1) / self._chance,
         )
+
+
+def learnt_model(fit: LiveFilter, present: Norrbin) -> tuple[Norrbin, dict[str, float]]:
+    """Return what the filter holds in Norrbin's convention, with n0 as it is, and the standard errors, infinite where
+    n1/T cannot be told from 0."""
+    (a, b, d, _), covariance = fit.estimate.values.tolist(), fit.estimate.covariance
+    sign, size = math.copysign(1.0, b), max(abs(b), 1.0e-6)
+    T = 1.0 / size
+    model = present._replace(gain=a * T, time_constant=T, n3=d * T, n1=sign)
+    known = covariance[:3, :3]
+    if size < SURE_OF_IT * math.sqrt(known[1, 1]):
+        return model, {"gain": math.inf, "time_constant": math.inf, "n3": math.inf}
+    slopes = {"gain": (T, -sign * a * T * T, 0.0), "time_constant": (0.0, -sign * T * T, 0.0)}
+    slopes["n3"] = (0.0, -sign * d * T * T, T)
+    errors = {name: math.sqrt(max(float(np.array(by) @ known @ np.array(by)), 0.0)) for name, by in slopes.items()}
+    return model, errors

@@ -37,8 +37,8 @@ AHEAD_TIME_CONSTANTS, AHEAD_SHORTEST_S, AHEAD_LONGEST_S = 4.0, 3.0, 30.0
 """A stretch is this many time constants long, within these limits: long enough for the models to differ."""
 
 LONGEST_GAP_S = 2.0
-LEAST_RUDDER_RANGE_RAD = math.radians(3.0)
-"""A stretch in which the rudder moved less tells nothing of either model."""
+LEAST_RUDDER_RANGE_RAD, LEAST_TURNED_RAD = math.radians(3.0), math.radians(8.0)
+"""A stretch in which rudder or boat turned less tells nothing of either model."""
 
 SETTLING_S = 1.0
 """The rate that a stretch begins with is the mean over this time, or over a share of T where that is shorter."""
@@ -65,14 +65,13 @@ class PredictionTest:
         self._rudder = self._heading = self._rate = 0.0
         self._begun: float | None = None
         self._turned = 0.0
-        self._least = self._most = 0.0
+        self._least = self._most = self._port = self._starboard = 0.0
 
-    def update(
-        self, time: float, rudder: float, ratio: float, heading: float, rate: float | None, moved_by: float
-    ) -> Outcome | None:
+    def update(self, time: float, rudder: float, ratio: float, heading: float, rate: float | None) -> Outcome | None:
         """Take a sample as `IntegralWindow.update` does, always with a heading; return the outcome at a stretch's end.
 
-        moved_by [rad]: the rudder without its answers to waves, which decides whether a stretch tells something.
+        A stretch tells something where rudder and boat turn: a rudder that only answers gusts, so that nothing turns,
+        would speak for the model on which it does least.
 
         Both boats begin a stretch with the rate measured, smoothed over a moment, or with the heading's slope.
         """
@@ -92,25 +91,27 @@ class PredictionTest:
                 moved_on(model, ratio, motion, dt, (self._rudder, rudder))
                 for model, motion in zip(self._models, self._motions, strict=True)
             ]
-            self._least, self._most = min(self._least, moved_by), max(self._most, moved_by)
+            self._least, self._most = min(self._least, rudder), max(self._most, rudder)
+            self._port, self._starboard = min(self._port, self._turned), max(self._starboard, self._turned)
             if time - self._begun >= self.ahead:
                 outcome = self._end()
         if self._begun is None:
-            self._begin(time, moved_by)
+            self._begin(time, rudder)
         self._remember(time, rudder, heading)
         return outcome
 
     def _remember(self, time: float, rudder: float, heading: float) -> None:
         self._at, self._rudder, self._heading = time, rudder, heading
 
-    def _begin(self, time: float, moved_by: float) -> None:
+    def _begin(self, time: float, rudder: float) -> None:
         self._begun, self._turned = time, 0.0
-        self._least = self._most = moved_by
+        self._least = self._most = rudder
+        self._port = self._starboard = 0.0
         self._motions = [(self._rate, 0.0)] * 2
 
     def _end(self) -> Outcome | None:
         self._begun = None
-        if self._most - self._least < LEAST_RUDDER_RANGE_RAD:
+        if self._most - self._least < LEAST_RUDDER_RANGE_RAD or self._starboard - self._port < LEAST_TURNED_RAD:
             return None
         present, other = (turned - self._turned for _, turned in self._motions)
         return Outcome(present, other)

@@ -92,7 +92,7 @@ class LearningService:
             return ""
         self._last_news = now
         what = "learnt" if not proposal.is_proved else "learnt and proved (type adopt)"
-        return f"{what}: {_numbers(proposal)}; {_check(proposal)}"
+        return f"{what}: {_numbers(proposal)}; {_check(proposal)}; {proposal.verdict}"
 
     def type_line(self, line: str) -> str | None:
         """Act on a typed line; return the answer, None where the line is not for it. Raises InputError."""
@@ -154,7 +154,7 @@ class LearningService:
         Errors of prediction [deg]; `lrn_state` 0 nothing is proposed yet, 1 it is, 2 it has proved itself.
         """
         learner, proposal = self._learner, self._learner.proposal()
-        values = {"lrn_win": float(learner.windows), "lrn_state": 0.0}
+        values = {"lrn_moved": learner.moved, "lrn_state": 0.0}
         for suffix, model in (("_in", learner.present), ("", learner.estimate)):
             values |= {f"lrn_K{suffix}": model.gain, f"lrn_T{suffix}": model.time_constant, f"lrn_n3{suffix}": model.n3}
         if proposal is None:
@@ -168,7 +168,11 @@ class LearningService:
 
     def _report(self) -> str:
         learner, proposal = self._learner, self._learner.proposal()
-        lines = [f"put forward: {_numbers(proposal)}; {_check(proposal)}"] if proposal else [_progress(learner)]
+        lines = (
+            [f"put forward: {_numbers(proposal)}; {_check(proposal)}; {proposal.verdict}"]
+            if proposal
+            else [_progress(learner)]
+        )
         for name, model in (("in force", learner.present), ("now", learner.estimate)):
             lines.append(f"  {name:9} K {model.gain:.4g} 1/s  T {model.time_constant:.4g} s  n3 {model.n3:.4g}")
         return "\n".join(lines)
@@ -182,7 +186,7 @@ def steered_as(vessel: Vessel, other: Vessel) -> Vessel:
 
 def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:
     """Return the vessel with the proposed model."""
-    source, today = "learnt while sailing, integral method", datetime.date.today().isoformat()
+    source, today = "learnt while sailing", datetime.date.today().isoformat()
     return replace(vessel, model=model_section(proposal.model, proposal.standard_errors, source, today))
 
 
@@ -191,7 +195,7 @@ def _numbers(proposal: Proposal) -> str:
     return (
         f"K {model.gain:.3g} +- {errors['gain']:.1g} 1/s, T {model.time_constant:.3g} +- "
         f"{errors['time_constant']:.1g} s, n3 {model.n3:.3g} +- {errors['n3']:.1g} s^2/rad^2 "
-        f"from {proposal.windows} windows"
+        f"(standard errors) from {proposal.moved:.0f} s of moved rudder"
     )
 
 
@@ -205,10 +209,7 @@ def _check(proposal: Proposal) -> str:
 
 
 def _progress(learner: Learner) -> str:
-    return (
-        f"{learner.windows} windows carried information, and K and T are not known to 10 % yet; windows tell where the "
-        "rudder moves by 4 deg or more: turn or zigzag"
-    )
+    return f"the rudder was moved for {learner.moved:.0f} s, and K and T are not known to 30 % yet: turn or zigzag"
 
 
 def _changes(before: Vessel, after: Vessel) -> str:

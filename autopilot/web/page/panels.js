@@ -110,7 +110,7 @@ function drawLearning() {
     ? `Heading ${number(learnt.lrn_ahead, 2)} s ahead: off by ${number(learnt.lrn_new, 2)}° with the proposal, ${number(learnt.lrn_old, 2)}° with the model in force, on ${learnt.lrn_n} stretches since.`
     : "Nothing yet to prove it by.";
   const words = [
-    `${learnt.lrn_win ?? 0} windows carried information. Not yet known well enough: turn, or sail a zigzag.`,
+    `The rudder was moved for ${Math.round(learnt.lrn_moved ?? 0)} s. Not yet known well enough: turn, or sail a zigzag.`,
     `Proposed, and being tried against what comes. ${proof}`,
     `Proved: it predicts better than the model in force. ${proof}`,
   ];

@@ -1,0 +1,281 @@
+"""The likelihood of what is being sailed, sample by sample: boat and disturbance in one filter, in constant memory.
+
+    r' = s^2 a delta - s b r - d r^3/s - s^2 e + g + h + w,    psi' = r,    s = U/U0
+    g' = -g/tau + white,    h'' + 2 z W h' + W^2 h = white
+
+as in `marginal_likelihood`: a = K/T, b = n1/T of either sign, d = n3/T, e = n0/T; g a gust that lasts, h a wave, w
+white. Rate, gust, wave and the four rates are one state of an extended Kalman filter, linear in the four where the rate
+is known. That the rudder answers the gusts, as every hand and law makes it, is no matter: rudder and gust stand in the
+same equation, and nothing is left out that both go with (prediction errors in closed loop, Ljung 1999, section 13.4).
+
+How rough it is, nobody says: a filter runs for each kind of weather, and their estimates are taken together, weighted
+with the likelihood of what each has seen (multiple models, Bar-Shalom 2001, section 11.6). The covariance is theirs
+together. Where nothing moves the boat, nothing is learnt; a, b and d drift a little, only while the rudder moves.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.angles import wrap
+from autopilot.models.norrbin import Norrbin
+
+Array = NDArray[np.float64]
+
+GUST_DEG = (0.1, 0.7, 4.0)
+WHITE_DEG = (0.05, 0.7)
+WAVE_RAD_S = (0.0, 0.7, 1.6, 3.5)
+"""Gusts, rms, and what is white [deg sqrt(s)], in degrees of the first model's rudder, and the waves' frequency; each
+with each. Waves of frequency 0 are none."""
+GUST_TIME_S = 6.0
+WAVE_DEG, WAVE_DAMPING = 1.0, 0.2
+EXPECTED = (0.7, 1.0, 0.5)
+"""Deviations of what the first model is expected to be off by: of a and b, as shares of a and 1/T, and of d, as a share
+of the cubic damping that holds LARGE degrees of rudder."""
+LARGE, TRIM = math.radians(20.0), math.radians(3.0)
+FORGETS_S = 120.0
+"""Time in which what the weather was has faded to a third."""
+DRIFT_S, TRIM_DRIFT_S = 3600.0, 600.0
+"""Time of moved rudder in which a, b and d, and time in which e, may come to differ by what was expected at first."""
+MOVES = math.radians(1.0)
+"""The rudder moves while it is so far from its mean over a minute."""
+LONGEST_GAP_S = 2.0
+LEAST_RATIO, MOST_RATIO = 0.2, 5.0
+"""Slower or quicker than these shares of the reference speed nothing is learnt."""
+RATE_BOUND_RAD_S = 3.0
+KEPT = 64
+"""Transitions of waves that are kept, by step."""
+SUBSTEP = 0.3
+USUAL_COMPASS, USUAL_GYRO, USUAL_SAMPLES = math.radians(0.5), math.radians(0.3), 30
+"""Noise of compass [rad] and gyro [rad/s] before they are known, and what that is worth in samples."""
+LEAST_COMPASS, LEAST_GYRO = math.radians(0.03), math.radians(0.01)
+ROUGHNESS_SAMPLES = 300
+"""Over about so many samples the instruments' noise is told, from third differences."""
+PSI, R, G, H, V, A, B, D, E = range(9)
+STATES = 9
+
+
+class LiveEstimate(NamedTuple):
+    """a, b, d, e at the reference speed and their covariance, shape (4, 4)."""
+
+    values: Array
+    covariance: Array
+
+
+class _Roughness:
+    """Noise of an instrument: third differences of white noise have twenty times its square."""
+
+    def __init__(self, usual: float, least: float) -> None:
+        self._least = least
+        self._last: list[float] = []
+        self._square, self._count = usual**2, USUAL_SAMPLES
+
+    def update(self, value: float) -> None:
+        """Take a sample."""
+        self._last.append(value)
+        if len(self._last) == 4:
+            a, b, c, d = self._last
+            third = wrap(d - c) - 2.0 * wrap(c - b) + wrap(b - a)
+            self._count = min(self._count + 1, ROUGHNESS_SAMPLES)
+            self._square += (third * third / 20.0 - self._square) / self._count
+            self._last.pop(0)
+
+    def begin(self) -> None:
+        """Forget the last samples, not the noise."""
+        self._last.clear()
+
+    @property
+    def variance(self) -> float:
+        """Square of the noise."""
+        return max(self._square, self._least**2)
+
+
+class _Waves:
+    """Waves' frequencies [rad/s], 0 for none, and mean squares [rad^2/s^4], shape (M,)."""
+
+    def __init__(self, frequency: Array, size: float) -> None:
+        self.frequency = frequency
+        self.square = np.where(frequency > 0.0, size**2, 0.0)
+        self._over: dict[float, tuple[Array, Array]] = {}
+
+    def over(self, dt: float) -> tuple[Array, Array]:
+        """Return the transition over `dt` [s] and the covariance of what drives them, shape (M, 2, 2) each."""
+        known = self._over.get(dt)
+        if known is None:
+            W, z = np.maximum(self.frequency, 1.0e-3), WAVE_DAMPING
+            own = W * math.sqrt(1.0 - z * z)
+            fade, cosine, sine = np.exp(-z * W * dt), np.cos(own * dt), np.sin(own * dt) / own
+            rows = [[cosine + z * W * sine, sine], [-W * W * sine, cosine - z * W * sine]]
+            moved = fade[:, None, None] * np.array(rows).transpose(2, 0, 1)
+            still = self.square[:, None, None] * np.eye(2)
+            still[:, 1, 1] *= W**2
+            known = moved, still - moved @ still @ moved.transpose(0, 2, 1)
+            if len(self._over) >= KEPT:
+                self._over.clear()
+            self._over[dt] = known
+        return known
+
+
+class LiveFilter:
+    """Feed it with `update`; read `estimate`. `first` is the model it begins with."""
+
+    def __init__(self, first: Norrbin) -> None:
+        self.first = first
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin with the first model."""
+        first = self.first
+        a, T = first.gain / first.time_constant, first.time_constant
+        rate = _turn(first)
+        self._unit = np.array([a, 1.0 / T, a * LARGE / rate**3, a])
+        spread = np.array([*EXPECTED, TRIM]) * self._unit
+        self._mean = np.array([a, first.n1 / T, first.n3 / T, first.n0 / T])
+        weather = np.array([(g, w, W) for g in GUST_DEG for w in WHITE_DEG for W in WAVE_RAD_S])
+        self._gust, self._white = np.radians(weather[:, :2].T) * a
+        self._wave = _Waves(weather[:, 2], math.radians(WAVE_DEG) * a)
+        M = weather.shape[0]
+        self._x = np.zeros((M, STATES))
+        self._P = np.zeros((M, STATES, STATES))
+        self._x[:, A:] = self._mean
+        self._P[:, range(A, STATES), range(A, STATES)] = spread**2
+        drift = np.array([DRIFT_S, DRIFT_S, DRIFT_S, TRIM_DRIFT_S])
+        self._drift = spread**2 / drift
+        self._logs = np.zeros(M)
+        self._compass = _Roughness(USUAL_COMPASS, LEAST_COMPASS)
+        self._gyro = _Roughness(USUAL_GYRO, LEAST_GYRO)
+        self._at, self._rudder, self._usual, self._turns = -math.inf, 0.0, 0.0, 0.0
+        self._heading = 0.0
+        self.moved_s = 0.0
+
+    @property
+    def estimate(self) -> LiveEstimate:
+        """The estimates of all kinds of weather together."""
+        weight = self._weights()
+        values = weight @ self._x[:, A:]
+        off = self._x[:, A:] - values
+        spread = np.einsum("m,mij->ij", weight, self._P[:, A:, A:]) + np.einsum("m,mi,mj->ij", weight, off, off)
+        return LiveEstimate(values, spread)
+
+    @property
+    def rate(self) -> float:
+        """The rate [rad/s] as all that was measured so far shows it."""
+        return float(self._weights() @ self._x[:, R])
+
+    def _weights(self) -> Array:
+        weight = np.exp(self._logs - self._logs.max())
+        return np.asarray(weight / weight.sum())
+
+    def update(
+        self, time: float, rudder: float, ratio: float, heading: float | None = None, rate: float | None = None
+    ) -> None:
+        """Take what is known at `time` [s]: rudder [rad], speed over the reference speed, heading [rad], rate [rad/s].
+
+        Times that do not increase are ignored; after a gap the motion begins anew, what was learnt stays.
+        """
+        dt = time - self._at
+        if not dt > 0.0:
+            return
+        if not (abs(rudder) <= math.pi and LEAST_RATIO <= ratio <= MOST_RATIO):
+            self._at = -math.inf
+            return
+        if dt > LONGEST_GAP_S:
+            self._begin(time, rudder, heading, rate)
+            return
+        self._predict(dt, 0.5 * (rudder + self._rudder), ratio)
+        moved = rudder - self._usual
+        self._usual += min(dt / 60.0, 1.0) * moved
+        if abs(moved) > MOVES:
+            self.moved_s += dt
+            self._P[:, range(A, E), range(A, E)] += self._drift[:3] * dt
+        self._P[:, E, E] += self._drift[3] * dt
+        self._at, self._rudder = time, rudder
+        self._logs *= math.exp(-dt / FORGETS_S)
+        if heading is not None and math.isfinite(heading):
+            self._compass.update(heading)
+            self._turns += wrap(heading - self._heading)
+            self._heading = heading
+            self._see(PSI, self._turns, self._compass.variance)
+        if rate is not None and abs(rate) <= RATE_BOUND_RAD_S:
+            self._gyro.update(rate)
+            self._see(R, rate, self._gyro.variance)
+        if not (np.isfinite(self._x).all() and np.isfinite(self._P).all()):
+            self.forget()
+
+    def _begin(self, time: float, rudder: float, heading: float | None, rate: float | None) -> None:
+        self._at, self._rudder, self._turns = time, rudder, 0.0
+        self._heading = heading if heading is not None and math.isfinite(heading) else 0.0
+        self._compass.begin()
+        self._gyro.begin()
+        self._x[:, :A] = 0.0
+        self._x[:, R] = rate if rate is not None and abs(rate) <= RATE_BOUND_RAD_S else 0.0
+        self._P[:, :A, :] = self._P[:, :, :A] = 0.0
+        self._P[:, PSI, PSI] = self._compass.variance
+        self._P[:, R, R] = (0.5 * _turn(self.first)) ** 2
+        self._P[:, G, G] = self._gust**2
+        self._P[:, H, H], self._P[:, V, V] = self._wave.square, self._wave.square * self._wave.frequency**2
+
+    def _predict(self, span: float, rudder: float, s: float) -> None:
+        quick = float(np.max(np.abs(self._x[:, B]) * s + 3.0 * np.abs(self._x[:, D]) * self._x[:, R] ** 2 / s))
+        steps = min(max(1, math.ceil(span * quick / SUBSTEP)), 20)
+        dt = span / steps
+        keep = math.exp(-dt / GUST_TIME_S)
+        moved, driven = self._wave.over(dt)
+        q = self._white**2
+        for _ in range(steps):
+            x = self._x
+            r, a, b, d, e = x[:, R], x[:, A], x[:, B], x[:, D], x[:, E]
+            pushed = s * s * (a * rudder - e) + x[:, G] + x[:, H]
+            middle = r + 0.5 * dt * (pushed - s * b * r - d * r**3 / s)
+            slope = -(s * b + 3.0 * d * middle**2 / s)
+            by = np.stack(
+                [np.full_like(r, s * s * rudder), -s * middle, -(middle**3) / s, np.full_like(r, -s * s)], axis=1
+            )
+            half = 1.0 + 0.5 * dt * slope
+            F = np.zeros_like(self._P)
+            F[:, range(STATES), range(STATES)] = 1.0
+            F[:, PSI, R], F[:, PSI, G], F[:, PSI, H] = dt * half, 0.5 * dt * dt, 0.5 * dt * dt
+            F[:, PSI, A:] = 0.5 * dt * dt * by
+            F[:, R, R], F[:, R, G], F[:, R, H] = 1.0 + dt * slope * half, dt * half, dt * half
+            F[:, R, A:] = dt * half[:, None] * by
+            F[:, G, G] = keep
+            F[:, H:A, H:A] = moved
+            x[:, PSI] += dt * middle
+            turned = r + dt * (pushed - s * b * middle - d * middle**3 / s)
+            x[:, R] = np.clip(turned, -RATE_BOUND_RAD_S, RATE_BOUND_RAD_S)
+            x[:, G] *= keep
+            x[:, H:A] = np.einsum("mij,mj->mi", moved, x[:, H:A])
+            P = F @ self._P @ F.transpose(0, 2, 1)
+            P[:, PSI, PSI] += q * dt**3 / 3.0
+            P[:, PSI, R] += q * dt**2 / 2.0
+            P[:, R, PSI] += q * dt**2 / 2.0
+            P[:, R, R] += q * dt
+            P[:, G, G] += self._gust**2 * (1.0 - keep * keep)
+            P[:, H:A, H:A] += driven
+            self._P = P
+
+    def _see(self, row: int, value: float, variance: float) -> None:
+        column = self._P[:, :, row]
+        size = column[:, row] + variance
+        off = value - self._x[:, row]
+        self._logs += -0.5 * (off * off / size + np.log(size))
+        gain = column / size[:, None]
+        self._x += gain * off[:, None]
+        P = self._P - gain[:, :, None] * column[:, None, :]
+        self._P = 0.5 * (P + P.transpose(0, 2, 1))
+        # a boat that does not follow its rudder, or that nothing bounds, is no boat
+        np.maximum(self._x[:, A], 0.02 * self._unit[0], out=self._x[:, A])
+        np.maximum(self._x[:, D], 0.0, out=self._x[:, D])
+
+
+def _turn(model: Norrbin) -> float:
+    """Return the rate [rad/s] at which cubic damping of the first model's size holds LARGE of rudder."""
+    K = model.gain
+    if model.n3 <= 0.0:
+        return K * LARGE
+    roots = np.roots([model.n3, 0.0, model.n1, -K * LARGE])
+    return float(max(root.real for root in roots if abs(root.imag) < 1.0e-9 * max(abs(root), 1.0)))

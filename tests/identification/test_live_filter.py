@@ -1,0 +1,110 @@
+"""The live filter learns from ordinary steering, in closed loop, and its intervals say how well."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from autopilot.identification.live_filter import LiveFilter
+from autopilot.models.norrbin import Norrbin
+
+DT = 0.2
+SECONDS = 240.0
+
+
+class Boat:
+    """r' = a delta - b r - d r^3 - e + gust + wave, steered by a hand; integrated here alone."""
+
+    def __init__(self, truth: tuple[float, float, float, float], seed: int, courses: float = 35.0) -> None:
+        self.truth, self.courses = truth, math.radians(courses)
+        self.random = np.random.default_rng(seed)
+
+    def sail(self, live: LiveFilter, *, gusts_deg: float, waves_deg: float, ratio: float = 1.0) -> None:
+        (a, b, d, e), noise, fine = self.truth, self.random.standard_normal, 0.02
+        psi = r = rudder = gust = wave = swing = order = 0.0
+        for i in range(round(SECONDS / fine)):
+            if i % round(DT / fine) == 0:
+                shown = psi + math.radians(0.3) * noise()
+                course = self.courses * (1.0 if int(i * fine / 24.0) % 2 else -0.4)
+                felt = r + math.radians(1.0) * noise()
+                order = min(max(1.0 * (course - shown) - 2.0 * felt, -0.4), 0.4)
+                live.update(i * fine, rudder, ratio, shown)
+            gust += -gust * fine / 5.0 + math.radians(gusts_deg) * math.sqrt(2.0 * fine / 5.0) * noise()
+            swing += fine * (-0.3 * swing - 2.25 * wave) + math.radians(waves_deg) * math.sqrt(0.675 * fine) * noise()
+            wave += fine * swing
+            rudder += min(max(order - rudder, -0.2 * fine), 0.2 * fine)
+            push = a * ratio**2 * (rudder + gust + wave) - ratio**2 * e
+            middle = r + 0.5 * fine * (push - ratio * b * r - d * r**3 / ratio)
+            r += fine * (push - ratio * b * middle - d * middle**3 / ratio)
+            psi += fine * middle
+
+
+TRUTHS = ((0.3, 0.4, 6.0, 0.003), (0.25, 0.2, 8.0, -0.002), (0.4, -0.2, 12.0, 0.0), (0.15, 0.1, 5.0, 0.001))
+
+
+def first_of(truth: tuple[float, float, float, float], off: float) -> Norrbin:
+    a, b, d, _ = truth
+    return Norrbin(a * off / abs(b), 1.0 / abs(b), d / abs(b) / off, n1=math.copysign(1.0, b))
+
+
+def off_in_errors(live: LiveFilter, truth: tuple[float, ...]) -> NDArray[np.float64]:
+    values, covariance = live.estimate
+    return np.asarray((values - np.array(truth)) / np.sqrt(np.diag(covariance)))
+
+
+@pytest.mark.parametrize("gusts_deg", [0.2, 1.0, 2.0])
+def test_intervals_hold_the_truth_while_a_hand_steers_against_gusts_and_waves(gusts_deg: float) -> None:
+    """Twelve harbour exits: of a, b and d, 36 numbers, chance leaves more than five outside once in a hundred."""
+    offs, sharper = [], []
+    for seed, truth in enumerate(TRUTHS * 3):
+        live = LiveFilter(first_of(truth, (0.6, 1.0, 1.7)[seed % 3]))
+        before = live.estimate.covariance[0, 0]
+        Boat(truth, 100 * seed + 20261124).sail(live, gusts_deg=gusts_deg, waves_deg=gusts_deg)
+        offs.append(off_in_errors(live, truth)[:3])
+        sharper.append(math.sqrt(live.estimate.covariance[0, 0] / before))
+    assert int(np.sum(np.abs(offs) > 1.96)) <= 5, np.round(offs, 1)
+    assert float(np.median(sharper)) < 0.4, "and something was learnt"
+
+
+def test_rates_are_those_of_the_reference_speed() -> None:
+    truth, offs = TRUTHS[0], []
+    for seed in range(4):
+        live = LiveFilter(first_of(truth, 1.3))
+        Boat(truth, seed).sail(live, gusts_deg=0.3, waves_deg=0.3, ratio=1.6)
+        offs.append(live.estimate.values[0] / truth[0] - 1.0)
+    assert abs(float(np.mean(offs))) < 0.15
+
+
+def test_nothing_is_learnt_of_a_rudder_that_never_moves() -> None:
+    live, random = LiveFilter(Norrbin(0.5, 2.0, 10.0)), np.random.default_rng(4)
+    for i in range(3000):
+        live.update(0.1 * i, 0.02, 1.0, 1.0 + math.radians(0.3) * random.standard_normal())
+    values, covariance = live.estimate
+    assert live.moved_s < 10.0
+    assert values[0] == pytest.approx(0.25, rel=0.3)
+    assert math.sqrt(covariance[0, 0]) > 0.5 * 0.7 * 0.25
+
+
+def test_a_gap_begins_the_motion_anew_and_keeps_what_was_learnt() -> None:
+    live = LiveFilter(first_of(TRUTHS[0], 1.5))
+    Boat(TRUTHS[0], 9).sail(live, gusts_deg=0.3, waves_deg=0.3)
+    before = live.estimate
+    for i in range(20):
+        live.update(SECONDS + 600.0 + 0.2 * i, 0.0, 1.0, 2.0)
+    after = live.estimate
+    assert after.values == pytest.approx(before.values, rel=0.1, abs=0.01)
+    assert after.covariance[0, 0] == pytest.approx(before.covariance[0, 0], rel=0.2)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1.0e300])
+def test_samples_that_are_no_numbers_leave_it_finite(bad: float) -> None:
+    live = LiveFilter(Norrbin(0.5, 2.0))
+    for i in range(50):
+        live.update(0.1 * i, bad if i % 7 == 3 else 0.1, bad if i % 5 == 2 else 1.0, 0.1, bad if i % 3 == 1 else 0.0)
+    live.update(math.nan, 0.1, 1.0, 0.1)
+    values, covariance = live.estimate
+    assert np.isfinite(values).all()
+    assert np.isfinite(covariance).all()
