@@ -1,7 +1,7 @@
 """The likeliest boat (`likelihood_fit`) in Norrbin's convention, n1 = 1 or -1, and in words what the runs cannot tell.
 
 With T = 1/|b|, n1 is the sign of b, K = a T, n3 = d T, n0 = e T, and their standard errors follow from the covariance
-of a, b, d and e to first order. Where b cannot be told from 0 no T is given, nor what is a multiple of it: the runs
+of a, b, d and e to first order. Where b cannot be parted from 0 no T is given, nor what is a multiple of it: the runs
 then determine K/T and n3/T, and those are named.
 """
 

@@ -33,7 +33,7 @@ SUBSTEP = 0.3
 NODE_SHARE, LONGEST_NODE_S, MOST_NODES = 0.1, 1.0, 3000
 """Samples are averaged over this share of the time constant, at most so long, unless there are more than so many."""
 SPEED_LAG_S, WINDOW_PER_MEMORY = 10.0, 3.5
-"""The speed's noise is told from its changes over this time. A window of so many times the memory of an exponential
+"""The speed's noise is parted from its changes over this time. A window of so many times the memory of an exponential
 smoother to both sides averages as much noise away."""
 ROUNDS, ARRIVED = 12, 1.0e-6
 PROBE = 1.0e-5

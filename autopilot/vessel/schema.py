@@ -17,7 +17,7 @@ from autopilot.files.typed import Bounds as Bounds
 from autopilot.files.typed import Counts as Counts
 
 SCHEMA_VERSION = 2
-"""What this version writes; older ones are read too (see `migration`)."""
+"""What this version reads and writes."""
 
 
 @dataclass(frozen=True)

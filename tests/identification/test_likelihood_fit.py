@@ -55,7 +55,7 @@ def ridge() -> Identified:
     return identify(runs_of(neutral, SEA["gusts and waves"], 101), QUESTION)
 
 
-def test_a_course_unstable_boat_is_found_without_being_told(unstable: Identified) -> None:
+def test_a_course_unstable_boat_is_found_without_an_option(unstable: Identified) -> None:
     assert unstable.ratios is not None
     assert unstable.ratios.values[:3] == pytest.approx((0.2, -0.5, 10.0), rel=0.03)
     assert unstable.model.n1 == -1.0
@@ -76,7 +76,7 @@ def test_in_gusts_and_waves_the_intervals_hold_the_truth() -> None:
     assert sum(inside) >= 16
 
 
-def test_where_stability_is_not_told_the_ratios_are_and_a_sentence_says_so(ridge: Identified) -> None:
+def test_where_stability_is_not_known_the_ratios_are_and_a_sentence_says_so(ridge: Identified) -> None:
     assert ridge.ratios is not None and ridge.ratios.on_ridge
     assert {"K", "T"} <= set(ridge.unidentifiable)
     assert "K/T 0.2" in ridge.unidentifiable["K"] and "n3/T" in ridge.unidentifiable["K"]
