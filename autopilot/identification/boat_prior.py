@@ -6,7 +6,7 @@ may have either sign, normal; mean and deviation are those of n boats, and the n
 Student's distribution of n - 1 degrees of freedom has it.
 
 A fit's answer (mean and covariance of a, b, d, e) and what the other boats say are put together where both are most
-likely. What of it is the other boats' is told; where the two contradict each other the recording alone is taken.
+likely. What of it is the other boats' is reported; where the two contradict each other the recording alone is taken.
 """
 
 from __future__ import annotations

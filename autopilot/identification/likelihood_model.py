@@ -114,7 +114,7 @@ def _why_no(name: str, found: LikelihoodFit) -> str:
 def answer_of(
     found: LikelihoodFit, runs: Sequence[Run], speed: float, prior: BoatPrior | None, reasons: Mapping[str, str]
 ) -> Identified | None:
-    """Return a fit in Norrbin's convention, together with what other boats say; None where the boat cannot be told to
+    """Return a fit in Norrbin's convention, together with what other boats say; None where the boat cannot be known to
     follow its rudder."""
     # that the boat turns to the side of its rudder must be in the recording: no other boat can say that
     if found.rates.a < SURELY_TURNS * math.sqrt(max(float(found.covariance[0, 0]), 0.0)):
