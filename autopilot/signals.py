@@ -7,6 +7,7 @@ it is when the value was *measured*, not when it was read.
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -46,6 +47,16 @@ class SpeedSample(NamedTuple):
     time: float
     speed: float
     over_ground: bool = False
+    source: str = ""
+
+
+class ThrustSample(NamedTuple):
+    """What the engine is given: `throttle` as a share of full, astern negative, and `reach` [rad], the largest rudder
+    that the drive has beside it, inf where the throttle takes nothing from it."""
+
+    time: float
+    throttle: float
+    reach: float = math.inf
     source: str = ""
 
 
@@ -153,6 +164,7 @@ Sample = (
     | RateSample
     | RudderSample
     | SpeedSample
+    | ThrustSample
     | RollSample
     | PositionSample
     | HelmSample

@@ -16,6 +16,7 @@ from autopilot.control.wave_feedforward import CornerFrequencies, WaveFeedforwar
 from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.guidance.reference import Guide, Steering, heading_ordered, led, started, zigzag
 from autopilot.guidance.turn import TurnLimits, preset_rate, reference_of, side_hard_over, turn_limits
+from autopilot.models.drive_law import is_rudder_law, quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, Order, OrderKind, Reference
 
@@ -46,10 +47,13 @@ class SteeringConfig(NamedTuple):
 
 
 class Turning(NamedTuple):
-    """What planned turns keep to, and the speed [m/s] it was worked out for; nan: it never was."""
+    """What planned turns keep to, and the speed [m/s], nan: it never was, gain [1/s] and largest rudder [rad] that it
+    was worked out for."""
 
     limits: TurnLimits
     speed: float
+    gain: float = 0.0
+    angle_max: float = 0.0
 
 
 NOT_TURNING = Turning(TurnLimits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False), math.nan)
@@ -58,11 +62,18 @@ NOT_TURNING = Turning(TurnLimits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Fa
 def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turning:
     """Return what turns keep to with the `model` at the speed that is."""
     speed = model.reference_speed
-    if abs(speed - turning.speed) <= SPEED_CHANGE * turning.speed:
+    limits = config.limits
+    if abs(speed - turning.speed) <= SPEED_CHANGE * turning.speed and (
+        is_rudder_law(config.estimator.law)
+        or (
+            abs(model.gain - turning.gain) <= SPEED_CHANGE * turning.gain
+            and abs(limits.angle_max - turning.angle_max) <= SPEED_CHANGE * turning.angle_max
+        )
+    ):
         return turning
     preset = preset_rate(config.turn_rate_max, config.turn_curvature_max, speed)
-    limits = config.limits
-    return Turning(turn_limits(model, limits.angle_max, limits.rate_max, config.rudder_share, preset), speed)
+    planned = turn_limits(model, limits.angle_max, limits.rate_max, config.rudder_share, preset)
+    return Turning(planned, speed, model.gain, limits.angle_max)
 
 
 class Way(NamedTuple):
@@ -89,8 +100,9 @@ def planned_anew(config: SteeringConfig, way: Way, model: Norrbin, steady: NavSt
 def wave_rudder(config: SteeringConfig, model: Norrbin, state: NavState) -> WaveFeedforward:
     """Return which share of the waves the law is not shown, and the rudder that undoes some of the rest."""
     waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
-    quickness = model.reference_speed / config.estimator.model.reference_speed
-    return wave_feedforward(model, config.estimator.gear, config.limits, config.corner_frequencies, quickness, waves)
+    own = config.estimator
+    times = quickness(own.law, own.model, model)
+    return wave_feedforward(model, own.gear, config.limits, config.corner_frequencies, times, waves)
 
 
 def steered_by(state: NavState, share: float) -> NavState:

@@ -37,6 +37,8 @@ from autopilot.estimation.rudder_observer import is_fed_back
 from autopilot.estimation.speeds import speeds_apart
 from autopilot.guidance.reference import zigzag_divergence
 from autopilot.guidance.turn import is_turning
+from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, is_rudder_law, quickness
+from autopilot.models.drives import Needs
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import (
@@ -83,9 +85,12 @@ from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.monitors import State as MonitorState
 from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Supervisor
+from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, watched
 
 CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
+LEAST_REACH = 0.02
+"""Share of the rudder that counts as there where thrust leaves none."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
 EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
@@ -99,7 +104,8 @@ class PilotConfig(NamedTuple):
     where the other side steers by itself to the reference heading, so that only what it reports says where the rudder
     is. corner_frequencies hold at the model's speed: which waves are filtered out, and which are cancelled, see
     `wave_feedforward`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
-    for this where steerage_over_ground says so. roll: the rudder damps roll too, while that helps; None: it does not.
+    for this where steerage_over_ground says so. law: how the model goes with speed and thrust; drive: what it needs to
+    steer, and what throttle leaves it. roll: the rudder damps roll too, while that helps; None: it does not.
     dead_band [rad]: on a course the rudder rests until it is wrong by more.
     """
 
@@ -118,6 +124,8 @@ class PilotConfig(NamedTuple):
     roll: RollDamping | None = None
     dead_band: float = 0.0
     alarms: AlarmLimits = AlarmLimits()
+    law: DriveLaw = RUDDER_LAW
+    steers_by: Needs = Needs.WAY
 
 
 class Config(NamedTuple):
@@ -143,7 +151,7 @@ def _envelope_of(config: PilotConfig) -> Envelope:
 def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
     """Return what steering with the `law` goes by, in numbers."""
     return SteeringConfig(
-        estimator=EstimatorConfig(config.model, config.gear, noises_of(config.noise), config.steerage),
+        estimator=EstimatorConfig(config.model, config.gear, noises_of(config.noise), config.steerage, config.law),
         limits=config.limits,
         dead_band=config.dead_band,
         rudder_share=config.rudder_share,
@@ -206,6 +214,7 @@ class State(NamedTuple):
     number: int = 0
     now: float = math.nan
     findings: Mapping[str, AlarmEvent] = NO_FINDINGS
+    thrusters: ThrusterMemory = NOTHING_SEEN
 
     @property
     def copied(self) -> State:
@@ -274,6 +283,7 @@ class Work(NamedTuple):
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
+    config = within_reach(config, state, now)
     boat, steering, way, rudder = config.boat, config.steering, state.way, state.rudder
     timely, work = timely_of(now, samples), in_hand(config, state, now)
     dt, monitors, supervisor = work.dt, work.monitors, work.supervisor
@@ -283,6 +293,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen = nav_state(steering.estimator, estimate, now)
     found = monitor(config, work, state, control.damps_roll, estimate, seen)
+    thrusters, found = watch_thrusters(config, work, state, estimate, seen, found)
 
     was, mode = supervisor.mode, supervisor.decide(now, order, seen, found)
     is_engaged, model = mode is Mode.ENGAGED, estimate.model
@@ -314,8 +325,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         control, steady, reference, demand = reckon(config, work, control, rudder, model, steady)
     elif steers:
         way, reference = refer(steering, way, order, model, steady, Moved(rudder.command.angle, dt))
-        answering = model._replace(gain=model.gain * monitors.softer) if monitors.softer > 1.0 else model
-        control, demand = ask_law(config, control, answering, reference, steady, own)
+        control, demand = ask_law(config, control, answering(boat, model, monitors.softer), reference, steady, own)
         demand = demand + waves.rudder + control.roll_rudder
     else:
         way, reference, demand = obey(steering, way, order, model, steady) if is_engaged else idle(way, steady)
@@ -335,7 +345,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     rudder = Rudder(command, rest, waves.rudder if steers else 0.0, reckons)
 
     shown = AlarmPanel(state.panel)
-    alarms, siren = show(work, shown, samples, order)
+    alarms, siren = show(work, shown, samples, order, found)
     tick = Tick(
         state.number + 1,
         now,
@@ -363,9 +373,26 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         mean_bias,
         tick.number,
         now,
-        monitors.findings,
+        found,
+        thrusters,
     )
     return after, tick
+
+
+def within_reach(config: Config, state: State, now: float) -> Config:
+    """Return what the boat is steered by with no more rudder than thrust leaves it.
+
+    One that has none keeps a little, so that every share of it is a number; what was ordered is taken back at the
+    rudder's rate.
+    """
+    limits, reach = config.boat.limits, state.estimate.speeds.reach
+    if reach >= limits.angle_max:
+        return config
+    gap = 0.0 if math.isnan(state.now) else min(max(now - state.now, 0.0), LONGEST_STEP)
+    moved = limits.rate_max * gap if gap else 0.0
+    least = max(LEAST_REACH * limits.angle_max, abs(state.rudder.command.angle) - moved)
+    held = limits._replace(angle_max=min(max(reach, least), limits.angle_max))
+    return config._replace(boat=config.boat._replace(limits=held), steering=config.steering._replace(limits=held))
 
 
 def in_hand(config: Config, state: State, now: float) -> Work:
@@ -474,6 +501,33 @@ def monitor(
     return {**found, **{event.name: event for event in noted.values() if kind_of(event).is_doubt}}
 
 
+def watch_thrusters(
+    config: Config,
+    work: Work,
+    state: State,
+    estimate: EstimatorState,
+    seen: NavState,
+    found: Mapping[str, AlarmEvent],
+) -> tuple[ThrusterMemory, Mapping[str, AlarmEvent]]:
+    """Return what the watch of two thrusters remembers, and what is found, with it."""
+    if config.boat.steers_by is not Needs.NOTHING or not seen.valid:
+        return NOTHING_SEEN, found
+    look = ThrusterLook(
+        estimate.model,
+        seen.rate,
+        seen.rudder,
+        seen.speed,
+        estimate.speeds.throttle.value,
+        config.boat.gear.angle_max,
+        work.supervisor.mode is Mode.ENGAGED
+        and state.way.order.kind is OrderKind.HEADING
+        and not (state.way.waits or estimate.beliefs.holds_bias),
+        work.dt,
+    )
+    memory, alarm = watched(state.thrusters, look)
+    return memory, found if alarm is None else {**found, alarm.name: alarm}
+
+
 def with_known_rudder(estimate: EstimatorState, seen: NavState, now: float) -> tuple[EstimatorState, NavState]:
     """Return what is known of a boat whose helm was taken just now: where nothing tells where its rudder was, no bias
     was learnt."""
@@ -504,7 +558,12 @@ def averaged(mean_bias: float, bias: float, model: Norrbin, dt: float) -> float:
 
 
 def lacks_way(boat: PilotConfig, way: Way, estimate: EstimatorState, speed: float) -> bool:
-    """Return whether the `speed` [m/s] is less than what a rudder needs to steer."""
+    """Return whether the boat lacks what its rudder needs to steer: a `speed` [m/s], or thrust, where it is known."""
+    throttle = estimate.speeds.throttle.value
+    if boat.steers_by is Needs.NOTHING:
+        return False
+    if boat.steers_by is Needs.THRUST and not math.isnan(throttle):
+        return throttle < THROTTLE_FLOOR * (STEERAGE_AGAIN if way.waits else 1.0)
     is_slow = speed < boat.steerage * (STEERAGE_AGAIN if way.waits else 1.0)
     return is_slow and (boat.steerage_over_ground or not estimate.speeds.is_over_ground)
 
@@ -522,22 +581,44 @@ def reckon(
         wanted = work.failsafe.windward(work.now, action.windward_rudder)
         held = Reference(reckoned.heading, reckoned.rate)
         return control, reckoned, held, 0.0 if wanted is None else wanted - reckoned.bias
-    control, demand = ask_law(config, control, model, reference, reckoned, Moved(angle, work.dt))
+    control, demand = ask_law(
+        config, control, answering(config.boat, model), reference, reckoned, Moved(angle, work.dt)
+    )
     return control, reckoned, reference, demand
 
 
+class Answering(NamedTuple):
+    """The boat as laws know it, and how many times as quick as in the trial its loop is."""
+
+    model: Norrbin
+    ratio: float
+
+
+def answering(boat: PilotConfig, model: Norrbin, softer: float = 1.0) -> Answering:
+    """Return the boat with the `model` at its speed and thrust, steered as if it answered `softer` times as much.
+
+    Laws tell how lively a boat is by K over the speed: where K does not go with the speed they are given that at which
+    a rudder would do as much.
+    """
+    ratio = quickness(boat.law, boat.model, model)
+    if not is_rudder_law(boat.law):
+        model = model._replace(reference_speed=boat.model.reference_speed * model.gain / boat.model.gain)
+    return Answering(model._replace(gain=model.gain * softer) if softer > 1.0 else model, ratio)
+
+
 def ask_law(
-    config: Config, control: Control, model: Norrbin, reference: Reference, state: NavState, own: Moved
+    config: Config, control: Control, boat: Answering, reference: Reference, state: NavState, own: Moved
 ) -> tuple[Control, float]:
     """Return the law's demand [rad], and what it remembers. own: the law's part of the last command."""
     law, roll, damper, roll_rudder, damps_roll = control
     measured = NO_ROLL
     if roll is not None and roll.rate is not None:
         measured = RollInput(roll.roll, roll.rate, state.time - roll.time)
-    ratio = model.reference_speed / config.boat.model.reference_speed
     most = config.boat.limits.angle_max
     kind, gains = config.law
-    demand, law = kind.step(gains, law, LawInput(model, ratio, reference, state, measured, own.command, most, own.dt))
+    demand, law = kind.step(
+        gains, law, LawInput(boat.model, boat.ratio, reference, state, measured, own.command, most, own.dt)
+    )
     return Control(law, roll, damper, roll_rudder, damps_roll), demand
 
 
@@ -557,10 +638,14 @@ def picture(boat: PilotConfig, way: Way, order: Order, reference: Reference, ste
 
 
 def show(
-    work: Work, shown: AlarmPanel, samples: tuple[Sample, ...], order: Order
+    work: Work,
+    shown: AlarmPanel,
+    samples: tuple[Sample, ...],
+    order: Order,
+    found: Mapping[str, AlarmEvent],
 ) -> tuple[tuple[AlarmEvent, ...], Siren]:
     """Return what is to be said and heard: what ended steering, or keeps it from beginning, comes first."""
-    ended, noted, found = work.supervisor.alarm, work.supervisor.noted, work.monitors.findings
+    ended, noted = work.supervisor.alarm, work.supervisor.noted
     raised = {ended.name: ended, **noted} if ended is not None else dict(noted)
     for name, event in found.items():
         raised.setdefault(name, event)

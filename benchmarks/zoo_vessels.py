@@ -1,4 +1,4 @@
-"""Vessel files of the simulator's own plants, as a skipper makes one: sail a zigzag, identify, design the gains.
+"""Vessel files of the simulator's own plants with a rudder, as a skipper makes one: sail, identify, design the gains.
 
     python benchmarks/zoo_vessels.py KIND FOLDER      the vessel file of a plant of the simulator, and its recordings
 
@@ -31,7 +31,7 @@ EVERY = 10
 
 class Trial(NamedTuple):
     """name and description for the file, service speed [m/s], zigzags as (rudder, heading) [deg] and their length [s],
-    the other options of `autopilot identify`."""
+    what else `autopilot identify` is told."""
 
     name: str
     description: str
@@ -64,20 +64,6 @@ TRIALS = {
         150.0,
         # what --model auto chooses, and the boat itself shows: it does not go straight
         ("--course-unstable",),
-    ),
-    "twin_thruster": Trial(
-        "Otter, steered by two propellers",
-        "The simulated plant twin_thruster, the Otter of the Marine Systems Simulator; rudder is differential thrust",
-        1.5,
-        ((5.0, 10.0), (-5.0, 10.0), (10.0, 20.0), (-10.0, 20.0)),
-        60.0,
-    ),
-    "outboard": Trial(
-        "Otter's hull with an outboard motor",
-        "The simulated plant outboard, the hull of the Otter with one motor that is turned",
-        1.5,
-        ((10.0, 10.0), (-10.0, 10.0), (20.0, 20.0), (-20.0, 20.0)),
-        60.0,
     ),
 }
 

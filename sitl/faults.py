@@ -17,6 +17,7 @@ from sitl.scenario import FaultSection
 
 if TYPE_CHECKING:
     from sitl.firmware import Firmware
+    from sitl.motors import Propulsion
 
 MOST_OCCURRENCES = 10000
 """Of one fault that comes and goes at random."""
@@ -159,6 +160,15 @@ class BoatFaults:
         for fault, effect in self._faults.acting("thrust", time):
             thrust_speed = effect(fault, thrust_speed, cruise_speed)
         return thrust_speed
+
+    def motors(self, time: float, motors: Propulsion, order: float, thrust_speed: float) -> tuple[float, float]:
+        """Return the steering order [rad] and the speed [m/s] that two thrusters come to, of those asked for."""
+        steering, throttle = order / motors.full, motors.throttle_of(thrust_speed)
+        pair = (throttle + steering, throttle - steering)
+        for fault, effect in self._faults.acting("motors", time):
+            pair = effect(fault, pair)
+        left, right = pair
+        return 0.5 * (left - right) * motors.full, motors.speed_of(0.5 * (left + right))
 
     def pushed(self, time: float, heading: float, disturbance: Disturbance) -> Disturbance:
         """Return the `disturbance` of a boat that heads for `heading` [rad], and the pushes on top of it."""

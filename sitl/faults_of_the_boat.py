@@ -87,6 +87,19 @@ def stopped(fault: Acting, thrust: float, cruise: float) -> float:
     return 0.0
 
 
+def one_dead(fault: Acting, pair: tuple[float, float]) -> tuple[float, float]:
+    """Return a pair of thrusters of which the left one, or for a positive size the right one, stands still."""
+    return (pair[0], 0.0) if fault.size > 0.0 else (0.0, pair[1])
+
+
+def one_fouled(fault: Acting, pair: tuple[float, float]) -> tuple[float, float]:
+    """Return a pair of thrusters of which the right one, or for a negative size the left one, has weed on it, which
+    takes such a share of its thrust."""
+    left = math.sqrt(1.0 - max(-fault.size, 0.0))
+    right = math.sqrt(1.0 - max(fault.size, 0.0))
+    return left * pair[0], right * pair[1]
+
+
 def turned(fault: Acting, heading: float, on: Disturbance) -> Disturbance:
     """Return what acts on the boat, with a yaw moment."""
     return on._replace(rudder=on.rudder + math.radians(fault.size))
@@ -142,6 +155,17 @@ KINDS = {
         "the engine pushes astern, a share of the speed", "share of the speed", 0.5, 0.0, 1.0, thrust=astern
     ),
     "engine_stopped": Kind("the engine gives no thrust", thrust=stopped),
+    "thruster_dead": Kind(
+        "one of two thrusters stands still, the right one for a positive size", "sign", -1.0, -1.0, 1.0, motors=one_dead
+    ),
+    "thruster_weed": Kind(
+        "weed takes a share of one thruster's thrust, of the right one's for a positive size",
+        "share of the thrust",
+        0.6,
+        -1.0,
+        1.0,
+        motors=one_fouled,
+    ),
     "yaw_push": Kind(
         "something turns the boat: a gust, a line in the water", "deg of rudder", 10.0, -90.0, 90.0, push=turned
     ),

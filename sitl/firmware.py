@@ -18,6 +18,7 @@ from sitl.firmware_setup import (
     SERVO_US,
     STEERING_FULL,
     THROTTLE_FULL,
+    Calibration,
     OverridePermit,
     Overrides,
     Setup,
@@ -28,6 +29,7 @@ from sitl.firmware_setup import (
     travel,
 )
 from sitl.guided import GuidedHelm, Target
+from sitl.motors import by_hand, curved, skid_outputs, slewed
 from sitl.world import Orders, World
 
 MODE_SWITCH_S = 1.0
@@ -43,6 +45,18 @@ GYRO_DRIFT_RAD_S = 1.0e-4
 """Every boot calibrates the gyros anew and finds offsets that differ by this much."""
 CRUISE_SHARE = 0.5
 """Throttle at which the boat runs at its cruise speed (CRUISE_THROTTLE)."""
+
+
+MIXED_FULL = 1000
+"""Full output of one of two thrusters."""
+SKID_STEERED = {
+    "SERVO1_FUNCTION": 73.0,
+    "SERVO3_FUNCTION": 74.0,
+    "PILOT_STEER_TYPE": 3.0,
+    "MOT_SPD_SCA_BASE": 0.0,
+    "MOT_THST_ASYM": 1.34,
+}
+"""What the owner of a boat with two thrusters has set."""
 
 
 class FirmwareMode(IntEnum):
@@ -72,6 +86,14 @@ class Firmware:
         self.version = (int(major), int(minor))
         self.parameters = ParameterTable(default_parameters())
         self.parameters.set("CRUISE_SPEED", world.cruise_speed)
+        self._motors = world.motors
+        self._cruise_share = CRUISE_SHARE
+        if self._motors is not None:
+            self._cruise_share = self._motors.throttle_of(world.cruise_speed)
+            self.parameters.set("CRUISE_THROTTLE", round(100.0 * self._cruise_share))
+            if self._motors.full:
+                for name, value in SKID_STEERED.items():
+                    self.parameters.set(name, value)
         full_deg = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
         # how the servo is linked to the rudder does not change with the parameters
         self._full_rudder = math.radians(-full_deg if vessel.helm.reversed else full_deg)
@@ -113,6 +135,8 @@ class Firmware:
         self._station_lost_since: float | None = None
         self.failsafe = ""
         self.throttle = 0
+        self._thrust, self._loop_time = 0.0, time
+        self._is_new_thrust = self._wants_arming
         if boot_s <= 0.0:
             self._become_ready()
 
@@ -226,10 +250,41 @@ class Firmware:
             steering, throttle = self._follow_target(time, setup, stick)
         elif not is_manual:
             steering = throttle = 0
+        if self._motors is not None:
+            return self._driven(time, setup, (steering / STEERING_FULL, throttle / THROTTLE_FULL), is_manual=is_manual)
         self.throttle = throttle if self.armed else 0
-        self._drive_servos(setup, steering)
+        self._drive_servos(setup, steering, self.throttle / THROTTLE_FULL)
         speed = self.world.cruise_speed * self.throttle / THROTTLE_FULL / CRUISE_SHARE
         return Orders(self._rudder_of_servo(), speed)
+
+    def _driven(self, time: float, setup: Setup, asked: tuple[float, float], *, is_manual: bool) -> Orders:
+        """Orders of a boat with motors of its own: what the outputs give them, a share of full."""
+        assert self._motors is not None
+        motors, (steering, throttle) = setup.motors, asked
+        if is_manual:
+            steering, throttle = by_hand(motors, steering, throttle, is_skid=setup.is_skid)
+            if not setup.is_skid and throttle < 0.0:
+                steering = -steering
+        throttle = throttle if self.armed else 0.0
+        # a boat that is armed from the start is under way: its throttle was there before
+        dt = math.inf if self._is_new_thrust else time - self._loop_time
+        self._thrust, self._loop_time = slewed(motors, self._thrust, throttle, dt), time
+        self._is_new_thrust = False
+        self.throttle = round(self._thrust * THROTTLE_FULL)
+        if not setup.is_skid:
+            self._drive_servos(setup, round(steering * STEERING_FULL), curved(motors, self._thrust))
+            outputs = setup.throttle_outputs
+            share = _share_of(outputs[0][1], self.servos[outputs[0][0] - 1]) if outputs else 0.0
+            return Orders(self._rudder_of_servo(), self._motors.speed_of(share))
+        pair = skid_outputs(motors, steering, self._thrust) if self.armed else (0.0, 0.0)
+        servos, turned = [0] * CHANNELS, []
+        for outputs, share in zip((setup.left_outputs, setup.right_outputs), pair, strict=True):
+            for channel, servo in outputs:
+                servos[channel - 1] = output_pulse(servo, share * MIXED_FULL, MIXED_FULL)
+            turned.append(_share_of(outputs[0][1], servos[outputs[0][0] - 1]))
+        self.servos = servos
+        left, right = turned
+        return Orders(0.5 * (left - right) * self._motors.full, self._motors.speed_of(0.5 * (left + right)))
 
     def _follow_target(self, time: float, setup: Setup, stick: float) -> tuple[int, int]:
         """Steering and throttle of GUIDED mode, with the throttle stick at `stick` in -1..1."""
@@ -310,13 +365,13 @@ class Firmware:
                 self.mode = FirmwareMode.HOLD
         return start
 
-    def _drive_servos(self, setup: Setup, steering: int) -> None:
+    def _drive_servos(self, setup: Setup, steering: int, throttle: float) -> None:
         """Each output follows its SERVOn_FUNCTION; outputs without one have no pulses."""
         servos = [0] * CHANNELS
         for channel, servo in setup.steering_outputs:
             servos[channel - 1] = output_pulse(servo, steering, STEERING_FULL)
         for channel, servo in setup.throttle_outputs:
-            servos[channel - 1] = output_pulse(servo, self.throttle, THROTTLE_FULL)
+            servos[channel - 1] = output_pulse(servo, throttle * THROTTLE_FULL, THROTTLE_FULL)
         self.servos = servos
 
     def _rudder_of_servo(self) -> float:
@@ -329,6 +384,12 @@ class Firmware:
         throttle = self.setup.throttle_input
         above = throttle.trim + throttle.dead_zone
         # one more microsecond than the exact share, so that truncation does not lose one per cent
-        sticks[self.setup.throttle_channel - 1] = above + math.ceil(CRUISE_SHARE * (throttle.high - above))
+        sticks[self.setup.throttle_channel - 1] = above + math.ceil(self._cruise_share * (throttle.high - above))
         sticks[7] = 1000
         return sticks
+
+
+def _share_of(servo: Calibration, pulse: int) -> float:
+    """Return what a motor that was fitted for the end points of its output makes of a pulse [us]: -1 to 1."""
+    share = travel((servo.low, servo.trim, servo.high), pulse)
+    return -share if servo.is_reversed else share

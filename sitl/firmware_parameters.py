@@ -118,6 +118,7 @@ def default_parameters() -> list[Parameter]:
         *_rows("ATC_BRAKE 1 ARMING_REQUIRE 1 ARMING_RUDDER 2", Kind.INT8),
         *_rows("MOT_PWM_TYPE 0 MOT_SAFE_DISARM 0 MOT_THR_MIN 0 MOT_THR_MAX 100 MOT_SLEWRATE 100", Kind.INT8),
         *_rows("MOT_SPD_SCA_BASE 1 MOT_STR_THR_MIX 0.5 MOT_THST_EXPO 0 MOT_VEC_ANGLEMAX 0", Kind.REAL32),
+        *_rows("MOT_THST_ASYM 1", Kind.REAL32),
         *_rows("WP_SPEED 0 WP_RADIUS 3 WP_ACCEL 0 WP_JERK 0 PSC_POS_P 0.2 PSC_VEL_P 1", Kind.REAL32),
         *_rows("SCHED_LOOP_RATE 100", Kind.INT16),
         *_rows("SERIAL0_BAUD 115 SERIAL1_BAUD 57 SERIAL2_BAUD 57", Kind.INT32),

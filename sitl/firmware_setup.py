@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from sitl.firmware_parameters import ParameterTable
 from sitl.guided import GuidedGains, gains_of
+from sitl.motors import LEFT_FUNCTION, RIGHT_FUNCTION, MotorSetup, motor_setup
 
 CHANNELS = 16
 STEERING_FULL = 4500
@@ -218,6 +219,14 @@ class Setup(NamedTuple):
     stick_arms: int
     arming_checks_throttle: bool
     guided: GuidedGains
+    motors: MotorSetup
+    left_outputs: tuple[tuple[int, Calibration], ...] = ()
+    right_outputs: tuple[tuple[int, Calibration], ...] = ()
+
+    @property
+    def is_skid(self) -> bool:
+        """Whether the frame is skid-steered: an output for either side."""
+        return bool(self.left_outputs and self.right_outputs)
 
 
 def setup_of(parameters: ParameterTable, version: tuple[int, int]) -> Setup:
@@ -248,6 +257,9 @@ def setup_of(parameters: ParameterTable, version: tuple[int, int]) -> Setup:
         stick_arms=int(parameters["ARMING_RUDDER"]),
         arming_checks_throttle=bool(options & CHECK_THROTTLE),
         guided=gains_of(parameters),
+        motors=motor_setup(parameters),
+        left_outputs=_outputs(parameters, LEFT_FUNCTION),
+        right_outputs=_outputs(parameters, RIGHT_FUNCTION),
     )
 
 

@@ -16,6 +16,7 @@ from autopilot.models.steering_gear import SteeringGear
 from sitl import otter
 from sitl.boat import Disturbance, Hull
 from sitl.craft import Motion, gear_of, refuse_scale, step_by, turning
+from sitl.motors import Propulsion
 from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
@@ -50,4 +51,16 @@ def of(vessel: Vessel, scenario: Scenario) -> Outboard:
     return boat._replace(push=turning(accelerations, boat, otter.SERVICE_SPEED))
 
 
-PLANT = PlantKind("outboard", of, step_by(accelerations))
+def speed_of(throttle: float) -> float:
+    """Return the speed [m/s] that a throttle, -1 to 1, reaches: thrust goes with the square of the revolutions."""
+    pull = otter.PULL if throttle >= 0.0 else otter.PULL_ASTERN
+    return pull * throttle * abs(throttle) / otter.DRAG
+
+
+def throttle_of(speed: float) -> float:
+    """Return the throttle, -1 to 1, that holds a straight course at `speed` [m/s]."""
+    pull = otter.PULL if speed >= 0.0 else otter.PULL_ASTERN
+    return math.copysign(math.sqrt(min(otter.DRAG * abs(speed) / pull, 1.0)), speed)
+
+
+PLANT = PlantKind("outboard", of, step_by(accelerations), Propulsion(speed_of, throttle_of))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel
     from sitl.boat import BoatState, Disturbance, Step
+    from sitl.motors import Propulsion
     from sitl.scenario import Scenario
 
 PlantStep = Callable[[Any, "Step", "BoatState", float, float, "Disturbance"], "BoatState"]
@@ -19,9 +20,11 @@ class PlantKind(NamedTuple):
     """A kind of plant.
 
     of: what does not change while it runs, of vessel and scenario: any NamedTuple with the `gear` and the `hull` of
-    `sitl.boat.Plant`, which the faults of the rudder and the sea go by. step: see `PlantStep`.
+    `sitl.boat.Plant`, which the faults of the rudder and the sea go by. step: see `PlantStep`. motors: what its
+    motors make of a flight controller's outputs; None: throttle and speed go together.
     """
 
     name: str
     of: Callable[[Vessel, Scenario], Any]
     step: PlantStep
+    motors: Propulsion | None = None

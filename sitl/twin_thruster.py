@@ -15,6 +15,7 @@ from autopilot.models.steering_gear import SteeringGear
 from sitl import otter
 from sitl.boat import Disturbance, Hull
 from sitl.craft import Motion, gear_of, refuse_scale, step_by, turning
+from sitl.motors import Propulsion
 from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
@@ -74,4 +75,9 @@ def of(vessel: Vessel, scenario: Scenario) -> TwinThruster:
     return boat._replace(push=turning(accelerations, boat, otter.SERVICE_SPEED))
 
 
-PLANT = PlantKind("twin_thruster", of, step_by(accelerations))
+def speed_of(throttle: float) -> float:
+    """Return the speed [m/s] that a throttle, -1 to 1, reaches on a straight course."""
+    return 2.0 * thrust(throttle) / otter.DRAG
+
+
+PLANT = PlantKind("twin_thruster", of, step_by(accelerations), Propulsion(speed_of, throttle_of, FULL))

@@ -64,6 +64,7 @@ class World:
         sea_seed, sensor_seed, fault_seed, self.chaos_seed = seeds
         self.faults = FaultBoard(scenario.faults, fault_seed)
         kind = PLANTS[scenario.plant]
+        self.motors = kind.motors
         plant = kind.of(vessel, scenario) if plant is None else plant
         start = scenario.start
         self.cruise_speed = vessel.model.reference_speed_m_s if start.speed_m_s is None else start.speed_m_s
@@ -117,6 +118,8 @@ class World:
         order, thrust = self._orders(time)
         order = self._boat_faults.order(time, order, state.rudder)
         thrust = self._boat_faults.thrust(time, thrust, self.cruise_speed)
+        if self.motors is not None and self.motors.full and self.faults:
+            order, thrust = self._boat_faults.motors(time, self.motors, order, thrust)
         if self._steps % self._pace.felt_every == 0:
             self._felt = self._sea.step(time, state)
         disturbance = self._boat_faults.pushed(time, state.heading, self._felt)

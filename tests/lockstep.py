@@ -133,7 +133,13 @@ class Lockstep:
         self.near: LoopbackTransport = near
         self.up, self.down = lines or (BadLine(), BadLine())
         full = math.radians(vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg)
-        scale = {"servo_us": vessel.helm.servo_us, "angle_max": math.radians(vessel.rudder.angle_max_deg)}
+        scale: dict[str, Any] = {
+            "servo_us": vessel.helm.servo_us,
+            "angle_max": math.radians(vessel.rudder.angle_max_deg),
+        }
+        scale["drive"] = vessel.drive.kind
+        for name in ("thrust_exponent", "astern_share"):
+            scale[name] = math.nan if (value := getattr(vessel.drive, name)) is None else value
         scale["heading_timeout"] = vessel.failsafe.heading_timeout_s
         chosen = {**scale, "method": vessel.helm.method, "as_gcs": vessel.helm.method != "guided", **(settings or {})}
         self.link = CompanionLink(near, CompanionSettings(full, **chosen))

@@ -160,7 +160,6 @@ def run(arguments: argparse.Namespace) -> int:
 
         require_extra("by leaving out --report")
     from autopilot.files.saving import check_folder
-    from autopilot.report import identification as report
 
     for path in filter(None, (arguments.out, arguments.report)):
         check_folder(path)
@@ -169,11 +168,17 @@ def run(arguments: argparse.Namespace) -> int:
 
         refuse_bare_name(arguments.out)
 
-    steady = _steady_turns(arguments.steady_turns) if arguments.steady_turns else None
+    return _of_logs(arguments, _steady_turns(arguments.steady_turns) if arguments.steady_turns else None)
+
+
+def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
+    from autopilot.report import identification as report
+
     if not arguments.logs:
         assert steady is not None
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
+    from autopilot.cli.identify_drive import identified_by_thrust
     from autopilot.cli.log_measures import log_options, print_newer, refuse_twice, vessel_of
     from autopilot.logs.reading import load_run
 
@@ -186,6 +191,10 @@ def run(arguments: argparse.Namespace) -> int:
         [load_run(path, None, arguments.reverse_rudder, options) for path in paths]
         for paths in (arguments.logs, arguments.holdout)
     )
+    driven = identified_by_thrust(arguments, vessel, fitted, held_out)
+    if driven is not None:
+        print(driven)
+        return int(ExitCode.OK)
     if arguments.out:
         from autopilot.cli.identify_vessel import Given, boat_for
 

@@ -187,7 +187,8 @@ def _with_scale(vessel: Vessel, given: Given) -> Vessel:
         helm = dataclasses.replace(helm, rudder_at_full_pwm_deg=scale_deg, reversed=is_reversed)
     elif helm.rudder_at_full_pwm_deg is None:
         helm = dataclasses.replace(helm, rudder_at_full_pwm_deg=stop_deg)
-    if drive != Drive() and drive.angle_at_full_deg is None:
+    has_line = dataclasses.replace(drive, kind="rudder", thrust_exponent=None, astern_share=None) != Drive()
+    if has_line and drive.angle_at_full_deg is None:
         drive = dataclasses.replace(drive, angle_at_full_deg=stop_deg)
     return dataclasses.replace(vessel, helm=helm, drive=drive)
 

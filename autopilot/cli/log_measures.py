@@ -104,7 +104,8 @@ def log_options(arguments: argparse.Namespace, vessel: Vessel | None) -> LogOpti
     from autopilot.logs.csv_log import load_column_map
     from autopilot.logs.reading import LogOptions, ReadOptions
     from autopilot.logs.table import RudderSettings, Servo, ServoScale, servo_from_text
-    from autopilot.runtime.build import gear_of
+    from autopilot.models.drives.two_thrusters import PLAIN
+    from autopilot.runtime.build import gear_of, thrusters_of
 
     variation = arguments.variation_deg
     full = arguments.rudder_at_full_deg
@@ -121,6 +122,7 @@ def log_options(arguments: argparse.Namespace, vessel: Vessel | None) -> LogOpti
         arguments.system,
         servo,
         None if variation is None else math.radians(variation),
+        PLAIN if vessel is None else thrusters_of(vessel),
     )
     gear = None if vessel is None else gear_of(vessel)
     return LogOptions(reading, RudderSettings(arguments.rudder, None if full is None else math.radians(full), gear))

@@ -120,6 +120,8 @@ def _servo(parameters: VehicleParameters, vessel: Vessel) -> Finding | None:
     channel, number, helm = channel_of(parameters), parameters.steering_servo, vessel.helm
     if channel is None:
         return None
+    if parameters.drive.is_mixed:
+        return _thrusters(parameters, vessel)
     full = helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
     low, middle, high = channel.servo_min, channel.servo_trim, channel.servo_max
     ends = f"SERVO{number} goes from {low} over {middle} to {high} us"
@@ -136,6 +138,27 @@ def _servo(parameters: VehicleParameters, vessel: Vessel) -> Finding | None:
         found = f"{ends}: {middle - low} us to one side and {high - middle} to the other both count as {full:g} deg"
         return Finding("servo", Verdict.WARN, found, "measure the angle at two pulses and write helm.servo_us")
     return Finding("servo", Verdict.GO, f"{ends}, taken for {full:g} deg to each side; helm.servo_us would pin it")
+
+
+TWO_PADDLES, DIRECTION_UNCHANGED = 1.0, 3.0
+"""PILOT_STEER_TYPE (Rover/Parameters.cpp)."""
+
+
+def _thrusters(parameters: VehicleParameters, vessel: Vessel) -> Finding:
+    """What two thrusters are set up as."""
+    left, right = parameters.steering_servos
+    asymmetry, stick = parameters.get("MOT_THST_ASYM"), parameters.get("PILOT_STEER_TYPE")
+    found = f"two thrusters: left on SERVO{left}, right on SERVO{right}"
+    if stick == TWO_PADDLES:
+        cure = "set PILOT_STEER_TYPE to 3: with 1 the steering channel is the left paddle, and takes no steering"
+        return Finding("thrusters", Verdict.NO_GO, found, cure)
+    if stick is not None and stick != DIRECTION_UNCHANGED:
+        cure = "set PILOT_STEER_TYPE to 3, or steering turns round where the throttle is astern"
+        return Finding("thrusters", Verdict.WARN, found, cure)
+    if asymmetry == 1.0 and vessel.drive.astern_share is None:
+        cure = "set MOT_THST_ASYM to thrust ahead over thrust astern, or a turn without throttle drives the boat ahead"
+        return Finding("thrusters", Verdict.WARN, found, cure)
+    return Finding("thrusters", Verdict.GO, found)
 
 
 SLOW_HZ = 4.0

@@ -40,7 +40,14 @@ from autopilot.estimation.rudder_observer import (
     tick_at,
     with_feedback,
 )
-from autopilot.estimation.speeds import Speeds, measured_speed, model_at, scheduled_speed, while_fresh, with_speed
+from autopilot.estimation.speeds import (
+    Speeds,
+    measured_speed,
+    model_at,
+    scheduled_speed,
+    while_fresh,
+    with_speed,
+)
 from autopilot.estimation.tuning import (
     BIAS_MOST,
     GATE_LEAST,
@@ -60,9 +67,10 @@ from autopilot.estimation.tuning import (
     SPEED_MOST,
     WAVE_MEMORY,
 )
+from autopilot.models.drive_law import RUDDER_LAW, DriveLaw, way_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample, ThrustSample
 
 
 class Fusion(NamedTuple):
@@ -235,12 +243,13 @@ class Taken(NamedTuple):
 
 class EstimatorConfig(NamedTuple):
     """Model at the trial's speed, steering gear and noise. Slower than `steerage` [m/s], and astern, the rudder tells
-    nothing of the bias: it stays what it was."""
+    nothing of the bias: it stays what it was. law: how the model goes with speed and thrust."""
 
     model: Norrbin
     gear: SteeringGear
     noises: Noises
     steerage: float = 0.0
+    law: DriveLaw = RUDDER_LAW
 
 
 class Beliefs(NamedTuple):
@@ -295,6 +304,13 @@ class EstimatorState(NamedTuple):
         state = self.fusion.state
         is_known = state.sea == NO_SEA or state.time - self.first_time >= WAVE_MEMORY
         return state.bias if is_known else 0.0
+
+
+def is_plausible(sample: SpeedSample | ThrustSample) -> bool:
+    """Return whether a speed can be a boat's, or a throttle and a reach a drive's."""
+    if isinstance(sample, SpeedSample):
+        return abs(sample.speed) <= SPEED_MOST
+    return abs(sample.throttle) <= 1.0 and sample.reach >= 0.0
 
 
 def is_rudder(angle: float) -> bool:
@@ -365,15 +381,15 @@ def estimated(
                 implausible += 1
             elif not sample.ordered:
                 rudder = with_feedback(rudder, min(sample.time, now), sample.angle)
-        elif type(sample) is SpeedSample:
-            if abs(sample.speed) <= SPEED_MOST:
+        elif type(sample) is SpeedSample or type(sample) is ThrustSample:
+            if is_plausible(sample):
                 speeds = with_speed(speeds, now, sample)
             else:
                 implausible += 1
     if implausible:
         state = _counted(state, implausible=implausible)
     rudder = advanced(config.gear, rudder, state.memory, now)
-    if now - speeds.water.time >= SPEED_FRESH or now - speeds.ground.time >= SPEED_FRESH:
+    if any(now - each.time >= SPEED_FRESH for each in speeds[:3]):
         speeds = while_fresh(speeds, now)
     if speeds is state.speeds:
         state = EstimatorState(state.model, rudder, *state[2:])
@@ -388,8 +404,11 @@ def estimated(
 def _scheduled(config: EstimatorConfig, state: EstimatorState) -> EstimatorState:
     """Return the state with its model scaled by the speed, or not at all while the boat's own turns contradict it."""
     reference, speed = config.model, measured_speed(state.speeds)
-    followed = math.nan if state.beliefs.doubts_speed else scheduled_speed(state.speeds, reference.reference_speed)
-    return state._replace(model=model_at(reference, followed), speed=speed)
+    throttle = state.speeds.throttle.value
+    expected = way_of(config.law, reference.reference_speed, throttle)
+    followed = math.nan if state.beliefs.doubts_speed else scheduled_speed(state.speeds, expected)
+    model = model_at(reference, followed, config.law, throttle)
+    return state._replace(model=model, speed=speed)
 
 
 def _counted(state: EstimatorState, **more: int) -> EstimatorState:

@@ -23,9 +23,10 @@ from autopilot.estimation.tuning import (
     STREAM_LEAST,
     STREAM_MOST,
 )
+from autopilot.models.drive_law import RUDDER_LAW, DriveLaw, at_point, is_rudder_law
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import clip
-from autopilot.signals import SpeedSample
+from autopilot.signals import SpeedSample, ThrustSample
 
 
 class Smoothed(NamedTuple):
@@ -47,10 +48,15 @@ NO_SPEED = Smoothed()
 
 
 class Speeds(NamedTuple):
-    """Speed through the water and over the ground."""
+    """Speed through the water and over the ground; and what the drive is given, beside which it works.
+
+    throttle [share of full] and reach [rad] as the newest ThrustSample has them, not smoothed: thrust follows at once.
+    """
 
     water: Smoothed = NO_SPEED
     ground: Smoothed = NO_SPEED
+    throttle: Smoothed = NO_SPEED
+    reach: float = math.inf
 
     @property
     def is_over_ground(self) -> bool:
@@ -58,11 +64,13 @@ class Speeds(NamedTuple):
         return math.isnan(self.water.value) and not math.isnan(self.ground.value)
 
 
-def with_speed(speeds: Speeds, now: float, sample: SpeedSample) -> Speeds:
+def with_speed(speeds: Speeds, now: float, sample: SpeedSample | ThrustSample) -> Speeds:
     """Return the speeds after a sample that came at `now` [s]."""
+    if isinstance(sample, ThrustSample):
+        return Speeds(speeds.water, speeds.ground, Smoothed(sample.throttle, now), sample.reach)
     if sample.over_ground:
-        return Speeds(speeds.water, smoothed(speeds.ground, now, sample.speed))
-    return Speeds(smoothed(speeds.water, now, sample.speed), speeds.ground)
+        return Speeds(speeds.water, smoothed(speeds.ground, now, sample.speed), *speeds[2:])
+    return Speeds(smoothed(speeds.water, now, sample.speed), *speeds[1:])
 
 
 def while_fresh(speeds: Speeds, now: float) -> Speeds:
@@ -72,7 +80,12 @@ def while_fresh(speeds: Speeds, now: float) -> Speeds:
         water = NO_SPEED
     if now - ground.time >= SPEED_FRESH:
         ground = NO_SPEED
-    return speeds if water is speeds.water and ground is speeds.ground else Speeds(water, ground)
+    throttle, reach = speeds.throttle, speeds.reach
+    if now - throttle.time >= SPEED_FRESH:
+        throttle, reach = NO_SPEED, math.inf
+    if water is speeds.water and ground is speeds.ground and throttle is speeds.throttle:
+        return speeds
+    return Speeds(water, ground, throttle, reach)
 
 
 def measured_speed(speeds: Speeds) -> float:
@@ -91,7 +104,8 @@ def speeds_apart(speeds: Speeds) -> float:
 
 
 def scheduled_speed(speeds: Speeds, reference_speed: float) -> float:
-    """Return the speed [m/s] for model and gains, nan where none is known; `reference_speed` [m/s]: the trial's.
+    """Return the speed [m/s] for model and gains, nan where none is known; `reference_speed` [m/s]: what is to be
+    expected of the speed through the water, the trial's where no throttle tells.
 
     ValueError for a reference speed that is not positive.
     """
@@ -114,9 +128,11 @@ def _half_way(low: float, high: float) -> float:
     return math.sqrt(max(abs(low), STREAM_LEAST * high) * high)
 
 
-def model_at(reference: Norrbin, speed: float) -> Norrbin:
-    """Return the model at the scheduled `speed` [m/s]; the trial's own where it is nan."""
+def model_at(reference: Norrbin, speed: float, law: DriveLaw = RUDDER_LAW, throttle: float = math.nan) -> Norrbin:
+    """Return the model at the scheduled `speed` [m/s], the trial's where it is nan, and `throttle` [share of full]."""
+    speed = reference.reference_speed if math.isnan(speed) and not is_rudder_law(law) else speed
     if math.isnan(speed):
         return reference
     most = SPEED_RATIO_MOST * reference.reference_speed
-    return at_speed(reference, clip(speed, -most, most))
+    held = clip(speed, -most, most)
+    return at_speed(reference, held) if is_rudder_law(law) else at_point(law, reference, held, throttle)

@@ -202,13 +202,15 @@ RudderOrigin = Literal["measured", "estimated", "ordered"]
 
 class Run(NamedTuple):
     """One recording: where it came from, its segments in order of time, and a sentence for each kind of bad sample
-    that was left out; what its rudder is, and the text of the vessel file of the pilot that recorded it, if one did."""
+    that was left out; what its rudder is, and the text of the vessel file of the pilot that recorded it, if one did.
+    throttle: its mean, share of full, where that was recorded."""
 
     source: str
     segments: tuple[Segment, ...]
     notes: tuple[str, ...] = ()
     rudder: RudderOrigin = "measured"
     vessel: str = ""
+    throttle: float = math.nan
 
 
 def has_propeller(runs: Sequence[Run]) -> bool:

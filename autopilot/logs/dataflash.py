@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from autopilot.errors import InputError
 from autopilot.links.mavlink.steering import FULL
-from autopilot.logs.format import LogFormat
+from autopilot.logs.format import LogFormat, ReadOptions
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -41,7 +41,8 @@ from autopilot.logs.series import (
     on_one_clock,
     series_of,
 )
-from autopilot.logs.table import Servo, ServoScale, steering_servo
+from autopilot.logs.table import steering_servo
+from autopilot.logs.thrust import thrust_series
 
 HEAD = b"\xa3\x95"
 FMT = 128
@@ -231,14 +232,14 @@ GPS_AHEAD_S = 18.0
 WEEK_S = 604_800.0
 
 
-def read_dataflash(path: str, data: bytes, servo: Servo | ServoScale | None = None) -> Recording:
-    """Return the recording in a .BIN. servo: the steering servo, instead of what PARM says. Raises InputError."""
+def read_dataflash(path: str, data: bytes, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
+    """Return the recording in a .BIN. Raises InputError."""
     log = DataFlash(path, data, WANTED)
     with np.errstate(all="ignore"):  # a damaged number may be anything; what is not finite is left out
-        return _recording(path, log, servo)
+        return _recording(path, log, options)
 
 
-def _recording(path: str, log: DataFlash, servo: Servo | ServoScale | None) -> Recording:
+def _recording(path: str, log: DataFlash, options: ReadOptions) -> Recording:
     series = [found for meaning in MEANINGS for found in _series(log, *meaning)]
     if not any(s.quantity in (HEADING, RATE) for s in series):
         raise InputError(
@@ -246,7 +247,7 @@ def _recording(path: str, log: DataFlash, servo: Servo | ServoScale | None) -> R
             "where the boat is not armed."
         )
     notes = _damage(path, log)
-    steering = _steering(path, log, servo, notes)
+    steering = _steering(path, log, options, notes)
     return on_one_clock(Recording(path, "ArduPilot DataFlash log", (*series, *steering), _began(log), tuple(notes)))
 
 
@@ -276,15 +277,24 @@ def _first_instance(log: DataFlash, message: str) -> NDArray[np.bool_]:
     return np.ones(time.size, dtype=bool) if instance is None else instance == FIRST
 
 
-def _steering(path: str, log: DataFlash, servo: Servo | ServoScale | None, notes: list[str]) -> tuple[Series, ...]:
+def _steering(path: str, log: DataFlash, options: ReadOptions, notes: list[str]) -> tuple[Series, ...]:
     names, values = log.texts("PARM", "Name"), log.column("PARM", "Value")
     # a damaged FMT may have left one of the two without its field
     parameters = dict(zip(names, values.tolist(), strict=True)) if names and values is not None else {}
-    known = steering_servo(path, parameters, servo)
+    known = steering_servo(path, parameters, options.servo)
+    time = _time(log, "RCOU")
+
+    def of_output(number: int) -> tuple[FloatArray, FloatArray] | None:
+        pulses = log.column("RCOU", f"C{number}", f"Ch{number}")
+        return None if pulses is None or time is None else (time, pulses)
+
+    thrust = thrust_series(path, parameters, options.thrusters, of_output)
+    if known is None and any(series.quantity == SHARE for series in thrust):
+        return thrust
     if known is not None:
-        pulses, time = log.column("RCOU", f"C{known.number}", f"Ch{known.number}"), _time(log, "RCOU")
+        pulses = log.column("RCOU", f"C{known.number}", f"Ch{known.number}")
         if pulses is not None and time is not None:
-            return series_of(SHARE, f"RCOU servo {known.number}", time, known.share(pulses))
+            return (*series_of(SHARE, f"RCOU servo {known.number}", time, known.share(pulses)), *thrust)
     elif "RCOU" in log:
         notes.append(
             f"{path}: no PARM says which servo steers (SERVOn_FUNCTION 26); the firmware's steering output is taken "
@@ -318,7 +328,7 @@ def _damage(path: str, log: DataFlash) -> list[str]:
 FORMAT = LogFormat(
     "an ArduPilot .BIN",
     lambda data: data.startswith(HEAD),
-    lambda path, data, options: read_dataflash(path, data, options.servo),
+    lambda path, data, options: read_dataflash(path, data, options),
     ".bin",
     "does not begin with a DataFlash message (A3 95): this is no .BIN of ArduPilot",
 )

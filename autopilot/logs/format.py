@@ -7,19 +7,22 @@ from typing import NamedTuple
 
 from autopilot.logs.series import FloatArray, Recording
 from autopilot.logs.table import Servo, ServoScale
+from autopilot.models.drives.two_thrusters import PLAIN, Mixing
 
 
 class ReadOptions(NamedTuple):
     """columns: what a CSV table calls its columns. system: MAVLink system id to read.
 
     servo: the steering servo, or only its scale.
-    variation [rad], east positive: of magnetic compasses in NMEA sentences.
+    variation [rad], east positive: of magnetic compasses in NMEA sentences. thrusters: what two of them do, beside
+    what the firmware's parameters say.
     """
 
     columns: Mapping[str, str] | None = None
     system: int | None = None
     servo: Servo | ServoScale | None = None
     variation: float | None = None
+    thrusters: Mixing = PLAIN
 
 
 class LogFormat(NamedTuple):

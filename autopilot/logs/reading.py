@@ -7,6 +7,7 @@ Logs of any kind as runs for the identification, several of one run merged.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -21,7 +22,7 @@ from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2
 from autopilot.logs.format import LogFormat
 from autopilot.logs.format import ReadOptions as ReadOptions
 from autopilot.logs.merge import merged, sources_of
-from autopilot.logs.series import ANGLES, FloatArray, Recording, Series, duration
+from autopilot.logs.series import ANGLES, THROTTLE, FloatArray, Recording, Series, duration
 from autopilot.logs.table import RudderSettings, Table, table_of
 from autopilot.logs.unread import LOOK_AT, named, named_by_ending
 
@@ -202,7 +203,10 @@ def load_run(
     if table.rudder == "ordered":
         notes = (*notes, f"{text}: the rudder is {table.uses['rudder_rad']}.")
     run = run_from_columns(text, _turned(table.columns, reverse_rudder))
-    return run._replace(notes=(*notes, *run.notes), rudder=table.rudder, vessel=recording.vessel)
+    throttle = table.columns.get(THROTTLE)
+    known = throttle is not None and bool(np.any(np.isfinite(throttle)))
+    mean = float(np.nanmean(throttle)) if throttle is not None and known else math.nan
+    return run._replace(notes=(*notes, *run.notes), rudder=table.rudder, vessel=recording.vessel, throttle=mean)
 
 
 def _turned(columns: Mapping[str, FloatArray], reverse_rudder: bool) -> Mapping[str, FloatArray]:

@@ -18,6 +18,7 @@ from autopilot.signals import (
     RudderSample,
     Sample,
     SpeedSample,
+    ThrustSample,
 )
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +30,8 @@ RUDDER = "rudder_rad"
 """The rudder's angle as measured, starboard positive."""
 ORDER = "rudder_order_rad"
 """The rudder angle that was commanded."""
+THROTTLE = "throttle_share"
+"""The share of full throttle, -1 to 1 and ahead positive, that went to the motor or motors."""
 SHARE = "steering_share"
 """The share of full rudder, -1 to 1 and starboard positive, that went to the steering servo."""
 LATITUDE, LONGITUDE = "latitude_rad", "longitude_rad"
@@ -236,6 +239,8 @@ def quantities_of(sample: Sample) -> list[tuple[str, float]]:
             return [(ROLL, roll)]
         case RudderSample(angle=angle, ordered=False):
             return [(RUDDER, angle)]
+        case ThrustSample(throttle=throttle):
+            return [(THROTTLE, throttle)]
         case SpeedSample(speed=speed):
             return [(SPEED, speed)]
         case PositionSample(latitude=latitude, longitude=longitude):

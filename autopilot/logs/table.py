@@ -40,6 +40,7 @@ from autopilot.logs.series import (
     RUDDER,
     SHARE,
     SPEED,
+    THROTTLE,
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
@@ -280,7 +281,7 @@ def _offers(recording: Recording) -> str:
     return f"it has {' and '.join(there)}" if there else "it has no rudder of any kind"
 
 
-BESIDE = (ROLL, SPEED, LATITUDE, LONGITUDE, PROPELLER, WIND_SPEED, WIND_DIRECTION)
+BESIDE = (ROLL, SPEED, THROTTLE, LATITUDE, LONGITUDE, PROPELLER, WIND_SPEED, WIND_DIRECTION)
 ALIKE = 1.5
 """Two series whose spacings differ by less than this factor are sampled alike: one is taken between its samples."""
 

@@ -24,7 +24,7 @@ from autopilot.errors import InputError
 from autopilot.firmware.protocol import BYTEWISE_AUTOPILOTS, decode
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
 from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2, SIGNED, next_magic
-from autopilot.logs.format import LogFormat
+from autopilot.logs.format import LogFormat, ReadOptions
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -42,7 +42,8 @@ from autopilot.logs.series import (
     on_one_clock,
     series_of,
 )
-from autopilot.logs.table import Servo, ServoScale, steering_servo
+from autopilot.logs.table import steering_servo
+from autopilot.logs.thrust import thrust_series
 
 STAMP = 8
 YEARS_US = (315_532_800_000_000, 4_102_444_800_000_000)
@@ -278,10 +279,9 @@ class VehicleLog:
         self._is_bytewise = message.autopilot in BYTEWISE_AUTOPILOTS
 
 
-def read_tlog(path: str, data: bytes, system: int | None = None, servo: Servo | ServoScale | None = None) -> Recording:
-    """Return the recording of one vehicle in a .tlog: that of id `system`, or the one with the most attitudes.
-
-    servo: the steering servo, instead of what the parameters in the log say. Raises InputError.
+def read_tlog(path: str, data: bytes, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
+    """Return the recording of one vehicle in a .tlog: that of the id in the options, or the one
+    with the most attitudes. Raises InputError.
     """
     packets = TlogPackets(data)
     vehicles: defaultdict[Sender, VehicleLog] = defaultdict(VehicleLog)
@@ -305,15 +305,15 @@ def read_tlog(path: str, data: bytes, system: int | None = None, servo: Servo | 
             f"{path}: {packets.skipped} of {len(data)} bytes belong to no MAVLink packet; it is no .tlog, or damaged "
             "beyond use."
         )
-    chosen = _choose(path, attitudes, system)
+    chosen = _choose(path, attitudes, options.system)
     vehicle = vehicles[chosen]
     vehicle.close()
     notes = _damage(path, packets, codec.bad)
     others = sorted({number for number, _ in +attitudes} - {chosen[0]})
-    if others and system is None:
+    if others and options.system is None:
         also = ", ".join(str(number) for number in others)
         notes.append(f"{path}: system {chosen[0]} is read; it has attitudes of {also} too: choose with --system.")
-    steering, steering_note = _steering(path, vehicle, servo)
+    steering, steering_note = _steering(path, vehicle, options)
     recording = Recording(
         path,
         "MAVLink telemetry log",
@@ -355,17 +355,22 @@ def _damage(path: str, packets: TlogPackets, bad: int) -> list[str]:
     return notes
 
 
-def _steering(path: str, vehicle: VehicleLog, servo: Servo | ServoScale | None) -> tuple[tuple[Series, ...], list[str]]:
+def _steering(path: str, vehicle: VehicleLog, options: ReadOptions) -> tuple[tuple[Series, ...], list[str]]:
     if not vehicle.pulses:
         return (), []
-    known = steering_servo(path, vehicle.parameters, servo)
+    thrust = thrust_series(
+        path, vehicle.parameters, options.thrusters, lambda number: vehicle.on_one_clock(vehicle.pulses.get(number, []))
+    )
+    known = steering_servo(path, vehicle.parameters, options.servo)
+    if known is None and any(series.quantity == SHARE for series in thrust):
+        return thrust, []
     if known is None:
         return (), [
             f"{path}: SERVO_OUTPUT_RAW is there, but no parameter in the log says which servo steers "
             "(SERVOn_FUNCTION 26); say it with --servo NUMBER:MIN:TRIM:MAX."
         ]
     time, pulses = vehicle.on_one_clock(vehicle.pulses.get(known.number, []))
-    return series_of(SHARE, f"SERVO_OUTPUT_RAW servo {known.number}", time, known.share(pulses)), []
+    return (*series_of(SHARE, f"SERVO_OUTPUT_RAW servo {known.number}", time, known.share(pulses)), *thrust), []
 
 
 def is_tlog(data: bytes) -> bool:
@@ -376,7 +381,7 @@ def is_tlog(data: bytes) -> bool:
 FORMAT = LogFormat(
     "a .tlog",
     is_tlog,
-    lambda path, data, options: read_tlog(path, data, options.system, options.servo),
+    lambda path, data, options: read_tlog(path, data, options),
     ".tlog",
     "no MAVLink packet at byte 8: this is not a .tlog, or it is damaged there",
     packets=True,

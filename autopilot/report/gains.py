@@ -300,13 +300,12 @@ class AtSpeed(NamedTuple):
 
 def by_speed(each: Judged) -> list[AtSpeed]:
     """Return the law of `each` at every share of the trial's speed in RATIOS."""
-    from autopilot.models.norrbin import at_speed_ratio
-    from autopilot.runtime.build import model_of, pilot_config, verdict_of
+    from autopilot.runtime.build import model_at_ratio, pilot_config, verdict_of
 
     steerage = pilot_config(each.vessel, each.law).steerage
     found = []
     for ratio in RATIOS:
-        model = at_speed_ratio(model_of(each.vessel), ratio)
+        model = model_at_ratio(each.vessel, ratio)
         gains = shown_gains_of(each.vessel, each.law, ratio)
         verdict, waits = verdict_of(each.vessel, each.law, ratio), model.reference_speed < steerage
         found.append(AtSpeed(ratio, model.reference_speed, model.gain, model.time_constant, gains, verdict, waits))

@@ -19,6 +19,9 @@ from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.turn import preset_rate, turn_limits
 from autopilot.links.rudder_follow import FollowSettings
+from autopilot.models.drive_law import DriveLaw, at_point, is_rudder_law, quickness
+from autopilot.models.drives import DRIVES, Needs
+from autopilot.models.drives.two_thrusters import PLAIN, Mixing
 from autopilot.models.norrbin import Norrbin, at_speed_ratio
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.pilot import Pilot
@@ -44,6 +47,38 @@ def model_of(vessel: Vessel) -> Norrbin:
         n0=model.n0_rad_s,
         reference_speed=model.reference_speed_m_s,
     )
+
+
+def drive_law_of(vessel: Vessel) -> DriveLaw:
+    """Return how K and T go with speed and throttle: the file's numbers, or what is usual for the kind of drive."""
+    usual, model = DRIVES[vessel.drive.kind].usual, vessel.model
+    if usual.is_rudder:
+        return usual
+    return DriveLaw(
+        usual.speed_exponent if model.speed_exponent is None else model.speed_exponent,
+        usual.throttle_exponent if model.throttle_exponent is None else model.throttle_exponent,
+        usual.damping_share if model.damping_share is None else model.damping_share,
+        math.nan if model.reference_throttle is None else model.reference_throttle,
+        usual.way_exponent if model.way_exponent is None else model.way_exponent,
+        usual.slowest if model.slowest_m_s is None else model.slowest_m_s / model.reference_speed_m_s,
+        usual.fastest if model.fastest_m_s is None else model.fastest_m_s / model.reference_speed_m_s,
+    )
+
+
+def thrusters_of(vessel: Vessel) -> Mixing:
+    """Return what the vessel file says of two thrusters."""
+    drive = vessel.drive
+    known = drive.thrust_exponent, drive.astern_share
+    exponent, astern = (math.nan if each is None else each for each in known)
+    return PLAIN._replace(exponent=exponent, astern_share=astern)
+
+
+def model_at_ratio(vessel: Vessel, ratio: float) -> Norrbin:
+    """Return the model at `ratio` times the trial's speed, the throttle being the trial's."""
+    law, model = drive_law_of(vessel), model_of(vessel)
+    if is_rudder_law(law):
+        return at_speed_ratio(model, ratio)
+    return at_point(law, model, ratio * model.reference_speed, math.nan)
 
 
 def gear_of(vessel: Vessel) -> SteeringGear:
@@ -101,7 +136,8 @@ def shown_gains_of(vessel: Vessel, name: str, ratio: float = 1.0) -> dict[str, f
     """Return the gains of the law at `ratio` times the speed of the trial, as its `shown` says; of a PID they are the
     same at every speed."""
     law, gains = law_of(vessel, name)
-    return law.shown(getattr(vessel.control, name), gains, ratio)
+    times = quickness(drive_law_of(vessel), model_of(vessel), model_at_ratio(vessel, ratio))
+    return law.shown(getattr(vessel.control, name), gains, times)
 
 
 def loop_gains_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> LoopGains:
@@ -113,7 +149,8 @@ def loop_gains_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -
     if law.linear is None:
         raise RefusedError(f"vessel {vessel.name!r}: the law {law.name!r} closes no loop")
     try:
-        return law.linear(law.at(gains, ratio), at_speed_ratio(model_of(vessel), ratio))
+        here = model_at_ratio(vessel, ratio)
+        return law.linear(law.at(gains, quickness(drive_law_of(vessel), model_of(vessel), here)), here)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: control.{law.name}: {error}") from error
 
@@ -181,7 +218,7 @@ def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> V
     ratio: at so many times the speed of the trial.
     """
     verdict = judge(
-        at_speed_ratio(model_of(vessel), ratio),
+        model_at_ratio(vessel, ratio),
         gear_of(vessel),
         limits_of(vessel).rate_max,
         vessel.control.loop_delay_s,
@@ -204,7 +241,7 @@ def output_feedback_loop(
 
     in_gusts: with the bias as quick as the filter learns it to be at most; without waves it learns nothing.
     """
-    model, noise = at_speed_ratio(model_of(vessel), ratio), noise_of(vessel)
+    model, noise = model_at_ratio(vessel, ratio), noise_of(vessel)
     if disturbed and noise.waves:
         noise = noise._replace(bias=noise.gusty_bias)
     return OutputFeedbackLoop(
@@ -259,11 +296,21 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         turn_curvature_max=curvature_max_of(vessel),
         rudder_is_ours=vessel.helm.method != "guided",
         corner_frequencies=corner_frequencies_of(vessel, law),
-        steerage=STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage,
+        steerage=_steerage_of(vessel),
         steerage_over_ground=steerage is not None,
         roll=roll_damping_of(vessel),
         dead_band=math.radians(vessel.limits.dead_band_deg),
+        law=drive_law_of(vessel),
+        steers_by=DRIVES[vessel.drive.kind].needs,
     )
+
+
+def _steerage_of(vessel: Vessel) -> float:
+    """Return the speed [m/s] below which the boat does not steer; -inf where it needs none."""
+    if DRIVES[vessel.drive.kind].needs is Needs.NOTHING:
+        return -math.inf
+    steerage = vessel.control.steerage_m_s
+    return STEERAGE_SHARE * vessel.model.reference_speed_m_s if steerage is None else steerage
 
 
 def alarm_limits_of(vessel: Vessel) -> AlarmLimits:

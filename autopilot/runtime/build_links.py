@@ -266,6 +266,9 @@ def _companion(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Route
         handover_mode=MODES[vessel.failsafe.firmware_mode] if vessel.failsafe.action == "firmware" else None,
         servo_us=helm.servo_us,
         angle_max=math.radians(vessel.rudder.angle_max_deg),
+        drive=vessel.drive.kind,
+        thrust_exponent=_or_nan(vessel.drive.thrust_exponent),
+        astern_share=_or_nan(vessel.drive.astern_share),
         battery_percent=-math.inf if vessel.alarms.battery_percent is None else vessel.alarms.battery_percent,
     )
     signing = options.signing.link() if options.signing else None
@@ -274,6 +277,10 @@ def _companion(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Route
 
         transport = RoutedTransport(transport, router, signing)
     return CompanionLink(transport, settings, signing, alarm_outputs_of(vessel)[1])
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 class LinkKind(NamedTuple):

@@ -38,6 +38,7 @@ from autopilot.signals import (
     Siren,
     SpeedSample,
     SupervisorState,
+    ThrustSample,
     Tick,
     WindSample,
 )
@@ -184,6 +185,7 @@ _KINDS: dict[type[Any], int] = {
     AcknowledgeSample: 9,
     WindSample: 10,
     AlarmSample: 11,
+    ThrustSample: 12,
 }
 _TYPES = {number: kind for kind, number in _KINDS.items()}
 
@@ -203,6 +205,8 @@ def _encode_sample(sample: Sample) -> bytes:
         body = _SAMPLE.pack(kind, sample.time, 0.0) + _text(sample.name)
     elif isinstance(sample, WindSample):
         body = _SAMPLE.pack(kind, sample.time, sample.angle) + _NUMBER.pack(sample.speed)
+    elif isinstance(sample, ThrustSample):
+        body = _SAMPLE.pack(kind, sample.time, sample.throttle) + _NUMBER.pack(sample.reach)
     elif isinstance(sample, PositionSample):
         body = _SAMPLE.pack(kind, sample.time, sample.latitude) + _NUMBER.pack(sample.longitude)
     elif isinstance(sample, HeadingSample):
@@ -239,7 +243,7 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     if made is RateSample:
         source, place = _read_text(record, place)
         return RateSample(time, value, source), place
-    if made in (PositionSample, WindSample):
+    if made in (PositionSample, WindSample, ThrustSample):
         (second,) = _NUMBER.unpack_from(record, place)
         source, place = _read_text(record, place + _NUMBER.size)
         return made(time, value, second, source), place

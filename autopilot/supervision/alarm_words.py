@@ -189,6 +189,12 @@ WORDS = {
         "half again what the rudder hard over gives at it, or the answer is missing at a speed above the trial's",
         key="model.reference_speed_m_s",
     ),
+    "thruster_weak": Words(
+        "one of two thrusters gives less thrust than it is asked for",
+        "look for weed, a rope or a motor that stands still on that side; without it the boat is held, but not driven",
+        "pushed to its side by 0.3 of that thruster's moment and slowed by a tenth, at the same throttle, for 0.6 s",
+        key="drive.kind",
+    ),
     "speeds_disagree": Words(
         "the speed log and the speed over ground do not go together",
         "clean or check the log's impeller; the boat is steered as for the mean of both",

@@ -107,6 +107,7 @@ _KINDS = (
     AlarmKind("circling", Response.LET_GO, Severity.CRITICAL),
     AlarmKind("too_quick", Response.LET_GO, Severity.CRITICAL),
     AlarmKind("lively", Response.DEGRADE, Severity.WARNING),
+    AlarmKind("thruster_weak", Response.DEGRADE, Severity.WARNING),
     AlarmKind("rudder_slow", Response.DEGRADE, Severity.WARNING),
     AlarmKind("speed_doubtful", Response.DEGRADE, Severity.WARNING),
     AlarmKind("speeds_disagree", Response.DEGRADE, Severity.WARNING),

@@ -46,13 +46,22 @@ SECTIONS = {
     "limits": ("LIM", "Limits"),
     "failsafe": ("FS", "Fail-safe"),
     "helm": ("HELM", "Helm"),
-    "drive": ("DRV", "Rudder drive"),
+    "drive": ("DRV", "Drive"),
 }
 """Sections that are parameters, each with the beginning of their names and the title of their group. Those that are
 not here, such as the model's standard errors, are none."""
 
 NAMES = {
     "model.reference_speed_m_s": "MDL_REF_SPEED",
+    "model.speed_exponent": "MDL_SPEED_EXP",
+    "model.throttle_exponent": "MDL_THR_EXP",
+    "model.damping_share": "MDL_DAMP_SHARE",
+    "model.way_exponent": "MDL_WAY_EXP",
+    "model.slowest_m_s": "MDL_SLOWEST",
+    "model.fastest_m_s": "MDL_FASTEST",
+    "model.reference_throttle": "MDL_REF_THR",
+    "drive.thrust_exponent": "DRV_THRUST_EXP",
+    "drive.astern_share": "DRV_ASTERN",
     "rudder.follow_tolerance_deg": "RUD_FOLLOW_TOL",
     "sensors.heading_noise_deg": "SNS_HDG_NOISE",
     "sensors.heading_latency_s": "SNS_HDG_LATENCY",

@@ -15,9 +15,10 @@ from autopilot.files.typed import NOW as NOW
 from autopilot.files.typed import RESTART as RESTART
 from autopilot.files.typed import Bounds as Bounds
 from autopilot.files.typed import Counts as Counts
+from autopilot.models.drives import DriveName
 
 SCHEMA_VERSION = 2
-"""What this version reads and writes."""
+"""What this version writes; older ones are read too (see `migration`)."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,9 @@ class StandardErrors:
     T_s: Annotated[float, NOW, Bounds(0.0, None, "standard error of T")] | None = None
     n3_s2_rad2: Annotated[float, NOW, Bounds(0.0, None, "standard error of n3")] | None = None
     n0_rad_s: Annotated[float, NOW, Bounds(0.0, None, "standard error of n0")] | None = None
+    speed_exponent: Annotated[float, NOW, Bounds(0.0, None, "standard error of it")] | None = None
+    throttle_exponent: Annotated[float, NOW, Bounds(0.0, None, "standard error of it")] | None = None
+    damping_share: Annotated[float, NOW, Bounds(0.0, None, "standard error of it")] | None = None
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,20 @@ class Model:
     n3_s2_rad2: Annotated[float, NOW, Bounds(0.0, 1.0e9, "cubic damping")] = 0.0
     n2_s_rad: Annotated[float, NOW, Bounds(-1.0e6, 1.0e6, "quadratic damping (asymmetry)")] = 0.0
     n0_rad_s: Annotated[float, NOW, Bounds(-10.0, 10.0, "trim or wind bias")] = 0.0
+    speed_exponent: Annotated[float, NOW, Bounds(-1.0, 3.0, "K/T goes with this power of the speed")] | None = None
+    throttle_exponent: Annotated[float, NOW, Bounds(0.0, 3.0, "K/T goes with this power of the throttle")] | None = None
+    damping_share: (
+        Annotated[float, NOW, Bounds(-5.0, 1.0, "share of the yaw damping that goes with the speed")] | None
+    ) = None
+    reference_throttle: Annotated[float, NOW, Bounds(0.01, 1.0, "throttle at which K holds, share of full")] | None = (
+        None
+    )
+    way_exponent: Annotated[float, NOW, Bounds(0.2, 3.0, "the speed goes with this power of the throttle")] | None = (
+        None
+    )
+    slowest_m_s: Annotated[float, NOW, Bounds(0.0, 100.0, "slowest run of the trials")] | None = None
+    fastest_m_s: Annotated[float, NOW, Bounds(0.0, 100.0, "fastest run of the trials")] | None = None
+    """null, all seven: as is usual for the kind of drive. Of a rudder K ~ U and T ~ 1/U, and they have no say."""
     standard_errors: StandardErrors = field(default_factory=StandardErrors)
     source: Annotated[str, NOW] = ""
     date: Annotated[str, NOW] = ""
@@ -251,8 +269,20 @@ class Helm:
 
 @dataclass(frozen=True)
 class Drive:
-    """A rudder drive on a line of its own (pypilot, Jrk, Maestro): what its scale from -1 to 1 means."""
+    """What steers the boat; and of a rudder drive on a line of its own (pypilot, Jrk, Maestro) what its scale from -1
+    to 1 means."""
 
+    kind: Annotated[DriveName, RESTART] = "rudder"
+    """rudder; outboard, jet, vectored: thrust that is turned; two_thrusters: their difference steers, mixed by the
+    flight controller (servo functions 73 and 74)."""
+    thrust_exponent: (
+        Annotated[float, RESTART, Bounds(0.5, 3.0, "two thrusters: thrust goes with this power of the output")] | None
+    ) = None
+    """null: as MOT_THST_EXPO says."""
+    astern_share: (
+        Annotated[float, RESTART, Bounds(0.05, 1.5, "two thrusters: full thrust astern over that ahead")] | None
+    ) = None
+    """null: as MOT_THST_ASYM says."""
     angle_at_full_deg: Annotated[float, RESTART, Bounds(1.0, 180.0, "rudder at each end of the scale")] | None = None
     amidships: Annotated[float, RESTART, Bounds(-0.9, 0.9, "where amidships is on the scale from -1 to 1")] = 0.0
     reversed: Annotated[bool, RESTART] = False
@@ -260,6 +290,8 @@ class Drive:
     channel: Annotated[int, RESTART, Bounds(0, 23, "servo channel of a Maestro")] = 0
     device: Annotated[int, RESTART, Bounds(0, 127, "Pololu device number; null: compact protocol")] | None = None
     rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "how often orders leave")] = 20.0
+    source: Annotated[str, RESTART] = ""
+    date: Annotated[str, RESTART] = ""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.reference import Guide, heading_ordered, started
 from autopilot.guidance.turn import NO_EVIDENCE, VirtualBoat, is_turning, reference_of
+from autopilot.models.drive_law import quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState
@@ -120,7 +121,7 @@ def initial_state(
     """Return the pilot's state at `now` [s] after the first heading: engaged, the rudder amidships, no command given
     yet."""
     config = campaign.config
-    model = model_at(config.estimator.model, measurement.speed)
+    model = model_at(config.estimator.model, measurement.speed, config.estimator.law)
     speed = Smoothed(measurement.speed, now)
     fusion = Fusion(state, 0.0, 0, 0.0, 0.0, False)
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
@@ -182,7 +183,7 @@ def tick(
         guide = heading_ordered(guide, model, turning.limits, state, target)
     guide = referred(config, guide, turning, model, state, Moved(pilot_state.command, dt))
     reference, own = reference_of(model, turning.limits, guide.boat), pilot_state.rest.allowed - pilot_state.undoing
-    ratio = model.reference_speed / config.estimator.model.reference_speed
+    ratio = quickness(config.estimator.law, config.estimator.model, model)
     given = LawInput(model, ratio, reference, state, NO_ROLL, own, config.limits.angle_max, dt)
     asked, law = law_step(campaign.gains, listened.law, given)
     demand = asked + waves.rudder
@@ -289,7 +290,7 @@ def _listen(
     estimator, model, speed = campaign.config.estimator, pilot_state.model, pilot_state.speed
     if not math.isnan(measurement.speed):
         speed = smoothed(speed, now, measurement.speed)
-        model = model_at(estimator.model, speed.value)
+        model = model_at(estimator.model, speed.value, estimator.law)
     rudder = advanced(estimator.gear, pilot_state.rudder, memory, now)
     fusion, heading_time, gone, compass = (
         pilot_state.fusion,

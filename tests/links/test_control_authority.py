@@ -120,7 +120,7 @@ def test_without_a_steering_servo_only_heading_targets_steer() -> None:
     for step in range(120):
         known.due(0.1 * step)
     assert known.complete
-    assert watch().reason(0.0, known, 255).startswith("no servo output has the function 26 (GroundSteering)")
+    assert watch().reason(0.0, known, 255).startswith("no servo outputs have the function 26 that drive.kind rudder")
     assert watch(guided=True).reason(0.0, known, 255) == ""
 
 

@@ -20,8 +20,9 @@ from collections import deque
 from enum import Enum
 
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.requests import OVERRIDE_TIME, VehicleParameters
+from autopilot.links.mavlink.requests import OVERRIDE_TIME, TWO_PADDLES, VehicleParameters
 from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
+from autopilot.models.drives import DRIVES
 from autopilot.signals import HelmCause
 
 MANUAL_MODE = 0
@@ -287,10 +288,27 @@ def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) 
     if parameters.steering_input is None:
         return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
     if parameters.steering_servo is None:
-        return "no servo output has the function 26 (GroundSteering); set SERVOn_FUNCTION of the rudder to 26"
+        return _without_outputs(parameters)
+    if parameters.drive.is_mixed and parameters.get("PILOT_STEER_TYPE") == TWO_PADDLES:
+        return "PILOT_STEER_TYPE is 1 (two paddles), which takes no steering; set it to 3"
     if parameters.get(OVERRIDE_TIME) == 0.0:
         return "the vehicle's RC_OVERRIDE_TIME is 0, which forbids overrides; set it to 3"
     return ""
+
+
+def _without_outputs(parameters: VehicleParameters) -> str:
+    """Return what to do where no outputs carry the steering as the drive of the vessel file wants them."""
+    drive, there = parameters.drive, parameters.found_functions
+    words = ", ".join(str(function) for function in drive.outputs)
+    found = next((kind for kind in DRIVES.values() if there and there.issuperset(kind.outputs)), None)
+    if found is not None:
+        has = " and ".join(str(function) for function in found.outputs)
+        return (
+            f"drive.kind is {drive.name}, and the vehicle's outputs have the function {has}, which is {found.name}: "
+            f"set drive.kind: {found.name} in the vessel file and identify the boat with it, or {drive.advice}"
+        )
+    half = f"; of {words} only {', '.join(map(str, sorted(there)))} is there" if there else ""
+    return f"no servo outputs have the function {words} that drive.kind {drive.name} steers by{half}; {drive.advice}"
 
 
 REPEAT_S = 0.1

@@ -39,6 +39,7 @@ from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettings, VehicleReader
 from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
 from autopilot.links.url import let_in
+from autopilot.models.drives.two_thrusters import Mixing
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
 from autopilot.supervision.panel import sentence_of
 from autopilot.supervision.supervisor import waits_to_engage
@@ -107,7 +108,12 @@ class CompanionSession:
         )
         self._steering_codec = self._gcs_codec if settings.as_gcs else self._codec
         self._output = SteeringOutput(
-            settings.method, settings.rudder_at_full, settings.reversed, settings.servo_us, settings.angle_max
+            settings.method,
+            settings.rudder_at_full,
+            settings.reversed,
+            settings.servo_us,
+            settings.angle_max,
+            Mixing(exponent=settings.thrust_exponent, astern_share=settings.astern_share),
         )
         self._reader = VehicleReader(self._output, settings)
         self._authority, self._probe = self._reader.authority, self._reader.probe

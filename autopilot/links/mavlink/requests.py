@@ -11,6 +11,7 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message
+from autopilot.models.drives import DRIVES, DriveKind, Needs
 from autopilot.signals import AlarmEvent, ConditionSample, Mode
 
 FIRST_CHECK_S = 0.7
@@ -110,8 +111,14 @@ BURST_S = 0.1
 OPTIONAL_TRIES = 3
 FUNCTION_TRIES = 10
 PATIENCE_TRIES = 6
-GROUND_STEERING = 26
+THROTTLE = 70
+"""SERVOn_FUNCTION of the one throttle."""
+STEERING_FUNCTIONS = frozenset(function for kind in DRIVES.values() for function in kind.outputs)
 SERVO_COUNT = 16
+MIXING = ("MOT_THST_ASYM", "MOT_THST_EXPO", "MOT_STR_THR_MIX", "PILOT_STEER_TYPE")
+"""How a skid-steered frame mixes steering and throttle, and what its sticks are; old firmware has not all of it."""
+TWO_PADDLES = 1.0
+"""PILOT_STEER_TYPE: the steering channel is the left paddle."""
 
 GCS_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID")
 """The parameter's name before and since ArduPilot 4.7; a vehicle has one of them."""
@@ -141,7 +148,7 @@ RC_SUFFIXES = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
 SERVO_SUFFIXES = ("MIN", "TRIM", "MAX", "REVERSED")
 RELEVANT = frozenset(
     (
-        *(*GCS_NAMES, GCS_HIGH, EXPO, OVERRIDE_TIME, "RCMAP_ROLL", *WELCOME),
+        *(*GCS_NAMES, GCS_HIGH, EXPO, OVERRIDE_TIME, "RCMAP_ROLL", *WELCOME, *MIXING),
         *(f"RC{number}_{suffix}" for number in range(1, CHANNEL_COUNT + 1) for suffix in RC_SUFFIXES),
         *(f"SERVO{n}_{suffix}" for n in range(1, SERVO_COUNT + 1) for suffix in (*SERVO_SUFFIXES, "FUNCTION")),
     )
@@ -162,15 +169,19 @@ class VehicleParameters:
         patience [s]: without an order for so long the vehicle lets go; where it never does, as long as by default, for
         by then nobody has looked after the rudder for too long.
         steering_input: number of the input channel that steers (RCMAP_ROLL), None while unknown or impossible.
-        steering_servo: number of the first servo output whose function is GroundSteering, None where none is known.
+        steering_servos: numbers of the servo outputs that carry the steering, one for each of the drive's functions;
+        empty while one of them is not known. steering_servo: the first of them, None where there is none.
+        throttle_servo: number of the output whose function is Throttle, None where none is known.
+        found_functions: functions that steer, whether this drive's or another's, that some output has.
         throttle_failsafe [us]: FS_THR_VALUE, None while unknown.
         throttle_input: number of the throttle's input channel (RCMAP_THROTTLE), ArduPilot's default while unknown.
         override_switch: number of the channel whose switch allows overrides, None where there is none.
         free_sticks: channels of the sticks that neither steer nor give throttle: nobody moves them but by intent.
     """
 
-    def __init__(self, throttle: bool = False) -> None:
+    def __init__(self, throttle: bool = False, drive: DriveKind = DRIVES["rudder"]) -> None:
         self._throttle = throttle
+        self.drive = drive
         self.revision = 0
         self.reset()
 
@@ -274,21 +285,32 @@ class VehicleParameters:
         self.override_switch: int | None = next(switches, None)
         sticks = (self._mapped(name) for name in STICKS if name != "RCMAP_THROTTLE")
         self.free_sticks = tuple(n for n in sticks if n not in (self.steering_input, throttle) and n in numbers)
-        servos = (n for n in range(1, SERVO_COUNT + 1) if values.get(f"SERVO{n}_FUNCTION") == GROUND_STEERING)
-        self.steering_servo: int | None = next(servos, None)
+        outputs: dict[int, int] = {}
+        for n in range(1, SERVO_COUNT + 1):
+            function = values.get(f"SERVO{n}_FUNCTION")
+            if function is not None:
+                outputs.setdefault(round(function), n)
+        wanted = [outputs.get(function) for function in self.drive.outputs]
+        found = tuple(number for number in wanted if number is not None)
+        self.steering_servos: tuple[int, ...] = found if len(found) == len(wanted) else ()
+        self.steering_servo: int | None = self.steering_servos[0] if self.steering_servos else None
+        self.throttle_servo: int | None = outputs.get(THROTTLE) if self.drive.needs is Needs.THRUST else None
+        self.found_functions = frozenset(outputs) & STEERING_FUNCTIONS
         self._missing = self._find_missing()
         self._open = [name for name in self._missing if not self._given_up(name)]
 
     def _find_missing(self) -> list[str]:
         names = [] if self.gcs_system is not None else list(GCS_NAMES)
         names += ["RCMAP_ROLL", EXPO, OVERRIDE_TIME, GCS_HIGH]
-        rc, servo = self.steering_input, self.steering_servo
+        rc, servos = self.steering_input, self.steering_servos
+        names += MIXING if self.drive.is_mixed else ()
         if rc is not None:
             names += [f"RC{rc}_{suffix}" for suffix in RC_SUFFIXES]
-        if servo is None:
+        knows_throttle = self.drive.needs is not Needs.THRUST or self.throttle_servo is not None
+        if not servos or not knows_throttle:
             names += [f"SERVO{number}_FUNCTION" for number in range(1, SERVO_COUNT + 1)]
-        else:
-            names += [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
+        extra = () if self.throttle_servo is None else (self.throttle_servo,)
+        names += [f"SERVO{number}_{suffix}" for number in (*servos, *extra) for suffix in SERVO_SUFFIXES]
         if self._throttle:
             number = self._mapped("RCMAP_THROTTLE")
             names += [f"RC{number}_{suffix}" for suffix in ("TRIM", "DZ")]
@@ -302,7 +324,7 @@ class VehicleParameters:
 def _tries(name: str) -> float:
     if name.endswith("_FUNCTION"):
         return FUNCTION_TRIES  # a board with fewer outputs has no SERVO16_FUNCTION
-    return OPTIONAL_TRIES if name in (EXPO, OVERRIDE_TIME, GCS_HIGH, *WELCOME) else math.inf
+    return OPTIONAL_TRIES if name in (EXPO, OVERRIDE_TIME, GCS_HIGH, *MIXING, *WELCOME) else math.inf
 
 
 AUTOPILOT_COMPONENT = 1

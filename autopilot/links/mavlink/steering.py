@@ -26,10 +26,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink.codec import Message, packed
 from autopilot.links.mavlink.requests import EXPO, RC_SUFFIXES, SERVO_SUFFIXES, VehicleParameters
 from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
+from autopilot.models.drives.two_thrusters import PLAIN, Mixing, steering_for
 
 FULL = 4500
 """ArduRover's steering runs from -4500 to 4500, positive turns clockwise."""
 EXPO_LIMIT = 0.95
+MIXED_US = (500, 1500, 2500)
+"""Pulses [us] of full steering to port, none and to starboard where it is mixed with the throttle and has no servo of
+its own: a scale of ours, to a thousandth."""
 SHORTEST_US, LONGEST_US = 500, 2500
 """Pulse widths [us] beyond these are no calibration of a servo or a radio."""
 
@@ -69,6 +73,14 @@ def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
     rc, servo = parameters.steering_input, parameters.steering_servo
     if rc is None or servo is None:
         return None
+    if parameters.drive.is_mixed:
+        found = [parameters.get(f"RC{rc}_{suffix}") for suffix in RC_SUFFIXES]
+        if any(value is None for value in found):
+            return None
+        low, trim, high, dead_zone, is_reversed = (round(value) for value in found if value is not None)
+        return SteeringChannel(
+            low, trim, high, dead_zone, bool(is_reversed), *MIXED_US, expo=parameters.get(EXPO) or 0.0
+        )
     names = [f"RC{rc}_{suffix}" for suffix in RC_SUFFIXES] + [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
     found = [parameters.get(name) for name in names]
     values = [round(value) for value in found if value is not None]
@@ -87,6 +99,23 @@ def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
         bool(servo_reversed),
         parameters.get(EXPO) or 0.0,
     )
+
+
+def mixing_of(parameters: VehicleParameters, exponent: float, astern_share: float) -> Mixing:
+    """Return how the firmware mixes, and what the thrusters do: the file's `exponent` and `astern_share`, nan: none."""
+    usual = Mixing()
+    return Mixing(
+        _known(parameters, "MOT_THST_ASYM", usual.asymmetry),
+        _known(parameters, "MOT_THST_EXPO", usual.expo),
+        _known(parameters, "MOT_STR_THR_MIX", usual.priority),
+        exponent,
+        astern_share,
+    )
+
+
+def _known(parameters: VehicleParameters, name: str, usual: float) -> float:
+    value = parameters.get(name)
+    return usual if value is None or math.isnan(value) else value
 
 
 def steering_from_pulse(channel: SteeringChannel, pulse: int) -> int:
@@ -227,6 +256,8 @@ class SteeringOutput:
         commanded_pulse: input pulse [us] that the last steering message asks for.
         servo_pulses: the servo's pulse [us] for an input pulse [us], by the channel in force.
         share_per_radian: share of full steering for each radian of rudder, negative where full steering is port.
+        mixing: how a skid-steered frame mixes, and what its thrusters do.
+        throttle: that beside which a skid-steered frame steers, a share of full; whoever sees it sets it.
     """
 
     def __init__(
@@ -236,6 +267,7 @@ class SteeringOutput:
         reversed_: bool,
         servo_us: tuple[float, float, float] | None = None,
         angle_max: float = 0.0,
+        thrusters: Mixing = PLAIN,
     ) -> None:
         if not 0.0 < rudder_at_full < math.inf:
             raise ValueError(f"rudder_at_full must be a positive angle in radians, got {rudder_at_full}")
@@ -246,6 +278,8 @@ class SteeringOutput:
         self.servo_pulses = ServoPulses(SteeringChannel())
         self.share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
         self._scale, self._angle_max = servo_us, angle_max
+        self.mixing, self.throttle = thrusters, 0.0
+        self._is_mixed = False
         self._number = 0
         self._table: InputTable | None = None
         self._made: dict[tuple[int, int], Message] = {}
@@ -258,7 +292,10 @@ class SteeringOutput:
     def use(self, parameters: VehicleParameters) -> str:
         """Take the vehicle's parameters as known so far; return what makes steering impossible, or ''."""
         number, channel = parameters.steering_input, channel_of(parameters)
-        if channel is not None:
+        self._is_mixed = parameters.drive.is_mixed
+        if self._is_mixed:
+            self.mixing = mixing_of(parameters, self.mixing.exponent, self.mixing.astern_share)
+        elif channel is not None:
             channel = channel._replace(scale=self._scale)
         if channel == self.channel and number == self._number:
             return "" if channel is None else self._short_of_angle(channel, parameters.steering_servo)
@@ -298,6 +335,8 @@ class SteeringOutput:
         if self._table is None or self.channel is None or not math.isfinite(angle):
             return None
         share = angle * self.share_per_radian
+        if self._is_mixed:
+            share = steering_for(self.mixing, share, self.throttle)
         value = self._table.nearest(1.0 if share > 1.0 else -1.0 if share < -1.0 else share)
         self.commanded_pulse = value if self._by_pulse else pulse_from_manual(self.channel, value)
         self._last = self._asking(value)
@@ -328,6 +367,13 @@ class SteeringOutput:
         value = min((value for value in inputs if abs(asked(value) - pulse) > DISTINCT_US), key=moved)
         self._releases_left, self._touched = RELEASES, True
         return self._asking(value), asked(value)
+
+    def steerings(self, pulses: Iterable[int]) -> list[float]:
+        """Return the steering, -1 to 1, that the firmware reads from each input pulse [us]."""
+        channel = self.channel
+        if channel is None:
+            return []
+        return [_with_expo(channel.expo, steering_from_pulse(channel, pulse)) / FULL for pulse in pulses]
 
     def amidships(self) -> tuple[Message, int] | None:
         """Return the message, and its input [us], that leave the servo at its trim; None for an unknown vehicle."""

@@ -20,9 +20,19 @@ from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.conditions import BATTERY, FENCING, SYSTEM, TEXT, RadioWatch, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
 from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters
-from autopilot.links.mavlink.steering import SteeringOutput, share_from_servo
+from autopilot.links.mavlink.steering import MIXED_US, SteeringOutput, share_from_servo
+from autopilot.links.mavlink.thrusters import asked_throttle, is_taken, reach_of, share_of_output, shown_by
 from autopilot.links.release import OverrideRelease
-from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
+from autopilot.models.drives import DRIVES
+from autopilot.signals import (
+    HeadingSample,
+    PositionSample,
+    RollSample,
+    RudderSample,
+    Sample,
+    SpeedSample,
+    ThrustSample,
+)
 
 WINDOW_S = 10.0
 REBOOT_S = 1.0
@@ -94,6 +104,7 @@ LONG_SILENCE_S = 10.0
 """A vehicle back after this much silence may be another one, or have other parameters: it is asked anew."""
 CHANNELS_TIMEOUT_S = 1.0
 """Without RC_CHANNELS for this long the servo must show whether a release arrived."""
+SERVO_SOURCE = "servo_output_raw"
 FIX_2D = 2
 SWITCH_LOW_US = 1200
 """Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
@@ -130,6 +141,7 @@ class CompanionSettings(NamedTuple):
     below it is an alarm.
     servo_us: servo pulses at full rudder to one side, amidships, to the other, where they are not the vehicle's end
     points and trim.  angle_max [rad]: what the rudder can do.
+    drive: what steers. thrust_exponent, astern_share: what two thrusters do, nan: as the firmware takes them to.
     with_other_pilot: engage though another pilot steers the boat.  heading_timeout [s]: age at which a heading counts
     as lost; slower ones are not engaged on.
     """
@@ -150,6 +162,9 @@ class CompanionSettings(NamedTuple):
     angle_max: float = 0.0
     with_other_pilot: bool = False
     heading_timeout: float = math.inf
+    drive: str = "rudder"
+    thrust_exponent: float = math.nan
+    astern_share: float = math.nan
 
 
 class VehicleReader:
@@ -175,7 +190,7 @@ class VehicleReader:
         self.radio = RadioWatch()
         self.release = OverrideRelease()
         self.lacks_receiver = False
-        self.parameters = VehicleParameters(steers_itself)
+        self.parameters = VehicleParameters(steers_itself, DRIVES[settings.drive])
         rates_hz = {
             ATTITUDE: settings.attitude_rate_hz,
             SERVOS: 10.0,
@@ -285,6 +300,10 @@ class VehicleReader:
         servo, channel = self.parameters.steering_servo, self._output.channel
         if servo is None or channel is None or message.port != 0:
             return
+        if self.parameters.drive.is_mixed:
+            self._thrusters(now, message, samples)
+            return
+        self._throttle(now, message, samples)
         pulse = getattr(message, f"servo{servo}_raw")
         if pulse == 0:
             return
@@ -297,7 +316,36 @@ class VehicleReader:
             asked = [output.servo_pulses[sent] for sent in recent]
             self.authority.seen(now, f"servo {servo}", pulse, asked)
         angle = share_from_servo(channel, pulse) / output.share_per_radian
-        samples.append(RudderSample(self._servo_time(now, message.time_usec), angle, True, "servo_output_raw"))
+        samples.append(RudderSample(self._servo_time(now, message.time_usec), angle, True, SERVO_SOURCE))
+
+    def _throttle(self, now: float, message: Message, samples: list[Sample]) -> None:
+        """Take what the one motor is given, where thrust steers."""
+        number = self.parameters.throttle_servo
+        share = None if number is None else share_of_output(self.parameters, number, message)
+        if share is not None:
+            samples.append(ThrustSample(self._servo_time(now, message.time_usec), share, math.inf, SERVO_SOURCE))
+
+    def _thrusters(self, now: float, message: Message, samples: list[Sample]) -> None:
+        """Take what the two thrusters of a skid-steered frame are given."""
+        output, authority, parameters = self._output, self.authority, self.parameters
+        shown = shown_by(parameters, output, message)
+        if shown is None:
+            return
+        asked = output.steerings(authority.recent_pulses)
+        if now - self._channels_time > CHANNELS_TIMEOUT_S:
+            pulse = round(MIXED_US[1] + (MIXED_US[2] - MIXED_US[1]) * shown.steering)
+            self.release.report(now, pulse, "SERVO_OUTPUT_RAW", output.servo_pulses)
+        left, right = parameters.steering_servos
+        if asked and authority.disagrees(now, "thrusters", is_taken(shown, asked)):
+            authority.refuse(
+                f"the thrusters do not obey: servos {left} and {right} show {100.0 * shown.steering:.0f} % of steering "
+                f"while {100.0 * asked[-1]:.0f} % is commanded (radio override switched off, or another ground station "
+                "steers)"
+            )
+        throttle = output.throttle = asked_throttle(shown, asked)
+        time = self._servo_time(now, message.time_usec)
+        samples.append(ThrustSample(time, throttle, reach_of(output, throttle), SERVO_SOURCE))
+        samples.append(RudderSample(time, shown.moment / output.share_per_radian, True, SERVO_SOURCE))
 
     def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
         authority, parameters = self.authority, self.parameters

@@ -1,0 +1,150 @@
+"""`autopilot identify` of a boat that steers by thrust: its model, and how it goes with speed and throttle."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import datetime
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from autopilot.errors import InputError
+
+if TYPE_CHECKING:
+    from autopilot.identification.drive_effect import DriveFit, Prediction
+    from autopilot.identification.runs import Run
+    from autopilot.vessel.schema import Vessel
+
+NOT_HERE = ("steady_turns", "course_unstable", "fit_rudder", "report")
+"""Options of the fit for a rudder."""
+GOOD = 0.9
+"""R2 of the yaw rate with which gains may be designed without a word."""
+
+
+def identified_by_thrust(
+    arguments: argparse.Namespace, vessel: Vessel | None, fitted: Sequence[Run], held_out: Sequence[Run]
+) -> str | None:
+    """Return what is found, as text or JSON; None for a boat with a rudder, which is another's. Raises InputError."""
+    from autopilot.models.drives import DRIVES
+    from autopilot.vessel.file import load_vessel, parse_vessel
+
+    header = next((run.vessel for run in fitted if run.vessel), "")
+    if arguments.out and Path(arguments.out).exists():
+        vessel = load_vessel(arguments.out)
+    elif vessel is None and header:
+        vessel = parse_vessel(header, f"{fitted[0].source} (header)")
+    kind = DRIVES["rudder" if vessel is None else vessel.drive.kind]
+    if vessel is None or kind.usual.is_rudder:
+        return None
+    for name in NOT_HERE:
+        if getattr(arguments, name):
+            raise InputError(
+                f"--{name.replace('_', '-')} is for a rudder, and drive.kind is {kind.name}; leave it out."
+            )
+    from autopilot.identification.drive_effect import fit_drive, predict_drive
+
+    fit = fit_drive(fitted, kind.usual, kind.needs)
+    rows = [
+        (run, role, predict_drive(run, fit)) for role, runs in (("fit", fitted), ("holdout", held_out)) for run in runs
+    ]
+    if arguments.out:
+        _write(arguments.out, vessel, fit, fitted)
+    if arguments.json:
+        return json.dumps(_document(fit, rows), indent=2, allow_nan=False)
+    return "\n".join(
+        [*_lines(kind.name, fit, rows), *([f"\nWrote the model to {arguments.out}."] if arguments.out else [])]
+    )
+
+
+def _document(fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]]) -> dict[str, Any]:
+    model, law = fit.model, fit.law
+    return {
+        "parameters": {
+            "K_1_s": model.gain,
+            "T_s": model.time_constant,
+            "n1": model.n1,
+            "n3_s2_rad2": model.n3,
+            "n0_rad_s": model.n0,
+        },
+        "reference_speed_m_s": model.reference_speed,
+        "law": {name: None if math.isnan(value) else value for name, value in law._asdict().items()},
+        "standard_errors": fit.errors,
+        "runs": [
+            {"source": run.source, "role": role, "yaw_rate_r2": found.r2, "rms_deg_s": math.degrees(found.rms)}
+            for run, role, found in rows
+        ],
+        "notes": [*fit.sentences, *(note for run, _, _ in rows for note in run.notes)],
+    }
+
+
+def _lines(kind: str, fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]]) -> list[str]:
+    model, errors = fit.model, fit.errors
+    worst = min(found.r2 for _, _, found in rows)
+    verdict = "good" if worst >= GOOD else "doubtful: look over rudder, throttle and speed of the runs"
+    lines = [
+        f"Verdict: {verdict}; the least R2 of the yaw rate is {worst:.3f}.",
+        f"Drive {kind}, at {model.reference_speed:.2f} m/s"
+        + ("" if math.isnan(fit.law.throttle) else f" and {100.0 * fit.law.throttle:.0f} % throttle")
+        + ":",
+        f"  K   {model.gain:.4g} +- {1.96 * errors['gain']:.2g} 1/s",
+        f"  T   {model.time_constant:.4g} +- {1.96 * errors['time_constant']:.2g} s",
+        f"  n1  {model.n1:+g}",
+        f"  n3  {model.n3:.4g} s^2/rad^2",
+        f"  n0  {math.degrees(model.n0):.3g} deg/s",
+        *fit.sentences,
+        "",
+        "Prediction of the yaw rate from rudder, speed and throttle alone:",
+    ]
+    lines += [
+        f"  {role:8} R2 {found.r2:.3f}, {math.degrees(found.rms):.2f} deg/s rms  {run.source}"
+        for run, role, found in rows
+    ]
+    return [*lines, *(note for run, _, _ in rows for note in run.notes)]
+
+
+def _write(path: str, vessel: Vessel, fit: DriveFit, runs: Sequence[Run]) -> None:
+    """Write the model into the vessel file at `path`; of a new file the gains are left out, which are another model's.
+
+    Raises InputError where no command could read it.
+    """
+    from autopilot.files.saving import save_text
+    from autopilot.vessel.file import dump_vessel, model_section, parse_vessel, rounded, updated_vessel_text
+    from autopilot.vessel.schema import Control
+
+    errors: dict[str, float | None] = {name: fit.errors.get(name) for name in ("gain", "time_constant")}
+    log = tuple(Path(run.source).name for run in runs)
+    section = model_section(fit.model, errors, "identified", datetime.date.today().isoformat(), log)
+    law, fitted = fit.law, fit.errors
+    model = dataclasses.replace(
+        section,
+        speed_exponent=rounded(law.speed_exponent),
+        throttle_exponent=rounded(law.throttle_exponent),
+        damping_share=rounded(law.damping_share) if "damping_share" in fitted else None,
+        way_exponent=None if math.isnan(law.throttle) else rounded(law.way_exponent),
+        slowest_m_s=rounded(law.slowest * fit.model.reference_speed),
+        fastest_m_s=rounded(law.fastest * fit.model.reference_speed),
+        reference_throttle=None if math.isnan(law.throttle) else rounded(law.throttle),
+        standard_errors=dataclasses.replace(
+            section.standard_errors,
+            **{
+                name: float(f"{fitted[name]:.3g}")
+                for name in ("speed_exponent", "throttle_exponent", "damping_share")
+                if name in fitted
+            },
+        ),
+    )
+    exists = Path(path).exists()
+    made = dataclasses.replace(vessel, model=model)
+    if not exists:
+        control = Control(rate_hz=vessel.control.rate_hz, loop_delay_s=vessel.control.loop_delay_s)
+        made = dataclasses.replace(made, name=Path(path).stem, description="", control=control)
+    before = Path(path).read_text(encoding="utf-8-sig") if exists else ""
+    text = updated_vessel_text(before, made, path) if exists else dump_vessel(made)
+    try:
+        parse_vessel(text, path)
+    except InputError as error:
+        raise InputError(f"{path} is not written, for no command could steer by it: {error}") from None
+    save_text(path, text)

@@ -1,0 +1,282 @@
+"""The model of a boat that steers by thrust, and how it goes with speed and throttle, from runs at several of them.
+
+All runs are simulated at once from their rudder, speed and throttle by the equation of `autopilot.models.drive_law`,
+
+    r' = beta s^p t^q delta - (a + c (s - 1)) r - d r^3 + e,     s = U/U0,   t = n/n0,
+
+from a rate at the start that is fitted for each run, and the rates' differences from the measured ones are made least
+(output error). Then K = beta/|a|, T = 1/|a|, n1 the sign of a, n3 = d/|a|, w = c/a. Residuals that are no white noise
+tell less: the standard errors count each independent stretch of them once, as many as their correlation time leaves.
+
+Where the throttle is recorded thrust that is turned has q fitted with p = 0. All else has p fitted with q = 0: in a
+steady run the speed follows the throttle, and the two cannot be told apart. What the runs cannot tell stays as it is
+usual for the drive, and is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from autopilot.identification.runs import FloatArray, Run, Segment, seconds
+from autopilot.models.drive_law import THROTTLE_FLOOR, DriveLaw
+from autopilot.models.drives import Needs
+from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin
+
+SPACING_S = 0.1
+"""The runs are looked at so often: a boat whose T is shorter than twice this is too quick for this fit."""
+LEAST_SPAN = 1.3
+"""Speeds or throttles this far apart tell how the boat goes with them; closer ones do not."""
+RATE_MOST = 20.0
+"""[rad/s]: a simulation that turns faster has run away."""
+NAMES = ("strength", "exponent", "damping", "damping_slope", "cubic", "push")
+"""beta [1/s^2], p or q, a [1/s], c [1/s], d [s/rad^2], e [rad/s^2]."""
+
+
+class Prediction(NamedTuple):
+    """How well a run's yaw rate is predicted from rudder, speed and throttle: R2, and rms of what is left [rad/s]."""
+
+    r2: float
+    rms: float
+
+
+class DriveFit(NamedTuple):
+    """model: at the reference speed. law: how it goes with speed and throttle. errors: standard errors by the names of
+    NAMES, of what was fitted, and of gain, time_constant and damping_share. sentences: what is to be said of it."""
+
+    model: Norrbin
+    law: DriveLaw
+    errors: dict[str, float]
+    sentences: tuple[str, ...]
+
+
+class _Stack(NamedTuple):
+    """All segments side by side, shape (N, S), nan behind the end of the shorter ones: rudder [rad], speed and throttle
+    over those of reference, measured rate [rad/s]."""
+
+    rudder: FloatArray
+    speed: FloatArray
+    throttle: FloatArray
+    rate: FloatArray
+
+
+def _rate_of(part: Segment, at: FloatArray) -> FloatArray:
+    """Return the yaw rate [rad/s] at times: the measured one, or the slope of the heading over two spacings."""
+    known = np.isfinite(part.rate)
+    if np.count_nonzero(known) > 0.5 * part.time.size:
+        return np.asarray(np.interp(at, part.time[known], part.rate[known]))
+    known = np.isfinite(part.heading)
+    heading = np.interp(at, part.time[known], part.heading[known])
+    return np.asarray(np.gradient(heading, at))
+
+
+def _stacked(runs: Sequence[Run], speed: float, throttle: float) -> _Stack:
+    columns: list[tuple[FloatArray, ...]] = []
+    for run in runs:
+        for part in run.segments:
+            at = np.arange(part.time[0], part.time[-1], SPACING_S)
+            ratio = np.maximum(np.abs(np.interp(at, part.time, part.speed)) / speed, SPEED_FLOOR_RATIO)
+            share = max(abs(run.throttle), THROTTLE_FLOOR) / throttle if math.isfinite(throttle) else 1.0
+            columns.append((np.interp(at, part.time, part.rudder), ratio, np.full(at.size, share), _rate_of(part, at)))
+    longest = max(each[0].size for each in columns)
+
+    def wide(place: int) -> FloatArray:
+        return np.stack(
+            [np.append(each[place], np.full(longest - each[place].size, np.nan)) for each in columns], axis=1
+        )
+
+    return _Stack(*(wide(place) for place in range(4)))
+
+
+def _simulated(stack: _Stack, values: FloatArray, start: FloatArray, *, by_throttle: bool) -> FloatArray:
+    """Return the rates [rad/s], shape (N, S), by the classical Runge-Kutta method, the input in straight lines."""
+    strength, exponent, damping, slope, cubic, push = values
+    over = stack.throttle if by_throttle else stack.speed
+    drive = strength * over**exponent * stack.rudder + push
+    damped = damping + slope * (stack.speed - 1.0)
+    rates = np.empty_like(stack.rate)
+    rate = rates[0] = start
+    dt = SPACING_S
+    for step in range(stack.rate.shape[0] - 1):
+        u0, u2, a0, a2 = drive[step], drive[step + 1], damped[step], damped[step + 1]
+        u1, a1 = 0.5 * (u0 + u2), 0.5 * (a0 + a2)
+        k1 = u0 - (a0 + cubic * rate * rate) * rate
+        r = rate + 0.5 * dt * k1
+        k2 = u1 - (a1 + cubic * r * r) * r
+        r = rate + 0.5 * dt * k2
+        k3 = u1 - (a1 + cubic * r * r) * r
+        r = rate + dt * k3
+        k4 = u2 - (a2 + cubic * r * r) * r
+        rate = np.clip(rate + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4), -RATE_MOST, RATE_MOST)
+        rates[step + 1] = rate
+    return rates
+
+
+def _begin(stack: _Stack, exponent: float, *, by_throttle: bool) -> FloatArray:
+    """Return where the fit begins: the equation's least squares on the slope of the measured rates over a second."""
+    width = max(round(0.5 / SPACING_S), 1)
+    rate = stack.rate[width:-width]
+    slope = (stack.rate[2 * width :] - stack.rate[: -2 * width]) / (2.0 * width * SPACING_S)
+    over = (stack.throttle if by_throttle else stack.speed)[width:-width]
+    rudder = stack.rudder[width:-width] * over**exponent
+    known = np.isfinite(slope) & np.isfinite(rudder)
+    columns = np.stack([rudder[known], -rate[known], -(rate[known] ** 3), np.ones(np.count_nonzero(known))], axis=1)
+    beta, damping, cubic, push = np.linalg.lstsq(columns, slope[known], rcond=None)[0]
+    return np.array([max(beta, 1.0e-4), exponent, max(damping, 0.01), 0.0, max(cubic, 0.0), push])
+
+
+def fit_drive(runs: Sequence[Run], usual: DriveLaw, needs: Needs) -> DriveFit:
+    """Return the model of the runs and how it goes with speed and throttle."""
+    total = sum(seconds(run) for run in runs)
+    speeds = [_mean_speed(run) for run in runs]
+    reference = sum(speed * seconds(run) for speed, run in zip(speeds, runs, strict=True)) / total
+    throttles = [abs(run.throttle) for run in runs]
+    throttle = sum(each * seconds(run) for each, run in zip(throttles, runs, strict=True)) / total
+    by_throttle = needs is Needs.THRUST and throttle > 0.0
+    span = _span(throttles) if by_throttle else _span(speeds)
+    exponent = usual.throttle_exponent if needs is Needs.THRUST else usual.speed_exponent
+    stack = _stacked(runs, reference, throttle if throttle > 0.0 else math.nan)
+    values = _begin(stack, exponent, by_throttle=by_throttle)
+    free = [0, 2, 4, 5]
+    if span >= LEAST_SPAN:
+        free.append(1)
+    if _span(speeds) >= LEAST_SPAN:
+        free.append(3)
+    free.sort()
+    known = np.isfinite(stack.rate) & np.isfinite(stack.rudder)
+
+    def residuals(theta: FloatArray) -> FloatArray:
+        tried = values.copy()
+        tried[free] = theta[: len(free)]
+        left = _simulated(stack, tried, theta[len(free) :], by_throttle=by_throttle) - stack.rate
+        return np.asarray(left[known])
+
+    first = np.concatenate([values[free], stack.rate[0]])
+    low = np.full(first.size, -np.inf)
+    for name in ("strength", "cubic"):
+        if NAMES.index(name) in free:
+            low[free.index(NAMES.index(name))] = 0.0
+    found = least_squares(residuals, np.maximum(first, low + 1.0e-9), bounds=(low, np.inf), x_scale="jac")
+    values[free] = found.x[: len(free)]
+    covariance = _covariance(stack, known, found.jac, found.fun)
+    errors = {NAMES[place]: math.sqrt(max(covariance[i, i], 0.0)) for i, place in enumerate(free)}
+    return _told(values, errors, _Asked(usual, needs, reference, throttle, by_throttle, speeds, throttles))
+
+
+class _Asked(NamedTuple):
+    """What the runs were, beside what was fitted to them."""
+
+    usual: DriveLaw
+    needs: Needs
+    speed: float
+    throttle: float
+    by_throttle: bool
+    speeds: Sequence[float]
+    throttles: Sequence[float]
+
+
+def _way_exponent(asked: _Asked) -> float:
+    """Return the power of the throttle with which the runs' speeds go; what is usual where they do not tell."""
+    if not asked.throttle > 0.0 or _span(asked.throttles) < LEAST_SPAN:
+        return asked.usual.way_exponent
+    slope = np.polyfit(np.log(np.asarray(asked.throttles)), np.log(np.asarray(asked.speeds)), 1)[0]
+    return float(min(max(slope, 0.2), 3.0))
+
+
+def _told(values: FloatArray, errors: dict[str, float], asked: _Asked) -> DriveFit:
+    """Return the fit in the model's terms, and in words."""
+    strength, exponent, damping, slope, cubic, push = (float(each) for each in values)
+    size = max(abs(damping), 1.0e-4)
+    model = Norrbin(
+        strength / size,
+        1.0 / size,
+        n3=cubic / size,
+        n1=1.0 if damping >= 0.0 else -1.0,
+        n0=-push / size,
+        reference_speed=asked.speed,
+    )
+    what = "throttle" if asked.by_throttle else "speed"
+    law = DriveLaw(
+        0.0 if asked.by_throttle else exponent,
+        exponent if asked.by_throttle else 0.0,
+        slope / damping if damping else 0.0,
+        asked.throttle if asked.throttle > 0.0 else math.nan,
+        _way_exponent(asked),
+        min(asked.speeds) / asked.speed,
+        max(asked.speeds) / asked.speed,
+    )
+    of_damping = errors["damping"] / size
+    errors["time_constant"] = of_damping / size
+    errors["gain"] = model.gain * math.hypot(errors["strength"] / max(strength, 1.0e-9), of_damping)
+    sentences = []
+    if "exponent" in errors:
+        name = "throttle_exponent" if asked.by_throttle else "speed_exponent"
+        errors[name] = errors["exponent"]
+        sentences.append(f"K/T goes with the power {exponent:.2f} +- {1.96 * errors['exponent']:.2f} of the {what}.")
+    else:
+        sentences.append(
+            f"The runs are all at much the same {what}: how K and T go with it cannot be told, and is taken as usual "
+            f"for the drive (power {exponent:g}). Add runs at half and twice that {what}."
+        )
+    if "damping_slope" in errors:
+        low, high = min(asked.speeds) / asked.speed, max(asked.speeds) / asked.speed
+        errors["damping_share"] = errors["damping_slope"] / size
+        sentences.append(
+            f"The yaw damping n1/T is {damping + slope * (low - 1.0):.3g} 1/s at {min(asked.speeds):.2f} m/s and "
+            f"{damping + slope * (high - 1.0):.3g} 1/s at {max(asked.speeds):.2f} m/s."
+        )
+    if damping + slope * (max(asked.speeds) / asked.speed - 1.0) < 0.0:
+        sentences.append("At the higher speeds the boat does not go straight by itself.")
+    return DriveFit(model, law, errors, tuple(sentences))
+
+
+def _covariance(stack: _Stack, known: NDArray[np.bool_], jacobian: FloatArray, left: FloatArray) -> FloatArray:
+    """Return (J'J)^-1 times the variance of the residuals, times as many samples as are of one stretch: their
+    integrated autocorrelation, summed until it is first below 0.05."""
+    spread = float(np.mean(left**2))
+    wide = np.zeros(stack.rate.shape)
+    wide[known] = left
+    times, sum_all = 1.0, max(float(np.sum(wide * wide)), 1.0e-30)
+    for lag in range(1, len(wide) // 4):
+        alike = float(np.sum(wide[lag:] * wide[:-lag])) / sum_all
+        if alike < 0.05:
+            break
+        times += 2.0 * alike
+    return np.asarray(np.linalg.pinv(jacobian.T @ jacobian) * spread * times)
+
+
+def _mean_speed(run: Run) -> float:
+    way = sum(float(np.trapezoid(np.abs(part.speed), part.time)) for part in run.segments)
+    return way / seconds(run)
+
+
+def _span(values: Sequence[float]) -> float:
+    return max(values) / min(values) if values and min(values) > 0.0 else 1.0
+
+
+def predict_drive(run: Run, fit: DriveFit) -> Prediction:
+    """Return how well a run is predicted from its rudder, speed and throttle alone, from its first measured rate on."""
+    model, law = fit.model, fit.law
+    stack = _stacked([run], model.reference_speed, law.throttle)
+    by_throttle = law.throttle_exponent != 0.0 and math.isfinite(law.throttle)
+    unit = 1.0 / model.time_constant
+    values = np.array(
+        [
+            model.gain * unit,
+            law.throttle_exponent if by_throttle else law.speed_exponent,
+            model.n1 * unit,
+            model.n1 * unit * law.damping_share,
+            model.n3 * unit,
+            -model.n0 * unit,
+        ]
+    )
+    left = _simulated(stack, values, stack.rate[0], by_throttle=by_throttle) - stack.rate
+    left, rate = left[np.isfinite(left)], stack.rate[np.isfinite(stack.rate)]
+    return Prediction(
+        1.0 - float(np.sum(left**2) / np.sum((rate - np.mean(rate)) ** 2)), float(np.sqrt(np.mean(left**2)))
+    )

@@ -1,0 +1,311 @@
+"""Boats that steer by thrust, from the trial to the course that is held, in lockstep through the simulated ArduRover.
+
+    python benchmarks/drives.py trial KIND FOLDER      zigzags at several throttles, identified, gains designed
+    python benchmarks/drives.py hold VESSEL KIND       turns, zigzag and hold at 0.5 to 3 times the trial's speed
+    python benchmarks/drives.py thrust VESSEL KIND     turns at a third and three times the trial's thrust
+    python benchmarks/drives.py pivot VESSEL KIND      a turn where the boat lies, without throttle
+    python benchmarks/drives.py faults VESSEL KIND     a thruster that is dead, weed on one
+    python benchmarks/drives.py rover VESSEL KIND      the same turns and zigzag by ArduRover's own steering
+
+The plants' equations (`sitl/otter.py`) are not those of the model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+from lockstep import Lockstep
+
+from autopilot.angles import wrap
+from autopilot.signals import Order, OrderKind
+from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
+from sitl.firmware_parameters import ParameterTable, default_parameters
+from sitl.guided import GuidedGains, GuidedHelm, Target, gains_of
+from sitl.motors import motor_setup, skid_outputs
+from sitl.plants import PLANTS
+from sitl.scenario import FaultSection, Scenario, Start
+from sitl.world import Orders, World
+
+LENGTH = 2.0
+"""[m] of the Otter's hull."""
+TRIAL_SPEED = 0.9
+SHARES = (0.6, 1.0, 1.9)
+"""Of the trial's speed, at which zigzags are sailed."""
+ZIGZAGS = {"twin_thruster": (6.0, 10.0), "outboard": (10.0, 10.0)}
+"""Rudder and change of heading [deg]."""
+
+
+def sailed(vessel: Vessel, kind: str, *, seed: int = 1, speed: float | None = None, **more: Any) -> Lockstep:
+    """Return boat, firmware and pilot, under way at a speed [m/s]; null: the model's."""
+    scenario = Scenario(1, kind, plant=kind, seed=seed, start=Start(speed_m_s=speed))
+    return Lockstep(vessel, scenario=scenario, **more)
+
+
+def give(boat: Lockstep, throttle: float) -> None:
+    """Put the throttle stick where it gives a share of full."""
+    channel = boat.firmware.setup.throttle_input
+    above, below = channel.trim + channel.dead_zone, channel.trim - channel.dead_zone
+    pulse = above + throttle * (channel.high - above) if throttle > 0.0 else below + throttle * (below - channel.low)
+    boat.firmware.sticks[2] = channel.trim if throttle == 0.0 else math.ceil(pulse)
+
+
+def throttle_for(kind: str, speed: float) -> float:
+    """Return the throttle for a speed [m/s] on a straight course."""
+    motors = PLANTS[kind].motors
+    assert motors is not None
+    return motors.throttle_of(speed)
+
+
+def zigzag(vessel: Vessel, kind: str, speed: float, path: Path, seed: int) -> None:
+    """Sail a zigzag at a speed [m/s], and log it."""
+    boat = sailed(vessel, kind, seed=seed, speed=speed, log=path, measured_every=5)
+    rudder, change = ZIGZAGS[kind]
+    boat.engage(0.0)
+    assert boat.run(20.0, boat.engaged), boat.tick.alarms
+    boat.run(4.0)
+    order = Order(OrderKind.ZIGZAG, 0.0, math.radians(rudder), math.radians(change), serial=99)
+    boat.order = order
+    boat.run(60.0)
+    boat.session.close()
+
+
+def trial(kind: str, folder: Path) -> None:
+    """Sail, identify and design; print R2 of runs that were held out."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shipped = load_vessel(kind)
+    usual = dataclasses.replace(shipped.model, speed_exponent=None, throttle_exponent=None, damping_share=None)
+    model = dataclasses.replace(usual, reference_throttle=throttle_for(kind, shipped.model.reference_speed_m_s))
+    base = dataclasses.replace(shipped, model=model)
+    logs: dict[str, list[Path]] = {"fit": [], "held": []}
+    for place, share in enumerate((*SHARES, 0.8, 1.4)):
+        path = folder / f"{kind}_{share}.tlog"
+        path.unlink(missing_ok=True)
+        zigzag(base, kind, share * TRIAL_SPEED, path, seed=10 * place)
+        logs["fit" if place < len(SHARES) else "held"].append(path)
+    out = folder / f"{kind}.yaml"
+    out.unlink(missing_ok=True)
+    autopilot = [sys.executable, "-m", "autopilot"]
+    identify = [*autopilot, "identify", *map(str, logs["fit"]), "--holdout", *map(str, logs["held"])]
+    text = subprocess.run([*identify, "--vessel", kind, "--out", str(out)], check=True, capture_output=True, text=True)
+    print(text.stdout)
+    subprocess.run([*autopilot, "gains", str(out), "--out", str(out), "--overwrite"], check=True)
+
+
+def turn(boat: Lockstep, course: float, lasts: float) -> tuple[float, float]:
+    """Order a course [deg]; return the time [s] until the boat is within 2 deg for good, and the overshoot [deg]."""
+    begun, start = boat.now, boat.world.boat.state.heading
+    change = math.degrees(wrap(math.radians(course) - start))
+    boat.engage(course)
+    settled, over = math.nan, 0.0
+    while boat.now < begun + lasts:
+        boat.run(0.1)
+        error = math.degrees(wrap(boat.world.boat.state.heading - math.radians(course)))
+        over = max(over, error * math.copysign(1.0, change))
+        if abs(error) > 2.0:
+            settled = math.nan
+        elif math.isnan(settled):
+            settled = boat.now - begun
+    return settled, over
+
+
+def hold(vessel: Vessel, kind: str) -> None:
+    """Print turns and the course at several speeds."""
+    for share in (0.5, 0.7, 1.0, 1.5, 2.0, 3.0):
+        speed = share * vessel.model.reference_speed_m_s
+        boat = sailed(vessel, kind, speed=speed, seed=7)
+        boat.engage(0.0)
+        assert boat.run(20.0, boat.engaged), boat.tick.alarms
+        boat.run(8.0)
+        found = [turn(boat, course, 25.0) for course in (30.0, 0.0, 90.0)]
+        errors = []
+        for _ in range(300):
+            boat.run(0.1)
+            errors.append(math.degrees(wrap(boat.world.boat.state.heading - math.radians(90.0))))
+        rms = math.sqrt(sum(each * each for each in errors) / len(errors))
+        words = ", ".join(f"{time:.1f} s over {over:.1f}" for time, over in found)
+        alarms = sorted({alarm.name for tick in boat.ticks for alarm in tick.alarms})
+        print(f"{share} x, {boat.world.boat.state.speed:.2f} m/s: 30, -30, 90 deg: {words}; rms {rms:.2f} deg {alarms}")
+
+
+def thrust(vessel: Vessel, kind: str) -> None:
+    """Print turns at a third and three times the trial's thrust: settled, and just after the throttle has moved."""
+    motors = PLANTS[kind].motors
+    assert motors is not None
+    of_trial = vessel.model.reference_speed_m_s
+    for times in (1.0 / 3.0, 1.0, 2.0, 3.0):
+        # the hull's drag goes with the speed, so thrust does
+        speed = times * of_trial
+        for begins in ("settled", "at once"):
+            boat = sailed(vessel, kind, speed=speed if begins == "settled" else of_trial, seed=3)
+            boat.engage(0.0)
+            assert boat.run(20.0, boat.engaged), boat.tick.alarms
+            boat.run(8.0)
+            give(boat, motors.throttle_of(speed))
+            boat.run(0.5)
+            found = [turn(boat, course, 30.0) for course in (60.0, -30.0)]
+            words = ", ".join(f"{time:.1f} s over {over:.1f}" for time, over in found)
+            alarms = sorted({alarm.name for tick in boat.ticks for alarm in tick.alarms})
+            print(f"{times:.2f} x thrust, {begins}: {words} {alarms}")
+
+
+def pivot(vessel: Vessel, kind: str) -> None:
+    """Print how far a boat without throttle goes while it turns."""
+    boat = sailed(vessel, kind, speed=0.0, seed=5)
+    give(boat, 0.0)
+    boat.engage(0.0)
+    assert boat.run(20.0, boat.engaged), boat.tick.alarms
+    boat.run(10.0)
+    for course in (90.0, -90.0, 80.0):
+        start = boat.world.boat.state
+        time, over = turn(boat, course, 30.0)
+        state = boat.world.boat.state
+        moved = math.hypot(state.north - start.north, state.east - start.east)
+        print(f"to {course:.0f}: {time:.1f} s, over {over:.1f} deg, moved {moved / LENGTH:.3f} L")
+
+
+class Rover:
+    """ArduRover's own steering of a skid-steered frame, from heading to both outputs, as one helm of the world."""
+
+    def __init__(self, world: World, gains: GuidedGains, throttle: float) -> None:
+        self._world, self._gains, self._throttle = world, gains, throttle
+        self._guided = GuidedHelm()
+        self._motors = motor_setup(ParameterTable(default_parameters()))._replace(asymmetry=ASYMMETRY)
+        self.course = 0.0
+
+    def orders(self, time: float) -> Orders:
+        """One loop of the firmware, with the attitude of its own board."""
+        reading, motors = self._world.sensors.latest(time), self._world.motors
+        assert reading is not None and motors is not None
+        self._guided.take(Target(self.course, 0.0, 1.0, time))
+        steering = self._guided.steering(self._gains, time, reading.heading, reading.rate, self._world.boat.state.speed)
+        left, right = skid_outputs(self._motors, steering, self._throttle)
+        return Orders(0.5 * (left - right) * motors.full, motors.speed_of(0.5 * (left + right)))
+
+
+ASYMMETRY = 1.34
+COURSES = (30.0, 0.0, 90.0)
+LASTS = 15.0
+
+
+def measured(boat: World, order: Callable[[float], None], move: Callable[[float], None]) -> list[tuple[float, float]]:
+    """Return settling time [s] within 2 deg and overshoot [deg] of a step to each of COURSES."""
+    found = []
+    for course in COURSES:
+        begun, start = boat.time, boat.boat.state.heading
+        side = math.copysign(1.0, wrap(math.radians(course) - start))
+        order(course)
+        settled, over = LASTS, 0.0
+        for _ in range(round(LASTS / 0.1)):
+            move(0.1)
+            error = math.degrees(wrap(boat.boat.state.heading - math.radians(course)))
+            over = max(over, error * side)
+            if abs(error) > 2.0:
+                settled = LASTS
+            elif settled == LASTS:
+                settled = boat.time - begun
+        found.append((settled, over))
+    return found
+
+
+def rover_steps(vessel: Vessel, gains: GuidedGains, seed: int, share: float = 1.0) -> list[tuple[float, float]]:
+    """Return the steps of ArduRover's own steering at a share of the trial's speed."""
+    speed = share * vessel.model.reference_speed_m_s
+    world = World(vessel, Scenario(1, "rover", plant="twin_thruster", seed=seed, start=Start(speed_m_s=speed)))
+    helm = Rover(world, gains, throttle_for("twin_thruster", speed))
+    world.helms.append(helm)
+    world.advance(3.0)
+
+    def order(course: float) -> None:
+        helm.course = math.radians(course)
+
+    return measured(world, order, lambda dt: world.advance(world.time + dt))
+
+
+def tuned(vessel: Vessel, evaluations: int, seed: int) -> GuidedGains:
+    """Return the best gains of a search: random at first, then about the best so far; time and overshoot count alike,
+    a second for a degree."""
+    rng = np.random.default_rng(seed)
+    low, high = np.array([0.05, 0.02, 0.0, 0.0, 0.5, 0.3]), np.array([3.0, 3.0, 1.0, 0.3, 6.0, 6.0])
+    usual = gains_of(ParameterTable(default_parameters()))._replace(scale_speed=0.0, lateral_max=100.0, rate_max=0.0)
+    best, least = usual, math.inf
+    centre = low + 0.3 * (high - low)
+    for number in range(evaluations):
+        spread = 1.0 if number < evaluations // 3 else 0.25
+        tried = rng.uniform(low, high) if spread == 1.0 else centre * np.exp(spread * rng.normal(size=low.size))
+        ff, p, i, d, angle, acceleration = (float(each) for each in np.clip(tried, low, high))
+        gains = usual._replace(rate_ff=ff, rate_p=p, rate_i=i, rate_d=d, angle_p=angle, acceleration_max=acceleration)
+        cost = sum(time + over for time, over in rover_steps(vessel, gains, 1))
+        if cost < least:
+            best, least, centre = gains, cost, tried
+    return best
+
+
+def rover(vessel: Vessel, kind: str) -> None:
+    """Print steps of both at three speeds, the peer tuned on this boat at the trial's."""
+    gains = tuned(vessel, 120, 20261124)
+    print("ArduRover, tuned:", gains)
+    for share in (0.5, 1.0, 2.0):
+        for seed in (7, 8):
+            theirs = rover_steps(vessel, gains, seed, share)
+            boat = sailed(vessel, kind, seed=seed, speed=share * vessel.model.reference_speed_m_s)
+            boat.engage(0.0)
+            assert boat.run(20.0, boat.engaged), boat.tick.alarms
+            boat.run(5.0)
+            ours = measured(boat.world, boat.engage, lambda dt, boat=boat: boat.run(dt) and None)
+            for name, steps in (("ArduRover", theirs), ("Norrbin", ours)):
+                words = ", ".join(f"{time:.1f} s over {over:.2f}" for time, over in steps)
+                print(f"{share} x speed, seed {seed} {name:9} steps 30, -30, 90 deg: {words}", flush=True)
+
+
+def faults(vessel: Vessel, kind: str) -> None:
+    """Print when a failing thruster is said, and how far the boat leaves its course."""
+    for fault, size in (
+        ("thruster_dead", -1.0),
+        ("thruster_dead", 1.0),
+        ("thruster_weed", 0.6),
+        ("thruster_weed", -0.9),
+    ):
+        scenario = Scenario(1, kind, plant=kind, faults=(FaultSection(fault, 20.0, size=size),))
+        boat = Lockstep(vessel, scenario=scenario, measured_every=2)
+        boat.engage(0.0)
+        assert boat.run(10.0, boat.engaged)
+        said, worst = math.nan, 0.0
+        while boat.now < 80.0:
+            boat.run(0.1)
+            worst = max(worst, abs(math.degrees(wrap(boat.world.boat.state.heading))))
+            if math.isnan(said) and any(alarm.name == "thruster_weak" for alarm in boat.tick.alarms):
+                said = boat.now - 20.0
+        state = boat.world.boat.state
+        left = abs(math.degrees(wrap(state.heading)))
+        words = f"at most {worst:.1f} deg off, then {left:.1f}; {state.speed:.2f} m/s"
+        print(f"{fault} {size:g}: said after {said:.1f} s, {words}")
+
+
+def main() -> None:
+    """Run one study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("study", choices=("trial", "hold", "thrust", "pivot", "faults", "rover"))
+    parser.add_argument("first")
+    parser.add_argument("second")
+    given = parser.parse_args()
+    if given.study == "trial":
+        trial(given.first, Path(given.second))
+        return
+    studies = {"hold": hold, "thrust": thrust, "pivot": pivot, "faults": faults, "rover": rover}
+    studies[given.study](load_vessel(given.first), given.second)
+
+
+if __name__ == "__main__":
+    main()
