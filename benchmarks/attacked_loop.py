@@ -311,7 +311,9 @@ def main() -> None:
     table = summary(measured)
     refused = [line for line in output.splitlines() if "refused" in line or "let in" in line]
     if arguments.json:
-        print(json.dumps({"table": table, "told": received, "refused": refused, "load": os.getloadavg()[0]}, indent=2))
+        print(
+            json.dumps({"table": table, "received": received, "refused": refused, "load": os.getloadavg()[0]}, indent=2)
+        )
         return
     print(f"{RATE_HZ} Hz loop, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}")
     print(f"{'':18s}" + "".join(f"{name:>14s}" for name in table))

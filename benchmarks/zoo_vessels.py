@@ -31,7 +31,7 @@ EVERY = 10
 
 class Trial(NamedTuple):
     """name and description for the file, service speed [m/s], zigzags as (rudder, heading) [deg] and their length [s],
-    what else `autopilot identify` is told."""
+    the other options of `autopilot identify`."""
 
     name: str
     description: str

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from autopilot.files import typed
-from autopilot.files.strict_yaml import Node
+from autopilot.files.strict_yaml import Node, check_version
 from autopilot.files.typed import Bounds, Shipped
 from sitl.fault_kinds import FaultKind, Source, wrong_size, wrong_source
 from sitl.plants import USUAL, PlantName
@@ -208,14 +208,6 @@ def load_scenario(path_or_name: str | Path) -> Scenario:
     return scenario_from(SCENARIOS.document(path_or_name))
 
 
-def check_version(root: Node, version: int) -> None:
-    """Raise InputError where a scenario or a study is of another version."""
-    if version != SCHEMA_VERSION:
-        raise root.at("schema_version").fault(
-            f"schema_version is {version}, this version of Norrbin reads {SCHEMA_VERSION}."
-        )
-
-
 def check_faults(root: Node, key: str, faults: Sequence[FaultSection]) -> None:
     """Raise InputError where one of the faults, which stand at `key`, cannot be."""
     for index, fault in enumerate(faults):
@@ -229,8 +221,8 @@ def check_faults(root: Node, key: str, faults: Sequence[FaultSection]) -> None:
 
 def scenario_from(root: Node) -> Scenario:
     """Return the scenario that a document holds, checked across its fields. Raises InputError."""
+    check_version(root, SCHEMA_VERSION)
     scenario = typed.read(root, Scenario)
-    check_version(root, scenario.schema_version)
     check_faults(root, "faults", scenario.faults)
     for index, (one, other) in enumerate(itertools.pairwise(scenario.route)):
         if math.hypot(other[0] - one[0], other[1] - one[1]) < 1.0:

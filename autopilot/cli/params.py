@@ -77,14 +77,6 @@ def _add_file_actions(actions: Any) -> None:
     schema.add_argument("--out", metavar="FILE", help="write it to this file (default: print it)")
     schema.set_defaults(run=_call("params_files", "schema"))
 
-    migrate = actions.add_parser(
-        "migrate",
-        help="bring a vessel or firmware file to the newest schema version, comments kept",
-        description="Older files are read as they are; migrating one lets editors check it against the newest schema.",
-    )
-    migrate.add_argument("file", metavar="FILE")
-    migrate.set_defaults(run=_call("params_files", "migrate"))
-
 
 def _add_reading_actions(actions: Any) -> None:
     diff = actions.add_parser(

@@ -112,22 +112,6 @@ def schema(arguments: argparse.Namespace) -> int:
     return int(ExitCode.OK)
 
 
-def migrate(arguments: argparse.Namespace) -> int:
-    """Bring a file to the newest schema version and keep everything else in it."""
-    from autopilot.vessel.file import migrated_text
-
-    path = Path(arguments.file)
-    content = load_any(path)  # what cannot be read is not rewritten
-    before = path.read_text(encoding="utf-8-sig")
-    after = migrated_text(before, str(path), is_vessel=isinstance(content, Vessel))
-    if after == before:
-        print(f"{path}: is of the newest schema version already")
-    else:
-        save_text(path, after)
-        print(f"{path}: now of schema version {content.schema_version}")
-    return int(ExitCode.OK)
-
-
 def _firmware_of(arguments: argparse.Namespace, file: ParameterFile) -> str:
     """Return for which firmware the file is: as it says itself, else as the user says; `.parm` is ArduPilot's."""
     if file.firmware and arguments.firmware not in (None, file.firmware):

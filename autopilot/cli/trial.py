@@ -72,7 +72,7 @@ def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.A
     parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text)
     add_steering_options(parser, needs_link=False)
     parser.add_argument(
-        "--foretell", action="store_true", help="print how well it could identify K, T and n3 at best, without sailing"
+        "--predict", action="store_true", help="print how well it could identify K, T and n3 at best, without sailing"
     )
     parser.add_argument(
         "--unidentified",
@@ -123,13 +123,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.unidentified:
         vessel = replace(vessel, alarms=replace(vessel.alarms, reversed_rudder=False))
     script = _script(arguments, vessel)
-    if arguments.foretell:
+    if arguments.predict:
         from autopilot.cli.trial_prediction import predicted_accuracy
 
         print(predicted_accuracy(script, vessel))
         return int(ExitCode.OK)
     if not arguments.link:
-        raise InputError("a trial needs --link URL, the way to the boat; with --foretell nothing is sailed")
+        raise InputError("a trial needs --link URL, the way to the boat; with --predict nothing is sailed")
     plan = plan_of(vessel, arguments, script)._replace(law=TRIAL_LAW)
     voyage = Voyage(lambda app, tick: script.is_over, math.inf, describe=script.describe)
     code = steer(arguments, plan, voyage)

@@ -1,4 +1,4 @@
-"""`autopilot trial KIND --foretell`: how nearly a trial would tell the boat at best, before it is sailed."""
+"""`autopilot trial KIND --predict`: how nearly a trial would tell the boat at best, before it is sailed."""
 
 from __future__ import annotations
 

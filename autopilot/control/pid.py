@@ -1,6 +1,6 @@
 """PID heading law with the derivative on the rate error and anti-windup by the command that was really given.
 
-    delta = -kp z1 - kd (r - psi_d') + I + F,   I' = -ki z1 + (delta_told - delta_wanted)/t_track
+    delta = -kp z1 - kd (r - psi_d') + I + F,   I' = -ki z1 + (delta_command - delta_wanted)/t_track
 
 F is the rudder that the model needs for the planned turn, (T psi_d'' + n1 psi_d' + n2 psi_d'^2 + n3 psi_d'^3)/K, which
 leaves to the gains only what the model does not know. The integrator is pulled towards the value that reproduces the

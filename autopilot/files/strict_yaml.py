@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -267,45 +267,12 @@ def _shortened(text: str) -> str:
     return text if len(text) <= 40 else text[:37] + "..."
 
 
-Step = Callable[[Node], Node]
-
-IDENTIFIED_FROM = "identified from "
-
-
-def _name_recordings(root: Node) -> Node:
-    """Vessel 1 -> 2: `model.source: identified from a.csv, b.csv` becomes `model.log: [a.csv, b.csv]` and a source."""
-    model = root.at("model")
-    source = model.at("source")
-    if source is model or not isinstance(source.value, str) or not source.value.startswith(IDENTIFIED_FROM):
-        return root
-    names = source.value.removeprefix(IDENTIFIED_FROM).split(", ")
-    log = source._replace(value=[source._replace(value=name, path="model.log") for name in names], path="model.log")
-    return _with(root, "model", _with(_with(model, "source", source._replace(value="identified")), "log", log))
-
-
-VESSEL_STEPS: Mapping[int, Step] = {1: _name_recordings}
-FIRMWARE_STEPS: Mapping[int, Step] = {1: lambda root: root}
-
-
-def newest(steps: Mapping[int, Step]) -> int:
-    """Return the version that the last step leads to."""
-    return max(steps) + 1
-
-
-def migrated(root: Node, steps: Mapping[int, Step]) -> Node:
-    """Return the document as the newest version has it; raises InputError where it is of no known version."""
+def check_version(root: Node, known: int) -> None:
+    """Raise InputError where a document is of another schema version than `known`; one that says none, or no whole
+    number, is left to the schema, whose own sentence is the right one."""
     version = root.at("schema_version")
     if version is root or not isinstance(version.value, int) or isinstance(version.value, bool):
-        return root  # the schema's own sentence about a missing key or a wrong type is the right one
-    known = newest(steps)
-    if not 1 <= version.value <= known:
+        return
+    if version.value != known:
         advice = "update Norrbin to read this file" if version.value > known else f"write {known}"
-        raise version.fault(f"schema_version is {version.value}, this version of Norrbin reads 1 to {known}; {advice}.")
-    for number in range(version.value, known):
-        root = steps[number](root)
-    return _with(root, "schema_version", version._replace(value=known))
-
-
-def _with(node: Node, key: str, child: Node) -> Node:
-    assert isinstance(node.value, dict)
-    return node._replace(value={**node.value, key: child})
+        raise version.fault(f"schema_version is {version.value}, this version of Norrbin reads {known}; {advice}.")

@@ -20,11 +20,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.files import typed
-from autopilot.files.strict_yaml import FIRMWARE_STEPS, Node, migrated, newest
+from autopilot.files.strict_yaml import Node, check_version
 from autopilot.firmware.protocol import type_name
 from autopilot.vessel.file import number_text, string_text
 
-SCHEMA_VERSION = newest(FIRMWARE_STEPS)
+SCHEMA_VERSION = 2
 NAME_LENGTH_MAX = 16
 """MAVLink's param_id has 16 characters."""
 INCLUDE_DEPTH_MAX = 8
@@ -121,7 +121,7 @@ def shipped_firmware() -> list[str]:
 
 def firmware_from(root: Node, included_by: tuple[str, ...] = ()) -> FirmwareFile:
     """Return the firmware file that a document holds, with what it includes, all checked. Raises InputError."""
-    root = migrated(root, FIRMWARE_STEPS)
+    check_version(root, SCHEMA_VERSION)
     firmware = typed.read(root, FirmwareFile)
     _check_names(root, firmware)
     _check_whole(root, firmware)

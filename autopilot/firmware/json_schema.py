@@ -13,10 +13,11 @@ import types
 import typing
 from typing import Any, Literal, Union
 
-from autopilot.files.strict_yaml import FIRMWARE_STEPS, VESSEL_STEPS, newest
 from autopilot.files.typed import Bounds, hints_of
+from autopilot.firmware.file import SCHEMA_VERSION as FIRMWARE_VERSION
 from autopilot.firmware.file import FirmwareFile
 from autopilot.vessel.running import counts_of
+from autopilot.vessel.schema import SCHEMA_VERSION as VESSEL_VERSION
 from autopilot.vessel.schema import Counts, Vessel
 
 Schema = dict[str, Any]
@@ -28,13 +29,13 @@ _SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
 def schema_text(kind: str) -> str:
     """Return the JSON Schema of `vessel` or `firmware` files, as it is shipped."""
     root: type[Any] = Vessel if kind == "vessel" else FirmwareFile
-    known = newest(VESSEL_STEPS if kind == "vessel" else FIRMWARE_STEPS)
+    known = VESSEL_VERSION if kind == "vessel" else FIRMWARE_VERSION
     schema = {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": f"Norrbin {kind} file",
         **_object(root),
     }
-    schema["properties"]["schema_version"] = {"type": "integer", "minimum": 1, "maximum": known}
+    schema["properties"]["schema_version"] = {"const": known}
     return json.dumps(schema, indent=1) + "\n"
 
 

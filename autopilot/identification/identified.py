@@ -104,7 +104,7 @@ class Ratios(NamedTuple):
 
     @property
     def on_ridge(self) -> bool:
-        """Return whether n1/T, and with it whether the boat is course-stable, cannot be told from 0."""
+        """Return whether n1/T, and with it whether the boat is course-stable, cannot be distinguished from 0."""
         return abs(self.values[1]) < SURE_OF_IT * self.errors[1]
 
 

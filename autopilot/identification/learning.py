@@ -242,7 +242,7 @@ class Learner:
 
 def learnt_model(fit: LiveFilter, present: Norrbin) -> tuple[Norrbin, dict[str, float]]:
     """Return what the filter holds in Norrbin's convention, with n0 as it is, and the standard errors, infinite where
-    n1/T cannot be told from 0."""
+    n1/T cannot be parted from 0."""
     (a, b, d, _), covariance = fit.estimate.values.tolist(), fit.estimate.covariance
     sign, size = math.copysign(1.0, b), max(abs(b), 1.0e-6)
     T = 1.0 / size

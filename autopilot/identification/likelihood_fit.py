@@ -1,10 +1,8 @@
-"""The boat that makes the recording most likely, and how far from it the truth may be.
+"""The boat that a recording makes likely, and how far from it the truth may be.
 
-Maximises the marginal likelihood (`marginal_likelihood`) over the boat's rates a, b, d, e, over gusts, waves and noise,
-and over delay and lag of a rudder that was ordered. The covariance is the inverse of the curvature there, so that the
-doubt about gusts and noise is in it. What is known beforehand is weak: cubic damping that would at the largest rate
-seen take some twice the rudder's whole moment is unlikely, and none is below 0. No term is dropped: what the recording
-cannot tell keeps its doubt.
+The marginal likelihood (`marginal_likelihood`) of the boat's rates a, b, d, e, and of delay and lag of a rudder that
+was ordered, averaged over gusts, waves and noise (`weather_average`): the doubt about those is in the answer. No
+term is dropped: what the recording cannot tell keeps its doubt.
 """
 
 from __future__ import annotations
@@ -14,44 +12,31 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import log_ndtr
 
+from autopilot.identification.likelihood_record import Record, instruments, record_of, rudder_on
+from autopilot.identification.likelihood_search import RATE_NAMES, Space, first_axes, maximised, searched
 from autopilot.identification.marginal_likelihood import (
-    Path,
     Rates,
-    Record,
     Weather,
     begin_path,
     best_path,
-    instruments,
-    record_of,
-    rudder_on,
 )
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
+from autopilot.identification.weather_average import averaged, mixed
 
-RATE_NAMES = ("a", "b", "d", "e")
-LARGEST_CUBIC = 2.0
-"""Cubic damping at the largest rate, in units of the rudder's largest moment: the deviation of what is expected."""
-BESIDE = 0.05
-"""Step of the differences along the search's axes, in standard errors."""
-ROUGHER, MOST_WIDENING = 0.4, 1.5
-"""The logarithm by which the disturbance is made larger to see what the doubt owes to it; the largest logarithm of a
-variance's widening."""
-STAGES, STAYS, FLATTEST = 4, 0.5, 0.02
-"""How often the search begins anew at most; the distance, in standard errors, that is no move; the least curvature."""
-WAVES_WORTH = 6.0
-"""By so much the logarithm of the likelihood must rise for the three numbers of the waves."""
-MAYBE_WAVES = 1.0
-"""Waves as they are guessed must raise the logarithm of the likelihood so much before better ones are searched for."""
-WIDE = 40.0
-"""Logarithms beyond this are held."""
+USUALLY_LATE_S, START_LATE = 0.15, 0.1
+"""Where the search for delay and lag begins, as a share of the boat's time constant at most."""
+DRAWS = 32
+"""Of the weather; half of it where the record is long, and says more of it."""
+MAYBE_WAVES = -0.5
+"""By so much at most waves as they are guessed may lower the logarithm of the likelihood, or none are searched for."""
 
 
 class LikelihoodFit(NamedTuple):
     """rates: the estimate, with covariance of a, b, d, e, shape (4, 4); train: of an ordered rudder, its errors by
-    name; weather: gusts, waves and noise; loss: the negative logarithm of the likelihood with what was known before."""
+    name; weather: gusts, waves and noise; loss: the negative logarithm of the likelihood with what was known before;
+    late_error [s]: standard error of delay and lag together, of which the record tells more than of each."""
 
     rates: Rates
     covariance: FloatArray
@@ -59,82 +44,7 @@ class LikelihoodFit(NamedTuple):
     train_errors: dict[str, float]
     weather: Weather
     loss: float
-
-
-class _Prior(NamedTuple):
-    middle: float
-    width: float
-
-
-class _Space:
-    """The vector of what is searched for, in units that make it of order one."""
-
-    def __init__(
-        self, record: Record, start: Rates, weather: Weather, train: RudderTrain, parts: tuple[str, ...], scale: Rates
-    ) -> None:
-        self.record, self.scale, self.train, self.parts = record, scale, train, parts
-        self.has_gyro = bool(record.rate_count.any())
-        self.has_compass = bool(record.heading_count.any())
-        self.base = weather
-        self.names = [*RATE_NAMES, "gust", "gust_time", "white"]
-        self.names += ["gyro"] if self.has_gyro else []
-        self.names += ["compass"] if self.has_compass else []
-        self.names += ["wave", "wave_frequency", "wave_damping"] if weather.wave > 0.0 else []
-        self.names += parts
-        gust = scale.a * math.radians(0.3)
-        self.priors = {
-            "gust": _Prior(math.log(0.1 * gust), 2.5),
-            "gust_time": _Prior(math.log(6.0), 1.0),
-            "white": _Prior(math.log(0.03 * gust), 2.5),
-            "gyro": _Prior(math.log(weather.gyro), 0.7),
-            "compass": _Prior(math.log(weather.compass), 0.7),
-            "wave": _Prior(math.log(weather.wave) if weather.wave > 0.0 else 0.0, 1.5),
-            "wave_frequency": _Prior(math.log(weather.wave_frequency), 0.7),
-            "wave_damping": _Prior(math.log(0.1), 0.7),
-            **{part: _Prior(math.log(0.15), 1.2) for part in parts},
-        }
-        self.path = begin_path(record)
-        if weather.wave > 0.0:
-            self.path = np.concatenate([self.path, np.zeros((record.nodes, 2))], axis=1)
-        self.rudder = rudder_on(record, train)
-        first = [getattr(start, name) / getattr(scale, name) for name in RATE_NAMES]
-        rest = [
-            math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in self.names[4:]
-        ]
-        self.start = np.array([*first, *rest])
-
-    def opened(self, z: FloatArray) -> tuple[Rates, Weather, RudderTrain]:
-        """Return what the vector stands for."""
-        known = dict(zip(self.names, z.tolist(), strict=True))
-        rates = Rates(**{name: known[name] * getattr(self.scale, name) for name in RATE_NAMES})
-        others = {name: math.exp(min(max(known[name], -WIDE), WIDE)) for name in self.names[4:]}
-        train = self.train._replace(**{name: others[name] for name in self.parts})
-        weather = self.base._replace(**{name: value for name, value in others.items() if name not in self.parts})
-        if "wave_damping" in others:
-            weather = weather._replace(wave_damping=min(others["wave_damping"], 0.9))
-        return rates, weather, train
-
-    def before(self, z: FloatArray) -> float:
-        """Return the negative logarithm of what is known beforehand."""
-        total = 0.5 * (z[2] / LARGEST_CUBIC) ** 2
-        for name, value in zip(self.names[4:], z[4:].tolist(), strict=True):
-            prior = self.priors[name]
-            total += 0.5 * ((value - prior.middle) / prior.width) ** 2
-        return float(total)
-
-    def found(self, z: FloatArray, rounds: int = 12) -> Path:
-        """Return path and loss at the vector, the search beginning at the latest best path."""
-        rates, weather, train = self.opened(z)
-        rudder = rudder_on(self.record, train) if self.parts else self.rudder
-        path = best_path(rates, weather, self.record, rudder, self.path, rounds)
-        return path._replace(loss=path.loss + self.before(z))
-
-    def keep(self, z: FloatArray) -> float:
-        """Move the beginning of later searches to the vector's path; return the loss there."""
-        path = self.found(z)
-        if math.isfinite(path.loss):
-            self.path = path.states
-        return path.loss
+    late_error: float = 0.0
 
 
 def likelihood_fit(
@@ -153,34 +63,64 @@ def likelihood_fit(
     gyro, compass = instruments(segments)
     gust = scale.a * math.radians(0.3)
     calm = Weather(gust, 6.0, 0.3 * gust, gyro, compass)
-    train = DIRECT._replace(**dict.fromkeys(parts, 0.15))
-    space = _Space(record, guess, calm, train, parts, scale)
+    # a lag longer than the boat's own would change places with it
+    shortly = min(USUALLY_LATE_S, START_LATE * memory_of(guess, segments))
+    train = DIRECT._replace(**dict.fromkeys(parts, shortly))
+    if record.nodes > LONG:
+        part = record_of([_liveliest(segment) for segment in segments], reference_speed, memory_of(guess, segments))
+        rough = Space(part, guess, calm, train, parts, scale)
+        if math.isfinite(rough.keep(rough.start)):
+            nearer, _ = searched(rough, rough.start, first_axes(rough, rough.start), math.inf)
+            guess, weather, train = rough.opened(nearer)
+            # gusts that are over within a step are none to begin a search with
+            calm = weather if weather.gust_time > float(record.step[0]) else calm
+    space = Space(record, guess, calm, train, parts, scale)
     if not math.isfinite(space.found(space.start).loss):
         return None
-    z, loss, covariance = _maximised(space, space.start)
+    draws = DRAWS if record.nodes <= LONG else DRAWS // 2
+    z, loss, curvature = maximised(space, space.start)
+    progress()
+    found = [averaged(space, z, curvature, draws)]
     progress()
     rates, weather, train = space.opened(z)
     wavy = _wave_start(record, space, z, weather)
     others = [
-        _Space(record, rates, wavy._replace(wave=size * wavy.wave), train, parts, scale) for size in (0.5, 1.0, 2.0)
+        Space(record, rates, wavy._replace(wave=size * wavy.wave), train, parts, scale) for size in (0.5, 1.0, 2.0)
     ]
     other = min(others, key=lambda each: each.found(each.start).loss)
-    if other.found(other.start).loss < loss - MAYBE_WAVES:
-        other_z, other_loss, other_covariance = _maximised(other, other.start)
-        if other_loss < loss - WAVES_WORTH:
-            space, z, loss, covariance = other, other_z, other_loss, other_covariance
+    if other.found(other.start).loss < loss + MAYBE_WAVES:
+        z, other_loss, curvature = maximised(other, other.start)
+        if other_loss < loss:
+            found.append(averaged(other, z, curvature, draws))
+            if found[1].evidence > found[0].evidence:
+                space, loss = other, other_loss
+                rates, weather, train = space.opened(z)
     progress()
-    rates, weather, train = space.opened(z)
-    progress()
+    known = mixed(found)
     units = np.array([getattr(scale, name) for name in RATE_NAMES])
-    values, spread = truncated(z[:4] * units, covariance[:4, :4] * np.outer(units, units), 2)
-    errors = {
-        name: float(getattr(train, name) * math.sqrt(max(covariance[i, i], 0.0)))
-        for i, name in enumerate(space.names)
-        if name in parts
-    }
-    found = Rates(**dict(zip(RATE_NAMES, values.tolist(), strict=True)))
-    return LikelihoodFit(found, spread, train, errors, weather, loss)
+    values, spread = known.mean[:4] * units, known.covariance[:4, :4] * np.outer(units, units)
+    train = train._replace(**{name: math.exp(float(known.mean[4 + k])) for k, name in enumerate(parts)})
+    size = np.array([getattr(train, name) for name in parts])
+    late = known.covariance[4:, 4:] * np.outer(size, size)
+    errors = dict(zip(parts, np.sqrt(np.maximum(np.diag(late), 0.0)).tolist(), strict=True))
+    boat = Rates(**dict(zip(RATE_NAMES, values.tolist(), strict=True)))
+    return LikelihoodFit(boat, spread, train, errors, weather, loss, math.sqrt(max(float(late.sum()), 0.0)))
+
+
+LONG, PART = 1500, 0.2
+"""A record of more nodes is first searched in a part of each segment, this share of it."""
+
+
+def _liveliest(segment: Segment) -> Segment:
+    """Return the part of a segment in which the rudder moves most, of those that lie side by side."""
+    length = max(int(PART * segment.time.size), SHORTEST_PART)
+    begins = range(0, max(segment.time.size - length, 0) + 1, length)
+    first = max(begins, key=lambda at: float(np.std(segment.rudder[at : at + length])))
+    inside = slice(first, first + length)
+    return Segment(*(values[inside] if values.size else values for values in segment))
+
+
+SHORTEST_PART = 100
 
 
 class Start(NamedTuple):
@@ -281,113 +221,7 @@ def largest_rate(segments: Sequence[Segment]) -> float:
     return max([1.0e-5, *found])
 
 
-def _maximised(space: _Space, start: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-    """Return the vector of the least loss near `start`, the loss, and the covariance there.
-
-    A quasi-Newton search in coordinates in which the curvature where it begins is one; begun anew until it stays.
-    """
-    z, loss = start, space.keep(start)
-    for _ in range(STAGES):
-        curvature = _curvature(space, z)
-        values, vectors = np.linalg.eigh(curvature)
-        axes = vectors / np.sqrt(np.maximum(np.abs(values), FLATTEST))
-        moved, lower = _searched(space, z, axes, loss)
-        far = float(np.linalg.norm(np.linalg.solve(axes, moved - z)))
-        z, loss = moved, lower
-        if far < STAYS:
-            break
-    return z, loss, _inverse(curvature) * _widening(space, z, curvature)
-
-
-def _inverse(curvature: FloatArray) -> FloatArray:
-    """Return the inverse; a curvature that rounding made negative says that nothing is known there."""
-    values, vectors = np.linalg.eigh(curvature)
-    return np.asarray((vectors / np.maximum(values, FLATTEST)) @ vectors.T)
-
-
-def _widening(space: _Space, z: FloatArray, curvature: FloatArray) -> float:
-    """Return by how much variances are larger because the disturbance's size was itself found from this record.
-
-    The four rates take as many degrees of freedom from the n that tell the size of what pushed the boat, and the rest
-    makes Student's distribution of the normal one: 4/n + 2/n of the variance, for the share of the doubt that comes of
-    the disturbance and not of the instruments. n is half the curvature along the logarithm of that size.
-    """
-    pushes = [space.names.index(name) for name in ("gust", "white")]
-    prior = sum(space.priors[name].width ** -2.0 for name in ("gust", "white"))
-    count = 0.5 * (float(curvature[np.ix_(pushes, pushes)].sum()) - prior)
-    if count <= 0.0:
-        return 1.0
-    rougher = z.copy()
-    rougher[pushes] += ROUGHER
-    size = len(RATE_NAMES)
-    before = np.linalg.slogdet(_inverse(curvature[:size, :size]))[1]
-    after = np.linalg.slogdet(_inverse(_curvature(space, rougher, size)))[1]
-    space.keep(z)
-    share = min(max(float(after - before) / (2.0 * size * ROUGHER), 0.0), 1.0)
-    return math.exp(min((size + 2.0) * share**2 / count, MOST_WIDENING))
-
-
-def _searched(space: _Space, z: FloatArray, axes: FloatArray, loss: float) -> tuple[FloatArray, float]:
-    """Return the vector of the least loss found along `axes` from `z`, and the loss."""
-    best, least = z, loss
-
-    def both(u: FloatArray) -> tuple[float, FloatArray]:
-        nonlocal best, least
-        at = z + axes @ u
-        path = space.found(at)
-        if not math.isfinite(path.loss):
-            return 1.0e10, np.zeros_like(u)
-        keep, space.path = space.path, path.states
-        slope = np.empty_like(u)
-        for i in range(u.size):
-            plus, minus = (space.found(at + sign * BESIDE * axes[:, i], 4).loss for sign in (1.0, -1.0))
-            slope[i] = (plus - minus) / (2.0 * BESIDE)
-        if path.loss < least:
-            best, least = at, path.loss
-        else:
-            space.path = keep
-        return path.loss, np.nan_to_num(slope, nan=0.0, posinf=1.0e6, neginf=-1.0e6)
-
-    minimize(both, np.zeros(z.size), jac=True, method="L-BFGS-B", options={"maxiter": 12, "maxls": 8, "gtol": 0.03})
-    return best, least
-
-
-def _curvature(space: _Space, z: FloatArray, size: int | None = None) -> FloatArray:
-    """Return the second derivatives of the loss by the first `size` numbers (all), by differences over about half a
-    standard error."""
-    space.keep(z)
-    here, P = space.found(z).loss, size or z.size
-    steps = np.full(P, 1.0e-3)
-    for _ in range(2):
-        curved = np.array([_second(space, z, i, steps[i], here) for i in range(P)])
-        steps = np.clip(0.5 / np.sqrt(np.maximum(np.abs(curved), 0.5)), 1.0e-5, 0.5)
-    H = np.zeros((P, P))
-    plus, minus = np.empty(P), np.empty(P)
-    for i in range(P):
-        plus[i], minus[i] = (_at(space, z, {i: sign * steps[i]}) for sign in (1.0, -1.0))
-        H[i, i] = (plus[i] + minus[i] - 2.0 * here) / steps[i] ** 2
-    for i in range(P):
-        for j in range(i):
-            both = sum(_at(space, z, {i: sign * steps[i], j: sign * steps[j]}) for sign in (1.0, -1.0))
-            H[i, j] = H[j, i] = (both - plus[i] - minus[i] - plus[j] - minus[j] + 2.0 * here) / (
-                2.0 * steps[i] * steps[j]
-            )
-    return H
-
-
-def _second(space: _Space, z: FloatArray, i: int, step: float, here: float) -> float:
-    return (_at(space, z, {i: step}) + _at(space, z, {i: -step}) - 2.0 * here) / step**2
-
-
-def _at(space: _Space, z: FloatArray, moves: dict[int, float]) -> float:
-    moved = z.copy()
-    for i, by in moves.items():
-        moved[i] += by
-    loss = space.found(moved).loss
-    return loss if math.isfinite(loss) else 1.0e6
-
-
-def _wave_start(record: Record, space: _Space, z: FloatArray, weather: Weather) -> Weather:
+def _wave_start(record: Record, space: Space, z: FloatArray, weather: Weather) -> Weather:
     """Return the weather with waves at the strongest frequency of what pushes the boat and is no lasting gust."""
     push = space.found(z).states[:, 2]
     spacing = float(np.median(record.step))
@@ -400,14 +234,3 @@ def _wave_start(record: Record, space: _Space, z: FloatArray, weather: Weather) 
     at = float(frequency[band][int(np.argmax(spectrum[band]))])
     size = float(np.std(bare)) / at**2
     return weather._replace(wave=max(size, 0.1 * weather.compass), wave_frequency=at, wave_damping=0.1)
-
-
-def truncated(mean: FloatArray, covariance: FloatArray, index: int) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance of a normal distribution of which one component cannot be below 0."""
-    sigma = math.sqrt(max(float(covariance[index, index]), 1.0e-300))
-    alpha = float(mean[index]) / sigma
-    # phi(alpha)/Phi(alpha), without dividing nothing by nothing
-    ratio = math.exp(-0.5 * alpha * alpha - 0.5 * math.log(2.0 * math.pi) - float(log_ndtr(alpha)))
-    column = covariance[:, index] / sigma
-    narrower = ratio * (ratio + alpha)
-    return mean + column * ratio, covariance - np.outer(column, column) * narrower

@@ -1,7 +1,7 @@
 """The likeliest boat (`likelihood_fit`) in Norrbin's convention, n1 = 1 or -1, and in words what the runs cannot tell.
 
 With T = 1/|b|, n1 is the sign of b, K = a T, n3 = d T, n0 = e T, and their standard errors follow from the covariance
-of a, b, d and e to first order. Where b cannot be told from 0 no T is given, nor what is a multiple of it: the runs
+of a, b, d and e to first order. Where b cannot be parted from 0 no T is given, nor what is a multiple of it: the runs
 then determine K/T and n3/T, and those are named.
 """
 
@@ -32,7 +32,7 @@ from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.residual_tests import simulate_run
 from autopilot.identification.residuals import Noise, residual_noise
 from autopilot.identification.rudder_path import RudderTrain
-from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
+from autopilot.identification.runs import SHORTEST_SHARE, FloatArray, Run, Segment, shortest_time_constant
 from autopilot.models.norrbin import Norrbin
 
 ORDERED = ("delay", "lag")
@@ -74,11 +74,9 @@ def likeliest_fit(
         return None, {}
     reasons: dict[str, str] = {}
     found = likelihood_fit(segments, speed, begin, train, steps.next)
-    shortest = shortest_time_constant(segments)
-    while found is not None and (gone := _least_shown(found, train, shortest)):
-        reasons[gone] = _why_no(gone, found)
-        train = tuple(name for name in train if name != gone)
-        found = likelihood_fit(segments, speed, found.rates if train else begin, train, steps.next)
+    if found is not None and train and not _shows(found, shortest_time_constant(segments) / SHORTEST_SHARE):
+        reasons |= {name: _why_no(name, found) for name in train}
+        found = likelihood_fit(segments, speed, begin, (), steps.next)
     return found, reasons
 
 
@@ -92,29 +90,26 @@ def _begin(segments: Sequence[Segment], speed: float, regressed: Start, linear: 
     return better_start(segments, speed, starts) if starts else None
 
 
-def _least_shown(found: LikelihoodFit, train: tuple[str, ...], shortest: float) -> str:
-    """Return the part of the train that is hardest to tell from 0, '' where all can be; what is shorter than the
-    `shortest` time [s] that the samples can tell is none."""
-    doubt = {
-        name: found.train_errors[name] / getattr(found.train, name) if getattr(found.train, name) > shortest else np.inf
-        for name in train
-    }
-    weakest = max(doubt, key=lambda name: doubt[name], default="")
-    return weakest if weakest and doubt[weakest] > LARGEST_RELATIVE_ERROR else ""
+def _shows(found: LikelihoodFit, spacing: float) -> bool:
+    """Return whether the runs show that the rudder is late at all: delay and lag together are longer than half the
+    `spacing` [s] of the samples, and than their doubt. What is whose may stay open."""
+    late = found.train.delay + found.train.lag
+    return late > max(0.5 * spacing, SURELY_TURNS * found.late_error)
 
 
 def _why_no(name: str, found: LikelihoodFit) -> str:
-    value, error = getattr(found.train, name), found.train_errors[name]
+    late = found.train.delay + found.train.lag
     return (
-        f"{name}: {value:.3g} with a standard error of {error:.2g} cannot be distinguished from 0, so it is held at 0; "
-        "trials with quick reversals, sampled well within that time, would tell it."
+        f"{name}: delay and lag together, {late:.3g} s with a standard error of {found.late_error:.2g}, cannot be "
+        f"distinguished from 0, so {name} is held at 0; trials with quick reversals, sampled well within that time, "
+        "would show it."
     )
 
 
 def answer_of(
     found: LikelihoodFit, runs: Sequence[Run], speed: float, prior: BoatPrior | None, reasons: Mapping[str, str]
 ) -> Identified | None:
-    """Return a fit in Norrbin's convention, together with what other boats say; None where the boat cannot be told to
+    """Return a fit in Norrbin's convention, together with what other boats say; None where the boat cannot be known to
     follow its rudder."""
     # that the boat turns to the side of its rudder must be in the recording: no other boat can say that
     if found.rates.a < SURELY_TURNS * math.sqrt(max(float(found.covariance[0, 0]), 0.0)):

@@ -54,7 +54,7 @@ USUAL_COMPASS, USUAL_GYRO, USUAL_SAMPLES = math.radians(0.5), math.radians(0.3),
 """Noise of compass [rad] and gyro [rad/s] before they are known, and what that is worth in samples."""
 LEAST_COMPASS, LEAST_GYRO = math.radians(0.03), math.radians(0.01)
 ROUGHNESS_SAMPLES = 300
-"""Over about so many samples the instruments' noise is told, from third differences."""
+"""Over about so many samples the instruments' noise is found, from third differences."""
 PSI, R, G, H, V, A, B, D, E = range(9)
 STATES = 9
 

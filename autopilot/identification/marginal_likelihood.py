@@ -16,31 +16,17 @@ cubic term). What a boat does in the record is known from the record, so that no
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
-from autopilot.identification.residuals import instrument_noise
-from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, with_corners
-from autopilot.identification.runs import FloatArray, Segment
+from autopilot.identification.likelihood_record import Record
+from autopilot.identification.runs import FloatArray
 
-SPEED_FLOOR_RATIO = 0.05
-SUBSTEP = 0.3
-"""Steps of the integration, as a share of the time constant at most."""
-NODE_SHARE, LONGEST_NODE_S, MOST_NODES = 0.1, 1.0, 3000
-"""Samples are averaged over this share of the time constant, at most so long, unless there are more than so many."""
-SPEED_LAG_S, WINDOW_PER_MEMORY = 10.0, 3.5
-"""The speed's noise is told from its changes over this time. A window of so many times the memory of an exponential
-smoother to both sides averages as much noise away."""
 ROUNDS, ARRIVED = 12, 1.0e-6
 PROBE = 1.0e-5
 """Step of the differences inside one integration step, as a share of the typical rate."""
-
-
-IntArray = NDArray[np.intp]
 
 
 class Rates(NamedTuple):
@@ -65,148 +51,6 @@ class Weather(NamedTuple):
     wave: float = 0.0
     wave_frequency: float = 1.0
     wave_damping: float = 0.1
-
-
-class Record(NamedTuple):
-    """Segments, one after the other, on N nodes with M steps between them, each of S substeps.
-
-    begin: the node at which each step begins, shape (M,). first: of each segment. step [s], shape (M,). rate [rad/s]
-    and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. ratio: speed over
-    the reference speed, shape (S, M). edges: per segment the times [s] of the substeps' ends; paths: its rudder.
-    """
-
-    begin: IntArray
-    first: IntArray
-    step: FloatArray
-    rate: FloatArray
-    heading: FloatArray
-    rate_count: FloatArray
-    heading_count: FloatArray
-    ratio: FloatArray
-    edges: tuple[FloatArray, ...]
-    paths: tuple[tuple[FloatArray, FloatArray], ...]
-
-    @property
-    def nodes(self) -> int:
-        """N."""
-        return int(self.rate.size)
-
-    @property
-    def pins(self) -> FloatArray:
-        """What holds the first heading of each segment in which none is measured, shape (S,)."""
-        headed = np.add.reduceat(self.heading_count, self.first)
-        return np.where(headed > 0.0, 0.0, PIN)
-
-    @property
-    def rates_known(self) -> int:
-        """At how many nodes a rate was measured."""
-        return int(np.count_nonzero(self.rate_count))
-
-    @property
-    def headings_known(self) -> int:
-        """At how many nodes a heading was measured."""
-        return int(np.count_nonzero(self.heading_count))
-
-
-def record_of(segments: Sequence[Segment], reference_speed: float, time_constant: float) -> Record:
-    """Return the segments on nodes fit for a boat of about that time constant [s]."""
-    total = sum(segment.time.size for segment in segments)
-    parts, begins, firsts, at = [], [], [], 0
-    for segment in segments:
-        spacing = float(np.median(np.diff(segment.time)))
-        wanted = min(NODE_SHARE * time_constant, LONGEST_NODE_S)
-        averaged = max(1, int(wanted / spacing))
-        apart = max(averaged, -(-total // MOST_NODES) if total > MOST_NODES * averaged else 1)
-        while segment.time.size < 8 * apart and apart > 1:
-            apart -= 1
-        part = _averaged(segment, apart, min(averaged, apart))
-        parts.append(part)
-        count = part[0].size
-        firsts.append(at)
-        begins.append(at + np.arange(count - 1))
-        at += count
-    step = np.concatenate([np.diff(part[0]) for part in parts])
-    substeps = int(np.clip(math.ceil(float(np.median(step)) / (SUBSTEP * time_constant)), 1, 12))
-    edges, ratios, paths = [], [], []
-    for segment, part in zip(segments, parts, strict=True):
-        times = part[0]
-        share = np.arange(substeps + 1) / substeps
-        grid = times[:-1, None] + np.diff(times)[:, None] * share
-        edges.append(np.append(grid[:, :-1].ravel(), times[-1]))
-        middle = 0.5 * (grid[:, :-1] + grid[:, 1:])
-        speed = np.interp(middle, segment.time, smoothed(segment.time, np.abs(segment.speed)))
-        ratios.append(np.maximum(speed / reference_speed, SPEED_FLOOR_RATIO).T)
-        paths.append(with_corners(segment.time, segment.rudder))
-    joined = [np.concatenate([part[i] for part in parts]) for i in range(1, 5)]
-    return Record(
-        np.concatenate(begins),
-        np.array(firsts),
-        step,
-        np.nan_to_num(joined[0]),
-        np.nan_to_num(joined[1]),
-        joined[2],
-        joined[3],
-        np.concatenate(ratios, axis=1),
-        tuple(edges),
-        tuple(paths),
-    )
-
-
-def smoothed(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Return `values` without their noise, by the means over a window that suits them.
-
-    Taken for a random walk of variance q a sample under white noise of variance R, whose best smoother forgets in
-    sqrt(R/q) samples to either side. Differences over one sample have the variance 2 R + q, over m samples 2 R + m q.
-    """
-    lag = min(int(SPEED_LAG_S / max(float(np.median(np.diff(time))), 1.0e-6)), values.size // 4)
-    if lag < 2:
-        return values
-    near, far = (float(np.mean((values[step:] - values[:-step]) ** 2)) for step in (1, lag))
-    walk = max((far - near) / (lag - 1), 0.0)
-    noise = max(0.5 * (near - walk), 0.0)
-    wanted = WINDOW_PER_MEMORY * math.sqrt(noise / max(walk, 1.0e-3 * noise / lag, 1.0e-300))
-    width = min(int(wanted), 2 * lag) | 1
-    if width < 3:
-        return values
-    padded = np.pad(values, width // 2, mode="reflect")
-    return np.asarray(np.convolve(padded, np.full(width, 1.0 / width), mode="valid"))
-
-
-def _averaged(segment: Segment, apart: int, together: int) -> tuple[FloatArray, ...]:
-    """Return times, rates, headings and how many samples each is the mean of: of so many `together` in the middle of
-    blocks of samples so many `apart`."""
-    count = segment.time.size // apart
-    middle = slice((apart - together) // 2, (apart - together) // 2 + together)
-
-    def of_blocks(values: FloatArray) -> FloatArray:
-        return np.asarray(values[: count * apart].reshape(count, apart)[:, middle])
-
-    means, counts = [], []
-    for values in (segment.rate, segment.heading):
-        block = of_blocks(values)
-        # where some are missing the rest is off the middle: such a mean is left out
-        whole = np.isfinite(block).all(axis=1)
-        means.append(np.where(whole, block.mean(axis=1), np.nan))
-        counts.append(np.where(whole, float(together), 0.0))
-    return of_blocks(segment.time).mean(axis=1), means[0], means[1], counts[0], counts[1]
-
-
-def rudder_on(record: Record, train: RudderTrain = DIRECT) -> tuple[FloatArray, FloatArray]:
-    """Return mean and rise [rad] of the rudder over each substep, shape (S, M) each, behind `train`."""
-    means, rises = [], []
-    substeps = record.ratio.shape[0]
-    for edges, (time, angle) in zip(record.edges, record.paths, strict=True):
-        moments, there = time, angle
-        if train != DIRECT:
-            moments = np.union1d(time + train.delay, edges)
-            there = behind_train(train, time, angle, moments)
-        grid = np.union1d(moments, edges)
-        values = np.interp(grid, moments, there)
-        area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(grid))])
-        at = np.searchsorted(grid, edges)
-        means.append((np.diff(area[at]) / np.diff(edges)).reshape(-1, substeps).T)
-        rises.append(np.diff(values[at]).reshape(-1, substeps).T)
-    return np.concatenate(means, axis=1), np.concatenate(rises, axis=1)
 
 
 def stepped(
@@ -236,11 +80,14 @@ def stepped(
 
 
 class Path(NamedTuple):
-    """The states at the nodes, shape (N, D): heading [rad], rate [rad/s], gust [rad/s^2], wave [rad, rad/s]; and the
-    negative logarithm of the record's likelihood there, constants left out."""
+    """The states at the nodes, shape (N, D): heading [rad], rate [rad/s], gust [rad/s^2], wave [rad, rad/s]; the
+    negative logarithm of the record's likelihood there, constants left out; and the curvature in rows of the lower
+    band, shape (2 D, N D), with its Cholesky factor, where they were asked for."""
 
     states: FloatArray
     loss: float
+    band: FloatArray | None = None
+    factor: FloatArray | None = None
 
 
 def begin_path(record: Record) -> FloatArray:
@@ -283,14 +130,14 @@ def best_path(
     rounds: int = ROUNDS,
 ) -> Path:
     """Return the most likely states near `start` and the loss; a loss of inf where the search does not arrive."""
-    noise = _noise_of(weather, record)
-    states, probe = start, PROBE * max(float(np.std(start[:, 1])), 1.0e-6)
+    noise = noise_of(weather, record)
+    states, probe = start, probe_of(start)
     for number in range(rounds):
         found = _assembled(rates, record, rudder, states, probe, noise)
         if found is None:
             return Path(start, math.inf)
         band, slope, density = found
-        factor, failed = dpbtrf(band, lower=1, overwrite_ab=1)
+        factor, failed = dpbtrf(band, lower=1)
         if failed:
             return Path(start, math.inf)
         move, _ = dpbtrs(factor, -slope, lower=1)
@@ -301,10 +148,15 @@ def best_path(
             break
         states = states + move.reshape(states.shape)
     # half the decrement is what the last step would still have gained
-    return Path(states, density - 0.5 * decrement + float(np.log(factor[0]).sum()))
+    return Path(states, density - 0.5 * decrement + float(np.log(factor[0]).sum()), band, factor)
 
 
-class _Noise(NamedTuple):
+def probe_of(states: FloatArray) -> float:
+    """Return the step [rad/s] of the differences by rate."""
+    return PROBE * max(float(np.std(states[:, 1])), 1.0e-6)
+
+
+class StepNoise(NamedTuple):
     """Inverse covariances of what drives each step, by their entries, shape (M,): (heading, heading), (heading, rate),
     (rate, rate), gust. initial: 1/variance of the states where a segment begins, shape (D,). gyro, compass: 1/variance
     of what was measured at each node, 0 where nothing was. keep: of the gust, shape (M,). wave: transition of the
@@ -322,13 +174,15 @@ class _Noise(NamedTuple):
     constant: float
 
 
-def _noise_of(weather: Weather, record: Record) -> _Noise:
-    h, q = record.step, weather.white**2
+def noise_of(weather: Weather, record: Record) -> StepNoise:
+    h = record.step
+    # of less the curvature would lose the instruments in its last digits
+    q = weather.white**2 + 12.0 * np.median(h) ** -3.0 * _least_seen(weather, record) / WORST_RATIO
     keep = np.exp(-h / weather.gust_time)
     # the inverse of [[h^3/3, h^2/2], [h^2/2, h]] q
     per = 1.0 / (q * h)
-    gust = 1.0 / (weather.gust**2 * (1.0 - keep * keep))
-    logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + h.size * math.log(q * q / 12.0)
+    gust = -1.0 / (weather.gust**2 * np.expm1(-2.0 * h / weather.gust_time))
+    logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + h.size * 2.0 * math.log(q) - h.size * math.log(12.0)
     segments = record.first.size
     logs += segments * 2.0 * math.log(weather.gust)
     initial, wave = np.array([0.0, 0.0, weather.gust**-2.0]), None
@@ -339,13 +193,26 @@ def _noise_of(weather: Weather, record: Record) -> _Noise:
         initial = np.append(initial, 1.0 / still)
     gyro, compass = record.rate_count / weather.gyro**2, record.heading_count / weather.compass**2
     logs += 2.0 * (record.rates_known * math.log(weather.gyro) + record.headings_known * math.log(weather.compass))
-    return _Noise(12.0 * per / (h * h), -6.0 * per / h, 4.0 * per, gust, initial, gyro, compass, keep, wave, 0.5 * logs)
+    return StepNoise(
+        12.0 * per / (h * h), -6.0 * per / h, 4.0 * per, gust, initial, gyro, compass, keep, wave, 0.5 * logs
+    )
+
+
+def _least_seen(weather: Weather, record: Record) -> float:
+    """Return the variance [rad^2] of what is measured of the heading in a step."""
+    if record.headings_known:
+        return weather.compass**2
+    return (weather.gyro * float(np.median(record.step))) ** 2
+
+
+WORST_RATIO = 1.0e10
+"""Weights may differ by no more."""
 
 
 def _wave_noise(
     weather: Weather, h: FloatArray, still: FloatArray
 ) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], float]:
-    """Return `_Noise.wave` and the logarithm of the determinant of what drives the waves over all steps of `h` [s]."""
+    """Return `StepNoise.wave` and the logarithm of the determinant of what drives the waves in all steps of `h` [s]."""
     W, z = weather.wave_frequency, min(weather.wave_damping, 0.95)
     own = W * math.sqrt(1.0 - z * z)
     fade, cosine, sine = np.exp(-z * W * h), np.cos(own * h), np.sin(own * h) / own
@@ -370,13 +237,45 @@ def _product(left: FloatArray, right: FloatArray) -> FloatArray:
     return np.stack([a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h])
 
 
+class Motion(NamedTuple):
+    """Of each step: what it leaves of heading [rad] and rate [rad/s] unexplained, without what drives it, and how it
+    goes on with rate and gust: turned by rate, turned by gust, rate by rate, rate by gust; each of shape (M,)."""
+
+    heading: FloatArray
+    rate: FloatArray
+    turned_by_rate: FloatArray
+    turned_by_gust: FloatArray
+    rate_by_rate: FloatArray
+    rate_by_gust: FloatArray
+
+
+def motion_of(
+    rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray], states: FloatArray, probe: float
+) -> Motion:
+    """Return how the steps go on at `states`."""
+    begin, end = record.begin, record.begin + 1
+    psi, r, pushed = states[:, 0], states[:, 1], states[begin, 2]
+    push_probe, now = probe / record.step[0], r[begin]
+    ahead, turned = stepped(
+        rates, record, rudder, np.stack([now, now + probe, now]), np.stack([pushed, pushed, pushed + push_probe])
+    )
+    return Motion(
+        psi[end] - psi[begin] - turned[0],
+        r[end] - ahead[0],
+        (turned[1] - turned[0]) / probe,
+        (turned[2] - turned[0]) / push_probe,
+        (ahead[1] - ahead[0]) / probe,
+        (ahead[2] - ahead[0]) / push_probe,
+    )
+
+
 def _assembled(
     rates: Rates,
     record: Record,
     rudder: tuple[FloatArray, FloatArray],
     states: FloatArray,
     probe: float,
-    noise: _Noise,
+    noise: StepNoise,
 ) -> tuple[FloatArray, FloatArray, float] | None:
     """Return the lower band of the curvature, the slope and the density at `states`; None where they overflow.
 
@@ -385,18 +284,11 @@ def _assembled(
     """
     N, D = states.shape
     begin, end = record.begin, record.begin + 1
-    psi, r, gust = (np.ascontiguousarray(states[:, i]) for i in range(3))
-    push_probe = probe / record.step[0]
-    now, pushed = r[begin], gust[begin]
-    ahead, turned = stepped(
-        rates, record, rudder, np.stack([now, now + probe, now]), np.stack([pushed, pushed, pushed + push_probe])
-    )
-    if not math.isfinite(float(ahead.sum())):
+    e0, e1, t, u, m, g = motion_of(rates, record, rudder, states, probe)
+    if not math.isfinite(float(e1.sum())):
         return None
-    t, u = (turned[1] - turned[0]) / probe, (turned[2] - turned[0]) / push_probe
-    m, g = (ahead[1] - ahead[0]) / probe, (ahead[2] - ahead[0]) / push_probe
     p, q, s, i, keep = noise.angle, noise.cross, noise.rate, noise.gust, noise.keep
-    e0, e1, e2 = psi[end] - psi[begin] - turned[0], r[end] - ahead[0], gust[end] - keep * pushed
+    e2 = states[end, 2] - keep * states[begin, 2]
     w0, w1, w2 = p * e0 + q * e1, q * e0 + s * e1, i * e2
     density = noise.constant + 0.5 * float(e0 @ w0 + e1 @ w1 + e2 @ w2)
     slope = np.zeros((N, D))
@@ -468,14 +360,5 @@ def _add_waves(
     return 0.5 * float(e0 @ w0 + e1 @ w1)
 
 
-LOOSE, PIN = 1.0e-6, 1.0e8
-"""States are held by so little where they begin; a heading that is nowhere measured by so much, at what it is."""
-
-
-def instruments(segments: Sequence[Segment]) -> tuple[float, float]:
-    """Return the white noise of gyro [rad/s] and compass [rad], from the second differences of the record."""
-    result = []
-    for rows in ([segment.rate for segment in segments], [segment.heading for segment in segments]):
-        known = [size for size in map(instrument_noise, rows) if math.isfinite(size)]
-        result.append(math.sqrt(float(np.mean(np.square(known)))) if known else 1.0)
-    return result[0], result[1]
+LOOSE = 1.0e-6
+"""States are held by so little where they begin."""

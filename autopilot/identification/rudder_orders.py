@@ -6,7 +6,7 @@ that are each other's best the join is made as long as
     RSS(joined) - RSS(left) - RSS(right) < COST sigma^2
 
 with least-squares lines and sigma the rudder's own noise (Keogh and others 2001, An online algorithm for segmenting
-time series, section 2.2; sigma from second differences). So a hold and a move are told apart by all of their samples,
+time series, section 2.2; sigma from second differences). So a hold and a move are parted by all of their samples,
 at any sampling: a rudder of 1 deg/s that is sampled at 50 Hz does not stand still from one sample to the next. The
 rudder stands where pieces stay within a narrow band for longer than it takes to cross the band at its own rate, and a
 move begins where the lines of hold and move meet.
@@ -115,7 +115,7 @@ def pieces_of(time: FloatArray, rudder: FloatArray) -> Pieces:
     sums, most = _sums_of(time, clean, np.arange(0, time.size - 1, 2)), COST * noise**2
     while sums.first.size > 1:
         cost = _left_over(_joined(sums, slice(None, -1), slice(1, None))) - _pairwise(_left_over(sums))
-        # equal costs are told apart by place, or nothing would be the best of its neighbours
+        # equal costs are distinguished by place, or nothing would be the best of its neighbours
         cost = cost + 1.0e-6 * most * ((0.6180339887 * np.arange(cost.size)) % 1.0)
         best = cost < most
         best[1:] &= cost[1:] < cost[:-1]

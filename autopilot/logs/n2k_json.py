@@ -30,7 +30,7 @@ GROUP = re.compile(rb'"pgn"\s*:\s*(\d{1,6})\b')
 UNITS = re.compile(rb'"units"\s*:\s*"(std|si)"')
 PLACES = ("latitude", "longitude")
 TURNING = ("heading", "cog", "windAngle")
-"""Angles from 0 to a full turn, by which degrees are told from radians."""
+"""Angles from 0 to a full turn, which distinguish degrees from radians."""
 IN_RADIANS = {
     field.name
     for fields in LAYOUTS.values()

@@ -102,7 +102,7 @@ class Session:
 
         self._links = tuple(links)
         self._waiting, self._receiving, self._sending = doing("fileno"), doing("receive"), doing("send")
-        self._upkeep, self._carrying = doing("publish_status", "poll"), doing("take_packets")
+        self._served, self._carrying = doing("publish_status", "poll"), doing("take_packets")
         self._showing = tuple(link for link in links if isinstance(link, TickListener))
 
     def __enter__(self) -> Session:
@@ -173,7 +173,7 @@ class Session:
                 if sample.__class__ is HeadingSample:
                     self._fresh = True
         if now < self._due():
-            for link in self._upkeep:
+            for link in self._served:
                 link.poll(now)
             return False
         self._step(now)
@@ -200,7 +200,7 @@ class Session:
                 link.send(now, tick.command)
             for showing in self._showing:
                 showing.publish_tick(tick)
-            for link in self._upkeep:
+            for link in self._served:
                 link.publish_status(now, tick.mode, tick.alarms)
                 link.poll(now)
         finally:

@@ -23,17 +23,15 @@ from autopilot.control.registry import LAWS
 from autopilot.errors import InputError, SeveralInputError
 from autopilot.files import typed
 from autopilot.files.strict_yaml import (
-    FIRMWARE_STEPS,
-    VESSEL_STEPS,
     Node,
-    migrated,
+    check_version,
     parse_document,
     plain,
     resolve_plain,
 )
 from autopilot.files.typed import Bounds, Shipped, hints_of
 from autopilot.models.norrbin import Norrbin, folds
-from autopilot.vessel.schema import Model, StandardErrors, Vessel
+from autopilot.vessel.schema import SCHEMA_VERSION, Model, StandardErrors, Vessel
 
 VESSELS = Shipped("firmware_params", "vessels", "shipped")
 
@@ -78,7 +76,7 @@ def shipped_vessels() -> list[str]:
 
 def vessel_from(root: Node) -> Vessel:
     """Return the vessel that a document holds, checked across its fields. Raises InputError."""
-    root = migrated(root, VESSEL_STEPS)
+    check_version(root, SCHEMA_VERSION)
     vessel = typed.read(root, Vessel)
     faults = [root.at(*path.split(".")).fault(sentence) for path, sentence in problems(vessel)]
     if faults:
@@ -298,13 +296,6 @@ def _checked(text: str, vessel: Vessel, file: str) -> str:
             f"{file}: cannot be changed in place without losing something; give another name for the result."
         )
     return text
-
-
-def migrated_text(text: str, file: str, *, is_vessel: bool) -> str:
-    """Return a vessel or firmware file `text` as the newest schema version has it. Raises InputError."""
-    root = parse_document(text, file)
-    newer = migrated(root, VESSEL_STEPS if is_vessel else FIRMWARE_STEPS)
-    return text if newer == root else edited_text(text, plain(root), plain(newer), file)
 
 
 def edited_text(text: str, old: Mapping[str, Any], new: Mapping[str, Any], file: str) -> str:

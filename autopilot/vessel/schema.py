@@ -18,7 +18,7 @@ from autopilot.files.typed import Counts as Counts
 from autopilot.models.drives import DriveName
 
 SCHEMA_VERSION = 2
-"""What this version writes; older ones are read too (see `migration`)."""
+"""What this version reads and writes."""
 
 
 @dataclass(frozen=True)

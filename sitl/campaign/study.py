@@ -16,11 +16,12 @@ from autopilot.control.design import DESIGNED
 from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError
 from autopilot.files import typed
-from autopilot.files.strict_yaml import Node
+from autopilot.files.strict_yaml import Node, check_version
 from autopilot.files.typed import Bounds, Shipped, is_path
 from autopilot.vessel.file import load_vessel, shipped_vessels
 from autopilot.vessel.schema import Vessel
 from sitl.scenario import (
+    SCHEMA_VERSION,
     FaultSection,
     HullSection,
     Scenario,
@@ -29,7 +30,6 @@ from sitl.scenario import (
     WavesSection,
     WindSection,
     check_faults,
-    check_version,
 )
 
 STUDIES = Shipped("sitl", "studies", "a shipped study")
@@ -118,8 +118,8 @@ def load_study(path_or_name: str) -> tuple[Study, str]:
 
 def study_from(root: Node) -> Study:
     """Return the study that a document holds, checked across its fields. Raises InputError."""
+    check_version(root, SCHEMA_VERSION)
     study = typed.read(root, Study)
-    check_version(root, study.schema_version)
     for key in LISTS:
         if not getattr(study, key):
             raise root.at(key).fault(f"{key} is empty; give at least one, or leave the key out.")

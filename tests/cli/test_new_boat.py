@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -23,11 +22,11 @@ NUMBERS = ("--length-m", "7", "--speed-kn", "9", "--rudder-max-deg", "30", "--si
 
 
 def test_the_first_model_goes_with_length_and_speed() -> None:
-    small, ship = first_model(7.0, 4.0), first_model(70.0, 4.0 * math.sqrt(10.0))
-    slower = math.sqrt(10.0)
-    assert small.K_1_s == pytest.approx(slower * ship.K_1_s, rel=1e-3)
-    assert small.T_s == pytest.approx(ship.T_s / slower, rel=1e-3)
-    assert small.n3_s2_rad2 == pytest.approx(ship.n3_s2_rad2 / 10.0, rel=1e-3)
+    slow, quick, ship = first_model(7.0, 2.0), first_model(7.0, 4.0), first_model(70.0, 4.0)
+    assert quick.K_1_s == pytest.approx(2.0 * slow.K_1_s, rel=1e-3)
+    assert quick.T_s == pytest.approx(0.5 * slow.T_s, rel=1e-3)
+    assert quick.n3_s2_rad2 == pytest.approx(0.25 * slow.n3_s2_rad2, rel=1e-3)
+    assert ship.T_s > 3.0 * quick.T_s and ship.K_1_s < quick.K_1_s / 3.0
 
 
 def test_the_file_that_is_written_holds_what_was_asked_and_no_gains(tmp_path: Path, commands: list[list[str]]) -> None:

@@ -21,7 +21,7 @@ from autopilot.firmware.file import (
 )
 
 FILE = """\
-schema_version: 1
+schema_version: 2
 firmware: ardurover
 frame: boat
 groups:
@@ -47,7 +47,7 @@ groups:
         ("FRAME_CLASS: 2", "FRAME_CLASS: .nan", "FRAME_CLASS is nan, needed is"),
         ("value: 255", "valu: 255", "valu is not a known key; did you mean value?"),
         ("ardurover", "arducopter", "firmware is the text 'arducopter', allowed are ardurover, px4"),
-        ("schema_version: 1", "schema_version: 9", "schema_version is 9, this version of Norrbin reads 1 to 2; update"),
+        ("schema_version: 2", "schema_version: 9", "schema_version is 9, this version of Norrbin reads 2; update"),
     ],
 )
 def test_each_mistake_is_one_sentence(old: str, new: str, sentence: str) -> None:
@@ -57,7 +57,7 @@ def test_each_mistake_is_one_sentence(old: str, new: str, sentence: str) -> None
 
 
 def test_a_file_without_parameters_is_refused() -> None:
-    text = "schema_version: 1\nfirmware: px4\nframe: boat\ngroups: {}\n"
+    text = "schema_version: 2\nfirmware: px4\nframe: boat\ngroups: {}\n"
     with pytest.raises(InputError, match="no group holds a parameter"):
         firmware_from(parse_document(text))
 

@@ -18,19 +18,14 @@ from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
-from autopilot.identification.likelihood_fit import truncated
-from autopilot.identification.marginal_likelihood import (
-    Rates,
-    Weather,
-    begin_path,
-    best_path,
-    record_of,
-    rudder_on,
-    smoothed,
-)
-from autopilot.identification.rudder_path import rudder_rate_of
+from autopilot.identification.likelihood_fit import memory_of, scales
+from autopilot.identification.likelihood_record import record_of, rudder_on, smoothed
+from autopilot.identification.likelihood_search import Space
+from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
 from autopilot.identification.verdict import verdict_of
+from autopilot.identification.weather_average import Known, mixed, truncated
 from autopilot.models.wind import RaceAndWind, inflow_ratio
 from autopilot.report.identification import Result, as_text, document_of
 from autopilot.vessel.file import load_vessel
@@ -55,7 +50,7 @@ def ridge() -> Identified:
     return identify(runs_of(neutral, SEA["gusts and waves"], 101), QUESTION)
 
 
-def test_a_course_unstable_boat_is_found_without_being_told(unstable: Identified) -> None:
+def test_a_course_unstable_boat_is_found_without_an_option(unstable: Identified) -> None:
     assert unstable.ratios is not None
     assert unstable.ratios.values[:3] == pytest.approx((0.2, -0.5, 10.0), rel=0.03)
     assert unstable.model.n1 == -1.0
@@ -76,7 +71,7 @@ def test_in_gusts_and_waves_the_intervals_hold_the_truth() -> None:
     assert sum(inside) >= 16
 
 
-def test_where_stability_is_not_told_the_ratios_are_and_a_sentence_says_so(ridge: Identified) -> None:
+def test_where_stability_is_not_known_the_ratios_are_and_a_sentence_says_so(ridge: Identified) -> None:
     assert ridge.ratios is not None and ridge.ratios.on_ridge
     assert {"K", "T"} <= set(ridge.unidentifiable)
     assert "K/T 0.2" in ridge.unidentifiable["K"] and "n3/T" in ridge.unidentifiable["K"]
@@ -176,12 +171,69 @@ def test_the_loss_is_that_of_a_kalman_filter() -> None:
     assert abs(theirs[1] - theirs[0]) > 10.0
 
 
+@pytest.mark.parametrize("wave", [0.0, 0.01])
+def test_the_slope_of_the_loss_is_that_of_its_differences(wave: float) -> None:
+    """Of a boat with cubic damping too, where the curvature changes with the path."""
+    plant = PLANT["unstable"]
+    run = runs_of(plant, SEA["gusts, noise, gyro"], 8)[0]
+    guess = Rates(1.05 * plant.a, 0.9 * plant.b, 0.0, 1.1 * plant.d, plant.e)
+    record = record_of(run.segments, SPEED_M_S, memory_of(guess, run.segments))
+    weather = Weather(0.5 * plant.a, 5.0, 0.1 * plant.a, 0.002, 0.006, wave, 1.2, 0.12)
+    train = RudderTrain(delay=0.15, lag=0.15)
+    space = Space(record, guess, weather, train, ("delay", "lag"), scales(run.segments, guess))
+    space.keep(space.start)
+    z, path = space.start, space.path
+    slope = space.slope(z)[1]
+    for i in range(z.size):
+        by = 1.0e-4 if i < 4 else 1.0e-3
+        losses = []
+        for sign in (1.0, -1.0):
+            at = z.copy()
+            at[i] += sign * by
+            space.path = path
+            losses.append(space.found(at).loss)
+        assert slope[i] == pytest.approx((losses[0] - losses[1]) / (2.0 * by), rel=2.0e-3, abs=0.02), space.names[i]
+
+
+def test_what_the_record_tells_of_the_boat_is_the_curvature_of_the_loss() -> None:
+    plant = PLANT["unstable"]
+    segments = [segment for run in runs_of(plant, SEA["calm"], 9) for segment in run.segments]
+    truth = Rates(plant.a, plant.b, 0.0, plant.d, plant.e)
+    record = record_of(segments, SPEED_M_S, memory_of(truth, segments))
+    weather = Weather(1.0e-3 * plant.a, 5.0, 1.0e-4 * plant.a, 1.0, math.radians(0.3))
+    space = Space(record, truth, weather, DIRECT, (), scales(segments, truth))
+    space.keep(space.start)
+    z, path = space.start, space.path
+    known = space.slope(z)[2]
+    error = np.sqrt(np.diag(np.linalg.inv(known)))
+    curvature = np.empty((4, 4))
+    for i in range(4):
+        slopes = []
+        for sign in (1.0, -1.0):
+            at = z.copy()
+            at[i] += sign * 0.1 * error[i]
+            space.path = path
+            slopes.append(space.slope(at)[1][:4])
+        curvature[i] = (slopes[0] - slopes[1]) / (0.2 * error[i])
+    assert np.sqrt(np.diag(np.linalg.inv(curvature))) == pytest.approx(error, rel=0.05)
+
+
+def test_kinds_of_weather_that_the_record_suits_alike_share_in_the_answer() -> None:
+    one = Known(np.array([0.0]), np.array([[1.0]]), 1.0, -3.0)
+    other = one._replace(mean=np.array([2.0]))
+    both = mixed([one, other])
+    assert both.mean == pytest.approx([1.0]) and both.covariance == pytest.approx(np.array([[2.0]]))
+    assert mixed([one, other._replace(evidence=-30.0)]).mean == pytest.approx([0.0], abs=1.0e-9)
+
+
 def test_a_normal_distribution_that_cannot_be_negative() -> None:
     random = np.random.default_rng(3)
     mean, covariance = np.array([1.0, 0.2]), np.array([[1.0, 0.6], [0.6, 0.8]])
     drawn = random.multivariate_normal(mean, covariance, 400_000)
+    share = (drawn[:, 1] > 0.0).mean()
     drawn = drawn[drawn[:, 1] > 0.0]
-    found, spread = truncated(mean, covariance, 1)
+    found, spread, log_share = truncated(mean, covariance, 1)
+    assert math.exp(log_share) == pytest.approx(share, abs=0.003)
     assert found == pytest.approx(drawn.mean(axis=0), abs=0.01)
     assert spread == pytest.approx(np.cov(drawn.T), abs=0.01)
 

@@ -183,10 +183,10 @@ def test_what_a_trial_is_predicted_to_tell_is_what_its_design_says(candidate: Ca
 
 
 def test_a_trial_without_end_is_predicted_to_its_limit(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["trial", "turning-circle", "lanxin", "--foretell", "--turn-deg", "180", "--side", "port"]) == 0
+    assert main(["trial", "turning-circle", "lanxin", "--predict", "--turn-deg", "180", "--side", "port"]) == 0
     whole = capsys.readouterr().out
     assert "before its time" not in whole
-    assert main(["trial", "turning-circle", "lanxin", "--foretell", "--time-limit", "9"]) == 0
+    assert main(["trial", "turning-circle", "lanxin", "--predict", "--time-limit", "9"]) == 0
     cut = capsys.readouterr().out
     assert "It takes 9 s" in cut
     assert "It would end before its time: the time limit of 9 s is over." in cut

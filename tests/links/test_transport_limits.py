@@ -595,9 +595,7 @@ def test_a_time_that_is_over_and_an_error_without_a_number() -> None:
         ("boat.local", False, False),
     ],
 )
-def test_addresses_are_told_apart_as_everywhere_loopback_or_neither(
-    address: str, everywhere: bool, loopback: bool
-) -> None:
+def test_addresses_are_parted_as_everywhere_loopback_or_neither(address: str, everywhere: bool, loopback: bool) -> None:
     assert (is_everywhere(address), is_loopback(address)) == (everywhere, loopback)
 
 

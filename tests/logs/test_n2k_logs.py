@@ -145,8 +145,8 @@ def test_magnetic_headings_take_the_variation_that_the_log_knows() -> None:
     assert first(headings()) == (pytest.approx(2.0, abs=1e-4), 1), "magnetic, and a note says so"
     assert first(headings(), variation=0.1) == (pytest.approx(2.1, abs=1e-4), 0)
     assert first(headings(variation=0.05, deviation=-0.02)) == (pytest.approx(2.03, abs=1e-4), 0)
-    told = [Sent(50.0, 127258, 35, {"variation": -0.07})]
-    assert first(sorted([*headings(), *told])) == (pytest.approx(1.93, abs=1e-4), 0)
+    sent = [Sent(50.0, 127258, 35, {"variation": -0.07})]
+    assert first(sorted([*headings(), *sent])) == (pytest.approx(1.93, abs=1e-4), 0)
 
 
 def test_several_sources_stay_apart_and_the_most_complete_one_is_used() -> None:

@@ -83,8 +83,8 @@ def is_plain(text: str) -> bool:
     ("name", "content"),
     [
         ("boat.yaml", '"\\e[31mred\\u202e": 1\n'),
-        ("boat.yaml", "schema_version: 1\nname: [\x1b[31m]\n"),
-        ("boat.yaml", 'schema_version: 1\nname: "\\e[2J"\nmodel: {K: "\\e]0;x\\a"}\n'),
+        ("boat.yaml", "schema_version: 2\nname: [\x1b[31m]\n"),
+        ("boat.yaml", 'schema_version: 2\nname: "\\e[2J"\nmodel: {K: "\\e]0;x\\a"}\n'),
         ("boat.param", "\x1b[31mNAME,1\n"),
         ("boat.parm", "NAME\x9b2J 1\n"),
         ("boat.yaml", "format: norrbin-firmware-parameters\nparams:\n  'A\x1b[31m': 1\n"),

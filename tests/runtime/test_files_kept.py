@@ -38,7 +38,7 @@ def test_a_log_takes_the_next_free_name_and_leaves_the_ones_that_are_there(tmp_p
 @pytest.mark.parametrize(
     "write",
     [
-        lambda path: save_text(path, "schema_version: 1\n"),
+        lambda path: save_text(path, "schema_version: 2\n"),
         lambda path: save_page(path, "<!doctype html>"),
         lambda path: main(["log", "export", str(path.with_name("trial.tlog")), "--to", str(path), "--overwrite"]),
     ],

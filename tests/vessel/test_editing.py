@@ -17,7 +17,6 @@ from autopilot.vessel.file import (
     dump_vessel,
     edited_text,
     load_vessel,
-    migrated_text,
     parse_vessel,
     updated_vessel_text,
 )
@@ -92,29 +91,6 @@ def test_a_file_of_ours_that_was_edited_by_hand_needs_no_extra(monkeypatch: pyte
     path.write_text(own.replace("angle_max_deg: 30.0", "angle_max_deg: 30.0  # measured on the slip"))
     assert main(["gains", str(path), "--out", str(path)]) == 2
     assert "# measured on the slip" in path.read_text()
-
-
-def test_migrate_keeps_comments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "boat.yaml"
-    old = "# my boat\nschema_version: 1 # old\nname: Boat\nmodel:\n  K_1_s: 0.7 # measured\n  T_s: 0.3\n"
-    old += "  reference_speed_m_s: 4.6\n  source: identified from a.csv, b.csv\n"
-    old += "rudder: {angle_max_deg: 30, rate_max_deg_s: 20}\n"
-    path.write_text(old)
-    assert main(["params", "migrate", str(path)]) == 0
-    text = path.read_text()
-    assert "now of schema version 2" in capsys.readouterr().out
-    assert "# my boat\nschema_version: 2 # old\n" in text
-    assert "K_1_s: 0.7 # measured" in text
-    assert parse_vessel(text) == parse_vessel(old)
-    assert parse_vessel(text).model.log == ("a.csv", "b.csv")
-    assert main(["params", "migrate", str(path)]) == 0
-    assert "is of the newest schema version already" in capsys.readouterr().out
-    assert path.read_text() == text
-
-
-def test_a_firmware_file_is_migrated() -> None:
-    old = "# kept\nschema_version: 1\nfirmware: px4\nframe: boat\ngroups: {one: {parameters: {A: 1}}}\n"
-    assert migrated_text(old, "f.yaml", is_vessel=False) == old.replace("version: 1", "version: 2")
 
 
 def test_gains_of_one_boat_do_not_replace_another_boats_file(tmp_path: Path) -> None:

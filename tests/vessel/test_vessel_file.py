@@ -21,7 +21,7 @@ from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel, proble
 from autopilot.vessel.schema import Vessel
 
 BOAT = """\
-schema_version: 1
+schema_version: 2
 name: Boat
 model:
   K_1_s: 0.7
@@ -82,9 +82,9 @@ def test_a_small_file_is_filled_with_defaults() -> None:
         ("0.7", "true", "model.K_1_s is true, needed is a finite number"),
         ("0.7", "", "model.K_1_s is null or empty, needed is a finite number"),
         ("0.7", "[1]", "model.K_1_s is a list, needed is a finite number"),
-        ("schema_version: 1", "schema_version: 3", "schema_version is 3, this version of Norrbin reads 1 to 2; update"),
-        ("schema_version: 1", "schema_version: 1.0", "schema_version is 1, needed is a whole number."),
-        ("schema_version: 1\n", "", "the key schema_version is missing"),
+        ("schema_version: 2", "schema_version: 3", "schema_version is 3, this version of Norrbin reads 2; update"),
+        ("schema_version: 2", "schema_version: 1.0", "schema_version is 1, needed is a whole number."),
+        ("schema_version: 2\n", "", "the key schema_version is missing"),
         ("name: Boat", "name: 12", "name is 12, needed is text."),
         ("name: Boat", "name: ' '", "name is empty; give the boat a name."),
         ("law: backstepping", "law: backsteping", "allowed are backstepping, pid, sliding, sliding_roll; did you"),

@@ -1,0 +1,182 @@
+"""A recording on the nodes of a grid that suits the boat: what is compared with at nodes, what drives between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.identification.residuals import instrument_noise
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, with_corners
+from autopilot.identification.runs import FloatArray, Segment
+
+SPEED_FLOOR_RATIO = 0.05
+SUBSTEP = 0.3
+"""Steps of the integration, as a share of the time constant at most."""
+NODE_SHARE, LONGEST_NODE_S, MOST_NODES = 0.1, 1.0, 3000
+"""Samples are averaged over this share of the time constant, at most so long, unless there are more than so many."""
+SPEED_LAG_S, WINDOW_PER_MEMORY = 10.0, 3.5
+"""The speed's noise is parted from its changes over this time. A window of so many times the memory of an exponential
+smoother to both sides averages as much noise away."""
+PIN = 1.0e8
+"""A heading that is nowhere measured is held by so much, at what it is."""
+
+IntArray = NDArray[np.intp]
+
+
+class Record(NamedTuple):
+    """Segments, one after the other, on N nodes with M steps between them, each of S substeps.
+
+    begin: the node at which each step begins, shape (M,). first: of each segment. step [s], shape (M,). rate [rad/s]
+    and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. ratio: speed over
+    the reference speed, shape (S, M). edges: per segment the times [s] of the substeps' ends; paths: its rudder.
+    """
+
+    begin: IntArray
+    first: IntArray
+    step: FloatArray
+    rate: FloatArray
+    heading: FloatArray
+    rate_count: FloatArray
+    heading_count: FloatArray
+    ratio: FloatArray
+    edges: tuple[FloatArray, ...]
+    paths: tuple[tuple[FloatArray, FloatArray], ...]
+
+    @property
+    def nodes(self) -> int:
+        """N."""
+        return int(self.rate.size)
+
+    @property
+    def pins(self) -> FloatArray:
+        """What holds the first heading of each segment in which none is measured, shape (S,)."""
+        headed = np.add.reduceat(self.heading_count, self.first)
+        return np.where(headed > 0.0, 0.0, PIN)
+
+    @property
+    def rates_known(self) -> int:
+        """At how many nodes a rate was measured."""
+        return int(np.count_nonzero(self.rate_count))
+
+    @property
+    def headings_known(self) -> int:
+        """At how many nodes a heading was measured."""
+        return int(np.count_nonzero(self.heading_count))
+
+
+def record_of(segments: Sequence[Segment], reference_speed: float, time_constant: float) -> Record:
+    """Return the segments on nodes fit for a boat of about that time constant [s]."""
+    total = sum(segment.time.size for segment in segments)
+    parts, begins, firsts, at = [], [], [], 0
+    for segment in segments:
+        spacing = float(np.median(np.diff(segment.time)))
+        wanted = min(NODE_SHARE * time_constant, LONGEST_NODE_S)
+        averaged = max(1, int(wanted / spacing))
+        apart = max(averaged, -(-total // MOST_NODES) if total > MOST_NODES * averaged else 1)
+        while segment.time.size < 8 * apart and apart > 1:
+            apart -= 1
+        part = _averaged(segment, apart, min(averaged, apart))
+        parts.append(part)
+        count = part[0].size
+        firsts.append(at)
+        begins.append(at + np.arange(count - 1))
+        at += count
+    step = np.concatenate([np.diff(part[0]) for part in parts])
+    substeps = int(np.clip(math.ceil(float(np.median(step)) / (SUBSTEP * time_constant)), 1, 12))
+    edges, ratios, paths = [], [], []
+    for segment, part in zip(segments, parts, strict=True):
+        times = part[0]
+        share = np.arange(substeps + 1) / substeps
+        grid = times[:-1, None] + np.diff(times)[:, None] * share
+        edges.append(np.append(grid[:, :-1].ravel(), times[-1]))
+        middle = 0.5 * (grid[:, :-1] + grid[:, 1:])
+        speed = np.interp(middle, segment.time, smoothed(segment.time, np.abs(segment.speed)))
+        ratios.append(np.maximum(speed / reference_speed, SPEED_FLOOR_RATIO).T)
+        paths.append(with_corners(segment.time, segment.rudder))
+    joined = [np.concatenate([part[i] for part in parts]) for i in range(1, 5)]
+    return Record(
+        np.concatenate(begins),
+        np.array(firsts),
+        step,
+        np.nan_to_num(joined[0]),
+        np.nan_to_num(joined[1]),
+        joined[2],
+        joined[3],
+        np.concatenate(ratios, axis=1),
+        tuple(edges),
+        tuple(paths),
+    )
+
+
+def smoothed(time: FloatArray, values: FloatArray) -> FloatArray:
+    """Return `values` without their noise, by the means over a window that suits them.
+
+    Taken for a random walk of variance q a sample under white noise of variance R, whose best smoother forgets in
+    sqrt(R/q) samples to either side. Differences over one sample have the variance 2 R + q, over m samples 2 R + m q.
+    """
+    lag = min(int(SPEED_LAG_S / max(float(np.median(np.diff(time))), 1.0e-6)), values.size // 4)
+    if lag < 2:
+        return values
+    near, far = (float(np.mean((values[step:] - values[:-step]) ** 2)) for step in (1, lag))
+    walk = max((far - near) / (lag - 1), 0.0)
+    noise = max(0.5 * (near - walk), 0.0)
+    wanted = WINDOW_PER_MEMORY * math.sqrt(noise / max(walk, 1.0e-3 * noise / lag, 1.0e-300))
+    width = min(int(wanted), 2 * lag) | 1
+    if width < 3:
+        return values
+    padded = np.pad(values, width // 2, mode="reflect")
+    return np.asarray(np.convolve(padded, np.full(width, 1.0 / width), mode="valid"))
+
+
+def _averaged(segment: Segment, apart: int, together: int) -> tuple[FloatArray, ...]:
+    """Return times, rates, headings and how many samples each is the mean of: of so many `together` in the middle of
+    blocks of samples so many `apart`."""
+    count = segment.time.size // apart
+    middle = slice((apart - together) // 2, (apart - together) // 2 + together)
+
+    def of_blocks(values: FloatArray) -> FloatArray:
+        return np.asarray(values[: count * apart].reshape(count, apart)[:, middle])
+
+    means, counts = [], []
+    for values in (segment.rate, segment.heading):
+        block = of_blocks(values)
+        # where some are missing the rest is off the middle: such a mean is left out
+        whole = np.isfinite(block).all(axis=1)
+        means.append(np.where(whole, block.mean(axis=1), np.nan))
+        counts.append(np.where(whole, float(together), 0.0))
+    return of_blocks(segment.time).mean(axis=1), means[0], means[1], counts[0], counts[1]
+
+
+def rudder_on(record: Record, train: RudderTrain = DIRECT) -> tuple[FloatArray, FloatArray]:
+    """Return mean and rise [rad] of the rudder over each substep, shape (S, M) each, behind `train`."""
+    means, rises = [], []
+    substeps = record.ratio.shape[0]
+    for edges, (time, angle) in zip(record.edges, record.paths, strict=True):
+        moments, there = time, angle
+        if train != DIRECT:
+            moments = np.union1d(time + train.delay, edges)
+            there = behind_train(train, time, angle, moments)
+        grid = np.union1d(moments, edges)
+        values = np.interp(grid, moments, there)
+        area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(grid))])
+        at = np.searchsorted(grid, edges)
+        means.append((np.diff(area[at]) / np.diff(edges)).reshape(-1, substeps).T)
+        rises.append(np.diff(values[at]).reshape(-1, substeps).T)
+    return np.concatenate(means, axis=1), np.concatenate(rises, axis=1)
+
+
+def instruments(segments: Sequence[Segment]) -> tuple[float, float]:
+    """Return the white noise of gyro [rad/s] and compass [rad], from the second differences of the record."""
+    result = []
+    for rows in ([segment.rate for segment in segments], [segment.heading for segment in segments]):
+        known = [size for size in map(instrument_noise, rows) if math.isfinite(size)]
+        result.append(math.hypot(float(np.sqrt(np.mean(np.square(known)))), LEAST_NOISE) if known else 1.0)
+    return result[0], result[1]
+
+
+LEAST_NOISE = 1.0e-4
+"""No instrument is better [rad, rad/s]; what is recorded from a simulation may be, and would leave no digits."""

@@ -1,0 +1,251 @@
+"""The search for the boat and the weather that make a recording most likely (`marginal_likelihood`).
+
+What is searched for is one vector: the boat's rates in units of what takes the rudder's whole moment, delay and lag of
+the rudder's way, and logarithms of sizes and times of gusts, waves and noise. What is known beforehand is weak: cubic
+damping that would at the largest rate seen take some twice the rudder's whole moment is unlikely.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from autopilot.identification.likelihood_record import Record, rudder_on
+from autopilot.identification.marginal_likelihood import (
+    Path,
+    Rates,
+    Weather,
+    begin_path,
+    best_path,
+    motion_of,
+    noise_of,
+)
+from autopilot.identification.marginal_slope import adjoint, driven_moments, held_at, information, moments_of
+from autopilot.identification.rudder_path import RudderTrain
+from autopilot.identification.runs import FloatArray
+
+RATE_NAMES = ("a", "b", "d", "e")
+LARGEST_CUBIC = 2.0
+"""Cubic damping at the largest rate, in units of the rudder's largest moment: the deviation of what is expected."""
+BESIDE, FIRST_STEP, NEXT = 0.1, 1.0e-4, 1.0e-5
+"""Steps of the differences of slopes, in standard errors, and where those are not known; and of those that give slopes.
+"""
+STAGES, STAYS = 4, 0.05
+"""How often the search begins anew at most, and what a step of Newton's may still gain where it ends."""
+FLATTEST, LEAST_CURVED = 1.0e-5, 0.16
+"""The least curvature of the search's axes, as a share, and of a number: that of what was known of a gust's size."""
+WIDE = 40.0
+"""Logarithms beyond this are held."""
+
+
+class _Prior(NamedTuple):
+    middle: float
+    width: float
+
+
+class Space:
+    """The vector of what is searched for, in units that make it of order one."""
+
+    def __init__(
+        self, record: Record, start: Rates, weather: Weather, train: RudderTrain, parts: tuple[str, ...], scale: Rates
+    ) -> None:
+        self.record, self.scale, self.train, self.parts = record, scale, train, parts
+        self.has_gyro = bool(record.rate_count.any())
+        self.has_compass = bool(record.heading_count.any())
+        self.base = weather
+        self.names = [*RATE_NAMES, "gust", "gust_time", "white"]
+        self.names += ["gyro"] if self.has_gyro else []
+        self.names += ["compass"] if self.has_compass else []
+        self.names += ["wave", "wave_frequency", "wave_damping"] if weather.wave > 0.0 else []
+        self.names += parts
+        gust = scale.a * math.radians(0.3)
+        self.boat = [i for i, name in enumerate(self.names) if name in RATE_NAMES or name in parts]
+        self.priors = {
+            "gust": _Prior(math.log(0.1 * gust), 2.5),
+            "gust_time": _Prior(math.log(6.0), 1.0),
+            "white": _Prior(math.log(0.03 * gust), 2.5),
+            "gyro": _Prior(math.log(weather.gyro), 0.7),
+            "compass": _Prior(math.log(weather.compass), 0.7),
+            "wave": _Prior(math.log(weather.wave) if weather.wave > 0.0 else 0.0, 1.5),
+            "wave_frequency": _Prior(math.log(weather.wave_frequency), 0.7),
+            "wave_damping": _Prior(math.log(0.1), 0.7),
+            **{part: _Prior(math.log(0.15), 1.2) for part in parts},
+        }
+        self.path = begin_path(record)
+        if weather.wave > 0.0:
+            self.path = np.concatenate([self.path, np.zeros((record.nodes, 2))], axis=1)
+        self.rudder = rudder_on(record, train)
+        first = [getattr(start, name) / getattr(scale, name) for name in RATE_NAMES]
+        rest = [
+            math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in self.names[4:]
+        ]
+        self.start = np.array([*first, *rest])
+
+    def opened(self, z: FloatArray) -> tuple[Rates, Weather, RudderTrain]:
+        """Return what the vector stands for."""
+        known = dict(zip(self.names, z.tolist(), strict=True))
+        rates = Rates(**{name: known[name] * getattr(self.scale, name) for name in RATE_NAMES})
+        others = {name: math.exp(min(max(known[name], -WIDE), WIDE)) for name in self.names[4:]}
+        train = self.train._replace(**{name: others[name] for name in self.parts})
+        weather = self.base._replace(**{name: value for name, value in others.items() if name not in self.parts})
+        if "wave_damping" in others:
+            weather = weather._replace(wave_damping=min(others["wave_damping"], 0.9))
+        return rates, weather, train
+
+    def before(self, z: FloatArray) -> float:
+        """Return the negative logarithm of what is known beforehand."""
+        total = 0.5 * (z[2] / LARGEST_CUBIC) ** 2
+        for name, value in zip(self.names[4:], z[4:].tolist(), strict=True):
+            prior = self.priors[name]
+            total += 0.5 * ((value - prior.middle) / prior.width) ** 2
+        return float(total)
+
+    def found(self, z: FloatArray, rounds: int = 12) -> Path:
+        """Return path and loss at the vector, the search beginning at the latest best path."""
+        rates, weather, train = self.opened(z)
+        rudder = rudder_on(self.record, train) if self.parts else self.rudder
+        path = best_path(rates, weather, self.record, rudder, self.path, rounds)
+        return path._replace(loss=path.loss + self.before(z))
+
+    def slope(self, z: FloatArray, boat_only: bool = False) -> tuple[float, FloatArray, FloatArray]:
+        """Return the loss at the vector, its derivatives, and the information about what moves the boat, rates and
+        train, had the path to be found anew for each; a loss of inf where no path is found. Later searches begin at
+        this path. boat_only: the weather's derivatives are left at 0."""
+        path = self.found(z)
+        slope = np.zeros_like(z)
+        if path.factor is None:
+            return math.inf, slope, np.eye(len(self.boat))
+        self.path = path.states
+        rates, weather, train = self.opened(z)
+        rudder = rudder_on(self.record, train) if self.parts else self.rudder
+        noise = noise_of(weather, self.record)
+        held = held_at(path, rates, self.record, rudder, noise)
+        here = moments_of(held)
+        changes = []
+        for i, name in enumerate(self.names):
+            if i not in self.boat and boat_only:
+                continue
+            beside, motions = [], []
+            for by in (NEXT, -NEXT):
+                at = z.copy()
+                at[i] += by
+                rates, weather, train = self.opened(at)
+                if i in self.boat:
+                    there = rudder_on(self.record, train) if name in self.parts else rudder
+                    motions.append(motion_of(rates, self.record, there, held.states, held.probe))
+                    worth = adjoint(here._replace(driven=driven_moments(held, motions[-1])), noise)
+                else:
+                    worth = adjoint(here, noise_of(weather, self.record))
+                beside.append(worth + self.before(at))
+            slope[i] = (beside[0] - beside[1]) / (2.0 * NEXT)
+            if motions:
+                changes.append([(motions[0][k] - motions[1][k]) / (2.0 * NEXT) for k in (0, 1)])
+        known = information(path.factor, held, noise, np.array(changes))
+        return path.loss, slope, known + np.diag([self.curvature_before(i) for i in self.boat])
+
+    def curvature_before(self, i: int) -> float:
+        """Return the second derivative of `before` by the vector's number i."""
+        name = self.names[i]
+        if name in self.priors:
+            return float(self.priors[name].width ** -2.0)
+        return float(LARGEST_CUBIC**-2.0) if name == "d" else 0.0
+
+    def keep(self, z: FloatArray) -> float:
+        """Move the beginning of later searches to the vector's path; return the loss there."""
+        path = self.found(z)
+        if math.isfinite(path.loss):
+            self.path = path.states
+        return path.loss
+
+
+def maximised(space: Space, start: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+    """Return the vector of the least loss near `start`, the loss, and the curvature there.
+
+    A quasi-Newton search in coordinates in which the curvature is about one; begun anew, with the curvature where it
+    ended, until it stays.
+    """
+    z, loss = start, space.keep(start)
+    z, loss = searched(space, z, first_axes(space, z), loss)
+    steps = np.full(z.size, FIRST_STEP)
+    for _ in range(STAGES):
+        curvature, slope = _curvature(space, z, steps)
+        axes = _axes(curvature)
+        if 0.5 * float(np.sum((axes.T @ slope) ** 2)) < STAYS:
+            break
+        steps = np.clip(BESIDE / np.sqrt(np.maximum(np.diag(curvature), 1.0)), FIRST_STEP, BESIDE)
+        z, loss = searched(space, z, axes, loss)
+    return z, loss, curvature
+
+
+def first_axes(space: Space, z: FloatArray) -> FloatArray:
+    """Return axes along which the curvature is about one, before it is known: of the boat by what the record tells of
+    it in that weather, of instruments by the number of their samples."""
+    scale = np.full(z.size, USUAL_DOUBT)
+    known = {"gyro": space.record.rates_known, "compass": space.record.headings_known}
+    for name, count in known.items():
+        if name in space.names:
+            scale[space.names.index(name)] = (2.0 * count) ** -0.5
+    axes = np.diag(scale)
+    axes[np.ix_(space.boat, space.boat)] = _axes(space.slope(z, boat_only=True)[2])
+    return axes
+
+
+USUAL_DOUBT = 0.3
+"""Of the logarithm of a gust's size, before it is known."""
+
+
+def _axes(curvature: FloatArray) -> FloatArray:
+    """Return axes along which the curvature is one; where it is less than that of what was known before nothing is
+    known but that."""
+    size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(curvature)), LEAST_CURVED))
+    values, vectors = np.linalg.eigh(curvature * np.outer(size, size))
+    return np.asarray(size[:, None] * vectors / np.sqrt(np.maximum(np.abs(values), FLATTEST)))
+
+
+def inverse(known: FloatArray) -> FloatArray:
+    """Return the inverse of what is known of the boat, which may be much more of a sum than of each."""
+    size = 1.0 / np.sqrt(np.maximum(np.diag(known), 1.0e-300))
+    values, vectors = np.linalg.eigh(known * np.outer(size, size))
+    root = size[:, None] * vectors / np.sqrt(np.maximum(values, ROUNDING))
+    return np.asarray(np.einsum("ik,jk->ij", root, root))
+
+
+ROUNDING = 1.0e-10
+"""Least share of the largest eigenvalue that is not taken for rounding."""
+
+
+def searched(space: Space, z: FloatArray, axes: FloatArray, loss: float) -> tuple[FloatArray, float]:
+    """Return the vector of the least loss found along `axes` from `z`, and the loss."""
+    best, least = z, loss
+
+    def both(u: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal best, least
+        at, before = z + axes @ u, space.path
+        found, slope, _ = space.slope(at)
+        if found < least:
+            best, least = at, found
+        else:
+            space.path = before
+        if not math.isfinite(found):
+            return 1.0e10, np.zeros_like(u)
+        return found, axes.T @ slope
+
+    minimize(both, np.zeros(z.size), jac=True, method="L-BFGS-B", options={"maxiter": 40, "maxls": 8, "gtol": 0.1})
+    return best, least
+
+
+def _curvature(space: Space, z: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the second derivatives of the loss, by differences of its slopes, and the slope."""
+    H = np.empty((z.size, z.size))
+    space.keep(z)
+    here, before = space.slope(z)[1], space.path
+    for i in range(z.size):
+        at = z.copy()
+        at[i] += steps[i]
+        space.path = before
+        H[i] = (space.slope(at)[1] - here) / steps[i]
+    space.path = before
+    return np.asarray(np.nan_to_num(0.5 * (H + H.T), nan=1.0e6, posinf=1.0e6, neginf=-1.0e6)), here
