@@ -9,7 +9,7 @@ from a rate at the start that is fitted for each run, and the rates' differences
 tell less: the standard errors count each independent stretch of them once, as many as their correlation time leaves.
 
 Where the throttle is recorded thrust that is turned has q fitted with p = 0. All else has p fitted with q = 0: in a
-steady run the speed follows the throttle, and the two cannot be told apart. What the runs cannot tell stays as it is
+steady run the speed follows the throttle, and the two cannot be parted. What the runs cannot tell stays as it is
 usual for the drive, and is said.
 """
 
@@ -165,7 +165,7 @@ def fit_drive(runs: Sequence[Run], usual: DriveLaw, needs: Needs) -> DriveFit:
     values[free] = found.x[: len(free)]
     covariance = _covariance(stack, known, found.jac, found.fun)
     errors = {NAMES[place]: math.sqrt(max(covariance[i, i], 0.0)) for i, place in enumerate(free)}
-    return _told(values, errors, _Asked(usual, needs, reference, throttle, by_throttle, speeds, throttles))
+    return _drive_fit(values, errors, _Asked(usual, needs, reference, throttle, by_throttle, speeds, throttles))
 
 
 class _Asked(NamedTuple):
@@ -188,7 +188,7 @@ def _way_exponent(asked: _Asked) -> float:
     return float(min(max(slope, 0.2), 3.0))
 
 
-def _told(values: FloatArray, errors: dict[str, float], asked: _Asked) -> DriveFit:
+def _drive_fit(values: FloatArray, errors: dict[str, float], asked: _Asked) -> DriveFit:
     """Return the fit in the model's terms, and in words."""
     strength, exponent, damping, slope, cubic, push = (float(each) for each in values)
     size = max(abs(damping), 1.0e-4)
@@ -220,7 +220,7 @@ def _told(values: FloatArray, errors: dict[str, float], asked: _Asked) -> DriveF
         sentences.append(f"K/T goes with the power {exponent:.2f} +- {1.96 * errors['exponent']:.2f} of the {what}.")
     else:
         sentences.append(
-            f"The runs are all at much the same {what}: how K and T go with it cannot be told, and is taken as usual "
+            f"The runs are all at much the same {what}: how K and T go with it cannot be known, and is taken as usual "
             f"for the drive (power {exponent:g}). Add runs at half and twice that {what}."
         )
     if "damping_slope" in errors:

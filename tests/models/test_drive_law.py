@@ -104,7 +104,7 @@ def test_steering_is_found_that_makes_the_moment_wanted(mixing: Mixing, share: f
 
 
 @pytest.mark.parametrize("exponent", [1.5, 2.0])
-def test_a_firmware_told_of_the_asymmetry_turns_the_boat_where_it_lies(exponent: float) -> None:
+def test_a_firmware_that_knows_the_asymmetry_turns_the_boat_where_it_lies(exponent: float) -> None:
     mixing = Mixing(asymmetry=1.4, exponent=exponent)
     left, right = mixed(mixing, 1.0, 0.0)
     assert thrust(mixing, left) == pytest.approx(-thrust(mixing, right))

@@ -20,7 +20,7 @@ class DriveKind(NamedTuple):
     """A kind of drive.
 
     name: the value of `drive.kind` in the vessel file. needs: what it steers by. usual: how K and T go with speed and
-    throttle where no trial has told. outputs: the servo functions (SERVOn_FUNCTION) of an ArduRover that carry the
+    throttle where no trial has shown it. outputs: the servo functions (SERVOn_FUNCTION) of an ArduRover that carry the
     steering, in the order in which they are read. advice: what to set where they are not there.
     """
 
