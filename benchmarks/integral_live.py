@@ -1,6 +1,6 @@
-"""How quickly and how well the integral method learns while a boat sails; prints one table.
+"""How quickly and how well the integral method and the live filter learn while a boat sails; prints one table.
 
-    python benchmarks/integral_live.py [--seeds 20] [--headings]
+    python benchmarks/integral_live.py [--seeds 20] [--headings | --live]
 
 Each boat sails a 15/15 zigzag with its rudder moving at 20 deg/s and then five minutes straight on, steered by what it
 measures: heading and yaw rate ten times a second with 0.2 deg and 0.1 deg/s of white noise. Every variant begins with
@@ -21,6 +21,8 @@ from integral_recursion import Recursion, RecursionSettings, WindowRls, recursio
 from autopilot.identification.identified import Question
 from autopilot.identification.integral_fit import FitSettings, IntegralFit, window_length
 from autopilot.identification.integral_window import IntegralWindow
+from autopilot.identification.learning import learnt_model
+from autopilot.identification.live_filter import LiveFilter
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import run_from_columns
 from autopilot.identification.trial_design import InstrumentNoise, cramer_rao
@@ -126,7 +128,25 @@ def fit(first: Norrbin, *, rates: bool = True) -> Learner:
     return learn
 
 
+def filtered(first: Norrbin, *, rates: bool = True) -> Learner:
+    """What learns while sailing."""
+
+    def learn(samples: list[Sample]) -> list[tuple[float, Norrbin]]:
+        live, path = LiveFilter(first), []
+        for number, (time, rudder, heading, rate) in enumerate(samples):
+            live.update(time, rudder, 1.0, heading, rate if rates else None)
+            if number % LOOKS == 0:
+                path.append((time, learnt_model(live, first)[0]))
+        return path
+
+    return learn
+
+
+LOOKS = 5
+"""Samples from one look at the filter to the next."""
 HEADINGS = "the same from headings alone"
+LIVE = "filter (what runs live)"
+LIVE_HEADINGS = "filter, from headings alone"
 
 VARIANTS: dict[str, Callable[[Norrbin], Learner]] = {
     "recursion as published, linear": lambda first: recursion(first, nonlinear=False),
@@ -134,6 +154,8 @@ VARIANTS: dict[str, Callable[[Norrbin], Learner]] = {
     "least squares over the windows": least_squares,
     "with instruments": fit,
     HEADINGS: lambda first: fit(first, rates=False),
+    LIVE: filtered,
+    LIVE_HEADINGS: lambda first: filtered(first, rates=False),
 }
 
 
@@ -176,9 +198,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--headings", action="store_true", help="the lines from headings alone")
+    parser.add_argument("--live", action="store_true", help="the lines of what runs live")
     options = parser.parse_args()
     seeds = range(options.seeds)
-    variants = {label: each for label, each in VARIANTS.items() if not options.headings or label == HEADINGS}
+    wanted = [HEADINGS] if options.headings else [LIVE, LIVE_HEADINGS] if options.live else list(VARIANTS)
+    variants = {label: each for label, each in VARIANTS.items() if label in wanted}
     print("| boat | zigzag | variant | rms K | rms T | worst K | worst T | worst K, 5 min straight | worst T |")
     print("|---|---|---|---|---|---|---|---|---|")
     for name, (boat, zigzag) in BOATS.items():
@@ -194,6 +218,8 @@ def main() -> int:
             straight = np.max([each.straight for each in found], axis=0)
             cells = [*np.sqrt(np.mean(ends**2, axis=0)), *np.max(np.abs(ends), axis=0), *straight]
             print(f"| {name} | {zigzag:.0f} s | {label} | " + " | ".join(f"{100 * c:.1f} %" for c in cells) + " |")
+        if options.live:
+            continue
         print(f"| {name} | {zigzag:.0f} s | ekf over all of it, headings alone | {over_all(boat, zigzag, seeds)} | | |")
         for label, rates in (("bound", True), ("bound from headings alone", False)):
             print(f"| {name} | {zigzag:.0f} s | {label} | {bound(boat, zigzag, rates=rates)} | | | | |")

@@ -27,7 +27,7 @@ import numpy as np
 
 from autopilot.identification.integral_fit import moved_on
 from autopilot.identification.learning import CHANCE, Learner
-from autopilot.identification.model_choice import AHEAD_LONGEST_S, AHEAD_SHORTEST_S, AHEAD_TIME_CONSTANTS
+from autopilot.identification.prediction_test import AHEAD_LONGEST_S, AHEAD_SHORTEST_S, AHEAD_TIME_CONSTANTS
 from autopilot.models.norrbin import Norrbin
 from autopilot.runtime.build import model_of
 from autopilot.vessel.file import load_vessel

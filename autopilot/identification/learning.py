@@ -11,8 +11,8 @@ a candidate that is no better than the present model makes no wealth: that it ev
 1/w, however often one looks (Ville's inequality; Shafer 2021, Waudby-Smith and Ramdas 2024). It has proved itself when
 its wealth is above k (k + 1)/CHANCE, k counting the candidates, so that all together are wrong with less than CHANCE.
 
-n0 is the wind's and stays as it is: each model's mean error over the stretches before is taken off. Memory is constant:
-the filter, the last few rudder angles, one running prediction, and the outcomes of the last `STRETCHES` stretches.
+n0 is the wind's and stays as it is; what wind does, each model finds for itself (`prediction_test`). Memory is
+constant: filters, the last few rudder angles, one running prediction, the outcomes of the last `STRETCHES` stretches.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ import numpy as np
 
 from autopilot.angles import wrap
 from autopilot.identification.live_filter import LiveFilter
-from autopilot.identification.model_choice import Outcome, PredictionTest
+from autopilot.identification.prediction_test import Outcome, PredictionTest
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Tick
 
 SURE_OF_IT = 1.96
 GOOD, START = 0.15, 0.3
 """Standard errors of K and T, as shares, of a good model and of one that is put forward: as of `verdict`."""
-LEAST_MOVED_S = 10.0
+LEAST_MOVED_S = 20.0
 """The rudder must have been away from its mean for so long before a model is put forward."""
 MUCH_BETTER = 0.6
 """A candidate that is not winning is replaced when the standard errors have shrunk to this share, and judged anew."""
@@ -42,8 +42,6 @@ STRETCHES = 64
 CHANCE = 0.02
 """With this probability at most a model that predicts no better is called proved between two adoptions."""
 BETS = np.array([0.1, 0.25, 0.5, 0.8, 0.98])
-MEAN_OVER = 4.0
-"""Stretches over which each model's mean error is taken."""
 
 RUDDER_FRESH_S = 2.0
 RATE_FRESH_S = 0.3
@@ -117,7 +115,6 @@ class Learner:
         self._outcomes: deque[Outcome] = deque(maxlen=STRETCHES)
         self._candidates = 0
         self._wealth = np.ones(BETS.size)
-        self._means = [0.0, 0.0]
         self._proved: Proposal | None = None
 
     @property
@@ -167,7 +164,7 @@ class Learner:
         self._fit.update(time, rudder, ratio, heading, rate)
         outcome = None
         if self._prediction_test is not None:
-            outcome = self._prediction_test.update(time, rudder, ratio, heading, self._fit.rate)
+            outcome = self._prediction_test.update(time, rudder, ratio, heading, rate)
         if outcome is not None:
             self._judge(outcome)
         if time - self._looked >= LOOKS_S:
@@ -199,18 +196,16 @@ class Learner:
                 return
         self._candidate = _Candidate(model, errors, self._fit.moved_s)
         self._prediction_test = PredictionTest(self.present, model)
-        self._candidates += 1
+        if self._candidates == 0 or self._outcomes:
+            # one on which no bet was made has cost no chance
+            self._candidates += 1
         self._wealth = np.ones(BETS.size)
-        self._means = [0.0, 0.0]
         self._outcomes.clear()
 
     def _judge(self, outcome: Outcome) -> None:
-        """Take a stretch's errors, less what each model's were on average before; bet on it."""
-        errors = [error - mean for error, mean in zip(outcome, self._means, strict=True)]
-        share = min(1.0 / (len(self._outcomes) + 1.0), 1.0 / MEAN_OVER)
-        self._means = [mean + share * (error - mean) for error, mean in zip(outcome, self._means, strict=True)]
-        self._outcomes.append(Outcome(*errors))
-        present, other = errors[0] ** 2, errors[1] ** 2
+        """Take a stretch's errors; bet on it."""
+        self._outcomes.append(outcome)
+        present, other = outcome.present**2, outcome.other**2
         if present + other > 0.0:
             self._wealth = self._wealth * (1.0 + BETS * (present - other) / (present + other))
         judged = self._judged()

@@ -8,9 +8,11 @@ white. Rate, gust, wave and the four rates are one state of an extended Kalman f
 is known. That the rudder answers the gusts, as every hand and law makes it, is no matter: rudder and gust stand in the
 same equation, and nothing is left out that both go with (prediction errors in closed loop, Ljung 1999, section 13.4).
 
-How rough it is, nobody says: a filter runs for each kind of weather, and their estimates are taken together, weighted
-with the likelihood of what each has seen (multiple models, Bar-Shalom 2001, section 11.6). The covariance is theirs
-together. Where nothing moves the boat, nothing is learnt; a, b and d drift a little, only while the rudder moves.
+How rough it is, nobody says, and it changes: a filter runs for each kind of weather, and their estimates are taken
+together, weighted with the likelihood of what each has seen; now and then each begins anew from what those that the
+weather may have come from hold (interacting multiple models, Bar-Shalom 2001, section 11.6). So one that has not fitted
+the weather for long holds what the others have learnt. The covariance is theirs together. Where nothing moves the boat,
+nothing is learnt; a, b and d drift a little, only while the rudder moves.
 """
 
 from __future__ import annotations
@@ -37,11 +39,11 @@ EXPECTED = (0.7, 1.0, 0.5)
 """Deviations of what the first model is expected to be off by: of a and b, as shares of a and 1/T, and of d, as a share
 of the cubic damping that holds LARGE degrees of rudder."""
 LARGE, TRIM = math.radians(20.0), math.radians(3.0)
-FORGETS_S = 120.0
-"""Time in which what the weather was has faded to a third."""
-DRIFT_S, TRIM_DRIFT_S = 3600.0, 600.0
+CHANGES_S, MIXES_S = 120.0, 2.0
+"""Time in which the weather is expected to have changed; seconds between minglings of the filters."""
+DRIFT_S, TRIM_DRIFT_S = 72.0e3, 600.0
 """Time of moved rudder in which a, b and d, and time in which e, may come to differ by what was expected at first."""
-MOVES = math.radians(1.0)
+MOVES = math.radians(2.0)
 """The rudder moves while it is so far from its mean over a minute."""
 LONGEST_GAP_S = 2.0
 LEAST_RATIO, MOST_RATIO = 0.2, 5.0
@@ -120,11 +122,19 @@ class _Waves:
         return known
 
 
-class LiveFilter:
-    """Feed it with `update`; read `estimate`. `first` is the model it begins with."""
+class Push(NamedTuple):
+    """What pushes the boat at the reference speed [rad/s^2]: a gust, and what stays."""
 
-    def __init__(self, first: Norrbin) -> None:
-        self.first = first
+    gust: float
+    trim: float
+
+
+class LiveFilter:
+    """Feed it with `update`; read `estimate`. `first` is the model it begins with; `held`: it
+    stays so, and only weather and trim are found, waves left out."""
+
+    def __init__(self, first: Norrbin, *, held: bool = False) -> None:
+        self.first, self._held = first, held
         self.forget()
 
     def forget(self) -> None:
@@ -134,8 +144,11 @@ class LiveFilter:
         rate = _turn(first)
         self._unit = np.array([a, 1.0 / T, a * LARGE / rate**3, a])
         spread = np.array([*EXPECTED, TRIM]) * self._unit
+        if self._held:
+            spread[:3] = 0.0
         self._mean = np.array([a, first.n1 / T, first.n3 / T, first.n0 / T])
-        weather = np.array([(g, w, W) for g in GUST_DEG for w in WHITE_DEG for W in WAVE_RAD_S])
+        waves = WAVE_RAD_S[:1] if self._held else WAVE_RAD_S
+        weather = np.array([(g, w, W) for g in GUST_DEG for w in WHITE_DEG for W in waves])
         self._gust, self._white = np.radians(weather[:, :2].T) * a
         self._wave = _Waves(weather[:, 2], math.radians(WAVE_DEG) * a)
         M = weather.shape[0]
@@ -146,6 +159,7 @@ class LiveFilter:
         drift = np.array([DRIFT_S, DRIFT_S, DRIFT_S, TRIM_DRIFT_S])
         self._drift = spread**2 / drift
         self._logs = np.zeros(M)
+        self._mixed = -math.inf
         self._compass = _Roughness(USUAL_COMPASS, LEAST_COMPASS)
         self._gyro = _Roughness(USUAL_GYRO, LEAST_GYRO)
         self._at, self._rudder, self._usual, self._turns = -math.inf, 0.0, 0.0, 0.0
@@ -165,6 +179,12 @@ class LiveFilter:
     def rate(self) -> float:
         """The rate [rad/s] as all that was measured so far shows it."""
         return float(self._weights() @ self._x[:, R])
+
+    @property
+    def push(self) -> Push:
+        """What pushes the boat now."""
+        weight = self._weights()
+        return Push(float(weight @ self._x[:, G]), -float(weight @ self._x[:, E]))
 
     def _weights(self) -> Array:
         weight = np.exp(self._logs - self._logs.max())
@@ -194,7 +214,6 @@ class LiveFilter:
             self._P[:, range(A, E), range(A, E)] += self._drift[:3] * dt
         self._P[:, E, E] += self._drift[3] * dt
         self._at, self._rudder = time, rudder
-        self._logs *= math.exp(-dt / FORGETS_S)
         if heading is not None and math.isfinite(heading):
             self._compass.update(heading)
             self._turns += wrap(heading - self._heading)
@@ -203,8 +222,22 @@ class LiveFilter:
         if rate is not None and abs(rate) <= RATE_BOUND_RAD_S:
             self._gyro.update(rate)
             self._see(R, rate, self._gyro.variance)
+        if time - self._mixed >= MIXES_S:
+            self._mixed = time
+            self._mix()
         if not (np.isfinite(self._x).all() and np.isfinite(self._P).all()):
             self.forget()
+
+    def _mix(self) -> None:
+        """Let the weather have changed: each filter begins with what all hold, as likely as each led to its weather."""
+        M, changed = self._logs.size, MIXES_S / CHANGES_S
+        led = self._weights()[:, None] * ((1.0 - changed) * np.eye(M) + changed / M)
+        total = led.sum(axis=0)
+        led = led / total
+        mean = led.T @ self._x
+        off = self._x[:, None, :] - mean[None, :, :]
+        spread = np.tensordot(led, self._P, axes=(0, 0)) + np.einsum("ij,ijk,ijl->jkl", led, off, off)
+        self._x, self._P, self._logs = mean, spread, np.log(total)
 
     def _begin(self, time: float, rudder: float, heading: float | None, rate: float | None) -> None:
         self._at, self._rudder, self._turns = time, rudder, 0.0

@@ -11,8 +11,6 @@ explains the rate best, the same for all). Of the candidates that predict as wel
 error of the difference, from run to run (Breiman et al. 1984), or within what matters, the one with the least BIC is
 chosen. A candidate that explains even the runs it is fitted to much worse than another need predict nothing.
 
-Two models predict the same boat, stretch after stretch, from the rudder alone.
-
 The model that steers: what laws and gains are designed from, where the fit knows more than they do.
 """
 
@@ -25,97 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
-from autopilot.identification.integral_fit import moved_on
 from autopilot.identification.runs import SHORTEST_SEGMENT_SAMPLES, FloatArray, Run, Segment
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.wind import RaceAndWind, without_drift
-
-AHEAD_TIME_CONSTANTS, AHEAD_SHORTEST_S, AHEAD_LONGEST_S = 4.0, 3.0, 30.0
-"""A stretch is this many time constants long, within these limits: long enough for the models to differ."""
-
-LONGEST_GAP_S = 2.0
-LEAST_RUDDER_RANGE_RAD, LEAST_TURNED_RAD = math.radians(3.0), math.radians(8.0)
-"""A stretch in which rudder or boat turned less tells nothing of either model."""
-
-SETTLING_S = 1.0
-"""The rate that a stretch begins with is the mean over this time, or over a share of T where that is shorter."""
-
-
-class Outcome(NamedTuple):
-    """Heading errors [rad] at a stretch's end: of the present model and of the other."""
-
-    present: float
-    other: float
-
-
-class PredictionTest:
-    """Feed it with `update`; it answers at the end of each stretch that tells something. Constant memory."""
-
-    def __init__(self, present: Norrbin, other: Norrbin) -> None:
-        longest = max(present.time_constant, other.time_constant)
-        self.ahead = min(max(AHEAD_TIME_CONSTANTS * longest, AHEAD_SHORTEST_S), AHEAD_LONGEST_S)
-        self._settling = min(SETTLING_S, 0.5 * min(present.time_constant, other.time_constant))
-        self._models = present, other
-        self._motions = [(0.0, 0.0), (0.0, 0.0)]
-        """Rate [rad/s] and angle turned since the stretch began [rad] of either model's boat."""
-        self._at = -math.inf
-        self._rudder = self._heading = self._rate = 0.0
-        self._begun: float | None = None
-        self._turned = 0.0
-        self._least = self._most = self._port = self._starboard = 0.0
-
-    def update(self, time: float, rudder: float, ratio: float, heading: float, rate: float | None) -> Outcome | None:
-        """Take a sample as `IntegralWindow.update` does, always with a heading; return the outcome at a stretch's end.
-
-        A stretch tells something where rudder and boat turn: a rudder that only answers gusts, so that nothing turns,
-        would speak for the model on which it does least.
-
-        Both boats begin a stretch with the rate measured, smoothed over a moment, or with the heading's slope.
-        """
-        dt = time - self._at
-        if not 0.0 < dt <= LONGEST_GAP_S:
-            self._begun = None
-            self._rate = rate or 0.0
-            self._remember(time, rudder, heading)
-            return None
-        turned = wrap(heading - self._heading)
-        share = dt / max(dt, self._settling)
-        self._rate += share * ((turned / dt if rate is None else rate) - self._rate)
-        outcome = None
-        if self._begun is not None:
-            self._turned += turned
-            self._motions = [
-                moved_on(model, ratio, motion, dt, (self._rudder, rudder))
-                for model, motion in zip(self._models, self._motions, strict=True)
-            ]
-            self._least, self._most = min(self._least, rudder), max(self._most, rudder)
-            self._port, self._starboard = min(self._port, self._turned), max(self._starboard, self._turned)
-            if time - self._begun >= self.ahead:
-                outcome = self._end()
-        if self._begun is None:
-            self._begin(time, rudder)
-        self._remember(time, rudder, heading)
-        return outcome
-
-    def _remember(self, time: float, rudder: float, heading: float) -> None:
-        self._at, self._rudder, self._heading = time, rudder, heading
-
-    def _begin(self, time: float, rudder: float) -> None:
-        self._begun, self._turned = time, 0.0
-        self._least = self._most = rudder
-        self._port = self._starboard = 0.0
-        self._motions = [(self._rate, 0.0)] * 2
-
-    def _end(self) -> Outcome | None:
-        self._begun = None
-        if self._most - self._least < LEAST_RUDDER_RANGE_RAD or self._starboard - self._port < LEAST_TURNED_RAD:
-            return None
-        present, other = (turned - self._turned for _, turned in self._motions)
-        return Outcome(present, other)
-
 
 BLOCKS = 4
 """Into so many parts of one length a run that is alone is cut."""

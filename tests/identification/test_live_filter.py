@@ -22,7 +22,9 @@ class Boat:
         self.truth, self.courses = truth, math.radians(courses)
         self.random = np.random.default_rng(seed)
 
-    def sail(self, live: LiveFilter, *, gusts_deg: float, waves_deg: float, ratio: float = 1.0) -> None:
+    def sail(
+        self, live: LiveFilter, *, gusts_deg: float, waves_deg: float, ratio: float = 1.0, since: float = 0.0
+    ) -> None:
         (a, b, d, e), noise, fine = self.truth, self.random.standard_normal, 0.02
         psi = r = rudder = gust = wave = swing = order = 0.0
         for i in range(round(SECONDS / fine)):
@@ -31,7 +33,7 @@ class Boat:
                 course = self.courses * (1.0 if int(i * fine / 24.0) % 2 else -0.4)
                 felt = r + math.radians(1.0) * noise()
                 order = min(max(1.0 * (course - shown) - 2.0 * felt, -0.4), 0.4)
-                live.update(i * fine, rudder, ratio, shown)
+                live.update(since + i * fine, rudder, ratio, shown)
             gust += -gust * fine / 5.0 + math.radians(gusts_deg) * math.sqrt(2.0 * fine / 5.0) * noise()
             swing += fine * (-0.3 * swing - 2.25 * wave) + math.radians(waves_deg) * math.sqrt(0.675 * fine) * noise()
             wave += fine * swing
@@ -76,6 +78,18 @@ def test_rates_are_those_of_the_reference_speed() -> None:
         Boat(truth, seed).sail(live, gusts_deg=0.3, waves_deg=0.3, ratio=1.6)
         offs.append(live.estimate.values[0] / truth[0] - 1.0)
     assert abs(float(np.mean(offs))) < 0.15
+
+
+@pytest.mark.parametrize("truth", TRUTHS)
+def test_a_straight_course_after_the_harbour_changes_little(truth: tuple[float, float, float, float]) -> None:
+    """The hand answers compass noise and gusts, and nothing turns: what was learnt stays within its doubt."""
+    live, boat = LiveFilter(first_of(truth, 0.5)), Boat(truth, 5)
+    boat.sail(live, gusts_deg=0.3, waves_deg=0.3)
+    values, covariance = live.estimate
+    boat.courses = 0.0
+    boat.sail(live, gusts_deg=0.3, waves_deg=0.3, since=2.0 * SECONDS)
+    moved = np.abs(live.estimate.values - values)[:3] / np.sqrt(np.diag(covariance))[:3]
+    assert float(moved.max()) < 1.5, moved
 
 
 def test_nothing_is_learnt_of_a_rudder_that_never_moves() -> None:
