@@ -286,7 +286,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     config = within_reach(config, state, now)
     boat, steering, way, rudder = config.boat, config.steering, state.way, state.rudder
     timely, work = timely_of(now, samples), in_hand(config, state, now)
-    dt, monitors, supervisor = work.dt, work.monitors, work.supervisor
+    dt, supervisor = work.dt, work.supervisor
 
     estimate, control = select(config, work, state, timely)
     estimate, way, is_other_boat = believe(steering, work, estimate, way)
@@ -294,6 +294,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     seen = nav_state(steering.estimator, estimate, now)
     found = monitor(config, work, state, control.damps_roll, estimate, seen)
     thrusters, found = watch_thrusters(config, work, state, estimate, seen, found)
+    softer = work.monitors.state.course.softer
 
     was, mode = supervisor.mode, supervisor.decide(now, order, seen, found)
     is_engaged, model = mode is Mode.ENGAGED, estimate.model
@@ -305,7 +306,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     waves = wave_rudder(steering, model, seen)
     steady = steered_by(seen, waves.filtered)
     mean_bias = averaged(0.0 if is_other_boat else state.mean_bias, steady.bias, model, dt)
-    if monitors.softer > 1.0:
+    if softer > 1.0:
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
         # against that keeps it swinging
         steady = steady._replace(bias=mean_bias)
@@ -325,7 +326,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         control, steady, reference, demand = reckon(config, work, control, rudder, model, steady)
     elif steers:
         way, reference = refer(steering, way, order, model, steady, Moved(rudder.command.angle, dt))
-        control, demand = ask_law(config, control, answering(boat, model, monitors.softer), reference, steady, own)
+        control, demand = ask_law(config, control, answering(boat, model, softer), reference, steady, own)
         demand = demand + waves.rudder + control.roll_rudder
     else:
         way, reference, demand = obey(steering, way, order, model, steady) if is_engaged else idle(way, steady)
@@ -363,7 +364,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     )
     after = State(
         estimate,
-        monitors.state,
+        work.monitors.state,
         supervisor.memory,
         shown.memory,
         work.failsafe.memory,
@@ -411,11 +412,12 @@ def in_hand(config: Config, state: State, now: float) -> Work:
 def select(config: Config, work: Work, state: State, samples: tuple[Sample, ...]) -> tuple[EstimatorState, Control]:
     """Give each block the samples that are for it; those of the boat's motion are the estimator's."""
     boat, monitors, estimate, control = config.boat, work.monitors, state.estimate, state.control
+    rests_roll = state.monitors.course.softer > 1.0 or state.monitors.rudder.rests_roll
     monitors.on_samples(samples)
     for sample in samples:
         if type(sample) is RollSample:
             # where boat or rudder is not what the damping was worked out for, none is wanted
-            if not (monitors.softer > 1.0 or monitors.rests_roll):
+            if not rests_roll:
                 control = with_roll(config, control, sample)
         elif type(sample) is RudderSample:
             ours = state.rudder.command.engaged and boat.rudder_is_ours
@@ -430,7 +432,7 @@ def select(config: Config, work: Work, state: State, samples: tuple[Sample, ...]
             work.supervisor.note(sample)
     if boat.failsafe.action in STEERING_ACTIONS:
         # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
-        work.failsafe.on_sample(samples, takes_rates=not monitors.rate_is_reversed)
+        work.failsafe.on_sample(samples, takes_rates=not monitors.state.consistency.is_opposite)
     return estimate, control
 
 
@@ -449,11 +451,12 @@ def with_roll(config: Config, control: Control, sample: RollSample) -> Control:
 
 def believe(config: SteeringConfig, work: Work, estimate: EstimatorState, way: Way) -> tuple[EstimatorState, Way, bool]:
     """Go by what monitors and guidance say of the samples; return whether the boat turned out to be another, too."""
-    found, before, model, turns = work.monitors, estimate.beliefs, estimate.model, False
+    found, before, model, turns = work.monitors.state, estimate.beliefs, estimate.model, False
     if not way.guide.is_late(work.now):
         way = with_turning(config, way, model)
         turns = is_turning(model, way.turning.limits, way.guide.boat)
-    beliefs = Beliefs(not found.doubts_rate, found.doubts_speed, found.softer, turns)
+    # where rate of turn and heading do not go together the heading is what is steered by
+    beliefs = Beliefs(not found.consistency.found, found.rudder.doubts_speed, found.course.softer, turns)
     if beliefs == before:
         return estimate, way, False
     estimate = believing(config.estimator, estimate, beliefs)

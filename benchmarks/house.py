@@ -3,13 +3,15 @@
     python benchmarks/house.py                  # a table; --json for a machine
     python benchmarks/house.py --trace          # beside it the way of one tick from file to file
     python benchmarks/house.py --wide           # beside it the functions of more than six arguments
+    python benchmarks/house.py --bytecodes      # beside it which functions a tick spends its bytecodes in
 
 Size: modules and lines of `autopilot` and `sitl`, functions of more than six arguments (those that stand for a codec's
 fields apart), cycles of imports file by file. One tick: a pilot steers the simulated boat over MAVLink, in lockstep and
 in calm water; of the ticks that a heading caused, the one with the median number of calls is reported: the calls that
 the program makes from the arrival of the bytes to the wait for the next, the files they lie in, and how often a call or
 a return leads from one file into another. `Pilot.step`: the samples of the same ticks given again in a tight
-loop, the best of the repeats.
+loop, the best of the repeats. Bytecodes: how many instructions of Python's own machine `Pilot.step` takes, of the
+program's functions and of the making of records, the mean of COUNTED ticks: the same on any machine under any load.
 """
 
 from __future__ import annotations
@@ -41,6 +43,7 @@ CODECS = re.compile(r"codec|wire|nmea|n2k|message|px4|binary")
 """Files whose functions take a message's fields."""
 SETTLED_S, TRACED_S = 60.0, 20.0
 REPEATS = 7
+COUNTED = 100
 VESSEL = "lanxin"
 
 
@@ -237,10 +240,39 @@ def step_us(ticks: list[Tick]) -> float:
     return 1e6 * least
 
 
+def bytecodes(ticks: list[Tick]) -> Counter[str]:
+    """Return how many bytecodes `Pilot.step` takes for the first COUNTED ticks of the settled boat, by function."""
+    first = next(number for number, tick in enumerate(ticks) if tick.now >= SETTLED_S)
+    pilot, found = build_pilot(load_vessel(VESSEL)), Counter[str]()
+    for tick in ticks[:first]:
+        pilot.step(tick.now, tick.samples, tick.order)
+
+    def count(frame: FrameType, event: str, _: Any) -> Any:
+        if event == "opcode":
+            found[_place(frame)] += 1
+        frame.f_trace_opcodes = True
+        return count
+
+    sys.settrace(count)
+    try:
+        for tick in ticks[first : first + COUNTED]:
+            pilot.step(tick.now, tick.samples, tick.order)
+    finally:
+        sys.settrace(None)
+    return found
+
+
+def _place(frame: FrameType) -> str:
+    code = frame.f_code
+    file = code.co_filename.removeprefix(str(ROOT) + "/")
+    return "records made" if file == "<string>" else f"{file} {code.co_qualname}"
+
+
 def measured() -> dict[str, Any]:
     """Return the numbers, and what --trace and --wide show."""
     paths = modules()
     traces, ticks = sailed()
+    spent = bytecodes(ticks)
     median = sorted(traces, key=lambda trace: trace.calls)[len(traces) // 2]
     return {
         "modules": len(paths),
@@ -254,7 +286,9 @@ def measured() -> dict[str, Any]:
         "one tick: of these of Python's own functions": median.built_in,
         "one tick: functions": median.functions,
         "Pilot.step [us]": round(step_us(ticks), 1),
+        "Pilot.step: bytecodes": round(sum(spent.values()) / COUNTED),
         "way": median.way,
+        "spent": spent,
     }
 
 
@@ -264,9 +298,10 @@ def main() -> int:
     options.add_argument("--json", action="store_true", help="numbers for a machine")
     options.add_argument("--trace", action="store_true", help="the way of one tick")
     options.add_argument("--wide", action="store_true", help="the functions of more than six arguments")
+    options.add_argument("--bytecodes", action="store_true", help="the functions that a tick spends them in")
     given = options.parse_args()
     numbers = measured()
-    way = numbers.pop("way")
+    way, spent = numbers.pop("way"), numbers.pop("spent")
     if given.json:
         print(json.dumps(numbers))
         return 0
@@ -276,6 +311,10 @@ def main() -> int:
         print()
         for (file, function), times in Counter(way).items():
             print(f"{times:4} {file} {function}")
+    if given.bytecodes:
+        print()
+        for place, count in spent.most_common():
+            print(f"{count / COUNTED:8.1f} {place}")
     if given.wide:
         print("", *wide(modules()), sep="\n")
     return 0

@@ -3,6 +3,7 @@
     python benchmarks/sensitivity.py --out benchmarks/results/sensitivity.md      # about 15 minutes of two cores
     python benchmarks/sensitivity.py --only SEA,GUST                              # two numbers, sooner
     python benchmarks/sensitivity.py --points FILE --minutes 10                   # goes on from FILE another time
+    python benchmarks/sensitivity.py --points FILE --minutes 0 --beside           # writes it beside the numbers
 
 Tables: `autopilot.estimation.tuning`, `autopilot.supervision.tuning` and `autopilot.guidance.tuning`. Each value is
 tried in a process of its own, which changes the table before anything has read it: what follows from a number by a
@@ -40,6 +41,8 @@ ROOT = Path(__file__).parents[1]
 TURNS = "autopilot.guidance.tuning"
 TABLES = ("autopilot.estimation.tuning", "autopilot.supervision.tuning", TURNS)
 FACTORS = (0.7, 1.3)
+SIZES = ("TICKS_KEPT", "ORDERS_KEPT")
+"""Lengths of rings, powers of two by construction: not scaled."""
 STEP_S, HEADING_EVERY = 0.025, 4
 """The simulator's step here [s], and how many of them lie between two headings."""
 COURSE_S, SETTLES_S, TURN_S = 60.0, 20.0, 60.0
@@ -116,7 +119,8 @@ def numbers() -> list[Number]:
         exec(compile(text, table, "exec"), values)
         for node in ast.parse(text).body:
             if isinstance(node, ast.Assign) and not _names_in(node.value):
-                found += [Number(table, name, values[name]) for target in node.targets for name in _names_in(target)]
+                names = [name for target in node.targets for name in _names_in(target) if name not in SIZES]
+                found += [Number(table, name, values[name]) for name in names]
     return found
 
 
@@ -326,6 +330,54 @@ def record_of(points: dict[str, Any], chosen: list[Number], date: str, command: 
     return "\n\n".join(parts) + "\n"
 
 
+def beside(points: dict[str, Any], chosen: list[Number]) -> None:
+    """Write into the tables, behind each number that was sailed both ways, the most that 30 % of it change."""
+    for table in TABLES:
+        text = source_of(table)
+        lines = text.splitlines()
+        for node in ast.parse(text).body:
+            if not isinstance(node, ast.Assign):
+                continue
+            names = {name for target in node.targets for name in _names_in(target)}
+            notes = [note_of(points, number) for number in chosen if number.table == table and number.name in names]
+            if notes and all(notes):
+                place = (node.end_lineno or node.lineno) - 1
+                lines[place] = f"{lines[place].partition('  # 30 %')[0]}  # 30 %: {'; '.join(dict.fromkeys(notes))}"
+        (ROOT / table.replace(".", "/")).with_suffix(".py").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def note_of(points: dict[str, Any], number: Number) -> str:
+    """Return in a few words what 30 % more or less of a number changes, "" where that was not sailed."""
+    found = [points.get(key_of(number, factor)) for factor in FACTORS]
+    if None in found:
+        return ""
+    if number.table == TURNS:
+        times = [each.stable[0] + each.unstable[0] for each in found]
+        past = max(each.stable[1] + each.unstable[1] for each in found)
+        still = points["turns"]
+        change = max(times, key=lambda time: abs(time - sum(side[0] for side in still[:2])))
+        said = (
+            []
+            if all(_rounded(each) == _rounded(still) for each in found)
+            else [
+                f"settling {0.5 * (change - still.stable[0] - still.unstable[0]):+.2f}",
+                *([f"{past} turns past"] if past else []),
+            ]
+        )
+        return ", ".join(said) or "nothing"
+    rows = [row_of(points["base"], number, factor, each) for factor, each in zip(FACTORS, found, strict=True)]
+    said = []
+    for figure in ("rms", "travel", "overshoot"):
+        most, least = max(row[figure]["most"] for row in rows), min(row[figure]["least"] for row in rows)
+        furthest = most if most * least > 1.0 else least
+        if abs(furthest - 1.0) > SHOWN:
+            said.append(f"{figure} x {furthest:.2f}")
+    alarms, later = (len({each for row in rows for each in row[key]}) for key in ("alarms", "later"))
+    said += [f"{alarms} new alarms"] if alarms else []
+    said += [f"{later} faults later"] if later else []
+    return ", ".join(said) or "nothing"
+
+
 def read(line: str) -> tuple[str, Any]:
     """Return a point as it was kept."""
     key, found = json.loads(line)
@@ -344,6 +396,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="write the record here")
     parser.add_argument("--points", type=Path, help="keep what was sailed here, and go on from it")
     parser.add_argument("--date", default="undated")
+    parser.add_argument("--beside", action="store_true", help="write into the tables what each number changes")
     arguments = parser.parse_args()
     names = set(filter(None, arguments.only.split(",")))
     chosen = [number for number in numbers() if not names or number.name in names]
@@ -369,6 +422,9 @@ def main() -> None:
                 break
     print(file=sys.stderr)
     command = "python benchmarks/sensitivity.py " + " ".join(sys.argv[1:])
+    if arguments.beside:
+        beside(points, chosen)
+        return
     record = record_of(points, chosen, arguments.date, command.strip())
     if arguments.out is not None:
         arguments.out.write_text(record, encoding="utf-8")

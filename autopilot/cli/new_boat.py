@@ -96,7 +96,7 @@ class Talk:
 
     def __init__(self, silent: bool) -> None:
         self.silent = silent or not sys.stdin.isatty()
-        self._is_known_silent = silent
+        self._says_yes = silent
 
     def number(self, words: str, option: str, check: Callable[[float], None]) -> float:
         """Return a number that is typed; what `check` refuses is asked for again. InputError where nobody answers."""
@@ -115,7 +115,7 @@ class Talk:
 
     def yes(self, words: str) -> bool:
         """Return whether the answer is yes; without anybody to answer it is, where --yes says so. Else InputError."""
-        if self._is_known_silent:
+        if self._says_yes:
             return True
         if self.silent:
             raise InputError(f"nobody answers {words!r}; run this on a terminal, or with --yes")

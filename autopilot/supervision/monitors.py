@@ -75,31 +75,6 @@ class Monitors:
             course=course_watch.State(softer=course.softer, hunts=course.hunts),
         )
 
-    @property
-    def softer(self) -> float:
-        """The law is to order as for a boat that answers so many times as much."""
-        return self.state.course.softer
-
-    @property
-    def doubts_speed(self) -> bool:
-        """Whether the boat's own turns contradict its speed."""
-        return self.state.rudder.doubts_speed
-
-    @property
-    def rests_roll(self) -> bool:
-        """Whether the rudder is too slow to work against roll too."""
-        return self.state.rudder.rests_roll
-
-    @property
-    def doubts_rate(self) -> bool:
-        """Whether the rate of turn and the heading do not go together: the heading is what is steered by."""
-        return self.state.consistency.found != ""
-
-    @property
-    def rate_is_reversed(self) -> bool:
-        """Whether the rate tells of turns to the other side than the heading."""
-        return self.state.consistency.is_opposite
-
     def on_samples(self, samples: tuple[Sample, ...]) -> None:
         """Take the instruments' samples of this tick."""
         measured, consistency, compass, rudder, course, conditions, roll, wind_time = self.state

@@ -296,7 +296,7 @@ def test_a_gyro_of_the_wrong_sign_is_reported_in_one_swing_until_it_is_put_right
         heading, rate = swing * math.sin(now), swing * math.cos(now)
         monitors.on_samples((HeadingSample(now, heading, sign * rate),))
         monitors.update(watched(now, heading))
-        reported.append(monitors.doubts_rate)
+        reported.append(bool(monitors.state.consistency.found))
 
     for k in range(1, 100):
         hear(0.1 * k, -1.0, math.radians(5.0))
@@ -315,7 +315,7 @@ def test_a_gyro_of_the_wrong_sign_is_nobodys_business_where_that_is_not_watched(
     monitors = Monitors(LIMITS._replace(rate_disagrees=math.inf))
     for k in range(200):
         monitors.on_samples((HeadingSample(0.1 * k, 0.5 * math.sin(0.1 * k), -0.5 * math.cos(0.1 * k)),))
-        assert not monitors.doubts_rate
+        assert not monitors.state.consistency.found
 
 
 def test_a_gyro_that_is_right_again_is_believed_after_a_while() -> None:
@@ -584,8 +584,8 @@ def test_of_swings_the_law_orders_less_and_where_that_is_not_enough_steering_end
     stubbed(monkeypatch, swings=0)
     stubbed(monkeypatch, **words)
     monitors.update(seen._replace(**change))  # type: ignore[arg-type]
-    assert (tuple(sorted(monitors.findings)), monitors.softer) == (tuple(sorted(names)), softer)
-    assert monitors.doubts_speed is (change == LOW)
+    assert (tuple(sorted(monitors.findings)), monitors.state.course.softer) == (tuple(sorted(names)), softer)
+    assert monitors.state.rudder.doubts_speed is (change == LOW)
 
 
 @pytest.mark.parametrize(
@@ -619,9 +619,13 @@ def test_what_the_answer_tells_of_boat_and_rudder_counts_until_we_let_go(
         monitors = monitors or Monitors(LIMITS._replace(rudder_response=True))
         monitors.update(watched(0.0, 0.0, boat=boat)._replace(**change))  # type: ignore[arg-type]
     assert monitors is not None
-    assert (set(monitors.findings), monitors.softer, monitors.rests_roll) == ({name}, softer, rests)
+    assert (set(monitors.findings), monitors.state.course.softer, monitors.state.rudder.rests_roll) == (
+        {name},
+        softer,
+        rests,
+    )
     monitors.update(watched(0.0, 0.0, boat=boat)._replace(steers=False))
-    assert (monitors.findings, monitors.softer, monitors.rests_roll) == ({}, 1.0, False)
+    assert (monitors.findings, monitors.state.course.softer, monitors.state.rudder.rests_roll) == ({}, 1.0, False)
 
 
 def test_where_the_answer_is_not_watched_nothing_of_it_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -666,6 +670,6 @@ def test_what_a_wrong_speed_explains_is_no_fault_of_the_rudder(
     stubbed(monkeypatch, verdict=verdicts[answer], other=other)
     monitors = Monitors(LIMITS._replace(rudder_response=True))
     monitors.update(watched(0.0, 0.0)._replace(trial_speed=trial))
-    assert monitors.doubts_speed is is_doubted
+    assert monitors.state.rudder.doubts_speed is is_doubted
     assert (answer in monitors.findings) is (answer != "" and not is_doubted)
     assert ("speed_doubtful" in monitors.findings) is is_doubted
