@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.identification.likelihood_record import Record, instruments, record_of, rudder_on
-from autopilot.identification.likelihood_search import RATE_NAMES, Space, first_axes, maximised, searched
+from autopilot.identification.likelihood_search import RATE_NAMES, Space, first_axes, inverse, maximised, searched
 from autopilot.identification.marginal_likelihood import (
     Rates,
     Weather,
@@ -36,7 +36,8 @@ MAYBE_WAVES = -0.5
 class LikelihoodFit(NamedTuple):
     """rates: the estimate, with covariance of a, b, d, e, shape (4, 4); train: of an ordered rudder, its errors by
     name; weather: gusts, waves and noise; loss: the negative logarithm of the likelihood with what was known before;
-    late_error [s]: standard error of delay and lag together, of which the record tells more than of each."""
+    late_error [s]: standard error of delay and lag together, of which the record tells more than of each; late_worth:
+    by how much a delay would raise the logarithm of the likelihood, where none was fitted."""
 
     rates: Rates
     covariance: FloatArray
@@ -45,6 +46,7 @@ class LikelihoodFit(NamedTuple):
     weather: Weather
     loss: float
     late_error: float = 0.0
+    late_worth: float = 0.0
 
 
 def likelihood_fit(
@@ -79,6 +81,7 @@ def likelihood_fit(
         return None
     draws = DRAWS if record.nodes <= LONG else DRAWS // 2
     z, loss, curvature = maximised(space, space.start)
+    best = z
     progress()
     found = [averaged(space, z, curvature, draws)]
     progress()
@@ -93,7 +96,7 @@ def likelihood_fit(
         if other_loss < loss:
             found.append(averaged(other, z, curvature, draws))
             if found[1].evidence > found[0].evidence:
-                space, loss = other, other_loss
+                space, loss, best = other, other_loss, z
                 rates, weather, train = space.opened(z)
     progress()
     known = mixed(found)
@@ -104,7 +107,29 @@ def likelihood_fit(
     late = known.covariance[4:, 4:] * np.outer(size, size)
     errors = dict(zip(parts, np.sqrt(np.maximum(np.diag(late), 0.0)).tolist(), strict=True))
     boat = Rates(**dict(zip(RATE_NAMES, values.tolist(), strict=True)))
-    return LikelihoodFit(boat, spread, train, errors, weather, loss, math.sqrt(max(float(late.sum()), 0.0)))
+    late_error = math.sqrt(max(float(late.sum()), 0.0))
+    worth = 0.0 if parts else _worth_of_delay(space, best, memory_of(guess, segments))
+    return LikelihoodFit(boat, spread, train, errors, weather, loss, late_error, worth)
+
+
+def _worth_of_delay(space: Space, z: FloatArray, memory: float) -> float:
+    """Return by how much a delay would raise the logarithm of the likelihood, had the boat one step of Newton's to
+    suit it."""
+    space.keep(z)
+    loss, highest = space.found(z).loss, 0.0
+    rates, weather, train = space.opened(z)
+    for share in LATE_SHARES:
+        trial = Space(space.record, rates, weather, train._replace(delay=share * memory), (), space.scale)
+        trial.priors, trial.path = space.priors, space.path
+        there, slope, known = trial.slope(trial.start, boat_only=True)
+        if math.isfinite(there):
+            gained = 0.5 * float(slope[trial.boat] @ inverse(known) @ slope[trial.boat])
+            highest = max(highest, loss - there + gained)
+    return highest
+
+
+LATE_SHARES = (0.03, 0.1)
+"""Delays that are tried, as shares of the boat's time constant."""
 
 
 LONG, PART = 1500, 0.2

@@ -43,6 +43,8 @@ SURELY_TURNS = 3.0
 """K/T must differ from 0 by so many standard errors."""
 QUICK = 2.0
 """A boat this many times as slow as the samples can tell, or quicker, is left to the fit that knows that limit."""
+SURELY_LATE = 5.0
+"""A delay of which nobody knows is looked for where it would raise the logarithm of the likelihood by so much."""
 SMALLEST_B = 1.0e-6
 
 
@@ -77,6 +79,10 @@ def likeliest_fit(
     if found is not None and train and not _shows(found, shortest_time_constant(segments) / SHORTEST_SHARE):
         reasons |= {name: _why_no(name, found) for name in train}
         found = likelihood_fit(segments, speed, begin, (), steps.next)
+    elif found is not None and not train and found.late_worth > SURELY_LATE:
+        behind = likelihood_fit(segments, speed, found.rates, ("delay",), steps.next)
+        if behind is not None and _shows(behind, shortest_time_constant(segments) / SHORTEST_SHARE):
+            found = behind
     return found, reasons
 
 
@@ -138,8 +144,19 @@ def answer_of(
         covariance=covariance,
         train=found.train,
         ratios=ratios,
-        notes=_said(together, expected),
+        notes=(*_behind(found, runs), *_said(together, expected)),
         leans=dict(zip(("K", "T", "n3"), together.shares, strict=True)) if together and any(together.shares) else {},
+    )
+
+
+def _behind(found: LikelihoodFit, runs: Sequence[Run]) -> tuple[str, ...]:
+    """Return what is to be said where the boat follows a measured rudder late."""
+    late = found.train.delay
+    if ordered(runs) or late == 0.0:
+        return ()
+    return (
+        f"The motion follows the measured rudder {late:.2g} +- {SURE_OF_IT * found.late_error:.1g} s late: compass or "
+        "gyro are late, or the rudder is recorded early; the delay is taken into account.",
     )
 
 
