@@ -88,8 +88,8 @@ def add_parser(subparsers: Any) -> None:
         default="",
         metavar="LIST",
         help="fit these of what lies between the recorded rudder and the boat: delay,lag,lead,dead-band (default: "
-        "delay,lag of a rudder that was ordered, a delay behind one that was measured where the LOGs show it); lag,lead "
-        "together make Nomoto's second order",
+        "delay,lag of a rudder that was ordered, a delay behind one that was measured where the LOGs show it); "
+        "lag,lead together make Nomoto's second order",
     )
     parser.add_argument(
         "--weighting",

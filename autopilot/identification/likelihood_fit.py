@@ -14,7 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.identification.likelihood_record import Record, instruments, record_of, rudder_on
-from autopilot.identification.likelihood_search import RATE_NAMES, Space, first_axes, inverse, maximised, searched
+from autopilot.identification.likelihood_search import (
+    GUST_TIME_S,
+    RATE_NAMES,
+    Space,
+    first_axes,
+    inverse,
+    maximised,
+    searched,
+)
 from autopilot.identification.marginal_likelihood import (
     Rates,
     Weather,
@@ -64,7 +72,7 @@ def likelihood_fit(
     scale = scales(segments, guess)
     gyro, compass = instruments(segments)
     gust = scale.a * math.radians(0.3)
-    calm = Weather(gust, 6.0, 0.3 * gust, gyro, compass)
+    calm = Weather(gust, GUST_TIME_S, 0.3 * gust, gyro, compass)
     # a lag longer than the boat's own would change places with it
     shortly = min(USUALLY_LATE_S, START_LATE * memory_of(guess, segments))
     train = DIRECT._replace(**dict.fromkeys(parts, shortly))

@@ -37,6 +37,9 @@ STAGES, STAYS = 4, 0.05
 """How often the search begins anew at most, and what a step of Newton's may still gain where it ends."""
 FLATTEST, LEAST_CURVED = 1.0e-5, 0.16
 """The least curvature of the search's axes, as a share, and of a number: that of what was known of a gust's size."""
+GUST_TIME_S, GUST_TIME_WIDTH = 6.0, 0.6
+"""How long a gust lasts, and the deviation of its logarithm: turbulence some metres above the water is 20 to 60 m long
+and passes at 5 to 10 m/s (Counihan 1975), 2 to 12 s. Shorter pushes are waves, or white."""
 WIDE = 40.0
 """Logarithms beyond this are held."""
 
@@ -65,7 +68,7 @@ class Space:
         self.boat = [i for i, name in enumerate(self.names) if name in RATE_NAMES or name in parts]
         self.priors = {
             "gust": _Prior(math.log(0.1 * gust), 2.5),
-            "gust_time": _Prior(math.log(6.0), 1.0),
+            "gust_time": _Prior(math.log(GUST_TIME_S), GUST_TIME_WIDTH),
             "white": _Prior(math.log(0.03 * gust), 2.5),
             "gyro": _Prior(math.log(weather.gyro), 0.7),
             "compass": _Prior(math.log(weather.compass), 0.7),
