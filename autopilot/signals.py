@@ -102,6 +102,14 @@ class PositionSample(NamedTuple):
     source: str = ""
 
 
+class CourseSample(NamedTuple):
+    """The course over the ground [rad], true; the speed along it is that of a `SpeedSample` of the same time."""
+
+    time: float
+    course: float
+    source: str = ""
+
+
 class AlarmEvent(NamedTuple):
     """Something the skipper should know, as it travels. What follows from it stands under `name` in the table of
     `autopilot.supervision.alarms`; `autopilot.supervision.panel` makes the sentence where it is shown.
@@ -167,6 +175,7 @@ Sample = (
     | ThrustSample
     | RollSample
     | PositionSample
+    | CourseSample
     | HelmSample
     | AlarmSample
     | ConditionSample

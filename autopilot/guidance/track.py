@@ -1,20 +1,19 @@
-"""Following a route of waypoints by line of sight: the course to steer, when the next leg begins, what is wrong. Pure.
+"""Following a route of waypoints on rails: the heading to steer, when the next leg begins, what is wrong. Pure.
 
-A leg is the rhumb line between two waypoints; the first one begins where the boat is when following begins. A waypoint
-is passed inside its circle, at the place where the turn into the next leg has to begin (R tan(turn/2) before it, R the
-radius the boat turns with), or at the line through it across the leg. At the end of the route the last leg's course is
-held, corrected for the drift that was learnt. Without a position, or after one that the boat cannot have reached, the
-course steered last is held.
+A leg is the rhumb line between two waypoints; the first one begins where the boat is when following begins. Legs are
+joined by arcs over the ground that the identified model can turn in the current that is (`path`), and the boat is led
+along legs and arcs alike:
 
-Line-of-sight guidance along a straight leg, with integral action against a current. Pure.
+    psi = chi(s + V lead) - atan(y/Delta) - crab + d r_/U
 
-    psi_d = chi - atan((y + sigma y_i) / Delta),   y_i' = Delta y / (Delta^2 + (y + sigma y_i)^2)
+with the path's course chi as far ahead as the planned turn runs behind an order, the cross-track error y (positive with
+the boat to starboard), the look-ahead distance Delta, the crab angle against the current and the drift of a turn, both
+from the filter of `current`. The order moves smoothly through a corner: a waypoint that is passed moves no heading.
+At the end of the route the last leg's course is held, corrected for the current. Without a position, or after one that
+the boat cannot have reached, the heading steered last is held. Where the current is more than the boat can hold on this
+leg or a later one, an alarm says so as soon as it is known.
 
-with the leg's bearing chi, the cross-track error y (positive with the boat to starboard of the leg) and the look-ahead
-distance Delta. The integral takes out the drift of current and leeway, and cannot wind up far off the track. About the
-leg it is y'' + (U/Delta) y' + DRIFT_SHARE (U/Delta)^2 y = 0, damping 0.9. Source: Borhaug, Pavlov and Pettersen 2008,
-"Integral LOS control for path following of underactuated marine surface vessels in the presence of constant ocean
-currents", eq. (7).
+Line of sight with Delta: Borhaug, Pavlov and Pettersen 2008; the estimated current takes the place of their integral.
 """
 
 from __future__ import annotations
@@ -23,44 +22,40 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, shortest_turn, wrap
+from autopilot.angles import compass_deg, wrap
+from autopilot.guidance import current
+from autopilot.guidance.current import CurrentFilter, CurrentSettings
 from autopilot.guidance.fix import Fix, Place, bearing_and_distance, offset
-from autopilot.signals import AlarmEvent, PositionSample
+from autopilot.guidance.path import Corner, Set, Spot, corner_at, on_arc, radius_needed, swept
+from autopilot.models.steering_gear import clip
+from autopilot.signals import AlarmEvent, CourseSample, PositionSample, SpeedSample
 
-DRIFT_SHARE = 0.3
-"""sigma [m/s] as a share of the speed U: how fast the integral works."""
-LOOKAHEAD_LEAST = 15.0
-LOOKAHEAD_S = 10.0
-"""Delta is at least this far [m], and as far as the boat goes in this time [s]."""
-
-
-def line_of_sight(
-    track: float, cross_track: float, drift: float, ahead: float, speed: float, dt: float
-) -> tuple[float, float]:
-    """Return the course [rad] that leads along a leg, and the integral sigma y_i [m] after `dt` [s].
-
-    Args:
-        track: the leg's true bearing [rad].  cross_track: y [m].  drift: sigma y_i [m] so far.
-        ahead: Delta [m].  speed: U [m/s], of any sign.
-    """
-    bent = cross_track + drift
-    drift += DRIFT_SHARE * abs(speed) * dt * ahead * cross_track / (ahead * ahead + bent * bent)
-    # beyond a look-ahead distance it would be a course across the track, not a correction for drift
-    drift = min(max(drift, -ahead), ahead)
-    return wrap(track - math.atan2(cross_track + drift, ahead)), drift
-
-
-DT_MOST = 2.0
+LOOKAHEAD_S = 4.0
+"""Delta is as far as the boat goes in this time [s] where the vessel file names none."""
+LEADS_AHEAD = 3.0
+"""And no less than the way over the ground in so many `lead`s: the loop about the leg is damped by 0.87 then."""
+LOOKAHEAD_LEAST = 1.0
+"""Delta is never less than this [m]."""
 SHORTEST_LEG = 1.0
 """A leg shorter than this [m] has no bearing: its end counts as reached."""
 WHEEL_OVER_MOST = 2.0
-"""A turn is begun no further before its waypoint than this many turning radii."""
-SET_KEPT_S = 1800.0
-"""The current that was learnt counts for this long [s] when a route is begun anew."""
-SET_MOST = 0.7
-"""No more current is expected than this share of the boat's speed."""
-SPEED_LEAST = 0.5
-"""Below this speed [m/s] nothing is learnt of the current, nor expected."""
+"""A turn is begun no further before its waypoint than this many radii; sharper ones run wide."""
+SETTLED_S = 2.0
+"""A corner's arc stands fast from so long [s] before its turn is ordered."""
+SET_SURE = 0.15
+"""The current is known well enough to warn where its standard deviation is below this share of the boat's speed."""
+STRONG_S = 15.0
+"""For so long [s] the current must have been too strong: a boat that comes out of a turn goes slowly."""
+SLIP_MOST = 0.5
+"""No turn is taken to drift by more than this [rad]."""
+SPEED_LEAST = 0.1
+"""A boat slower than this [m/s] is led as if it went so fast."""
+LOG_FRESH_S = 3.0
+"""A speed through the water counts for so long [s]."""
+TOGETHER_S = 0.3
+"""Course and speed over the ground no further apart than this [s] belong together."""
+DT_MOST = 2.0
+"""A longer silence between two calls [s] counts as this much."""
 ALARM_OFF = 0.8
 """The cross-track alarm ends inside this share of its limit."""
 
@@ -79,22 +74,26 @@ class Waypoint(NamedTuple):
 
 
 class TrackSettings(NamedTuple):
-    """lookahead [s] of way; radius [m] within which a waypoint is reached; turn_radius [m] of the boat at work, and
-    turn_reach [m] that it goes before it turns; alarm_distance [m] off the track; position_timeout [s] after which a
-    lost position is an alarm; magnetic: the boat steers magnetic courses, and no route can lead it."""
+    """lookahead [s] of way; radius [m] within which a waypoint is reached; turn_radius [m] of the boat at work, through
+    the water, and the `lead` [s] by which an ordered heading has to run ahead of it in a turn; speed [m/s] at work,
+    and sway_time [s] in which drift follows a turn; alarm_distance [m] off the track; position_timeout [s] after which
+    a lost position is an alarm; magnetic: the boat steers magnetic courses, and no route can lead it."""
 
     lookahead: float = LOOKAHEAD_S
     radius: float = 10.0
     turn_radius: float = 0.0
-    turn_reach: float = 0.0
+    lead: float = 0.0
+    speed: float = 3.0
+    sway_time: float = 1.0
     alarm_distance: float = 50.0
     position_timeout: float = 5.0
     magnetic: bool = False
 
 
 class Leg(NamedTuple):
-    """The leg as seen from the boat: bearing [rad], cross_track [m] positive with the boat to starboard, remaining [m]
-    to the line across its end, distance [m] and bearing `target` [rad] of its end, length [m]."""
+    """The leg as seen from the boat: bearing [rad], cross_track [m] from the path, arcs included, positive with the
+    boat to starboard, remaining [m] to the line across its end, distance [m] and bearing `target` [rad] of its end,
+    length [m]."""
 
     bearing: float
     cross_track: float
@@ -105,13 +104,14 @@ class Leg(NamedTuple):
 
 
 class TrackGuide:
-    """Leads along a route. Memory: the leg, the newest position, the integral.
+    """Leads along a route. Memory: the leg, the corners before and behind, the filter of position and current.
 
     Attributes:
         following: whether it leads.  route: the waypoints.  target: the one the present leg ends at.
         is_complete: the last one has been passed.  passed: how many have been passed since `follow`, and
         last_passed which one was the last of them.  leg: as steered now, None without a position or after the end.
-        alarm: what the skipper must know, None when all is well.
+        alarm: what the skipper must know, None when all is well.  known: what is known of position and current.
+        start: where the present leg begins.  behind: the arc that leads onto it, None once it has been sailed.
     """
 
     def __init__(self, settings: TrackSettings = TrackSettings()) -> None:  # noqa: B008 - a tuple, never changed
@@ -121,13 +121,15 @@ class TrackGuide:
         self.target = 0
         self.passed = 0
         self.last_passed = 0
+        self.known: CurrentFilter | None = None
         self._ending = ""
         self._speed = 0.0
         self._now: float | None = None
-        self._set = (0.0, 0.0)
-        self._set_at = -math.inf
+        self._fused: PositionSample | None = None
+        self._over_ground: SpeedSample | None = None
+        self._velocity: tuple[float, float] | None = None
+        self._log_time = self._ground_time = -math.inf
         self.leg: Leg | None = None
-        self._drift = 0.0
         self.leave()
 
     def follow(self, route: Sequence[Waypoint], target: int = 0, ending: str = "route_ended") -> None:
@@ -140,110 +142,185 @@ class TrackGuide:
             raise ValueError(f"track: there is no waypoint {target} in a route of {len(route)}")
         self.leave()
         self.fix.accept()
+        if self.known is not None and self.fix.newest is not None:
+            self.known = current.placed_anew(self.known, self.fix.place)
         self.route, self.target = tuple(route), target
         self.following = True
         self._ending = ending
 
     def leave(self) -> None:
         """Lead no longer."""
-        self._remember()
         self.following = self.is_complete = self._is_off = False
         self.alarm: AlarmEvent | None = None
         self.leg = None
-        self._start: Place | None = None
+        self.start: Place | None = None
         self._held: float | None = None
-        self._drift = 0.0
         self._began: float | None = None
+        self._led_at = 0.0
+        self._strong_since = math.inf if self._now is None else self._now
+        self.behind: Corner | None = None
+        self._ahead: Corner | None = None
+        self._charted: Place | None = None
+        self._drift_rate = 0.0
+        self._cannot: tuple[int, str] | None = None
 
-    def take(self, sample: PositionSample) -> None:
-        """Take where the boat is; a jump counts where no route is followed, or when the next one is begun."""
-        self.fix.take(sample, self._speed)
-        if not self.following:
-            self.fix.accept()
+    def take(self, sample: PositionSample | SpeedSample | CourseSample) -> None:
+        """Take where the boat is, or how it goes; a position that has jumped counts where no route is followed, or
+        when the next one is begun."""
+        if isinstance(sample, PositionSample):
+            self.fix.take(sample, self._speed)
+            if not self.following:
+                self.fix.accept()
+        elif isinstance(sample, CourseSample):
+            speed = self._over_ground
+            if speed is not None and abs(sample.time - speed.time) <= TOGETHER_S:
+                self._velocity = sample.course, speed.speed
+        elif sample.over_ground:
+            self._over_ground, self._ground_time = sample, sample.time
+        else:
+            self._log_time = sample.time
+
+    def move(self, now: float, heading: float, speed: float) -> None:
+        """Go on to `now` [s], with the boat on `heading` [rad] at `speed` [m/s]: through the water, unless nothing but
+        speeds over the ground have come of late."""
+        if self._now == now and self.fix.newest is self._fused:
+            return
+        settings = CurrentSettings(max(self.settings.speed, SPEED_LEAST), max(self.settings.sway_time, 1.0e-3))
+        self._now, self._speed = now, speed
+        newest = self.fix.newest
+        if newest is None:
+            return
+        if self.known is None:
+            self.known, self._fused = current.first_filter(settings, self.fix.place), newest
+        has_log = now - self._log_time <= LOG_FRESH_S or not now - self._ground_time <= LOG_FRESH_S
+        through = speed if has_log else settings.speed
+        self.known = current.moved(settings, self.known, now, heading, through, has_log=has_log)
+        if newest is not self._fused:
+            self.known, self._fused = current.fixed(settings, self.known, self.fix.place, self.fix.age(now)), newest
+        if self._velocity is not None:
+            self.known = current.with_velocity(settings, self.known, *self._velocity)
+            self._velocity = None
 
     def course(self, now: float, heading: float, speed: float) -> float:
-        """Return the course [rad] to steer at `now` [s], with the boat on `heading` [rad] at `speed` [m/s]."""
-        dt = 0.0 if self._now is None else min(max(now - self._now, 0.0), DT_MOST)
-        self._now, self._speed = now, speed
+        """Return the heading [rad] to steer at `now` [s], with the boat on `heading` [rad] at `speed` [m/s]."""
+        self.move(now, heading, speed)
         if self._began is None:
-            self._began = now
+            self._began = self._led_at = now
+        dt, self._led_at = min(max(now - self._led_at, 0.0), DT_MOST), now
         self.leg = None
-        if self.following and not self.is_complete and self.fix.is_fresh(now) and self.fix.jump == 0.0:
-            if self._start is None:
-                self._begin(now)
-            self._held = self._along(now, heading, speed, dt)
+        known = self.known
+        if self.following and not self.is_complete and self.fix.is_fresh(now) and self.fix.jump == 0.0 and known:
+            if self.start is None:
+                self.start = self.fix.place
+            self._held = self._along(known, heading, dt)
         elif self._held is None:
             self._held = heading
         self.alarm = self._event(now)
         return self._held
 
-    def _begin(self, now: float) -> None:
-        """Begin the first leg where the boat is, in the current as far as it is known from before."""
-        self._start = self.fix.place
-        if now - self._set_at > SET_KEPT_S:
-            self._set = (0.0, 0.0)
-        bearing, _ = bearing_and_distance(self._start, self.route[self.target].place)
-        self._drift = self._expected(bearing)
-
-    def _remember(self) -> None:
-        """Keep what the leg has taught of the current: the part across it, beside what others taught of the rest."""
-        if self.leg is None or self._now is None or abs(self._speed) < SPEED_LEAST:
-            return
-        north, east = -math.sin(self.leg.bearing), math.cos(self.leg.bearing)
-        across = abs(self._speed) * self._drift / math.hypot(self.look_ahead(self._speed), self._drift)
-        more = across - (self._set[0] * north + self._set[1] * east)
-        self._set = (self._set[0] + more * north, self._set[1] + more * east)
-        self._set_at = self._now
-
-    def _expected(self, bearing: float) -> float:
-        """Return the integral [m] that the current, as far as it is known, will need on a leg of `bearing` [rad]."""
-        if abs(self._speed) < SPEED_LEAST:
-            return 0.0
-        across = self._set[1] * math.cos(bearing) - self._set[0] * math.sin(bearing)
-        share = min(max(across / abs(self._speed), -SET_MOST), SET_MOST)
-        return self.look_ahead(self._speed) * share / math.sqrt(1.0 - share * share)
-
-    def look_ahead(self, speed: float) -> float:
-        """Return Delta [m] at `speed` [m/s]."""
+    def look_ahead(self, way: float) -> float:
+        """Return Delta [m] at `way` [m/s] over the ground."""
         settings = self.settings
-        return max(LOOKAHEAD_LEAST, settings.lookahead * abs(speed), settings.turn_radius)
+        return max(LOOKAHEAD_LEAST, settings.lookahead * settings.speed, LEADS_AHEAD * settings.lead * way)
 
-    def _along(self, now: float, heading: float, speed: float, dt: float) -> float:
-        """Return the course along the leg, and go on to the next one where this one's end is reached."""
-        before = self._held if self._held is not None else heading
-        ahead = self.look_ahead(speed)
-        age = self.fix.age(now)
-        # since its position was measured the boat has gone by its heading, and across by the current that was learnt
-        gone = (speed * age * math.cos(heading), speed * age * math.sin(heading))
-        aside = speed * age * self._drift / math.hypot(ahead, self._drift)
-        leg = self._leg_seen(gone, aside, before)
+    def _along(self, known: CurrentFilter, heading: float, dt: float) -> float:
+        """Return the heading along the path, and go on to the next leg where this one's end is reached."""
+        set_ = Set(*known.set, max(abs(known.through_water), SPEED_LEAST))
+        self._keep_charted(known)
+        leg = self._leg_seen(known, self._held if self._held is not None else heading)
         if self._is_reached(leg):
             self.last_passed, self.passed = self.target, self.passed + 1
             if self.target + 1 == len(self.route):
                 self.is_complete = True
-                return wrap(leg.bearing - math.atan2(self._drift, ahead))
-            self.leg = leg
-            self._remember()
-            self._start, self.target = self.route[self.target].place, self.target + 1
-            leg = self._leg_seen(gone, aside, leg.bearing)
-            self._drift = self._expected(leg.bearing)
-        self.leg = leg
-        course, self._drift = line_of_sight(leg.bearing, leg.cross_track, self._drift, ahead, speed, dt)
-        return course
+                return wrap(leg.bearing - set_.crab(leg.bearing))
+            self.start, self.target = self.route[self.target].place, self.target + 1
+            self.behind, self._ahead = self._ahead, None
+            leg = self._leg_seen(known, leg.bearing)
+        here, there = self._spots(known, leg, set_)
+        self.leg = leg._replace(cross_track=here.cross_track)
+        self._warn(leg, set_, known)
+        ahead = self.look_ahead(set_.way(here.course))
+        course = there.course - math.atan2(here.cross_track, ahead)
+        turning = set_.rate(there.course, there.curvature)
+        self._drift_rate -= (turning - self._drift_rate) * math.expm1(-dt / max(self.settings.sway_time, 1.0e-3))
+        slip = clip(known.lever * self._drift_rate / set_.speed, -SLIP_MOST, SLIP_MOST)
+        # where the boat does not turn as was planned, the order makes up for it
+        return wrap(course - set_.crab(course) + slip)
 
-    def _leg_seen(self, gone: tuple[float, float], aside: float, bearing: float) -> Leg:
-        """Return the leg from the boat, `gone` and `aside` [m] from its fix; `bearing` [rad] for a leg of no length."""
-        origin = self.fix.place
-        start_north, start_east = offset(origin, self._start or origin)
-        end_north, end_east = offset(origin, self.route[self.target].place)
+    def _keep_charted(self, known: CurrentFilter) -> None:
+        """Move the corners to the filter's origin, where that has a new one."""
+        if self._charted is not None and self._charted != known.origin:
+            north, east = offset(known.origin, self._charted)
+            self.behind, self._ahead = (
+                each and each._replace(north=each.north + north, east=each.east + east)
+                for each in (self.behind, self._ahead)
+            )
+        self._charted = known.origin
+
+    def _spots(self, known: CurrentFilter, leg: Leg, set_: Set) -> tuple[Spot, Spot]:
+        """Return the path's spot beside the boat, and that on which it will be when an order of now has its effect."""
+        north, east = known.position
+        here, left = Spot(leg.bearing, 0.0, leg.cross_track), 0.0
+        straight = leg.remaining
+        if (arc := self.behind) is not None:
+            gone = swept(arc, north, east)
+            if arc.turn == 0.0 or not gone < abs(arc.turn):
+                self.behind = None
+            else:
+                here, left = on_arc(arc, north, east, max(gone, 0.0)), arc.radius * (abs(arc.turn) - max(gone, 0.0))
+                straight = leg.length - arc.tangent
+        preview = self.settings.lead * set_.way(here.course)
+        corner = self._corner_ahead(known, leg, set_, straight + left - preview)
+        if left > preview:
+            assert arc is not None
+            return here, Spot(here.course + arc.side * preview / arc.radius, here.curvature)
+        beyond = preview - left - (straight - (corner.tangent if corner is not None else 0.0))
+        if corner is None or beyond <= 0.0 or corner.turn == 0.0:
+            return here, Spot(leg.bearing)
+        turned = beyond / corner.radius
+        if turned >= abs(corner.turn):
+            return here, Spot(corner.begin + corner.turn)
+        return here, Spot(corner.begin + corner.side * turned, corner.side / corner.radius)
+
+    def _corner_ahead(self, known: CurrentFilter, leg: Leg, set_: Set, room: float) -> Corner | None:
+        """Return the arc at the end of the leg, None at the last waypoint; `room` [m] is left until it is ordered."""
+        if self.target + 1 == len(self.route):
+            return None
+        stands = self._ahead
+        if stands is not None and room - stands.tangent < SETTLED_S * set_.way(leg.bearing):
+            return stands
+        waypoint, after = self.route[self.target], self.route[self.target + 1]
+        end, length = bearing_and_distance(waypoint.place, after.place)
+        turn = wrap(end - leg.bearing)
+        settings = self.settings
+        rate = set_.speed / settings.turn_radius if settings.turn_radius > 0.0 else math.inf
+        # while the boat begins to slip the heading turns quicker than the track
+        rate /= 1.0 + clip(known.lever / (set_.speed * settings.sway_time), 0.0, 1.0)
+        radius = radius_needed(set_, leg.bearing, turn, rate)
+        # the first half of a leg is that of the corner behind it, but for the first leg, which has none
+        most = max(min(0.5 * leg.length, 0.5 * length), 0.0)
+        if radius > 0.0:
+            most = min(most, max(WHEEL_OVER_MOST * radius, self._reach_of(waypoint)))
+        least = min(self._reach_of(waypoint), most)
+        self._ahead = corner_at(offset(known.origin, waypoint.place), leg.bearing, end, radius, (least, most))
+        return self._ahead
+
+    def _reach_of(self, waypoint: Waypoint) -> float:
+        return waypoint.radius if waypoint.radius > 0.0 else self.settings.radius
+
+    def _leg_seen(self, known: CurrentFilter, bearing: float) -> Leg:
+        """Return the straight leg as seen from the boat; `bearing` [rad] for a leg of no length."""
+        north_of, east_of = known.position
+        start_north, start_east = offset(known.origin, self.start or known.origin)
+        end_north, end_east = offset(known.origin, self.route[self.target].place)
         length = math.hypot(end_north - start_north, end_east - start_east)
         if length >= SHORTEST_LEG:
             bearing = math.atan2(end_east - start_east, end_north - start_north)
         north, east = math.cos(bearing), math.sin(bearing)
-        to_north, to_east = end_north - gone[0], end_east - gone[1]
+        to_north, to_east = end_north - north_of, end_east - east_of
         return Leg(
             bearing=bearing,
-            cross_track=to_north * east - to_east * north + aside,
+            cross_track=to_north * east - to_east * north,
             remaining=to_north * north + to_east * east,
             distance=math.hypot(to_north, to_east),
             target=math.atan2(to_east, to_north),
@@ -251,22 +328,29 @@ class TrackGuide:
         )
 
     def _is_reached(self, leg: Leg) -> bool:
-        own = self.route[self.target].radius
-        radius = own if own > 0.0 else self.settings.radius
-        if leg.length < SHORTEST_LEG or leg.distance <= radius:
+        if leg.length < SHORTEST_LEG:
             return True
-        return leg.remaining <= self._wheel_over(leg)
-
-    def _wheel_over(self, leg: Leg) -> float:
-        """Return how far [m] before the waypoint the turn into the next leg has to begin; 0 at the last one."""
         if self.target + 1 == len(self.route):
-            return 0.0
-        bearing, length = bearing_and_distance(self.route[self.target].place, self.route[self.target + 1].place)
-        turn = abs(shortest_turn(leg.bearing, bearing))
-        settings = self.settings
-        tangent = math.tan(min(0.5 * turn, 1.5))
-        way = settings.turn_radius * min(tangent, WHEEL_OVER_MOST) + settings.turn_reach * min(tangent, 1.0)
-        return min(way, 0.5 * length, 0.5 * leg.length)
+            return leg.distance <= self._reach_of(self.route[self.target]) or leg.remaining <= 0.0
+        return leg.remaining <= (self._ahead.tangent if self._ahead is not None else 0.0)
+
+    def _warn(self, leg: Leg, set_: Set, known: CurrentFilter) -> None:
+        """Say which leg the current is too strong for, this one or a later; it stands until all can be held."""
+        if known.set_doubt > SET_SURE * set_.speed or self.behind is not None:
+            return
+        calmer = Set(set_.north / ALARM_OFF, set_.east / ALARM_OFF, set_.speed) if self._cannot else set_
+        courses = [leg.bearing]
+        for one, other in zip(self.route[self.target :], self.route[self.target + 1 :], strict=False):
+            courses.append(bearing_and_distance(one.place, other.place)[0])
+        places = [self.target + step for step, course in enumerate(courses) if not calmer.holds(course)]
+        if not places:
+            self._cannot, self._strong_since = None, known.time
+        elif not known.time - self._strong_since >= STRONG_S:
+            self._strong_since = min(self._strong_since, known.time)
+        elif self._cannot is None or self._cannot[0] != places[0]:
+            strength = math.hypot(set_.north, set_.east)
+            said = f"the leg to waypoint {places[0]}: {strength:.1f} m/s of current, the boat does {set_.speed:.1f} m/s"
+            self._cannot = places[0], said
 
     def _event(self, now: float) -> AlarmEvent | None:
         held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
@@ -281,6 +365,8 @@ class TrackGuide:
             if now - since <= self.settings.position_timeout:
                 return self.alarm
             return AlarmEvent("position_lost", held)
+        if self._cannot is not None:
+            return AlarmEvent("current_too_strong", self._cannot[1])
         limit = self.settings.alarm_distance
         self._is_off = abs(self.leg.cross_track) > (ALARM_OFF * limit if self._is_off else limit)
         if not self._is_off:

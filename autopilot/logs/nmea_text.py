@@ -195,7 +195,7 @@ def _values(
         source = line.sentence.talker + line.sentence.type
         pairs = _around(line.sentence)
         sample = reader.read(when, line.sentence)
-        for one in (sample, reader.take_position()):
+        for one in (sample, *reader.take_others()):
             pairs += [] if one is None else quantities_of(one)
         for quantity, value in pairs:
             found[quantity, source].append((when, value))

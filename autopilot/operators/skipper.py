@@ -29,7 +29,7 @@ from autopilot.guidance.trials import TrialLimits
 from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.trial_script import Step, TrialScript, turning, zigzag
-from autopilot.signals import Mode, Order, OrderKind, PositionSample, Tick, WindSample
+from autopilot.signals import CourseSample, Mode, Order, OrderKind, PositionSample, SpeedSample, Tick, WindSample
 
 HELP = (
     "e [DEG]: engage (present heading)  +10, -1: change heading  r DEG: hold a rudder angle  s: standby  "
@@ -251,6 +251,8 @@ class PlotterSkipper(Skipper):
 
 ROUTE_HELP = "t [N]: follow the route"
 WIND_HELP = "w: hold the wind's angle"
+LEAD_TRACK = (PositionSample, SpeedSample, CourseSample)
+"""What the track guide takes."""
 BEGIN_PATIENCE_S = 5.0
 """A trial that has not begun after this time [s] is not sailed: the pilot cannot engage."""
 ANGLE_LEAST, CHANGE_MOST = math.radians(1.0), math.radians(90.0)
@@ -283,10 +285,12 @@ class RouteSkipper(PlotterSkipper):
         self._tick = tick
         if tick is not None:
             for sample in tick.samples:
-                if sample.__class__ is PositionSample:
+                if sample.__class__ in LEAD_TRACK:
                     self.track.take(sample)
                 elif sample.__class__ is WindSample and tick.state.valid:
                     self.wind.on_sample(sample, tick.state.heading)
+            if tick.state.valid:
+                self.track.move(now, tick.state.heading, tick.state.speed)
             if self._awaits_wind and self.wind.is_known(tick.now):
                 self.hold_wind()
         if self._script is not None:

@@ -17,12 +17,12 @@ from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise
 from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.tuning import HARD_OVER
-from autopilot.guidance.turn import preset_rate, turn_limits
+from autopilot.guidance.turn import preset_rate, stop_angle, symmetric_of, turn_limits
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.drive_law import DriveLaw, at_point, is_rudder_law, quickness
 from autopilot.models.drives import DRIVES, Needs
 from autopilot.models.drives.two_thrusters import PLAIN, Mixing
-from autopilot.models.norrbin import Norrbin, at_speed_ratio
+from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.pilot import Pilot
 from autopilot.supervision.monitor_input import AlarmLimits
@@ -334,6 +334,10 @@ def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
     )
 
 
+TRACK_TURN = 0.75
+"""Corners of a track are planned with this share of the fastest turn: the rest brings a boat back that is off it."""
+
+
 def track_settings_of(vessel: Vessel) -> TrackSettings:
     """Return how the vessel follows a route.
 
@@ -345,12 +349,18 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
     turn_rate = preset_rate(fastest, curvature_max_of(vessel), model.reference_speed)
     # the circle between two legs is one that leaves rudder to keep to it
     turn = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, turn_rate, begins=1.0)
-    onset = model.time_constant + 0.5 * turn.rudder_max / turn.rudder_rate
+    free = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, begins=1.0)
+    rate = min(TRACK_TURN * free.rate_max, turn.rate_max)
+    symmetric = symmetric_of(model)
+    # a turn that goes on at this rate is planned so far behind its order: r' = 0 = -kappa r + mu (e - D)
+    behind = turn.kappa / turn.mu + stop_angle(symmetric, turn, rate, rudder_for(symmetric, rate, 0.0)) / rate
     return TrackSettings(
         lookahead=guidance.lookahead_s,
         radius=guidance.waypoint_radius_m,
-        turn_radius=model.reference_speed / turn.rate_max,
-        turn_reach=model.reference_speed * onset,
+        turn_radius=model.reference_speed / rate,
+        lead=behind + vessel.control.loop_delay_s,
+        speed=model.reference_speed,
+        sway_time=model.time_constant,
         alarm_distance=guidance.off_track_alarm_m,
         magnetic=vessel.sensors.magnetic,
     )

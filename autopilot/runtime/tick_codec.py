@@ -21,6 +21,7 @@ from autopilot.signals import (
     AlarmSample,
     AlarmState,
     ConditionSample,
+    CourseSample,
     HeadingSample,
     HelmCause,
     HelmSample,
@@ -186,6 +187,7 @@ _KINDS: dict[type[Any], int] = {
     WindSample: 10,
     AlarmSample: 11,
     ThrustSample: 12,
+    CourseSample: 13,
 }
 _TYPES = {number: kind for kind, number in _KINDS.items()}
 
@@ -213,8 +215,8 @@ def _encode_sample(sample: Sample) -> bytes:
         body = _SAMPLE.pack(kind, sample.time, sample.heading) + _optional(sample.rate)
     elif isinstance(sample, RollSample):
         body = _SAMPLE.pack(kind, sample.time, sample.roll) + _optional(sample.rate)
-    elif isinstance(sample, RateSample):
-        body = _SAMPLE.pack(kind, sample.time, sample.rate)
+    elif isinstance(sample, RateSample | CourseSample):
+        body = _SAMPLE.pack(kind, sample.time, sample[1])
     elif isinstance(sample, RudderSample):
         body = _SAMPLE.pack(kind, sample.time, sample.angle) + bytes([sample.ordered])
     else:
@@ -240,9 +242,9 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     if made is AcknowledgeSample:
         (name, source), place = _read_texts(record, place, 2)
         return AcknowledgeSample(time, name, source), place
-    if made is RateSample:
+    if made is RateSample or made is CourseSample:
         source, place = _read_text(record, place)
-        return RateSample(time, value, source), place
+        return made(time, value, source), place
     if made in (PositionSample, WindSample, ThrustSample):
         (second,) = _NUMBER.unpack_from(record, place)
         source, place = _read_text(record, place + _NUMBER.size)

@@ -367,6 +367,13 @@ WORDS = {
         sentence="more than {detail} of the track: {remedy}",
         watcher=Watcher.LOOP,
     ),
+    "current_too_strong": Words(
+        "the current is too strong for the route",
+        "go faster, wait for slack water or choose another route",
+        "on this leg or a later one more current across or against than the boat can hold at its speed",
+        sentence="{text}, {detail}: {remedy}",
+        watcher=Watcher.LOOP,
+    ),
     "plotter_turn": Words(
         "the chart plotter wants a turn",
         "not turning; type f to turn",

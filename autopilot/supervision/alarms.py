@@ -142,6 +142,7 @@ _KINDS = (
     _notice("position_lost"),
     _notice("position_jumped"),
     _notice("off_track"),
+    _notice("current_too_strong"),
     _notice("plotter_turn"),
     _notice("plotter_invalid"),
     _notice("plotter_silent"),

@@ -160,7 +160,7 @@ class Guidance:
     turn_rate_max_deg_s: Annotated[float, NOW, Bounds(0.01, 360.0, "fastest turn")] | None = None
     turn_radius_m: Annotated[float, NOW, Bounds(0.5, 20000.0, "tightest turn, through the water")] | None = None
     """null, both: as quick as the rudder allows; the slower of two holds."""
-    lookahead_s: Annotated[float, NOW, Bounds(2.0, 120.0, "a track is met this much way ahead: short is sharp")] = 10.0
+    lookahead_s: Annotated[float, NOW, Bounds(2.0, 120.0, "a track is met this much way ahead: short is sharp")] = 4.0
     waypoint_radius_m: Annotated[float, NOW, Bounds(0.5, 5000.0, "a waypoint is reached within")] = 10.0
     off_track_alarm_m: Annotated[float, NOW, Bounds(1.0, 20000.0, "alarm further than this off the track")] = 50.0
     source: Annotated[str, NOW] = ""

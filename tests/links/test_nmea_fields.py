@@ -11,7 +11,15 @@ from hypothesis import strategies as st
 from autopilot.links.nmea import sentences as encoders
 from autopilot.links.nmea.samples import Deviation, NmeaReader
 from autopilot.links.nmea.sentences import NmeaFramer, format_sentence
-from autopilot.signals import HeadingSample, RateSample, RudderSample, SpeedSample, WindSample
+from autopilot.signals import (
+    CourseSample,
+    HeadingSample,
+    PositionSample,
+    RateSample,
+    RudderSample,
+    SpeedSample,
+    WindSample,
+)
 
 KNOT = 1852.0 / 3600.0
 
@@ -201,8 +209,9 @@ def test_a_place_is_read_again_within_a_twenty_thousandth_of_a_minute(latitude: 
     reader = NmeaReader()
     (sentence,) = NmeaFramer().feed(encoders.encode_rmc(0.0, 0.0, latitude, longitude))
     assert isinstance(reader.read(3.0, sentence), SpeedSample)
-    place = reader.take_position()
-    assert place is not None and place.time == 3.0 and reader.take_position() is None
+    place, course = reader.take_others()
+    assert isinstance(place, PositionSample) and isinstance(course, CourseSample)
+    assert place.time == course.time == 3.0 and reader.take_others() == []
     half = 0.5e-4 / 60.0 + 1e-9
     assert math.degrees(place.latitude) == pytest.approx(latitude, abs=half)
     assert math.degrees(place.longitude) == pytest.approx(longitude, abs=half)
@@ -216,7 +225,8 @@ def test_a_speed_comes_without_a_place_and_a_place_only_whole(empty: str) -> Non
     line = f"GPRMC,0,A,{empty or ',,,'},5.0,1.0,010126,,,A"
     address, *fields = line.split(",")
     (sentence,) = NmeaFramer().feed(format_sentence(address[:2], address[2:], fields))
-    assert isinstance(reader.read(0.0, sentence), SpeedSample) and reader.take_position() is None
+    assert isinstance(reader.read(0.0, sentence), SpeedSample)
+    assert [type(each) for each in reader.take_others()] == [CourseSample]
 
 
 def test_every_nmea_encoder_writes_the_expected_sentence() -> None:

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import CompanionSettings, VehicleReader
-from autopilot.signals import HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import CourseSample, HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
 
 CHANNEL = {"MIN": 1100.0, "TRIM": 1500.0, "MAX": 1900.0, "REVERSED": 0.0}
 STEERED = {
@@ -114,8 +114,9 @@ def test_an_attitude_counts_just_below_its_limit_and_not_at_it(field: str, limit
 def test_a_position_is_in_radians_and_on_earth(latitude: float, longitude: float, is_place: bool) -> None:
     boat = Boat()
     boat.take(9.0, position(1000, 0.0, 0.0))
-    *place, speed = boat.take(10.5, position(2000, latitude, longitude, 300, -400))
-    assert isinstance(speed, SpeedSample)
+    *place, speed, course = boat.take(10.5, position(2000, latitude, longitude, 300, -400))
+    assert isinstance(speed, SpeedSample) and isinstance(course, CourseSample)
+    assert (course.time, course.course) == (10.0, pytest.approx(math.atan2(-4.0, 3.0)))
     assert (speed.time, speed.speed, speed.over_ground, speed.source) == (10.0, 5.0, True, "global_position_int")
     assert len(place) == is_place
     for each in place:
@@ -126,7 +127,7 @@ def test_a_position_is_in_radians_and_on_earth(latitude: float, longitude: float
 
 
 def test_speeds_are_believed_below_two_hundred_metres_a_second() -> None:
-    assert len(Boat().take(0.0, position(0, 1.0, 1.0, 19_999, 0))) == 2
+    assert len(Boat().take(0.0, position(0, 1.0, 1.0, 19_999, 0))) == 3
     assert len(Boat().take(0.0, position(0, 1.0, 1.0, 20_000, 0))) == 1
     for speed, count in ((0.0, 1), (199.9, 1), (200.0, 0), (-0.1, 0), (math.nan, 0)):
         assert len(Boat().take(5.0, hud(speed))) == count

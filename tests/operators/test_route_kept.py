@@ -80,8 +80,8 @@ def test_a_damaged_route_is_said_and_left_alone(
 def test_what_a_route_is_followed_with_is_set_while_under_way(tmp_path: Path) -> None:
     start = Start(tmp_path)
     settings = start.track.settings
-    assert (settings.lookahead, settings.radius, settings.alarm_distance) == (10.0, 10.0, 50.0)
-    assert settings.turn_radius == pytest.approx(21.0, abs=1.0), "Lanxin with 0.7 of 30 deg of rudder"
+    assert (settings.lookahead, settings.radius, settings.alarm_distance) == (4.0, 10.0, 50.0)
+    assert settings.turn_radius == pytest.approx(28.0, abs=1.0), "Lanxin with 0.75 of the turn of 0.7 of its rudder"
     for name, value in (("GUI_LOOKAHEAD", 20.0), ("GUI_WP_RADIUS", 15.0), ("GUI_XTRACK_ALARM", 30.0)):
         assert start.store.set(name, value) == ""
     assert start.store.set("GUI_LOOKAHEAD", 1.0).startswith("GUI_LOOKAHEAD not changed")

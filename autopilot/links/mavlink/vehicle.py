@@ -25,6 +25,7 @@ from autopilot.links.mavlink.thrusters import asked_throttle, is_taken, reach_of
 from autopilot.links.release import OverrideRelease
 from autopilot.models.drives import DRIVES
 from autopilot.signals import (
+    CourseSample,
     HeadingSample,
     PositionSample,
     RollSample,
@@ -279,6 +280,7 @@ class VehicleReader:
             speed = math.hypot(message.vx, message.vy) * 0.01
             if speed < SPEED_LIMIT:
                 samples.append(SpeedSample(time, speed, True, "global_position_int"))
+                samples.append(CourseSample(time, math.atan2(message.vy, message.vx), "global_position_int"))
 
     def _hud(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[HUD] += 1

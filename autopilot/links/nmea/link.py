@@ -159,8 +159,7 @@ class NmeaSession:
             elif isinstance(sample, RudderSample) and not sample.ordered:
                 self._follow.measured(sample.time, sample.angle, sample.source)
             samples.append(sample)
-            if (position := self._reader.take_position()) is not None:
-                samples.append(position._replace(source=sample.source))
+            samples += [other._replace(source=sample.source) for other in self._reader.take_others()]
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Take the rudder order of `now` [s].

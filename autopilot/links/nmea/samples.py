@@ -61,7 +61,16 @@ from autopilot.links.nmea.sentences import (
     status,
 )
 from autopilot.links.north import steered
-from autopilot.signals import HeadingSample, PositionSample, RateSample, RudderSample, Sample, SpeedSample, WindSample
+from autopilot.signals import (
+    CourseSample,
+    HeadingSample,
+    PositionSample,
+    RateSample,
+    RudderSample,
+    Sample,
+    SpeedSample,
+    WindSample,
+)
 
 NAUTICAL_MILE = 1852.0
 CROSS_TRACK_MOST_NM = 100.0
@@ -252,7 +261,7 @@ class NmeaReader:
         self.waiting_for_variation = 0
         self._configured_variation = variation
         self._received_variation: float | None = None
-        self._position: PositionSample | None = None
+        self._others: list[PositionSample | CourseSample] = []
         self._deviation = deviation or Deviation()
         self._guide = guide
         self._plotter = PlotterReader(self._variation, magnetic)
@@ -292,10 +301,10 @@ class NmeaReader:
             return None
         return None if sample is None else sample._replace(source=sentence.talker + sentence.type)
 
-    def take_position(self) -> PositionSample | None:
-        """Return and forget the position that came with the last sentence, None where none did."""
-        position, self._position = self._position, None
-        return position
+    def take_others(self) -> list[PositionSample | CourseSample]:
+        """Return and forget the position, and the course over the ground, that came with the last sentence."""
+        others, self._others = self._others, []
+        return others
 
     def _lead(self, time: float, sentence: Sentence) -> None:
         message = self._plotter.read(time, sentence.type, sentence.fields)
@@ -361,16 +370,22 @@ class NmeaReader:
         mode_indicator(fields, 11)
         speed = number(fields, 6, 0.0, SPEED_LIMIT) * KNOT_M_S
         if field(fields, 2) and field(fields, 4):
-            self._position = PositionSample(
-                time, degrees_minutes(fields, 2, "N", "S", 90), degrees_minutes(fields, 4, "E", "W", 180)
-            )
+            place = degrees_minutes(fields, 2, "N", "S", 90), degrees_minutes(fields, 4, "E", "W", 180)
+            self._others.append(PositionSample(time, *place))
+        self._course(time, fields, 7)
         variation = east_west(fields, 9, VARIATION_LIMIT_DEG)
         if variation is not None:
             self._received_variation = variation
         return SpeedSample(time, speed, True)
 
+    def _course(self, time: float, fields: tuple[str, ...], place: int) -> None:
+        """Keep the true course over the ground; a boat that stands still sends none."""
+        if field(fields, place):
+            self._others.append(CourseSample(time, wrap(angle(fields, place))))
+
     def _vtg(self, time: float, fields: tuple[str, ...]) -> Sample:
         mode_indicator(fields, 8)
+        self._course(time, fields, 0)
         return SpeedSample(time, speed_of(fields, 4, 0.0), True)
 
     def _vhw(self, time: float, fields: tuple[str, ...]) -> Sample:
