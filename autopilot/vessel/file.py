@@ -132,8 +132,27 @@ def _address_problems(addresses: tuple[str, ...]) -> Iterator[tuple[str, str]]:
             )
 
 
+OF_THRUST = (
+    "speed_exponent",
+    "throttle_exponent",
+    "damping_share",
+    "reference_throttle",
+    "way_exponent",
+    "slowest_m_s",
+    "fastest_m_s",
+)
+"""Keys of the model that have a say where thrust steers."""
+
+
 def _model_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
     model = vessel.model
+    for name in OF_THRUST if vessel.drive.kind == "rudder" else ():
+        if getattr(model, name) is not None:
+            yield (
+                f"model.{name}",
+                f"model.{name} has no say where drive.kind is rudder, for there K ~ U and T ~ 1/U; leave it out, or "
+                "set drive.kind to what steers the boat.",
+            )
     if model.n1 not in (-1.0, 1.0):
         yield "model.n1", f"model.n1 is {model.n1:g}, allowed are 1 (course-stable) and -1 (course-unstable)."
     if model.n1 == -1.0 and model.n3_s2_rad2 <= 0.0:

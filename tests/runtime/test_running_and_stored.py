@@ -26,7 +26,7 @@ from autopilot.runtime import build_links
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, track_settings_of
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind
-from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
+from autopilot.vessel.file import OF_THRUST, dump_vessel, load_vessel, parse_vessel
 from autopilot.vessel.parameters import VesselParameter, parameters_of, value_of
 from autopilot.vessel.running import counts_of
 from autopilot.vessel.schema import NOW, RESTART, Counts, Drive, Guidance, Limits, Roll, Vessel
@@ -173,7 +173,7 @@ def fields_of(vessel: Vessel, section: Any, path: str = "") -> Iterator[Field]:
         if counts is None:
             assert dataclasses.is_dataclass(value) or value is None, where
             yield from fields_of(vessel, value, f"{where}.") if value is not None else ()
-        elif where != "schema_version":
+        elif where != "schema_version" and (vessel.drive.kind != "rudder" or where not in OF_DRIVES):
             yield Field(where, counts, vessel, changed(vessel, where, others_of(where, value, hints[name])))
 
 
@@ -198,9 +198,12 @@ def at(vessel: Any, path: str) -> Any:
     return vessel
 
 
+OF_DRIVES = {f"model.{name}" for name in OF_THRUST}
+PUSHED = load_vessel("outboard")
 ROLLING = replace(FULL, control=replace(FULL.control, roll=Roll(0.5, 5.0)))
 NAVAL = load_vessel("naval_vessel")
 FIELDS = {each.path: each for vessel in (NAVAL, ROLLING) for each in fields_of(vessel, vessel)}
+FIELDS |= {each.path: each for each in fields_of(PUSHED, PUSHED) if each.path in OF_DRIVES}
 every_field = pytest.mark.parametrize("field", list(FIELDS.values()), ids=list(FIELDS))
 
 
