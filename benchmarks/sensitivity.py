@@ -225,7 +225,8 @@ def turned_rows(rows: list[tuple[str, float, Turned]]) -> str:
 
 def row_of(base: Outcome, number: Number, factor: float, found: Outcome) -> dict[str, Any]:
     """Return what changed: for each figure the run in which it changed most, and by how much."""
-    row: dict[str, Any] = {"table": number.table.split(".")[1], "number": number.name, "factor": factor}
+    name = f"{number.table.split('.')[1]}.{number.name}"
+    row: dict[str, Any] = {"number": name, "factor": factor}
     for figure, least in (("rms", 0.05), ("travel", 0.05), ("overshoot", 1.0)):
         changes = {
             after.name: (getattr(after, figure) + least) / (getattr(before, figure) + least)
@@ -293,7 +294,7 @@ def record_of(points: dict[str, Any], chosen: list[Number], date: str, command: 
         for factor in FACTORS:
             found = points.get(key_of(number, factor))
             if found is None:
-                missing.append(number.name)
+                missing.append(f"{number.table.split('.')[1]}.{number.name}")
             elif number.table != TURNS:
                 rows.append(row_of(base, number, factor, found))
             elif _rounded(found) != _rounded(still):
@@ -373,8 +374,8 @@ def note_of(points: dict[str, Any], number: Number) -> str:
         if abs(furthest - 1.0) > SHOWN:
             said.append(f"{figure} x {furthest:.2f}")
     alarms, later = (len({each for row in rows for each in row[key]}) for key in ("alarms", "later"))
-    said += [f"{alarms} new alarms"] if alarms else []
-    said += [f"{later} faults later"] if later else []
+    said += [f"new alarms: {alarms}"] if alarms else []
+    said += [f"faults noticed later: {later}"] if later else []
     return ", ".join(said) or "nothing"
 
 
@@ -392,7 +393,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--only", default="", help="names, separated by commas")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--minutes", type=float, default=math.inf, help="begin no other number after this time")
+    parser.add_argument(
+        "--minutes", type=float, default=math.inf, help="begin no other number after this time; 0: sail none"
+    )
     parser.add_argument("--out", type=Path, help="write the record here")
     parser.add_argument("--points", type=Path, help="keep what was sailed here, and go on from it")
     parser.add_argument("--date", default="undated")
@@ -408,6 +411,7 @@ def main() -> None:
     as_they_are = {"base": Number(TABLES[0], "base", 1.0), "turns": Number(TURNS, "turns", 1.0)}
     jobs = [(number, 1.0) for name, number in as_they_are.items() if name not in points]
     jobs += [(number, factor) for number in chosen for factor in FACTORS if key_of(number, factor) not in points]
+    jobs = jobs if arguments.minutes > 0.0 else []
     ends = time.monotonic() + 60.0 * arguments.minutes
     with multiprocessing.get_context("fork").Pool(arguments.workers, maxtasksperchild=1) as pool:
         for place, (key, found) in enumerate(pool.imap(sailed_with, jobs), 1):
