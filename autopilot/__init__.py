@@ -1,6 +1,10 @@
 """Norrbin: a MAVLink-connected autopilot bridge for boats."""
 
 import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from autopilot.api import *  # noqa: F403 - the public interface, which its own __all__ names
 
 __version__ = "0.1.0"
 
@@ -8,3 +12,17 @@ if sys.version_info < (3, 11):  # noqa: UP036 - said before any newer syntax is 
     sys.exit(
         "Norrbin needs Python 3.11 or newer; this is {} of version {}.{}".format(sys.executable, *sys.version_info)
     )
+
+
+def __getattr__(name: str) -> Any:
+    """Load the public interface when a name of it is asked for: `from autopilot import identify`."""
+    if name.startswith("_"):
+        raise AttributeError(f"module 'autopilot' has no attribute {name!r}")
+    import importlib
+
+    public = importlib.import_module("autopilot.api")
+    if name not in public.__all__:
+        raise AttributeError(
+            f"module 'autopilot' has no attribute {name!r}; its public names: {', '.join(public.__all__)}"
+        )
+    return getattr(public, name)

@@ -16,7 +16,7 @@ BESIDE = ("CHANGELOG", "CONTRIBUTING", "SECURITY")
 
 project = "Norrbin"
 author = "the Norrbin developers"
-extensions = ["myst_parser", "sphinx_copybutton"]
+extensions = ["myst_parser", "sphinx_copybutton", "sphinx.ext.autodoc"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["README.md"]
 html_theme = "furo"
@@ -27,6 +27,8 @@ myst_enable_extensions = ["dollarmath", "amsmath"]
 # offline: no address outside is asked for, formulas are left to the reader's browser as text
 html_math_renderer = "mathjax"
 nitpicky = True
+# types in the signatures of the Python interface have no pages of their own
+nitpick_ignore_regex = [("py:.*", ".*")]
 
 
 def _to_records(_app: Any, _page: str, source: list[str]) -> None:

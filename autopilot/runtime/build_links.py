@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from autopilot.links.ground_station.station_service import ParameterStore
     from autopilot.links.mavlink.router import Router
     from autopilot.links.mavlink.signing import Signing
+    from autopilot.links.mavlink.vehicle import CompanionSettings
     from autopilot.links.n2k import N2kSettings
     from autopilot.links.nmea.link import NmeaSettings
 
@@ -244,14 +245,13 @@ def _rudder_drive(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Ro
     return DriveLink(_transport(vessel, url, options), drive, settings)
 
 
-def _companion(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
-    """Return the link to a flight controller."""
-    from autopilot.links.mavlink.companion import CompanionLink
+def companion_settings_of(vessel: Vessel, options: LinkOptions) -> CompanionSettings:
+    """Return what the link to a flight controller goes by."""
     from autopilot.links.mavlink.requests import MODES
     from autopilot.links.mavlink.vehicle import CompanionSettings
 
-    helm, transport = vessel.helm, _transport(vessel, url, options)
-    settings = CompanionSettings(
+    helm = vessel.helm
+    return CompanionSettings(
         rudder_at_full=math.radians(helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg),
         reversed=helm.reversed,
         method=helm.method,
@@ -271,6 +271,13 @@ def _companion(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Route
         astern_share=_or_nan(vessel.drive.astern_share),
         battery_percent=-math.inf if vessel.alarms.battery_percent is None else vessel.alarms.battery_percent,
     )
+
+
+def _companion(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
+    """Return the link to a flight controller."""
+    from autopilot.links.mavlink.companion import CompanionLink
+
+    transport, settings = _transport(vessel, url, options), companion_settings_of(vessel, options)
     signing = options.signing.link() if options.signing else None
     if router is not None:
         from autopilot.links.mavlink.router import RoutedTransport

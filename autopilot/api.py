@@ -1,0 +1,156 @@
+"""The public Python interface: read a log, identify, design, step a pilot, run it on links.
+
+What stands in `__all__` here, and `sitl.simulate`, is kept stable as docs/support.md says; everything else may change.
+Each name is also to be had from `autopilot` itself: `from autopilot import identify`. All of it raises `InputError`
+where a file or a number cannot be used, and `LinkError` where a link fails.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from autopilot.angles import wrap
+from autopilot.errors import InputError
+from autopilot.identification.identified import Identified, Question
+from autopilot.identification.registry import method_named
+from autopilot.identification.runs import Run
+from autopilot.identification.verdict import Verdict, verdict_of
+from autopilot.links.base import LinkError
+from autopilot.logs.reading import load_run
+from autopilot.pilot import Pilot
+from autopilot.runtime.app import App, Plan
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.build_links import LinkOptions
+from autopilot.runtime.clock import MonotonicClock
+from autopilot.runtime.log_files import FileSink
+from autopilot.runtime.record import read_log as _read_own_log
+from autopilot.runtime.tuning import GainRequest, designed
+from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample, RudderSample, SpeedSample, Tick
+from autopilot.vessel.file import dump_vessel, load_vessel, rounded
+from autopilot.vessel.schema import Vessel
+
+__all__ = [
+    "HeadingSample",
+    "Identified",
+    "InputError",
+    "LinkError",
+    "Mode",
+    "Order",
+    "OrderKind",
+    "Pilot",
+    "RateSample",
+    "RudderSample",
+    "Run",
+    "SpeedSample",
+    "Tick",
+    "Verdict",
+    "Vessel",
+    "design",
+    "heading_order",
+    "identify",
+    "load_vessel",
+    "pilot_for",
+    "read_log",
+    "read_ticks",
+    "run",
+    "save_vessel",
+    "verdict",
+    "with_model",
+]
+
+Orders = Callable[[float, Tick | None], Order]
+"""What moves the order: given the time [s] and the last tick, it returns the order in force."""
+
+
+def read_log(path: str | Path) -> Run:
+    """Return what identification uses of a log of any kind that `autopilot log` reads: columns over time, in SI units
+    and radians, heading unwrapped, rudder positive to starboard."""
+    return load_run(str(path))
+
+
+def read_ticks(path: str | Path) -> list[Tick]:
+    """Return every tick of a log that Norrbin wrote: samples, order, estimate, reference, command, mode, alarms."""
+    return _read_own_log(Path(path)).ticks
+
+
+def identify(*logs: Run | str | Path, reference_speed: float | None = None) -> Identified:
+    """Return Norrbin's model of the boat that sailed the `logs`, with its covariance and what the logs cannot tell.
+
+    reference_speed [m/s]: at which K, T and n3 hold; None: the logs' mean speed. What it is good for says `verdict`.
+    """
+    runs = [log if isinstance(log, Run) else read_log(log) for log in logs]
+    if not runs:
+        raise InputError("identify needs a log")
+    return method_named(None).identify(runs, Question(reference_speed=reference_speed))
+
+
+def verdict(found: Identified) -> Verdict:
+    """Return what a model is good for: a grade ("good", "start", "not enough") and a sentence with what to do next. The
+    command `identify` looks at predictions and residuals too, and so can be stricter."""
+    return verdict_of(found)
+
+
+def with_model(vessel: Vessel, found: Identified) -> Vessel:
+    """Return the vessel with the identified model and no gains, for those of the old model are another boat's."""
+    model = found.model
+    control = dataclasses.replace(vessel.control, backstepping=None, pid=None, sliding=None, sliding_roll=None)  # type: ignore[call-arg]
+    filed = dataclasses.replace(
+        vessel.model,
+        K_1_s=rounded(model.gain),
+        T_s=rounded(model.time_constant),
+        n1=model.n1,
+        n2_s_rad=rounded(model.n2),
+        n3_s2_rad2=rounded(model.n3),
+        n0_rad_s=rounded(model.n0),
+        reference_speed_m_s=rounded(model.reference_speed),
+    )
+    return dataclasses.replace(vessel, model=filed, control=control)
+
+
+def design(vessel: Vessel, level: int = 5) -> Vessel:
+    """Return the vessel with gains designed for its model, rudder and delays.
+
+    level: 1 keeps the rudder quiet, 9 the course. Raises RefusedError where no gains keep their margins.
+    """
+    if not 1 <= level <= 9:
+        raise InputError(f"level {level}: allowed is 1 to 9")
+    return designed(vessel, GainRequest(level))
+
+
+def save_vessel(vessel: Vessel, path: str | Path) -> None:
+    """Write a vessel file; one that is there is replaced."""
+    from autopilot.files.saving import save_text
+
+    save_text(path, dump_vessel(vessel))
+
+
+def pilot_for(vessel: Vessel, law: str | None = None) -> Pilot:
+    """Return a pilot: `tick = pilot.step(now, samples, order)`. It has no clock and no link; the same inputs give the
+    same commands."""
+    return build_pilot(vessel, law)
+
+
+def heading_order(heading_deg: float, serial: int = 1) -> Order:
+    """Return the order to hold a heading in degrees; a new `serial` is a new intention, which may engage."""
+    return Order(OrderKind.HEADING, wrap(math.radians(heading_deg)), serial=serial)
+
+
+def run(
+    vessel: Vessel, links: Sequence[str], orders: Orders, duration: float, log: str | Path | None = None
+) -> list[Tick]:
+    """Steer in real time over `links` (URLs as of `autopilot run`, ArduRover by the ground station's id) for `duration`
+    [s]; return the ticks. On every way out the rudder is released."""
+    sink = None if log is None else (lambda: FileSink(Path(log)))
+    plan = Plan(vessel, orders, urls=tuple(links), options=LinkOptions(as_gcs=True), log=sink)
+    ticks: list[Tick] = []
+
+    def after(tick: Tick) -> bool:
+        ticks.append(tick)
+        return False
+
+    with App(plan, MonotonicClock(1.0)) as app:
+        app.run(duration, after)
+    return ticks

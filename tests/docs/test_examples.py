@@ -1,0 +1,98 @@
+"""The example scripts run as they are printed, and hold what the page says of them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from two_processes import free_port, simulator
+
+import autopilot
+import autopilot.api
+import sitl
+from autopilot.signals import Mode
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+LINES_MOST = 40
+
+
+def said(name: str, *arguments: str, folder: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_example_is_short() -> None:
+    scripts = sorted(EXAMPLES.glob("*.py"))
+    assert len(scripts) == 5
+    assert all(len(script.read_text(encoding="utf-8").splitlines()) <= LINES_MOST for script in scripts)
+
+
+def test_a_run_in_lockstep_is_logged_and_replays(tmp_path: Path) -> None:
+    assert "deg rms" in said("sail_in_lockstep.py", "run.tlog", folder=tmp_path)
+    replayed = subprocess.run([sys.executable, "-m", "autopilot", "replay", "run.tlog"], cwd=tmp_path, check=False)
+    assert replayed.returncode == 0
+
+
+def test_a_log_is_identified_and_its_file_written(tmp_path: Path) -> None:
+    from autopilot import Order, OrderKind, load_vessel
+
+    zigzag = Order(OrderKind.ZIGZAG, rudder=0.26, heading_change=0.26, serial=1)
+    sitl.simulate(load_vessel("lanxin"), lambda now, tick: zigzag, 45.0, log=tmp_path / "zigzag.tlog")
+    text = said("identify_a_log.py", "zigzag.tlog", "boat.yaml", folder=tmp_path)
+    assert text.splitlines()[0] and "wrote boat.yaml" in text
+    found, truth = autopilot.load_vessel(tmp_path / "boat.yaml"), autopilot.load_vessel("lanxin")
+    assert found.model.K_1_s == pytest.approx(truth.model.K_1_s, rel=0.1)
+    assert found.control.backstepping is not None
+
+
+def test_a_pilot_steps_around_a_boat_of_your_own(tmp_path: Path) -> None:
+    text = said("your_own_plant.py", folder=tmp_path)
+    heading = float(text.partition("heading ")[2].partition(" ")[0])
+    assert heading == pytest.approx(60.0, abs=2.0) and "ENGAGED" in text
+
+
+def test_quicker_levels_hold_better_and_work_more(tmp_path: Path) -> None:
+    rows = [line.split() for line in said("compare_levels.py", folder=tmp_path).splitlines()[1:]]
+    assert [row[0] for row in rows] == ["2", "5", "8"]
+    assert float(rows[0][3]) < float(rows[2][3])
+
+
+@pytest.mark.real_time
+def test_a_link_is_steered_and_logged(tmp_path: Path) -> None:
+    port = free_port()
+    with simulator(1.0, "--mavlink", f"udpout:127.0.0.1:{port}"):
+        text = said("run_a_link.py", f"udpin:127.0.0.1:{port}", "12", "run.tlog", folder=tmp_path)
+    assert text.startswith(Mode.ENGAGED.name) and "ticks in run.tlog" in text
+
+
+def test_the_names_of_the_interface_are_there_and_no_others() -> None:
+    for name in autopilot.api.__all__:
+        assert getattr(autopilot, name) is getattr(autopilot.api, name)
+    with pytest.raises(AttributeError, match="its public names"):
+        autopilot.fly  # noqa: B018
+
+
+def test_the_same_seed_sails_the_same() -> None:
+    vessel = autopilot.load_vessel("lanxin")
+
+    def turn(now: float, tick: object) -> autopilot.Order:
+        return autopilot.heading_order(30.0)
+
+    first, again = (sitl.simulate(vessel, turn, 6.0, scenario="sea-state-5", seed=9) for _ in range(2))
+    assert [tick.command for tick in first] == [tick.command for tick in again]
+
+
+@pytest.mark.parametrize("level", [0, 10])
+def test_a_level_that_is_none_is_refused(level: int) -> None:
+    with pytest.raises(autopilot.InputError, match="allowed is 1 to 9"):
+        autopilot.design(autopilot.load_vessel("lanxin"), level)
