@@ -6,7 +6,8 @@ may have either sign, normal. Boats of like length count most: the mean is weigh
 logarithms, the deviation lies between that of the boats near by and that of all.
 
 A fit's answer (mean and covariance of a, b, d, e) and what the other boats say are put together where both are most
-likely. What of it is the other boats' is reported; where the two contradict each other the recording alone is taken.
+likely, and it is said how much of it is the other boats'. The further both are apart, the less the other boats count;
+where they contradict each other the recording alone is taken.
 """
 
 from __future__ import annotations
@@ -114,10 +115,12 @@ def combined(rates: Rates, covariance: FloatArray, expected: Expected) -> Combin
     if rates.a <= 0.0:
         return Combined(rates, covariance, nothing)
     found = np.array([rates.a, rates.b, max(rates.d, 1.0e-12), rates.e])
-    if _distance(found, covariance, expected) > CONTRADICTS:
+    distance = _distance(found, covariance, expected)
+    if distance > CONTRADICTS:
         return Combined(rates, covariance, nothing, contradicted=True)
     weight = np.linalg.pinv(covariance, hermitian=True)
-    pull = np.append(expected.deviation**-2.0, 0.0)
+    # a boat that is further off than boats are on average may be another kind: it is expected less surely
+    pull = np.append(expected.deviation**-2.0 / max(1.0, distance / expected.deviation.size), 0.0)
     mean = np.append(expected.mean, 0.0)
 
     def loss(y: FloatArray) -> float:
