@@ -22,6 +22,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import compass_deg, shortest_turn, wrap
+from autopilot.guidance.path import Set
 from autopilot.signals import AlarmEvent
 
 DRIFT_SHARE = 0.3
@@ -93,6 +94,7 @@ class PlotterGuide:
     Attributes:
         alarm: what the skipper must know, None when all is well; only while `following`.
         cross_track: the error [m] of the leg steered, nan without one.
+        stream: the current where positions have taught it; it takes the integral's place. None: it is not known.
     """
 
     def __init__(self) -> None:
@@ -100,6 +102,7 @@ class PlotterGuide:
 
     def reset(self) -> None:
         """Forget the plotter."""
+        self.stream: Set | None = None
         self.following = False
         self.alarm: AlarmEvent | None = None
         self.cross_track = math.nan
@@ -195,6 +198,11 @@ class PlotterGuide:
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:
         ahead = max(LOOKAHEAD_LEAST, LOOKAHEAD_S * abs(speed), STEPS_IN_LOOKAHEAD * leg.step)
+        if self.stream is not None:
+            # what the integral would come to, should the positions end
+            self._drift = ahead * math.tan(self.stream.crab(leg.track))
+            course = wrap(leg.track - math.atan2(leg.cross_track, ahead))
+            return wrap(course - self.stream.crab(course))
         course, self._drift = line_of_sight(leg.track, leg.cross_track, self._drift, ahead, speed, dt)
         return course
 

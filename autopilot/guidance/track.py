@@ -201,6 +201,15 @@ class TrackGuide:
             self.known = current.with_velocity(settings, self.known, *self._velocity)
             self._velocity = None
 
+    def stream(self, now: float) -> Set | None:
+        """Return the current, and the speed through it, as far as it is known well enough at `now` [s]; of a boat that
+        steers by magnetic headings nothing is."""
+        known = self.known
+        if known is None or not self.fix.is_fresh(now) or self.settings.magnetic:
+            return None
+        through = abs(known.through_water)
+        return Set(*known.set, through) if known.set_doubt <= SET_SURE * through else None
+
     def course(self, now: float, heading: float, speed: float) -> float:
         """Return the heading [rad] to steer at `now` [s], with the boat on `heading` [rad] at `speed` [m/s]."""
         self.move(now, heading, speed)

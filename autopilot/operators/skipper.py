@@ -291,6 +291,7 @@ class RouteSkipper(PlotterSkipper):
                     self.wind.on_sample(sample, tick.state.heading)
             if tick.state.valid:
                 self.track.move(now, tick.state.heading, tick.state.speed)
+                self._guide.stream = self.track.stream(now)
             if self._awaits_wind and self.wind.is_known(tick.now):
                 self.hold_wind()
         if self._script is not None:

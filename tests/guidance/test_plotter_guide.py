@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import shortest_turn, wrap
+from autopilot.guidance.path import Set
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg
 
 SPEED = 4.0
@@ -215,3 +216,15 @@ def test_whatever_is_said_the_course_is_a_course(messages: list[PlotterLeg], spe
         assert -math.pi <= course <= math.pi
         if isinstance(message, PlotterLeg) and guide.cross_track == guide.cross_track:
             assert abs(guide.cross_track) <= 2.0e5
+
+
+@pytest.mark.parametrize("current", [-2.0, 2.0])
+def test_a_current_that_positions_have_taught_sets_the_boat_off_no_track(current: float) -> None:
+    """Half the boat's speed across; when the positions end, the integral goes on from what it would have come to."""
+    boat = Boat(0.0, 0.0, -math.asin(current / SPEED), current)
+    boat.guide.follow()
+    boat.guide.stream = Set(0.0, current, SPEED)
+    assert max(abs(value) for value in boat.sail(60.0)) < 3.0
+    assert max(abs(value) for value in boat.sail(20.0)) < 0.3
+    boat.guide.stream = None
+    assert max(abs(value) for value in boat.sail(60.0)) < 1.5
