@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -34,7 +35,10 @@ def test_gains_are_designed_for_the_file(name: str, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize("name", STEERED)
 def test_the_boat_turns_to_a_course_and_keeps_it(name: str) -> None:
     vessel = load_vessel(name)
-    boat = Lockstep(vessel, scenario=afloat(name, load_scenario("calm")), measured_every=4)
+    scenario = afloat(name, load_scenario("calm"))
+    if vessel.drive.kind == "two_thrusters":
+        scenario = dataclasses.replace(scenario, plant="twin_thruster")  # the flight controller's outputs go with it
+    boat = Lockstep(vessel, scenario=scenario, measured_every=4)
     boat.engage(10.0)
     assert boat.run(10.0, until=boat.engaged)
     boat.run(max(LEAST_S, TIME_CONSTANTS * vessel.model.T_s))
