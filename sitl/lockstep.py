@@ -1,7 +1,7 @@
 """A boat, its flight controller and the pilot in lockstep: no process, no socket, no waiting.
 
 The pilot is put together as `autopilot run` does it, and talks MAVLink to the simulated flight controller over a line
-in memory. The clock is the program's: a minute at sea takes a few seconds, and the same seed gives the same ticks.
+in memory. The clock is the program's: a minute at sea takes a few seconds, and the same scenario gives the same ticks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from autopilot.runtime.log_files import FileSink
 from autopilot.signals import Order, Tick
 from autopilot.vessel.schema import Vessel
 from sitl.firmware import Firmware
-from sitl.scenario import load_scenario
+from sitl.scenario import Scenario, load_scenario
 from sitl.serve import afloat
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.world import World
@@ -47,20 +47,20 @@ def simulate(
     seconds: float,
     *,
     boat: Vessel | str | None = None,
-    scenario: str = "calm",
-    seed: int = 1,
+    scenario: str | Scenario = "calm",
     log: str | Path | None = None,
 ) -> list[Tick]:
     """Return the ticks of `seconds` in which a pilot of `vessel` steers a boat by `orders`.
 
-    boat: what really sails, a vessel or the name of a plant (`mmg_tanker`); None: the vessel itself. scenario: a
-    shipped one (`calm`, `sea-state-5`) or a file. log: where the run is written, as by `autopilot run --log`. Raises
-    InputError.
+    boat: what really sails, a vessel or the name of a plant (`mmg_tanker`); None: the vessel itself. scenario: one that
+    is loaded, a shipped one (`calm`, `sea-state-5`) or a file; its seed is that of all random numbers. log: where the
+    run is written, as by `autopilot run --log`. Raises InputError.
     """
     from autopilot.vessel.file import load_vessel
 
     sailing = vessel if boat is None else load_vessel(boat) if isinstance(boat, str) else boat
-    world = World(sailing, afloat(boat if isinstance(boat, str) else "", load_scenario(scenario)), seed)
+    loaded = load_scenario(scenario) if isinstance(scenario, str) else scenario
+    world = World(sailing, afloat(boat if isinstance(boat, str) else "", loaded))
     vehicle = MavlinkVehicle(Firmware(world))
     near, far = loopback_pair("line")
     link = CompanionLink(near, companion_settings_of(vessel, LinkOptions(as_gcs=vessel.helm.method != "guided")))

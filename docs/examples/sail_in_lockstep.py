@@ -13,7 +13,7 @@ def orders(now, tick):
     return heading_order(20.0 if now < 20.0 else 110.0)
 
 
-ticks = simulate(load_vessel("lanxin"), orders, 60.0, scenario="sea-state-5", seed=3, log=sys.argv[1])
+ticks = simulate(load_vessel("lanxin"), orders, 60.0, scenario="sea-state-5", log=sys.argv[1])
 held = [tick for tick in ticks if tick.mode is Mode.ENGAGED and tick.now > 40.0]
 errors = [math.remainder(tick.state.heading - math.radians(110.0), math.tau) for tick in held]
 rms = math.degrees(math.sqrt(sum(error * error for error in errors) / len(errors)))

@@ -82,13 +82,13 @@ def test_the_names_of_the_interface_are_there_and_no_others() -> None:
         autopilot.fly  # noqa: B018
 
 
-def test_the_same_seed_sails_the_same() -> None:
+def test_the_same_scenario_sails_the_same() -> None:
     vessel = autopilot.load_vessel("lanxin")
 
     def turn(now: float, tick: object) -> autopilot.Order:
         return autopilot.heading_order(30.0)
 
-    first, again = (sitl.simulate(vessel, turn, 6.0, scenario="sea-state-5", seed=9) for _ in range(2))
+    first, again = (sitl.simulate(vessel, turn, 6.0, scenario="sea-state-5") for _ in range(2))
     assert [tick.command for tick in first] == [tick.command for tick in again]
 
 

@@ -291,7 +291,7 @@ def test_a_log_is_a_table_for_identification(tmp_path: Path) -> None:
     sail_logged(tmp_path / "a.tlog", BoatLink(), 5.0)
     table, uses, _ = table_of(read_own(str(tmp_path / "a.tlog")), RudderSettings())
     assert uses["rudder_rad"].startswith("the pilot's estimate")
-    assert set(table) == {"time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad", "speed_m_s"}
+    assert set(table) == {"time_s", "heading_rad", "yaw_rate_rad_s", "roll_rad", "rudder_rad", "speed_m_s"}
     assert all(len(column) == len(table["time_s"]) > 50 for column in table.values())
     assert (table["time_s"][1:] > table["time_s"][:-1]).all()
 
