@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.control.limits import Rest, RudderLimits, limit, rested
-from autopilot.control.wave_feedforward import CornerFrequencies, WaveFeedforward, Waves, wave_feedforward
+from autopilot.control.wave_feedforward import CornerFrequencies, Waves, WaveShares, wave_shares
 from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.guidance.reference import Guide, Steering, heading_ordered, led, started, zigzag
 from autopilot.guidance.turn import TurnLimits, preset_rate, reference_of, side_hard_over, turn_limits
@@ -31,7 +31,7 @@ class SteeringConfig(NamedTuple):
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading. corner_frequencies hold at the model's speed: which
-    waves are filtered out, and which are cancelled, see `wave_feedforward`. dead_band [rad]: on a course the rudder
+    waves the law is shown, see `wave_feedforward`. dead_band [rad]: on a course the rudder
     rests until it is wrong by more. uses_bias: whether the law goes by the estimated bias.
     """
 
@@ -97,18 +97,20 @@ def planned_anew(config: SteeringConfig, way: Way, model: Norrbin, steady: NavSt
     return way._replace(guide=started(way.guide, way.turning.limits, steady))
 
 
-def wave_rudder(config: SteeringConfig, model: Norrbin, state: NavState) -> WaveFeedforward:
-    """Return which share of the waves the law is not shown, and the rudder that undoes some of the rest."""
+def shown_waves(config: SteeringConfig, model: Norrbin, state: NavState) -> WaveShares:
+    """Return which share of the waves the law is not shown, and which it is shown as waves."""
     waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
     own = config.estimator
     times = quickness(own.law, own.model, model)
-    return wave_feedforward(model, own.gear, config.limits, config.corner_frequencies, times, waves)
+    return wave_shares(model, own.gear, config.limits, config.corner_frequencies, times, waves)
 
 
-def steered_by(state: NavState, share: float) -> NavState:
-    """Return the state with this `share` of the waves taken out of heading and rate: what is steered by."""
-    if state.wave_deviation == 0.0 or share == 0.0:
+def steered_by(state: NavState, waves: WaveShares) -> NavState:
+    """Return the state to be steered by: without the share of the waves that is filtered out, and with waves as they
+    are shown."""
+    if state.wave_deviation == 0.0:
         return state
+    share, shown = waves.filtered, waves.shown
     return NavState(
         state.time,
         wrap(state.heading - share * state.wave_heading),
@@ -118,8 +120,8 @@ def steered_by(state: NavState, share: float) -> NavState:
         state.bias,
         state.heading_age,
         state.valid,
-        state.wave_heading,
-        state.wave_rate,
+        shown * state.wave_heading,
+        shown * state.wave_rate,
         state.wave_deviation,
         state.wave_frequency,
     )

@@ -72,8 +72,8 @@ from autopilot.steering import (
     obey,
     planned_anew,
     refer,
+    shown_waves,
     steered_by,
-    wave_rudder,
     with_turning,
 )
 from autopilot.supervision import failsafe, panel, supervisor
@@ -102,7 +102,7 @@ class PilotConfig(NamedTuple):
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading, so that only what it reports says where the rudder
-    is. corner_frequencies hold at the model's speed: which waves are filtered out, and which are cancelled, see
+    is. corner_frequencies hold at the model's speed: which waves the law is shown, see
     `wave_feedforward`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
     for this where steerage_over_ground says so. law: how the model goes with speed and thrust; drive: what it needs to
     steer, and what throttle leaves it. roll: the rudder damps roll too, while that helps; None: it does not.
@@ -183,12 +183,11 @@ class Control(NamedTuple):
 
 
 class Rudder(NamedTuple):
-    """What the rudder was given: the last command; what the dead band left of it; what was set against waves on top of
-    the law [rad]; and whether a fail-safe reckons the heading."""
+    """What the rudder was given: the last command; what the dead band left of it; and whether a fail-safe reckons the
+    heading."""
 
     command: RudderCommand = RudderCommand(0.0, 0.0, False)
     rest: Rest = Rest()
-    wave_rudder: float = 0.0
     is_reckoned: bool = False
 
 
@@ -303,8 +302,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         way, rudder = taken_over(steering, way, rudder, model, seen)
         control = begun(config, control, rudder.command.angle)
 
-    waves = wave_rudder(steering, model, seen)
-    steady = steered_by(seen, waves.filtered)
+    steady = steered_by(seen, shown_waves(steering, model, seen))
     mean_bias = averaged(0.0 if is_other_boat else state.mean_bias, steady.bias, model, dt)
     if softer > 1.0:
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
@@ -318,8 +316,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         control = control if waits == way.waits else begun(config, control, rudder.command.angle)
     steers, way = on_course and not waits, way if waits == way.waits else way._replace(waits=waits)
 
-    # the law's memory is of its own rudder, not of what was set against waves and roll on top of it
-    own = Moved(rudder.rest.allowed - control.roll_rudder - rudder.wave_rudder, dt)
+    # the law's memory is of its own rudder, not of what was set against roll on top of it
+    own = Moved(rudder.rest.allowed - control.roll_rudder, dt)
     control = against_roll(boat, control, now, dt, engaged=steers and boat.rudder_is_ours)
     reckons = mode is Mode.FAILSAFE and supervisor.law_steers
     if reckons:
@@ -327,7 +325,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     elif steers:
         way, reference = refer(steering, way, order, model, steady, Moved(rudder.command.angle, dt))
         control, demand = ask_law(config, control, answering(boat, model, softer), reference, steady, own)
-        demand = demand + waves.rudder + control.roll_rudder
+        demand += control.roll_rudder
     else:
         way, reference, demand = obey(steering, way, order, model, steady) if is_engaged else idle(way, steady)
         demand += control.roll_rudder
@@ -343,7 +341,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         rest = Rest(command.angle, command.angle)
     if command.engaged and boat.rudder_is_ours:
         estimate = with_order(estimate, now, command.angle)
-    rudder = Rudder(command, rest, waves.rudder if steers else 0.0, reckons)
+    rudder = Rudder(command, rest, reckons)
 
     shown = AlarmPanel(state.panel)
     alarms, siren = show(work, shown, samples, order, found)
@@ -544,8 +542,7 @@ def taken_over(config: SteeringConfig, way: Way, rudder: Rudder, model: Norrbin,
     # a fail-safe that still holds the rudder hands over what it commanded
     there = rudder.command.angle if rudder.command.engaged else seen.rudder
     start = clip(there, -config.limits.angle_max, config.limits.angle_max)
-    waves = wave_rudder(config, model, seen)
-    way = planned_anew(config, way, model, steered_by(seen, waves.filtered))
+    way = planned_anew(config, way, model, steered_by(seen, shown_waves(config, model, seen)))
     command = RudderCommand(seen.time, start, True)
     return way._replace(order=Order()), rudder._replace(command=command, rest=Rest(start, start))
 

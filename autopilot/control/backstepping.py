@@ -44,6 +44,10 @@ linear-quadratic regulator with a weight on the rudder's rate is of this form (`
 each time at the rudder that was really commanded: nothing winds up, and engaging makes no bump. A planned turn that
 takes rudder is steered without this step, as the plan wants its rudder at once.
 
+With the third step the law steers by the state as it will be when the rudder has come to the order, gear's delay and
+lag and half a tick from now, reckoned from where the rudder is and what it was last ordered; and waves are states of
+the regulator like any other (`autopilot.control.wave_feedforward`).
+
 The paper has g = 1 1/s^2, hidden in V = (z1^2 + z2^2)/2. Left at 1 it asks a boat with K = 0.1 1/s and
 T = 20 s for at least 200 deg of rudder per degree of error however small k1 and k2 are; so g is a gain here.
 
@@ -67,10 +71,12 @@ from autopilot.control.law import (
     NoMemory,
     in_units_of_file,
 )
+from autopilot.control.wave_feedforward import ClosedLoop, swung, wave_rudder
+from autopilot.estimation.heading_ekf import carried_ahead
 from autopilot.files.typed import NOW, Bounds, Positive
 from autopilot.models.norrbin import Norrbin, rudder_for, rudder_within
 from autopilot.models.steering_gear import clip
-from autopilot.signals import Reference
+from autopilot.signals import NavState, Reference
 
 SPEED_RANGE = (0.2, 1.5)
 """Share of the reference speed within which the gains follow the speed."""
@@ -110,10 +116,12 @@ class BacksteppingGains(NamedTuple):
 
 
 class BoundedGains(NamedTuple):
-    """The gains in force, and the largest heading error [rad] to which they answer in proportion."""
+    """The gains in force, the largest heading error [rad] to which they answer in proportion, and how long [s] after an
+    order the rudder is there."""
 
     gains: BacksteppingGains
     error_max: float = math.inf
+    ahead: float = 0.0
 
 
 def gains_at(gains: BacksteppingGains, speed_ratio: float) -> BacksteppingGains:
@@ -169,6 +177,50 @@ def backstepping_rudder(bounded: BoundedGains, given: LawInput, cancelled: float
     return rudder_within(given.model, rate, cancelled, wanted, given.rudder_max) - given.state.bias
 
 
+def when_acted_on(ahead: float, given: LawInput) -> LawInput:
+    """Return state and reference as they will be `ahead` [s], when the rudder has come to an order of now: meanwhile it
+    goes from where it is to the last one."""
+    state, reference, model = given.state, given.reference, given.model
+    if ahead <= 0.0:
+        return given
+    # the boat moves by its model, the waves by theirs
+    heading, rate = carried_ahead(
+        model,
+        state.heading - state.wave_heading,
+        state.rate - state.wave_rate,
+        (state.rudder + state.bias, given.last_rudder + state.bias),
+        ahead,
+    )
+    wave, wave_rate = state.wave_heading, state.wave_rate
+    if state.wave_frequency > 0.0:
+        wave, wave_rate = swung(wave, wave_rate, state.wave_frequency, ahead)
+    heading += wave
+    then = NavState(
+        state.time,
+        heading if -PI < heading <= PI else wrap(heading),
+        rate + wave_rate,
+        state.speed,
+        state.rudder,
+        state.bias,
+        state.heading_age,
+        state.valid,
+        wave,
+        wave_rate,
+        state.wave_deviation,
+        state.wave_frequency,
+    )
+    on = wrap(reference.heading + ahead * (reference.rate + 0.5 * ahead * reference.acceleration))
+    met = Reference(on, reference.rate + ahead * reference.acceleration, reference.acceleration)
+    return LawInput(model, given.ratio, met, then, given.roll, given.last_rudder, given.rudder_max, given.dt)
+
+
+def regulated_waves(gains: BacksteppingGains, given: LawInput) -> float:
+    """Return the rudder [rad] that the regulator gives for the waves it is shown; `gains` have smoothing."""
+    state, k3 = given.state, 1.0 / gains.smoothing
+    loop = ClosedLoop(k3, k3 * (gains.k1 + gains.k2), k3 * (gains.gamma + gains.k1 * gains.k2))
+    return wave_rudder(given.model, loop, state.wave_heading, state.wave_rate, state.wave_frequency)
+
+
 def smoothed_rudder(smoothing: float, wanted: float, last_rudder: float, dt: float) -> float:
     """Return the demand [rad] of the third step, `dt` [s] after the rudder was commanded to `last_rudder` [rad].
 
@@ -205,25 +257,32 @@ def bounded_gains(section: Backstepping, boat: LawBoat) -> BoundedGains:
         raise ValueError(f"k1, k2 and gamma must be positive and finite, got {gains}")
     if not 0.0 <= gains.smoothing < math.inf:
         raise ValueError(f"smoothing must be finite and not negative, got {gains.smoothing}")
-    return BoundedGains(gains, error_max_of(boat.model, gains, boat.limits.rate_max))
+    error_max = error_max_of(boat.model, gains, boat.limits.rate_max)
+    return BoundedGains(gains, error_max, boat.gear.delay + boat.gear.lag)
 
 
 def bounded_gains_at(bounded: BoundedGains, speed_ratio: float) -> BoundedGains:
     """Return the gains and their bound at `speed_ratio` times the speed at which they hold: they go with the speed, as
     1/T does, so that a slow boat is not asked for a quick boat's accelerations."""
-    return BoundedGains(gains_at(bounded.gains, speed_ratio), error_max_at(bounded.error_max, speed_ratio))
+    error_max = error_max_at(bounded.error_max, speed_ratio)
+    return BoundedGains(gains_at(bounded.gains, speed_ratio), error_max, bounded.ahead)
 
 
 def step(bounded: BoundedGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
     """Return the rudder demand [rad]. There is no memory: bias and limits come with the state and the last rudder."""
     here = bounded_gains_at(bounded, given.ratio)
-    wanted = backstepping_rudder(here, given, given.reference.rate)
     smoothing = smoothing_in(given.model, here.gains.smoothing, given.reference)
+    if smoothing == 0.0:
+        return backstepping_rudder(here, given, given.reference.rate), memory
+    # an order holds until the next: on the mean it is half a tick old
+    acted = when_acted_on(here.ahead + 0.5 * given.dt, given)
+    wanted = backstepping_rudder(here, acted, acted.reference.rate) + regulated_waves(here.gains, acted)
     return smoothed_rudder(smoothing, wanted, given.last_rudder, given.dt), memory
 
 
 def _linear(bounded: BoundedGains, model: Norrbin) -> LoopGains:
-    return linear_gains_backstepping(model, bounded.gains)
+    found = linear_gains_backstepping(model, bounded.gains)
+    return found._replace(ahead=bounded.ahead) if found.smoothing > 0.0 else found
 
 
 def _shown(section: Backstepping, bounded: BoundedGains, ratio: float) -> dict[str, float]:

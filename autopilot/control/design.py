@@ -106,11 +106,54 @@ def controller(gains: LoopGains, omega: float) -> complex:
     return asked / complex(1.0, gains.smoothing * omega)
 
 
+class AheadGains(NamedTuple):
+    """The gains of a law that acts on the state `ahead` [s] later, on the state that is: on heading and rate, on the
+    bias more than without, on the rudder as it stands and on the last order."""
+
+    heading: float
+    rate: float
+    bias: float
+    rudder: float
+    order: float
+
+
+def ahead_gains(model: Norrbin, gains: LoopGains) -> AheadGains:
+    """Return what reckoning ahead makes of the gains: `heading_ekf.carried_ahead` about straight running."""
+    p, d, t = gains.proportional, gains.derivative, gains.ahead
+    if t <= 0.0:
+        return AheadGains(p, d, 0.0, 0.0, 0.0)
+    n, drive = model.n1 / model.time_constant, model.gain / model.time_constant
+    x = n * t
+    once, twice, thrice = 1.0 - 0.5 * x, 0.5 - x / 6.0, 1.0 / 6.0 - x / 24.0
+    if abs(x) > 1.0e-3:
+        once = -math.expm1(-x) / x
+        twice = (1.0 - once) / x
+        thrice = (0.5 - twice) / x
+    return AheadGains(
+        p,
+        p * t * (1.0 - x * twice) + d * (1.0 - x * once),
+        drive * t * (p * t * twice + d * once),
+        drive * t * (p * t * (twice - thrice) + d * (once - twice)),
+        drive * t * (p * t * thrice + d * twice),
+    )
+
+
 def loop(model: Norrbin, lag: float, delay: float, gains: LoopGains, omega: float) -> complex:
-    """Return L(j omega), omega [rad/s]: the module's equation."""
+    """Return L(j omega), omega [rad/s]: the module's equation; what reckons ahead knows the orders that it gave."""
     s = 1j * omega
     plant = model.gain / (s * (model.time_constant * s + model.n1))
-    return controller(gains, omega) * plant * cmath.exp(-s * delay) / (lag * s + 1.0)
+    if gains.ahead == 0.0:
+        return controller(gains, omega) * plant * cmath.exp(-s * delay) / (lag * s + 1.0)
+    on = ahead_gains(model, gains)
+    acts = cmath.exp(-s * max(gains.ahead - lag, 0.0)) / (lag * s + 1.0)
+    asked = on.heading + gains.integral / s + on.rate * s
+    return (
+        asked
+        * plant
+        * cmath.exp(-s * delay)
+        / (lag * s + 1.0)
+        / (1.0 + gains.smoothing * s + on.rudder * acts + on.order)
+    )
 
 
 def margins(model: Norrbin, lag: float, delay: float, rate_max: float, gains: LoopGains) -> Margins:

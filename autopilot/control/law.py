@@ -58,13 +58,15 @@ class LawInput(NamedTuple):
 
 
 class LoopGains(NamedTuple):
-    """proportional [rad/rad], integral [1/s], derivative [s]: rudder on heading error, its integral, the rate; and
-    smoothing [s], the time in which the rudder goes there."""
+    """proportional [rad/rad], integral [1/s], derivative [s]: rudder on heading error, its integral, the rate;
+    smoothing [s], the time in which the rudder goes there; ahead [s]: they act on the state so much later, which is
+    reckoned from the rudder that was ordered."""
 
     proportional: float
     integral: float
     derivative: float
     smoothing: float = 0.0
+    ahead: float = 0.0
 
 
 class NoMemory(NamedTuple):

@@ -26,6 +26,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from autopilot.angles import wrap
+from autopilot.control.design import ahead_gains
 from autopilot.control.law import NO_ROLL, LawInForce, LawInput, LoopGains
 from autopilot.control.limits import RudderLimits, limit
 from autopilot.estimation.steady_filter import Prediction, SteadyFilter
@@ -156,15 +157,16 @@ def _crossover(curve: _Curve) -> float:
 def _curve(loop: OutputFeedbackLoop) -> _Curve:
     """Return D and N from far below the loop's own frequencies to half of the sampling frequency."""
     model, gear, delays, gains, uses_bias, steady = loop
-    curve = _Curve([], [], [])
+    curve, on = _Curve([], [], []), ahead_gains(model, gains)
     for omega, from_command, seen in _transfers(model.time_constant, steady, delays.latency):
         s = 1j * omega
         acts = cmath.exp(-s * gear.delay) / (gear.lag * s + 1.0)
         boat = model.gain / (s * (model.time_constant * s + model.n1))
-        asked = (gains.proportional + gains.integral / s, complex(gains.derivative), 1.0 if uses_bias else 0.0)
+        asked = (on.heading + gains.integral / s, complex(on.rate), (1.0 if uses_bias else 0.0) + on.bias)
         law = tuple(f / (1.0 + s * gains.smoothing) for f in asked)
+        reckoned = (on.rudder * acts + on.order) / (1.0 + s * gains.smoothing)
         curve.omegas.append(omega)
-        curve.inner.append(1.0 + sum(f * x for f, x in zip(law, from_command, strict=True)) * acts)
+        curve.inner.append(1.0 + sum(f * x for f, x in zip(law, from_command, strict=True)) * acts + reckoned)
         curve.outer.append(
             sum(f * x for f, x in zip(law, seen, strict=True)) * boat * acts * cmath.exp(-s * delays.unknown)
         )

@@ -1,18 +1,21 @@
-"""Wave feedforward: which share of the waves' moment the rudder cancels, and with what angle.
+"""What a law is shown of the waves, and what the rudder of a rate-weighted regulator makes of them.
 
 The filter holds the waves for a motion h of their own on top of the boat's heading. What makes it is the push
 
     a = h'' + n h',   n = n1/T,   worth the rudder angle a T/K.
 
-For a push of frequency w that is known, the rudder u that makes the mean of e^2 + weight^2 u'^2 least cancels a share
-of it, neither early nor late:
+A law without a weight on the rudder's rate would fight every wave: it is shown slow ones alone. For one with a weight,
+`autopilot.control.design`, the waves are states like any other. It is shown all of the heading and of the rate, and
+with w' = M w, w = (h, h', e), the filter's oscillator, the u' that makes the mean of e^2 + weight^2 u'^2 least is
 
-    u = -share a T/K,   share = 1/(1 + w^4 (w^2 + n^2)/corner^6),   corner^3 = K/(T weight)
+    u' = -k3 (u - delta - delta_w),   delta_w = -(T/(K k3)) a(N(M) p(-M)^-1 w),
+    N(s) = (a k3 - b) s^2 + (c - b k3) s + k3 c,   p(s) = s^3 + a s^2 + b s + c, the closed loop,
 
-so that slow waves are cancelled and quick ones filtered out, which the loop of a boat does not see any more than
-before: of the heading the law is shown the rest without (1 - share) h, of an h that is too much for waves without as
-much as waves may have. A gear that is too slow or a rudder too small for the whole push cancels what it can. u leads by
-the gear's lag and delay.
+the slow waves cancelled, the quick ones kept from the rudder, each neither early nor late. For a push e^(s t) the best
+steady rudder is -share T/K, share = c^2/(p(s) p(-s)); N/p(-s) is what this leaves to delta_w, where nothing of p(s) is
+left to divide by: a wave may die away as quickly as the loop settles.
+
+A gear that is too slow or a rudder too small for the whole of it is shown so much less of the waves.
 
 Derived here, from e'' + n e' = (K/T) u + a.
 """
@@ -30,18 +33,17 @@ from autopilot.models.steering_gear import SteeringGear
 
 REACHED = math.sqrt(2.0)
 """A swing reaches so many times its deviation."""
-LEAST_SHARE = 0.02
-"""To cancel less is not worth a movement of the gear."""
-SLOWING = 2.0 * WAVE_DAMPING + WAVE_CORNER * (1.0 - 1.0 / WAVE_STIFFENING)
-"""Damping of h'' = -stiffness h - slowing w0 h', the best guess of h'' that goes by h and h' alone."""
+LAGGED = -WAVE_CORNER / WAVE_STIFFENING
+"""e w0 in units of h': the best guess of e that goes by h and h' alone."""
+RINGING = math.sqrt(1.0 - WAVE_DAMPING * WAVE_DAMPING)
 
 
 class CornerFrequencies(NamedTuple):
-    """Frequencies [rad/s]: waves quicker than `seen` the law is not shown, inf: it goes by the whole heading; those
-    slower than `feedforward` are cancelled, 0: none are, and `seen` counts."""
+    """Frequencies [rad/s]: waves quicker than `seen` a law without a weight on the rudder's rate is not shown, inf: it
+    goes by the whole heading; weighted: the bandwidth c^(1/3) of one with such a weight, 0: it has none."""
 
     seen: float
-    feedforward: float = 0.0
+    weighted: float = 0.0
 
 
 class Waves(NamedTuple):
@@ -53,44 +55,83 @@ class Waves(NamedTuple):
     frequency: float
 
 
-class WaveFeedforward(NamedTuple):
-    """filtered: the share of the waves that the law is not shown; rudder [rad]: what cancels the rest."""
+class WaveShares(NamedTuple):
+    """Of the waves: the share that the law is not shown, and the share that it is shown as waves."""
 
     filtered: float
-    rudder: float
+    shown: float
 
 
-NO_FEEDFORWARD = WaveFeedforward(0.0, 0.0)
+NO_WAVES = WaveShares(0.0, 0.0)
 
 
-def wave_feedforward(
+def wave_shares(
     model: Norrbin, gear: SteeringGear, limits: RudderLimits, corners: CornerFrequencies, quickness: float, waves: Waves
-) -> WaveFeedforward:
-    """Return the wave feedforward. Both corners go with the speed, `quickness` times that at which they hold."""
+) -> WaveShares:
+    """Return what is shown of the waves. Both corners go with the speed, `quickness` times that at which they hold."""
     if waves.deviation == 0.0:
-        return NO_FEEDFORWARD
+        return NO_WAVES
     share = plausible_share(waves.deviation, waves.heading)
-    if corners.feedforward == 0.0:
-        return WaveFeedforward(share * filtered_share(waves.frequency, corners.seen * quickness), 0.0)
-    found = feedforward(model, gear, limits, corners.feedforward * quickness, waves)
-    return WaveFeedforward(share * found.filtered, found.rudder)
+    if corners.weighted == 0.0:
+        return WaveShares(share * filtered_share(waves.frequency, corners.seen * quickness), 0.0)
+    shown = share * followed_share(model, gear, limits, corners.weighted * quickness, waves)
+    return WaveShares(share - shown, shown)
 
 
-def feedforward(
-    model: Norrbin, gear: SteeringGear, limits: RudderLimits, corner: float, waves: Waves
-) -> WaveFeedforward:
-    """Return what is cancelled of the waves, by the module's equations; `corner` [rad/s] is positive."""
-    n, stiffness = model.n1 / model.time_constant, waves.frequency * waves.frequency * WAVE_STIFFENING
-    swing, slowing = math.sqrt(stiffness), SLOWING * waves.frequency
-    worth = model.time_constant / model.gain
-    share = 1.0 / (1.0 + stiffness * stiffness * (stiffness + n * n) / corner**6)
-    most = REACHED * waves.deviation * worth * swing * math.sqrt(stiffness + n * n)
-    share = min(share, min(gear.angle_max, limits.angle_max) / most)
-    share = min(share, min(gear.rate_max, limits.rate_max) / (most * swing))
-    if share < LEAST_SHARE:
-        return WaveFeedforward(1.0, 0.0)
-    ahead = gear.lag + gear.delay
+def followed_share(model: Norrbin, gear: SteeringGear, limits: RudderLimits, corner: float, waves: Waves) -> float:
+    """Return how much of these waves, 1: all, a regulator of the bandwidth `corner` [rad/s] can follow with this
+    rudder."""
+    n, square = model.n1 / model.time_constant, waves.frequency * waves.frequency * WAVE_STIFFENING
+    swing = math.sqrt(square)
+    share = 1.0 / (1.0 + square * square * (square + n * n) / corner**6)
+    most = share * REACHED * waves.deviation * model.time_constant / model.gain * swing * math.sqrt(square + n * n)
+    angle, rate = min(gear.angle_max, limits.angle_max), min(gear.rate_max, limits.rate_max)
+    followed = 1.0
+    if most > angle:
+        followed = angle / most
+    if most * swing * followed > rate:
+        followed = rate / (most * swing)
+    return followed
+
+
+def swung(heading: float, rate: float, frequency: float, ahead: float) -> tuple[float, float]:
+    """Return wave heading [rad] and rate [rad/s] `ahead` [s] later, as far as they swing on by themselves."""
+    swing = frequency * math.sqrt(WAVE_STIFFENING)
     cosine, sine = math.cos(swing * ahead), math.sin(swing * ahead)
-    heading = cosine * waves.heading + sine / swing * waves.rate
-    rate = cosine * waves.rate - swing * sine * waves.heading
-    return WaveFeedforward(1.0 - share, -share * worth * ((n - slowing) * rate - stiffness * heading))
+    return cosine * heading + sine / swing * rate, cosine * rate - swing * sine * heading
+
+
+class ClosedLoop(NamedTuple):
+    """The regulator's: its third step k3 [1/s], and b [1/s^2] and c [1/s^3] of p(s); a is k3 + n."""
+
+    k3: float
+    b: float
+    c: float
+
+
+def wave_rudder(model: Norrbin, loop: ClosedLoop, heading: float, rate: float, frequency: float) -> float:
+    """Return delta_w [rad] for waves of this `heading` [rad], `rate` [rad/s] and `frequency` [rad/s], by the module's
+    equations: a polynomial of M by its values at the eigenvalues of M."""
+    if frequency <= 0.0:
+        return 0.0
+    k3, b, c = loop
+    n = model.n1 / model.time_constant
+    a = k3 + n
+    decay, ringing, corner = WAVE_DAMPING * frequency, RINGING * frequency, WAVE_CORNER * frequency
+    square = frequency * frequency
+    s = complex(-decay, ringing)
+    found = ((a * k3 - b) * s * s + (c - b * k3) * s + k3 * c) / (((a - s) * s - b) * s + c)
+    slope = found.imag / ringing
+    level = found.real + slope * decay
+    real = ((a * k3 - b) * corner * corner - (c - b * k3) * corner + k3 * c) / (
+        ((a + corner) * corner + b) * corner + c
+    )
+    bend = (real - level + slope * corner) / (square + corner * (corner - 2.0 * decay))
+    h0, h1, e0 = heading, rate, LAGGED * rate / frequency
+    h2, e1 = -square * (h0 + e0) - 2.0 * decay * (h1 + corner * h0) - corner * h1, corner * h0
+    h3, e2 = -square * (h1 + e1) - 2.0 * decay * (h2 + corner * h1) - corner * h2, corner * h1
+    h4 = -square * (h2 + e2) - 2.0 * decay * (h3 + corner * h2) - corner * h3
+    # level + slope s + bend (s^2 + 2 decay s + square), of the push h'' + n h'
+    straight, once = level + bend * square, slope + 2.0 * decay * bend
+    push = straight * (h2 + n * h1) + once * (h3 + n * h2) + bend * (h4 + n * h3)
+    return -model.time_constant / (model.gain * k3) * push

@@ -272,6 +272,21 @@ def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float)
     return psi, rate, h, s
 
 
+def carried_ahead(
+    model: Norrbin, heading: float, rate: float, rudders: tuple[float, float], seconds: float
+) -> tuple[float, float]:
+    """Return heading [rad] and rate [rad/s] in so many `seconds` under a rudder that goes evenly from the first of the
+    two `rudders` [rad] to the second, the bias counted in; see `predict`."""
+    begin, end = rudders
+    _, once, twice = _transition(model, rate, seconds)
+    x = seconds * (model.n1 + (2.0 * model.n2 + 3.0 * model.n3 * rate) * rate) / model.time_constant
+    thrice = (0.5 - twice) / x if x < -1.0e-3 or x > 1.0e-3 else 1.0 / 6.0
+    acceleration = yaw_acceleration(model, rate, begin)
+    grown = model.gain / model.time_constant * (end - begin)
+    psi = heading + seconds * (rate + seconds * (twice * acceleration + thrice * grown))
+    return psi if -PI < psi <= PI else wrap(psi), rate + seconds * (once * acceleration + twice * grown)
+
+
 def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: float, time: float) -> FilterState:
     """Return the state at `time` [s] under a `rudder` [rad] held until then.
 

@@ -165,8 +165,6 @@ UNATTENDED_S = 3.0
 FILTER_SHARE = 0.4
 """Waves quicker than this share of the steering loop's natural frequency are filtered out: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
-FEEDFORWARD_SHARE = 1.2
-"""Waves slower than this share of it are cancelled where the vessel file says `meet`, see `wave_feedforward`."""
 STEERAGE_SHARE = 0.1
 """Below this share of the model's speed a boat is not steered, where the file says nothing."""
 HEADING_INTERVAL = 0.1
@@ -207,9 +205,10 @@ def corner_frequencies_of(vessel: Vessel, law: str | None = None) -> CornerFrequ
     chosen = LAWS[law or vessel.control.law]
     if chosen.linear is None or chosen.takes_roll:
         return CornerFrequencies(math.inf)
-    natural = math.sqrt(loop_gains_of(vessel, law).proportional * vessel.model.K_1_s / vessel.model.T_s)
-    meets = vessel.estimator.wave_filter == "meet"
-    return CornerFrequencies(FILTER_SHARE * natural, FEEDFORWARD_SHARE * natural if meets else 0.0)
+    gains = loop_gains_of(vessel, law)
+    square = gains.proportional * vessel.model.K_1_s / vessel.model.T_s
+    weighted = math.cbrt(square / gains.smoothing) if gains.smoothing > 0.0 else 0.0
+    return CornerFrequencies(FILTER_SHARE * math.sqrt(square), weighted)
 
 
 def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Verdict:

@@ -172,8 +172,8 @@ class Estimator:
     """What is made of heading and rate before the law sees them."""
 
     wave_filter: Annotated[Literal["auto", "meet", "off"], NOW] = "auto"
-    """auto: wave motion is learnt and kept from the rudder where the rudder could only wear itself out on it; meet:
-    what the rudder can undo of the waves it undoes, before it shows, for a steadier course and more rudder travel."""
+    """auto: wave motion is learnt; gains with smoothing_s undo of it what is worth their rudder's travel, other laws
+    are shown slow waves alone. meet: the same, kept for files that say so."""
     bias_time_s: Annotated[float, NOW, Bounds(1.0, 100000.0, "wind, current and trim change in so long")] | None = None
     """null: 10 s, or two time constants if that is longer. A longer time keeps the rudder quieter in following seas,
     a shorter one follows a change of wind sooner."""

@@ -41,9 +41,9 @@ from autopilot.steering import (
     Turning,
     limited,
     referred,
+    shown_waves,
     steered_by,
     turning_at,
-    wave_rudder,
 )
 from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_opposite, turns_step
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
@@ -99,7 +99,6 @@ class State(NamedTuple):
     law: Any
     command: float
     rest: Rest
-    undoing: float
     compass: Compass
     answer: Heard
     easy_time: float
@@ -127,7 +126,7 @@ def initial_state(
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
     history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
-    steered = steered_by(seen, wave_rudder(config, model, seen).filtered)
+    steered = steered_by(seen, shown_waves(config, model, seen))
     turning = turning_at(config, NOT_TURNING, model)
     guide = started(
         Guide(math.nan, VirtualBoat(0.0, 0.0, 0.0, NO_EVIDENCE), 1, -math.inf, now), turning.limits, steered
@@ -144,7 +143,6 @@ def initial_state(
         law=campaign.first,
         command=0.0,
         rest=Rest(0.0, 0.0, False),
-        undoing=0.0,
         compass=Compass(measurement.measured.heading, state.time, 1, NO_TURNS),
         answer=NOTHING_HEARD,
         easy_time=now,
@@ -175,18 +173,16 @@ def tick(
         answer = _answer(campaign, pilot_state, seen, model, history, measurement.measured)
         answers = verdict(answer.response) == 0
         answers = answers and (seen.wave_deviation <= 0.0 or other_verdict(answer.response.others) == FILED)
-    waves = wave_rudder(config, model, seen)
-    state = steered_by(seen, waves.filtered)
+    state = steered_by(seen, shown_waves(config, model, seen))
     turning = turning_at(config, listened.turning, model)
     guide = listened.guide
     if target != guide.heading:
         guide = heading_ordered(guide, model, turning.limits, state, target)
     guide = referred(config, guide, turning, model, state, Moved(pilot_state.command, dt))
-    reference, own = reference_of(model, turning.limits, guide.boat), pilot_state.rest.allowed - pilot_state.undoing
+    reference, own = reference_of(model, turning.limits, guide.boat), pilot_state.rest.allowed
     ratio = quickness(config.estimator.law, config.estimator.model, model)
     given = LawInput(model, ratio, reference, state, NO_ROLL, own, config.limits.angle_max, dt)
-    asked, law = law_step(campaign.gains, listened.law, given)
-    demand = asked + waves.rudder
+    demand, law = law_step(campaign.gains, listened.law, given)
     rest = limited(config, pilot_state.rest, Moved(pilot_state.command, dt), demand)
     command = rest.command
     rudder = ordered(listened.rudder, memory, now, command)
@@ -208,7 +204,6 @@ def tick(
         law=law,
         command=command,
         rest=rest,
-        undoing=waves.rudder,
         compass=listened.compass,
         answer=answer,
         easy_time=easy_time,
@@ -330,7 +325,6 @@ def _listen(
         law=pilot_state.law,
         command=pilot_state.command,
         rest=pilot_state.rest,
-        undoing=pilot_state.undoing,
         compass=compass,
         answer=pilot_state.answer,
         easy_time=pilot_state.easy_time,

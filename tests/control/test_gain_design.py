@@ -8,26 +8,32 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from autopilot.control import backstepping
 from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping
 from autopilot.control.design import (
     WORST_SENSITIVITY,
     Margins,
     Spread,
+    ahead_gains,
     design_backstepping,
     judge,
     loop,
+    lqr_gains,
     margins,
     placed,
     worst_margins,
 )
-from autopilot.control.law import LoopGains
+from autopilot.control.law import NO_ROLL, LawInput, LoopGains
 from autopilot.control.pid import equivalent_pid
 from autopilot.control.sliding_heading import linear_gains_sliding, sliding_of
 from autopilot.errors import RefusedError
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, verdict_of
+from autopilot.signals import NavState, Reference
 from autopilot.vessel.file import load_vessel
 
 BOATS = [
@@ -349,4 +355,25 @@ def test_pid_and_sliding_gains_of_the_same_loop() -> None:
     assert equivalent_pid(model._replace(n1=9.0), gains).kd == 0.0
     sliding = sliding_of(model, gains, 0.5)
     assert sliding == pytest.approx((0.3, 0.1, 0.1 / 0.7))
-    assert linear_gains_sliding(model, sliding) == pytest.approx((5.0 * 0.21, 0.0, 5.0 * 0.75, 0.0))
+    assert linear_gains_sliding(model, sliding) == pytest.approx((5.0 * 0.21, 0.0, 5.0 * 0.75, 0.0, 0.0))
+
+
+@given(st.floats(0.05, 0.6), st.sampled_from([-1.0, 0.0, 1.0]), st.floats(0.1, 50.0))
+def test_gains_that_reckon_ahead_are_the_steps_own(ahead: float, n1: float, time_constant: float) -> None:
+    """By small deviations of what the law's step is given."""
+    model = Norrbin(0.4, time_constant, 0.0, n1=n1, reference_speed=5.0)
+    law = backstepping.BoundedGains(lqr_gains(model, 0.5), math.inf, ahead)
+    smoothing = law.gains.smoothing
+
+    def order(psi: float, r: float, bias: float, rudder: float, last: float) -> float:
+        state = NavState(0.0, psi, r, 5.0, rudder, bias, 0.0, True)
+        given_ = LawInput(model, 1.0, Reference(0.0), state, NO_ROLL, last, math.inf, 0.0)
+        acted = backstepping.when_acted_on(law.ahead, given_)
+        return backstepping.backstepping_rudder(law, acted, 0.0)
+
+    small = 1.0e-6
+    found = ahead_gains(model, backstepping.linear_gains_backstepping(model, law.gains)._replace(ahead=ahead))
+    by_step = [order(*(small if place == row else 0.0 for place in range(5))) / small for row in range(5)]
+    wanted = (-found.heading, -found.rate, -1.0 - found.bias, -found.rudder, -found.order)
+    assert by_step == pytest.approx(wanted, rel=1e-4, abs=1e-6)
+    assert smoothing > 0.0
