@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from pareto_peer import Peer, run_peer
 
-from autopilot.control.backstepping import Backstepping
-from autopilot.control.design import DESIGNED, gains_of_loop
+from autopilot.control.backstepping import Backstepping, gains_of_loop
+from autopilot.control.design import DESIGNED
 from autopilot.control.pid import PidGains
 from autopilot.errors import InputError
 from autopilot.estimation.heading_ekf import initial

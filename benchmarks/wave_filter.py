@@ -43,8 +43,8 @@ def boat_of(name: str) -> StudyBoat:
 
 
 def that_spares(boat: StudyBoat, level: int) -> StudyBoat:
-    """Return the boat with the gains of `autopilot gains --spare-rudder --level`."""
-    return boat._replace(vessel=designed(boat.vessel, GainRequest(level, rate_weighted=True)))
+    """Return the boat with the gains of `autopilot gains --level`."""
+    return boat._replace(vessel=designed(boat.vessel, GainRequest(level)))
 
 
 def one(case: tuple[str, str, float, str, int, float]) -> Figures:

@@ -20,7 +20,7 @@ from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
     from autopilot.report.gains import Judged
-    from autopilot.runtime.tuning import GainRequest
+    from autopilot.runtime.tuning import GainRequest, LevelCost
     from autopilot.vessel.schema import Vessel
 
 
@@ -34,7 +34,8 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser = subparsers.add_parser(
         "gains",
         help="design gains for a vessel's model and rudder, and show the margins",
-        description="Design k1, k2 and gamma for the vessel's model, rudder and delay, beside the file's own gains.",
+        description="Design gains for the vessel's model, rudder, delay and instruments, and print the front they are "
+        "chosen from, heading rms against rudder travel, and the file's own gains beside them.",
     )
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
     parser.add_argument("--out", metavar="FILE.yaml", help="write the vessel with the designed gains")
@@ -43,18 +44,10 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--level",
         action=whole_number(1, 9),
         metavar="1..9",
-        help="response: 1 calm, 5 the quickest with good margins, 9 quick",
+        help="1 spares the rudder, 9 holds the course; what each costs is printed (5)",
     )
     parser.add_argument(
-        "--bandwidth-rad-s", action=NumberOption, metavar="W", help="place the loop's bandwidth instead of a level"
-    )
-    parser.add_argument(
-        "--damping", action=number(0.1, 0.99), metavar="Z", help="its damping ratio, with --bandwidth-rad-s (0.8)"
-    )
-    parser.add_argument(
-        "--spare-rudder",
-        action=argparse.BooleanOptionalAction,
-        help="weigh the rudder's rate too (default: as the file's control.backstepping.smoothing_s says)",
+        "--bandwidth-rad-s", action=NumberOption, metavar="W", help="the regulator's bandwidth instead of a level"
     )
     parser.add_argument("--report", metavar="FILE.html", help="write curves and tables into one page")
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -95,8 +88,16 @@ def in_hand(vessel: Vessel, request: GainRequest, is_chosen: bool) -> Vessel:
 def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
     from autopilot.control.design import DESIGNED
-    from autopilot.report.gains import as_json, as_text, judged, speeds_as_json, speeds_as_text
-    from autopilot.runtime.tuning import designed
+    from autopilot.report.gains import (
+        as_json,
+        as_text,
+        front_as_json,
+        front_as_text,
+        judged,
+        speeds_as_json,
+        speeds_as_text,
+    )
+    from autopilot.runtime.tuning import designed, front_of
     from autopilot.vessel.file import load_vessel
 
     _check_tuning(arguments)
@@ -118,30 +119,40 @@ def run(arguments: argparse.Namespace) -> int:
     if request.bandwidth is not None and asked_for:
         raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
     rows |= {f"file's {law}": judged(vessel, law) for law in filed_laws() if getattr(vessel.control, law) is not None}
+    front = front_of(vessel)
     if arguments.report:
-        _write_report(arguments, vessel, request.rate_weighted, rows)
+        _write_report(arguments, vessel, front, rows)
     if arguments.json:
-        print(json.dumps({name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}, indent=2))
+        found: dict[str, Any] = {name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}
+        found[f"designed {DESIGNED}"]["front"] = front_as_json(front)
+        print(json.dumps(found, indent=2))
     else:
-        print(as_text(rows), speeds_as_text(rows), sep="\n\n")
+        level = level_of(vessel, better, front)
+        print(front_as_text(vessel, front, level), as_text(rows), speeds_as_text(rows), sep="\n\n")
     if arguments.out:
         write_vessel(arguments, better)
     return int(ExitCode.OK)
 
 
+def level_of(vessel: Vessel, better: Vessel, front: list[LevelCost]) -> int | None:
+    """Return the level that the gains of `better` are; None where they are of none."""
+    from autopilot.control.design import DESIGNED
+    from autopilot.runtime.tuning import GainRequest, designed
+
+    gains = getattr(better.control, DESIGNED)
+    for row in front:
+        if getattr(designed(vessel, GainRequest(row.level)).control, DESIGNED) == gains:
+            return row.level
+    return None
+
+
 def _request(arguments: argparse.Namespace) -> GainRequest:
     from autopilot.runtime.tuning import GainRequest
 
-    level, bandwidth, damping = arguments.level, arguments.bandwidth_rad_s, arguments.damping
+    level, bandwidth = arguments.level, arguments.bandwidth_rad_s
     if level is not None and bandwidth is not None:
         raise InputError("--level and --bandwidth-rad-s exclude each other")
-    if damping is not None and bandwidth is None:
-        raise InputError("--damping goes with --bandwidth-rad-s")
-    if damping is not None and arguments.spare_rudder:
-        raise InputError("--damping and --spare-rudder exclude each other: the weight on the rudder's rate sets it")
-    # who asks for a damping asks for gains that do not spare the rudder
-    rate_weighted = False if damping is not None else arguments.spare_rudder
-    return GainRequest(5 if level is None else level, bandwidth, 0.8 if damping is None else damping, rate_weighted)
+    return GainRequest(5 if level is None else level, bandwidth)
 
 
 def _check_bandwidth(vessel: Vessel, request: GainRequest) -> None:
@@ -195,7 +206,7 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
 
 
 def _write_report(
-    arguments: argparse.Namespace, vessel: Vessel, rate_weighted: bool | None, rows: dict[str, Judged]
+    arguments: argparse.Namespace, vessel: Vessel, front: list[LevelCost], rows: dict[str, Judged]
 ) -> None:
     from autopilot.control.design import DESIGNED
     from autopilot.files.saving import save_page
@@ -204,8 +215,8 @@ def _write_report(
 
     levels = {}
     for level in range(1, 10):
-        levels[level] = judged(designed(vessel, GainRequest(level, rate_weighted=rate_weighted)), DESIGNED)
-    save_page(arguments.report, gains_page(vessel.name, rows, levels, shlex.join(arguments.typed)))
+        levels[level] = judged(designed(vessel, GainRequest(level)), DESIGNED)
+    save_page(arguments.report, gains_page((vessel, front), rows, levels, shlex.join(arguments.typed)))
     if not arguments.json:
         print(f"Wrote the report to {arguments.report}.\n")
 
@@ -231,7 +242,7 @@ def _check_tuning(arguments: argparse.Namespace) -> None:
             if getattr(arguments, name) is not None:
                 raise InputError(f"--{name} goes with --tune")
         return
-    for name in ("level", "bandwidth_rad_s", "damping", "spare_rudder", "report"):
+    for name in ("level", "bandwidth_rad_s", "report"):
         if getattr(arguments, name) is not None:
             raise InputError(f"--{name.replace('_', '-')} is for the design and does not go with --tune")
 

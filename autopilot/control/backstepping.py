@@ -48,6 +48,22 @@ With the third step the law steers by the state as it will be when the rudder ha
 lag and half a tick from now, reckoned from where the rudder is and what it was last ordered; and waves are states of
 the regulator like any other (`autopilot.control.wave_feedforward`).
 
+The regulator that holds a course: the linear-quadratic one with a weight on the rudder's rate, in closed form. A
+planned turn has gains of its own.
+
+For the linear boat e'' + n e' = (K/T) u, n = n1/T, with the rudder's rate u' as the input, the least of the mean of
+
+    e^2 + weight^2 u'^2   is   u' = -k3 (u - delta),   delta = -(T/K) [W e + (S - n) e']:
+
+this law with smoothing 1/k3. The closed loop p(s) = s^3 + a s^2 + b s + c is the stable half of
+p(s) p(-s) = q^2 + s^4 (n^2 - s^2), q = K/(T weight), so that
+
+    c = q,   b = (a^2 - n^2)/2,   (a^2 - n^2)^2 = 8 a q,   k3 = a - n,   S = b/k3 = (a + n)/2,   W = q/k3.
+
+The third has one root a above |n|. w = q^(1/3), the mean distance of the poles from the origin, stands for the weight:
+a boat is asked for a bandwidth, not for seconds.
+Source: symmetric root locus, Kailath 1980, section 3.4; the closed form derived here.
+
 The paper has g = 1 1/s^2, hidden in V = (z1^2 + z2^2)/2. Left at 1 it asks a boat with K = 0.1 1/s and
 T = 20 s for at least 200 deg of rudder per degree of error however small k1 and k2 are; so g is a gain here.
 
@@ -58,7 +74,7 @@ Source: Jiang et al. 2016, eqs (6)-(25), derived anew: their eq. (26) prints K/T
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
 from autopilot.angles import PI, wrap
@@ -88,6 +104,7 @@ OVERTAXED = 1.7
 """The law answers an error in proportion up to one whose swing takes this many times the rudder's rate. With less,
 quick loops lag in turns and a launch is held worse in following seas; with 2 and more, a boat turning 40 % better than
 its model may swing about its course for ever after a push that its rudder did not hold: benchmarks/results/gains.md."""
+BISECTIONS = 60
 BEGUN_SMOOTHING = 0.1
 """Smoothing with which a search begins where there is none, in units of 1/(the loop's natural frequency): a sixth of it
 is next to none, a regulator has 0.35."""
@@ -103,6 +120,8 @@ class Backstepping:
     smoothing_s: Annotated[float, NOW, Bounds(0.0, 1000.0, "time in which the rudder follows the law; 0: at once")] = (
         0.0
     )
+    course_rad_s: Annotated[float, NOW, Bounds(0.0, 1000.0, "bandwidth of the regulator that holds a course")] = 0.0
+    """0: a course is held by the gains above; else they are those of planned turns."""
 
 
 class BacksteppingGains(NamedTuple):
@@ -115,13 +134,46 @@ class BacksteppingGains(NamedTuple):
     smoothing: float = 0.0
 
 
+NO_GAINS = BacksteppingGains(0.0, 0.0, 0.0, 0.0)
+
+
 class BoundedGains(NamedTuple):
     """The gains in force, the largest heading error [rad] to which they answer in proportion, and how long [s] after an
-    order the rudder is there."""
+    order the rudder is there; course: gains of the regulator that holds a course, NO_GAINS where these do, and its
+    largest error."""
 
     gains: BacksteppingGains
     error_max: float = math.inf
     ahead: float = 0.0
+    course: BacksteppingGains = NO_GAINS
+    course_error_max: float = math.inf
+
+
+def on_course(bounded: BoundedGains) -> BoundedGains:
+    """Return the gains that hold a course."""
+    if bounded.course.smoothing == 0.0:
+        return bounded
+    return BoundedGains(bounded.course, bounded.course_error_max, bounded.ahead, NO_GAINS, math.inf)
+
+
+def lqr_gains(model: Norrbin, bandwidth: float) -> BacksteppingGains:
+    """Return the regulator's gains for the `bandwidth` w [rad/s], see the module's equations."""
+    n, q = model.n1 / model.time_constant, bandwidth**3
+    low, high = abs(n), abs(n) + 2.0 * bandwidth
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        if (middle * middle - n * n) ** 2 < 8.0 * middle * q:
+            low = middle
+        else:
+            high = middle
+    k3 = high - n
+    return gains_of_loop(0.5 * (high + n), q / k3, 1.0 / k3)
+
+
+def gains_of_loop(total: float, square: float, smoothing: float = 0.0) -> BacksteppingGains:
+    """Return gains with k1 + k2 = `total` S [1/s] and gamma + k1 k2 = `square` W [1/s^2]; the loop knows no more."""
+    slow = min(0.5 * total, 0.75 * square / total)
+    return BacksteppingGains(slow, total - slow, square - slow * (total - slow), smoothing)
 
 
 def gains_at(gains: BacksteppingGains, speed_ratio: float) -> BacksteppingGains:
@@ -214,6 +266,31 @@ def when_acted_on(ahead: float, given: LawInput) -> LawInput:
     return LawInput(model, given.ratio, met, then, given.roll, given.last_rudder, given.rudder_max, given.dt)
 
 
+def without_waves(given: LawInput) -> LawInput:
+    """Return the input without the waves that the regulator is shown: a turn goes by the boat alone."""
+    state = given.state
+    if state.wave_heading == 0.0 and state.wave_rate == 0.0:
+        return given
+    heading = state.heading - state.wave_heading
+    alone = NavState(
+        state.time,
+        heading if -PI < heading <= PI else wrap(heading),
+        state.rate - state.wave_rate,
+        state.speed,
+        state.rudder,
+        state.bias,
+        state.heading_age,
+        state.valid,
+        0.0,
+        0.0,
+        state.wave_deviation,
+        state.wave_frequency,
+    )
+    return LawInput(
+        given.model, given.ratio, given.reference, alone, given.roll, given.last_rudder, given.rudder_max, given.dt
+    )
+
+
 def regulated_waves(gains: BacksteppingGains, given: LawInput) -> float:
     """Return the rudder [rad] that the regulator gives for the waves it is shown; `gains` have smoothing."""
     state, k3 = given.state, 1.0 / gains.smoothing
@@ -252,41 +329,51 @@ def linear_gains_backstepping(model: Norrbin, gains: BacksteppingGains) -> LoopG
 
 def bounded_gains(section: Backstepping, boat: LawBoat) -> BoundedGains:
     """Return the gains of a vessel file for the boat. ValueError where they are none."""
-    gains = BacksteppingGains(*astuple(section))
+    gains = BacksteppingGains(section.k1_1_s, section.k2_1_s, section.gamma_1_s2, section.smoothing_s)
     if not all(0.0 < gain < math.inf for gain in gains[:3]):
         raise ValueError(f"k1, k2 and gamma must be positive and finite, got {gains}")
     if not 0.0 <= gains.smoothing < math.inf:
         raise ValueError(f"smoothing must be finite and not negative, got {gains.smoothing}")
-    error_max = error_max_of(boat.model, gains, boat.limits.rate_max)
-    return BoundedGains(gains, error_max, boat.gear.delay + boat.gear.lag)
+    if not 0.0 <= section.course_rad_s < math.inf:
+        raise ValueError(f"course_rad_s must be finite and not negative, got {section.course_rad_s}")
+    rate_max, ahead = boat.limits.rate_max, boat.gear.delay + boat.gear.lag
+    error_max = error_max_of(boat.model, gains, rate_max)
+    if section.course_rad_s == 0.0:
+        return BoundedGains(gains, error_max, ahead)
+    course = lqr_gains(boat.model, section.course_rad_s)
+    return BoundedGains(gains, error_max, ahead, course, error_max_of(boat.model, course, rate_max))
 
 
 def bounded_gains_at(bounded: BoundedGains, speed_ratio: float) -> BoundedGains:
     """Return the gains and their bound at `speed_ratio` times the speed at which they hold: they go with the speed, as
     1/T does, so that a slow boat is not asked for a quick boat's accelerations."""
-    error_max = error_max_at(bounded.error_max, speed_ratio)
-    return BoundedGains(gains_at(bounded.gains, speed_ratio), error_max, bounded.ahead)
+    gains, error_max = gains_at(bounded.gains, speed_ratio), error_max_at(bounded.error_max, speed_ratio)
+    course_max = error_max_at(bounded.course_error_max, speed_ratio)
+    return BoundedGains(gains, error_max, bounded.ahead, gains_at(bounded.course, speed_ratio), course_max)
 
 
 def step(bounded: BoundedGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
     """Return the rudder demand [rad]. There is no memory: bias and limits come with the state and the last rudder."""
     here = bounded_gains_at(bounded, given.ratio)
-    smoothing = smoothing_in(given.model, here.gains.smoothing, given.reference)
+    kept = on_course(here)
+    smoothing = smoothing_in(given.model, kept.gains.smoothing, given.reference)
     if smoothing == 0.0:
-        return backstepping_rudder(here, given, given.reference.rate), memory
+        return backstepping_rudder(here, without_waves(given), given.reference.rate), memory
     # an order holds until the next: on the mean it is half a tick old
-    acted = when_acted_on(here.ahead + 0.5 * given.dt, given)
-    wanted = backstepping_rudder(here, acted, acted.reference.rate) + regulated_waves(here.gains, acted)
+    acted = when_acted_on(kept.ahead + 0.5 * given.dt, given)
+    wanted = backstepping_rudder(kept, acted, acted.reference.rate) + regulated_waves(kept.gains, acted)
     return smoothed_rudder(smoothing, wanted, given.last_rudder, given.dt), memory
 
 
 def _linear(bounded: BoundedGains, model: Norrbin) -> LoopGains:
-    found = linear_gains_backstepping(model, bounded.gains)
+    found = linear_gains_backstepping(model, on_course(bounded).gains)
     return found._replace(ahead=bounded.ahead) if found.smoothing > 0.0 else found
 
 
 def _shown(section: Backstepping, bounded: BoundedGains, ratio: float) -> dict[str, float]:
-    return in_units_of_file(section, gains_at(bounded.gains, ratio), bounded.gains)
+    now, filed = gains_at(bounded.gains, ratio), bounded.gains
+    course = section.course_rad_s
+    return in_units_of_file(section, (*now, course * _followed(ratio)), (*filed, course))
 
 
 def _designed(boat: LawBoat, loop: BacksteppingGains) -> Backstepping:
@@ -299,15 +386,16 @@ def _quicker(section: Backstepping, factor: float) -> Backstepping:
         section.k2_1_s * factor,
         section.gamma_1_s2 * (factor * factor),
         section.smoothing_s / factor,
+        section.course_rad_s * factor,
     )
 
 
 def _begin(section: Backstepping) -> Backstepping:
     """Return where a search begins: the section, with a little smoothing where it has none."""
-    if section.smoothing_s > 0.0:
-        return section
     natural = math.sqrt(section.gamma_1_s2 + section.k1_1_s * section.k2_1_s)
-    return replace(section, smoothing_s=BEGUN_SMOOTHING / natural)
+    smoothing = section.smoothing_s if section.smoothing_s > 0.0 else BEGUN_SMOOTHING / natural
+    course = section.course_rad_s if section.course_rad_s > 0.0 else natural
+    return replace(section, smoothing_s=smoothing, course_rad_s=course)
 
 
 LAW = Law(

@@ -12,7 +12,7 @@ The gains in force and the margins they leave, from a fifth of the trial's speed
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,10 +24,11 @@ from autopilot.control.design import DESIGNED, loop
 from autopilot.control.margins import trace
 from autopilot.files.printable import aligned
 from autopilot.report.page import FloatArray, Line, Panel, Section, render, time_figure
-from autopilot.runtime.build import gear_of, law_of, loop_gains_of, model_of, shown_gains_of
+from autopilot.runtime.build import gear_of, law_of, limits_of, loop_gains_of, model_of, shown_gains_of
+from autopilot.runtime.tuning import LevelCost, spread_of
 
 if TYPE_CHECKING:
-    from autopilot.control.design import Margins, Spread, Verdict
+    from autopilot.control.design import Margins, Verdict
     from autopilot.control.margins import Loop, OutputFeedbackMargins, Recovery
     from autopilot.vessel.schema import Vessel
 
@@ -44,8 +45,11 @@ PAST_MOST = math.radians(5.0)
 
 
 def survives(vessel: Vessel) -> bool:
-    """Return whether a turn stays in hand where the rudder is 30 % weaker than the model's."""
-    return all(_past(vessel, seed) <= PAST_MOST for seed in SEEDS)
+    """Return whether a turn stays in hand where the rudder is 30 % weaker than the model's; with gains that are refused
+    there is none."""
+    from autopilot.runtime.build import refusal_to_engage
+
+    return not refusal_to_engage(vessel, DESIGNED) and all(_past(vessel, seed) <= PAST_MOST for seed in SEEDS)
 
 
 def _past(vessel: Vessel, seed: int) -> float:
@@ -87,9 +91,6 @@ def _past(vessel: Vessel, seed: int) -> float:
     return max(errors) if max(map(abs, late)) < SETTLED else math.inf
 
 
-ASSUMED_SPREAD = 0.2
-"""How far K and T may be off, to either side, where the file holds no standard errors."""
-SIGMAS = 2.0
 LARGE_SIGNAL_DEG = (5.0, 20.0, 45.0, 90.0)
 
 
@@ -142,20 +143,6 @@ def loop_of(vessel: Vessel) -> Loop:
 
     control = vessel.control
     return Loop(model_of(vessel), gear_of(vessel), limits_of(vessel), control.loop_delay_s, control.rate_hz)
-
-
-def spread_of(vessel: Vessel) -> tuple[Spread, str]:
-    """Return how far K and T may be off, relative, and that in words."""
-    from autopilot.control.design import Spread
-
-    model, errors = vessel.model, vessel.model.standard_errors
-    if errors.K_1_s is None or errors.T_s is None:
-        words = f"K and T off by {100.0 * ASSUMED_SPREAD:.0f} %, assumed: the file holds no standard errors"
-        return Spread(ASSUMED_SPREAD, ASSUMED_SPREAD), words
-    # a boat of no gain or no time constant is none
-    gain, time = (min(SIGMAS * e / v, 0.9) for e, v in ((errors.K_1_s, model.K_1_s), (errors.T_s, model.T_s)))
-    words = f"K off by {100.0 * gain:.1f} % and T by {100.0 * time:.1f} %, {SIGMAS:.0f} standard errors"
-    return Spread(gain, time), words
 
 
 def as_json(each: Judged) -> dict[str, Any]:
@@ -215,6 +202,63 @@ def as_text(rows: dict[str, Judged]) -> str:
         gains = "  ".join(f"{key} {value:g}" for key, value in shown_gains_of(each.vessel, each.law).items())
         said += [line, *(f"    {sentence}" for sentence in (gains, *sentences(each)))]
     return "\n".join(said)
+
+
+def front_table(vessel: Vessel, front: Sequence[LevelCost]) -> list[tuple[str, ...]]:
+    """Return what every level costs, a line for each below the heads."""
+    heads = (
+        "level",
+        "bandwidth",
+        "heading rms",
+        "rudder travel",
+        "drive runs",
+        "travel in a calm",
+        "worst boat's heading",
+    )
+    rate_max = limits_of(vessel).rate_max
+    lines = [
+        (
+            f"{row.level}",
+            f"{row.bandwidth:.3g} rad/s",
+            f"{math.degrees(row.sea.heading):.2f} deg",
+            f"{math.degrees(row.sea.travel):.2f} deg/s",
+            f"{100.0 * row.sea.travel / rate_max:.1f} %" if math.isfinite(rate_max) else "unknown",
+            f"{math.degrees(row.calm.travel):.3f} deg/s",
+            f"{math.degrees(row.worst.heading):.2f} deg" if math.isfinite(row.worst.heading) else "not held",
+        )
+        for row in front
+    ]
+    return [heads, *lines]
+
+
+FRONT_SENTENCE = (
+    "Heading rms and rudder travel in waves of 1 deg and gusts of 0.5 deg rms, as rudder angles, predicted by the "
+    "linear loop of boat, gear, filter and law; the share of the time that the drive runs; the worst boat within "
+    "the uncertainty of K, T and delay. --level chooses: 1 spares the rudder, 9 holds the course."
+)
+
+
+def front_as_text(vessel: Vessel, front: Sequence[LevelCost], chosen_level: int | None) -> str:
+    """Return the front as a table, the chosen level marked."""
+    table = front_table(vessel, front)
+    lines = aligned(table, right=range(1, len(table[0])))
+    marked = [f"{'*' if row.level == chosen_level else ' '} {line}" for row, line in zip(front, lines[1:], strict=True)]
+    return "\n".join([f"  {lines[0]}", *marked, FRONT_SENTENCE])
+
+
+def front_as_json(front: Sequence[LevelCost]) -> list[dict[str, float | int | None]]:
+    """Return the front with the unit in every key; null for what is infinite."""
+    return [
+        {
+            "level": row.level,
+            "bandwidth_rad_s": row.bandwidth,
+            "heading_rms_deg": _finite(math.degrees(row.sea.heading)),
+            "rudder_travel_deg_s": _finite(math.degrees(row.sea.travel)),
+            "rudder_travel_in_calm_deg_s": _finite(math.degrees(row.calm.travel)),
+            "worst_boat_heading_rms_deg": _finite(math.degrees(row.worst.heading)),
+        }
+        for row in front
+    ]
 
 
 def margin_table(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
@@ -373,8 +417,11 @@ CURVE_POINTS = 300
 STEP_DEG = (5.0, 45.0)
 
 
-def gains_page(name: str, rows: Mapping[str, Judged], levels: Mapping[int, Judged], command: str) -> str:
-    """Return the page of the vessel called `name`: its rows of gains, and designs by response level."""
+def gains_page(
+    priced: tuple[Vessel, Sequence[LevelCost]], rows: Mapping[str, Judged], levels: Mapping[int, Judged], command: str
+) -> str:
+    """Return the page of a vessel: the front that its gains are chosen from, rows of gains, designs by level."""
+    name = priced[0].name
     lead = (
         f"Gains for {name}: the loop of boat, rudder and delay about straight running, its margins, and what the very "
         "functions that steer make of errors that saturate the rudder."
@@ -390,7 +437,8 @@ def gains_page(name: str, rows: Mapping[str, Judged], levels: Mapping[int, Judge
             "Large-signal response", _large_signal(rows), ("Without a planned turn: in the pilot a turn is planned.",)
         ),
         *(Section(f"By speed: {name}", speed_table(each), (UNSCHEDULED,)) for name, each in chosen(rows).items()),
-        Section("Response levels", _levels(levels), ("Level 5 is the quickest loop with good margins.",)),
+        Section("The front", front_table(*priced), (FRONT_SENTENCE,)),
+        Section("Response levels", _levels(levels)),
     ]
     return render("Gain design", lead, sections, command, __version__)
 

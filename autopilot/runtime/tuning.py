@@ -13,12 +13,13 @@ from collections.abc import Callable
 from dataclasses import astuple, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from autopilot.control.design import DESIGNED, design_backstepping, lqr_gains, placed
+from autopilot.control.backstepping import lqr_gains
+from autopilot.control.design import DESIGNED, MIDDLE_LEVEL, Spread, design_backstepping
 from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import Worker
 from autopilot.models.norrbin import Norrbin
-from autopilot.runtime.build import gear_of, law_boat_of, limits_of, model_of
+from autopilot.runtime.build import gear_of, law_boat_of, limits_of, model_of, noise_of
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import Tick
 from autopilot.vessel.file import model_section, rounded
@@ -27,6 +28,7 @@ from autopilot.vessel.schema import Vessel
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
+    from autopilot.control.front import Afloat, Cost, Off
     from autopilot.identification.learning import Learner, Proposal
 
 LOOK_PERIOD = 2.0
@@ -34,30 +36,29 @@ LOOK_PERIOD = 2.0
 
 
 class GainRequest(NamedTuple):
-    """What the loop is to be like: a response level, or a bandwidth [rad/s] with its damping ratio; whether it spares
-    the rudder, None: as the file's gains do."""
+    """What the loop is to be like: a response level, or the regulator's bandwidth [rad/s]."""
 
     level: int = 5
     bandwidth: float | None = None
-    damping: float = 0.8
-    rate_weighted: bool | None = None
 
 
 def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  # noqa: B008 - nobody can change it
-    """Return the vessel with gains designed for it. Raises RefusedError where no gain serves."""
-    model, rate_weighted = model_of(vessel), is_rate_weighted(vessel, request)
+    """Return the vessel with gains designed for it: those of planned turns, which take what rudder they need, and the
+    regulator that holds a course. Raises RefusedError where no gain serves."""
+    bandwidth, rate_max = request.bandwidth, limits_of(vessel).rate_max
+    # a calm course is no reason to turn badly; a boat that is lost in turns at the middle level is asked for more
+    level = max(request.level, MIDDLE_LEVEL)
     try:
-        if request.bandwidth is not None:
-            loop = lqr_gains(model, request.bandwidth) if rate_weighted else placed(request.bandwidth, request.damping)
-        else:
-            rate_max, delay = limits_of(vessel).rate_max, vessel.control.loop_delay_s
-            loop = design_backstepping(
-                model, gear_of(vessel), rate_max, delay, request.level, rate_weighted=rate_weighted
-            )
+        if bandwidth is None:
+            from autopilot.control.front import bandwidth_of
+
+            bandwidth = bandwidth_of(request.level, quickest_of(vessel))
+        loop = design_backstepping(model_of(vessel), gear_of(vessel), rate_max, vessel.control.loop_delay_s, level)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
     boat = law_boat_of(vessel)
     sections = {name: _rounded(law.design.of(boat, loop)) for name, law in LAWS.items() if law.design}
+    sections[DESIGNED] = replace(sections[DESIGNED], course_rad_s=rounded(bandwidth))
     return replace(vessel, control=replace(vessel.control, **sections))
 
 
@@ -65,10 +66,76 @@ def _rounded(section: Any) -> Any:
     return type(section)(*(rounded(gain) for gain in astuple(section)))
 
 
-def is_rate_weighted(vessel: Vessel, request: GainRequest) -> bool:
-    """Return whether designed gains are to weigh the rudder's rate."""
-    filed = getattr(vessel.control, DESIGNED)
-    return request.rate_weighted if request.rate_weighted is not None else filed is not None and filed.smoothing_s > 0.0
+ASSUMED_SPREAD = 0.2
+"""How far K and T may be off, to either side, where the file holds no standard errors."""
+SIGMAS = 2.0
+MORE_DELAY = 0.1
+"""A design must hold with so much more delay [s] than the file has."""
+
+
+def spread_of(vessel: Vessel) -> tuple[Spread, str]:
+    """Return how far K and T may be off, relative, and that in words."""
+    model, errors = vessel.model, vessel.model.standard_errors
+    if errors.K_1_s is None or errors.T_s is None:
+        words = f"K and T off by {100.0 * ASSUMED_SPREAD:.0f} %, assumed: the file holds no standard errors"
+        return Spread(ASSUMED_SPREAD, ASSUMED_SPREAD), words
+    # a boat of no gain or no time constant is none
+    gain, time = (min(SIGMAS * e / v, 0.9) for e, v in ((errors.K_1_s, model.K_1_s), (errors.T_s, model.T_s)))
+    words = f"K off by {100.0 * gain:.1f} % and T by {100.0 * time:.1f} %, {SIGMAS:.0f} standard errors"
+    return Spread(gain, time), words
+
+
+def afloat_of(vessel: Vessel) -> Afloat:
+    """Return the vessel as its designs are worked out for; the age of its headings counts as delay."""
+    from autopilot.control.front import Afloat
+
+    path = vessel.control.loop_delay_s + vessel.sensors.heading_latency_s
+    dt = 1.0 / vessel.control.rate_hz
+    return Afloat(model_of(vessel), gear_of(vessel), path, dt, noise_of(vessel, DESIGNED))
+
+
+def offs_of(vessel: Vessel) -> tuple[Off, ...]:
+    """Return the boats that a design for this vessel must hold."""
+    from autopilot.control.front import boats_off
+
+    spread, _ = spread_of(vessel)
+    return boats_off(spread.gain, spread.time_constant, MORE_DELAY)
+
+
+def quickest_of(vessel: Vessel) -> float:
+    """Return the bandwidth [rad/s] of the quickest regulator that may be had. Raises ValueError where there is none."""
+    from autopilot.control.front import quickest
+
+    return quickest(afloat_of(vessel), limits_of(vessel).rate_max, offs_of(vessel))
+
+
+class LevelCost(NamedTuple):
+    """A level of response, its bandwidth [rad/s], and what it costs in the usual sea, in a calm, and on the worst boat
+    within the uncertainty."""
+
+    level: int
+    bandwidth: float
+    sea: Cost
+    calm: Cost
+    worst: Cost
+
+
+def front_of(vessel: Vessel) -> list[LevelCost]:
+    """Return the front that `gains` chooses from. Raises RefusedError where no gain serves."""
+    from autopilot.control.front import LEVELS, STILL, USUAL, bandwidth_of, cost, worst
+
+    afloat, offs = afloat_of(vessel), offs_of(vessel)
+    try:
+        most = quickest_of(vessel)
+    except ValueError as error:
+        raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
+    found = []
+    for level in LEVELS:
+        bandwidth = bandwidth_of(level, most)
+        gains = lqr_gains(afloat.model, bandwidth)
+        costs = cost(afloat, gains, USUAL), cost(afloat, gains, STILL), worst(afloat, gains, USUAL, offs)
+        found.append(LevelCost(level, bandwidth, *costs))
+    return found
 
 
 class LearningService:

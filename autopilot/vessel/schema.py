@@ -171,7 +171,7 @@ class Guidance:
 class Estimator:
     """What is made of heading and rate before the law sees them."""
 
-    wave_filter: Annotated[Literal["auto", "meet", "off"], NOW] = "auto"
+    wave_filter: Annotated[Literal["auto", "off", "meet"], NOW] = "auto"
     """auto: wave motion is learnt; gains with smoothing_s undo of it what is worth their rudder's travel, other laws
     are shown slow waves alone. meet: the same, kept for files that say so."""
     bias_time_s: Annotated[float, NOW, Bounds(1.0, 100000.0, "wind, current and trim change in so long")] | None = None

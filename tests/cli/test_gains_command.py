@@ -42,7 +42,7 @@ def test_every_row_has_margins_with_units_in_the_keys(capsys: pytest.CaptureFixt
         assert row["delay_margin_s"] > 0.1
         for filtered in (row["with_heading_filter"], row["with_heading_filter_in_gusts"]):
             assert filtered["stable"]
-            assert 0.1 < filtered["delay_margin_s"] < 1.5
+            assert 0.1 < filtered["delay_margin_s"] < 3.0
             assert 1.0 < filtered["worst_sensitivity"] < 2.3
             assert filtered["K_may_be_smaller_by_factor"] < 0.7
             assert filtered["K_may_be_larger_by_factor"] > 2.0
@@ -80,7 +80,8 @@ def test_a_tired_rudder_still_steers_a_boat_that_is_steady_by_itself(tmp_path: P
     vessel = load_vessel("lanxin")
     tired = designed(replace(vessel, rudder=replace(vessel.rudder, lag_s=0.5, delay_s=0.2)))
     verdict = verdict_of(tired, "backstepping")
-    assert verdict.margins.sensitivity <= 1.6
+    # the usual limit, Astrom and Murray 2021
+    assert verdict.margins.sensitivity <= 2.0
     gains = tired.control.backstepping
     assert gains is not None
     assert gains.k1_1_s + gains.k2_1_s >= 1.0 / vessel.model.T_s - 1.0e-4
@@ -96,14 +97,11 @@ def test_levels_go_from_calm_to_quick_and_calm_is_safer(capsys: pytest.CaptureFi
     assert found[2] == as_json(capsys, "lanxin")["designed backstepping"]
 
 
-def test_bandwidth_and_damping_are_placed_and_judged(capsys: pytest.CaptureFixture[str]) -> None:
-    row = as_json(capsys, "lanxin", "--bandwidth-rad-s", "2", "--damping", "0.8")["designed backstepping"]
-    gains = row["gains"]
-    assert gains["k1_1_s"] + gains["k2_1_s"] == pytest.approx(2.0 * 0.8 * 2.0)
-    assert gains["gamma_1_s2"] + gains["k1_1_s"] * gains["k2_1_s"] == pytest.approx(4.0, rel=1e-4)
+def test_a_bandwidth_is_taken_as_it_is_and_judged(capsys: pytest.CaptureFixture[str]) -> None:
+    row = as_json(capsys, "lanxin", "--bandwidth-rad-s", "2")["designed backstepping"]
+    assert row["gains"]["course_rad_s"] == 2.0
     assert main(["gains", "lanxin", "--bandwidth-rad-s", "60"]) == 4
     assert "refused" in capsys.readouterr().err
-    assert main(["gains", "lanxin", "--bandwidth-rad-s", "2", "--damping", "1.5"]) == 2
     assert main(["gains", "lanxin", "--level", "12"]) == 2
     assert main(["gains", "lanxin", "--level", "4", "--bandwidth-rad-s", "2"]) == 2
 
@@ -115,13 +113,10 @@ def test_a_bandwidth_that_is_none_for_this_boat_is_one_sentence(asked: str, caps
     assert said.count("\n") == 1 and ": allowed for 'Lanxin' is 0.0904 to 301, " in said
 
 
-@pytest.mark.parametrize("rate_weighted", [[], ["--spare-rudder"]], ids=["placed", "spared"])
-def test_the_calmest_bandwidth_of_a_boat_is_judged(
-    tmp_path: Path, rate_weighted: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_calmest_bandwidth_of_a_boat_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vessel, path = load_vessel("lanxin"), tmp_path / "boat.yaml"
     path.write_text(dump_vessel(replace(vessel, control=Control(rate_hz=1.0, loop_delay_s=0.05))))
-    row = as_json(capsys, str(path), "--bandwidth-rad-s", "0.0905", *rate_weighted)["designed backstepping"]
+    row = as_json(capsys, str(path), "--bandwidth-rad-s", "0.0905")["designed backstepping"]
     assert row["stable"] and row["crossover_rad_s"] > 0.0
 
 
@@ -148,28 +143,23 @@ def test_no_file_is_written_that_no_command_could_read(tmp_path: Path) -> None:
     assert not out.exists()
 
 
-def test_gains_that_spare_the_rudder_are_a_regulators_and_stay_so(
+def test_a_level_moves_the_regulator_alone_and_the_front_says_what_it_costs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "spared.yaml"
-    assert main(["gains", "lanxin", "--spare-rudder", "--level", "3", "--out", str(path)]) == 0
-    capsys.readouterr()
-    spared = load_vessel(path)
-    gains = spared.control.backstepping
-    assert gains is not None and gains.smoothing_s > 0.0
-    n, k3 = 1.0 / spared.model.T_s, 1.0 / gains.smoothing_s
-    total = gains.k1_1_s + gains.k2_1_s
-    square = gains.gamma_1_s2 + gains.k1_1_s * gains.k2_1_s
-    assert total == pytest.approx(n + 0.5 * k3, rel=1.0e-3), "one number decides all"
-    assert square == pytest.approx(0.5 * total**2 * k3 / (n + k3), rel=1.0e-3)
-    row = as_json(capsys, str(path), "--level", "3")["designed backstepping"]
-    assert row["gains"]["smoothing_s"] == gains.smoothing_s, "what the file spares, the next design spares too"
-    assert row["worst_sensitivity"] < 1.6 and row["stable"]
-    plain = as_json(capsys, str(path), "--level", "3", "--no-spare-rudder")["designed backstepping"]
-    assert plain["gains"]["smoothing_s"] == 0.0
-    assert plain["rudder_rate_saturates_at_heading_error_deg"] < row["rudder_rate_saturates_at_heading_error_deg"]
-    assert main(["gains", "lanxin", "--spare-rudder", "--bandwidth-rad-s", "1", "--damping", "0.7"]) == 2
-    assert "--damping and --spare-rudder exclude each other" in capsys.readouterr().err
+    path = tmp_path / "calm.yaml"
+    assert main(["gains", "lanxin", "--level", "3", "--out", str(path)]) == 0
+    assert "* 3" in capsys.readouterr().out, "the front marks the level that was chosen"
+    calm, middle = load_vessel(path).control.backstepping, designed(load_vessel("lanxin")).control.backstepping
+    assert calm is not None and middle is not None
+    assert 0.0 < calm.course_rad_s < middle.course_rad_s
+    assert replace(calm, course_rad_s=0.0) == replace(middle, course_rad_s=0.0), "turns stay as they are"
+    front = as_json(capsys, str(path))["designed backstepping"]["front"]
+    assert [row["level"] for row in front] == list(range(1, 10))
+    assert front[2]["bandwidth_rad_s"] == pytest.approx(calm.course_rad_s, rel=1.0e-3)
+    headings, travels = ([row[key] for row in front] for key in ("heading_rms_deg", "rudder_travel_deg_s"))
+    assert headings == sorted(headings, reverse=True)
+    assert travels == sorted(travels)
+    assert all(row["worst_boat_heading_rms_deg"] <= 1.6 * row["heading_rms_deg"] for row in front)
 
 
 def test_large_errors_and_the_worst_boat_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
@@ -228,7 +218,8 @@ def test_every_row_has_the_gains_in_force_by_speed(capsys: pytest.CaptureFixture
     assert slow["speed_m_s"] == pytest.approx(0.5 * 4.63)
     assert slow["K_1_s"] == pytest.approx(0.5 * 0.701)
     assert slow["T_s"] == pytest.approx(2.0 * 0.332)
-    assert slow["gains"] == pytest.approx({"k1_1_s": 1.0, "k2_1_s": 1.0, "gamma_1_s2": 0.25, "smoothing_s": 0.0})
+    gains = {"k1_1_s": 1.0, "k2_1_s": 1.0, "gamma_1_s2": 0.25, "smoothing_s": 0.0, "course_rad_s": 0.0}
+    assert slow["gains"] == pytest.approx(gains)
     sliding = [each["gains"] for each in rows["file's sliding"]["speeds"]]
     assert sliding[1] == pytest.approx({"slope_1_s": 1.0, "reach_deg_s2": 63.3 / 4.0, "boundary_deg_s": 31.7 / 2.0})
     assert len({tuple(each["gains"].values()) for each in rows["file's pid"]["speeds"]}) == 1

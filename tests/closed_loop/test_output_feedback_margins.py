@@ -46,7 +46,7 @@ def with_filter(vessel: Vessel) -> OutputFeedbackMargins:
     ("name", "rate_weighted"), [("lanxin", False), ("middle", False), ("unstable", False), ("middle", True)]
 )
 def test_the_delay_margin_is_where_the_pilot_begins_to_swing(name: str, rate_weighted: bool) -> None:
-    vessel = designed(linear(name), GainRequest(4, rate_weighted=True)) if rate_weighted else linear(name)
+    vessel = designed(linear(name), GainRequest(4)) if rate_weighted else linear(name)
     delay = with_filter(vessel).delay
     assert delay < verdict_of(vessel).margins.delay, "the filter costs margin"
     assert growth(vessel, late=0.8 * delay) < 0.8

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.control import backstepping
-from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping
+from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping, lqr_gains
 from autopilot.control.design import (
     WORST_SENSITIVITY,
     Margins,
@@ -21,7 +21,6 @@ from autopilot.control.design import (
     design_backstepping,
     judge,
     loop,
-    lqr_gains,
     margins,
     placed,
     worst_margins,
@@ -111,7 +110,7 @@ def test_no_gain_serves_a_hopeless_rudder() -> None:
 
 def test_a_course_unstable_boat_cannot_be_spared_the_rudder() -> None:
     model, gear = BOATS[3]
-    with pytest.raises(ValueError, match="try --no-spare-rudder"):
+    with pytest.raises(ValueError, match="its rudder cannot be spared"):
         design_backstepping(model, gear, gear.rate_max, 0.05, rate_weighted=True)
 
 

@@ -55,7 +55,7 @@ def test_phase_margin_and_sensitivity_agree_with_a_root_finder(
     model: Norrbin, gear: SteeringGear, rate_weighted: bool
 ) -> None:
     law = design_backstepping(model, gear, gear.rate_max, 0.05, rate_weighted=rate_weighted)
-    p, _, d, smoothing = linear_gains_backstepping(model, law)
+    p, _, d, smoothing, _ = linear_gains_backstepping(model, law)
     assert (smoothing > 0.0) is rate_weighted
     found = margins(model, gear.lag, gear.delay + 0.05, gear.rate_max, LoopGains(p, 0.0, d, smoothing))
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov, solve_sylvester
 
-from autopilot.control.design import lqr_gains
+from autopilot.control.backstepping import lqr_gains
 from autopilot.control.limits import RudderLimits
 from autopilot.control.wave_feedforward import (
     LAGGED,

@@ -18,11 +18,12 @@ from autopilot.control.backstepping import (
     BoundedGains,
     backstepping_rudder,
     gains_at,
+    gains_of_loop,
     linear_gains_backstepping,
+    lqr_gains,
     smoothed_rudder,
     smoothing_in,
 )
-from autopilot.control.design import gains_of_loop, lqr_gains
 from autopilot.control.law import LawBoat
 from autopilot.control.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin, damping, yaw_acceleration
