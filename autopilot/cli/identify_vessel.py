@@ -17,15 +17,18 @@ from typing import NamedTuple
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import save_text
 from autopilot.identification.identified import SURE_OF_IT, Identified
+from autopilot.identification.marginal_likelihood import instruments
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.report.identification import Result, undetermined
 from autopilot.vessel.file import dump_vessel, load_vessel, model_section, parse_vessel, rounded, updated_vessel_text
-from autopilot.vessel.schema import SCHEMA_VERSION, Control, Drive, Model, Rudder, Vessel
+from autopilot.vessel.schema import SCHEMA_VERSION, Control, Drive, Model, Rudder, Sensors, Vessel
 
 ASSUMED_RATE_DEG_S = 10.0
 """Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""
+LEAST_NOISE_DEG, LEAST_RATE_NOISE_DEG_S = 0.05, 0.02
+"""No heading and no rate aboard is better than this, whatever a quiet recording of them shows."""
 RATE_DISAGREES = 0.15
 """A measured rate off the file's by more than this share, and by three standard errors, is worth a sentence."""
 
@@ -87,6 +90,7 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
     fresh = boat is None
     if boat is None:
         boat = Vessel(SCHEMA_VERSION, Path(path).stem, _model(result, runs), _new_rudder(runs, given, rate))
+        boat = dataclasses.replace(boat, sensors=measured_sensors(runs))
         train = result.found.train
         moved = dataclasses.replace(boat.rudder, delay_s=rounded(train.delay), lag_s=rounded(train.lag))
         boat = dataclasses.replace(boat, rudder=moved)
@@ -111,6 +115,22 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
         *_train_remarks(path, result, vessel),
         *([] if fresh else _rudder_remarks(path, runs, vessel, rate)),
     ]
+
+
+def measured_sensors(runs: Sequence[Run]) -> Sensors:
+    """Return the noise of the instruments as the recordings show it; what they do not show is as usual."""
+    segments = [segment for run in runs for segment in run.segments]
+    rate, heading = instruments(segments)
+    usual, found = Sensors(), dict[str, float]()
+    # where nothing was measured the noise is 1 rad
+    if math.degrees(heading) < 30.0:
+        found["heading_noise_deg"] = rounded(max(math.degrees(heading), LEAST_NOISE_DEG))
+    if math.degrees(rate) < 30.0:
+        found["rate_noise_deg_s"] = rounded(max(math.degrees(rate), LEAST_RATE_NOISE_DEG_S))
+    if not found:
+        return usual
+    source = "noise measured, second differences of the recordings"
+    return dataclasses.replace(usual, **found, source=source, date=datetime.date.today().isoformat())  # type: ignore[arg-type]
 
 
 def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:

@@ -54,6 +54,18 @@ def test_a_new_file_holds_the_model_the_end_stop_given_and_the_rate_measured(tmp
     assert remarks == []
 
 
+def test_a_new_file_holds_the_noise_that_the_recordings_show(tmp_path: Path) -> None:
+    random, rows = np.random.default_rng(20261124), dict(TABLE)
+    rows["heading_rad"] = rows["heading_rad"] + math.radians(0.4) * random.standard_normal(rows["time_s"].size)
+    rows["yaw_rate_rad_s"] = rows["yaw_rate_rad_s"] + math.radians(0.6) * random.standard_normal(rows["time_s"].size)
+    sensors = written(tmp_path / "noisy.yaml", result(rows))[0].sensors
+    assert sensors.heading_noise_deg == pytest.approx(0.4, rel=0.25)
+    assert sensors.rate_noise_deg_s == pytest.approx(0.6, rel=0.25)
+    assert "measured" in sensors.source
+    exact = written(tmp_path / "exact.yaml", result())[0].sensors
+    assert exact.heading_noise_deg >= 0.05, "no heading aboard is better"
+
+
 def test_the_amplitude_of_a_trial_is_no_end_stop(tmp_path: Path) -> None:
     path = tmp_path / "boat.yaml"
     with pytest.raises(InputError, match=r"needs the rudder's end stop.*--rudder-max-deg DEG, or --vessel FILE"):
