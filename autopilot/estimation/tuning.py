@@ -31,7 +31,7 @@ GUST_TIME_SHARE = 0.2  # 30 %: nothing
 """Gusts are what the bias does over so long [s], or over this share of the time in which it changes if that is longer:
 the wind on a boat that turns slowly shows slowly, and waves on it show in the bias."""
 BIAS_CHANGE = math.radians(2.0)  # 30 %: nothing
-BIAS_CHANGE_IN_WAVES = math.radians(0.15)  # 30 %: travel x 0.9
+BIAS_CHANGE_IN_WAVES = math.radians(0.15)  # 30 %: travel x 0.91, at 0.3
 BIAS_CHANGE_PUSHED = math.radians(5.0)  # 30 %: nothing
 BIAS_CHANGE_STOPPED = math.radians(9.0)  # 30 %: nothing
 BIAS_TIME = 10.0  # 30 %: travel x 1.06
