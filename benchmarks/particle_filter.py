@@ -15,11 +15,11 @@ from collections.abc import Callable
 
 import numpy as np
 from compiled_particles import CompiledParticleFilter
+from zheng2019_ship import DREDGER
+from zheng2019_trials import SCENARIOS, simulate_scenario, trial_steps
 
 from autopilot.filters.feedback_particle import fpf_predict, fpf_start, fpf_update
 from autopilot.identification.augmented_state import Case, Steps
-from autopilot.identification.dynamic_positioning import SCENARIOS, simulate_scenario, trial_steps
-from autopilot.models.dynamic_positioning import DREDGER
 
 BLOCK = 50
 """Steps of one way before the other has its turn."""

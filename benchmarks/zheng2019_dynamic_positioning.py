@@ -14,19 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 from compiled_particles import by_compiled_particles
+from zheng2019_batch import UNIDENTIFIED, by_prediction_errors
+from zheng2019_ship import DREDGER
+from zheng2019_trials import SCENARIOS, Scenario, simulate_scenario, trial_steps
 
 from autopilot.filters.kalman import FloatArray, Gaussian, ekf_predict, ekf_update
 from autopilot.identification.augmented_state import (
-    UNIDENTIFIED,
     Case,
     Found,
     Steps,
     by_kalman_filter,
     by_particle_filter,
-    by_prediction_errors,
 )
-from autopilot.identification.dynamic_positioning import SCENARIOS, Scenario, simulate_scenario, trial_steps
-from autopilot.models.dynamic_positioning import DREDGER
 
 PARTICLES = 500
 NEAR = 0.05

@@ -62,16 +62,6 @@ def build_parser() -> argparse.ArgumentParser:
     )
     _add_physics_options(physics)
     _add_fault_command(commands)
-    glider = commands.add_parser(
-        "wave-glider",
-        help="a recorded zigzag of a simulated wave glider, float and glider",
-        description="Simulate a zigzag of a wave glider and write what its instruments show, with the truth in the "
-        "first lines, for `autopilot identify --wave-glider`.",
-    )
-    glider.add_argument("--out", metavar="FILE.csv", type=Path, required=True, help="where to write the record")
-    glider.add_argument("--duration", metavar="S", action=SIMULATED, default=600.0, help="seconds (default 600)")
-    glider.add_argument("--seed", metavar="N", action=SEED, default=1, help="seed of the noise (default 1)")
-    glider.set_defaults(run=run_wave_glider)
     campaign.add_parser(commands)
     campaign.add_tune_parser(commands)
     add_completion_parser(commands, "sitl").set_defaults(run=run_completion)
@@ -236,14 +226,6 @@ class _StopOnSignal:
 
     def __call__(self) -> bool:
         return self._stopped
-
-
-def run_wave_glider(arguments: argparse.Namespace) -> int:
-    """Write the record of a wave glider."""
-    from sitl.wave_glider import Setting, write_record
-
-    print(f"Wrote {write_record(arguments.out, Setting(), arguments.duration, arguments.seed)}.")
-    return int(ExitCode.OK)
 
 
 def run_serve(arguments: argparse.Namespace) -> int:

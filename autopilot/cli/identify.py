@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import shlex
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -116,16 +114,6 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--reverse-rudder", action="store_true", help="the recorded rudder is positive to port")
     parser.add_argument(
-        "--wave-glider", action="store_true", help="both bodies of a wave glider, from a CSV with glider_heading_deg"
-    )
-    parser.add_argument(
-        "--fixed-angle-deg",
-        action=number(1.0, 90.0),
-        default=30.0,
-        metavar="DEG",
-        help="delta_0 of the wave glider (default 30)",
-    )
-    parser.add_argument(
         "--roll",
         action="store_true",
         help="how the boat rolls under its rudder, from one LOG with roll (docs/roll_damping.md)",
@@ -148,8 +136,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.method == "list":
         print(_methods())
         return int(ExitCode.OK)
-    if arguments.wave_glider or arguments.roll:
-        print(_roll(arguments) if arguments.roll else _wave_glider(arguments))
+    if arguments.roll:
+        print(_roll(arguments))
         return int(ExitCode.OK)
     from autopilot.identification.registry import method_named
 
@@ -412,60 +400,6 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
 
 def _kind(result: Result) -> ModelKind:
     return "nomoto" if result.kind.startswith("nomoto") else "norrbin"
-
-
-NOT_HERE = ("out", "report", "steady_turns", "vessel")
-"""Options that have no meaning for a craft of two bodies."""
-
-
-def _wave_glider(arguments: argparse.Namespace) -> str:
-    """Return what is found of both bodies of a wave glider, as text or JSON. Raises InputError."""
-    from autopilot.cli.terminal import ProgressBar
-    from autopilot.identification.identified import Question
-    from autopilot.identification.registry import method_named
-    from autopilot.report.identification import as_text, document_of
-
-    for name in NOT_HERE:
-        if getattr(arguments, name):
-            raise InputError(f"--{name.replace('_', '-')} does not go with --wave-glider; leave one of them out.")
-    if not arguments.logs:
-        raise InputError("identify --wave-glider needs a LOG, a CSV table with the headings of both bodies.")
-    method = method_named(arguments.method)
-    _check_gain(arguments, method)
-    fitted, held_out = _load(arguments.logs, arguments), _load(arguments.holdout, arguments)
-    question = Question(
-        arguments.model,
-        arguments.reference_speed_m_s,
-        forgetting=arguments.forgetting,
-        particle_gain=arguments.gain,
-    )
-    results: dict[str, Result] = {}
-    with ProgressBar("identifying") as bar:
-        for place, name in enumerate(("float", "glider")):
-            runs, others = [each[place] for each in fitted], [each[place] for each in held_out]
-            found = method.identify(runs, question._replace(progress=bar.update))
-            results[name] = _result(arguments.model, found, runs, others)
-    if arguments.json:
-        bodies = {name: document_of(result) for name, result in results.items()}
-        return json.dumps({"fixed_angle_deg": arguments.fixed_angle_deg, **bodies}, indent=2, allow_nan=False)
-    text = [f"{name.upper()}\n\n{as_text(result)}" for name, result in results.items()]
-    return "\n\n\n".join(text) + f"\n\nK of the float holds for delta_0 = {arguments.fixed_angle_deg:g} deg."
-
-
-def _load(paths: list[str], arguments: argparse.Namespace) -> list[list[Run]]:
-    """Return the runs of float and glider in each of the recordings."""
-    from autopilot.identification.runs import body_runs
-    from autopilot.logs.csv_log import WAVE_GLIDER_NEEDS, load_column_map, read_csv
-
-    column_map = load_column_map(arguments.columns) if arguments.columns else None
-    records = []
-    for path in paths:
-        table, notes = read_csv(path, column_map, WAVE_GLIDER_NEEDS)
-        if arguments.reverse_rudder:
-            table["rudder_rad"] = -table["rudder_rad"]
-        found = body_runs(path, table, math.radians(arguments.fixed_angle_deg))
-        records.append([run._replace(notes=(*notes, *run.notes)) for run in found])
-    return records
 
 
 def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Sequence[Run]) -> Result:

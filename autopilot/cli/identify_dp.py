@@ -1,31 +1,35 @@
-"""`autopilot identify-dp`: a ship's thrust and damping coefficients from trials under its thrusters."""
+"""`autopilot identify-dp`: a ship's thrust and damping coefficients from a log under its thrusters."""
 
 from __future__ import annotations
 
 import argparse
-import sys
-from pathlib import Path
+import json
+import math
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.options import SEED, whole_number
-from autopilot.errors import ExitCode, InputError
+from autopilot.errors import ExitCode
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from autopilot.cli.identify_dp_files import Answers, ShipTrial
+    from autopilot.identification.dynamic_positioning import Belief, DpFit, Hull
 
 DESCRIPTION = """\
-Identifies thrust coefficients and damping of a ship at low speed with an extended Kalman filter, a feedback particle
-filter and a batch fit, from a TRIAL recorded under its thrusters alone, or from a simulated one (--scenario).
+Identifies what thrusters give, their lag, and the damping of a ship at low speed from a LOG of a trial under its
+thrusters. Current, wind and noise are unknown and are found with them; intervals count that in.
 """
 
 COLUMNS_HELP = """\
-columns of TRIAL.csv; a thrust holds from its row to the next, the first row is taken at rest:
-  surge, main thrusters only:         time_s  thrust_1_n  thrust_2_n  position_x_m
-  sway and yaw, side thruster only:   time_s  thrust_3_n  position_y_m  heading_deg|heading_rad
+columns of LOG.csv; an order holds from its row to the next:
+  time_s
+  thrust_1_n or thrust_1_percent, and so on for each thruster in SHIP.yaml
+  north_m east_m heading_deg  |  latitude_deg longitude_deg heading_deg  |  position_x_m [position_y_m heading_deg]
 x is along, y to starboard of the ship's heading in the first row. SHIP.yaml: see docs/dynamic_positioning.md.
 """
+
+WIDE, GOOD, FAIR = 1.96, 0.2, 0.5
+"""A 95 % interval in standard deviations; how wide it may be, each side, as a share of the value, for a good one, and
+for one that is given at all."""
+CORRELATED = 4.0
+"""Successive prediction errors correlated by so many standard deviations are more than noise."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -37,79 +41,135 @@ def add_parser(subparsers: Any) -> None:
         epilog=COLUMNS_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("trial", nargs="?", metavar="TRIAL.csv", help="recorded trial")
-    parser.add_argument("--ship", metavar="SHIP.yaml", help="ship, noise and prior; default: Zheng's dredger")
-    parser.add_argument("--scenario", choices=("S1", "S2", "S3", "S4"), help="simulate a trial of Zheng's dredger")
-    parser.add_argument("--record", metavar="FILE.csv", help="write the simulated trial as a CSV table")
-    parser.add_argument("--gain", choices=("constant", "galerkin", "kernel"), default="constant", help="of the FPF")
-    parser.add_argument(
-        "--particles", action=whole_number(10, 100_000), default=500, metavar="N", help="of the FPF (default 500)"
-    )
-    parser.add_argument("--seed", action=SEED, default=0, metavar="S", help="of noise, prior and particles (default 0)")
+    parser.add_argument("trial", metavar="LOG.csv", help="recorded trial")
+    parser.add_argument("--ship", metavar="SHIP.yaml", required=True, help="the ship and its thrusters")
+    parser.add_argument("--out", metavar="SHIP.yaml", help="write the ship with what was found, for the next log")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify and print; return the exit code."""
-    _check(arguments)
-    import numpy as np
+    from autopilot.cli.identify_dp_files import beliefs_with, hull_of, load_ship, load_trial, with_found
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.files.saving import save_text
+    from autopilot.identification.dynamic_positioning import identify_dp, usual_beliefs
 
-    from autopilot.cli import identify_dp_files as report
-
-    random = np.random.default_rng(arguments.seed)
-    trial = _simulated(arguments, random) if arguments.scenario else _recorded(arguments)
-    answers = _answers(arguments, trial, random)
-    print(report.as_json(answers) if arguments.json else report.as_text(answers))
+    ship = load_ship(arguments.ship)
+    trial, hull = load_trial(arguments.trial, ship), hull_of(ship)
+    beliefs = beliefs_with(ship, usual_beliefs(hull, trial, ship.thrust_lag_s))
+    with ProgressBar("identifying") as bar:
+        fit = identify_dp(hull, trial, beliefs, ship.thrust_lag_s or 0.0, bar.update)
+    if arguments.out:
+        save_text(arguments.out, with_found(ship, fit))
+    document = document_of(arguments.trial, hull, fit)
+    print(json.dumps(document, indent=2, allow_nan=False) if arguments.json else as_text(document))
     return int(ExitCode.OK)
 
 
-def _check(arguments: argparse.Namespace) -> None:
-    if (arguments.trial is None) == (arguments.scenario is None):
-        raise InputError("identify-dp needs either a TRIAL.csv or --scenario, one of the two.")
-    if arguments.scenario and arguments.ship:
-        raise InputError("--scenario simulates Zheng's dredger; --ship goes with a TRIAL.csv.")
-    if arguments.record and not arguments.scenario:
-        raise InputError("--record writes the trial that --scenario simulates; there is none.")
-    if arguments.gain == "kernel" and arguments.particles > 2000:
-        raise InputError("--gain kernel takes N x N matrices: at most 2000 --particles.")
+def _units(hull: Hull) -> dict[str, tuple[float, str]]:
+    """Return what a damping coefficient is multiplied by, and its unit then."""
+    force, length = hull.mass * math.sqrt(9.81 / hull.length), hull.length
+    return {
+        "Xu": (force, "N s/m"),
+        "Yv": (force, "N s/m"),
+        "Yr": (force * length, "N s/rad"),
+        "Nv": (force * length, "N s"),
+        "Nr": (force * length**2, "N m s/rad"),
+    }
 
 
-def _simulated(arguments: argparse.Namespace, random: np.random.Generator) -> ShipTrial:
-    from autopilot.cli.identify_dp_files import ShipTrial, write_trial
-    from autopilot.identification.dynamic_positioning import SCENARIOS, simulate_scenario
-    from autopilot.models.dynamic_positioning import DREDGER
+def document_of(source: str, hull: Hull, fit: DpFit) -> dict[str, Any]:
+    """Return all that is said of a log, the verdict first."""
+    known = dict(zip(fit.names, fit.found, strict=True))
+    units = _units(hull)
+    parameters: dict[str, Any] = {}
+    for name, found in known.items():
+        half, share = WIDE * found.deviation, _share(name, known)
+        unit, word = units.get(name, (1.0, ""))
+        ends = found.value - half, found.value, found.value + half
+        if name == "lag":
+            low, value, high = (math.exp(end) for end in ends)
+            word = "s"
+        else:
+            low, value, high = (end * unit for end in ends)
+        parameters[name] = {
+            "is_identified": share <= FAIR,
+            "value": found.value,
+            "std": found.deviation,
+            "half_width_share": share,
+            "si": value,
+            "interval": [low, high],
+            "unit": word,
+        }
+    names = ("current_north_m_s", "current_east_m_s", "wind_north_n", "wind_east_n", "wind_moment_n_m")
+    verdict, level = _verdict(parameters)
+    return {
+        "verdict": verdict,
+        "level": level,
+        "source": source,
+        "parameters": parameters,
+        "drift": {
+            name: {"value": each.value, "std": each.deviation} for name, each in zip(names, fit.drift, strict=True)
+        },
+        "noise": {
+            "position_m": fit.noises["position"] * hull.length,
+            "heading_deg": math.degrees(fit.noises["heading"]),
+        },
+        "warnings": _warnings(fit),
+    }
 
-    scenario = SCENARIOS[arguments.scenario]
-    simulated = simulate_scenario(scenario, random)
-    if arguments.record:
-        kept = write_trial(arguments.record, simulated.trial, f"{scenario.name}: {scenario.summary}, simulated")
-        if kept != Path(arguments.record):
-            print(f"{arguments.record} exists and is kept: this trial is {kept}", file=sys.stderr)
-    source = f"{scenario.name} ({scenario.summary}), simulated, seed {arguments.seed}"
-    return ShipTrial(source, DREDGER, simulated.case, simulated.trial, tuple(scenario.truth))
+
+def _share(name: str, known: dict[str, Belief]) -> float:
+    """Return half of the 95 % interval as a share of the value; of a coupling, of the two damping numbers beside it; of
+    a lag, of its logarithm."""
+    size = 1.0 if name == "lag" else abs(known[name].value)
+    if name in ("Yr", "Nv"):
+        size = math.sqrt(abs(known["Yv"].value * known["Nr"].value))
+    return WIDE * known[name].deviation / max(size, 1.0e-12)
 
 
-def _recorded(arguments: argparse.Namespace) -> ShipTrial:
-    from autopilot.cli.identify_dp_files import default_ship, load_ship, load_trial
+def _verdict(parameters: dict[str, Any]) -> tuple[str, str]:
+    share = {name: each["half_width_share"] for name, each in parameters.items() if name != "lag"}
+    lost = tuple(name for name, each in share.items() if each > FAIR)
+    vague = tuple(name for name, each in share.items() if GOOD < each <= FAIR)
+    if lost:
+        return f"Not enough: {', '.join(lost)} cannot be identified. {_advice(lost)}", "not enough"
+    if vague:
+        return f"Good for a start: {', '.join(vague)} within {FAIR:.0%} only. {_advice(vague)}", "start"
+    return f"Good: every coefficient is known within {GOOD:.0%}.", "good"
 
-    ship = load_ship(arguments.ship) if arguments.ship else default_ship()
-    return load_trial(arguments.trial, ship)
+
+def _advice(names: tuple[str, ...]) -> str:
+    if any(name.startswith("k") for name in names):
+        return "Move each thruster by itself, ahead and astern, each time for as long as the ship needs to follow."
+    return "Make the log longer: hold each order until the ship moves steadily, then reverse it."
 
 
-def _answers(arguments: argparse.Namespace, ship_trial: ShipTrial, random: np.random.Generator) -> Answers:
-    from autopilot.cli.identify_dp_files import Answers
-    from autopilot.cli.terminal import ProgressBar
-    from autopilot.filters.feedback_particle import GAINS
-    from autopilot.identification.augmented_state import by_kalman_filter, by_particle_filter, by_prediction_errors
-    from autopilot.identification.dynamic_positioning import trial_steps
+def _warnings(fit: DpFit) -> list[str]:
+    found = []
+    if fit.correlation > CORRELATED:
+        found.append(
+            "Prediction errors follow one another: the ship does what this model does not have, such as drag that "
+            "grows with the square of the speed. Intervals are too narrow; sail slower."
+        )
+    if not fit.converged:
+        found.append("The search did not come to its end; the numbers may change with a longer log.")
+    return found
 
-    case, steps = ship_trial.case, trial_steps(ship_trial.hull, ship_trial.trial)
-    with ProgressBar("identifying") as bar:
-        bar.update(0, 3)
-        kalman = by_kalman_filter(case, steps)
-        bar.update(1, 3)
-        particles = by_particle_filter(case, steps, arguments.particles, random, GAINS[arguments.gain])
-        bar.update(2, 3)
-        batch = by_prediction_errors(case, steps, kalman.estimate[-1])
-    return Answers(ship_trial.source, case, steps, kalman, particles, batch, arguments.gain, ship_trial.truth)
+
+def as_text(document: dict[str, Any]) -> str:
+    """Return the document for people."""
+    lines = [document["verdict"], "", f"{document['source']}", "", f"{'':5}{'value':>13}{'95 % interval':>29}  unit"]
+    for name, each in document["parameters"].items():
+        if not each["is_identified"]:
+            lines.append(f"{name:5}{'cannot be identified from this log':>42}")
+            continue
+        low, high = each["interval"]
+        lines.append(f"{name:5}{each['si']:>13.5g}{f'{low:.5g} to {high:.5g}':>29}  {each['unit']}".rstrip())
+    drift, noise = document["drift"], document["noise"]
+    lines.append("\nFound with them, with their 95 % intervals:")
+    lines += [f"  {key}: {each['value']:.3g} ± {WIDE * each['std']:.2g}" for key, each in drift.items()]
+    lines.append(f"  noise: position {noise['position_m']:.2g} m, heading {noise['heading_deg']:.2g} deg")
+    lines += [f"\n{sentence}" for sentence in document["warnings"]]
+    return "\n".join(lines)

@@ -395,23 +395,3 @@ def _tidy(segment: Segment) -> Segment:
 
 def _measured(segment: Segment) -> int:
     return int(np.count_nonzero(np.isfinite(segment.heading) | np.isfinite(segment.rate)))
-
-
-def body_runs(source: str, columns: Mapping[str, FloatArray], fixed_angle: float) -> tuple[Run, Run]:
-    """Return the runs of float and glider in a recording of a wave glider, each under its own rudder.
-
-    columns: as for `run_from_columns`; `heading_rad` and `yaw_rate_rad_s` are the float's, `glider_heading_rad` and
-    `glider_yaw_rate_rad_s` the glider's, and `rudder_rad` is the glider's rudder. fixed_angle: delta_0 [rad]. Raises
-    InputError where a heading is missing or a run tells nothing.
-    """
-    for name in ("heading_rad", "glider_heading_rad"):
-        if name not in columns:
-            raise InputError(f"{source}: a wave glider's recording needs {name}: the headings of both bodies pull it.")
-    common = {name: columns[name] for name in ("time_s", "speed_m_s")}
-    pull = fixed_angle * np.sin(columns["glider_heading_rad"] - columns["heading_rad"])
-    surface = {**common, "rudder_rad": pull, "heading_rad": columns["heading_rad"]}
-    glider = {**common, "rudder_rad": columns["rudder_rad"], "heading_rad": columns["glider_heading_rad"]}
-    for body, name in ((surface, "yaw_rate_rad_s"), (glider, "glider_yaw_rate_rad_s")):
-        if name in columns:
-            body["yaw_rate_rad_s"] = columns[name]
-    return run_from_columns(f"{source} (float)", surface), run_from_columns(f"{source} (glider)", glider)

@@ -27,6 +27,10 @@ NAMED_MOST, NAME_MOST, COMPARED_MOST = 30, 40, 1000
 """Columns that a refusal names, characters of each, and columns that are compared with a name that is missing."""
 
 
+MOST_THRUSTERS = 8
+THRUSTERS = range(1, MOST_THRUSTERS + 1)
+
+
 class Column(NamedTuple):
     """The SI name that a column is read into, and what its numbers are multiplied by to get there."""
 
@@ -46,27 +50,23 @@ COLUMNS: dict[str, Column] = {
     "rudder_deg": Column("rudder_rad", math.pi / 180.0),
     "speed_m_s": Column("speed_m_s", 1.0),
     "speed_kn": Column("speed_m_s", KNOT_M_S),
-    "glider_heading_rad": Column("glider_heading_rad", 1.0),
-    "glider_heading_deg": Column("glider_heading_rad", math.pi / 180.0),
-    "glider_yaw_rate_rad_s": Column("glider_yaw_rate_rad_s", 1.0),
-    "glider_yaw_rate_deg_s": Column("glider_yaw_rate_rad_s", math.pi / 180.0),
     "propeller_rps": Column("propeller_rps", 1.0),
     "wind_speed_m_s": Column("wind_speed_m_s", 1.0),
     "wind_direction_rad": Column("wind_direction_rad", 1.0),
     "latitude_deg": Column("latitude_rad", math.pi / 180.0),
     "longitude_deg": Column("longitude_rad", math.pi / 180.0),
-    "thrust_1_n": Column("thrust_1_n", 1.0),
-    "thrust_2_n": Column("thrust_2_n", 1.0),
-    "thrust_3_n": Column("thrust_3_n", 1.0),
+    **{f"thrust_{i}_n": Column(f"thrust_{i}_n", 1.0) for i in THRUSTERS},
+    **{f"thrust_{i}_percent": Column(f"thrust_{i}_share", 0.01) for i in THRUSTERS},
     "position_x_m": Column("position_x_m", 1.0),
     "position_y_m": Column("position_y_m", 1.0),
+    "north_m": Column("north_m", 1.0),
+    "east_m": Column("east_m", 1.0),
 }
 
 Need = Sequence[Sequence[str]]
 """What a table must have: of each group of SI names, at least one."""
 
 RUN_NEEDS: Need = (("time_s",), ("rudder_rad",), ("speed_m_s",), ("heading_rad", "yaw_rate_rad_s"))
-WAVE_GLIDER_NEEDS: Need = (("time_s",), ("rudder_rad",), ("speed_m_s",), ("heading_rad",), ("glider_heading_rad",))
 STEADY_TURN_NEEDS: Need = (("rudder_rad",), ("yaw_rate_rad_s",))
 
 

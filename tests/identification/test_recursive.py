@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from zheng2019_batch import by_prediction_errors
 from zheng2019_dynamic_positioning import information_bound, normalised_error, unidentified
+from zheng2019_ship import DREDGER
+from zheng2019_trials import SCENARIOS, pseudo_random_binary, simulate_scenario, trial_steps
 
 from autopilot.identification.augmented_state import (
     Found,
     Steps,
     by_kalman_filter,
     by_particle_filter,
-    by_prediction_errors,
 )
-from autopilot.identification.dynamic_positioning import SCENARIOS, pseudo_random_binary, simulate_scenario, trial_steps
-from autopilot.models.dynamic_positioning import DREDGER
 
 FRESH = 4000
 """Seeds that no table was made with."""

@@ -205,7 +205,7 @@ def test_steady_turns_need_no_time(tmp_path: Path) -> None:
 
 
 def test_every_known_column_has_its_unit_in_its_name() -> None:
-    assert all(name.endswith(("_s", "_rad", "_deg", "_m_s", "_kn", "_rps", "_n", "_m")) for name in COLUMNS)
+    assert all(name.endswith(("_s", "_rad", "_deg", "_m_s", "_kn", "_rps", "_n", "_m", "_percent")) for name in COLUMNS)
 
 
 def test_headings_unwrap_and_blank_tails_fall_away(tmp_path: Path) -> None:

@@ -1,4 +1,8 @@
-"""A simulated wave glider, recorded: a float on the surface, and a glider below it that pulls it along by a tether.
+"""A worked example: both bodies of a simulated wave glider, identified from one recording.
+
+    python benchmarks/wave_glider.py [--seconds 600] [--seed 1] [--methods output-error integral]
+
+A wave glider is a float on the surface, and a glider below it that pulls it along by a tether.
 
     glider  T_G r_G' + r_G + n3_G r_G^3 = K_G delta_r
     float   T_F r_F' + r_F + n3_F r_F^3 = K_F delta_F,      delta_F = delta_0 sin(psi_G - psi_F)
@@ -14,15 +18,17 @@ noisy. The numbers are of the size of a small wave glider and belong to no real 
 
 from __future__ import annotations
 
-import csv
+import argparse
 import math
-from pathlib import Path
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.errors import InputError
-from autopilot.files.saving import create_unused
+from autopilot.filters.kalman import FloatArray
+from autopilot.identification.identified import Question
+from autopilot.identification.registry import method_named
+from autopilot.identification.runs import Run, run_from_columns
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear, gear_step
 
@@ -107,15 +113,7 @@ class Setting(NamedTuple):
     rate_hz: float = 5.0
 
 
-COLUMNS = (
-    "time_s",
-    "rudder_deg",
-    "speed_m_s",
-    "heading_deg",
-    "yaw_rate_deg_s",
-    "glider_heading_deg",
-    "glider_yaw_rate_deg_s",
-)
+COLUMNS = ("time_s", "rudder_rad", "speed_m_s", "float_rad", "float_rate_rad_s", "glider_rad", "glider_rate_rad_s")
 
 
 class Moment(NamedTuple):
@@ -128,8 +126,8 @@ class Moment(NamedTuple):
     wave: float
 
 
-def sail(setting: Setting, duration: float, seed: int) -> list[tuple[float, ...]]:
-    """Return the rows of a zigzag that lasts `duration` [s], in the order and the units of `COLUMNS`."""
+def sail(setting: Setting, duration: float, seed: int) -> dict[str, FloatArray]:
+    """Return a zigzag that lasts `duration` [s] as columns by the names of `COLUMNS`."""
     random = np.random.default_rng(seed)
     bodies, rudder, order = TwoBodies(), 0.0, setting.rudder_angle
     rows: list[tuple[float, ...]] = []
@@ -146,43 +144,65 @@ def sail(setting: Setting, duration: float, seed: int) -> list[tuple[float, ...]
         craft = at_speed(setting.craft, speed / setting.craft.surface.reference_speed)
         pull = equivalent_rudder(craft.fixed_angle, bodies.glider_heading, bodies.surface_heading)
         bodies = step(craft, bodies, rudder - setting.back_pull * pull, STEP_S)
-    return rows
+    return dict(zip(COLUMNS, np.array(rows).T, strict=True))
 
 
 def _measured(setting: Setting, random: np.random.Generator, now: Moment) -> tuple[float, ...]:
     """Return a row: what the instruments show, the waves' own yaw on top of the equations' motion."""
     omega = 2.0 * math.pi / setting.wave_period
     swing = math.cos(omega * now.time) / omega
-    bodies, row = now.bodies, [now.time, math.degrees(now.rudder), now.speed]
+    bodies, row = now.bodies, [now.time, now.rudder, now.speed]
     for heading, rate, share in (
         (bodies.surface_heading, bodies.surface_rate, setting.shake),
         (bodies.glider_heading, bodies.glider_rate, 0.25 * setting.shake),
     ):
         seen = heading - share * swing + setting.heading_noise * random.standard_normal()
-        row += [
-            math.degrees(seen) % 360.0,
-            math.degrees(rate + share * now.wave + setting.rate_noise * random.standard_normal()),
-        ]
+        row += [seen % math.tau, rate + share * now.wave + setting.rate_noise * random.standard_normal()]
     return tuple(row)
 
 
-def write_record(path: Path, setting: Setting, duration: float, seed: int) -> Path:
-    """Write a recorded zigzag with the truth in its first lines; return where: `path`, or its next free name.
+def runs_of(columns: Mapping[str, FloatArray], fixed_angle: float) -> dict[str, Run]:
+    """Return the runs of float and glider, each under its own rudder: the equivalent one, with `fixed_angle` [rad] for
+    delta_0, and the real one."""
+    heading = {"float": columns["float_rad"], "glider": columns["glider_rad"]}
+    rudder = {"float": fixed_angle * np.sin(heading["glider"] - heading["float"]), "glider": columns["rudder_rad"]}
+    return {
+        body: run_from_columns(
+            body,
+            {
+                "time_s": columns["time_s"],
+                "speed_m_s": columns["speed_m_s"],
+                "rudder_rad": rudder[body],
+                "heading_rad": heading[body],
+                "yaw_rate_rad_s": columns[f"{body}_rate_rad_s"],
+            },
+        )
+        for body in heading
+    }
 
-    Raises InputError where it cannot be written.
-    """
-    try:
-        descriptor, path = create_unused(path)
-        with open(descriptor, "w", newline="", encoding="utf-8") as file:  # noqa: PTH123 - a descriptor, not a path
-            for name, body in (("float", setting.craft.surface), ("glider", setting.craft.glider)):
-                file.write(
-                    f"# simulated {name}: K {body.gain:g} 1/s, T {body.time_constant:g} s, n3 {body.n3:g} s^2/rad^2 "
-                    f"at {body.reference_speed:g} m/s\n"
-                )
-            file.write(f"# delta_0 {math.degrees(setting.craft.fixed_angle):g} deg, seed {seed}\n")
-            writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            writer.writerows([f"{value:.6g}" for value in row] for row in sail(setting, duration, seed))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}; check the folder and the rights.") from error
-    return path
+
+def identified(setting: Setting, columns: Mapping[str, FloatArray], method: str) -> dict[str, Norrbin]:
+    """Return the models of float and glider that a method finds."""
+    question = Question("norrbin", setting.craft.surface.reference_speed)
+    runs = runs_of(columns, setting.craft.fixed_angle)
+    return {body: method_named(method).identify([run], question).model for body, run in runs.items()}
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--methods", nargs="+", default=["output-error", "integral", "two-stage"])
+    arguments = parser.parse_args()
+    setting = Setting()
+    columns = sail(setting, arguments.seconds, arguments.seed)
+    for name in ("truth", *arguments.methods):
+        truth = {"float": setting.craft.surface, "glider": setting.craft.glider}
+        bodies = truth if name == "truth" else identified(setting, columns, name)
+        found = (f"{body} K {m.gain:.3f} T {m.time_constant:.2f} n3 {m.n3:.1f}" for body, m in bodies.items())
+        print(f"{name:14}", "   ".join(found), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
-from autopilot.filters.kalman import midpoint_step
-from autopilot.models.dynamic_positioning import (
+from zheng2019_ship import (
     DREDGER,
     REALISTIC,
     TABLE_1,
@@ -17,6 +15,8 @@ from autopilot.models.dynamic_positioning import (
     sway_yaw_drive,
     sway_yaw_rates,
 )
+
+from autopilot.filters.kalman import midpoint_step
 
 L, m, g = 128.0, 1.9413e7, 9.81
 UNIT_T, UNIT_V = np.sqrt(L / g), np.sqrt(L * g)
