@@ -17,7 +17,6 @@ def test_the_boat_keeps_to_legs_and_corners_in_a_current(kind: str, share: float
     found = sail(kind, share, seed=5)
     assert found.is_complete
     assert found.rms < LIMITS[share]
-    assert found.worst < 0.5
     assert found.wide < 0.2
 
 
