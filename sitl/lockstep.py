@@ -60,7 +60,7 @@ def simulate(
 
     sailing = vessel if boat is None else load_vessel(boat) if isinstance(boat, str) else boat
     loaded = load_scenario(scenario) if isinstance(scenario, str) else scenario
-    world = World(sailing, afloat(boat if isinstance(boat, str) else "", loaded))
+    world = World(sailing, afloat(boat if isinstance(boat, str) else "", loaded, sailing.drive.kind))
     vehicle = MavlinkVehicle(Firmware(world))
     near, far = loopback_pair("line")
     link = CompanionLink(near, companion_settings_of(vessel, LinkOptions(as_gcs=vessel.helm.method != "guided")))

@@ -352,7 +352,7 @@ NETWORK_BAUD = 115200
 def world_from(arguments: argparse.Namespace) -> World:
     """Return the world that vessel, scenario and options describe. Raises InputError."""
     vessel = load_vessel(arguments.vessel)
-    scenario = afloat(arguments.vessel, load_scenario(arguments.scenario))
+    scenario = afloat(arguments.vessel, load_scenario(arguments.scenario), vessel.drive.kind)
     scenario = with_options(scenario, arguments.armed, arguments.mode, arguments.speed_m_s)
     world = World(vessel, scenario, arguments.seed)
     for fault in chaos_faults(arguments.chaos) if arguments.chaos else ():
@@ -360,10 +360,17 @@ def world_from(arguments: argparse.Namespace) -> World:
     return world
 
 
-def afloat(vessel: str, scenario: Scenario) -> Scenario:
-    """Return the scenario with the plant of this name, where `vessel` names one and the scenario names none."""
-    named = vessel in PLANTS and scenario.plant == USUAL
-    return dataclasses.replace(scenario, plant=vessel) if named else scenario
+DRIVEN = {"two_thrusters": "twin_thruster", "outboard": "outboard", "jet": "outboard"}
+"""Plants that steer by thrust, by the vessel's drive."""
+
+
+def afloat(vessel: str, scenario: Scenario, drive: str = "rudder") -> Scenario:
+    """Return the scenario with the plant of this name, where `vessel` names one and the scenario names none; else with
+    one that has the vessel's `drive`."""
+    if scenario.plant != USUAL:
+        return scenario
+    plant = vessel if vessel in PLANTS else DRIVEN.get(drive, USUAL)
+    return dataclasses.replace(scenario, plant=plant)
 
 
 def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed: float | None) -> Scenario:

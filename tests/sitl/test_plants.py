@@ -229,5 +229,6 @@ def test_a_named_plant_gives_way_to_the_scenarios() -> None:
     calm = load_scenario("calm")
     assert afloat("mmg_tanker", calm).plant == "mmg_tanker"
     assert afloat("lanxin", calm).plant == USUAL
+    assert afloat("blueboat", calm, "two_thrusters").plant == "twin_thruster"
     other = dataclasses.replace(calm, plant="mmg_tanker")
     assert afloat("lanxin", other).plant == "mmg_tanker"
