@@ -15,7 +15,7 @@ from autopilot.control.limits import Rest, RudderLimits, limit, rested
 from autopilot.control.wave_feedforward import CornerFrequencies, Waves, WaveShares, wave_shares
 from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.guidance.reference import Guide, Steering, heading_ordered, led, started, zigzag
-from autopilot.guidance.turn import TurnLimits, preset_rate, reference_of, side_hard_over, turn_limits
+from autopilot.guidance.turn import TurnLimits, preset_rate, reference_of, reset_reference, side_hard_over, turn_limits
 from autopilot.models.drive_law import is_rudder_law, quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, Order, OrderKind, Reference
@@ -31,8 +31,9 @@ class SteeringConfig(NamedTuple):
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading. corner_frequencies hold at the model's speed: which
-    waves the law is shown, see `wave_feedforward`. dead_band [rad]: on a course the rudder
-    rests until it is wrong by more. uses_bias: whether the law goes by the estimated bias.
+    waves the law is shown, see `wave_feedforward`. dead_band [rad]: on a course the rudder rests until it is wrong by
+    more. uses_bias: whether the law goes by the estimated bias. estimator.gear is the gear that is gone by: turns are
+    planned with its rate, whatever rate the rudder is commanded at.
     """
 
     estimator: EstimatorConfig
@@ -47,13 +48,14 @@ class SteeringConfig(NamedTuple):
 
 
 class Turning(NamedTuple):
-    """What planned turns keep to, and the speed [m/s], nan: it never was, gain [1/s] and largest rudder [rad] that it
-    was worked out for."""
+    """What planned turns keep to, and the speed [m/s], nan: it never was, gain [1/s], largest rudder [rad] and rudder's
+    rate [rad/s] that it was worked out for."""
 
     limits: TurnLimits
     speed: float
     gain: float = 0.0
     angle_max: float = 0.0
+    rudder_rate: float = 0.0
 
 
 NOT_TURNING = Turning(TurnLimits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False), math.nan)
@@ -61,9 +63,10 @@ NOT_TURNING = Turning(TurnLimits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Fa
 
 def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turning:
     """Return what turns keep to with the `model` at the speed that is."""
-    speed = model.reference_speed
-    limits = config.limits
-    if abs(speed - turning.speed) <= SPEED_CHANGE * turning.speed and (
+    speed, limits, rate = model.reference_speed, config.limits, config.estimator.gear.rate_max
+    rate = limits.rate_max if limits.rate_max < rate else rate
+    is_near = abs(speed - turning.speed) <= SPEED_CHANGE * turning.speed and rate == turning.rudder_rate
+    if is_near and (
         is_rudder_law(config.estimator.law)
         or (
             abs(model.gain - turning.gain) <= SPEED_CHANGE * turning.gain
@@ -72,8 +75,8 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
     ):
         return turning
     preset = preset_rate(config.turn_rate_max, config.turn_curvature_max, speed)
-    planned = turn_limits(model, limits.angle_max, limits.rate_max, config.rudder_share, preset)
-    return Turning(planned, speed, model.gain, limits.angle_max)
+    planned = turn_limits(model, limits.angle_max, rate, config.rudder_share, preset)
+    return Turning(planned, speed, model.gain, limits.angle_max, rate)
 
 
 class Way(NamedTuple):
@@ -95,6 +98,13 @@ def planned_anew(config: SteeringConfig, way: Way, model: Norrbin, steady: NavSt
     """Return the way with a plan from where the boat is."""
     way = with_turning(config, way, model)
     return way._replace(guide=started(way.guide, way.turning.limits, steady))
+
+
+def replanned(config: SteeringConfig, way: Way, model: Norrbin, steady: NavState) -> Way:
+    """Return the way with the rest of the turn planned from where the boat and its rudder are."""
+    way = with_turning(config, way, model)
+    boat = reset_reference(model, way.turning.limits, steady.heading, steady.rate, steady.rudder + steady.bias)
+    return way._replace(guide=way.guide._replace(boat=boat))
 
 
 def shown_waves(config: SteeringConfig, model: Norrbin, state: NavState) -> WaveShares:

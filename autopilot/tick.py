@@ -34,6 +34,7 @@ from autopilot.estimation.estimator import (
 )
 from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.rudder_observer import is_fed_back
+from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
 from autopilot.estimation.speeds import speeds_apart
 from autopilot.guidance.reference import zigzag_divergence
 from autopilot.guidance.turn import is_turning
@@ -72,6 +73,7 @@ from autopilot.steering import (
     obey,
     planned_anew,
     refer,
+    replanned,
     shown_waves,
     steered_by,
     with_turning,
@@ -183,12 +185,13 @@ class Control(NamedTuple):
 
 
 class Rudder(NamedTuple):
-    """What the rudder was given: the last command; what the dead band left of it; and whether a fail-safe reckons the
-    heading."""
+    """What the rudder was given: the last command; what the dead band left of it; whether a fail-safe reckons the
+    heading; and how quick the rudder turns out to be."""
 
     command: RudderCommand = RudderCommand(0.0, 0.0, False)
     rest: Rest = Rest()
     is_reckoned: bool = False
+    rate: RudderRate = AS_FILED
 
 
 NO_FINDINGS: Mapping[str, AlarmEvent] = {}
@@ -283,7 +286,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
     config = within_reach(config, state, now)
-    boat, steering, way, rudder = config.boat, config.steering, state.way, state.rudder
+    boat, way, rudder = config.boat, state.way, state.rudder
+    steering = steering_with(config.steering, rudder.rate)
     timely, work = timely_of(now, samples), in_hand(config, state, now)
     dt, supervisor = work.dt, work.supervisor
 
@@ -341,7 +345,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         rest = Rest(command.angle, command.angle)
     if command.engaged and boat.rudder_is_ours:
         estimate = with_order(estimate, now, command.angle)
-    rudder = Rudder(command, rest, reckons)
+    estimate, way, rate = with_rudder_rate(config.steering, estimate, way, (rudder.rate, moved, command), steady)
+    rudder = Rudder(command, rest, reckons, rate)
 
     shown = AlarmPanel(state.panel)
     alarms, siren = show(work, shown, samples, order, found)
@@ -392,6 +397,37 @@ def within_reach(config: Config, state: State, now: float) -> Config:
     least = max(LEAST_REACH * limits.angle_max, abs(state.rudder.command.angle) - moved)
     held = limits._replace(angle_max=min(max(reach, least), limits.angle_max))
     return config._replace(boat=config.boat._replace(limits=held), steering=config.steering._replace(limits=held))
+
+
+def steering_with(config: SteeringConfig, rate: RudderRate) -> SteeringConfig:
+    """Return what steering goes by with the rudder that the boat turns out to have."""
+    if rate.slower == 1.0:
+        return config
+    estimator = config.estimator
+    return config._replace(estimator=estimator._replace(gear=gone_by(estimator.gear, rate)))
+
+
+def with_rudder_rate(
+    config: SteeringConfig,
+    estimate: EstimatorState,
+    way: Way,
+    given: tuple[RudderRate, Moved, RudderCommand],
+    steady: NavState,
+) -> tuple[EstimatorState, Way, RudderRate]:
+    """Return what is known of the rudder's rate after a tick; where it turns out to be another, the rudder is where
+    that gear would have it, and the rest of the turn is planned with it. given: what was known, and the rudder's last
+    command and this one."""
+    before, moved, command = given
+    if not (command.engaged and config.rudder_is_ours) or is_fed_back(estimate.rudder, command.time):
+        return estimate, way, begun_at(steady.rudder)
+    gear = config.estimator.gear
+    limits = gear.angle_max, gear.rate_max
+    rate = rudder_rate_step(estimate.model, before, (steady.rate, moved.command), limits, moved.dt)
+    if rate.slower == before.slower:
+        return estimate, way, rate
+    estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))
+    steady = steady._replace(rudder=angle_of(rate))
+    return estimate, replanned(steering_with(config, rate), way, estimate.model, steady), rate
 
 
 def in_hand(config: Config, state: State, now: float) -> Work:
@@ -494,6 +530,7 @@ def monitor(
             trial_speed=boat.model.reference_speed,
             rudder_is_measured=is_fed_back(estimate.rudder, work.now),
             damps_roll=damps_roll,
+            rudder_is_slow=state.rudder.rate.is_sure,
         )
     )
     found, noted = work.monitors.findings, work.supervisor.noted

@@ -16,6 +16,7 @@ from autopilot.cli.parsers import Parser, add_completion_parser, print_completio
 from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import print_end
 from sitl.campaign import command as campaign
+from sitl.campaign import envelope_command as envelope
 from sitl.scenario import shipped_scenarios
 
 DEFAULT_SERVICE = "127.0.0.1:14599"
@@ -64,6 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_fault_command(commands)
     campaign.add_parser(commands)
     campaign.add_tune_parser(commands)
+    envelope.add_parser(commands)
     add_completion_parser(commands, "sitl").set_defaults(run=run_completion)
     return parser
 

@@ -39,12 +39,12 @@ def runaway() -> Stepped:
     return Stepped(rudder_watch.runaway_step, rudder_watch.NO_RUNAWAY)
 
 
-def off_course(limits: AlarmLimits) -> Stepped:
-    """Return the off-course alarm."""
+def off_course(limits: AlarmLimits, side: float = 1.0) -> Stepped:
+    """Return the off-course alarm; side: to which the boat turned."""
     step = course_watch.off_course_step
 
     def judged(before: course_watch.OffCourse, seen: MonitorInput) -> course_watch.OffCourse:
-        return step(limits, before, seen, shortest_turn(seen.wanted, seen.state.heading))
+        return step(limits, before, seen, shortest_turn(seen.wanted, seen.state.heading), side)
 
     return Stepped(judged, course_watch.ON_ITS_COURSE)
 

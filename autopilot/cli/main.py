@@ -21,6 +21,7 @@ SUBCOMMANDS = {
     "identify-dp": "identify a ship's thrust and damping from trials under its thrusters",
     "log": "show what a log holds, and convert it",
     "gains": "design gains for a vessel's model and rudder, and show the margins",
+    "envelope": "search how wrong a vessel file may be before the boat is not held",
     "params": "check, convert, upload, verify and restore parameter files",
     "replay": "run a log again and compare every rudder command bit for bit",
     "web": "the helm as a page for phone, tablet and desktop",
@@ -35,7 +36,7 @@ SUBCOMMANDS = {
 
 GROUPS = {
     "begin": ("demo", "new-boat"),
-    "from a trial to gains": ("trial", "log", "identify", "identify-dp", "gains", "params"),
+    "from a trial to gains": ("trial", "log", "identify", "identify-dp", "gains", "envelope", "params"),
     "steer": ("doctor", "run", "helm", "web", "signalk", "replay"),
     "set it up": ("install-service", "completion"),
 }

@@ -25,6 +25,7 @@ EXAMPLES = {
     "autopilot log csv": "autopilot log csv run.tlog --out run.csv",
     "autopilot log measures": "autopilot log measures zigzag.tlog",
     "autopilot gains": "autopilot gains my-boat.yaml --out my-boat.yaml",
+    "autopilot envelope": "autopilot envelope my-boat.yaml --runs 2000 --report envelope.html",
     "autopilot params check": "autopilot params check my-boat.yaml",
     "autopilot params show": "autopilot params show my-boat.yaml",
     "autopilot params upload": "autopilot params upload ardurover-boat --link serial:/dev/ttyACM0:57600 --dry-run",

@@ -58,6 +58,7 @@ from autopilot.estimation.tuning import (
     INNOVATION_MEAN_TIME,
     INNOVATION_MOST,
     LEAN_SIGMAS,
+    LEARNT,
     LONGEST_SHARE,
     PREDICT_LONGEST,
     RATE_MOST,
@@ -76,19 +77,22 @@ from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample,
 class Fusion(NamedTuple):
     """What the measurements have left: the filter's state, what lies between expectation and measurement on average
     [standard deviations], how many spikes in a row agree, and the newest of them [rad]; lean: the average of the
-    headings alone over the time of gusts, and leans: whether it is more than white noise leaves."""
+    headings alone over the time of gusts, and leans [s]: for how long it has been more than white noise leaves."""
 
     state: FilterState
     innovation_mean: float = 0.0
     spikes: int = 0
     spike: float = 0.0
     lean: float = 0.0
-    leans: bool = False
+    leans: float = 0.0
 
 
-def is_pushed(innovation_mean: float, leans: bool) -> bool:
-    """Return whether the innovations lie to one side, by a lot for seconds or by a little for the time of gusts."""
-    return leans or not abs(innovation_mean) < INNOVATION_LASTING
+def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
+    """Return whether the innovations lie to one side, by a lot for seconds or by a little for the time of gusts.
+
+    What lasts for longer than a push takes to be learnt is something else: instruments that contradict one another.
+    """
+    return not abs(fusion.innovation_mean) < INNOVATION_LASTING or 0.0 < fusion.leans < LEARNT * noise.gust_time
 
 
 NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -132,7 +136,7 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     at, latest = state.time, state.time + PREDICT_LONGEST
     end = latest if latest < to else to
     longest, grain = LONGEST_SHARE * model.time_constant, GRAIN_SHARE * model.time_constant
-    moving = noises.pushed if is_pushed(fusion.innovation_mean, fusion.leans) else noises.usual
+    moving = noises.pushed if is_pushed(fusion, noises.usual) else noises.usual
     tick = tick_at(past, at)
     while at < end:
         until, angle, tick = stretch(past, tick, at, end, grain)
@@ -211,7 +215,8 @@ def fuse_measured(
         share = -math.expm1(-dt / noise.gust_time)
         lean += share * (innovation / deviation - lean)
         # the mean of white noise has the variance share/(2 - share)
-        leans = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share > 0.0
+        is_off = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share
+        leans = leans + dt if is_off else 0.0
         state = fuse_heading(state, heading, noise.heading)
     if not math.isnan(rate):
         state = fuse_rate(state, rate, noise.rate)

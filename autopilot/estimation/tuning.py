@@ -61,7 +61,9 @@ INNOVATION_LASTING = 1.5  # 30 %: nothing
 """White innovations average to less than this [standard deviations] over this time [s]; where they lie to one side for
 longer, wind has changed or the model is wrong, and neither is a wave."""
 LEAN_SIGMAS = 4.0  # 30 %: rms x 0.64, travel x 1.09, overshoot x 1.06
-"""White innovations of headings average over the time of gusts to less than so many of what they deviate by."""
+LEARNT = 2.0
+"""White innovations of headings average over the time of gusts to less than so many of what they deviate by; a push
+that makes them do so is learnt in so many of these times."""
 BIAS_MOST = 0.5  # 30 %: nothing
 """Largest bias [rad] handed to the law."""
 PREDICT_LONGEST = 2.0  # 30 %: nothing
@@ -142,3 +144,21 @@ ORDERS_KEPT = 2048
 """So many ticks are remembered, and so many orders: 200 a second for a dead time of 10 s."""
 FEEDBACK_FRESH = 2.0  # 30 %: nothing
 """Feedback older than this [s] is not believed any more."""
+
+# how quick the rudder is: tuned
+
+GEAR_LIKELIER, GEAR_SURE = 4.0, 10.0
+"""So much more likely, as a natural logarithm, must another steering gear be to be gone by, or to be said."""
+GEAR_NOISE = 0.05
+"""What no steering gear explains, as a share of the rudder hard over."""
+GEAR_SEA = 4.0
+"""What is left over is a sea's, correlated over this time [s]."""
+GEAR_PASSED = 0.3
+"""t in units of the time constant."""
+GEAR_SIGMA_SHARE = 0.3
+GEAR_SIGMA_BIAS = math.radians(3.0)
+"""Standard deviations of the rudder's effectiveness about 1, and of a push that is not learnt [rad of rudder]."""
+GEAR_FADES = 6.0
+"""What was seen fades in so many time constants."""
+GEAR_PLAY = math.radians(2.0)
+"""Where the gears lie apart by less [rad], nothing tells them apart."""

@@ -118,7 +118,7 @@ WORDS = {
     "off_course": Words(
         "off heading",
         "check rudder, speed and wind, or order another course",
-        "this angle for this time, not while a turn may last",
+        "this angle for this time; in a turn for 2 s, past its course",
         key="alarms.off_course_deg, alarms.off_course_s",
         sentence="{text} {detail}: {remedy}",
     ),

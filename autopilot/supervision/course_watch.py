@@ -38,6 +38,7 @@ from autopilot.supervision.tuning import (
     GROWS,
     HALF_SWINGS,
     LEAST_TIME,
+    LED_PAST,
     NEW_COURSE,
     NEWS,
     ON_COURSE,
@@ -53,6 +54,7 @@ from autopilot.supervision.tuning import (
     SWEEP,
     SWING,
     THROW,
+    WAY_KEPT,
 )
 
 SOFTEST = SOFTER * SOFTER
@@ -96,11 +98,17 @@ def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, err
     return since, is_off or now - since >= limits.off_course_time
 
 
-def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, error: float) -> OffCourse:
-    """Judge a tick whose heading is off by `error` [rad]: how far, which way, and whether the rudder is at its stop;
-    not while a turn may last."""
-    if not seen.holds_course or math.isinf(limits.off_course):
+def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, error: float, side: float) -> OffCourse:
+    """Judge a tick whose heading is off by `error` [rad]: how far, which way, and whether the rudder is at its stop.
+
+    While a turn may last a boat on its way to its course is on it, and one that is past it by so much for LED_PAST has
+    led past; side: to which it turned.
+    """
+    if math.isinf(limits.off_course) or not (seen.holds_course or (seen.follows and side * error > 0.0)):
         return ON_ITS_COURSE
+    if not seen.holds_course:
+        limits = limits._replace(off_course_time=min(LED_PAST, limits.off_course_time))
+        error = error if abs(error) < 0.5 * math.pi else 0.0
     since, is_off = course_step(limits, before.since, before.is_off, seen.now, error)
     if not is_off:
         return ON_ITS_COURSE if math.isnan(since) else OffCourse(since)
@@ -324,7 +332,8 @@ class Spin(NamedTuple):
 
     is_begun: a heading came before; wanted [rad]: what was ordered when by_sea [rad/s], the sea's largest rate of turn,
     was taken. is_fast, rushes: it is SPIN, or RUSH, times too fast; outruns_speed: OUTRUNS times what goes with the
-    speed.
+    speed; speed_ratio: the quickest of late, for a boat that loses way in a turn still turns as at the speed that it
+    had.
     """
 
     is_begun: bool = False
@@ -334,14 +343,18 @@ class Spin(NamedTuple):
     is_fast: bool = False
     rushes: bool = False
     outruns_speed: bool = False
+    speed_ratio: float = 0.0
 
 
 def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     """Judge a tick. A speed that reads too low would make any turn too fast: the model counts at the trial's speed at
     least."""
-    is_begun, wanted, by_sea, rate, _, _, _ = before
+    is_begun, wanted, by_sea, rate, _, _, _, recent = before
+    now = speed_ratio(seen)
+    if recent > now and turn.step > 0.0:
+        now += math.exp(-turn.step / (WAY_KEPT * seen.model.time_constant)) * (recent - now)
     if not seen.steers or not is_begun or not turn.step > 0.0:
-        return Spin(True, wanted, by_sea, rate if seen.steers else 0.0)
+        return Spin(True, wanted, by_sea, rate if seen.steers else 0.0, speed_ratio=now)
     if wanted != seen.wanted and not abs(shortest_turn(wanted, seen.wanted)) < NEW_COURSE:
         # what is there before the first order is not known to be the sea's
         known = seen.state.wave_deviation * seen.state.wave_frequency
@@ -354,14 +367,15 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     rate -= math.expm1(-turn.step / (lasts if lasts > SPIN_TIME[0] else SPIN_TIME[0])) * (turned - rate)
     is_steered, is_stable = rate * seen.rudder > 0.0, model.n1 > 0.0
     if not is_steered and is_stable:
-        return Spin(True, wanted, by_sea, rate)
+        return Spin(True, wanted, by_sea, rate, speed_ratio=now)
     # a wrong speed does what a sea does, and is doubted rather than borne
     by_rudder = math.copysign(max(abs(rate) - (0.0 if reads_low(seen) else by_sea), 0.0), rate)
     # a course-unstable boat outruns its rudder, against it too, where it is steered by a wrong speed
-    outruns = is_beyond(model, by_rudder / (OUTRUNS if is_stable else OUTRUNS_UNSTABLE), rudder_most)
+    had_way = at_speed_ratio(model, now / speed_ratio(seen))
+    outruns = is_beyond(had_way, by_rudder / (OUTRUNS if is_stable else OUTRUNS_UNSTABLE), rudder_most)
     rushes = is_steered and is_beyond(quickest, by_rudder / RUSH, rudder_most)
     is_fast = is_steered and is_beyond(quickest, by_rudder / SPIN, rudder_most)
-    return Spin(True, wanted, by_sea, rate, is_fast, rushes, outruns)
+    return Spin(True, wanted, by_sea, rate, is_fast, rushes, outruns, now)
 
 
 def is_beyond(model: Norrbin, rate: float, angle_max: float) -> bool:
@@ -371,7 +385,8 @@ def is_beyond(model: Norrbin, rate: float, angle_max: float) -> bool:
 
 class State(NamedTuple):
     """What the course watch remembers; time [s], heading and wanted [rad] of the tick before. softer: the law is to
-    order as for a boat that answers so many times as much; hunts: because it swings."""
+    order as for a boat that answers so many times as much; hunts: because it swings; side: to which the newest course
+    lay, 1 or -1."""
 
     time: float = math.nan
     heading: float = math.nan
@@ -384,6 +399,7 @@ class State(NamedTuple):
     softer: float = 1.0
     hunts: bool = False
     quickest: Quickest | None = None
+    side: float = 0.0
 
 
 def update(
@@ -396,7 +412,7 @@ def update(
     likeliest cause of swings, the trial's speed the worst that is plausible, so it is doubted first; then less is
     ordered. A course-unstable boat would be lost with less than it needs against its own tendency to turn.
     """
-    time, heading, wanted, off_course, sweeps, throws, circles, spin, softer, hunts, quickest = before
+    time, heading, wanted, off_course, sweeps, throws, circles, spin, softer, hunts, quickest, side = before
     quickest = quickest_for(seen, quickest)
     turn = turn_since(time, heading, wanted, seen, quickest.model)
     if not seen.steers:
@@ -419,7 +435,9 @@ def update(
         if suspect and (contradicts_speed or is_stable):
             sweeps, throws, spin = NO_SWINGS, NO_SWINGS, Spin()
     circles = circles_step(circles, seen, turn)
-    off_course = off_course_step(limits, off_course, seen, turn.off)
+    if side == 0.0 or abs(turn.led) > NEW_COURSE:
+        side = -math.copysign(1.0, turn.off)
+    off_course = off_course_step(limits, off_course, seen, turn.off, side)
     found: tuple[AlarmEvent, ...] = (AlarmEvent("swinging"),) if swings else ()
     if hunts and not rudder.other:
         found += (AlarmEvent("hunting"),)
@@ -443,5 +461,6 @@ def update(
         softer,
         hunts,
         quickest,
+        side,
     )
     return after, found, contradicts_speed

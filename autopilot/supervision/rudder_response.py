@@ -25,6 +25,8 @@ from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin
 from autopilot.supervision.tuning import (
     ANSWERS_MOST,
+    CHANGED_LEAST,
+    CHANGED_TIME,
     COLOUR_KNOWN,
     COLOUR_TIME,
     DOUBTED,
@@ -39,6 +41,7 @@ from autopilot.supervision.tuning import (
     MOST_AT_ONCE,
     OUTLIER,
     OUTLIERS_MOST,
+    OWN_UNKNOWN,
     PUSH_CHANGE,
     PUSHED_SIGMAS,
     QUICK,
@@ -219,6 +222,23 @@ def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -
     if not largest > noise.sea or not abs(shortest_turn(math.atan2(seaway.east, seaway.north), heading)) > SEA_TURNED:
         return noise
     return Noise(noise.heading, noise.acceleration, noise.push, largest, SEA_SLOWEST)
+
+
+def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
+    """Return the noise of a boat that turns at `rate` [rad/s] and goes at another speed than the `speed` [m/s] of late.
+
+    n3 ~ 1/U^2 and n2 ~ 1/U, and a speed that is measured late or seldom is off by what it has changed by: a boat that
+    loses way in a hard turn is braked by more than its rudder, and turns slower against it. What a course-unstable boat
+    does by itself nearly balances its rudder in a slow turn, and a little of it decides which way it goes.
+    """
+    change, own = abs(model.reference_speed / speed - 1.0), 0.0
+    if model.n1 < 0.0:
+        own = OWN_UNKNOWN * abs(model.n1 * rate)
+    elif change < CHANGED_LEAST:
+        return noise
+    unknown = (own + change * abs((2.0 * model.n3 * rate + model.n2) * rate * rate)) / model.time_constant
+    acceleration = noise.acceleration + unknown * unknown * CHANGED_TIME
+    return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace)
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:

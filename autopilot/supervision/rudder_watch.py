@@ -36,6 +36,7 @@ from autopilot.supervision.rudder_response import (
     Rudders,
     Seaway,
     acquitted,
+    changing_noise,
     first_response,
     is_doubtful,
     noise_of,
@@ -51,6 +52,7 @@ from autopilot.supervision.tuning import (
     AGAINST_SHARE,
     ASSUMED_RATE,
     AT_THE_STOP_TIME,
+    CHANGED_TIME,
     FAR,
     FROZEN_SAMPLES,
     HOLDS,
@@ -170,7 +172,7 @@ class Heard(NamedTuple):
     """What the rudder-response monitor goes by, in numbers. since [s]: since when it is at work, nan: it is not;
     response: what is known; seaway: the seas met; heading [rad]: the newest, and how many `same` ones there were in a
     row; late_until [s]: until then nothing is evidence; slow [rad]: where a slow rudder would stand at slow_time [s],
-    nan where that is out of question."""
+    nan where that is out of question; speed [m/s]: the model's of late."""
 
     since: float = math.nan
     response: ResponseState = NO_RESPONSE
@@ -180,6 +182,7 @@ class Heard(NamedTuple):
     late_until: float = -math.inf
     slow_time: float = math.nan
     slow: float = math.nan
+    speed: float = math.nan
 
 
 NOTHING_HEARD = Heard()
@@ -190,7 +193,7 @@ def heard_step(
 ) -> Heard:
     """Return what is known after a tick and a heading [rad] `heard` at its time [s], not numbers where none came.
     rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
-    since, response, seaway, last, same, late_until, slow_time, slow = before
+    since, response, seaway, last, same, late_until, slow_time, slow, speed = before
     (time, heading), state, now, model = heard, seen.state, seen.now, seen.model
     since = now if math.isnan(since) else since
     late_until = now + LATE_LASTS if seen.is_late else late_until
@@ -202,24 +205,26 @@ def heard_step(
         reach = limits.rudder_rate / SLOW * max(now - slow_time, 0.0)
         slow_time, slow = now, slow + clip(seen.rudder - slow, -reach, reach)
     if math.isnan(heading):
-        return Heard(since, response, seaway, last, same, late_until, slow_time, slow)
+        return Heard(since, response, seaway, last, same, late_until, slow_time, slow, speed)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
     noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
     noise = seaway_noise(model, noise, seaway, state.heading)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
-        return Heard(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow)
+        return Heard(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed)
     known = response.time
     # written so that it holds where nothing is known
     if not time - known <= LONGEST_GAP_S:
-        response, last = first_response(noise, time, heading), heading
+        response, last, speed = first_response(noise, time, heading), heading, model.reference_speed
     elif time > known:
         fastest = 2.0 * model.gain * seen.angle_max
         rate, in_time = clip(state.rate, -fastest, fastest), rudders[0]
+        speed -= math.expm1(-(time - known) / CHANGED_TIME) * (model.reference_speed - speed)
+        noise = changing_noise(model, noise, rate, speed)
         at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow)
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
-    return Heard(since, response, seaway, last, same, late_until, slow_time, slow)
+    return Heard(since, response, seaway, last, same, late_until, slow_time, slow, speed)
 
 
 class Answer(NamedTuple):
@@ -462,7 +467,8 @@ def update(
         news = (other, answer.other, SLOW_RUDDER if following.is_slow else FILED)
         other = min(each for each in news if each != FILED)
         rests = rests or (other == SLOW_RUDDER and seen.damps_roll and seen.model.n1 > 0.0)
-        asks_less = other == LIVELIER or (other == SLOW_RUDDER and not rests and seen.model.n1 > 0.0)
+        slow = other == SLOW_RUDDER and not seen.rudder_is_slow
+        asks_less = other == LIVELIER or (slow and not rests and seen.model.n1 > 0.0)
     after = State(
         since,
         past,
@@ -507,11 +513,13 @@ def _findings(state: State, seen: MonitorInput) -> tuple[AlarmEvent, ...]:
         found += (AlarmEvent("overpowered", state.runaway.overpowered),)
     if seen.now - state.stop_since >= AT_THE_STOP_TIME:
         found += (AlarmEvent("rudder_at_stop"),)
-    if state.other == SLOW_RUDDER and seen.model.n1 <= 0.0:
+    if state.other == SLOW_RUDDER and seen.model.n1 <= 0.0 and not seen.rudder_is_slow:
         # no gain is soft enough for a boat that turns away quicker than its rudder comes
         found += (AlarmEvent("rudder_not_following", "much slower than its file says"),)
     elif state.other != FILED:
         found += (OTHERS[state.other],)
+    elif seen.rudder_is_slow:
+        found += (OTHERS[SLOW_RUDDER],)
     if state.doubts_speed:
         found += (AlarmEvent("speed_doubtful"),)
     return found

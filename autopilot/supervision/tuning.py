@@ -44,6 +44,11 @@ PUSH_CHANGE = math.radians(0.6) ** 2  # 30 %: nothing
 ROUGH = math.radians(0.5) ** 2  # 30 %: nothing
 """So uncertain is the model itself: the square [rad^2 of rudder] of a push that lasts for `ROUGH_TIME` [s]."""
 ROUGH_TIME = 0.2  # 30 %: nothing
+CHANGED_TIME = 4.0
+CHANGED_LEAST = 0.03
+"""A speed that has changed by more than this share in about this time [s] is off by as much."""
+OWN_UNKNOWN = 0.1
+"""The moment by which a course-unstable boat turns away by itself is uncertain by this share, over that time."""
 SEA_LEAST = math.radians(1.0) ** 2  # 30 %: nothing
 SEA_SLOWEST = 0.5  # 30 %: nothing
 """A sea of at least this size [rad^2 of rudder] and pace [1/s] is always supposed."""
@@ -175,6 +180,8 @@ INNOVATION_TIME = 20.0
 
 # The course watch
 
+LED_PAST = 2.0
+"""A turn that has led past its course by as much as would be off it is said after this time [s]: a wave is over."""
 BACK_ON_COURSE = 0.7
 """An off-course alarm ends when the error is back within this share of its limit."""
 SOFTER = 4.0
@@ -212,6 +219,8 @@ gone round: the turns that brought it there are over."""
 OUTRUNS, OUTRUNS_UNSTABLE, RUSH, SPIN = 1.5, 1.25, 2.0, 3.0
 """So many times the quickest turn that the model knows is more than goes with the speed, of a course-stable boat and of
 an unstable one; makes the law soft; and is another boat's."""
+WAY_KEPT = 2.0
+"""So many time constants a boat turns on as at the speed that it had."""
 SPIN_TIME = (1.0, 0.3)
 """The rate of turn is taken over this time [s], or over so many time constants if that is longer."""
 

@@ -223,7 +223,7 @@ class Alarms:
     """What is watched while a course is held; null: not watched."""
 
     off_course_deg: Annotated[float, NOW, Bounds(3.0, 180.0, "alarm this far off the course ordered")] | None = 20.0
-    off_course_s: Annotated[float, NOW, Bounds(1.0, 600.0, "for this long, turns apart")] = 10.0
+    off_course_s: Annotated[float, NOW, Bounds(1.0, 600.0, "for this long, turns apart")] = 5.0
     roll_deg: Annotated[float, NOW, Bounds(5.0, 180.0, "alarm at this heel")] | None = None
     frozen_heading: Annotated[bool, RESTART] = True
     """A compass that stands still to the last digit while the boat turns ends steering, as a silent one does."""

@@ -25,6 +25,7 @@ from autopilot.estimation.estimator import (
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
 from autopilot.estimation.rudder_observer import RudderMemory, RudderObserver, RudderPast, advanced, angle_from, ordered
+from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, rudder_rate_step
 from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.reference import Guide, heading_ordered, started
@@ -84,8 +85,8 @@ class State(NamedTuple):
     """What the pilot remembers from tick to tick, the rudder's rings apart.
 
     easy_time and right_time [s]: when the rudder was last not hard over for the monitors, and last not pushing the boat
-    away. answer: what the rudder-response monitor goes by. gone: the run has come to where only the full simulator goes
-    on.
+    away. answer: what the rudder-response monitor goes by; rate: how quick the rudder turns out to be. gone: the run
+    has come to where only the full simulator goes on.
     """
 
     now: float
@@ -101,6 +102,7 @@ class State(NamedTuple):
     rest: Rest
     compass: Compass
     answer: Heard
+    rate: RudderRate
     easy_time: float
     right_time: float
     gone: bool
@@ -122,7 +124,7 @@ def initial_state(
     config = campaign.config
     model = model_at(config.estimator.model, measurement.speed, config.estimator.law)
     speed = Smoothed(measurement.speed, now)
-    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, False)
+    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, 0.0)
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
     history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
@@ -145,6 +147,7 @@ def initial_state(
         rest=Rest(0.0, 0.0, False),
         compass=Compass(measurement.measured.heading, state.time, 1, NO_TURNS),
         answer=NOTHING_HEARD,
+        rate=AS_FILED,
         easy_time=now,
         right_time=now,
         gone=False,
@@ -190,7 +193,10 @@ def tick(
     off = shortest_turn(state.heading, guide.boat.heading)
     right_time = listened.right_time if _pushes_away(config, off, command, state) else now
     # numba takes no condition inside the call below
-    gone = listened.gone or not answers
+    gear = config.estimator.gear
+    steered = state.rate, pilot_state.command
+    rate = rudder_rate_step(model, pilot_state.rate, steered, (gear.angle_max, gear.rate_max), dt)
+    gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
     return State(
         now=now,
@@ -206,6 +212,7 @@ def tick(
         rest=rest,
         compass=listened.compass,
         answer=answer,
+        rate=rate,
         easy_time=easy_time,
         right_time=right_time,
         gone=gone,
@@ -237,6 +244,7 @@ def _answer(
         trial_speed=campaign.config.estimator.model.reference_speed,
         rudder_is_measured=False,
         damps_roll=False,
+        rudder_is_slow=False,
     )
     since = now if math.isnan(heard.since) else heard.since
     middle = 0.5 * (heard.response.time + measured.time)
@@ -327,6 +335,7 @@ def _listen(
         rest=pilot_state.rest,
         compass=compass,
         answer=pilot_state.answer,
+        rate=pilot_state.rate,
         easy_time=pilot_state.easy_time,
         right_time=pilot_state.right_time,
         gone=gone,

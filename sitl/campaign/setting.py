@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from autopilot.estimation.heading_ekf import initial
 from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.waves import WaveState
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
-from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
+from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample, Tick
 from autopilot.tick import steering_of
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, Plant, plant_of, step_of
@@ -26,7 +27,6 @@ from sitl.campaign.compiled_run import (
     Course,
     Figures,
     Instruments,
-    Score,
     Setting,
     Workspace,
     figures,
@@ -73,17 +73,21 @@ def run_reference(job: Job, run: int) -> Figures:
     """Return the figures of a run. Raises RefusedError where the case's gains must not be engaged."""
     case, seed = case_and_seed(job, run)
     study, vessel, scenario = job.study, vessel_of(job, case), scenario_of(job, case)
+    plant = plant_of(real_boat(job, case), scenario)
+    shared = Prepared(scenario, plant, None, course_of(study), BoatState(), vessel)
+    score, before, ticks, engaged = NOTHING, 0.0, 0, 0
+    for tick, world, command in sailed(shared, study, seed, case.law):
+        score = scored(score, shared.course, world.time, world.boat.state, before, command)
+        ticks, engaged, before = ticks + 1, engaged + (tick.mode is Mode.ENGAGED), command
+    return figures(score, measured_every(study) * STEP, engaged / max(ticks, 1))
+
+
+def sailed(shared: Prepared, study: Study, seed: int, law: str | None = None) -> Iterator[tuple[Tick, World, float]]:
+    """Yield the ticks of a run in the full simulator, each with the world as it is then and the last command [rad]."""
     every = measured_every(study)
-    world = World(
-        vessel,
-        scenario,
-        seed,
-        plant=plant_of(real_boat(job, case), scenario),
-        pace=Pace(every, WATER_EVERY),
-    )
-    pilot, helm, course = build_pilot(vessel, case.law), _LastCommand(), course_of(study)
+    world = World(shared.vessel, shared.scenario, seed, plant=shared.plant, pace=Pace(every, WATER_EVERY))
+    pilot, helm = build_pilot(shared.vessel, law), _LastCommand()
     world.helms.append(helm)
-    score, last_command, ticks, engaged = NOTHING, 0.0, 0, 0
     seen: Reading | None = None
     for _ in range(steps_of(study, STEP)):
         now = world.time
@@ -91,15 +95,11 @@ def run_reference(job: Job, run: int) -> Figures:
         if reading is not None and reading is not seen:
             with_speed = round(reading.time / STEP) // every % max(study.heading_hz, 1) == 0
             samples = _samples(world, reading, now, with_speed, study.gyro)
-            order = Order(OrderKind.HEADING, ordered(course, now), serial=1)
-            tick = pilot.step(now, samples, order)
-            command = tick.command
-            helm.rudder, before = (command.angle if command.engaged else None), last_command
-            last_command = command.angle if command.engaged else 0.0
-            ticks, engaged, seen = ticks + 1, engaged + (tick.mode is Mode.ENGAGED), reading
-            score = _scored(score, course, world, before, last_command)
+            order = Order(OrderKind.HEADING, ordered(shared.course, now), serial=1)
+            tick, seen = pilot.step(now, samples, order), reading
+            helm.rudder = tick.command.angle if tick.command.engaged else None
+            yield tick, world, tick.command.angle if tick.command.engaged else 0.0
         world.advance(world.next_step)
-    return figures(score, every * STEP, engaged / max(ticks, 1))
 
 
 def _samples(world: World, reading: Reading, now: float, with_speed: bool, with_rate: bool) -> tuple[Sample, ...]:
@@ -114,10 +114,6 @@ def _samples(world: World, reading: Reading, now: float, with_speed: bool, with_
     for fault, effect in world.faults.acting("attitude", now):
         heading = effect(fault, heading)
     return (HeadingSample(reading.time, heading, reading.rate if with_rate else None), *speed)
-
-
-def _scored(score: Score, course: Course, world: World, before: float, last_command: float) -> Score:
-    return scored(score, course, world.time, world.boat.state, before, last_command)
 
 
 RING = 64
@@ -173,13 +169,17 @@ def setting_of(job: Job, run: int) -> Setting | None:
     """Return the setting of a run; None where only the full simulator can do it."""
     case, seed = case_and_seed(job, run)
     shared = prepared(job, case)
-    if shared.campaign is None or shared.scenario.faults:
-        return None
-    steps = steps_of(job.study, STEP)
+    return None if shared.campaign is None or shared.scenario.faults else setting_for(shared, job.study, seed)
+
+
+def setting_for(shared: Prepared, study: Study, seed: int) -> Setting:
+    """Return the setting of a run of what is shared."""
+    assert shared.campaign is not None
+    steps = steps_of(study, STEP)
     sea_seed, sensor_seed, _, _ = np.random.SeedSequence(seed).spawn(4)
     water, swell = drawn_water(shared.scenario, shared.plant, sea_seed, steps // WATER_EVERY + 1)
-    every = measured_every(job.study)
-    instruments = instruments_of(shared, sensor_seed, steps, every, job.study)
+    every = measured_every(study)
+    instruments = instruments_of(shared, sensor_seed, steps, every, study)
     heading, rate, _ = readings(instruments, 0, shared.start)
     return Setting(
         steps=steps,
@@ -196,7 +196,7 @@ def setting_of(job: Job, run: int) -> Setting | None:
         filtered=initial(
             0.0,
             wrap(float(heading)),
-            float(rate) if job.study.gyro else None,
+            float(rate) if study.gyro else None,
             shared.campaign.config.estimator.noises.usual,
         ),
         course=shared.course,

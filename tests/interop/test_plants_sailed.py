@@ -10,13 +10,10 @@ from pathlib import Path
 import pytest
 from two_processes import free_port, simulator
 
-UNSTABLE = pytest.mark.xfail(
-    reason="a boat that leaves its course by itself turns against its rudder: taken for a rudder that is wrong"
-)
 LASTS = [
     ("mmg_tanker", 12.0, 200.0),
     ("roll_ship", 8.0, 80.0),
-    pytest.param("small_craft", 5.0, 60.0, marks=UNSTABLE),
+    ("small_craft", 5.0, 60.0),
     ("twin_thruster", 5.0, 50.0),
     ("outboard", 5.0, 50.0),
 ]

@@ -478,3 +478,17 @@ def test_in_waves_the_mean_rate_is_one_over_longer(side: float) -> None:
     13.4 s, where the boat turns as for the rudder at its other stop."""
     for seconds, has_run in ((13.2, False), (13.6, True)):
         assert ran(side, 1.0, seconds, 6.0 * seconds, math.radians(5.0))[0] is has_run
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_turn_that_leads_far_past_its_course_is_off_it_before_its_time_is_over(side: float) -> None:
+    """On its way to the course nothing is said, past it by the limit for two seconds is."""
+    limits = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0)
+    for past_deg, is_said in ((-80.0, False), (19.0, False), (21.0, True), (120.0, False)):
+        monitor = off_course(limits, side)
+        for tick in range(31):
+            seen = watched(0.1 * tick, heading=side * math.radians(past_deg))
+            found = monitor.update(seen._replace(holds_course=False, follows=True)).found
+            if tick < 20:
+                assert found is None
+        assert (found is not None) is is_said

@@ -74,7 +74,7 @@ def test_the_turn_count_is_reset_when_another_steers() -> None:
     assert not spinning.update(watched(9.9, 2.0 * 9.9, 0.3)).is_fast, "no time has passed"
     assert spinning.update(watched(10.0, 2.0 * 10.0, 0.3)).rate == pytest.approx(2.0, rel=1e-3)
     assert spinning.is_fast
-    assert spinning.update(watched(10.1, 2.0 * 10.1, 0.3)._replace(steers=False)) == Spin(True, 0.0)
+    assert spinning.update(watched(10.1, 2.0 * 10.1, 0.3)._replace(steers=False)) == Spin(True, 0.0, speed_ratio=1.0)
     assert not spinning.update(watched(10.2, 2.0 * 10.2, 0.3)).is_fast, "it begins anew"
 
 

@@ -1,0 +1,57 @@
+"""`autopilot envelope`: how wrong the vessel file may be before the pilot does not hold the boat any more.
+
+The simulator does it in a process of its own, `sitl envelope`, since the autopilot itself knows no simulator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from autopilot.cli.options import whole_number
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what `autopilot envelope` and `sitl envelope` are given."""
+    parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
+    parser.add_argument(
+        "--runs", metavar="N", action=whole_number(1, 10_000_000), default=400, help="runs to sail (default 400)"
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        action=whole_number(0, 2**31 - 1),
+        default=1,
+        help="the runs are drawn by it (default 1)",
+    )
+    parser.add_argument("--workers", metavar="N", action=whole_number(1, 1024), help="processes (default: all cores)")
+    parser.add_argument("--compass-only", action="store_true", help="without a rate of turn")
+    parser.add_argument("--report", metavar="FILE.html", type=Path, help="write tables and figures into one page")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "envelope",
+        help="search how wrong a vessel file may be before the boat is not held",
+        description="Sail runs drawn about the vessel file: boat, rudder, delay, backlash, speed and sea that are not "
+        "what it says. Prints the bounds within which every run was held; exit code 6 where one was not, and no alarm "
+        "said so within 5 s.",
+    )
+    add_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Have the simulator sail; what it prints is for the user as it is."""
+    command = [sys.executable, "-m", "sitl", "envelope", arguments.vessel]
+    command += ["--runs", f"{arguments.runs}", "--seed", f"{arguments.seed}"]
+    command += [] if arguments.workers is None else ["--workers", f"{arguments.workers}"]
+    command += [] if arguments.report is None else ["--report", f"{arguments.report}"]
+    command += ["--compass-only"] if arguments.compass_only else []
+    command += ["--json"] if arguments.json else []
+    return subprocess.run(command, check=False).returncode

@@ -1,0 +1,68 @@
+"""Steering gears, by the turns that they make, against a boat and a gear of the test's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
+from autopilot.models.norrbin import Norrbin, yaw_acceleration
+from autopilot.models.steering_gear import SteeringGear
+
+BOAT = Norrbin(0.2, 5.0, 5.0)
+MOST, RATE = math.radians(30.0), math.radians(5.0)
+DT = 0.1
+
+
+def found(
+    slower: float,
+    seconds: float = 30.0,
+    boat: Norrbin = BOAT,
+    push: Callable[[float], float] = lambda _: 0.0,
+    noise: float = math.radians(0.05),
+    size: float = math.radians(20.0),
+) -> tuple[RudderRate, float]:
+    """What is known after a square wave of commands, and where the rudder is."""
+    random, state, rudder, rate = np.random.default_rng(1), begun_at(0.0), 0.0, 0.0
+    for tick in range(round(seconds / DT)):
+        now = tick * DT
+        command = 0.0 if now < 2.0 else size if now % 30.0 < 15.0 else -size
+        rudder += min(max(command - rudder, -RATE / slower * DT), RATE / slower * DT)
+        rate += DT * yaw_acceleration(boat, rate, rudder + push(now))
+        state = rudder_rate_step(BOAT, state, (rate + noise * random.standard_normal(), command), (MOST, RATE), DT)
+    return state, rudder
+
+
+@pytest.mark.parametrize("slower", [1.0, 2.0, 4.0, 8.0])
+def test_the_gear_that_turns_the_boat_is_gone_by(slower: float) -> None:
+    state, rudder = found(slower, 50.0)
+    assert state.slower == slower
+    assert state.is_sure is (slower > 1.0)
+    assert angle_of(state) == pytest.approx(rudder, abs=math.radians(0.1))
+    gear = SteeringGear(MOST, RATE)
+    assert gone_by(gear, state).rate_max == pytest.approx(RATE / slower)
+
+
+@pytest.mark.parametrize("gain", [0.7, 1.4])
+@pytest.mark.parametrize("lasts", [0.7, 1.4])
+def test_a_boat_of_another_size_has_no_other_gear(gain: float, lasts: float) -> None:
+    boat = BOAT._replace(gain=gain * BOAT.gain, time_constant=lasts * BOAT.time_constant)
+    assert not found(1.0, 60.0, boat)[0].is_sure
+
+
+def test_gusts_are_no_other_gear() -> None:
+    assert found(1.0, 90.0, push=lambda now: math.radians(8.0) * math.sin(0.5 * now))[0].slower == 1.0
+
+
+def test_a_rudder_that_hardly_moves_tells_nothing() -> None:
+    state, _ = found(4.0, size=math.radians(1.0))
+    assert (state.slower, state.sum_time) == (1.0, 0.0)
+
+
+def test_a_course_unstable_boat_and_a_rudder_without_a_rate_are_left_alone() -> None:
+    steered = 0.1, MOST
+    assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, (MOST, RATE), DT) is AS_FILED
+    assert rudder_rate_step(BOAT, AS_FILED, steered, (MOST, math.inf), DT) is AS_FILED
