@@ -15,8 +15,8 @@ A design is one number, the regulator's bandwidth w (`design`). The quickest one
 - to the rudder's rate an error of LEAST_ERROR, which asks for u' = w^3 T/K times it at first,
 - to every boat within the uncertainty a heading rms of at most WORST times the model's.
 
-The levels of response are a ladder down from there, half as quick every four levels. A course-unstable boat that no
-loop holds so well gets the one of the least worst rms beside its own.
+The levels of response are a ladder down from there, half as quick every four levels. A boat that no loop holds so
+well gets the one of the least worst rms beside its own, the slowest where none holds them all.
 
 Source: covariance of a closed loop, Astrom and Wittenmark 1997, section 11.4; mean of |x|, Papoulis 1991, ch. 5.
 """
@@ -298,12 +298,10 @@ def quickest(afloat: Afloat, rate_max: float, offs: tuple[Off, ...]) -> float:
         times = worst(afloat, gains, USUAL, offs).heading / nominal.heading
         if times <= WORST:
             return float(bandwidth)
-        if times < least:
+        if times < least or math.isinf(least):
             best, least = float(bandwidth), times
-    if math.isinf(least) or model.n1 > 0.0:
-        raise ValueError(
-            "design: no gain holds every boat within the uncertainty: the steering gear is too slow for it"
-        )
+    if math.isnan(best):
+        raise ValueError("design: no gain gives a stable loop: the steering gear is too slow for this boat")
     return best
 
 
