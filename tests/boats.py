@@ -41,7 +41,7 @@ def vessel_of(boat: Boat) -> Vessel:
     gains = design_backstepping(model, gear, gear.rate_max, 0.05)
     pid = equivalent_pid(model, gains, 10.0 + 3.0 * boat.T)
     return Vessel(
-        1,
+        2,
         "test boat",
         Model(boat.K, boat.T, boat.speed, boat.n1, boat.n3),
         Rudder(30.0, boat.rudder_rate_deg_s, 0.1, 0.05),
