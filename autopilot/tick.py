@@ -299,7 +299,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     thrusters, found = watch_thrusters(config, work, state, estimate, seen, found)
     softer = work.monitors.state.course.softer
 
-    was, mode = supervisor.mode, supervisor.decide(now, order, seen, found)
+    was, mode = supervisor.mode, supervisor.decide(now, order, seen, with_doubts(found, supervisor.noted))
     is_engaged, model = mode is Mode.ENGAGED, estimate.model
     if is_engaged and was is not Mode.ENGAGED:
         estimate, seen = with_known_rudder(estimate, seen, now)
@@ -502,7 +502,7 @@ def believe(config: SteeringConfig, work: Work, estimate: EstimatorState, way: W
 def monitor(
     config: Config, work: Work, state: State, damps_roll: bool, estimate: EstimatorState, seen: NavState
 ) -> Mapping[str, AlarmEvent]:
-    """Return what the monitors and the links find, by its names in the catalogue; a doubt of the links' is found, too.
+    """Return what the monitors find, by its names in the catalogue.
 
     state: that from before the tick. damps_roll: the rudder works against roll too.
     """
@@ -533,7 +533,12 @@ def monitor(
             rudder_is_slow=state.rudder.rate.is_sure,
         )
     )
-    found, noted = work.monitors.findings, work.supervisor.noted
+    return work.monitors.findings
+
+
+def with_doubts(found: Mapping[str, AlarmEvent], noted: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
+    """Return what is found, and those of the links' alarms that are doubts: for the supervisor, who decides by names.
+    Shown they are once, by who says them."""
     if not noted:
         return found
     return {**found, **{event.name: event for event in noted.values() if kind_of(event).is_doubt}}

@@ -469,7 +469,7 @@ def _nmea_line(data: bytes) -> None:
     framer, reader = NmeaFramer(), NmeaReader(0.1)
     for line in data.splitlines():
         for sentence in framer.feed(mended(line if b"$" in line else b"$" + line)):
-            for sample in (reader.read(1.0, sentence), reader.take_position()):
+            for sample in (reader.read(1.0, sentence), *reader.take_others()):
                 values = [] if sample is None else [value for value in sample if isinstance(value, float)]
                 assert all(map(math.isfinite, values)), sample
     framer.feed(data)

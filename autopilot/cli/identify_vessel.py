@@ -23,7 +23,7 @@ from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.report.identification import Result, undetermined
 from autopilot.vessel.file import dump_vessel, load_vessel, model_section, parse_vessel, rounded, updated_vessel_text
-from autopilot.vessel.schema import SCHEMA_VERSION, Control, Drive, Model, Rudder, Sensors, Vessel
+from autopilot.vessel.schema import SCHEMA_VERSION, Alarms, Control, Drive, Model, Rudder, Sensors, Vessel
 
 ASSUMED_RATE_DEG_S = 10.0
 """Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""
@@ -70,8 +70,8 @@ def _for_new_model(vessel: Vessel, path: str) -> Vessel:
     """Return what stays of a boat's file for a model of its own: all but the name and the gains of the old model."""
     control = Control(rate_hz=vessel.control.rate_hz, loop_delay_s=vessel.control.loop_delay_s)
     # off in `trial --unidentified`, where the model was a guess
-    alarms = dataclasses.replace(vessel.alarms, reversed_rudder=True)
-    return dataclasses.replace(vessel, name=Path(path).stem, description="", control=control, alarms=alarms)
+    limits = Alarms(**{**vars(vessel.alarms), "reversed_rudder": True})
+    return dataclasses.replace(vessel, name=Path(path).stem, description="", control=control, alarms=limits)
 
 
 def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -> list[str]:

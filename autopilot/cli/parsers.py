@@ -20,7 +20,7 @@ EXAMPLES = {
     "autopilot run": "autopilot run my-boat.yaml --link udpin:127.0.0.1:14550 --as-gcs --engage 90 --log run.tlog",
     "autopilot trial": "autopilot trial zigzag my-boat.yaml --link udpin:127.0.0.1:14550 --as-gcs --log zigzag.tlog",
     "autopilot identify": "autopilot identify zigzag.tlog --out my-boat.yaml",
-    "autopilot identify-dp": "autopilot identify-dp trials.csv",
+    "autopilot identify-dp": "autopilot identify-dp trials.csv --ship ship.yaml",
     "autopilot log info": "autopilot log info run.tlog",
     "autopilot log csv": "autopilot log csv run.tlog --out run.csv",
     "autopilot log measures": "autopilot log measures zigzag.tlog",
@@ -199,7 +199,7 @@ def print_completion(parser: argparse.ArgumentParser, shell: str) -> int:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
             elif words == "DIR":
                 action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]
-    print(shtab.complete(parser, shell=shell))
+    print(shtab.complete(parser, shell))
     return 0
 
 

@@ -19,7 +19,7 @@ from autopilot.links.base import LinkError
 from autopilot.vessel.file import load_vessel
 
 FILE = """\
-schema_version: 1
+schema_version: 2
 firmware: ardurover
 frame: boat
 groups:
@@ -159,7 +159,7 @@ def test_an_nmea_link_and_a_vessel_file_are_refused() -> None:
 def test_check_reports_every_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("check", "lanxin", "lanxin_paper_gains", "ardurover-boat") == 0
     bad = tmp_path / "bad.yaml"
-    bad.write_text("schema_version: 1\nname: X\nmodle: {}\n")
+    bad.write_text("schema_version: 2\nname: X\nmodle: {}\n")
     assert call("check", str(bad), str(tmp_path / "none.yaml"), "lanxin") == 2
     captured = capsys.readouterr()
     assert "line 3, column 1: modle is not a known key; did you mean model?" in captured.err
