@@ -25,6 +25,8 @@ from autopilot.vessel.file import load_vessel
 
 LANXIN = Path(__file__).resolve().parents[2] / "firmware_params" / "vessels" / "lanxin.yaml"
 DELAY_S, LAG_S, ANGLE_RAD, FULL_DEG = 0.12, 0.1, math.radians(20.0), 30.0
+HEADING_NOISE_DEG, RATE_NOISE_DEG_S = 0.3, 0.2
+"""As in Lanxin's file."""
 LOGS = ("firmware.tlog", "own.tlog", "firmware.BIN")
 
 
@@ -80,6 +82,12 @@ def sailed(vessel: Path, side: int, folder: Path) -> None:
     time = np.arange(table[0, 0], table[-1, 0], 0.02)
     boat = Boat(time, *(np.interp(time, table[:, 0], column) for column in table.T[1:]))
     held = table[np.searchsorted(table[:, 0], time, side="right") - 1, 3]
+    # a flight controller's log is no truth: it has the noise of the instruments that the other two logs have
+    noise = np.random.default_rng(20261124 + side).normal(size=(2, time.size))
+    boat = boat._replace(
+        heading=boat.heading + math.radians(HEADING_NOISE_DEG) * noise[0],
+        rate=boat.rate + math.radians(RATE_NOISE_DEG_S) * noise[1],
+    )
     (folder / "firmware.BIN").write_bytes(dataflash(boat._replace(order=held)))
 
 
