@@ -26,7 +26,7 @@ from sitl.world import World
 STEP = 0.025
 
 
-class _Clock:
+class Clock:
     """The program's time; who waits is carried on by `carry`."""
 
     def __init__(self, carry: Callable[[float], None]) -> None:
@@ -34,9 +34,11 @@ class _Clock:
         self._carry = carry
 
     def now(self) -> float:
+        """Return the time [s]."""
         return self.time
 
     def wait(self, descriptors: Iterable[int], until: float) -> None:
+        """Let a step pass: only a session that is closed waits, for its rudder to be free, and the boat sails on."""
         self.time = round(self.time + STEP, 9)
         self._carry(self.time)
 
@@ -72,7 +74,7 @@ def simulate(
         for data in vehicle.transmit(now):
             far.send(data)
 
-    clock, ticks = _Clock(carry), []
+    clock, ticks = Clock(carry), []
     sink = None if log is None else partial(FileSink, Path(log))
     with App(Plan(vessel, orders, links=(link,), log=sink), clock) as app:
         while clock.time < seconds:

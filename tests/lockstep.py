@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -19,11 +19,11 @@ from autopilot.runtime.log_files import FileSink
 from autopilot.signals import Mode, Order, OrderKind, Tick
 from autopilot.vessel.schema import Vessel
 from sitl.firmware import Firmware
+from sitl.lockstep import STEP, Clock
 from sitl.scenario import Scenario, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.world import Pace, World
 
-STEP = 0.025
 GUIDED_AT_S = 1.5
 Hook = Callable[["Lockstep"], None]
 
@@ -70,21 +70,6 @@ class BadLine:
         arrived = sorted(each for each in self._under_way if each[0] <= now)
         self._under_way = [each for each in self._under_way if each[0] > now]
         return [data for _, _, data in arrived]
-
-
-class _Clock:
-    """Only a session that is closed waits, for its rudder to be free, and the boat sails on."""
-
-    def __init__(self, carry: Callable[[float], None]) -> None:
-        self.time = 0.0
-        self._carry = carry
-
-    def now(self) -> float:
-        return self.time
-
-    def wait(self, descriptors: Iterable[int], until: float) -> None:
-        self.time = round(self.time + STEP, 9)
-        self._carry(self.time)
 
 
 def goes_guided(boat: Lockstep) -> None:
@@ -144,7 +129,7 @@ class Lockstep:
         chosen = {**scale, "method": vessel.helm.method, "as_gcs": vessel.helm.method != "guided", **(settings or {})}
         self.link = CompanionLink(near, CompanionSettings(full, **chosen))
         self.order = Order()
-        self.clock = _Clock(lambda now: self.carry(now))
+        self.clock = Clock(lambda now: self.carry(now))
         self.ticks: deque[Tick] = deque()
         self.hooks: list[Hook] = []
         self.sent: list[tuple[float, Any]] = []

@@ -59,7 +59,6 @@ OPTION_GROUPS = {
 """Options that stand under a heading of their own in the help of commands with many."""
 MANY = 10
 """Options from which on help is grouped, and its first line short."""
-ALIKE = 0.6
 CHOICE = re.compile(r"argument (.+?): invalid choice: '?(.*?)'? \(choose from (.*)\)$")
 
 
@@ -164,13 +163,13 @@ class Parser(argparse.ArgumentParser):
 
 def nearest(typed: str, known: Sequence[str]) -> str:
     """Return "; did you mean X?" for what comes nearest to it, or what there is where nothing does."""
-    import difflib  # only a mistake needs it
+    from autopilot.files.typed import nearest as most_like  # only a mistake needs it
 
     # the dashes that all options have make none of them alike
     bare = {name.lstrip("-"): name for name in known}
-    close = difflib.get_close_matches(typed.lstrip("-"), list(bare), 1, ALIKE)
-    if close:
-        return f"; did you mean {bare[close[0]]}?"
+    close = most_like(typed.lstrip("-"), list(bare))
+    if close is not None:
+        return f"; did you mean {bare[close]}?"
     listed = [name for name in known if not name.startswith("-")]
     return f"; there are {', '.join(listed)}" if listed else ""
 
@@ -190,7 +189,7 @@ def print_completion(parser: argparse.ArgumentParser, shell: str) -> int:
         import shtab
     except ImportError:
         raise InputError("completion needs shtab; pip install 'norrbin[completion]'") from None
-    for each in _all_parsers(parser):
+    for each in parsers_of(parser):
         for action in each._actions:
             if isinstance(action, argparse._SubParsersAction):
                 action.help = None  # hidden in the help, which lists the commands in groups
@@ -203,12 +202,13 @@ def print_completion(parser: argparse.ArgumentParser, shell: str) -> int:
     return 0
 
 
-def _all_parsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
+def parsers_of(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
+    """Return a parser and those of all its commands."""
     found = [parser]
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for each in action.choices.values():
-                found += _all_parsers(each)
+                found += parsers_of(each)
     return found
 
 

@@ -12,22 +12,11 @@ import pytest
 
 from autopilot.cli.main import GROUPS, SUBCOMMANDS
 from autopilot.cli.main import build_parser as autopilot_parser
-from autopilot.cli.parsers import EXAMPLES, SHELLS, Parser, print_completion
+from autopilot.cli.parsers import EXAMPLES, SHELLS, Parser, parsers_of, print_completion
 from sitl.cli import build_parser as sitl_parser
 
 PROGRAMS = {"autopilot": autopilot_parser, "sitl": sitl_parser}
-
-
-def commands(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
-    found = [parser]
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for command in action.choices.values():
-                found += commands(command)
-    return found
-
-
-ALL = [command for program in PROGRAMS.values() for command in commands(program())]
+ALL = [command for program in PROGRAMS.values() for command in parsers_of(program())]
 
 
 @pytest.mark.parametrize(
