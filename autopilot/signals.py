@@ -151,7 +151,7 @@ class ConditionSample(NamedTuple):
 
 
 class AcknowledgeSample(NamedTuple):
-    """The skipper has heard the alarm `name`, or with "" all that sound: they are silent, and shown while they last."""
+    """The skipper has heard the alarms of a `name`, or with "" all that sound: silent, shown while they last."""
 
     time: float
     name: str = ""

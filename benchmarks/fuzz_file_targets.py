@@ -76,12 +76,13 @@ from autopilot.signals import OrderKind
 from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
 from autopilot.vessel.parameters import parameters_of, value_of, with_value
 from autopilot.vessel.schema import Vessel
+from autopilot.web.alarm_board import alarms_from
 from autopilot.web.hub import Hub
 from autopilot.web.parameter_service import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import BoatLine, Station
-from autopilot.web.view import NAMED, alarms_from
+from autopilot.web.view import NAMED
 from sitl.fault_service import obey
 from sitl.scenario import load_scenario, scenario_from
 from sitl.serve import chaos_faults

@@ -23,6 +23,7 @@ from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import AlarmSample, Sample
 from autopilot.vessel.parameters import parameters_of
 from autopilot.vessel.schema import Vessel
+from autopilot.web.journal import words_of
 from autopilot.web.requests import asked_of
 from autopilot.web.station import BoatLine, Station
 
@@ -101,12 +102,13 @@ class Watched(Sea):
             self.watch(STEP)
         raise AssertionError(f"not within {seconds:g} s of sailing")
 
-    def answer(self, asked: Callable[[float, Any], None]) -> tuple[bool, str]:
+    def answer(self, asked: Callable[[float, Any], None], what: str = "") -> tuple[bool, str]:
         ends: list[tuple[bool, str]] = []
-        asked(self.now, lambda taken, words: ends.append((bool(taken), words)))
+        by = ("here", what) if what else None
+        self.station.ask(self.now, asked, lambda taken, words: ends.append((bool(taken), words)), by)
         self.until(lambda: bool(ends))
         assert len(ends) == 1
         return ends[0]
 
     def order(self, **wanted: Any) -> tuple[bool, str]:
-        return self.answer(asked_of(self.station, wanted))
+        return self.answer(asked_of(self.station, wanted), words_of(wanted))

@@ -98,12 +98,12 @@ def draw(
 ) -> None:
     """Keep the line, draw five times a second, obey the keys, until one of them quits."""
     from autopilot.files.printable import escaped
-    from autopilot.web.screen import screen
+    from autopilot.web.screen import history, screen
 
     window.nodelay(True)
     window.keypad(True)
     styles = _styles()
-    drawn = -1.0
+    drawn = rung = -1.0
     while not keys.quit:
         now = clock()
         line.turn(now)
@@ -114,7 +114,15 @@ def draw(
         if now - drawn >= DRAW_S:
             drawn = now
             rows, columns = window.getmaxyx()
-            lines = screen(station, now, (columns - 1, rows), line.trouble, keys.said, keys.may)
+            size = columns - 1, rows
+            if keys.shows_history:
+                lines = history(station, now, size)
+            else:
+                lines = screen(station, now, size, line.trouble, keys.said, keys.may)
+            sound = station.alarms.sound
+            if sound is not None and now - rung >= sound.every:
+                rung = now
+                curses.beep()
             window.erase()
             for row, each in enumerate(lines):
                 window.addstr(row, 0, escaped(each.text)[: columns - 1], styles.get(each.style, 0))
@@ -141,12 +149,14 @@ def _styles() -> dict[str, int]:
 
 
 class HelmKeys:
-    """Takes keys; `said` is what to show: the line typed, or what was answered. `may`: orders are given at all."""
+    """Takes keys; `said` is what to show: the line typed, or what was answered. `may`: orders are given at all;
+    `shows_history`: alarms and orders with their times are looked at."""
 
     def __init__(self, station: Station, may: bool = True) -> None:
         self._station = station
         self._typed: str | None = None
         self.may = may
+        self.shows_history = False
         self.said = ""
         self.quit = False
 
@@ -156,6 +166,12 @@ class HelmKeys:
             self._type(now, key)
         elif key == ord("q"):
             self.quit = True
+        elif key == ord("l"):
+            self.shows_history = not self.shows_history
+        elif key == ord("A"):
+            self._typed = None
+            sounding = [each["name"] for each in self._station.alarms.active if each["sounds"]]
+            self._ask(now, {"do": "acknowledge", **({"name": sounding[0]} if sounding else {})})
         elif key == ord(":") and self.may:
             self._typed, self.said = "", ":"
         elif key in REQUESTS:
@@ -184,6 +200,7 @@ class HelmKeys:
         if self._station.target is None:
             self.said = "no boat that runs this pilot is heard"
             return
+        from autopilot.web.journal import words_of
         from autopilot.web.requests import asked_of
 
         name = " ".join(str(value) for value in request.values())
@@ -193,7 +210,8 @@ class HelmKeys:
 
         self.said = f"{name} ..."
         try:
-            self._station.ask(now, asked_of(self._station, request), on_done)
+            asked = asked_of(self._station, request)
+            self._station.ask(now, asked, on_done, ("terminal helm", words_of(request)))
         except InputError as error:
             self.said = str(error)
 

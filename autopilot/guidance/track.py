@@ -77,7 +77,8 @@ class TrackSettings(NamedTuple):
     """lookahead [s] of way; radius [m] within which a waypoint is reached; turn_radius [m] of the boat at work, through
     the water, and the `lead` [s] by which an ordered heading has to run ahead of it in a turn; speed [m/s] at work,
     and sway_time [s] in which drift follows a turn; alarm_distance [m] off the track; position_timeout [s] after which
-    a lost position is an alarm; magnetic: the boat steers magnetic courses, and no route can lead it."""
+    a lost position is an alarm; magnetic: the boat steers magnetic courses, and no route can lead it; variation [rad],
+    east positive, not a number where the file has none."""
 
     lookahead: float = LOOKAHEAD_S
     radius: float = 10.0
@@ -88,6 +89,7 @@ class TrackSettings(NamedTuple):
     alarm_distance: float = 50.0
     position_timeout: float = 5.0
     magnetic: bool = False
+    variation: float = math.nan
 
 
 class Leg(NamedTuple):

@@ -28,9 +28,9 @@ RELAY_MOST = 15
 
 
 class Acknowledger(Protocol):
-    """Who acknowledges alarms: sets `has_acknowledged`."""
+    """Who acknowledges alarms: adds their names to `acknowledged`, "" for all that sound."""
 
-    has_acknowledged: bool
+    acknowledged: list[str]
 
 
 class Acknowledgements(SilentLink):
@@ -42,11 +42,9 @@ class Acknowledgements(SilentLink):
         self._skipper = skipper
 
     def receive(self, now: float) -> list[Sample]:
-        """Return it where it was given since the last call."""
-        if not self._skipper.has_acknowledged:
-            return []
-        self._skipper.has_acknowledged = False
-        return [AcknowledgeSample(now, "", self.name)]
+        """Return what was acknowledged since the last call."""
+        names, self._skipper.acknowledged = self._skipper.acknowledged, []
+        return [AcknowledgeSample(now, name, self.name) for name in names]
 
 
 class Guide(Protocol):

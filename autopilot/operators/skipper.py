@@ -46,8 +46,8 @@ class Skipper:
         self._order = Order()
         self._adopt = False
         self.quit = False
-        self.has_acknowledged = False
-        """Whether alarms have been acknowledged since `Acknowledgements` looked last."""
+        self.acknowledged: list[str] = []
+        """The names of alarms acknowledged since `Acknowledgements` looked last, "" for all that sound."""
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
         """Return the order at `now`; a heading adopted on engagement becomes the heading ordered."""
@@ -76,9 +76,9 @@ class Skipper:
         """Order the rudder to be given back."""
         self.give(Order())
 
-    def acknowledge(self) -> None:
-        """Silence what sounds."""
-        self.has_acknowledged = True
+    def acknowledge(self, name: str = "") -> None:
+        """Silence the alarms of a name, or all that sound."""
+        self.acknowledged.append(name)
 
     def type_line(self, line: str) -> str:
         """Act on a typed line and return what to answer. Raises InputError."""

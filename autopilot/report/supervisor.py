@@ -12,7 +12,7 @@ from pathlib import Path
 
 from autopilot.signals import Mode, SupervisorState
 from autopilot.supervision.alarm_words import WORDS
-from autopilot.supervision.alarms import CATALOGUE, AlarmKind, Response
+from autopilot.supervision.alarms import CATALOGUE, SOUNDS, AlarmKind, Priority, Response
 from autopilot.supervision.states import MEANING, MODES, TABLE, Action, Event, Row, Says
 
 COMMAND = "python -m autopilot.report.supervisor docs"
@@ -51,7 +51,26 @@ def alarms_page() -> str:
         "it is acknowledged. What nobody has acknowledged for 30 s is said again, louder.",
         "Where a lost heading, or a silent vehicle, has ended steering and is back for 2 s, the alarm says `(past)`;\n"
         "acknowledged, it goes, while the mode goes on to say that nothing is steered. Lost again, it is a new alarm.",
-        "`a` on the terminal acknowledges, and so does any order, and the MAVLink command SPATIAL_USER_5 (31009).\n"
+        "Priorities are those of bridge alert management (IMO MSC.302(87), IEC 62923):",
+        _rows(
+            ("Priority", "What it asks", "On the displays", "Heard until acknowledged"),
+            (
+                (name.lower(), asks, shown, _heard(Priority[name]))
+                for name, asks, shown in (
+                    ("EMERGENCY", "nobody steers, and the rudder may not be free: take the helm now", "red, blinks"),
+                    ("ALARM", "act at once: most end steering", "red, blinks"),
+                    ("WARNING", "steering goes on; look, before it becomes an alarm", "orange, blinks"),
+                    ("CAUTION", "read it", "yellow, steady"),
+                )
+            ),
+        ),
+        "An acknowledged alarm stays, steady, until it is over. A warning that nobody acknowledges within 30 s sounds\n"
+        "like an alarm. The page and the terminal helm keep a history: when each alarm was raised, acknowledged and\n"
+        "cleared. It is kept as long as `autopilot web` runs, also while no page is open.",
+        "Alarms are acknowledged one by one or all together on the page, with `A` and `a` in the terminal helm. `a`\n"
+        "on the pilot's own terminal acknowledges all, and so does any order, and the MAVLink command SPATIAL_USER_5\n"
+        "(31009) with parameter 1 at 0; parameter 1 may be an alarm's number: the CRC-32 of its name, its lowest 24\n"
+        "bits. The list is read over MAVLink FTP (`/alarms.json`).",
         "`alarms.outputs` in the vessel file says where alarms are heard: `bell` (the terminal's), `tune` (the\n"
         "vehicle's buzzer, PLAY_TUNE), `relay:N` (the vehicle's relay, DO_SET_RELAY), `file:PATH` (1 while an alarm\n"
         "sounds, else 0: the value of a GPIO in sysfs). Over MAVLink alarms go out as STATUSTEXT and as unhealthy\n"
@@ -64,10 +83,11 @@ def alarms_page() -> str:
 
 def _alarm_table(kinds: Iterable[AlarmKind]) -> str:
     return _rows(
-        ("Name", "Alarm", "What to do", "Raised when", "Vessel file", "Severity", "Who watches"),
+        ("Name", "Priority", "Alarm", "What to do", "Raised when", "Vessel file", "Severity", "Who watches"),
         (
             (
                 f"`{kind.name}`",
+                kind.priority.name.lower(),
                 words.text,
                 words.remedy,
                 words.limit,
@@ -78,6 +98,11 @@ def _alarm_table(kinds: Iterable[AlarmKind]) -> str:
             for kind, words in ((kind, WORDS[kind.name]) for kind in kinds)
         ),
     )
+
+
+def _heard(priority: Priority) -> str:
+    sound = SOUNDS.get(priority)
+    return f"{sound.tones} tones every {sound.every:g} s" if sound is not None else "nothing"
 
 
 def _between() -> str:

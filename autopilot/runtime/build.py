@@ -362,6 +362,7 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
         sway_time=model.time_constant,
         alarm_distance=guidance.off_track_alarm_m,
         magnetic=vessel.sensors.magnetic,
+        variation=math.nan if vessel.sensors.variation_deg is None else math.radians(vessel.sensors.variation_deg),
     )
 
 

@@ -8,6 +8,7 @@ for something outside of the pilot says so with a `ConditionSample` of the alarm
 
 from __future__ import annotations
 
+import zlib
 from enum import Enum, IntEnum
 from typing import NamedTuple
 
@@ -22,6 +23,30 @@ class Severity(IntEnum):
     ERROR = 3
     WARNING = 4
     NOTICE = 5
+
+
+class Priority(IntEnum):
+    """How soon people must act, in the words of IMO MSC.302(87) and IEC 62923; the highest comes first.
+
+    EMERGENCY: nobody steers and the rudder is not free. ALARM: act at once. WARNING: nothing is lost yet, and may be.
+    CAUTION: to be read, not to be acknowledged.
+    """
+
+    EMERGENCY = 1
+    ALARM = 2
+    WARNING = 3
+    CAUTION = 4
+
+
+class Sound(NamedTuple):
+    """What is heard of an alarm that nobody has acknowledged: so many short tones, again every so many seconds."""
+
+    tones: int
+    every: float
+
+
+SOUNDS = {Priority.EMERGENCY: Sound(6, 2.5), Priority.ALARM: Sound(3, 7.0), Priority.WARNING: Sound(2, 20.0)}
+"""Three tones are an alarm and two a warning, as on a ship's bridge (IEC 62923-1); a caution is silent."""
 
 
 class Response(Enum):
@@ -60,6 +85,20 @@ class AlarmKind(NamedTuple):
     def sounds(self) -> bool:
         """Whether it is to be acknowledged: notices make no noise and never escalate."""
         return self.is_audible or (self.severity <= Severity.WARNING and self.response is not Response.WAIT)
+
+    @property
+    def priority(self) -> Priority:
+        """How soon people must act."""
+        if not self.sounds:
+            return Priority.CAUTION
+        if self.severity is Severity.ALERT:
+            return Priority.EMERGENCY
+        return Priority.ALARM if self.severity <= Severity.ERROR else Priority.WARNING
+
+    @property
+    def number(self) -> int:
+        """What stands for it where only a number travels: 24 bits, which a float of MAVLink holds exactly."""
+        return zlib.crc32(self.name.encode()) & 0xFFFFFF
 
     @property
     def ends_steering(self) -> bool:
@@ -168,8 +207,9 @@ _KINDS = (
 )
 CATALOGUE = {kind.name: kind for kind in _KINDS}
 """Every alarm by its name."""
+BY_NUMBER = {kind.number: kind for kind in _KINDS}
 
-assert len(CATALOGUE) == len(_KINDS)
+assert len(CATALOGUE) == len(BY_NUMBER) == len(_KINDS)
 
 
 def kind_of(event: AlarmEvent) -> AlarmKind:

@@ -77,9 +77,10 @@ class AlarmPanel:
         entries = {name: entry for name, entry in before.entries.items() if now - entry.last <= REMEMBERED}
         for sample in samples:
             if isinstance(sample, AcknowledgeSample):
-                entries = acknowledged(entries, sample.name)
+                alike = {key for key, event in raised.items() if event.name == sample.name}
+                entries = acknowledged(entries, {*alike, sample.name} if sample.name else entries.keys())
         if before.order is not None and given != before.order:
-            entries = acknowledged(entries, "")
+            entries = acknowledged(entries, entries.keys())
         shown, states, siren = [], [], Siren.QUIET
         for name, event in raised.items():
             entry = entries[name] = raised_at(entries.get(name, Entry(now, now)), now, is_past=name in past)
@@ -109,12 +110,9 @@ def raised_at(entry: Entry, now: float, *, is_past: bool) -> Entry:
     return Entry(entry.since, now, entry.is_acknowledged)
 
 
-def acknowledged(entries: dict[str, Entry], name: str) -> dict[str, Entry]:
-    """Return the alarms after the skipper has heard the one of this name, or with "" all."""
-    return {
-        known: entry._replace(is_acknowledged=True) if name in ("", known) else entry
-        for known, entry in entries.items()
-    }
+def acknowledged(entries: dict[str, Entry], keys: Container[str]) -> dict[str, Entry]:
+    """Return the alarms after the skipper has heard those of `keys`."""
+    return {key: entry._replace(is_acknowledged=True) if key in keys else entry for key, entry in entries.items()}
 
 
 UNACKNOWLEDGED = "NOT ACKNOWLEDGED: "

@@ -24,6 +24,7 @@ from autopilot.files.outside import is_same_token, read_regular
 from autopilot.files.saving import replace_file
 from autopilot.web.orders import Answer, Asked
 from autopilot.web.station import BoatLine, Station
+from autopilot.web.track import Track
 
 TOKEN_BYTES = 18
 SHORTEST = 16
@@ -114,6 +115,7 @@ class Hub:
         self.station, self.line, self.clock = station, line, clock
         self._queues: dict[asyncio.Queue[bytes | None], str] = {}
         """What waits for each browser, by the address of who only looks, "" of who has the token; the oldest first."""
+        self.track = Track()
         self._sent: dict[str, bytes] = {}
         self._texts = 0
         self._closed = False
@@ -146,11 +148,14 @@ class Hub:
         """Tell every browser what is known now, and what has changed of what changes seldom."""
         now = self.clock()
         row = self.station.view.keep_history(now)
+        point = self.track.update(now, self.station.view)
         if not self._queues:
             return
         events = self._changes()
         if row is not None:
             events += event("row", row)
+        if point is not None:
+            events += event("point", point)
         events += event("state", self._state(now))
         for queue in list(self._queues):
             try:
@@ -191,15 +196,15 @@ class Hub:
         finally:
             self._queues.pop(queue, None)
 
-    async def ask(self, asked: Asked) -> tuple[bool, str]:
-        """Give an order; return whether it was taken, and in words why not."""
+    async def ask(self, asked: Asked, by: tuple[str, str] | None = None) -> tuple[bool, str]:
+        """Give an order; return whether it was taken, and in words why not. by: who gives it, and what it is."""
         done: asyncio.Future[tuple[Answer, str]] = asyncio.get_running_loop().create_future()
 
         def on_done(answer: Answer, words: str) -> None:
             if not done.done():
                 done.set_result((answer, words))
 
-        self.station.ask(self.clock(), asked, on_done)
+        self.station.ask(self.clock(), asked, on_done, by)
         self._turn()
         try:
             answer, words = await asyncio.wait_for(done, ANSWER_S)
@@ -231,6 +236,10 @@ class Hub:
         trial = station.view.trial
         return {
             "alarms": station.alarms.active,
+            "sound": station.alarms.sound,
+            "history": [record._asdict() for record in station.alarms.history],
+            "orders": [given._asdict() for given in station.journal.entries],
+            "route": station.route.places,
             "learning": station.view.learning(),
             "dodge": station.course.before,
             "trial": None if trial is None else trial._asdict(),

@@ -32,6 +32,7 @@ from autopilot.links.ground_station.commands import (
 from autopilot.links.ground_station.commands import REVERT as REVERTING
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.messages import CommandCancel
+from autopilot.supervision.alarms import CATALOGUE
 from autopilot.web.view import BoatView, TextPieces
 
 AGAIN_S = 0.5
@@ -89,8 +90,6 @@ def _mode(mode: int) -> Command:
 
 ARM = Command(int(dialect.MAV_CMD_COMPONENT_ARM_DISARM), (1.0,))
 STANDBY = _mode(MANUAL)
-ACKNOWLEDGE = Command(ACKNOWLEDGING)
-"""All alarms have been seen."""
 RELEASE = (STANDBY, Command(int(dialect.MAV_CMD_COMPONENT_ARM_DISARM), (0.0,)))
 """Rudder given back, and nobody engages again before arming. Standby comes first: it is what counts."""
 ENGAGE = (ARM, _mode(HEADING))
@@ -120,6 +119,14 @@ def pattern(number: int, side: float, sizes: Sequence[float]) -> tuple[Command, 
 def level(number: int) -> Command:
     """Return the command that puts a response level from 1 (calm) to 9 (quick) in force."""
     return Command(LEVEL, (float(number),))
+
+
+def acknowledge(name: str | None) -> Command:
+    """Return the command that says that the alarms of a name have been seen, or with None all that sound.
+
+    Raises KeyError for a name that is not in the table.
+    """
+    return Command(ACKNOWLEDGING, () if name is None else (float(CATALOGUE[name].number),))
 
 
 ADOPT, REVERT = Command(LEARNING, (ADOPTING,)), Command(LEARNING, (REVERTING,))

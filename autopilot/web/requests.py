@@ -8,6 +8,7 @@ from typing import Any
 from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, number_from
 from autopilot.files.printable import printable
+from autopilot.supervision.alarms import CATALOGUE, OTHER
 from autopilot.web import orders
 from autopilot.web.orders import Asked
 from autopilot.web.station import Station
@@ -59,16 +60,21 @@ def _back(station: Station, request: dict[str, Any]) -> Asked:
 
 
 def _acknowledge(station: Station, request: dict[str, Any]) -> Asked:
+    name = request.get("name")
+    if name is not None and not (isinstance(name, str) and (name or OTHER) in CATALOGUE):
+        raise InputError(f"acknowledge: there is no alarm of the name {printable(repr(name), SHOWN)}")
+    name = name if name is None else name or OTHER
+
     def noted(answer: orders.Answer, words: str, on_done: orders.OnDone) -> None:
         if answer is orders.Answer.SILENT:
             on_done(answer, words)
             return
         # a recording refuses every order: then it counts here alone
-        station.alarms.acknowledge(is_known_aboard=bool(answer))
+        station.alarms.acknowledge(bool(answer), name)
         on_done(orders.Answer.TAKEN, "")
 
     def asked(_: float, on_done: orders.OnDone) -> None:
-        station.orders.give((orders.ACKNOWLEDGE,), lambda taken, words: noted(taken, words, on_done))
+        station.orders.give((orders.acknowledge(name),), lambda taken, words: noted(taken, words, on_done))
 
     return asked
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Any, Literal, NamedTuple
 
 from autopilot.web.station import Station
@@ -20,12 +21,15 @@ CARDINALS = {0: "N", 90: "E", 180: "S", 270: "W"}
 RUDDER_SHOWN_DEG = 40.0
 DEG_PER_CELL = 2.0
 STALE_S = {"beat": 3.0, "attitude": 1.5, "rudder": 2.0, "speed": 3.0, "navigation": 3.0}
+BLINK_S = 0.6
+ALARM_LINES = 3
+NOT_TAKEN = "not taken"
 SPARKS = "▁▂▃▄▅▆▇█"
 KEYS = (
     " Esc RELEASE  ←→ 1°  ⇧←→ 10°  e heading  t route  s standby  d D dodge  b back",
-    " 1-9 response  a alarms seen  : more orders  q leave, the pilot goes on",
+    " 1-9 response  a A alarms seen, the first  l history  : orders  q leave, it goes on",
 )
-KEYS_LOOKING = (" only looking  q leave",)
+KEYS_LOOKING = (" only looking  l history  q leave",)
 STATES = {5: "FAIL-SAFE", 6: "FAULT"}
 PROPOSALS = {1.0: "proposed, being tried", 2.0: "proved: :adopt steers with it"}
 
@@ -46,7 +50,7 @@ def screen(
     """
     width, height = size
     shown = station.view.snapshot(now)
-    lines = [*_head(shown, trouble, station), *_alarms(station)]
+    lines = [*_head(shown, trouble, station), *_alarms(station, now, width)]
     lines += _middle(shown, width) if width >= 40 else _narrow(shown)
     lines += [*_tape(shown, width), *_rudder(shown, width), *_trends(station, width)]
     lines += [*_trial(station), *_learning(station)]
@@ -73,13 +77,58 @@ def _head(shown: dict[str, Any], trouble: str, station: Station) -> list[Line]:
     return [Line(f" {mode} {'' if steers else ' you steer'}{back}", style)]
 
 
-def _alarms(station: Station) -> list[Line]:
-    return [
-        Line(f"   {each['words']}  (acknowledged)", "dim")
-        if each["acknowledged"]
-        else Line(f" ! {each['words']}", "alarm")
-        for each in station.alarms.active
+def _alarms(station: Station, now: float, width: int) -> list[Line]:
+    """The alarms, the most urgent first; what sounds is lit up by turns."""
+    lines = []
+    for each in station.alarms.active:
+        style: Style
+        style, mark, after = "dim" if each["acknowledged"] else "plain", "  ", ""
+        if each["acknowledged"]:
+            after = "  (acknowledged)"
+        elif each["sounds"]:
+            lit: Style = "alarm" if each["priority"] == "warning" else "bad"
+            style, mark = (lit if int(now / BLINK_S) % 2 == 0 else "strong"), " !"
+        words = wrap(f"{each['priority'].upper()} {each['words']}{after}", max(10, width - 4))
+        lines += [
+            Line(f"{mark if place == 0 else '  '} {part}", style) for place, part in enumerate(words[:ALARM_LINES])
+        ]
+    return lines
+
+
+def history(station: Station, now: float, size: tuple[int, int]) -> list[Line]:
+    """Return what has happened, the newest first: alarms with their times, then orders and who gave them."""
+    width, height = size
+    head = Line(" alarms: raised, acknowledged, cleared", "strong")
+    lines = [
+        Line(
+            f" {_ago(now, each.raised)} {_ago(now, each.acknowledged)} {_ago(now, each.cleared)}  "
+            f"{each.priority.upper()} {each.words}",
+            "dim" if each.cleared is not None else "plain",
+        )
+        for each in reversed(station.alarms.history)
     ]
+    given = [
+        Line(
+            f" {_ago(now, each.time)}  {each.who}: {each.what}{'' if each.taken else f'  {NOT_TAKEN} {each.words}'}",
+            "plain" if each.taken else "dim",
+        )
+        for each in reversed(station.journal.entries)
+    ]
+    half = max(2, (height - 1) // 2)
+    lines = [head, *(lines or [Line(" none", "dim")])][:half]
+    lines += [Line(" orders", "strong"), *(given or [Line(" none", "dim")])][: max(0, height - 1 - len(lines))]
+    lines += [Line("")] * (height - 1 - len(lines)) + [Line(" l back to the helm", "dim")]
+    return [Line(line.text[:width], line.style) for line in lines[-height:]]
+
+
+def _ago(now: float, time: float | None) -> str:
+    """How long ago a time [s] was, in eight characters."""
+    if time is None:
+        return "      --"
+    seconds = max(0.0, now - time)
+    return (
+        f"{seconds:4.0f} s -" if seconds < 100.0 else f"{seconds / 60.0:2.0f} min -" if seconds < 6000.0 else " earlier"
+    )
 
 
 def _facts(shown: dict[str, Any]) -> list[str]:

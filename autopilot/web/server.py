@@ -30,6 +30,7 @@ from autopilot.files.outside import ORDER_MOST, order_object
 from autopilot.interruption import print_end
 from autopilot.web import page_files
 from autopilot.web.hub import Access, Hub
+from autopilot.web.journal import words_of
 from autopilot.web.requests import asked_of
 from autopilot.web.view import COLUMNS
 
@@ -165,15 +166,15 @@ class Page:
 
     async def events(self, request: Request) -> Response:
         """What is known of the boat, ten times a second, as server-sent events; who has the token goes first."""
-        address = request.client.host if request.client is not None else "unknown"
-        events = self._hub.follow("" if self._may(request) else address)
+        events = self._hub.follow("" if self._may(request) else _address_of(request))
         if events is None:
             return _refusal(503, "all places are taken by displays that may steer: close one of them")
         return StreamingResponse(events, media_type="text/event-stream", headers={"cache-control": "no-store"})
 
     async def history(self, _: Request) -> Response:
         """The last minutes for the plots, column by column."""
-        return JSONResponse({"columns": COLUMNS, "rows": list(self._hub.station.view.history)})
+        track = list(self._hub.track.points)
+        return JSONResponse({"columns": COLUMNS, "rows": list(self._hub.station.view.history), "track": track})
 
     async def may(self, request: Request) -> Response:
         """Whether the token that comes with the request lets its bearer give orders."""
@@ -193,12 +194,13 @@ class Page:
         if body is None:
             return _refusal(413, f"an order is at most {ORDER_MOST} bytes long", CLOSING)
         try:
-            asked = asked_of(self._hub.station, order_object(body))
+            wanted = order_object(body)
+            asked = asked_of(self._hub.station, wanted)
         except InputError as error:
             return _refusal(BAD_ORDER, str(error))
         if self._hub.station.target is None:
             return _refusal(CANNOT_NOW, "no boat that runs this pilot is heard")
-        taken, words = await self._hub.ask(asked)
+        taken, words = await self._hub.ask(asked, (f"page at {_address_of(request)}", words_of(wanted)))
         return JSONResponse({"taken": True, "words": words}) if taken else _refusal(CANNOT_NOW, words)
 
     async def parameters(self, _: Request) -> Response:
@@ -311,6 +313,10 @@ async def _short_body(request: Request) -> bytes | None:
         if len(body) > ORDER_MOST:
             return None
     return body
+
+
+def _address_of(request: Request) -> str:
+    return request.client.host if request.client is not None else "unknown"
 
 
 def _refusal(status: int, words: str, headers: dict[str, str] | None = None) -> Response:

@@ -19,9 +19,12 @@ from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing
 from autopilot.links.url import accept_signed, open_transport, parse_url
-from autopilot.web.orders import Asked, Course, OnDone, Orders, Reasons
+from autopilot.web.alarm_board import AlarmBoard
+from autopilot.web.journal import Journal
+from autopilot.web.orders import Answer, Asked, Course, OnDone, Orders, Reasons
 from autopilot.web.parameter_service import ParameterService
-from autopilot.web.view import AlarmBoard, BoatView
+from autopilot.web.track import RouteBoard
+from autopilot.web.view import BoatView
 
 HEARTBEAT_S = 1.0
 RATES_S = 5.0
@@ -40,8 +43,8 @@ class Station:
     """Give `receive` every message and send what `due` returns.
 
     Attributes:
-        view: what is known of the boat.  orders: the orders to it; `ask` gives one.  parameters, files, alarms, course:
-        its services.
+        view: what is known of the boat.  orders: the orders to it; `ask` gives one.  journal: who gave which.
+        parameters, files, alarms, route, course: its services.
     """
 
     def __init__(self) -> None:
@@ -50,6 +53,8 @@ class Station:
         self.files = FtpClient()
         self.parameters = ParameterService(self.files)
         self.alarms = AlarmBoard(self.files)
+        self.route = RouteBoard(self.files)
+        self.journal = Journal()
         self.course = Course(self.orders, self.view)
         self._reasons = Reasons(self.view.texts)
         self._next_heartbeat = -math.inf
@@ -63,9 +68,19 @@ class Station:
         vehicle = self.view.vehicle
         return vehicle.target if vehicle is not None and self.view.is_ours else None
 
-    def ask(self, now: float, asked: Asked, on_done: OnDone) -> None:
-        """Give an order at `now` [s]; `on_done` hears how it ended, of a refusal with the boat's reason."""
-        asked(now, self._reasons.explained(on_done))
+    def ask(self, now: float, asked: Asked, on_done: OnDone, by: tuple[str, str] | None = None) -> None:
+        """Give an order at `now` [s]; `on_done` hears how it ended, of a refusal with the boat's reason.
+
+        by: who gives it, and what it is in words, for the journal.
+        """
+        number = self.journal.begin(now, *by) if by is not None else None
+
+        def ended(answer: Answer, words: str) -> None:
+            if number is not None:
+                self.journal.end(number, bool(answer), words)
+            on_done(answer, words)
+
+        asked(now, self._reasons.explained(ended))
 
     def receive(self, now: float, message: Message) -> None:
         """Take a message that came at `now` [s]."""
@@ -97,6 +112,8 @@ class Station:
         if target is None:
             return messages
         self.alarms.update(now, self.view)
+        self.route.update(now, self.view)
+        self.journal.update(now, self.view)
         self.course.update()
         if now >= self._next_rates:
             messages += self._rates(now, target)

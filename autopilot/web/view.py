@@ -2,32 +2,20 @@
 
 STATUSTEXT put together from its pieces of 50 characters, the newest kept. Pure.
 
-The alarms that are on, and who has seen them: both are the boat's, fetched when the numbers it tells change. Pure.
-
-Texts alone would not do: they tell when an alarm begins, never when it ends or was acknowledged, and a display that
-comes later has not heard them.
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
-import re
 from collections import deque
 from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.errors import InputError
-from autopilot.files.outside import SHOWN, parse_json
-from autopilot.files.printable import printable
-from autopilot.firmware.metadata import FtpClient
 from autopilot.firmware.session import NORRBIN, Vehicle, vehicle_of
 from autopilot.links.ground_station.commands import HEADING, MANUAL, TRACK, TRIAL
-from autopilot.links.ground_station.file_server import ALARMS
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.status_text import PIECE
-from autopilot.signals import AlarmState
 
 KEPT = 50
 PIECES_MOST = 20
@@ -90,7 +78,7 @@ HISTORY_ROWS = 600
 COLUMNS = ("t", "heading", "reference", "order", "rudder", "rudder_order", "xte", "gap", "hz")
 """A row of the history, in degrees, metres and milliseconds."""
 TRIAL_COMMANDS = frozenset({int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)})
-GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed")
+GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed", "position")
 """Each ages by itself: what is old is shown as old, though other messages still come."""
 NAMED = {
     "rud_deg": ("rudder", "rudder"),
@@ -105,9 +93,11 @@ NAMED = {
     "alarms_new": ("alarm_new", "loop"),
     "level": ("level", "loop"),
     "magnetic": ("magnetic", "loop"),
+    "var_deg": ("variation", "loop"),
 }
 """NAMED_VALUE_FLOAT to our value and the group it ages with; `lrn_` values are kept under their own names."""
 LEARNT = "lrn_"
+PLACE = ("lat", "lon")
 
 
 class Trial(NamedTuple):
@@ -145,6 +135,7 @@ class BoatView:
             "NAV_CONTROLLER_OUTPUT": self._navigation,
             "NAMED_VALUE_FLOAT": self._named,
             "MISSION_CURRENT": self._mission,
+            "GLOBAL_POSITION_INT": self._position,
             "STATUSTEXT": self._text,
             "COMMAND_ACK": self._acknowledged,
         }
@@ -158,6 +149,11 @@ class BoatView:
     def mode(self) -> int:
         """The boat's mode as last heard."""
         return self._mode
+
+    @property
+    def mode_name(self) -> str:
+        """The boat's mode in a word."""
+        return MODE_NAMES.get(self._mode, f"mode {self._mode}")
 
     def value(self, name: str) -> float | None:
         """Return a value by name, None where it is not known."""
@@ -187,7 +183,11 @@ class BoatView:
     def snapshot(self, now: float) -> dict[str, Any]:
         """Return all that is known at `now` [s]: numbers in degrees, knots, metres; None for what is not known."""
         vehicle = self.vehicle
-        values = {name: _rounded(value) for name, value in self._values.items() if not name.startswith(LEARNT)}
+        values = {
+            name: _rounded(value, 7 if name in PLACE else 2)
+            for name, value in self._values.items()
+            if not name.startswith(LEARNT)
+        }
         ages = {group: _rounded(age) for group in GROUPS if (age := self.age(group, now)) is not None}
         return {
             "t": round(now, 2),
@@ -195,7 +195,7 @@ class BoatView:
             "system": vehicle.system if vehicle is not None else None,
             "armed": vehicle.armed if vehicle is not None else False,
             "status": self._status,
-            "mode": MODE_NAMES.get(self._mode, f"mode {self._mode}"),
+            "mode": self.mode_name,
             **values,
             "ages": ages,
         }
@@ -253,7 +253,10 @@ class BoatView:
             self._set(now, "learning", **{name: message.value})
 
     def _mission(self, now: float, message: Message) -> None:
-        self._values["waypoint"] = float(message.seq)
+        self._values |= {"waypoint": float(message.seq), "waypoints": float(message.total)}
+
+    def _position(self, now: float, message: Message) -> None:
+        self._set(now, "position", lat=message.lat * 1.0e-7, lon=message.lon * 1.0e-7)
 
     def _text(self, now: float, message: Message) -> None:
         self.texts.take(now, message)
@@ -263,103 +266,9 @@ class BoatView:
             self.trial = Trial(int(message.command), int(message.progress), int(message.result), now)
 
 
-def _rounded(value: float) -> float | None:
-    return round(value, 2) if math.isfinite(value) else None
+def _rounded(value: float, digits: int = 2) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None
 
 
 def _exact(value: float) -> float | None:
     return float(f"{value:.5g}") if math.isfinite(value) else None
-
-
-CHECK_S = 5.0
-"""The list is fetched again after this [s] while alarms are on: one may have taken another's place."""
-STATES = {state.name.lower(): state for state in AlarmState}
-LIST_MOST = 65536
-"""Bytes of a list: three hundred alarms, or thirty of the longest sentences."""
-NAME = re.compile(r"([a-z][a-z0-9_]{0,63})?")
-"""A name, "" where an alarm is of no kind."""
-
-Alarms = dict[str, tuple[str, AlarmState]]
-"""Name and state of each alarm by its words."""
-
-
-class AlarmBoard:
-    """`active` are the alarms that are on, the newest last, with what the boat knows of who has seen them."""
-
-    def __init__(self, files: FtpClient) -> None:
-        self._files = files
-        self._on: Alarms = {}
-        self._seen: set[str] = set()
-        self._sent_news: tuple[float, float | None] | None = None
-        self._next = -math.inf
-        self._is_asked = self._is_old = False
-
-    @property
-    def active(self) -> list[dict[str, Any]]:
-        """The alarms, each with its name, its words, whether it sounds, and whether somebody has acknowledged it."""
-        return [
-            {
-                "name": name,
-                "words": words,
-                "sounds": state is AlarmState.SOUNDING and words not in self._seen,
-                "acknowledged": state is AlarmState.ACKNOWLEDGED or words in self._seen,
-            }
-            for words, (name, state) in self._on.items()
-        ]
-
-    def update(self, now: float, view: BoatView) -> None:
-        """Fetch the list where the boat tells of other alarms than we know, or of others that were acknowledged."""
-        count = view.value("alarm_count")
-        if count is None:
-            return
-        news = (count, view.value("alarm_new"))
-        if count == 0.0:
-            self._on.clear()
-        elif news != self._sent_news or now >= self._next:
-            self._next, self._is_old = now + CHECK_S, True
-        self._sent_news = news
-        if self._is_old and not self._is_asked:
-            self._is_asked, self._is_old = True, False
-            self._files.fetch(ALARMS, self._take)
-
-    def acknowledge(self, is_known_aboard: bool) -> None:
-        """Note that all that sounds has been seen; where the boat does not know, it counts here alone."""
-        sounding = [words for words, (_, state) in self._on.items() if state is AlarmState.SOUNDING]
-        if is_known_aboard:
-            self._on.update({words: (self._on[words][0], AlarmState.ACKNOWLEDGED) for words in sounding})
-        else:
-            self._seen.update(sounding)
-
-    def forget(self) -> None:
-        """The boat has started again."""
-        self._on.clear()
-        self._sent_news = None
-
-    def _take(self, content: bytes | None) -> None:
-        self._is_asked = False
-        if content is None:
-            return
-        with contextlib.suppress(InputError):  # the alarms known stay, until a list comes that is one
-            self._on = alarms_from(content)
-            self._seen &= self._on.keys()
-
-
-def alarms_from(content: bytes) -> Alarms:
-    """Return the alarms of a boat's list. Raises InputError."""
-    origin = "the boat's list of alarms"
-    entries = parse_json(content, origin, LIST_MOST)
-    if not isinstance(entries, list):
-        raise InputError(f"{origin}: a list [...] is needed")
-    return dict(_alarm_from(entry, f"{origin}: alarm {number}") for number, entry in enumerate(entries, 1))
-
-
-def _alarm_from(entry: Any, origin: str) -> tuple[str, tuple[str, AlarmState]]:
-    fields = entry if isinstance(entry, dict) else {}
-    words, name, state = (fields.get(key) for key in ("words", "name", "state"))
-    if not isinstance(words, str):
-        raise InputError(f"{origin}: words {printable(repr(words), SHOWN)}: a text is needed")
-    if not (isinstance(name, str) and NAME.fullmatch(name)):
-        raise InputError(f"{origin}: name {printable(repr(name), SHOWN)}: up to 64 of a-z, 0-9 and _ are allowed")
-    if not (isinstance(state, str) and state in STATES):
-        raise InputError(f"{origin}: state {printable(repr(state), SHOWN)}: allowed are {', '.join(STATES)}")
-    return words, (name, STATES[state])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -13,6 +14,7 @@ from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint
 from autopilot.links.ground_station.commands import Commands, TuningCommands
 from autopilot.links.ground_station.mission import Mission, MissionItem
 from autopilot.signals import Mode, NavState, Order, OrderKind, PositionSample, Reference, RudderCommand, Tick
+from autopilot.supervision.alarms import CATALOGUE
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, IN_PROGRESS = 0, 1, 2, 3, 5
 ARM, SET_MODE, SET_STANDARD_MODE, YAW, CHANGE_HEADING, REPOSITION = 400, 176, 262, 115, 43002, 192
@@ -446,7 +448,12 @@ def test_a_pattern_has_a_number_a_side_and_its_sizes() -> None:
 def test_alarms_are_acknowledged_by_anybody() -> None:
     service = Service(armed=False)
     assert service.give(ACKNOWLEDGE, at=None) == ACCEPTED
-    assert service.hand.orders == [("acknowledge",)]
+    number = CATALOGUE["rudder_stuck"].number
+    assert service.give(ACKNOWLEDGE, number, at=None) == ACCEPTED
+    assert float(np.float32(number)) == number, "a float of MAVLink holds it"
+    for unknown in (1.0, -1.0, math.nan, math.inf):
+        assert service.give(ACKNOWLEDGE, unknown, at=None) == DENIED
+    assert service.hand.orders == [("acknowledge", ""), ("acknowledge", "rudder_stuck")]
 
 
 @pytest.mark.parametrize(

@@ -382,9 +382,9 @@ def test_the_alarms_are_a_list_with_names_words_and_states() -> None:
         (AlarmState.SOUNDING, AlarmState.ACKNOWLEDGED, AlarmState.NOTICE),
     )
     assert json.loads(listed) == [
-        {"name": "heading_lost", "words": said, "state": "sounding", "escalated": False},
-        {"name": "heading_lost", "words": said, "state": "acknowledged", "escalated": True},
-        {"name": "", "words": "in its own words: 5°", "state": "notice", "escalated": False},
+        {"name": "heading_lost", "priority": "alarm", "words": said, "state": "sounding", "escalated": False},
+        {"name": "heading_lost", "priority": "alarm", "words": said, "state": "acknowledged", "escalated": True},
+        {"name": "", "priority": "warning", "words": "in its own words: 5°", "state": "notice", "escalated": False},
     ]
     assert "5°".encode() in listed and b", " not in listed.replace(said.encode(), b"")
     assert json.loads(alarm_list((lost, other("b")), (AlarmState.SOUNDING,)))[0]["state"] == "notice", "not known which"
@@ -609,7 +609,7 @@ def test_the_alarms_that_are_on_are_served_as_a_file() -> None:
     assert length() == 2, "an empty list before the first tick"
     bench.link.publish_tick(tick(alarms=(other("one"),)))
     bench.heard()
-    assert length() == len('[{"name":"","words":"one","state":"notice","escalated":false}]')
+    assert length() == len('[{"name":"","priority":"warning","words":"one","state":"notice","escalated":false}]')
 
 
 def test_a_loopback_that_closed_does_not_stop_the_way_out() -> None:

@@ -26,7 +26,7 @@ from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, HelmSamp
 from autopilot.supervision import alarm_words, panel
 from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.supervisor import waits_to_engage
-from autopilot.web.view import AlarmBoard
+from autopilot.web.alarm_board import AlarmBoard
 
 WINDOW_S = 9.0
 SCENES = {

@@ -33,7 +33,7 @@ from autopilot.signals import (
     Siren,
     Tick,
 )
-from autopilot.supervision.alarms import CATALOGUE, Severity
+from autopilot.supervision.alarms import CATALOGUE, Priority, Severity
 from autopilot.supervision.panel import AlarmPanel, sentence_of
 from autopilot.vessel.file import load_vessel
 
@@ -262,3 +262,24 @@ def test_an_alarm_that_is_back_within_ten_seconds_is_the_same_one(gone: float, s
         past.update(1.0 + share * gone, LOST, (), COURSE, ("heading_lost",))
     past.update(1.0 + gone, LOST, (), COURSE)
     assert past.states == (state,), "and one that was past, too"
+
+
+def test_every_alarm_has_a_priority_and_only_cautions_are_silent() -> None:
+    priorities = {name: kind.priority for name, kind in CATALOGUE.items()}
+    assert all((priorities[name] is Priority.CAUTION) != kind.sounds for name, kind in CATALOGUE.items())
+    for kind in CATALOGUE.values():
+        if kind.ends_steering:
+            assert kind.priority <= Priority.ALARM, kind.name
+    chosen = ("envelope", "rudder_stuck", "off_course", "line_lost", "variation_unknown", "cannot_engage")
+    assert [priorities[name] for name in chosen] == [
+        *(Priority.EMERGENCY, Priority.ALARM, Priority.WARNING, Priority.WARNING, Priority.CAUTION, Priority.CAUTION)
+    ]
+
+
+def test_alarms_of_one_name_are_acknowledged_and_others_sound_on() -> None:
+    panel = AlarmPanel()
+    both = {"port, line": AlarmEvent("line_lost", "a"), "stern, line": AlarmEvent("line_lost", "b")}
+    raised = {**both, "roll": AlarmEvent("roll")}
+    panel.update(0.0, raised, (), COURSE)
+    panel.update(1.0, raised, (AcknowledgeSample(1.0, "line_lost"),), COURSE)
+    assert panel.states == (AlarmState.ACKNOWLEDGED, AlarmState.ACKNOWLEDGED, AlarmState.SOUNDING)

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from alarm_texts import other
+from boat_at_sea import place
 from hypothesis import given
 from hypothesis import strategies as st
 from monitored_boat import Watched, noted
@@ -21,16 +22,19 @@ from autopilot.firmware.metadata import FtpClient
 from autopilot.firmware.protocol import Target
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.file_server import ALARMS, PARAMETERS
+from autopilot.links.ground_station.mission import MissionItem
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.signalk.messages import Deltas, line_of
-from autopilot.signals import AlarmSample, HelmSample, Siren
+from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Siren
+from autopilot.web.alarm_board import LIST_MOST, AlarmBoard, alarms_from
 from autopilot.web.orders import Command, Orders
 from autopilot.web.parameter_service import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import Station
-from autopilot.web.view import LIST_MOST, AlarmBoard, TextPieces, alarms_from
+from autopilot.web.track import Track, route_from
+from autopilot.web.view import TextPieces
 
 
 def test_engage_turn_and_release_reach_the_pilot_and_are_seen(sea: Watched) -> None:
@@ -111,7 +115,7 @@ def test_a_pattern_and_a_refusal_in_the_boats_own_words(sea: Watched) -> None:
     assert sea.station.view.snapshot(sea.now)["rudder"] > 1.0
     said = sea.station.view.texts.count
     taken, words = sea.order(do="route")
-    assert not taken and words.startswith("refused")
+    assert not taken and "route" in words
     sea.watch(2.0)
     assert any(
         "route" in text.words or "mission" in text.words for text in sea.station.view.texts.kept if text.number > said
@@ -124,14 +128,23 @@ def test_alarms_come_go_and_are_acknowledged_here(sea: Watched) -> None:
     )
     noted(sea.pilot, AlarmSample(sea.now, other(long), "gear"))
     sea.watch(2.0)
-    assert sea.station.alarms.active == [{"name": "", "words": long, "sounds": True, "acknowledged": False}]
+    (alarm,) = sea.station.alarms.active
+    assert alarm == {
+        "name": "",
+        "words": long,
+        "priority": "warning",
+        "sounds": True,
+        "acknowledged": False,
+        "escalated": False,
+        "since": alarm["since"],
+    }
     assert sea.station.view.texts.kept[-1].words == long
     assert sea.order(do="acknowledge") == (True, "")
     noted(sea.pilot, AlarmSample(sea.now, other("bilge: pump"), "bilge"))
     sea.watch(2.0)
     assert [(each["words"], each["acknowledged"], each["sounds"]) for each in sea.station.alarms.active] == [
-        (long, True, False),
         ("bilge: pump", False, True),
+        (long, True, False),
     ]
     noted(sea.pilot, AlarmSample(sea.now, None, "gear"))
     sea.watch(2.0)
@@ -145,12 +158,76 @@ def test_acknowledging_on_a_display_silences_the_boat(sea: Watched) -> None:
     noted(sea.pilot, AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     sea.watch(35.0)
     assert sea.tick is not None and sea.tick.siren is Siren.ESCALATED
-    gear = {"name": "", "words": "gear hot: stop the engine"}
-    assert sea.station.alarms.active == [{**gear, "sounds": True, "acknowledged": False}]
+    (gear,) = sea.station.alarms.active
+    assert gear["sounds"] and gear["escalated"] and not gear["acknowledged"]
     assert sea.order(do="acknowledge") == (True, "")
     sea.watch(6.0)
     assert sea.tick.siren is Siren.QUIET
-    assert sea.station.alarms.active == [{**gear, "sounds": False, "acknowledged": True}]
+    assert sea.station.alarms.active == [{**gear, "sounds": False, "acknowledged": True, "escalated": False}]
+
+
+def test_alarms_are_acknowledged_one_by_one_and_their_times_are_kept(sea: Watched) -> None:
+    noted(sea.pilot, AlarmSample(sea.now, AlarmEvent("motor_current", "12 A"), "gear"))
+    raised = sea.now
+    sea.watch(2.0)
+    noted(sea.pilot, AlarmSample(sea.now, AlarmEvent("wind_lost"), "wind"))
+    sea.watch(2.0)
+    assert sea.order(do="acknowledge", name="motor_current") == (True, "")
+    seen = sea.now
+    sea.watch(2.0)
+    state = {each["name"]: (each["sounds"], each["acknowledged"]) for each in sea.station.alarms.active}
+    assert state == {"motor_current": (False, True), "wind_lost": (True, False)}
+    assert sea.tick is not None and sea.tick.siren is Siren.SOUNDING
+    noted(sea.pilot, AlarmSample(sea.now, AlarmEvent("motor_current", "14 A"), "gear"))
+    sea.watch(6.0)
+    assert "14 A" in sea.station.alarms.history[0].words and len(sea.station.alarms.history) == 2
+    noted(sea.pilot, AlarmSample(sea.now, None, "gear"))
+    cleared = sea.now
+    sea.watch(2.0)
+    gear, wind = sea.station.alarms.history
+    times = (gear.raised, gear.acknowledged, gear.cleared)
+    assert times == (pytest.approx(raised, abs=1.5), pytest.approx(seen, abs=1.5), pytest.approx(cleared, abs=1.5))
+    assert (wind.name, wind.acknowledged, wind.cleared) == ("wind_lost", None, None)
+    with pytest.raises(InputError, match="no alarm of the name 'x'"):
+        sea.order(do="acknowledge", name="x")
+
+
+def test_it_is_written_down_who_ordered_what(sea: Watched) -> None:
+    def words() -> list[tuple[str, str, bool | None]]:
+        return [(each.who, each.what, each.taken) for each in sea.station.journal.entries]
+
+    sea.order(do="engage")
+    sea.watch(6.0)
+    sea.order(do="turn", degrees=20.0)
+    sea.watch(6.0)
+    assert words() == [("here", "hold the heading", True), ("here", "20° to starboard", True)]
+    sea.skipper.type_line("+10")
+    sea.watch(8.0)
+    assert words()[2:] == [("elsewhere", f"course {round(sea.station.view.value('order') or 0.0):03d}°", True)]
+    sea.skipper.type_line("s")
+    sea.watch(3.0)
+    assert words()[3:] == [("elsewhere", "standby", True)]
+    sea.order(do="route")
+    assert words()[4:] == [("here", "follow the route", False)]
+
+
+def test_the_chart_has_the_route_and_where_the_boat_has_been(sea: Watched) -> None:
+    track = Track()
+    for _ in range(40):
+        sea.watch(0.5)
+        track.update(sea.now, sea.station.view)
+    assert sea.station.route.places == () and len(track.points) >= 8
+    where, truth = track.points[-1][1:], place(sea.north, sea.east)
+    assert where == pytest.approx((math.degrees(truth.latitude), math.degrees(truth.longitude)), abs=1.0e-4)
+    sea.mission._put([MissionItem(6, 16, (0.0, 0.0, 0.0, 0.0), 593000000, longitude, 0.0) for longitude in (1, 2)])
+    sea.watch(3.0)
+    assert sea.station.route.places == ((59.3, 1.0e-7), (59.3, 2.0e-7))
+
+
+@pytest.mark.parametrize("content", [b"{}", b"[[1]]", b'[[1,"x"]]', b"[[91,0]]", b"[[true,0]]", b"[" * 20_000])
+def test_a_route_that_is_none_is_left_alone(content: bytes) -> None:
+    with pytest.raises(InputError, match="the boat's route"):
+        route_from(content)
 
 
 def test_what_one_display_acknowledges_is_acknowledged_on_the_others(sea: Watched) -> None:
@@ -181,7 +258,13 @@ def test_a_list_of_alarms_that_is_none_is_left_alone() -> None:
         b'{"a":1}',
     ):
         board._take(bad)
-        assert board.active == [{"name": "roll", "words": "heeled", "sounds": True, "acknowledged": False}], bad
+        (alarm,) = board.active
+        assert (alarm["name"], alarm["words"], alarm["sounds"], alarm["priority"]) == (
+            "roll",
+            "heeled",
+            True,
+            "warning",
+        )
     board.acknowledge(is_known_aboard=False)
     assert board.active[0]["acknowledged"] and not board.active[0]["sounds"]
     board._take(b"[]")
@@ -246,7 +329,7 @@ def test_parameters_come_with_range_and_meaning_and_are_set_or_refused(sea: Watc
     assert sea.store.running.guidance.lookahead_s == 12.5
     assert {row["name"]: row for row in service.table()["rows"]}["GUI_LOOKAHEAD"]["value"] == 12.5
     taken, words = sea.order(do="set", name="GUI_LOOKAHEAD", value=-1)
-    assert not taken and "old value" in words
+    assert not taken and "allowed: 2 to 120 s" in words
     assert sea.store.running.guidance.lookahead_s == 12.5
 
 

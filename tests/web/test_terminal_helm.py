@@ -22,7 +22,7 @@ from autopilot.cli.helm import ESCAPE, HelmKeys, draw, request_of
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.links.mavlink.codec import MavlinkCodec, dialect
-from autopilot.signals import AlarmSample
+from autopilot.signals import AlarmEvent, AlarmSample
 from autopilot.web.screen import screen
 from autopilot.web.station import Station
 
@@ -121,10 +121,24 @@ def test_an_alarm_is_shown_until_it_is_over_and_silence_as_silence(
 ) -> None:
     noted(sea.pilot, AlarmSample(sea.now, other("gear hot: stop the engine"), "gear"))
     pictures = play(sea, [(2.0, "a")], monkeypatch)
-    assert any("! gear hot: stop the engine" in picture for picture in pictures)
+    assert any("! WARNING gear hot: stop the engine" in picture for picture in pictures)
     assert "! gear hot" not in pictures[-1] and "gear hot" in pictures[-1]
     sea.links = []
     assert "NO DATA for" in play(sea, [(6.0, "x")], monkeypatch)[-1]
+
+
+def test_the_first_alarm_is_acknowledged_alone_and_the_history_has_times(
+    sea: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noted(sea.pilot, AlarmSample(sea.now, AlarmEvent("motor_current"), "gear"))
+    noted(sea.pilot, AlarmSample(sea.now, AlarmEvent("rudder_stuck"), "rudder"))
+    pictures = play(sea, [(2.0, "A"), (4.0, "e"), (8.0, "l")], monkeypatch)
+    first = next(picture for picture in pictures if "ALARM steering gear" in picture)
+    assert first.index("ALARM steering gear") < first.index("WARNING the rudder motor")
+    seen = [" ".join(picture.split()) for picture in pictures]
+    assert any("! WARNING the rudder motor" in picture and "! ALARM" not in picture for picture in seen)
+    assert "raised, acknowledged, cleared" in pictures[-1] and "terminal helm: hold the heading" in pictures[-1]
+    assert "ALARM steering gear: rudder not responding" in pictures[-1]
 
 
 def test_words_of_strangers_are_drawn_and_not_obeyed(sea: Watched, monkeypatch: pytest.MonkeyPatch) -> None:

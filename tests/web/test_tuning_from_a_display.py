@@ -51,7 +51,7 @@ def test_a_level_that_no_gains_serve_is_refused_and_all_stays(sea: Watched) -> N
 def test_without_learning_there_is_nothing_to_adopt(sea: Watched) -> None:
     assert sea.station.view.learning() == {}
     taken, words = sea.order(do="adopt")
-    assert not taken and words == "refused"
+    assert not taken and words == "nothing is learnt in this run: start with --learn"
     sea.watch(2.0)
     assert "start with --learn" in sea.station.view.texts.kept[-1].words
 

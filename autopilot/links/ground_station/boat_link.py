@@ -18,7 +18,7 @@ from autopilot.links.ground_station.access import (
     stands_by,
 )
 from autopilot.links.ground_station.commands import ACCEPTED, DENIED, Commands
-from autopilot.links.ground_station.file_server import ALARMS, alarm_list
+from autopilot.links.ground_station.file_server import ALARMS, ROUTE, alarm_list, route_list
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
@@ -117,8 +117,9 @@ class BoatLink(SilentLink):
         accept_signed(transport, signing, self._accepts)
         self._telemetry = Telemetry(commands.mission, commands.tuner)
         self._texts = StatusTexts()
+        files = {ALARMS: self._alarm_file, ROUTE: lambda: route_list(commands.mission.route)}
         self._service = StationService(
-            commands, parameters, self._telemetry, self._texts, {**parameters.files, ALARMS: self._alarm_file}
+            commands, parameters, self._telemetry, self._texts, {**parameters.files, **files}
         )
         self._next_heartbeat = -math.inf
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)

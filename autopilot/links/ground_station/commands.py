@@ -29,6 +29,7 @@ from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.messages import AvailableModes, CurrentMode
 from autopilot.links.north import MAGNETIC_LEADS
 from autopilot.signals import Mode, OrderKind, Tick
+from autopilot.supervision.alarms import BY_NUMBER
 
 HEADING, TRACK, TRIAL = 15, 10, 3
 NON_STANDARD, MISSION = 0, 6
@@ -226,7 +227,7 @@ PATTERN = int(dialect.MAV_CMD_USER_3)
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
 USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""
 ACKNOWLEDGE = int(dialect.MAV_CMD_SPATIAL_USER_5)
-"""SPATIAL_USER_5: silence the alarms that sound.
+"""SPATIAL_USER_5: acknowledge the alarm of a number, `AlarmKind.number`, or with 0 all that sound.
 
 MAVLink has no command for it, and the USER ones are taken."""
 LATITUDE_MOST_DEG = 85.0
@@ -256,8 +257,8 @@ class Helmsman(Protocol):
     def turning(self, rudder: float, duration: float) -> Run:
         """Begin a turn at a held rudder [rad]. Raises InputError."""
 
-    def acknowledge(self) -> None:
-        """Silence the alarms that sound."""
+    def acknowledge(self, name: str = "") -> None:
+        """Silence the alarms of a name, or all that sound."""
 
     def end_trial(self) -> None:
         """End a trial before its time, and go back to the heading that was steered before."""
@@ -424,7 +425,11 @@ class Commands:
         return IN_PROGRESS
 
     def _acknowledge(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
-        self._helmsman.acknowledge()
+        number = parameters[0]
+        kind = BY_NUMBER.get(int(number)) if math.isfinite(number) else None
+        if number != 0.0 and kind is None:
+            return self._refuse(DENIED, f"there is no alarm of the number {number:g}")
+        self._helmsman.acknowledge(kind.name if kind is not None else "")
         return ACCEPTED
 
     def _begin(self, tick: Tick | None, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import math
 import struct
 import zlib
 from collections import OrderedDict
@@ -27,10 +28,11 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.guidance.track import Waypoint
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
 from autopilot.signals import AlarmEvent, AlarmState
-from autopilot.supervision.alarms import OTHER
+from autopilot.supervision.alarms import OTHER, kind_of
 from autopilot.supervision.panel import sentence_of
 from autopilot.vessel.parameters import VesselParameter
 from autopilot.vessel.schema import RESTART
@@ -41,13 +43,14 @@ nobody has acknowledged, changes."""
 
 
 def alarm_list(alarms: Sequence[AlarmEvent], alarm_states: Sequence[AlarmState]) -> bytes:
-    """Return the file: of each alarm its name ("" where it has no kind), its words, its state (`notice`, `sounding`,
-    `acknowledged`), and whether it is said again because nobody acknowledges it. heard: the states; those that are not
-    known count as notices."""
+    """Return the file: of each alarm its name ("" where it has no kind), its priority (`emergency`, `alarm`, `warning`,
+    `caution`), its words, its state (`notice`, `sounding`, `acknowledged`), and whether it is said again because nobody
+    acknowledges it. alarm_states: those that are not known count as notices."""
     states = alarm_states if len(alarm_states) == len(alarms) else [AlarmState.NOTICE] * len(alarms)
     entries = [
         {
             "name": "" if event.name == OTHER else event.name,
+            "priority": kind_of(event).priority.name.lower(),
             "words": sentence_of(event._replace(is_escalated=False)),
             "state": state.name.lower(),
             "escalated": event.is_escalated,
@@ -55,6 +58,16 @@ def alarm_list(alarms: Sequence[AlarmEvent], alarm_states: Sequence[AlarmState])
         for event, state in zip(alarms, states, strict=True)
     ]
     return json.dumps(entries, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+ROUTE = "/route.json"
+"""The waypoints over MAVLink FTP; how many there are stands in MISSION_CURRENT."""
+
+
+def route_list(route: Sequence[Waypoint]) -> bytes:
+    """Return the file: latitude and longitude [deg] of each waypoint."""
+    places = [[round(math.degrees(each.latitude), 7), round(math.degrees(each.longitude), 7)] for each in route]
+    return json.dumps(places, separators=(",", ":")).encode()
 
 
 HEADER = struct.Struct("<HBBBBBxI")

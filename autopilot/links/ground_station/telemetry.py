@@ -221,6 +221,7 @@ class Telemetry:
             "alarms": float(len(tick.alarms)),
             "alarms_new": float(sum(state is AlarmState.SOUNDING for state in tick.alarm_states)),
             "magnetic": float(self._mission.guide.settings.magnetic),
+            "var_deg": math.degrees(self._mission.guide.settings.variation),
         }
         self._reported_time, self._ticks, self._longest_gap = tick.now, 0, 0.0
         return self._named(tick, values)
