@@ -9,7 +9,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from autopilot.angles import wrap_positive
+from autopilot.angles import wrap, wrap_positive
 from sitl.boat import EARTH_RADIUS
 from sitl.fault_kind import COMPASS, GPS, Acting, Dice, Kind
 from sitl.faults_of_the_boat import delayed
@@ -99,6 +99,17 @@ def position_jump(fault: Acting, reading: Reading, dice: Dice) -> Reading:
     return reading._replace(latitude=reading.latitude + math.degrees(fault.size / EARTH_RADIUS))
 
 
+def wind_frozen(fault: Acting, reading: Reading, dice: Dice) -> Reading:
+    """Show the apparent wind of the moment when it began."""
+    angle, speed = fault.memory.setdefault("wind", (reading.wind_angle, reading.wind_speed))
+    return reading._replace(wind_angle=angle, wind_speed=speed)
+
+
+def wind_jump(fault: Acting, reading: Reading, dice: Dice) -> Reading:
+    """Show an apparent wind beside the true one."""
+    return reading._replace(wind_angle=wrap(reading.wind_angle + math.radians(fault.size)))
+
+
 def late(fault: Acting, latency: float) -> float:
     """Return the time [s] to the sensor's end, longer."""
     return latency + fault.size
@@ -158,5 +169,8 @@ KINDS = {
     "speed_frozen": Kind("speeds repeat their last values", reads=speed_frozen),
     "speed_wrong": Kind("speeds are multiplied", "times", 3.0, 0.0, 100.0, reads=speed_wrong),
     "position_lost": Kind("the GPS has no position", silences=("RMC", GPS)),
+    "wind_lost": Kind("no wind is sent", silences=("MWV",)),
+    "wind_frozen": Kind("the wind vane repeats its last wind", reads=wind_frozen),
+    "wind_jump": Kind("the wind vane is off by a constant", "deg", 40.0, -180.0, 180.0, reads=wind_jump),
     "position_jump": Kind("the GPS shows a place to the north", "m", 200.0, -20000.0, 20000.0, reads=position_jump),
 }

@@ -126,6 +126,8 @@ class SensorsSection:
     rudder_noise_deg: Annotated[float, Bounds(0.0, 10.0, "standard deviation of the rudder feedback")] = 0.05
     speed_noise_m_s: Annotated[float, Bounds(0.0, 5.0, "standard deviation of speeds")] = 0.05
     position_noise_m: Annotated[float, Bounds(0.0, 100.0, "standard deviation of positions")] = 0.5
+    wind_angle_noise_deg: Annotated[float, Bounds(0.0, 90.0, "standard deviation of the wind vane")] = 3.0
+    wind_speed_noise_m_s: Annotated[float, Bounds(0.0, 10.0, "standard deviation of the anemometer")] = 0.3
     variation_deg: Annotated[float, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
     compass_sends_variation: bool = True
     """Whether HDG carries the variation; many a compass leaves the field empty."""

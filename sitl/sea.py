@@ -211,6 +211,11 @@ class Sea:
         if self._water.has_swell:
             self._swell = swell_at_start(scenario, self._swell_noise.next(), self._swell_noise.next())
 
+    def apparent_wind(self, state: BoatState) -> wind.ApparentWind:
+        """Return the wind over the boat; in a calm it is that of its way."""
+        speed = max(self._water.wind_speed + self._gust, 0.0)
+        return wind.apparent_wind(speed, self._water.wind_from, state.heading, state.north_speed, state.east_speed)
+
     def step(self, time: float, state: BoatState) -> Disturbance:
         """Return what acts on the boat at `time` [s] since the start; to be called once a step."""
         water, swell_noise = self._water, self._swell_noise

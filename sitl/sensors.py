@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap, wrap_positive
+from autopilot.models.wind import ApparentWind
 from autopilot.vessel.schema import Vessel
 from sitl.boat import EARTH_RADIUS, BoatState
 from sitl.fault_kind import COMPASS, EVERYTHING, Dice
@@ -27,7 +28,8 @@ class Reading(NamedTuple):
     """One set of measured values and when they were measured, `time` [s] since the start.
 
     heading [rad] in [0, 2 pi), true; rate [rad/s]; roll [rad]; roll_rate [rad/s]; rudder [rad]; water_speed,
-    ground_speed [m/s]; course [rad] over the ground; latitude, longitude [deg]; north_speed, east_speed [m/s].
+    ground_speed [m/s]; course [rad] over the ground; latitude, longitude [deg]; north_speed, east_speed [m/s];
+    wind_angle [rad], clockwise from the bow, and wind_speed [m/s] of the apparent wind.
     """
 
     time: float
@@ -43,6 +45,8 @@ class Reading(NamedTuple):
     longitude: float
     north_speed: float
     east_speed: float
+    wind_angle: float = 0.0
+    wind_speed: float = 0.0
 
 
 class Noise(NamedTuple):
@@ -92,19 +96,20 @@ class Sensors:
         section = scenario.sensors
         self._section = section
         self._faults = faults = FaultBoard(scenario.faults) if faults is None else faults
-        first, second = seed.spawn(2)
+        first, second, vane = seed.spawn(3)
         self._dice = _dice(first), _dice(second)
         self._start = scenario.start
         self._noise = noise_of(vessel, scenario)
         self._deviates = Deviates(np.random.default_rng(seed))
+        self._vane = Deviates(np.random.default_rng(vane))
         self._on_their_way: deque[tuple[Reading, Reading]] = deque()
         self._latest: tuple[Reading, Reading] | None = None
         variation_deg = or_else(section.variation_deg, or_else(vessel.sensors.variation_deg, 0.0))
         self.variation = math.radians(variation_deg)
         """Magnetic variation [rad] where the boat is, east positive; 0 where neither file says."""
 
-    def sample(self, time: float, state: BoatState) -> None:
-        """Measure the boat at `time` [s] since the start."""
+    def sample(self, time: float, state: BoatState, wind: ApparentWind = ApparentWind(0.0, 0.0)) -> None:  # noqa: B008
+        """Measure the boat, and the wind over it, at `time` [s] since the start."""
         drawn = [self._deviates.next() for _ in range(DEVIATES_A_SET)]
         section, noise = self._section, self._noise
         heading, rate, water_speed = shown(noise, state, drawn[HEADING], drawn[RATE], drawn[SPEED])
@@ -128,6 +133,8 @@ class Sensors:
             longitude=math.degrees(wrap(math.radians(longitude))),
             north_speed=north_speed,
             east_speed=east_speed,
+            wind_angle=wrap(wind.angle + math.radians(section.wind_angle_noise_deg) * self._vane.next()),
+            wind_speed=max(wind.speed + section.wind_speed_noise_m_s * self._vane.next(), 0.0),
         )
         one, other = self._dice
         self._on_their_way.append(

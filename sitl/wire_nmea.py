@@ -1,6 +1,6 @@
 """The boat's instruments and rudder drive on one NMEA 0183 line, at the pace of its baud rate.
 
-Out: compass, rate gyro, rudder sensor, log and GPS. In: the rudder order `$--ROR` (IEC 61162-1): starboard
+Out: compass, rate gyro, rudder sensor, log, GPS and wind vane. In: the rudder order `$--ROR` (IEC 61162-1): starboard
 rudder order in degrees with status A; status V, or no order for a while, releases the rudder.
 """
 
@@ -32,6 +32,7 @@ RATES_HZ: Mapping[str, float] = {
     "VHW": 1.0,
     "VTG": 1.0,
     "RMC": 1.0,
+    "MWV": 2.0,
     "APB": 1.0,
     "RMB": 1.0,
     "XTE": 1.0,
@@ -49,6 +50,7 @@ TYPICAL_LENGTH: Mapping[str, int] = {
     "VHW": 46,
     "VTG": 48,
     "RMC": 76,
+    "MWV": 27,
     "APB": 66,
     "RMB": 60,
     "XTE": 26,
@@ -173,6 +175,7 @@ class NmeaInstruments(BoatSide):
             "VHW": lambda reading: encode.encode_vhw(reading.water_speed, reading.heading),
             "VTG": lambda reading: encode.encode_vtg(reading.course, reading.ground_speed),
             "RMC": self._rmc,
+            "MWV": lambda reading: encode.encode_mwv(reading.wind_angle, reading.wind_speed),
         }
         self._plotter = ChartPlotter(world.scenario)
         for name in PLOTTER:

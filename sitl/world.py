@@ -88,7 +88,7 @@ class World:
         self._steps = 0
         self._pace = pace
         self._felt = STILL
-        self.sensors.sample(0.0, self.boat.state)
+        self.sensors.sample(0.0, self.boat.state, self._sea.apparent_wind(self.boat.state))
 
     @property
     def time(self) -> float:
@@ -130,7 +130,7 @@ class World:
         state = after
         self._steps += 1
         if self._steps % self._pace.measured_every == 0:
-            self.sensors.sample(self.time, state)
+            self.sensors.sample(self.time, state, self._sea.apparent_wind(state))
 
     def _orders(self, time: float) -> tuple[float, float]:
         """The first helm that wants the rudder has it, and likewise the engine; nobody: as it was at the start."""

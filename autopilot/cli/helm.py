@@ -34,14 +34,23 @@ REQUESTS: dict[int, dict[str, Any]] = {
     ord("e"): {"do": "engage"},
     ord("t"): {"do": "route"},
     ord("s"): {"do": "standby"},
+    ord("w"): {"do": "wind"},
+    ord("W"): {"do": "wind", "true": True},
+    ord("k"): {"do": "tack"},
+    ord("g"): {"do": "gybe"},
+    ord("y"): {"do": "confirm"},
+    ord("n"): {"do": "decline"},
     ord("d"): {"do": "dodge", "degrees": -20},
     ord("D"): {"do": "dodge", "degrees": 20},
     ord("b"): {"do": "back"},
     ord("a"): {"do": "acknowledge"},
     **{ord(str(level)): {"do": "level", "level": level} for level in range(1, 10)},
 }
-LINE_HELP = "h DEG  zigzag DEG DEG S  turn DEG S  p ...  level N  adopt  revert  cancel  set NAME VALUE"
+LINE_HELP = (
+    "h DEG  wind DEG  true DEG  zigzag DEG DEG S  turn DEG S  p ...  level N  adopt  revert  cancel  set NAME VALUE"
+)
 NUMBERS = {"h": ("heading", ("degrees",)), "zigzag": ("zigzag", ("rudder", "change", "duration"))}
+NUMBERS |= {"wind": ("wind", ("degrees",)), "true": ("wind", ("degrees",))}
 NUMBERS |= {"turn": ("turning", ("rudder", "duration")), "level": ("level", ("level",))}
 PLAIN = ("adopt", "revert", "cancel", "engage", "standby", "release", "route", "back")
 
@@ -225,7 +234,8 @@ def request_of(line: str) -> dict[str, Any]:
         return {"do": word}
     if word in NUMBERS and len(rest) == len(NUMBERS[word][1]):
         do, keys = NUMBERS[word]
-        return {"do": do, **dict(zip(keys, map(_number, rest), strict=True))}
+        given: dict[str, Any] = {"do": do, **dict(zip(keys, map(_number, rest), strict=True))}
+        return given | ({"true": True} if word == "true" else {})
     if word == "set" and len(rest) == 2:
         return {"do": "set", "name": rest[0].upper(), "value": _number(rest[1])}
     if word == "p" and len(rest) >= 2 and rest[0] in KINDS and rest[1] in ("+", "-"):

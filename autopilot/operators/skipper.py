@@ -26,7 +26,7 @@ from autopilot.guidance import patterns
 from autopilot.guidance.patterns import Pattern, PatternGuide
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.trials import TrialLimits
-from autopilot.guidance.wind_vane import WindGuide
+from autopilot.guidance.wind_vane import CONFIRM_S, Manoeuvre, WindGuide
 from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.trial_script import Step, TrialScript, turning, zigzag
 from autopilot.signals import CourseSample, Mode, Order, OrderKind, PositionSample, SpeedSample, Tick, WindSample
@@ -250,7 +250,7 @@ class PlotterSkipper(Skipper):
 
 
 ROUTE_HELP = "t [N]: follow the route"
-WIND_HELP = "w: hold the wind's angle"
+WIND_HELP = "w [true] [DEG]: hold the wind's angle  tack, gybe: ask for it  y: confirm  n: do not"
 LEAD_TRACK = (PositionSample, SpeedSample, CourseSample)
 """What the track guide takes."""
 BEGIN_PATIENCE_S = 5.0
@@ -282,18 +282,18 @@ class RouteSkipper(PlotterSkipper):
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
         """Return the order at `now`."""
+        order = self._led(now, tick)
+        steers = tick is not None and tick.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING
+        if steers and (self.wind.following or not order.is_led):
+            self.wind.watch(now, (order.serial, None if order.is_led else order.heading))
+        else:
+            self.wind.watch(now, None)
+        return order
+
+    def _led(self, now: float, tick: Tick | None) -> Order:
         self._tick = tick
         if tick is not None:
-            for sample in tick.samples:
-                if sample.__class__ in LEAD_TRACK:
-                    self.track.take(sample)
-                elif sample.__class__ is WindSample and tick.state.valid:
-                    self.wind.on_sample(sample, tick.state.heading)
-            if tick.state.valid:
-                self.track.move(now, tick.state.heading, tick.state.speed)
-                self._guide.stream = self.track.stream(now)
-            if self._awaits_wind and self.wind.is_known(tick.now):
-                self.hold_wind()
+            self._hear(now, tick)
         if self._script is not None:
             return self._sail(now, tick, self._script)
         order = super().__call__(now, tick)
@@ -311,6 +311,21 @@ class RouteSkipper(PlotterSkipper):
             course = leader.course(now, tick.state.heading, tick.state.speed)
             self._order = order._replace(heading=course, is_led=True)
         return self._order
+
+    def _hear(self, now: float, tick: Tick) -> None:
+        """Let the guides have what they go by."""
+        for sample in tick.samples:
+            if sample.__class__ in LEAD_TRACK:
+                self.track.take(sample)
+            if isinstance(sample, SpeedSample):
+                self.wind.vane.on_speed(sample)
+            elif isinstance(sample, WindSample) and tick.state.valid:
+                self.wind.vane.on_wind(sample, tick.state.heading)
+        if tick.state.valid:
+            self.track.move(now, tick.state.heading, tick.state.speed)
+            self._guide.stream = self.track.stream(now)
+        if self._awaits_wind and self.wind.is_known(tick.now):
+            self.hold_wind()
 
     def engage(self, heading: float | None) -> None:
         """Order a heading [rad] or the present one; nobody else leads."""
@@ -339,15 +354,35 @@ class RouteSkipper(PlotterSkipper):
         if word == "p":
             self.sail_pattern(pattern_typed(rest))
             return f"pattern {rest}"
-        if word == "w" and not rest:
-            self.hold_wind()
-            return "holding the wind's angle"
         if word == "t":
             return self._follow_route(rest)
+        if word in ("w", "tack", "gybe", "y", "n") or (word[:1] in ("+", "-") and self.wind.following):
+            return self._type_wind(word, rest)
         answer = super().type_line(line)
         if word[:1] in ("+", "-"):
             self._take_back()
         return answer
+
+    def _type_wind(self, word: str, rest: str) -> str:
+        if word == "w":
+            true, degrees = rest.startswith("true"), rest.removeprefix("true").strip()
+            self.hold_wind(true, math.radians(_number(degrees)) if degrees else None)
+            return f"holding the {'true' if true else 'apparent'} wind's angle{f' of {degrees} deg' if degrees else ''}"
+        if word[0] in "+-":
+            self.wind.turn_by(math.radians(_number(f"{word}{rest}".replace(" ", ""))))
+            assert self.wind.hold is not None
+            return f"wind angle {math.degrees(self.wind.hold.angle):.0f} deg"
+        if rest:
+            raise InputError(f"{word}: nothing is allowed behind it")
+        if word == "y":
+            self.confirm()
+            return "turning"
+        if word == "n":
+            self.wind.decline()
+            return "no turn"
+        self.ask_turn(Manoeuvre[word.upper()])
+        asked = self.wind.asked
+        return f"{asked.words if asked else word}: confirm with y within {CONFIRM_S:.0f} s"
 
     def _follow_route(self, number: str) -> str:
         """Follow the route from a waypoint on, or from the current one. Raises InputError."""
@@ -374,13 +409,39 @@ class RouteSkipper(PlotterSkipper):
             self.engage(None)
         self._has_led = False
 
-    def hold_wind(self) -> None:
-        """Hold the present angle of the apparent wind, engaging where no heading is steered yet. Raises InputError."""
-        tick = self._tick
-        if tick is None or not self.wind.is_known(tick.now):
-            raise InputError("no wind is heard that could be held: check the wind vane and its NMEA link (MWV)")
+    def hold_wind(self, is_true: bool = False, angle: float | None = None) -> None:
+        """Hold an `angle` [rad] of the apparent or the true wind, positive with the wind from starboard, None: the
+        present one; engages where no heading is steered yet. Raises InputError."""
+        if angle is not None and not abs(angle) <= math.pi:
+            raise InputError(f"wind angle {math.degrees(angle):.3g} deg: allowed is -180 to 180")
+        held = self.wind.hold if not self.wind.lost else None
+        if held is not None and angle is not None and held.is_true is is_true:
+            # another angle of the same wind is no new hold
+            self.wind.turn_by(held.angle - angle)
+            return
+        now = self._tick.now if self._tick is not None else math.inf
+        self.wind.follow(now, is_true, angle)
         self.hand_to_track()
-        self.wind.follow()
+        self.wind.follow(now, is_true, angle)
+
+    def ask_turn(self, manoeuvre: Manoeuvre, side: int = 0, confirmed: bool = False) -> None:
+        """Ask for a tack or gybe, to its side or 0; `confirmed`: begin it at once, where the wind lets that. Raises
+        InputError."""
+        now = self._tick.now if self._tick is not None else math.inf
+        asked = self.wind.ask(now, manoeuvre, side)
+        if not confirmed:
+            return
+        if self.wind.is_strong(asked):
+            speed, most = self.wind.vane.wind.speed, self.wind.settings.gybe_most
+            raise InputError(
+                f"{asked.words} in {speed:.0f} m/s of wind, more than guidance.gybe_wind_max_m_s ({most:g}): confirm "
+                f"it within {CONFIRM_S:.0f} s"
+            )
+        self.wind.confirm(now)
+
+    def confirm(self) -> None:
+        """Begin the tack or gybe that waits. Raises InputError."""
+        self.wind.confirm(self._tick.now if self._tick is not None else math.inf)
 
     def await_wind(self) -> None:
         """Hold the angle of the apparent wind as soon as one is heard; until then give no order."""

@@ -14,7 +14,7 @@ from autopilot.angles import compass_deg
 from autopilot.files.saving import BackgroundSaver
 from autopilot.links.alarm_outputs import Acknowledgements, GuideAlarms
 from autopilot.links.base import Link, close_all
-from autopilot.runtime.build import build_pilot, track_settings_of
+from autopilot.runtime.build import build_pilot, track_settings_of, wind_settings_of
 from autopilot.runtime.build_links import (
     LinkOptions,
     Stations,
@@ -187,7 +187,7 @@ class App:
 
         plan, mission, kept = self._plan, skipper.mission, mission_file(self._plan.path)
         mission.save_route = lambda items: self._saver(kept, dump_items(items))
-        mission.guide.settings = track_settings_of(plan.vessel)
+        mission.guide.settings, skipper.wind.settings = track_settings_of(plan.vessel), wind_settings_of(plan.vessel)
         links: list[Link] = [GuideAlarms(mission.guide, "track"), GuideAlarms(skipper.wind, "wind")]
         if plan.learns or plan.stations.urls:
             self.store = self._store(skipper)
@@ -195,7 +195,7 @@ class App:
             return links
         from autopilot.links.ground_station.commands import Commands
 
-        commands = Commands(skipper, plan.armed, mission, self._tuning)
+        commands = Commands(skipper, plan.armed, mission, self._tuning, skipper.wind)
         return [*links, *build_station_links(plan.vessel, plan.stations, commands, self.store, plan.options)]
 
     def _store(self, skipper: RouteSkipper) -> VesselStore:
@@ -208,7 +208,7 @@ class App:
         store = VesselStore(plan.vessel, self.pilot, plan.law, kept, self._saver, refuse)
 
         def keep_course_settings(vessel: Vessel) -> None:
-            skipper.mission.guide.settings = track_settings_of(vessel)
+            skipper.mission.guide.settings, skipper.wind.settings = track_settings_of(vessel), wind_settings_of(vessel)
 
         store.changed = keep_course_settings
         if self.pilot.learner is not None:

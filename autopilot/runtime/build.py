@@ -18,6 +18,7 @@ from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.turn import preset_rate, stop_angle, symmetric_of, turn_limits
+from autopilot.guidance.wind_vane import WindSettings
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.drive_law import DriveLaw, at_point, is_rudder_law, quickness
 from autopilot.models.drives import DRIVES, Needs
@@ -363,6 +364,14 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
         alarm_distance=guidance.off_track_alarm_m,
         magnetic=vessel.sensors.magnetic,
         variation=math.nan if vessel.sensors.variation_deg is None else math.radians(vessel.sensors.variation_deg),
+    )
+
+
+def wind_settings_of(vessel: Vessel) -> WindSettings:
+    """Return how the vessel is held to the wind, and what it wants to be told of it."""
+    guidance = vessel.guidance
+    return WindSettings(
+        guidance.wind_time_s, guidance.gybe_wind_max_m_s, radians_or_unlimited(vessel.alarms.wind_shift_deg)
     )
 
 

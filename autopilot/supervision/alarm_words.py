@@ -404,15 +404,23 @@ WORDS = {
     "wind_lost": Words(
         "wind lost",
         "check the wind vane and its link, then order the wind hold again",
-        "no wind for 5 s while it leads",
+        "while it leads, no wind for 5 s, a vane that repeats itself for 30 s or through a turn of 10 deg, or a true "
+        "wind without a speed",
         sentence="{text}: {detail}; {remedy}",
         watcher=Watcher.LOOP,
     ),
     "wind_shifted": Words(
         "the wind has shifted",
         "check the course",
-        "30 deg from where the boat went when the wind hold began",
+        "alarms.wind_shift_deg from the heading held, or from the course that the wind hold led along",
         sentence="{text} by more than {detail}: {remedy}",
+        watcher=Watcher.LOOP,
+    ),
+    "wind_turn_asked": Words(
+        "a turn waits to be confirmed",
+        "confirm it within 10 s, or it is cancelled",
+        "a tack or gybe is ordered",
+        sentence="{detail}: {remedy}",
         watcher=Watcher.LOOP,
     ),
     "compass_silent": Words(

@@ -188,6 +188,7 @@ _KINDS = (
     _notice("wind_awaited"),
     _notice("wind_lost"),
     _notice("wind_shifted"),
+    _notice("wind_turn_asked"),
     # of the lines to others
     _notice("compass_silent"),
     _notice("headings_slow"),

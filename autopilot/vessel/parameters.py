@@ -67,6 +67,7 @@ NAMES = {
     "sensors.heading_latency_s": "SNS_HDG_LATENCY",
     "guidance.waypoint_radius_m": "GUI_WP_RADIUS",
     "guidance.off_track_alarm_m": "GUI_XTRACK_ALARM",
+    "guidance.gybe_wind_max_m_s": "GUI_GYBE_WIND",
     "failsafe.heading_timeout_s": "FS_HDG_TIMEOUT",
     "failsafe.reengage_after_reboot": "FS_REENGAGE",
     "failsafe.reengage_after_restart_s": "FS_RESTART_HOLD",

@@ -163,6 +163,10 @@ class Guidance:
     lookahead_s: Annotated[float, NOW, Bounds(2.0, 120.0, "a track is met this much way ahead: short is sharp")] = 4.0
     waypoint_radius_m: Annotated[float, NOW, Bounds(0.5, 5000.0, "a waypoint is reached within")] = 10.0
     off_track_alarm_m: Annotated[float, NOW, Bounds(1.0, 20000.0, "alarm further than this off the track")] = 50.0
+    wind_time_s: Annotated[float, NOW, Bounds(1.0, 60.0, "a shift of wind is followed in about so long")] = 5.0
+    gybe_wind_max_m_s: Annotated[float, NOW, Bounds(0.0, 60.0, "in more true wind a gybe must be confirmed aboard")] = (
+        12.0
+    )
     source: Annotated[str, NOW] = ""
     date: Annotated[str, NOW] = ""
 
@@ -225,6 +229,8 @@ class Alarms:
     off_course_deg: Annotated[float, NOW, Bounds(3.0, 180.0, "alarm this far off the course ordered")] | None = 20.0
     off_course_s: Annotated[float, NOW, Bounds(1.0, 600.0, "for this long, turns apart")] = 5.0
     roll_deg: Annotated[float, NOW, Bounds(5.0, 180.0, "alarm at this heel")] | None = None
+    wind_shift_deg: Annotated[float, NOW, Bounds(5.0, 180.0, "alarm where the wind has shifted by more")] | None = 30.0
+    """Against the heading held, or in a wind hold against the course that it began with."""
     frozen_heading: Annotated[bool, RESTART] = True
     """A compass that stands still to the last digit while the boat turns ends steering, as a silent one does."""
     heading_jump_deg: (

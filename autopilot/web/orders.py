@@ -19,14 +19,22 @@ from autopilot.firmware.protocol import Target
 from autopilot.links.ground_station.commands import ACKNOWLEDGE as ACKNOWLEDGING
 from autopilot.links.ground_station.commands import ADOPT as ADOPTING
 from autopilot.links.ground_station.commands import (
+    CONFIRM,
+    DECLINE,
+    GYBE,
     HEADING,
+    HOLD_APPARENT,
+    HOLD_TRUE,
     LEARNING,
     LEVEL,
     MANUAL,
     PATTERN,
+    TACK,
     TRACK,
     TRIAL,
     TURNING,
+    WIND,
+    WINDWARD,
     ZIGZAG,
 )
 from autopilot.links.ground_station.commands import REVERT as REVERTING
@@ -129,6 +137,19 @@ def acknowledge(name: str | None) -> Command:
     return Command(ACKNOWLEDGING, () if name is None else (float(CATALOGUE[name].number),))
 
 
+def hold_wind(is_true: bool, degrees: float | None) -> tuple[Command, ...]:
+    """Return the commands that hold an angle of the wind [deg], None: the present one."""
+    angle = math.nan if degrees is None else degrees
+    return ARM, Command(WINDWARD, (float(HOLD_TRUE if is_true else HOLD_APPARENT), angle))
+
+
+def tack_or_gybe(gybes: bool, side: int = 0, confirmed: bool = False) -> Command:
+    """Return the command that asks for a turn to the other side of the wind, or, confirmed, begins it."""
+    return Command(WINDWARD, (float(GYBE if gybes else TACK), float(side), float(confirmed)))
+
+
+CONFIRMED, DECLINED = Command(WINDWARD, (float(CONFIRM),)), Command(WINDWARD, (float(DECLINE),))
+"""Begin the tack or gybe that waits, or drop it."""
 ADOPT, REVERT = Command(LEARNING, (ADOPTING,)), Command(LEARNING, (REVERTING,))
 """Steer with the model learnt, or go back to the one before."""
 
@@ -245,22 +266,22 @@ ECHO_S = 1.5
 
 
 class Course:
-    """Turns the boat over `orders`.
+    """Turns the boat over `orders`: to another heading, or in a wind hold to another angle of the wind.
 
     Attributes:
-        before: the heading [deg] ordered before the first step aside, None where nobody dodges.
-        was_route: whether a route was followed then.
+        before: the heading, or angle of the wind, [deg] ordered before the first step aside, None where nobody dodges.
     """
 
     def __init__(self, given: Orders, view: BoatView) -> None:
         self._orders, self._view = given, view
         self._meant = math.nan
         self._meant_at = -math.inf
+        self._is_wind = False
+        self._way_back: Sequence[Command] = ()
         self.before: float | None = None
-        self.was_route = False
 
     def turn_by(self, now: float, degrees: float, on_done: OnDone) -> None:
-        """Change the heading ordered by so many degrees, positive to starboard."""
+        """Turn by so many degrees, positive to starboard."""
         base = self._base(now)
         if base is None:
             is_trial = self._view.mode == TRIAL
@@ -269,32 +290,26 @@ class Course:
                 "a trial is being sailed: end it first" if is_trial else "engage first: no course is being steered",
             )
             return
-        self.turn_to(now, base + degrees, on_done)
+        self._order(now, base - degrees if self._view.mode == WIND else base + degrees, on_done)
 
     def turn_to(self, now: float, heading_deg: float, on_done: OnDone) -> None:
         """Order a heading [deg]."""
-        self._meant, self._meant_at = heading_deg % 360.0, now
-
-        def noted(taken: Answer, words: str) -> None:
-            if not taken:
-                self._meant_at = -math.inf
-            on_done(taken, words)
-
-        self._orders.give((turn_to(heading_deg),), noted)
+        self._give(now, heading_deg % 360.0, (turn_to(heading_deg),), on_done)
 
     def dodge(self, now: float, degrees: float, on_done: OnDone) -> None:
-        """Step aside by so many degrees; again: further. The course before the first step is kept."""
-        base, was_route = self._base(now), self._view.mode == TRACK
+        """Step aside by so many degrees; again: further. What was steered before the first step is kept."""
+        base = self._base(now)
+        way_back = FOLLOW if self._view.mode == TRACK else self._commands(base or 0.0)
 
         def noted(taken: Answer, words: str) -> None:
             if taken and self.before is None:
-                self.before, self.was_route = base, was_route
+                self.before, self._way_back = base, way_back
             on_done(taken, words)
 
         self.turn_by(now, degrees, noted)
 
     def back(self, now: float, on_done: OnDone) -> None:
-        """Go back to the course that was steered before, or to the route."""
+        """Go back to the course that was steered before, to the angle of the wind, or to the route."""
         before = self.before
         if before is None:
             on_done(Answer.FAILED, "nothing to go back to")
@@ -305,20 +320,42 @@ class Course:
                 self.before = None
             on_done(taken, words)
 
-        if self.was_route:
+        if self._way_back is FOLLOW:
             self._orders.give(FOLLOW, noted)
         else:
-            self.turn_to(now, before, noted)
+            self._give(now, before, self._way_back, noted)
 
     def update(self) -> None:
-        """Forget the way back when nobody steers any more."""
-        if self._view.mode not in (HEADING, TRACK):
+        """Forget the way back when nobody steers any more, or not to the same."""
+        is_wind = self._view.mode == WIND
+        if self._view.mode not in (HEADING, TRACK, WIND) or is_wind is not self._is_wind:
             self.before = None
             self._meant_at = -math.inf
+        self._is_wind = is_wind
 
     def _base(self, now: float) -> float | None:
-        if self._view.mode not in (HEADING, TRACK):
+        if self._view.mode not in (HEADING, TRACK, WIND):
             return None
         if now - self._meant_at < ECHO_S:
             return self._meant
-        return self._view.value("order")
+        return self._view.value("wind_angle" if self._view.mode == WIND else "order")
+
+    def _order(self, now: float, target_deg: float, on_done: OnDone) -> None:
+        commands = self._commands(target_deg)
+        self._give(now, commands[0].parameters[self._view.mode == WIND], commands, on_done)
+
+    def _commands(self, target_deg: float) -> tuple[Command, ...]:
+        if self._view.mode != WIND:
+            return (turn_to(target_deg),)
+        return hold_wind(bool(self._view.value("wind_true")), math.remainder(target_deg, 360.0))[1:]
+
+    def _give(self, now: float, meant: float, commands: Sequence[Command], on_done: OnDone) -> None:
+        """Give an order, and go by what is meant until the boat tells it."""
+        self._meant, self._meant_at = meant, now
+
+        def noted(taken: Answer, words: str) -> None:
+            if not taken:
+                self._meant_at = -math.inf
+            on_done(taken, words)
+
+        self._orders.give(commands, noted)

@@ -59,6 +59,20 @@ def _back(station: Station, request: dict[str, Any]) -> Asked:
     return lambda now, on_done: station.course.back(now, on_done)
 
 
+def _wind(request: dict[str, Any]) -> tuple[orders.Command, ...]:
+    is_true, degrees = request.get("true", False), request.get("degrees")
+    if not isinstance(is_true, bool):
+        raise InputError("wind: true: true (the true wind) or false (the apparent one) is allowed")
+    return orders.hold_wind(is_true, None if degrees is None else _number(request, "degrees", -180.0, 180.0))
+
+
+def _turn_of_the_wind(request: dict[str, Any]) -> tuple[orders.Command, ...]:
+    side, confirmed = request.get("side", 0), request.get("confirmed", False)
+    if side not in (-1, 0, 1) or not isinstance(confirmed, bool):
+        raise InputError(f"{request['do']}: side is 1 (starboard), -1 (port) or 0, confirmed is true or false")
+    return (orders.tack_or_gybe(request["do"] == "gybe", int(side), confirmed),)
+
+
 def _acknowledge(station: Station, request: dict[str, Any]) -> Asked:
     name = request.get("name")
     if name is not None and not (isinstance(name, str) and (name or OTHER) in CATALOGUE):
@@ -113,6 +127,11 @@ _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "standby": _commands(lambda _: (orders.STANDBY,)),
     "release": _release,
     "route": _commands(lambda _: orders.FOLLOW),
+    "wind": _commands(_wind),
+    "tack": _commands(_turn_of_the_wind),
+    "gybe": _commands(_turn_of_the_wind),
+    "confirm": _commands(lambda _: (orders.CONFIRMED,)),
+    "decline": _commands(lambda _: (orders.DECLINED,)),
     "turn": _turn,
     "heading": _heading,
     "dodge": _dodge,

@@ -20,14 +20,14 @@ DIGITS = {
 CARDINALS = {0: "N", 90: "E", 180: "S", 270: "W"}
 RUDDER_SHOWN_DEG = 40.0
 DEG_PER_CELL = 2.0
-STALE_S = {"beat": 3.0, "attitude": 1.5, "rudder": 2.0, "speed": 3.0, "navigation": 3.0}
+STALE_S = {"beat": 3.0, "attitude": 1.5, "rudder": 2.0, "speed": 3.0, "navigation": 3.0, "wind": 5.0}
 BLINK_S = 0.6
 ALARM_LINES = 3
 NOT_TAKEN = "not taken"
 SPARKS = "▁▂▃▄▅▆▇█"
 KEYS = (
-    " Esc RELEASE  ←→ 1°  ⇧←→ 10°  e heading  t route  s standby  d D dodge  b back",
-    " 1-9 response  a A alarms seen, the first  l history  : orders  q leave, it goes on",
+    " Esc RELEASE  ←→ 1°  ⇧←→ 10°  e heading  w W wind  t route  s standby  d D dodge",
+    " 1-9 response  b back  k tack  g gybe  y n  a A seen  l history  : orders  q leave",
 )
 KEYS_LOOKING = (" only looking  l history  q leave",)
 STATES = {5: "FAIL-SAFE", 6: "FAULT"}
@@ -52,7 +52,7 @@ def screen(
     shown = station.view.snapshot(now)
     lines = [*_head(shown, trouble, station), *_alarms(station, now, width)]
     lines += _middle(shown, width) if width >= 40 else _narrow(shown)
-    lines += [*_tape(shown, width), *_rudder(shown, width), *_trends(station, width)]
+    lines += [*_tape(shown, width), *_rudder(shown, width), *_wind(shown), *_trends(station, width)]
     lines += [*_trial(station), *_learning(station)]
     foot = [Line(f" {said}", "strong"), *(Line(keys, "dim") for keys in (KEYS if may else KEYS_LOOKING))]
     room = max(0, height - len(foot))
@@ -132,7 +132,7 @@ def _ago(now: float, time: float | None) -> str:
 
 
 def _facts(shown: dict[str, Any]) -> list[str]:
-    steers = shown["mode"] in (MODE_NAMES[15], MODE_NAMES[10])
+    steers = shown["mode"] in (MODE_NAMES[15], MODE_NAMES[10], MODE_NAMES[1])
     order = shown.get("order") if steers else None
     rate, rudder, ordered = shown.get("rate"), shown.get("rudder"), shown.get("rudder_order")
     ticks, gap = shown.get("hz"), shown.get("gap")
@@ -147,6 +147,16 @@ def _facts(shown: dict[str, Any]) -> list[str]:
     facts[3] += f"    loop {ticks:.0f} Hz, longest gap {gap:.0f} ms" if ticks is not None and gap is not None else ""
     old = [f"{group} {age:.0f} s old" for group, age in shown["ages"].items() if age > STALE_S.get(group, math.inf)]
     return [*facts, "  ".join(old)]
+
+
+def _wind(shown: dict[str, Any]) -> list[Line]:
+    """The wind off the bow, true where it is known, and the angle of it that is held."""
+    if shown["ages"].get("wind", math.inf) > STALE_S["wind"] or shown.get("awa") is None:
+        return []
+    kind = "true" if shown.get("wind_true") else "apparent"
+    held = f"  held {_sided(shown['wind_angle'])} {kind}" if shown.get("wind_angle") is not None else ""
+    true = f"  true {_sided(shown['twa'])} {shown['tws']:.0f} kn" if shown.get("twa") is not None else ""
+    return [Line(f" wind {_sided(shown['awa'])} {shown['aws']:.0f} kn{true}{held}", "strong" if held else "plain")]
 
 
 def _middle(shown: dict[str, Any], width: int) -> list[Line]:

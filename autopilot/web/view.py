@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.firmware.session import NORRBIN, Vehicle, vehicle_of
-from autopilot.links.ground_station.commands import HEADING, MANUAL, TRACK, TRIAL
+from autopilot.links.ground_station.commands import HEADING, MANUAL, TRACK, TRIAL, WIND
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.status_text import PIECE
 
@@ -72,13 +72,13 @@ class TextPieces:
             self.kept.append(Text(self.count, now, severity, words))
 
 
-MODE_NAMES = {MANUAL: "standby", HEADING: "heading", TRACK: "route", TRIAL: "trial"}
+MODE_NAMES = {MANUAL: "standby", HEADING: "heading", TRACK: "route", TRIAL: "trial", WIND: "wind"}
 HISTORY_PERIOD_S = 0.5
 HISTORY_ROWS = 600
 COLUMNS = ("t", "heading", "reference", "order", "rudder", "rudder_order", "xte", "gap", "hz")
 """A row of the history, in degrees, metres and milliseconds."""
 TRIAL_COMMANDS = frozenset({int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)})
-GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed", "position")
+GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed", "position", "wind")
 """Each ages by itself: what is old is shown as old, though other messages still come."""
 NAMED = {
     "rud_deg": ("rudder", "rudder"),
@@ -94,8 +94,16 @@ NAMED = {
     "level": ("level", "loop"),
     "magnetic": ("magnetic", "loop"),
     "var_deg": ("variation", "loop"),
+    "AppWndSpd": ("aws", "wind"),
+    "AppWndDir": ("awa", "wind"),
+    "TruWndSpd": ("tws", "wind"),
+    "TruWndDir": ("twa", "wind"),
+    "wnd_hold": ("wind_angle", "wind"),
+    "wnd_true": ("wind_true", "wind"),
+    "wnd_ask": ("wind_ask", "wind"),
 }
 """NAMED_VALUE_FLOAT to our value and the group it ages with; `lrn_` values are kept under their own names."""
+IN_KNOTS = ("aws", "tws")
 LEARNT = "lrn_"
 PLACE = ("lat", "lon")
 
@@ -248,7 +256,7 @@ class BoatView:
         name = name.rstrip("\0")
         if name in NAMED:
             ours, group = NAMED[name]
-            self._set(now, group, **{ours: message.value})
+            self._set(now, group, **{ours: message.value * (3600.0 / 1852.0 if ours in IN_KNOTS else 1.0)})
         elif name.startswith(LEARNT):
             self._set(now, "learning", **{name: message.value})
 

@@ -139,7 +139,7 @@ def test_the_heading_mode_keeps_the_heading_that_is_steered() -> None:
     ("values", "result", "says"),
     [
         ((1.0, 3.0), DENIED, "a trial is begun by its command: MAV_CMD_USER_1 or USER_2"),
-        ((1.0, 4.0), DENIED, "mode 4 is not known: MANUAL (0), GUIDED (15) and AUTO (10) are"),
+        ((1.0, 4.0), DENIED, "mode 4 is not known: MANUAL (0), GUIDED (15), AUTO (10) and ACRO, the wind (1), are"),
         ((1.0, 15.5), DENIED, ""),
         ((1.0, math.nan), DENIED, ""),
         ((math.nan, 15.0), DENIED, ""),

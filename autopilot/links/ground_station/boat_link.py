@@ -115,7 +115,7 @@ class BoatLink(SilentLink):
         self._presence = Presence(transport)
         self.takes_orders = self._access.takes_orders(transport, signing is not None)
         accept_signed(transport, signing, self._accepts)
-        self._telemetry = Telemetry(commands.mission, commands.tuner)
+        self._telemetry = Telemetry(commands.mission, commands.tuner, commands.wind)
         self._texts = StatusTexts()
         files = {ALARMS: self._alarm_file, ROUTE: lambda: route_list(commands.mission.route)}
         self._service = StationService(

@@ -2,8 +2,8 @@
 
 The boat's modes: their numbers and names, which of them steers now, and the messages that list them. Pure.
 
-Numbered as the ArduRover modes nearest to them (MANUAL, GUIDED, AUTO, STEERING), because ground stations name the modes
-of every surface boat by that list. Who asks for AVAILABLE_MODES gets names of our own.
+Numbered as the ArduRover modes nearest to them (MANUAL, GUIDED, AUTO, STEERING, ACRO), because ground stations name the
+modes of every surface boat by that list. Who asks for AVAILABLE_MODES gets names of our own.
 
 Commands that take a while: IN_PROGRESS with the percentage while they last, the result at their end. Pure.
 
@@ -23,6 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.guidance.track import Waypoint
+from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
 from autopilot.links.ground_station.access import MANUAL as MANUAL
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
 from autopilot.links.mavlink.codec import Message
@@ -31,7 +32,7 @@ from autopilot.links.north import MAGNETIC_LEADS
 from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.alarms import BY_NUMBER
 
-HEADING, TRACK, TRIAL = 15, 10, 3
+HEADING, TRACK, TRIAL, WIND = 15, 10, 3, 1
 NON_STANDARD, MISSION = 0, 6
 """MAV_STANDARD_MODE."""
 NOT_SELECTABLE = 2
@@ -52,16 +53,17 @@ MODES = (
     BoatMode(HEADING, "Heading"),
     BoatMode(TRACK, "Track", MISSION),
     BoatMode(TRIAL, "Trial", NON_STANDARD, NOT_SELECTABLE),
+    BoatMode(WIND, "Wind"),
 )
 
 
-def mode_of(tick: Tick, follows_route: bool = False) -> int:
+def mode_of(tick: Tick, follows_route: bool = False, follows_wind: bool = False) -> int:
     """Return our custom mode: who steers, and what to."""
     if tick.mode is not Mode.ENGAGED:
         return MANUAL
     if tick.order.kind is not OrderKind.HEADING:
         return TRIAL
-    return TRACK if follows_route else HEADING
+    return TRACK if follows_route else WIND if follows_wind else HEADING
 
 
 def available_modes(index: float) -> list[AvailableModes]:
@@ -230,6 +232,11 @@ ACKNOWLEDGE = int(dialect.MAV_CMD_SPATIAL_USER_5)
 """SPATIAL_USER_5: acknowledge the alarm of a number, `AlarmKind.number`, or with 0 all that sound.
 
 MAVLink has no command for it, and the USER ones are taken."""
+WINDWARD = int(dialect.MAV_CMD_SPATIAL_USER_4)
+"""SPATIAL_USER_4: the wind. Parameter 1: 0 hold the apparent, 1 the true wind, at an angle [deg], positive with the
+wind from starboard, nan: the present one; 2 tack, 3 gybe, to a side (1 starboard, -1 port, 0 either), third parameter
+1: confirmed already; 4 confirm, 5 do not."""
+HOLD_APPARENT, HOLD_TRUE, TACK, GYBE, CONFIRM, DECLINE = range(6)
 LATITUDE_MOST_DEG = 85.0
 
 
@@ -263,12 +270,30 @@ class Helmsman(Protocol):
     def end_trial(self) -> None:
         """End a trial before its time, and go back to the heading that was steered before."""
 
+    def hold_wind(self, is_true: bool = False, angle: float | None = None) -> None:
+        """Hold an angle [rad] of the apparent or true wind, None: the present one. Raises InputError."""
+
+    def ask_turn(self, manoeuvre: Manoeuvre, side: int = 0, confirmed: bool = False) -> None:
+        """Ask for a tack or gybe, or begin it where it is confirmed already. Raises InputError."""
+
+    def confirm(self) -> None:
+        """Begin the tack or gybe that waits. Raises InputError."""
+
 
 class Commands:
-    """Carries commands out. `armed`: a ground station, or `run --engage`, has said that the pilot may engage."""
+    """Carries commands out. `armed`: a ground station, or `run --engage`, has said that the pilot may engage. `wind`:
+    what the helmsman holds the wind by, None where nobody does."""
 
-    def __init__(self, helmsman: Helmsman, armed: bool, mission: Mission, tuner: Tuner | None = None) -> None:
+    def __init__(
+        self,
+        helmsman: Helmsman,
+        armed: bool,
+        mission: Mission,
+        tuner: Tuner | None = None,
+        wind: WindGuide | None = None,
+    ) -> None:
         self._helmsman = helmsman
+        self.wind = wind
         self.mission = mission
         self.tuner = tuner
         self.tuning = TuningCommands(tuner)
@@ -289,6 +314,7 @@ class Commands:
             TURNING: self._turning,
             PATTERN: self._pattern,
             ACKNOWLEDGE: self._acknowledge,
+            WINDWARD: self._windward,
             LEARNING: lambda _, parameters: self._tune(LEARNING, parameters[0]),
             LEVEL: lambda _, parameters: self._tune(LEVEL, parameters[0]),
         }
@@ -307,13 +333,15 @@ class Commands:
             return ACCEPTED
         if mode == TRIAL:
             return self._refuse(DENIED, "a trial is begun by its command: MAV_CMD_USER_1 or USER_2")
-        if mode not in (HEADING, TRACK):
-            known = f"MANUAL ({MANUAL}), GUIDED ({HEADING}) and AUTO ({TRACK})"
+        if mode not in (HEADING, TRACK, WIND):
+            known = f"MANUAL ({MANUAL}), GUIDED ({HEADING}), AUTO ({TRACK}) and ACRO, the wind ({WIND}),"
             return self._refuse(DENIED, f"mode {mode} is not known: {known} are")
         if not self._is_armed(tick):
             return self._refuse(REJECTED, "arm first")
         if mode == TRACK:
             return self._follow_mission(tick)
+        if mode == WIND:
+            return self._hold_wind(False, None) if self.wind is not None else UNSUPPORTED
         if tick is None or not _steers(tick):
             self._helmsman.engage(None)
         elif self.mission.is_followed or (tick.order.is_led and not self.mission.guide.following):
@@ -406,6 +434,39 @@ class Commands:
             self._helmsman.pattern(int(number), side, tuple(sizes))
         except InputError as error:
             return self._refuse(DENIED, str(error))
+        return ACCEPTED
+
+    def _hold_wind(self, is_true: bool, angle: float | None) -> int:
+        wind = self.wind
+        held = wind.hold if wind is not None and wind.following and not wind.lost else None
+        if angle is None and held is not None and held.is_true is is_true:
+            return ACCEPTED
+        return self._of_the_wind(lambda: self._helmsman.hold_wind(is_true, angle))
+
+    def _windward(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        action, value, confirmed = parameters[:3]
+        helmsman = self._helmsman
+        if self.wind is None:
+            return UNSUPPORTED
+        if action in (HOLD_APPARENT, HOLD_TRUE):
+            if not self._is_armed(tick):
+                return self._refuse(REJECTED, "arm first")
+            return self._hold_wind(action == HOLD_TRUE, None if math.isnan(value) else math.radians(value))
+        if action in (TACK, GYBE) and value in (-1.0, 0.0, 1.0):
+            manoeuvre = Manoeuvre.TACK if action == TACK else Manoeuvre.GYBE
+            return self._of_the_wind(lambda: helmsman.ask_turn(manoeuvre, int(value), confirmed == 1.0))
+        if action == CONFIRM:
+            return self._of_the_wind(helmsman.confirm)
+        if action == DECLINE:
+            self.wind.decline()
+            return ACCEPTED
+        return DENIED
+
+    def _of_the_wind(self, act: Callable[[], None]) -> int:
+        try:
+            act()
+        except InputError as error:
+            return self._refuse(REJECTED, str(error))
         return ACCEPTED
 
     def _tune(self, command: int, value: float) -> int:

@@ -2,8 +2,9 @@
 
 ATTITUDE, GLOBAL_POSITION_INT, VFR_HUD, NAV_CONTROLLER_OUTPUT (bearing steered now and bearing ordered or of the
 waypoint, in degrees; distance to it; cross-track error, positive to starboard of the track), MISSION_CURRENT,
-CURRENT_MODE, SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias, and
-for the loop's health: ticks a second, the longest gap between two ticks since the last report, and the heading's age.
+CURRENT_MODE, SYS_STATUS, SYSTEM_TIME, AUTOPILOT_VERSION, and NAMED_VALUE_FLOAT for rudder, rudder order and bias, for
+the loop's health: ticks a second, the longest gap between two ticks since the last report, and the heading's age; and
+for the wind: the apparent one under ArduPilot's names (m/s, degrees off the bow), the true one, the angle held.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.angles import compass_deg
+from autopilot.angles import compass_deg, wrap
+from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.ground_station.commands import Tuner, current_mode, mode_of
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.mavlink.codec import Message
@@ -67,8 +69,8 @@ RATES_HZ = {
 class Telemetry:
     """Makes each message from the newest tick; `start` [s] of the loop's clock is our boot."""
 
-    def __init__(self, mission: Mission, tuner: Tuner | None = None) -> None:
-        self._mission, self._tuner = mission, tuner
+    def __init__(self, mission: Mission, tuner: Tuner | None = None, wind: WindGuide | None = None) -> None:
+        self._mission, self._tuner, self._wind = mission, tuner, wind
         self._learnt_due = -math.inf
         self._periods = {identity: 1.0 / rate for identity, rate in RATES_HZ.items()}
         self._due = dict.fromkeys(self._periods, -math.inf)
@@ -88,6 +90,7 @@ class Telemetry:
                 *self._rudder(tick),
                 *self._loop(tick),
                 *self._learnt(tick),
+                *self._winds(tick),
             ],
             dialect.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _: [self._mission.message()],
             CurrentMode.id: lambda tick: [current_mode(self.mode(tick))],
@@ -112,7 +115,7 @@ class Telemetry:
 
     def mode(self, tick: Tick) -> int:
         """Return our custom mode."""
-        return mode_of(tick, self._mission.is_followed)
+        return mode_of(tick, self._mission.is_followed, self._wind is not None and self._wind.following)
 
     def set_interval(self, identity: int, interval_us: float) -> int:
         """Send a message every so many microseconds, as by default for 0, never for -1; return the MAV_RESULT."""
@@ -232,6 +235,22 @@ class Telemetry:
             return []
         self._learnt_due = tick.now + LEARNT_S
         return self._named(tick, {"level": self._tuner.level, **self._tuner.learnt()})
+
+    def _winds(self, tick: Tick) -> list[Message]:
+        """The wind while one is heard, and the angle of it that is held; a turn that waits to be confirmed is 1 for a
+        tack, 2 for a gybe."""
+        guide = self._wind
+        if guide is None or guide.vane.newest is None or not guide.is_known(tick.now):
+            return []
+        newest, wind, hold = guide.vane.newest, guide.vane.wind, guide.hold
+        values = {"AppWndSpd": newest.speed, "AppWndDir": math.degrees(newest.angle)}
+        if not math.isnan(wind.way):
+            values["TruWndSpd"] = wind.speed
+            values["TruWndDir"] = math.degrees(wrap(wind.bearing - tick.state.heading))
+        values["wnd_hold"] = math.nan if hold is None else math.degrees(hold.angle)
+        values["wnd_true"] = float(hold is not None and hold.is_true)
+        values["wnd_ask"] = 0.0 if guide.asked is None else float(guide.asked.manoeuvre)
+        return self._named(tick, values)
 
     def _named(self, tick: Tick, values: dict[str, float]) -> list[Message]:
         return [

@@ -231,6 +231,11 @@ def encode_vhw(
     return format_sentence(talker, "VHW", fields)
 
 
+def encode_mwv(angle: float, speed: float, talker: str = "WI") -> bytes:
+    """Return MWV: the apparent wind's angle [rad], clockwise from the bow, and speed [m/s]."""
+    return format_sentence(talker, "MWV", [_compass(angle, 1), "R", _number(speed / KNOT_M_S, 1), "N", "A"])
+
+
 def encode_vtg(
     course: float, speed: float, course_magnetic: float | None = None, mode: str = "A", talker: str = "GP"
 ) -> bytes:

@@ -6,10 +6,11 @@ import { drawPanels, setUpPanels } from "./panels.js";
 import { setUpParameters, showParameters } from "./parameters.js";
 import { sound } from "./sound.js";
 import { setUpLogs, showLogs, drawTexts } from "./logs.js";
+import { drawWind, setUpWind } from "./wind.js";
 
 const byId = (id) => document.getElementById(id);
 const PAGES = ["helm", "plots", "learning", "trials", "parameters", "logs"];
-const MODES = { standby: "Standby", heading: "Heading", route: "Route", trial: "Trial" };
+const MODES = { standby: "Standby", heading: "Heading", route: "Route", trial: "Trial", wind: "Wind" };
 const BAD = { 5: "Fail-safe", 6: "Fault" };
 const THEMES = ["day", "dusk", "night"];
 const plots = new Plots();
@@ -199,6 +200,7 @@ function draw() {
   drawAlarms();
   drawDial();
   drawPanels();
+  drawWind();
   drawTexts();
 }
 
@@ -216,6 +218,7 @@ function setUp() {
   setUpPanels(order, surely, plots);
   setUpParameters(order, say);
   setUpLogs(say);
+  setUpWind(order);
   byId("theme").addEventListener("click", nextTheme);
   document.addEventListener("keydown", keyPressed);
   addEventListener("hashchange", () => { if (learnToken()) connect(); turnPage(); });
