@@ -40,7 +40,7 @@ FROZEN_S = 30.0
 FROZEN_TURNED, FROZEN_LEAST_S = math.radians(10.0), 3.0
 """So does one that has done so through such a turn of the boat, for no less than this."""
 SLOWLY, GUSTS = 4.0, 12.0
-"""The boat's way, and the bearing that shifts are told from, are smoothed for so many times as long, and the wind's
+"""The boat's way, and the bearing that shifts are measured from, are smoothed for so many times as long, and the wind's
 speed: less and a gust would swing a boat that holds an apparent angle."""
 RATE_MOST = math.radians(2.0)
 """The order moves no faster [rad/s] after the wind."""
@@ -56,7 +56,7 @@ TURN_PATIENCE_S = 60.0
 SETTLE = 2.0
 """After a turn the wind leads again when so many smoothing times have passed."""
 WATCH_AFTER = 6.0
-"""The wind that shifts are told from is that so many smoothing times after the order."""
+"""The wind that shifts are measured from is that so many smoothing times after the order."""
 SHIFT_OVER = 0.8
 """The alarm ends inside this share of its limit."""
 
