@@ -368,7 +368,7 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
 
 
 def wind_settings_of(vessel: Vessel) -> WindSettings:
-    """Return how the vessel is held to the wind, and what it wants to be told of it."""
+    """Return how the vessel is held to the wind, and which shift is reported."""
     guidance = vessel.guidance
     return WindSettings(
         guidance.wind_time_s, guidance.gybe_wind_max_m_s, radians_or_unlimited(vessel.alarms.wind_shift_deg)

@@ -32,7 +32,7 @@ DEG = math.pi / 180.0
 
 @dataclass
 class Boat:
-    """A boat that goes where it is told at once, or stays on its heading, and a vane on it, twice a second."""
+    """A boat that goes where it is ordered to at once, or stays on its heading, and a vane on it, twice a second."""
 
     wind_from: float = 1.0
     wind: float = 8.0
@@ -232,7 +232,7 @@ def watched(boat: Boat, seconds: float, order: object = "order") -> str:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_shift_is_told_against_the_heading_held_and_ends_with_it_and_with_another_order(side: float) -> None:
+def test_a_shift_is_reported_against_the_heading_held_and_ends_with_it_and_with_another_order(side: float) -> None:
     boat = Boat(guide=WindGuide(WindSettings(shift=20.0 * DEG)))
     assert watched(boat, 60.0) == ""
     boat.wind_from += side * 17.0 * DEG

@@ -276,7 +276,7 @@ def test_a_frozen_vane_leaves_the_heading_from_before_and_says_so(sea: Sea) -> N
     assert max(abs(math.degrees(shortest_turn(ordered, each.state.heading))) for each in sea.ticks[-800:]) < 18.0
 
 
-def test_a_shift_is_told_in_heading_mode(sea: Sea) -> None:
+def test_a_shift_is_reported_in_heading_mode(sea: Sea) -> None:
     sea.skipper.type_line("e 10")
     assert words_of(sea.sail(60.0)) == ()
     sea.alarms.wind_from += math.radians(40.0)
