@@ -76,12 +76,13 @@ def likeliest_fit(
         return None, {}
     reasons: dict[str, str] = {}
     found = likelihood_fit(segments, speed, begin, train, steps.next)
-    if found is not None and train and not _shows(found, shortest_time_constant(segments) / SHORTEST_SHARE):
+    if found is not None and train and not _is_late(found):
         reasons |= {name: _why_no(name, found) for name in train}
         found = likelihood_fit(segments, speed, begin, (), steps.next)
     elif found is not None and not train and found.late_worth > SURELY_LATE:
         behind = likelihood_fit(segments, speed, found.rates, ("delay",), steps.next)
-        if behind is not None and _shows(behind, shortest_time_constant(segments) / SHORTEST_SHARE):
+        spacing = shortest_time_constant(segments) / SHORTEST_SHARE
+        if behind is not None and _is_late(behind) and behind.train.delay > 0.5 * spacing:
             found = behind
     return found, reasons
 
@@ -96,11 +97,13 @@ def _begin(segments: Sequence[Segment], speed: float, regressed: Start, linear: 
     return better_start(segments, speed, starts) if starts else None
 
 
-def _shows(found: LikelihoodFit, spacing: float) -> bool:
-    """Return whether the runs show that the rudder is late at all: delay and lag together are longer than half the
-    `spacing` [s] of the samples, and than their doubt. What is whose may stay open."""
-    late = found.train.delay + found.train.lag
-    return late > max(0.5 * spacing, SURELY_TURNS * found.late_error)
+def _is_late(found: LikelihoodFit) -> bool:
+    """Return whether the runs show that the rudder is late at all: delay and lag together exceed their doubt.
+
+    What is whose may stay open, and it may be less than the spacing of the samples: held at 0, it would be taken for
+    a part of T.
+    """
+    return found.train.delay + found.train.lag > SURELY_TURNS * found.late_error
 
 
 def _why_no(name: str, found: LikelihoodFit) -> str:

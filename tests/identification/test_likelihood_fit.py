@@ -131,6 +131,17 @@ def test_a_boat_that_follows_the_recorded_rudder_late_is_found_with_its_delay(
     assert any("late" in note for note in found.notes) == (origin == "measured")
 
 
+def test_a_delay_shorter_than_half_a_sample_is_not_taken_for_a_part_of_the_time_constant() -> None:
+    late = [
+        run._replace(rudder="ordered", segments=tuple(s._replace(rudder=_ahead(s, 0.04)) for s in run.segments))
+        for run in runs_of(PLANT["Lanxin"], SEA["calm"]._replace(gyro_deg_s=0.1), 104)
+    ]
+    found = identify(late, QUESTION)
+    # held at 0 it makes T 0.37 s
+    assert found.train.delay + found.train.lag == pytest.approx(0.04, abs=0.02)
+    assert found.model.time_constant == pytest.approx(0.332, rel=0.05)
+
+
 def test_no_delay_is_found_of_a_rudder_that_was_measured_in_time() -> None:
     for seed in (102, 103):
         assert identify(runs_of(PLANT["K 0.43, T 3.5"], SEA["gusts and waves"], seed), QUESTION).train == DIRECT
