@@ -1,7 +1,7 @@
 """The filter's numbers, all of them: how big disturbances are, what is believed, and for how long.
 
 Three kinds stand here, and which a number is stands beside it. *Derived*: an equation gives it. *Physical*: a property
-of water, boats or instruments. *Tuned*: chosen over the boats of the closed-loop tests and the Pareto study; beside it
+of water, boats or instruments. *Tuned*: chosen over the boats of the closed-loop tests and an earlier study; beside it
 what goes wrong where it is another.
 
 "30 %" behind a number: the most that 30 % less or more of it changes of what `benchmarks/sensitivity.py` sails, healthy

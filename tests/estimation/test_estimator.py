@@ -29,7 +29,7 @@ GATE_PATIENCE = 5
 KEPT_SAMPLES = 24
 RATE_UNKNOWN = 0.2**2
 
-PARETO_BOATS = Path(__file__).resolve().parents[2] / "benchmarks" / "pareto_boats"
+BOATS_FOLDER = Path(__file__).resolve().parents[2] / "benchmarks" / "boats"
 MODEL = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
 GEAR = SteeringGear(math.radians(30.0), math.radians(20.0), 0.1)
 NOISE = FilterNoise(math.radians(0.3) ** 2, math.radians(0.2) ** 2, 2.7e-3, 1.2e-4)
@@ -146,7 +146,7 @@ def test_two_headings_a_moment_apart_do_not_turn_a_ship(quickest_deg_s: float) -
 
 
 def test_no_rate_is_thought_possible_that_the_rudder_does_not_reach() -> None:
-    lanxin, tanker = load_vessel("lanxin"), load_vessel(str(PARETO_BOATS / "unstable.yaml"))
+    lanxin, tanker = load_vessel("lanxin"), load_vessel(str(BOATS_FOLDER / "unstable.yaml"))
     assert noise_of(lanxin).rate_unknown == RATE_UNKNOWN, "a boat that turns by 16 deg/s is taken as before"
     assert math.degrees(math.sqrt(noise_of(tanker).rate_unknown)) == pytest.approx(0.5208, abs=1.0e-3)
     unbounded = replace(tanker, model=replace(tanker.model, n3_s2_rad2=0.0))
@@ -324,7 +324,7 @@ def test_the_bias_is_learnt() -> None:
 
 def test_at_the_rudders_stop_the_end_of_a_push_is_learnt_at_once() -> None:
     """A slow boat held off with all its rudder: 10 s after the push most of it is unlearnt; not so elsewhere."""
-    vessel = load_vessel(str(PARETO_BOATS / "coaster.yaml"))
+    vessel = load_vessel(str(BOATS_FOLDER / "coaster.yaml"))
     model, gear, noise = model_of(vessel), gear_of(vessel), noise_of(vessel)
 
     def left_after(rudder: float) -> float:
