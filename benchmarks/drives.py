@@ -7,7 +7,7 @@
     python benchmarks/drives.py faults VESSEL KIND     a thruster that is dead, weed on one
     python benchmarks/drives.py rover VESSEL KIND      the same turns and zigzag by ArduRover's own steering
 
-The plants' equations (`sitl/otter.py`) are not those of the model.
+The plants' equations (`sitl/twin_thruster.py`) are not those of the model.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from autopilot.signals import Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
 from sitl.firmware_parameters import ParameterTable, default_parameters
+from sitl.firmware_setup import motor_setup, skid_outputs
 from sitl.guided import GuidedGains, GuidedHelm, Target, gains_of
-from sitl.motors import motor_setup, skid_outputs
 from sitl.plants import PLANTS
 from sitl.scenario import FaultSection, Scenario, Start
 from sitl.world import Orders, World

@@ -24,8 +24,8 @@ from starlette.responses import JSONResponse
 
 from autopilot.cli.helm import request_of
 from autopilot.cli.log import as_text
-from autopilot.cli.log_measures import as_json as measures_json
-from autopilot.cli.log_measures import as_text as measures_text
+from autopilot.cli.log import measures_as_json as measures_json
+from autopilot.cli.log import measures_as_text as measures_text
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.outside import order_object
 from autopilot.files.strict_yaml import parse_document
@@ -68,8 +68,7 @@ from autopilot.operators.skipper import RouteSkipper
 from autopilot.report.identification import Result
 from autopilot.report.identification import as_json as identified_json
 from autopilot.report.identification import as_text as identified_text
-from autopilot.runtime.record import MOST_PIECES, PIECE, Recorder
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import MOST_PIECES, PIECE, Recorder, replay
 from autopilot.runtime.tick_codec import HEADER as LOG_HEADER
 from autopilot.signalk.messages import BadRequestError, Deltas, answer, line_of, parse
 from autopilot.signals import OrderKind

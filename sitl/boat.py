@@ -8,15 +8,16 @@ no randomness: disturbances are arguments.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share
 from autopilot.models.waves import GRAVITY
-from sitl.plant_kind import PlantKind, PlantStep
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel
+    from sitl.firmware_setup import Propulsion
     from sitl.scenario import Scenario
 
 
@@ -100,6 +101,25 @@ class Step(NamedTuple):
     rudder: float
     speed: float
     sway: float
+
+
+PlantStep = Callable[[Any, Step, BoatState, float, float, Disturbance], BoatState]
+"""The state a step later: of the plant, the step, the state, the rudder's order [rad] in effect, the speed [m/s] that
+the engine would reach on a straight course, and what sea and wind do."""
+
+
+class PlantKind(NamedTuple):
+    """A kind of plant.
+
+    of: what does not change while it runs, of vessel and scenario: any NamedTuple with the `gear` and the `hull` of
+    `Plant`, which the faults of the rudder and the sea go by. step: see `PlantStep`. motors: what its
+    motors make of a flight controller's outputs; None: throttle and speed go together.
+    """
+
+    name: str
+    of: Callable[[Vessel, Scenario], Any]
+    step: PlantStep
+    motors: Propulsion | None = None
 
 
 def step_of(plant: Plant, dt: float) -> Step:

@@ -11,8 +11,17 @@ from types import FrameType
 
 from autopilot import __version__
 from autopilot.cli.main import answer
-from autopilot.cli.options import SEED, SPEEDUP, add_waiting_option, number, patience_of, whole_number
-from autopilot.cli.parsers import Parser, add_completion_parser, print_completion
+from autopilot.cli.options import (
+    SEED,
+    SPEEDUP,
+    Parser,
+    add_completion_parser,
+    add_waiting_option,
+    number,
+    patience_of,
+    print_completion,
+    whole_number,
+)
 from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import print_end
 from sitl.campaign import command as campaign

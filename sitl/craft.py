@@ -20,7 +20,7 @@ from autopilot.models.steering_gear import SteeringGear, gear_step_by
 from sitl.boat import BoatState, Disturbance, Hull, Step
 
 if TYPE_CHECKING:
-    from sitl.plant_kind import PlantStep
+    from sitl.boat import PlantStep
     from sitl.scenario import GearSection
 
 AIR_DENSITY = 1.225

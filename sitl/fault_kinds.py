@@ -10,11 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from sitl.fault_kind import Kind
 
 MODULES = (
-    "faults_of_instruments",
-    "faults_of_the_boat",
-    "faults_of_the_vehicle",
-    "faults_of_the_lines",
-)
+    "fault_table",
+)  # fmt: skip
 """Modules of `sitl` with a table KINDS. Where several faults act at one place, they do in this order."""
 KINDS: dict[str, Kind] = {
     name: kind for module in MODULES for name, kind in import_module(f"sitl.{module}").KINDS.items()

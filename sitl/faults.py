@@ -17,7 +17,7 @@ from sitl.scenario import FaultSection
 
 if TYPE_CHECKING:
     from sitl.firmware import Firmware
-    from sitl.motors import Propulsion
+    from sitl.firmware_setup import Propulsion
 
 MOST_OCCURRENCES = 10000
 """Of one fault that comes and goes at random."""

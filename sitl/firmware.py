@@ -23,13 +23,16 @@ from sitl.firmware_setup import (
     Overrides,
     Setup,
     StickArming,
+    by_hand,
+    curved,
     input_angle,
     output_pulse,
     setup_of,
+    skid_outputs,
+    slewed,
     travel,
 )
 from sitl.guided import GuidedHelm, Target
-from sitl.motors import by_hand, curved, skid_outputs, slewed
 from sitl.world import Orders, World
 
 MODE_SWITCH_S = 1.0

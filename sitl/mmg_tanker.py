@@ -22,18 +22,8 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
-from sitl.boat import Disturbance, Hull
-from sitl.craft import (
-    WATER_DENSITY,
-    Motion,
-    Windage,
-    gear_of,
-    roll_acceleration,
-    step_by,
-    turning,
-    wind_force,
-)
-from sitl.plant_kind import PlantKind
+from sitl.boat import Disturbance, Hull, PlantKind
+from sitl.craft import WATER_DENSITY, Motion, Windage, gear_of, roll_acceleration, step_by, turning, wind_force
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel

@@ -3,8 +3,8 @@
     X = T cos(d),   Y = -T sin(d),   N = -x Y = (L/2) T sin(d)
 
 The turning moment goes with the thrust T, whatever the speed: a boat that gets under way, or stops against a current,
-steers with its engine, and one that coasts does not steer at all. Hull and pull are the Otter's (`sitl/otter.py`); the
-motor in the place of its two propellers is a construction of this simulator, not a boat that exists.
+steers with its engine, and one that coasts does not steer at all. Hull and pull are the Otter's (`twin_thruster.py`);
+the motor in the place of its two propellers is a construction of this simulator, not a boat that exists.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
-from sitl import otter
-from sitl.boat import Disturbance, Hull
+from sitl import twin_thruster as otter
+from sitl.boat import Disturbance, Hull, PlantKind
 from sitl.craft import Motion, gear_of, refuse_scale, step_by, turning
-from sitl.motors import Propulsion
-from sitl.plant_kind import PlantKind
+from sitl.firmware_setup import Propulsion
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Literal
 
-from sitl.plant_kind import PlantKind
+from sitl.boat import PlantKind
 
 MODULES = (
     "boat",

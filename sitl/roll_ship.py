@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
 from sitl import boat
+from sitl.boat import PlantKind
 from sitl.craft import Motion, Windage, gear_of, step_by, turning, wind_force
-from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel

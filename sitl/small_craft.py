@@ -25,7 +25,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
-from sitl.boat import Disturbance, Hull
+from sitl.boat import Disturbance, Hull, PlantKind
 from sitl.craft import (
     WATER_DENSITY,
     Motion,
@@ -37,7 +37,6 @@ from sitl.craft import (
     turning,
     wind_force,
 )
-from sitl.plant_kind import PlantKind
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel

@@ -15,7 +15,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
-from sitl.faults_of_the_vehicle import battery_mv
+from sitl.fault_table import battery_mv
 from sitl.firmware import Firmware, FirmwareMode
 from sitl.firmware_parameters import ParameterTable
 from sitl.sensors import Reading

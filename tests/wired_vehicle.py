@@ -21,8 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.transports import UdpOutTransport
 from autopilot.runtime.log_files import following_parts
-from autopilot.runtime.record import read_logs, read_packets
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import read_logs, read_packets, replay
 from autopilot.signals import Mode
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Vessel

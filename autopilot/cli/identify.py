@@ -34,7 +34,7 @@ Heading or yaw rate may be absent. Where the table calls them otherwise, MAP.yam
 
 def add_parser(subparsers: Any) -> None:
     """Add the `identify` subcommand."""
-    from autopilot.cli.log_measures import add_log_options
+    from autopilot.cli.log import add_log_options
     from autopilot.cli.options import number
 
     parser = subparsers.add_parser(
@@ -167,7 +167,7 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
     from autopilot.cli.identify_drive import identified_by_thrust
-    from autopilot.cli.log_measures import log_options, print_newer, refuse_twice, vessel_of
+    from autopilot.cli.log import log_options, print_newer, refuse_twice, vessel_of
     from autopilot.logs.reading import load_run
 
     vessel = vessel_of(arguments)

@@ -25,7 +25,7 @@ def identified_roll(arguments: argparse.Namespace) -> str:
 
     Raises InputError where the log has no roll or its rudder does not move it, or where no law can be made of it.
     """
-    from autopilot.cli.log_measures import log_options, print_newer, vessel_of
+    from autopilot.cli.log import log_options, print_newer, vessel_of
     from autopilot.files.saving import check_folder
     from autopilot.logs.reading import load_recording
     from autopilot.logs.table import table_of

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from autopilot import __version__
-from autopilot.cli.parsers import Parser, commands_in_groups
+from autopilot.cli.options import Parser, add_completion_parser, commands_in_groups, print_completion
 from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
 from autopilot.files.printable import brief, escaped, printable_output
 
@@ -69,11 +69,17 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
     )
     named = None if argv is None else next((word for word in argv if not word.startswith("-")), "")
     for name, summary in SUBCOMMANDS.items():
-        if named is None or name == named:
+        if name == "completion":
+            add_completion_parser(subparsers, "autopilot").set_defaults(run=_completion)
+        elif named is None or name == named:
             importlib.import_module(f"autopilot.cli.{name.replace('-', '_')}").add_parser(subparsers)
         else:
             subparsers.add_parser(name, help=summary)
     return parser
+
+
+def _completion(arguments: argparse.Namespace) -> int:
+    return print_completion(build_parser(), arguments.shell)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

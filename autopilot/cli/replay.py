@@ -39,12 +39,12 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay and report; exit code 6 where a command differs."""
-    from autopilot.cli.log_measures import print_newer
+    from autopilot.cli.log import print_newer
 
     print_newer([str(arguments.log)])
     if arguments.link:
         return _play(arguments)
-    from autopilot.runtime.replay import replay
+    from autopilot.runtime.record import replay
 
     result = replay(arguments.log)
     if arguments.json:

@@ -1,39 +1,263 @@
-"""What `run` and `trial` share: options, the plan of the run they make, signals, the status line, and how it ends."""
+"""What `run` and `trial` share: options, the plan of the run they make, where they keep their log, signals, the status
+line, and how they end: when to stop, why, and the one line that says what became of rudder, course and log.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import math
 import os
+import shlex
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from types import FrameType
+from typing import TYPE_CHECKING, NamedTuple
 
-from autopilot.cli.ending import Ending, Held, add_log_options, last_line, log_place
+from autopilot.angles import wrap
 from autopilot.cli.options import (
     SPEEDUP,
     SYSTEM_ID,
     WAITING,
     add_signing_option,
     add_waiting_option,
+    number,
     patience_of,
     signing_of,
     whole_number,
 )
-from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
-from autopilot.errors import ExitCode
+from autopilot.cli.terminal import StatusLine, TypedLines, degrees_text, steady_output
+from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.printable import terminal_of
+from autopilot.interruption import NAMES, ended_by
+from autopilot.links.arrivals import came
+from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
+from autopilot.links.mavlink.signing import hint_of
+from autopilot.links.release import Release, release_sentence
 from autopilot.links.url import parse_url
 from autopilot.runtime.app import App, Machine, Plan
 from autopilot.runtime.build_links import KINDS, LinkOptions, access_rules_of
 from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.machine import RealTime, cpus_of
 from autopilot.runtime.session import Orders
-from autopilot.signals import Mode, Tick
+from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.schema import Vessel
+
+if TYPE_CHECKING:
+    from autopilot.runtime.log_files import Sink
+    from autopilot.runtime.record import Recorder
+
+
+PART_MB = 64.0
+TOTAL_MB = 2000.0
+LEAST_PARTS = 4
+
+
+def add_log_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--log`, `--log-dir` and how much may be in the folder."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--log",
+        metavar="FILE.tlog",
+        type=Path,
+        help="write everything to this log; if it exists, to the next free name: FILE-2.tlog",
+    )
+    where.add_argument(
+        "--log-dir",
+        metavar="DIR",
+        type=Path,
+        help=f"write everything to a log in this folder, in parts of {PART_MB:g} MB; the oldest parts are removed",
+    )
+    parser.add_argument(
+        "--log-total-mb",
+        metavar="MB",
+        action=number(1.0, 1.0e7),
+        default=TOTAL_MB,
+        help=f"most disk space for all logs of --log-dir (default {TOTAL_MB:g})",
+    )
+
+
+def log_place(arguments: argparse.Namespace) -> Sink:
+    """Return where the options want the log, which is written from a thread of its own. Raises InputError."""
+    from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, ThreadedSink
+
+    total = arguments.log_total_mb
+    if arguments.log is not None:
+        folder = arguments.log.parent
+        if not folder.is_dir():
+            raise InputError(
+                f"--log {arguments.log}: there is no folder {folder}, perhaps because a disk is not mounted; if it is "
+                f"to be a new one, make it first: mkdir -p {shlex.quote(str(folder))}"
+            )
+        sink: FileSink | FolderSink = FileSink(arguments.log)
+    else:
+        part = min(PART_MB, total / LEAST_PARTS)
+        sink = FolderSink(arguments.log_dir, FolderLimits(int(total * MEGABYTE), int(part * MEGABYTE)))
+    if arguments.log is not None and sink.path != arguments.log:
+        print(f"{arguments.log} exists and is kept: this log is {sink.path}")
+    return ThreadedSink(sink)
+
+
+ENGAGE_PATIENCE = 20.0
+"""Time [s] after the first heading in which an ordered engagement must come about."""
+BACKGROUND = (signal.SIGTTIN, signal.SIGTTOU)
+NOT_STOPPED = "Ctrl-Z is not obeyed: a stopped pilot leaves the rudder where it is; s: standby  q: quit"
+
+
+class Ending:
+    """Whether to stop, and the checks that end a run early. Called after every tick."""
+
+    def __init__(self, plan: Plan, wait: float, must_engage: bool) -> None:
+        self.stop = False
+        self.why = ""
+        self._asked_to_stand_still = False
+        self._heading_timeout = plan.vessel.failsafe.heading_timeout_s
+        self._arrivals = {} if plan.options.arrivals is None else plan.options.arrivals
+        self._signing = plan.options.signing
+        self._links = ", ".join(plan.urls)
+        self._wait = wait
+        self._must_engage = must_engage
+        self._first_heading: float | None = None
+        self.engaged = False
+
+    def __call__(self, tick: Tick) -> bool:
+        """Return whether to stop now. Raises LinkError or RefusedError where going on makes no sense."""
+        if tick.mode is Mode.ENGAGED:
+            self.engaged = True
+        if self._first_heading is None:
+            if tick.state.valid:
+                self._first_heading = tick.now
+                for line in self._arrivals.values():
+                    line.forget()
+            elif 0.0 < self._wait <= tick.now:
+                raise self._silence(self._wait)
+        elif self._must_engage and not self.engaged and tick.now - self._first_heading > ENGAGE_PATIENCE:
+            raise self._refusal(tick)
+        return self.stop
+
+    def is_wanted(self) -> bool:
+        """Note that the skipper, or the script, has come to its end; return True."""
+        self.why = "ended as ordered"
+        return True
+
+    def failed(self, error: Exception) -> None:
+        """Note that something ended the run."""
+        self.why = "ended, refused" if isinstance(error, RefusedError) else "ended by an error"
+        if isinstance(error, LinkError):
+            self.why = "ended, the link does not bring what is needed"
+
+    def final(self, tick: Tick | None) -> None:
+        """Raise LinkError or RefusedError where the time ran out with nothing steered, or with the vehicle gone."""
+        if self.stop or tick is None:
+            return
+        self.why = self.why or f"ended after {tick.now:.0f} s"
+        if tick.mode in (Mode.FAILSAFE, Mode.FAULT):
+            self.why = f"ended in {'fault' if tick.mode is Mode.FAULT else 'fail-safe'}"
+        if self._first_heading is None:
+            raise self._silence(tick.now)
+        if self._must_engage and not self.engaged:
+            raise self._refusal(tick)
+        if tick.mode is Mode.OVERRIDE and tick.state.heading_age > self._heading_timeout:
+            raise LinkError(
+                f"no heading has come over {self._links} for {tick.state.heading_age:.0f} s, at the end of the run "
+                f"({'; '.join(sentences_of(tick.alarms))}): check that the vehicle is on and still connected"
+            )
+
+    @contextlib.contextmanager
+    def at_signals(self) -> Iterator[None]:
+        """The signals that end a program end the run after the tick they come in; those of job control stop nothing."""
+
+        def stop(number: int, _frame: FrameType | None) -> None:
+            self.stop = True
+            self.why = f"ended by {ended_by(number)}"
+
+        def stay(_number: int, _frame: FrameType | None) -> None:
+            self._asked_to_stand_still = True
+
+        wanted = dict.fromkeys(NAMES, stop) | {signal.SIGTSTP: stay} | dict.fromkeys(BACKGROUND, signal.SIG_IGN)
+        before = {number: signal.getsignal(number) for number in wanted}
+        if before[signal.SIGHUP] is signal.SIG_IGN:  # nohup: it goes on without its terminal
+            del before[signal.SIGHUP]
+        for each in before:
+            signal.signal(each, wanted[each])
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def news(self) -> str:
+        """Return what is to be said of a key that was pressed, "" where there is nothing."""
+        asked, self._asked_to_stand_still = self._asked_to_stand_still, False
+        return NOT_STOPPED if asked else ""
+
+    def _silence(self, seconds: float) -> LinkError:
+        return LinkError(
+            f"no heading came over {self._links} in {seconds:.0f} s: "
+            f"{came(self._arrivals.values()) or 'check that the compass is on and sends here'}{hint_of(self._signing)}"
+        )
+
+    def _refusal(self, tick: Tick) -> RefusedError:
+        return RefusedError("; ".join(sentences_of(tick.alarms)) or "the pilot did not engage")
+
+
+class Held:
+    """What was steered and how well. Called after every tick."""
+
+    def __init__(self) -> None:
+        self._seconds = 0.0
+        self._squares = 0.0
+        self._on_course = 0.0
+        self._what = ""
+        self._last: float | None = None
+
+    def __call__(self, tick: Tick) -> None:
+        """Take a tick."""
+        step = 0.0 if self._last is None else tick.now - self._last
+        self._last = tick.now
+        if tick.mode is not Mode.ENGAGED:
+            return
+        self._seconds += step
+        kind = tick.order.kind
+        if kind in (OrderKind.HEADING, OrderKind.ZIGZAG):
+            heading = tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
+            self._what = "zigzag" if kind is OrderKind.ZIGZAG else f"course {degrees_text(heading)}"
+        elif kind is OrderKind.RUDDER:
+            self._what = f"rudder {math.degrees(tick.order.rudder):+.1f}"
+        if kind is OrderKind.HEADING:
+            self._on_course += step
+            self._squares += step * math.degrees(wrap(tick.state.heading - tick.reference.heading)) ** 2
+
+    @property
+    def words(self) -> str:
+        """How long and how well, in few words."""
+        if not self._what:
+            return "nothing was steered"
+        well = f", {math.sqrt(self._squares / self._on_course):.1f} deg rms off" if self._on_course > 0.0 else ""
+        return f"steered {self._seconds:.0f} s, last {self._what}{well}"
+
+
+def log_words(recorder: Recorder | None) -> str:
+    """Return where the log is, and what is missing in it."""
+    if recorder is None:
+        return "no log was kept"
+    try:
+        size = recorder.path.stat().st_size
+    except OSError:
+        size = 0
+    gaps = f", {recorder.dropped} ticks missing: {recorder.failed or 'the disk was full or too slow'}"
+    return f"log {recorder.path} ({size / 1e6:.1f} MB{gaps if recorder.dropped else ''})"
+
+
+def last_line(ending: Ending, held: Held, recorder: Recorder | None, releases: Sequence[Release]) -> str:
+    """Return why the run has ended, and what became of rudder, course and log."""
+    return f"{ending.why or 'ended'}: {release_sentence(releases)}; {held.words}; {log_words(recorder)}"
+
 
 PRIORITY = 40
 """Below the kernel's interrupt threads, which have 50."""

@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
         vessel = replace(vessel, alarms=replace(vessel.alarms, reversed_rudder=False))
     script = _script(arguments, vessel)
     if arguments.predict:
-        from autopilot.cli.trial_prediction import predicted_accuracy
+        from autopilot.cli.trial_design import predicted_accuracy
 
         print(predicted_accuracy(script, vessel))
         return int(ExitCode.OK)

@@ -16,7 +16,7 @@ from typing import Any, Literal, Union
 from autopilot.files.typed import Bounds, hints_of
 from autopilot.firmware.file import SCHEMA_VERSION as FIRMWARE_VERSION
 from autopilot.firmware.file import FirmwareFile
-from autopilot.vessel.running import counts_of
+from autopilot.vessel.parameters import counts_of
 from autopilot.vessel.schema import SCHEMA_VERSION as VESSEL_VERSION
 from autopilot.vessel.schema import Counts, Vessel
 

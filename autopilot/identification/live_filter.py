@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.angles import wrap
-from autopilot.models.norrbin import Norrbin
+from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, rate_step
 
 Array = NDArray[np.float64]
 
@@ -312,3 +312,19 @@ def _turn(model: Norrbin) -> float:
         return K * LARGE
     roots = np.roots([model.n3, 0.0, model.n1, -K * LARGE])
     return float(max(root.real for root in roots if abs(root.imag) < 1.0e-9 * max(abs(root), 1.0)))
+
+
+def moved_on(
+    model: Norrbin, ratio: float, motion: tuple[float, float], dt: float, rudder: tuple[float, float]
+) -> tuple[float, float]:
+    """Return rate [rad/s] and heading [rad] of a boat `dt` [s] later, at `ratio` times the reference speed, while the
+    rudder goes from one angle [rad] to the other; a rate that runs away is bounded."""
+    (rate, heading), (before, after) = motion, rudder
+    scaled = at_speed_ratio(model, max(ratio, SPEED_FLOOR_RATIO))
+    steps = math.ceil(2.0 * dt / scaled.time_constant)
+    for step in range(steps):
+        was, angle = rate, before + (after - before) * (step + 0.5) / steps
+        moved = rate_step(scaled, was, angle, dt / steps)
+        rate = min(max(moved, -RATE_BOUND_RAD_S), RATE_BOUND_RAD_S) if moved == moved else 0.0
+        heading += 0.5 * dt / steps * (was + rate)
+    return rate, heading

@@ -11,8 +11,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.identification.integral_fit import moved_on
-from autopilot.identification.live_filter import GUST_TIME_S, LiveFilter, Push
+from autopilot.identification.live_filter import GUST_TIME_S, LiveFilter, Push, moved_on
 from autopilot.models.norrbin import Norrbin
 
 AHEAD_TIME_CONSTANTS, AHEAD_SHORTEST_S, AHEAD_LONGEST_S = 4.0, 3.0, 30.0

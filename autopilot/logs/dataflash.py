@@ -41,8 +41,7 @@ from autopilot.logs.series import (
     on_one_clock,
     series_of,
 )
-from autopilot.logs.table import steering_servo
-from autopilot.logs.thrust import thrust_series
+from autopilot.logs.table import steering_servo, thrust_series
 
 HEAD = b"\xa3\x95"
 FMT = 128

@@ -21,8 +21,7 @@ from autopilot.files.outside import parse_json
 from autopilot.links.n2k_messages import LAYOUTS
 from autopilot.logs.format import LogFormat
 from autopilot.logs.line_times import EPOCH_FROM, stamp_of, stamped, without_outliers
-from autopilot.logs.n2k_recording import Message, recording_of
-from autopilot.logs.n2k_text import BAD_SHARE, LOOK_AT, dashed
+from autopilot.logs.n2k_text import BAD_SHARE, LOOK_AT, Message, dashed, recording_of
 from autopilot.logs.series import Recording
 
 LINE_MOST = 65536

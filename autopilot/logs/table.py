@@ -1,25 +1,22 @@
-"""A recording laid out as columns of one length, its rudder by whatever the log holds of it.
-
-A recording laid out as columns of one length, as identification and measures take it.
+"""A recording laid out as columns of one length, as identification and measures take it.
 
 Rows are the moments at which heading or yaw rate was measured, whichever comes oftener: those values stay as they were
 recorded. The rarer of the two goes to the row nearest each of its samples. Rudder, speed, position, propeller and wind
 are taken between their samples in straight lines, and are blank where those lie apart by more than a gap.
 
-From the pulses that went to a steering servo to the share of full rudder, by the parameters in the same log.
-
+The rudder is as measured, or what the steering gear makes of the pulses or commands that it was given. Pulses become
+shares of full rudder by the parameters in the same log:
 ArduPilot: the servo whose SERVOn_FUNCTION is 26 (GroundSteering), with SERVOn_MIN, TRIM, MAX and REVERSED; what is
 not in the log has the firmware's default (libraries/SRV_Channel/SRV_Channel.cpp: 1100, 1500, 1900, 0).
 PX4: the output whose PWM_MAIN_FUNCn or PWM_AUX_FUNCn is 201 (Servo 1), with MINn, MAXn and a bit in REV
 (src/lib/mixer_module); amidships is CENTn where newer versions have it between them, else the middle.
-
-The rudder of a recording: measured, or what the steering gear makes of the pulses or commands that it was given.
+Boats that steer by thrust: steering and throttle of the outputs of two thrusters, as ArduRover mixes them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -46,7 +43,9 @@ from autopilot.logs.series import (
     FloatArray,
     Recording,
     Series,
+    series_of,
 )
+from autopilot.models.drives.two_thrusters import LEFT, RIGHT, Mixing, moment, unmixed
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 
 GROUND_STEERING = 26
@@ -342,3 +341,48 @@ def _beside(series: Series, often: Series) -> FloatArray:
     kept = np.zeros(rows.size, dtype=bool)
     kept[nearest] = True
     return np.where(kept, values, np.nan)
+
+
+MOTOR = 70
+"""SERVOn_FUNCTION of the one throttle."""
+Pulses = Callable[[int], tuple[FloatArray, FloatArray] | None]
+"""Times [s] and pulses [us] of an output, by its number; None where the log has none."""
+
+
+def thrust_series(path: str, values: Mapping[str, float], thrusters: Mixing, pulses: Pulses) -> tuple[Series, ...]:
+    """Return the throttle, and of a skid-steered frame the steering, as shares of full; empty where there are none.
+
+    thrusters: what the vessel file says of the two thrusters; how the firmware mixes stands in its parameters.
+    """
+    left, right = _output(values, LEFT), _output(values, RIGHT)
+    if left is None or right is None:
+        motor = _output(values, MOTOR)
+        found = None if motor is None else pulses(motor.number)
+        if motor is None or found is None:
+            return ()
+        return series_of(THROTTLE, f"servo {motor.number}", found[0], motor.share(found[1]))
+    of_left, of_right = pulses(left.number), pulses(right.number)
+    if of_left is None or of_right is None:
+        return ()
+    (time, port), (other, starboard) = of_left, of_right
+    shares = left.share(port), np.interp(time, other, right.share(starboard)) if other.size else port * np.nan
+    mixing = thrusters._replace(
+        asymmetry=values.get("MOT_THST_ASYM", thrusters.asymmetry),
+        expo=values.get("MOT_THST_EXPO", thrusters.expo),
+        priority=values.get("MOT_STR_THR_MIX", thrusters.priority),
+    )
+    pairs = list(zip(*(each.tolist() for each in shares), strict=True))
+    steering = np.array([moment(mixing, *pair) for pair in pairs])
+    throttle = np.array([unmixed(mixing, *pair)[1] for pair in pairs])
+    source = f"servos {left.number} and {right.number}, two thrusters"
+    return (*series_of(SHARE, source, time, steering), *series_of(THROTTLE, source, time, throttle))
+
+
+def _output(values: Mapping[str, float], function: int) -> Servo | None:
+    for number in SERVOS:
+        if values.get(f"SERVO{number}_FUNCTION") == function:
+            usual = Servo(number)
+            ends = (values.get(f"SERVO{number}_{name}") for name in ("MIN", "TRIM", "MAX"))
+            low, trim, high = (default if end is None else end for end, default in zip(ends, usual[1:4], strict=True))
+            return Servo(number, low, trim, high, bool(values.get(f"SERVO{number}_REVERSED", 0.0)))
+    return None

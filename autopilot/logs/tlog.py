@@ -42,8 +42,7 @@ from autopilot.logs.series import (
     on_one_clock,
     series_of,
 )
-from autopilot.logs.table import steering_servo
-from autopilot.logs.thrust import thrust_series
+from autopilot.logs.table import steering_servo, thrust_series
 
 STAMP = 8
 YEARS_US = (315_532_800_000_000, 4_102_444_800_000_000)

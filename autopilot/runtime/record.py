@@ -5,6 +5,8 @@ what its MAVLink links received and sent, a few NAMED_VALUE_FLOAT and ATTITUDE f
 messages that carry the records of `tick_codec` in pieces. One write call a tick, not buffered here: a killed
 process loses at most the tick it was in. Where the log is kept in parts, or ticks could not be written, it goes on
 with a header, so that every part can be read alone; parts with no tick missing between them are read as one log.
+
+A replay is each tick of a log through a fresh pilot, and every command compared bit for bit.
 """
 
 from __future__ import annotations
@@ -24,10 +26,12 @@ from autopilot.files.outside import read_regular
 from autopilot.links.mavlink.codec import MavlinkCodec, message_id
 from autopilot.links.mavlink.frames import MAGIC_V2, frame_length, identity_of
 from autopilot.links.mavlink.signing import without_signature
-from autopilot.runtime.log_files import FileSink, Sink
+from autopilot.runtime.build import build_pilot, law_of, pilot_config
+from autopilot.runtime.log_files import FileSink, Sink, following_parts
 from autopilot.runtime.tick_codec import HEADER, TICK, VESSEL, decode_header, decode_tick, encode_header, encode_tick
-from autopilot.signals import AlarmEvent, Tick
+from autopilot.signals import AlarmEvent, RudderCommand, Tick
 from autopilot.supervision.alarms import VERBATIM
+from autopilot.vessel.file import parse_vessel
 
 PAYLOAD_TYPE = 0x8E52
 """TUNNEL payload type of our records: above 32767, where the MAVLink standard leaves them to everybody."""
@@ -286,3 +290,55 @@ def _bytes_of(path: Path) -> bytes:
     if not data:
         raise InputError(f"{path}: the log is empty")
     return data
+
+
+class ReplayResult(NamedTuple):
+    """How many ticks were compared, whether all were identical, and where the first difference is."""
+
+    ticks: int
+    identical: bool
+    first_difference: int | None
+    detail: str
+
+
+def replay(path: Path) -> ReplayResult:
+    """Run every log in the file at `path`, and in the parts that follow it, again, each from its own header.
+
+    What comes behind a gap is left out. Raises InputError.
+    """
+    count = 0
+    logs = read_logs(*following_parts(path))
+    if is_headless(logs[0]):
+        part = logs[0].header["part"]
+        raise InputError(f"{path}: is part {part} of a log; a replay starts with part 1, and needs all of them")
+    for log in logs:
+        if is_headless(log):
+            continue
+        count += len(log.ticks)
+        difference = _first_difference(path, log)
+        if difference is not None:
+            return ReplayResult(count, False, *difference)
+    return ReplayResult(count, True, None, "")
+
+
+def _first_difference(path: Path, log: Log) -> tuple[int, str] | None:
+    vessel = log.header.get("vessel")
+    if not isinstance(vessel, str):
+        raise InputError(f"{path}: its header names no vessel; it was written by another version")
+    pilot = build_pilot(parse_vessel(vessel, f"{path} (header)"), log.header.get("law"))
+    for place, recorded in enumerate(log.ticks):
+        if place in log.changes:
+            changed = parse_vessel(log.changes[place], f"{path} (change before tick {recorded.number})")
+            law = log.header.get("law")
+            pilot.reconfigure(pilot_config(changed, law), law_of(changed, law))
+        tick = pilot.step(recorded.now, recorded.samples, recorded.order)
+        if _bits(tick.command) != _bits(recorded.command) or tick.mode != recorded.mode:
+            return recorded.number, (
+                f"recorded {recorded.mode.name} {recorded.command.angle!r} rad, "
+                f"replayed {tick.mode.name} {tick.command.angle!r} rad"
+            )
+    return None
+
+
+def _bits(command: RudderCommand) -> bytes:
+    return struct.pack("<dd?", command.time, command.angle, command.engaged)

@@ -16,8 +16,7 @@ from autopilot.files.saving import save_text
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, refusal_to_engage
 from autopilot.vessel.file import dump_vessel, problems
-from autopilot.vessel.parameters import parameters_of, value_of, with_value
-from autopilot.vessel.running import Vessels
+from autopilot.vessel.parameters import Vessels, parameters_of, value_of, with_value
 from autopilot.vessel.schema import Vessel
 
 

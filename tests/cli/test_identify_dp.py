@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from dp_intervals import CONDITIONS, sailed
 
-from autopilot.cli.identify_dp_files import load_ship, load_trial
+from autopilot.cli.identify_dp import load_ship, load_trial
 from autopilot.cli.main import main
 
 SHIP = """# Zheng's dredger

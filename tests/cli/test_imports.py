@@ -50,7 +50,7 @@ def test_help_loads_no_command() -> None:
     assert "autopilot.cli.main" in loaded
     assert not {name for name in loaded if name.startswith("autopilot.cli.")} - {
         "autopilot.cli.main",
-        "autopilot.cli.parsers",
+        "autopilot.cli.options",
     }
     assert not loaded & {*HEAVY, "yaml", "pymavlink", "serial"}
 

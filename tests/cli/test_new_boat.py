@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import pytest
 
 from autopilot.cli import new_boat
-from autopilot.cli.commissioning import STEPS, Boat, Checklist
 from autopilot.cli.main import main
+from autopilot.cli.new_boat import STEPS, Boat, Checklist
 from autopilot.errors import InputError
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.fleet import first_model

@@ -12,7 +12,7 @@ import pytest
 
 from autopilot.cli.main import GROUPS, SUBCOMMANDS
 from autopilot.cli.main import build_parser as autopilot_parser
-from autopilot.cli.parsers import EXAMPLES, SHELLS, Parser, parsers_of, print_completion
+from autopilot.cli.options import EXAMPLES, SHELLS, Parser, parsers_of, print_completion
 from sitl.cli import build_parser as sitl_parser
 
 PROGRAMS = {"autopilot": autopilot_parser, "sitl": sitl_parser}

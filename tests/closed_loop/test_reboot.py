@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.control.trial import TRIAL_LAW
 from autopilot.links.mavlink.authority import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import replay
 from autopilot.signals import Mode, Order
 from autopilot.supervision import supervisor
 from autopilot.vessel.file import load_vessel

@@ -13,7 +13,7 @@ from lockstep import STEP, Lockstep, stick_follows
 
 from autopilot.control.trial import TRIAL_LAW
 from autopilot.runtime.clock import MonotonicClock
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import replay
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel
 

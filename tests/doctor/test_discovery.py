@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.doctor.discovery import candidates, discover, listened, sender_of
+from autopilot.doctor.vehicle import candidates, discover, listened, sender_of
 from autopilot.links.mavlink.codec import MavlinkCodec
 
 COMPASS = b"$HCHDG,101.1,,,7.1,W*3C\r\n$TIROT,1.0,A*30\r\n" * 3

@@ -168,7 +168,7 @@ def test_what_cannot_be_designed_is_one_sentence(
     ],
 )
 def test_what_a_trial_is_predicted_to_tell_is_what_its_design_says(candidate: Candidate, options: list[str]) -> None:
-    from autopilot.cli.trial_prediction import predicted_accuracy, sailed
+    from autopilot.cli.trial_design import predicted_accuracy, sailed
 
     arguments = build_parser().parse_args(["trial", candidate.kind, "lanxin", "--duration=90", *options])
     design = design_of(BOAT._replace(spacing=0.1), Water(2000.0, 2000.0, 90.0), candidate)

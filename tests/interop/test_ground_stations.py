@@ -20,8 +20,7 @@ from typing import Any
 import pytest
 from two_processes import free_port, patient_vessel, simulator
 
-from autopilot.runtime.record import read_log
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import read_log, replay
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.parameters import parameters_of, value_of

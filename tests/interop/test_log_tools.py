@@ -13,8 +13,7 @@ from pathlib import Path
 
 from two_processes import free_port, patient_vessel, simulator
 
-from autopilot.runtime.record import read_log, read_packets
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import read_log, read_packets, replay
 from autopilot.signals import Mode
 
 SPEEDUP = 2

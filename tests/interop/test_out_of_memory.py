@@ -12,8 +12,7 @@ from two_processes import free_port
 from wired_vehicle import OVERRIDE_TIME_S, STEERED, WiredVehicle
 
 from autopilot.runtime.log_files import following_parts
-from autopilot.runtime.record import read_logs
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import read_logs, replay
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel
 

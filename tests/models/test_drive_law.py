@@ -12,7 +12,7 @@ from autopilot.models.drive_law import BEYOND, RUDDER_LAW, DriveLaw, at_point, e
 from autopilot.models.drives import DRIVES
 from autopilot.models.drives.two_thrusters import Mixing, mixed, moment, reach, steering_for, thrust, unmixed
 from autopilot.models.norrbin import Norrbin, at_speed
-from sitl.motors import MotorSetup, by_hand, skid_outputs
+from sitl.firmware_setup import MotorSetup, by_hand, skid_outputs
 
 BOAT = Norrbin(2.0, 0.5, n3=4.0, n0=0.01, reference_speed=1.0)
 OUTBOARD = DriveLaw(0.0, 2.0, -0.5, throttle=0.5)

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.cli.log import as_text
-from autopilot.cli.log_measures import as_text as measures_text
+from autopilot.cli.log import measures_as_text as measures_text
 from autopilot.cli.main import main
 from autopilot.cli.params_reading import difference_table
 from autopilot.cli.steering import StatusLine

@@ -22,8 +22,7 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of, learner_of, model_of
 from autopilot.runtime.clock import ManualClock
-from autopilot.runtime.record import Recorder, read_log
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import Recorder, read_log, replay
 from autopilot.runtime.session import Session
 from autopilot.runtime.tuning import LearningService, designed, with_learnt
 from autopilot.runtime.vessel_store import VesselStore

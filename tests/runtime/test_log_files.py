@@ -15,8 +15,7 @@ from lockstep import Lockstep
 from autopilot.errors import InputError
 from autopilot.runtime import log_files
 from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink, ThreadedSink, appended, following_parts
-from autopilot.runtime.record import Recorder, is_headless, read_log, read_logs
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import Recorder, is_headless, read_log, read_logs, replay
 from autopilot.signals import Mode
 from autopilot.vessel.file import dump_vessel, load_vessel
 

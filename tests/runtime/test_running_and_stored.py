@@ -27,8 +27,7 @@ from autopilot.runtime.build import build_pilot, law_of, pilot_config, track_set
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind
 from autopilot.vessel.file import OF_THRUST, dump_vessel, load_vessel, parse_vessel
-from autopilot.vessel.parameters import VesselParameter, parameters_of, value_of
-from autopilot.vessel.running import counts_of
+from autopilot.vessel.parameters import VesselParameter, counts_of, parameters_of, value_of
 from autopilot.vessel.schema import NOW, RESTART, Counts, Drive, Guidance, Limits, Roll, Vessel
 
 LANXIN = load_vessel("lanxin")

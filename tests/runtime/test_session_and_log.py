@@ -21,8 +21,7 @@ from autopilot.logs.table import RudderSettings, table_of
 from autopilot.runtime import record
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.runtime.clock import ManualClock
-from autopilot.runtime.record import PAYLOAD_TYPE, Recorder, read_log, read_logs, read_packets
-from autopilot.runtime.replay import replay
+from autopilot.runtime.record import PAYLOAD_TYPE, Recorder, read_log, read_logs, read_packets, replay
 from autopilot.runtime.session import Session
 from autopilot.runtime.tick_codec import (
     HEADER,

@@ -12,11 +12,10 @@ from autopilot.errors import InputError
 from autopilot.vessel.file import load_vessel
 from sitl.boat import EARTH_RADIUS
 from sitl.drives import CommandReader, jrk_length, maestro_length
-from sitl.plotter import ChartPlotter
 from sitl.scenario import load_scenario
 from sitl.sensors import Reading
 from sitl.serve import drive_port, nmea_port, open_ports
-from sitl.wire_nmea import NmeaInstruments
+from sitl.wire_nmea import ChartPlotter, NmeaInstruments
 from sitl.world import World
 
 

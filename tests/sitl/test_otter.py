@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from autopilot.errors import InputError
 from autopilot.vessel.file import load_vessel
-from sitl import otter, twin_thruster
+from sitl import twin_thruster as otter
 from sitl.boat import STILL, Boat, BoatState
 from sitl.craft import Motion
 from sitl.plants import PLANTS
@@ -75,18 +75,18 @@ def test_it_has_one_size(kind: str) -> None:
 
 def test_two_propellers_turn_it_without_way_and_creep_ahead() -> None:
     """Astern a propeller pulls 13.6 kgf where ahead it pulls 24.4, so the pair does not turn it quite on the spot."""
-    state = sailed("twin_thruster", BoatState(), twin_thruster.FULL, 0.0, 5.0)
+    state = sailed("twin_thruster", BoatState(), otter.FULL, 0.0, 5.0)
     assert state.rate > 0.3
     assert 0.0 < state.speed < 0.5 * otter.SERVICE_SPEED
 
 
 def test_an_order_is_mixed_as_for_a_skid_steered_rover() -> None:
     """AP_MotorsUGV with MOT_STR_THR_MIX 0.5: left is throttle plus steering, both scaled where one is past full."""
-    assert twin_thruster.mixed(0.5, 0.2) == pytest.approx((0.7, 0.3))
-    assert twin_thruster.mixed(0.75, 0.5) == pytest.approx((1.0, 0.2))
-    assert twin_thruster.mixed(0.0, -1.0) == pytest.approx((-1.0, 1.0))
-    assert twin_thruster.mixed(-0.5, 0.25) == pytest.approx((-0.25, -0.75))
-    assert twin_thruster.throttle_of(otter.TOP_SPEED) == pytest.approx(1.0)
+    assert otter.mixed(0.5, 0.2) == pytest.approx((0.7, 0.3))
+    assert otter.mixed(0.75, 0.5) == pytest.approx((1.0, 0.2))
+    assert otter.mixed(0.0, -1.0) == pytest.approx((-1.0, 1.0))
+    assert otter.mixed(-0.5, 0.25) == pytest.approx((-0.25, -0.75))
+    assert otter.throttle_of(otter.TOP_SPEED) == pytest.approx(1.0)
 
 
 def test_an_outboard_steers_by_its_thrust_and_not_by_the_speed() -> None:
