@@ -1,8 +1,8 @@
 """The vessel of a running pilot: changed by ground stations and learning, kept beside the file it came from.
 
 What counts at once is put in force between two ticks, what waits for the next start is stored alone, and the answer
-says so (`vessel.running`). A change is refused with a sentence where the schema or the gains' margins do not allow it,
-for what runs or for what the next start finds.
+says so (`vessel.parameters`). A change is refused with a sentence where the schema or the gains' margins do not allow
+it, for what runs or for what the next start finds.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ EDGES = {
     "links/mavlink/vehicle.py": "reads the vehicle's STATUSTEXT",
     "links/transports/serial_line.py": "reads the system's errors",
     "doctor/machine.py": "reads what other programs print",
-    "cli/parsers.py": "reads what argparse says of a mistake",
+    "cli/options.py": "reads what argparse says of a mistake",
     "links/base.py": "parts what a link says into what happened and what to do, both of them shown",
 }
 """The only files that may look at how something is worded, and why."""
