@@ -109,8 +109,10 @@ def integral_recursion(runs: Sequence[Run], question: Question) -> Identified:
     for segment in (segment for run in runs for segment in run.segments):
         motion = Motion(segment.heading, segment.rate, instrument_noise(segment.heading))
         rows = equations(segment, motion, start, length, begun)
-        told = rows.moves > MOVES
-        windows += zip(rows.time[told].tolist(), rows.terms[told].tolist(), rows.left[told].tolist(), strict=True)
+        telling = rows.moves > MOVES
+        windows += zip(
+            rows.time[telling].tolist(), rows.terms[telling].tolist(), rows.left[telling].tolist(), strict=True
+        )
         begun += float(segment.time[-1] - segment.time[0])
     settings = RecursionSettings(nonlinear=question.kind == "norrbin")
     state, path = Recursion(start), []

@@ -220,7 +220,7 @@ def beside(segment: Segment, model: Norrbin, length: float) -> Motion:
 
 
 class Solution(NamedTuple):
-    """The model after each window of the last pass, with the standard errors and how many windows told something."""
+    """The model after each window of the last pass, with the standard errors and how many windows telling something."""
 
     model: Norrbin
     errors: dict[str, float]
@@ -231,21 +231,21 @@ class Solution(NamedTuple):
 
 def solve(runs: Sequence[Run], start: Norrbin, cubic: bool, question: Question) -> Solution:
     """Return what all windows together say; n3 is held at the start's where it is not `cubic`."""
-    model = start
+    found = Solution(start, {}, np.zeros(0), np.zeros((0, len(NAMES))), 0.0)
     for done in range(PASSES):
+        model = found.model
         length = window_length(model.time_constant / (1.0 if done else CAUTION))
-        found, begun, tables = None, 0.0, list[tuple[Equations, FloatArray]]()
+        begun, tables = 0.0, list[tuple[Equations, FloatArray]]()
         for segment in (segment for run in runs for segment in run.segments):
             motion = Motion(segment.heading, segment.rate, instrument_noise(segment.heading))
             real = equations(segment, motion, model, length, begun)
             other = equations(segment, beside(segment, model, length), model, length, begun)
-            told = other.moves >= MOVES
-            tables.append((Equations(*(column[told] for column in real)), other.terms[told]))
+            telling = other.moves >= MOVES
+            tables.append((Equations(*(column[telling] for column in real)), other.terms[telling]))
             begun += float(segment.time[-1] - segment.time[0])
         rows = Equations(*(np.concatenate(columns) for columns in zip(*(each for each, _ in tables), strict=True)))
         instruments = np.concatenate([each for _, each in tables])
         found = _solved(rows, instruments, start, cubic)._replace(length=length)
-        model = found.model
         question.progress(done + 1, PASSES)
     return found
 
