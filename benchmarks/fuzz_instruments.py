@@ -23,8 +23,11 @@ from autopilot.links.drives.base import Drive, DriveSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
-from autopilot.links.n2k import READ
-from autopilot.links.n2k_messages import Compass, sample_of
+from autopilot.links.n2k.fields import encoded
+from autopilot.links.n2k.forms import FORMS, framed
+from autopilot.links.n2k.packets import Message
+from autopilot.links.n2k.samples import INSTRUMENTS, Compass, sample_of
+from autopilot.links.n2k.session import N2kSession, N2kSettings
 from autopilot.links.nmea import sentences as encode
 from autopilot.links.nmea.samples import NmeaReader
 from autopilot.links.nmea.sentences import NmeaFramer, format_sentence
@@ -141,11 +144,70 @@ def fuzz_n2k(rng: random.Random, count: int) -> Result:
     for _ in range(count):
         names = ("heading", "reference", "variation", "deviation", "rate", "position")
         fields = {name: rng.choice(values) for name in names if rng.random() < 0.8}
-        sample = sample_of(rng.choice(READ), 0.0, fields, Compass(rng.choice((None, 0.1))), "x")
+        sample = sample_of(rng.choice(INSTRUMENTS), 0.0, fields, Compass(rng.choice((None, 0.1))), "x")
         accepted += sample is not None
         if isinstance(sample, HeadingSample):
             impossible += not -math.pi <= sample.heading <= math.pi
     return Result(accepted, 0, impossible, 0)
+
+
+def fuzz_gateway(kind: str) -> Fuzzer:
+    """Return the fuzzer of a gateway's form with the session behind it, its node and the guide of a plotter."""
+
+    def fuzz(rng: random.Random, count: int) -> Result:
+        guide = PlotterGuide()
+        guide.follow()
+        form: Any = FORMS[kind]()
+        session = N2kSession("fuzz", N2kSettings(variation=0.1), guide=guide)
+        sound = [_passed_on(kind, FORMS[kind]().encode(message)) for message in N2K_MESSAGES]
+        sent = {round(heading, 4) for heading in HEADINGS}
+        accepted = strangers = impossible = held = 0
+        for number, data in enumerate(inputs(rng, sound, count)):
+            now = 0.02 * number
+            samples = session.receive(now, form.feed(now, data))
+            session.poll(now)
+            session.due(now)
+            accepted += len(samples)
+            for sample in samples:
+                if isinstance(sample, HeadingSample):
+                    strangers += round(sample.heading % math.tau, 4) not in sent
+                    impossible += not -math.pi <= sample.heading <= math.pi
+            course = guide.course(now, 0.0, 4.0)
+            impossible += not -math.pi <= course <= math.pi
+            held = max(held, len((form._packet if kind == "actisense" else form._lines._rest) or b""))
+        return Result(accepted, strangers, impossible, held)
+
+    return fuzz
+
+
+def _passed_on(kind: str, said: bytes) -> bytes:
+    """Return what a gateway passes on of a message as it is sent to it."""
+    if kind == "ydwg":
+        return b"".join(b"12:00:00.123 R " + line + b"\r\n" for line in said.splitlines())
+    if kind == "actisense":
+        sent = said[3:-3].replace(b"\x10\x10", b"\x10")
+        return framed(0x93, sent[1:6] + b"\x23\0\0\0\0" + sent[6:])
+    return said
+
+
+LEG = {
+    "distanceToWaypoint": 500.0,
+    "courseBearingReference": "True",
+    "bearingOriginToDestinationWaypoint": 1.0,
+    "bearingPositionToDestinationWaypoint": 1.01,
+    "destinationWaypointNumber": 2,
+}
+N2K_MESSAGES = [
+    *(Message(127250, encoded(127250, {"heading": each, "reference": "True"}), 35) for each in HEADINGS),
+    Message(127251, encoded(127251, {"rate": 0.1}), 35),
+    Message(127245, encoded(127245, {"instance": 0, "position": 0.2}), 12),
+    Message(129284, encoded(129284, LEG), 3),
+    Message(129283, encoded(129283, {"xteMode": "Autonomous", "navigationTerminated": "No", "xte": 5.0}), 3),
+    Message(129026, encoded(129026, {"cogReference": "True", "cog": 1.0, "sog": 3.0}), 7),
+    Message(60928, bytes(8), 204),
+    Message(59904, (126996).to_bytes(3, "little"), 35, 204),
+    Message(126208, b"\x01\x05\xf1\x01\xf8\x02\x05\x04\x07\x00", 35, 204),
+]
 
 
 def orders(make: Callable[[DriveSettings], Drive]) -> list[bytes]:
@@ -167,6 +229,7 @@ FUZZERS: dict[str, Fuzzer] = {
     **{f"{kind}, reports": fuzz_drive(make, REPORTS[kind]) for kind, make in MAKERS.items()},
     **{f"{kind}, commands (sitl)": fuzz_twin(kind, orders(make)) for kind, make in MAKERS.items()},
     "NMEA 2000 fields": fuzz_n2k,
+    **{f"NMEA 2000, {kind}": fuzz_gateway(kind) for kind in FORMS},
 }
 
 

@@ -47,9 +47,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         metavar="HEADING",
         help="engage on this heading in degrees, on the `present` one, or hold the `wind`'s angle",
     )
-    parser.add_argument(
-        "--follow", choices=("plotter",), help="follow the chart plotter on the NMEA links (APB, RMB, XTE, HTC, HTD)"
-    )
+    parser.add_argument("--follow", choices=("plotter",), help="follow the chart plotter on the NMEA links")
     parser.add_argument(
         "--steer",
         choices=("rc_override", "manual_control", "guided"),
@@ -149,7 +147,7 @@ def run(arguments: argparse.Namespace) -> int:
     plan = plan_of(vessel, arguments, skipper)
     plan = plan._replace(
         law=law,
-        options=plan.options._replace(guide=guide),
+        options=plan.options._replace(guide=guide, helm=skipper),
         skipper=skipper,
         stations=stations_of(arguments),
         armed=must_engage,

@@ -61,7 +61,7 @@ class PlotterLeg(NamedTuple):
     """A leg as one plotter sentence gave it at `time` [s].
 
     track [rad]: its true bearing.  cross_track [m]: positive with the boat to starboard of it.  step [m]: what the
-    last digit of the error is worth.  waypoint: where it ends.
+    last digit of the error is worth.  waypoint: where it ends; name: of that, for people.
     """
 
     time: float
@@ -69,6 +69,7 @@ class PlotterLeg(NamedTuple):
     cross_track: float
     step: float = 0.0
     waypoint: str = ""
+    name: str = ""
 
 
 class PlotterHeading(NamedTuple):

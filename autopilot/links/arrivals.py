@@ -13,7 +13,7 @@ from autopilot.links.base import Transport
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import UdpInTransport
 from autopilot.links.transports.sockets import peer_of
-from autopilot.links.url import SCHEMES
+from autopilot.links.url import NETWORKS, SCHEMES, split_scheme
 
 KEPT_BYTES = 30_000
 NAMES_MOST = 8
@@ -72,6 +72,8 @@ class RecordingTransport:
             return _without_heading(self.name, f"MAVLink{where}", messages, _about_messages(messages))
         if self.protocol == "nmea" and sentences:
             return _without_heading(self.name, f"NMEA 0183{where}", sentences, _about_sentences(sentences))
+        if self.protocol in NETWORKS and (groups := group_names(data, self.protocol)):
+            return _without_heading(self.name, f"NMEA 2000{where}", groups, _about_groups(groups))
         if sentences and self.protocol != "nmea":
             return f"NMEA 0183 ({_listed(sentences)}) came over {self.name}{where}: {self._instead('nmea')}"
         if messages and self.protocol != "mavlink":
@@ -88,7 +90,7 @@ class RecordingTransport:
 
     def _instead(self, protocol: str) -> str:
         """Return the URL that reads what comes."""
-        scheme, _, rest = self.name.partition(":")
+        scheme, rest = split_scheme(self.name)
         medium = SCHEMES[scheme][1]
         same = [name for name, (speaks, over) in SCHEMES.items() if (speaks, over) == (protocol, medium)]
         return f"write --link {same[0]}:{rest}" if same else "give that line its own kind of link"
@@ -104,6 +106,13 @@ def message_names(data: bytes, is_stream: bool = True) -> Counter[str]:
     """Return the MAVLink messages in `data` by name."""
     found = Counter(message.get_type() for message in MavlinkCodec(is_stream=True).decode(data))
     return Counter({name: count for name, count in found.items() if name != "BAD_DATA"})
+
+
+def group_names(data: bytes, form: str) -> Counter[str]:
+    """Return the groups of NMEA 2000 in `data`, of those that are read."""
+    from autopilot.links.n2k.forms import FORMS
+
+    return Counter(str(message.group) for message in FORMS[form]().feed(0.0, data))
 
 
 def came(transports: Iterable[RecordingTransport]) -> str:
@@ -129,6 +138,15 @@ def _about_sentences(names: Counter[str]) -> str:
             "sensors.magnetic: true to steer magnetic courses"
         )
     return f"let the compass send {', '.join(HEADING_SENTENCES)}"
+
+
+def _about_groups(names: Counter[str]) -> str:
+    if "127250" in names:
+        return (
+            "a magnetic heading needs the variation: set sensors.variation_deg, let the GPS send 127258, or set "
+            "sensors.magnetic: true to steer magnetic courses"
+        )
+    return "let the compass send 127250"
 
 
 def _about_messages(names: Counter[str]) -> str:

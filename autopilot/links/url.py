@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 
 from autopilot.links.base import LinkError, Transport
@@ -39,16 +40,30 @@ def _schemes() -> dict[str, tuple[Scheme, str]]:
 
 
 EXAMPLES = {name: scheme.example for name, (scheme, _) in _schemes().items()}
+DEFAULTS = {name: scheme.usual for name, (scheme, _) in _schemes().items() if scheme.usual}
 SCHEMES: dict[str, tuple[str, str]] = {name: (scheme.protocol, over) for name, (scheme, over) in _schemes().items()}
 """What is spoken, and over which medium, by the beginning of a URL."""
-OPTIONS: dict[str, tuple[str, ...]] = {"nmea": ("steer", "send", "talker"), "n2k": ("steer",)}
+NETWORKS = ("n2k", "ydwg", "actisense", "n2k-ascii")
+"""What is spoken on NMEA 2000: frames on a CAN bus, and what gateways make of them."""
+OPTIONS: dict[str, tuple[str, ...]] = {
+    "nmea": ("steer", "send", "talker"),
+    **dict.fromkeys(NETWORKS, ("steer", "orders")),
+}
 """What may stand behind the `?`, by what is spoken; a medium that others come to also takes `allow`."""
+
+
+def split_scheme(text: str) -> tuple[str, str]:
+    """Return the kind of link that a URL begins with, of one word or of two (n2k:ydwg-tcp), and what is behind it."""
+    first, _, rest = text.partition(":")
+    second, _, behind = rest.partition(":")
+    both = f"{first}:{second}"
+    return (both, behind) if both in SCHEMES else (first, rest)
 
 
 def parse_url(text: str) -> LinkUrl:
     """Return the link that `text` names; LinkError with one sentence where it names none."""
-    scheme, colon, rest = text.strip().partition(":")
-    if not colon or scheme not in SCHEMES:
+    scheme, rest = split_scheme(text.strip())
+    if ":" not in text or scheme not in SCHEMES:
         allowed = ", ".join(EXAMPLES.values())
         raise LinkError(f"link {text!r}: unknown kind {scheme!r}; write one of {allowed}")
     protocol, medium = SCHEMES[scheme]
@@ -56,6 +71,9 @@ def parse_url(text: str) -> LinkUrl:
     takes = (*OPTIONS.get(protocol, ()), *(("allow",) if MEDIA[medium].listens else ()))
     options = parse_options(text, query, takes) if mark else UrlOptions()
     place, colon, number = rest.rpartition(":")
+    usual = DEFAULTS.get(scheme, "")
+    if usual and not (colon and number.isdecimal()):
+        place, colon, number = rest, ":", usual
     if not colon or not place:
         raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
     where = MEDIA[medium].place(Written(text, EXAMPLES[scheme], place, number))
@@ -78,6 +96,10 @@ def _accepts(protocol: str) -> Callable[[bytes], bool]:
     """Return what tells a datagram of the protocol from noise."""
     if protocol == "mavlink":
         return is_mavlink
+    if protocol in NETWORKS:
+        from autopilot.links.n2k.forms import is_spoken
+
+        return partial(is_spoken, protocol)
     from autopilot.links.nmea.sentences import is_nmea
 
     return is_nmea

@@ -18,7 +18,8 @@ from typing import Any
 
 from autopilot.errors import InputError
 from autopilot.files.outside import parse_json
-from autopilot.links.n2k_messages import LAYOUTS
+from autopilot.links.n2k.fields import LAYOUTS
+from autopilot.links.n2k.samples import INSTRUMENTS
 from autopilot.logs.format import LogFormat
 from autopilot.logs.line_times import EPOCH_FROM, stamp_of, stamped, without_outliers
 from autopilot.logs.n2k_text import BAD_SHARE, LOOK_AT, Message, dashed, recording_of
@@ -32,8 +33,8 @@ TURNING = ("heading", "cog", "windAngle")
 """Angles from 0 to a full turn, which distinguish degrees from radians."""
 IN_RADIANS = {
     field.name
-    for fields in LAYOUTS.values()
-    for field in fields
+    for group in INSTRUMENTS
+    for field in LAYOUTS[group]
     if not field.words and field.unit in (1.0e-4, 3.125e-8) and field.name not in ("time",)
 }
 
@@ -53,7 +54,7 @@ def read_n2k_json(path: str, data: bytes, variation: float | None = None) -> Rec
         if group is None:
             bad += bool(line.strip()) and not line.lstrip().startswith(b"{")
             continue
-        if int(group[1]) not in LAYOUTS:
+        if int(group[1]) not in INSTRUMENTS:
             good += 1
             continue
         message = _message(line, int(group[1]))

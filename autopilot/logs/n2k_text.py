@@ -31,14 +31,11 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.links.n2k_messages import (
+from autopilot.links.n2k.fields import (
     ATTITUDE,
     FAST,
-    FRAME_BYTES,
     GNSS,
     GROUND_SPEED,
-    IDENTIFIER_MOST,
-    LAYOUTS,
     POSITION,
     RATE_OF_TURN,
     RUDDER,
@@ -46,20 +43,24 @@ from autopilot.links.n2k_messages import (
     VARIATION,
     WATER_SPEED,
     WIND,
-    Compass,
-    FastPackets,
     Fields,
-    apparent_wind,
     decoded,
+    number,
+)
+from autopilot.links.n2k.fields import HEADING as VESSEL_HEADING
+from autopilot.links.n2k.packets import FRAME_BYTES, IDENTIFIER_MOST, FastPackets
+from autopilot.links.n2k.packets import group_and_source as addressed
+from autopilot.links.n2k.samples import (
+    INSTRUMENTS,
+    Compass,
+    apparent_wind,
     is_heading,
     moment,
-    number,
     own_variation,
     rudder_order,
     sample_of,
+    source_name,
 )
-from autopilot.links.n2k_messages import HEADING as VESSEL_HEADING
-from autopilot.links.n2k_messages import group_and_source as addressed
 from autopilot.logs.format import LogFormat
 from autopilot.logs.line_times import EPOCH_FROM, spread, stamp_of, stamped, without_outliers
 from autopilot.logs.series import (
@@ -134,12 +135,11 @@ Found = dict[tuple[str, int, str], list[tuple[float, float]]]
 def _values(messages: Sequence[Message], compass: Compass) -> Found:
     found: Found = defaultdict(list)
     for time, group, address, fields in messages:
-        if group not in LAYOUTS or group in (SYSTEM_TIME, VARIATION):
+        if group not in INSTRUMENTS or group in (SYSTEM_TIME, VARIATION):
             continue
-        source = f"N2K{group}.{address}"
+        source = source_name(group, address, fields)
         pairs: list[tuple[str, float]] = []
         if group == RUDDER:
-            source += f":{rudder:g}" if (rudder := number(fields, "instance", 252.0)) else ""
             pairs += [] if (order := rudder_order(fields)) is None else [(ORDER, order)]
         elif group == ATTITUDE:
             pairs += [] if (yaw := number(fields, "yaw", YAW_MOST)) is None else [(HEADING, yaw)]
@@ -234,7 +234,7 @@ def read_n2k(path: str, data: bytes, variation: float | None = None) -> Recordin
     if bad > BAD_SHARE * count:
         raise InputError(f"{path}: {bad} of {count} lines are none of a {kind}; it is damaged.")
     if not frames:
-        known = ", ".join(str(group) for group in LAYOUTS)
+        known = ", ".join(str(group) for group in INSTRUMENTS)
         raise InputError(f"{path}: is a {kind} without any of the messages that are read: {known}.")
     stamps = [_stamp(each.stamp) for each in frames]
     notes = []
@@ -287,7 +287,7 @@ def lines_of(data: bytes) -> Lines:
             bad += 1
             continue
         kinds[kind] += 1
-        if frame.group in LAYOUTS:
+        if frame.group in INSTRUMENTS:
             frames.append(frame)
     return Lines(max(kinds, key=kinds.__getitem__), frames, sum(kinds.values()), bad)
 
@@ -308,7 +308,7 @@ def _frame(place: int, stamp: str, parts: dict[str, str | None]) -> Frame | None
         group, source = int(number, 16), int(parts["from"] or "", 16)
     else:
         group, source = int(parts["group"] or ""), int(parts["source"] or "")
-    if group not in LAYOUTS:
+    if group not in INSTRUMENTS:
         return Frame(place, stamp, 0, 0, b"")
     try:
         packed = parts.get("base64")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -20,7 +21,7 @@ from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, Ac
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.transports.sockets import Network, network_of
-from autopilot.links.url import LinkUrl, open_transport, parse_url
+from autopilot.links.url import NETWORKS, LinkUrl, open_transport, parse_url
 from autopilot.runtime.build import follow_of, radians_or_unlimited
 from autopilot.supervision.supervisor import STEERING_ACTIONS
 from autopilot.vessel.schema import Vessel
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from autopilot.links.mavlink.router import Router
     from autopilot.links.mavlink.signing import Signing
     from autopilot.links.mavlink.vehicle import CompanionSettings
-    from autopilot.links.n2k import N2kSettings
+    from autopilot.links.n2k.session import Helm, N2kSettings
     from autopilot.links.nmea.link import NmeaSettings
 
 HEADING_STALE_SHARE = 0.6
@@ -80,7 +81,9 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
 
 def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
     """Return how to read and steer the vessel on NMEA 2000."""
-    from autopilot.links.n2k import N2kSettings
+    from autopilot import __version__
+    from autopilot.links.n2k.node import Device
+    from autopilot.links.n2k.session import N2kSettings
 
     variation = vessel.sensors.variation_deg
     return N2kSettings(
@@ -89,7 +92,18 @@ def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
         steers=url.options.steers,
         follow=_follow_on(vessel, url),
         magnetic=vessel.sensors.magnetic,
+        rudder_limit=math.radians(vessel.rudder.angle_max_deg),
+        device=Device(machine_number(), __version__),
+        takes_orders=url.options.orders,
     )
+
+
+def machine_number(path: Path = Path("/etc/machine-id")) -> int:
+    """Return a number of 21 bits that tells this machine from others, from its id; 1 where it has none."""
+    try:
+        return zlib.crc32(path.read_bytes()) & 0x1FFFFF
+    except OSError:
+        return 1
 
 
 def drive_settings_of(vessel: Vessel) -> DriveSettings:
@@ -138,7 +152,8 @@ def to_stderr(sentence: str) -> None:
 class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
-    `guide` takes what a chart plotter says on NMEA links; `signing` signs MAVLink links.
+    `guide` takes what a chart plotter says on NMEA links, and `helm` carries out what is ordered there; `signing` signs
+    MAVLink links.
     `forward`: URLs of ground stations that see the flight controller through us; `policy`: which of all ground stations
     are heard, None: those of AccessRules().
     `with_other_pilot`: engage though another pilot steers the boat.
@@ -151,6 +166,7 @@ class LinkOptions(NamedTuple):
     as_gcs: bool = False
     vehicle_system: int | None = None
     guide: PlotterGuide | None = None
+    helm: Helm | None = None
     signing: Signing | None = None
     forward: tuple[str, ...] = ()
     policy: AccessPolicy | None = None
@@ -223,10 +239,16 @@ def _transport(vessel: Vessel, url: LinkUrl, options: LinkOptions) -> Transport:
 
 
 def _nmea_2000(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
-    """Return the link to a CAN bus, which is no stream of bytes."""
-    from autopilot.links.n2k import N2kLink, open_bus
+    """Return the link to an NMEA 2000 network: a CAN bus, which is no stream of bytes, or a gateway."""
+    from autopilot.links.n2k.forms import FORMS
+    from autopilot.links.n2k.link import BusLine, GatewayLine, Line, N2kLink, open_bus
 
-    return N2kLink(url.text, open_bus(url.text, url.host, url.path), n2k_settings_of(vessel, url))
+    line: Line
+    if url.protocol in FORMS:
+        line = GatewayLine(_transport(vessel, url, options), FORMS[url.protocol]())
+    else:
+        line = BusLine(url.text, open_bus(url.text, url.host, url.path))
+    return N2kLink(line, n2k_settings_of(vessel, url), options.guide, options.helm)
 
 
 def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
@@ -290,6 +312,10 @@ def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
 
 
+WITH_WIND = frozenset(("nmea", *NETWORKS))
+WIND_VANE = "a wind vane on an nmea: link (MWV) or an n2k: link (130306)"
+
+
 class LinkKind(NamedTuple):
     """A kind of link, by what is spoken: what builds an opened one of a parsed URL, and whether its headings come from
     a compass of the boat's own, magnetic ones among them."""
@@ -301,7 +327,7 @@ class LinkKind(NamedTuple):
 KINDS = {
     "mavlink": LinkKind(_companion),
     "nmea": LinkKind(_instruments, has_compass=True),
-    "n2k": LinkKind(_nmea_2000, has_compass=True),
+    **dict.fromkeys(NETWORKS, LinkKind(_nmea_2000, has_compass=True)),
     **dict.fromkeys(DRIVES, LinkKind(_rudder_drive)),
 }
 
@@ -378,8 +404,8 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
         )
     if action == "firmware" and "mavlink" not in protocols:
         needed = "a flight controller that takes modes; add its --link, or choose amidships, hold or release"
-    elif action == "windward" and "nmea" not in protocols:
-        needed = "a wind vane on an nmea: link (MWV); add that --link, or choose amidships, hold or release"
+    elif action == "windward" and protocols.isdisjoint(WITH_WIND):
+        needed = f"{WIND_VANE}; add that --link, or choose amidships, hold or release"
     elif action in STEERING_ACTIONS and steers_itself:
         needed = "a rudder that is ours, and with helm.method guided the firmware has it; choose firmware"
     else:
@@ -389,8 +415,8 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
 
 def refuse_wind_hold(urls: Sequence[str]) -> None:
     """Raise RefusedError where no link of `urls` could bring a wind to hold the angle of."""
-    if "nmea" not in {parse_url(url).protocol for url in urls}:
-        raise RefusedError("--engage wind needs a wind vane on an nmea: link (MWV); add that --link")
+    if WITH_WIND.isdisjoint(parse_url(url).protocol for url in urls):
+        raise RefusedError(f"--engage wind needs {WIND_VANE}; add that --link")
 
 
 def alarm_outputs_of(vessel: Vessel, terminal: TextIO | None = None) -> tuple[list[Link], VehicleSounder]:

@@ -14,14 +14,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot.links.base import LinkError
-from autopilot.links.n2k import (
-    NAME,
-    N2kLink,
-    N2kSettings,
-    NodeAddress,
-    open_bus,
-)
-from autopilot.links.n2k_messages import Compass, group_and_source, identifier, sample_of
+from autopilot.links.n2k.link import BusLine, N2kLink, open_bus
+from autopilot.links.n2k.packets import group_and_source, identifier
+from autopilot.links.n2k.samples import Compass, sample_of
+from autopilot.links.n2k.session import N2kSettings
 from autopilot.links.north import UnusableHeadings
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import SteeringGear, gear_step
@@ -45,7 +41,6 @@ from autopilot.signals import (
 from autopilot.vessel.file import load_vessel
 
 can = pytest.importorskip("can", reason="python-can is not installed (extra n2k)")
-pytest.importorskip("nmea2000", reason="nmea2000 is not installed (extra n2k)")
 
 
 class Bus:
@@ -53,7 +48,10 @@ class Bus:
 
     def __init__(self, name: str, **changes: Any) -> None:
         self.far = can.Bus(interface="virtual", channel=name)
-        self.link = N2kLink(f"n2k:virtual:{name}", open_bus("x", "virtual", name), N2kSettings(**changes))
+        self.line = BusLine(f"n2k:virtual:{name}", open_bus("x", "virtual", name))
+        self.link = N2kLink(self.line, N2kSettings(**changes))
+        self.link.poll(-1.0)
+        self.claim = self.heard()
 
     def put(self, group: int, data: bytes, source: int = 35) -> None:
         self.far.send(can.Message(arbitration_id=2 << 26 | group << 8 | source, data=data, is_extended_id=True))
@@ -163,7 +161,10 @@ def test_a_magnetic_heading_needs_a_variation_and_keeps_the_last_one_heard(bus: 
         (127251, struct.pack("<BihB", 1, 0x7FFFFFFF, -1, 255)),
         (127245, struct.pack("<BBhhH", 0, 0xF8, 1000, 0x7FFF, 0xFFFF)),
         (127245, struct.pack("<BBhhH", 0, 0xF8, 1000, 30000, 0xFFFF)),
-        (129025, b"\x00" * 8),
+        (129025, b"\xff\xff\xff\x7f" * 2),
+        (129026, b"\x00\xfc\xff\xff\xff\xff\xff\xff"),
+        (130306, b"\x00\x64\x00\x10\x00\xf8\xff\xff"),
+        (130306, b"\x00\xff\xff\x10\x00\xfa\xff\xff"),
     ],
 )
 def test_no_data_short_frames_and_impossible_values_are_no_samples(bus: Bus, group: int, data: bytes) -> None:
@@ -210,44 +211,14 @@ def test_the_heading_control_group_says_what_is_steered(bus: Bus) -> None:
     assert struct.unpack_from("<H", payload, 19)[0] == 2500
 
 
-def test_our_address_is_claimed_answered_for_and_given_up_to_a_lower_name(bus: Bus) -> None:
-    bus.link.poll(0.0)
-    ((group, source, ours),) = bus.heard()
-    assert (group, source) == (60928, 204)
-    request = identifier(59904, 35, 6, 204)
-    bus.far.send(can.Message(arbitration_id=request, data=b"\x00\xee\x00", is_extended_id=True))
-    bus.link.receive(0.1)
-    assert bus.heard() == [(60928, 204, ours)]
-    bus.far.send(can.Message(arbitration_id=identifier(60928, 35, 6), data=bytes(8), is_extended_id=True))
-    bus.link.receive(0.1)
-    assert bus.heard() == [], "another's address is not ours to claim"
-    claim = can.Message(arbitration_id=identifier(60928, 204, 6), data=b"\xff" * 8, is_extended_id=True)
-    bus.far.send(claim)
-    bus.link.receive(0.2)
-    assert bus.heard() == [(60928, 204, ours)], "ours is lower: it stays"
-    claim.data = bytearray(8)
-    bus.far.send(claim)
-    bus.link.receive(0.3)
-    ((_, moved, again),) = bus.heard()
-    assert (moved, again) == (128, ours)
-    assert bus.link.address.current == 128
-
-
 def test_who_only_listens_claims_no_address() -> None:
     bus = Bus("listens", steers=False)
-    bus.link.poll(0.0)
-    bus.far.send(can.Message(arbitration_id=identifier(59904, 35, 6, 204), data=b"\x00\xee\x00", is_extended_id=True))
+    bus.far.send(can.Message(arbitration_id=identifier(59904, 35, 6, 255), data=b"\x00\xee\x00", is_extended_id=True))
     bus.link.receive(0.1)
-    assert bus.heard() == []
+    bus.link.send(0.1, RudderCommand(0.1, 0.2, True))
+    assert (bus.claim, bus.heard()) == ([], [])
     bus.link.close()
     bus.far.shutdown()
-
-
-def test_with_every_address_taken_nothing_is_sent() -> None:
-    address = NodeAddress()
-    for _ in range(200):
-        address.on_frame(60928, address.current, bytes(8))
-    assert address.current == 254
 
 
 def test_a_rudder_that_does_not_follow_on_the_bus_gives_the_helm_up(bus: Bus) -> None:
@@ -318,23 +289,13 @@ def test_no_bus_and_no_package_are_one_sentence_each(monkeypatch: pytest.MonkeyP
     real = builtins.__import__
 
     def missing(name: str, *rest: Any, **more: Any) -> Any:
-        if name.split(".")[0] in ("can", "nmea2000"):
+        if name.split(".")[0] == "can":
             raise ImportError(name)
         return real(name, *rest, **more)
 
     monkeypatch.setattr(builtins, "__import__", missing)
     with pytest.raises(LinkError, match=r"needs the package python-can; install .* pip install '\.\[n2k\]'"):
         build_link(load_vessel("lanxin"), "n2k:socketcan:can0", LinkOptions())
-
-
-def test_the_name_says_what_we_are() -> None:
-    """ISO 11783-5: unique number 21 bits, maker 11, instances 8, function 8, reserved 1, class 7, 4, industry 3, 1."""
-    fields, name = [], NAME
-    for width in (21, 11, 8, 8, 1, 7, 4, 3, 1):
-        fields.append(name & ((1 << width) - 1))
-        name >>= width
-    assert fields == [0, 2046, 0, 150, 0, 40, 0, 4, 1]
-    assert name == 0
 
 
 @pytest.mark.parametrize(
@@ -353,32 +314,6 @@ def test_can_identifiers_are_those_worked_out_by_hand(
 ) -> None:
     assert identifier(group, source, priority, destination) == identity
     assert group_and_source(identity) == (group, source)
-
-
-def test_a_claim_names_an_arbitrary_address_marine_steering_autopilot_of_no_registered_maker() -> None:
-    """ISO NAME, from the top: 1 | industry 4 | instance | class 40 | 0 | function 150 | 0 | maker 2046 | number."""
-    identity, data = NodeAddress(unique=0x12345).claim()
-    (name,) = struct.unpack("<Q", data)
-    assert identity == 0x18EEFFCC
-    assert (name >> 63, name >> 60 & 7, name >> 56 & 15, name >> 49 & 127, name >> 48 & 1) == (1, 4, 0, 40, 0)
-    assert (name >> 40 & 255, name >> 32 & 255, name >> 21 & 2047, name & 0x1FFFFF) == (150, 0, 2046, 0x12345)
-
-
-def test_an_address_is_left_to_lower_names_alone_and_the_lowest_free_one_taken() -> None:
-    address = NodeAddress(130)
-    lower, higher, own = (struct.pack("<Q", address.name + more) for more in (-1, 1, 0))
-    assert address.on_frame(60928, 130, higher) and address.current == 130
-    assert not address.on_frame(60928, 131, lower), "another's address"
-    assert not address.on_frame(60928, 130, lower[:7]) and not address.on_frame(127250, 130, lower)
-    assert address.current == 130
-    taken = []
-    for _ in range(125):
-        assert address.on_frame(60928, address.current, lower)
-        taken.append(address.current)
-    assert taken == [128, 129, *range(131, 252), 254, 254]
-    assert NodeAddress(130).on_frame(60928, 130, own), "one of our own name: theirs is not higher"
-    assert address.on_frame(59904, 35, b"\x00\xee\x00") and address.on_frame(59904, 35, b"\x00\xee\x00\xff")
-    assert not address.on_frame(59904, 35, b"\x00\xee") and not address.on_frame(59904, 35, b"\x00\xee\x01")
 
 
 @pytest.mark.parametrize(
@@ -456,9 +391,9 @@ def test_bus_write_errors_are_counted_and_read_errors_end_the_link(bus: Bus, err
     def fail(*_: Any, **__: Any) -> None:
         raise error
 
-    bus.link._bus.send = bus.link._bus.recv = fail
+    bus.line._bus.send = bus.line._bus.recv = fail
     for step in range(3):
         bus.link.send(step * 1.0, RudderCommand(step * 1.0, 0.1, True))
-    assert bus.link.unsent == 3
+    assert bus.line.unsent == 3
     with pytest.raises(LinkError, match="the CAN bus is gone"):
         bus.link.receive(3.0)

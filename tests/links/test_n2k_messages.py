@@ -14,8 +14,10 @@ pytest.importorskip("nmea2000", reason="nmea2000 is not installed (extra n2k)")
 
 from n2k_boat import Sent
 
-from autopilot.links.n2k_messages import LAYOUTS, FastPackets, decoded, group_and_source, moment, sample_of
-from autopilot.links.n2k_messages import Compass as Variation
+from autopilot.links.n2k.fields import FAST, LAYOUTS, decoded, encoded
+from autopilot.links.n2k.packets import FastPackets, Frame, Framing, Message, group_and_source
+from autopilot.links.n2k.samples import INSTRUMENTS, moment, sample_of
+from autopilot.links.n2k.samples import Compass as Variation
 from autopilot.signals import PositionSample, SpeedSample
 
 ANGLE = st.floats(-3.14, 3.14)
@@ -70,7 +72,7 @@ def test_what_the_package_encodes_is_decoded_by_ours(group: int, data: st.DataOb
 
 
 def test_every_group_that_is_read_is_tried() -> None:
-    assert set(FIELDS) | {126992} == set(LAYOUTS)
+    assert set(FIELDS) | {126992} == set(INSTRUMENTS)
 
 
 def test_date_and_time_are_one_moment() -> None:
@@ -90,7 +92,41 @@ def test_any_bytes_give_only_numbers_and_words(group: int, payload: bytes) -> No
     for value in decoded(group, payload).values():
         assert isinstance(value, str) or math.isfinite(float(str(value)))
     assert decoded(group, b"") == {}
-    assert decoded(126993, payload) == {}
+    assert decoded(130312, payload) == {}, "none of ours"
+
+
+@pytest.mark.parametrize("group", sorted(LAYOUTS))
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_what_is_encoded_is_decoded_and_the_rest_is_not_available(group: int, data: st.DataObject) -> None:
+    chosen = {}
+    for name, _, bits, unit, signed, words in LAYOUTS[group]:
+        most = (1 << bits - signed) - 4
+        low = -most - 4 if signed else 0
+        value = st.sampled_from(words) if words else st.integers(low, most).map(lambda raw, unit=unit: raw * unit)
+        if data.draw(st.booleans()):
+            chosen[name] = data.draw(value)
+    found = decoded(group, encoded(group, chosen))
+    assert {name: value for name, value in found.items() if isinstance(value, str)} == {
+        name: value for name, value in chosen.items() if isinstance(value, str)
+    }
+    assert found == pytest.approx(chosen, rel=1e-15) if not any(isinstance(v, str) for v in chosen.values()) else True
+    assert set(found) == set(chosen)
+
+
+@pytest.mark.parametrize(
+    ("group", "fields", "said"),
+    [
+        (127245, {"angleOrder": 4.0}, "127245, angleOrder: 4.0 cannot be said"),
+        (127245, {"angleOrder": math.nan}, "nan cannot be said"),
+        (127237, {"steeringMode": "By hand"}, "'By hand' cannot be said"),
+        (127237, {"headingToSteerCourse": -0.1}, "headingToSteerCourse"),
+        (127237, {"heading": 0.1}, "group 127237 has no field 'heading'"),
+    ],
+)
+def test_what_cannot_be_said_is_refused_by_name(group: int, fields: dict[str, object], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        encoded(group, fields)
 
 
 @pytest.mark.parametrize("group", sorted(LAYOUTS))
@@ -163,3 +199,56 @@ def test_any_frames_are_survived(frames: list[tuple[float, bytes]]) -> None:
         found = packets.add(now, 129029, 7, frame)
         assert found is None or len(found) <= 255
     assert packets.lost <= len(frames)
+
+
+GROUPS_SENT = st.sampled_from([126208, 126996, 127237, 129284, 129285])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    packets=st.lists(st.tuples(GROUPS_SENT, st.integers(0, 251), st.binary(min_size=1, max_size=223)), max_size=12),
+    seed=st.integers(0, 1 << 30),
+    share=st.floats(0.0, 0.4),
+)
+def test_packets_interleaved_on_the_bus_come_out_whole_or_not_at_all(
+    packets: list[tuple[int, int, bytes]], seed: int, share: float
+) -> None:
+    """Each sender counts its own sequences; their frames mix, and some are lost."""
+    chance = random.Random(seed)
+    senders: dict[int, Framing] = {}
+    queues, sent, sound = [], [], 0
+    for group, source, data in packets:
+        framing = senders.setdefault(source, Framing(FAST, FAST))
+        message = Message(group, data, source, 77 if group == 126208 else 255, 3)
+        frames = framing.frames(message)
+        sent.append(message)
+        kept = [frame for frame in frames if chance.random() >= share]
+        sound += len(kept) == len(frames)
+        queues.append(kept)
+    ours = Framing(FAST, FAST)
+    got = []
+    while any(queues):
+        queue = chance.choice([each for each in queues if each])
+        found = ours.take(0.0, queue.pop(0))
+        got += [] if found is None else [found]
+    keys = [(each.group, each.source) for each in sent]
+    assert all(each in sent for each in got)
+    if all(keys.count(key) <= 8 for key in keys):
+        assert len(got) >= sound
+
+
+def test_what_no_frame_can_hold_is_refused() -> None:
+    framing = Framing(FAST, FAST)
+    with pytest.raises(ValueError, match="group 127245: 9 bytes, a frame holds 8"):
+        framing.frames(Message(127245, bytes(9)))
+    with pytest.raises(ValueError, match="group 126996: 224 bytes, a fast packet holds 223"):
+        framing.frames(Message(126996, bytes(224)))
+
+
+def test_ever_new_packets_that_nobody_ends_take_no_more_room() -> None:
+    packets = FastPackets()
+    for source in range(251):
+        for sequence in range(8):
+            assert packets.add(0.0, 129029, source, bytes([sequence << 5, 43, 1, 2, 3, 4, 5, 6])) is None
+    assert len(packets._begun) <= 64
+    assert Framing(FAST, frozenset()).take(0.0, Frame(0x09F11223, bytes(8))) is None, "not a group that is read"

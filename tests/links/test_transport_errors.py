@@ -233,6 +233,18 @@ def test_any_text_is_a_link_or_one_sentence(text: str) -> None:
         ("udpin:127.0.0.1:1?allow=10.0.0.0/8", True),
         ("udpin:127.0.0.1:1?steer=no", False),
         ("n2k:socketcan:can0?steer=no", True),
+        ("n2k:socketcan:can0?orders=yes&steer=yes", True),
+        ("n2k:socketcan:can0?orders=maybe", False),
+        ("nmea:/dev/x:4800?orders=yes", False),
+        ("n2k:ydwg-tcp:192.168.4.1:1457", True),
+        ("n2k:ydwg-tcp:192.168.4.1", False),
+        ("n2k:ydwg-tcp:192.168.4.1:0", False),
+        ("n2k:ydwg-udp:127.0.0.1:1457?allow=10.0.0.1", True),
+        ("n2k:ydwg-sctp:127.0.0.1:1457", False),
+        ("n2k:actisense:/dev/ttyUSB0", True),
+        ("n2k:actisense:/dev/ttyUSB0:230400", True),
+        ("n2k:actisense:/dev/ttyUSB0:200", False),
+        ("n2k:actisense:", False),
         ("n2k:socketcan:can0?send=HDT", False),
     ],
 )
@@ -250,6 +262,6 @@ def test_what_a_url_says_is_in_its_place() -> None:
     assert (network.path, network.baud) == ("", 0)
     line = parse_url("nmea:/dev/serial/by-id/a:b:4800?send=HDT,ROT:2.5&talker=II")
     assert (line.medium, line.path, line.baud, line.host) == ("serial", "/dev/serial/by-id/a:b", 4800, "")
-    assert line.options == ((True, (("HDT", 1.0), ("ROT", 2.5)), "II", ()))
+    assert line.options == ((True, (("HDT", 1.0), ("ROT", 2.5)), "II", (), False))
     bus = parse_url("n2k:socketcan:can0")
     assert (bus.medium, bus.host, bus.path, bus.options.steers) == ("can", "socketcan", "can0", True)

@@ -106,8 +106,14 @@ FULL_VALUES = {name: value_of(FULL, each) for name, each in TABLE.items()}
 def opened(monkeypatch: pytest.MonkeyPatch) -> Any:
     """What every kind of link, and what chooses among them, is set up with for a vessel."""
     monkeypatch.setattr(build_links, "open_transport", lambda *_: "line")
-    monkeypatch.setattr("autopilot.links.n2k.open_bus", lambda *_: "bus")
-    for name in ("mavlink.companion.CompanionLink", "nmea.link.NmeaLink", "n2k.N2kLink", "drives.drive_link.DriveLink"):
+    monkeypatch.setattr("autopilot.links.n2k.link.open_bus", lambda *_: "bus")
+    monkeypatch.setattr("autopilot.links.n2k.link.BusLine", lambda *_: "bus")
+    for name in (
+        "mavlink.companion.CompanionLink",
+        "nmea.link.NmeaLink",
+        "n2k.link.N2kLink",
+        "drives.drive_link.DriveLink",
+    ):
         monkeypatch.setattr(f"autopilot.links.{name}", lambda *given: given)
     monkeypatch.setattr(build_links, "drive_of", lambda _, given: given)
 

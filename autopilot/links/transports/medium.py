@@ -22,12 +22,14 @@ class UrlOptions(NamedTuple):
     """steers: whether rudder orders leave on this link.  sends: sentence type and rate [Hz] of what is repeated.
 
     talker: the two letters before the type of what is repeated.  allow: who may come in; empty: everybody.
+    orders: whether other nodes of an NMEA 2000 network may engage the pilot and change its course.
     """
 
     steers: bool = True
     sends: tuple[tuple[str, float], ...] = ()
     talker: str = "AG"
     allow: tuple[Network, ...] = ()
+    orders: bool = False
 
 
 class LinkUrl(NamedTuple):
@@ -89,11 +91,12 @@ Accepts = Callable[[bytes], bool]
 
 
 class Scheme(NamedTuple):
-    """The beginning of a URL, what is spoken over it, and an example."""
+    """The beginning of a URL, what is spoken over it, an example, and the baud rate where none is written."""
 
     name: str
     protocol: str
     example: str
+    usual: str = ""
 
 
 class Medium(NamedTuple):
@@ -155,10 +158,11 @@ def parse_options(text: str, query: str, allowed: tuple[str, ...]) -> UrlOptions
             offer = f"allowed here, once each, are {', '.join(allowed)}" if allowed else "this kind of link takes none"
             raise LinkError(f"link {text!r}: option {name!r} behind the ? is unknown or repeated; {offer}")
         seen.add(name)
-        if name == "steer":
+        if name in ("steer", "orders"):
             if value not in ("yes", "no"):
-                raise LinkError(f"link {text!r}: steer is {value!r}; write steer=yes or steer=no")
-            options = options._replace(steers=value == "yes")
+                raise LinkError(f"link {text!r}: {name} is {value!r}; write {name}=yes or {name}=no")
+            is_wanted = value == "yes"
+            options = options._replace(steers=is_wanted) if name == "steer" else options._replace(orders=is_wanted)
         elif name == "talker":
             if not (len(value) == 2 and value.isascii() and value.isalpha() and value.isupper()):
                 raise LinkError(f"link {text!r}: talker is {value!r}; write two capital letters, such as talker=II")

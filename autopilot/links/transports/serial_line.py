@@ -183,6 +183,8 @@ MEDIA = (
         (
             Scheme("serial", "mavlink", "serial:/dev/ttyUSB0:115200"),
             Scheme("nmea", "nmea", "nmea:/dev/ttyUSB1:4800"),
+            Scheme("n2k:ydwg", "ydwg", "n2k:ydwg:/dev/ttyACM0", usual="115200"),
+            Scheme("n2k:actisense", "actisense", "n2k:actisense:/dev/ttyUSB0", usual="115200"),
         ),
         line,
         lambda link, *_: SerialTransport(link.text, link.path, link.baud),

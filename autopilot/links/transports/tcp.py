@@ -215,6 +215,9 @@ MEDIA = (
         (
             Scheme("tcp", "mavlink", "tcp:127.0.0.1:5760"),
             Scheme("nmea-tcp", "nmea", "nmea-tcp:192.168.1.20:10110"),
+            Scheme("n2k:ydwg-tcp", "ydwg", "n2k:ydwg-tcp:192.168.4.1:1457"),
+            Scheme("n2k:actisense-tcp", "actisense", "n2k:actisense-tcp:192.168.1.20:60002"),
+            Scheme("n2k:ascii-tcp", "n2k-ascii", "n2k:ascii-tcp:192.168.1.20:60003"),
         ),
         peer,
         lambda link, *_: TcpClientTransport(link.text, link.host, link.port),
@@ -224,6 +227,7 @@ MEDIA = (
         (
             Scheme("tcpin", "mavlink", "tcpin:127.0.0.1:5760"),
             Scheme("nmea-tcpin", "nmea", "nmea-tcpin:wlan0:10110"),
+            Scheme("n2k:ydwg-tcpin", "ydwg", "n2k:ydwg-tcpin:127.0.0.1:1457"),
         ),
         own_address,
         lambda link, _, allows: TcpServerTransport(link.text, link.host, link.port, allows),

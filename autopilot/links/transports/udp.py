@@ -237,6 +237,7 @@ MEDIA = (
         (
             Scheme("udpin", "mavlink", "udpin:127.0.0.1:14550"),
             Scheme("nmea-udp", "nmea", "nmea-udp:127.0.0.1:10110"),
+            Scheme("n2k:ydwg-udp", "ydwg", "n2k:ydwg-udp:wlan0:1457"),
         ),
         own_address,
         lambda link, accepts, allows: UdpInTransport(link.text, link.host, link.port, accepts, allows),
@@ -247,6 +248,7 @@ MEDIA = (
         (
             Scheme("udpout", "mavlink", "udpout:192.168.1.10:14550"),
             Scheme("nmea-udpout", "nmea", "nmea-udpout:192.168.1.20:10110"),
+            Scheme("n2k:ydwg-udpout", "ydwg", "n2k:ydwg-udpout:192.168.4.1:1457"),
         ),
         peer,
         lambda link, *_: UdpOutTransport(link.text, link.host, link.port),

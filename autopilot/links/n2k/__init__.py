@@ -1,0 +1,1 @@
+"""NMEA 2000: a bus by python-can or through a gateway; frames, fields, samples, the node, and the link."""

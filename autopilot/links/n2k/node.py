@@ -1,0 +1,230 @@
+"""Norrbin as a node of an NMEA 2000 network: its address, and what every node answers. Pure; time is an argument.
+
+    60928 address claim: the node with the lower NAME keeps a contested address, the other moves or falls silent
+    59904 request: answered, or refused by 59392        126208 group function: request, command, acknowledge
+    126993 heartbeat                                    126996 product   126998 configuration   126464 groups
+
+Source: address claim after SAE J1939-81; fields of the NAME and of the messages after canboat's canboat.json. A node
+that has claimed waits 250 ms for objections before it says anything else.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from typing import NamedTuple
+
+from autopilot.links.n2k import group_function as gf
+from autopilot.links.n2k.fields import (
+    ACKNOWLEDGEMENT,
+    ADDRESS_CLAIM,
+    CONFIGURATION,
+    CONTROL,
+    GROUP_FUNCTION,
+    GROUPS,
+    HEARTBEAT,
+    PRODUCT,
+    REQUEST,
+    RUDDER,
+    encoded,
+    fixed_text,
+    text,
+)
+from autopilot.links.n2k.packets import EVERYBODY, Message
+
+FIRST_ADDRESS, LOWEST, HIGHEST = 204, 128, 251
+"""The address claimed first, and those claimed where it is taken: the lowest free one."""
+NO_ADDRESS = 254
+OBJECTIONS_S = 0.25
+UNIQUE_MOST = 0x1FFFFF
+NAME = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21
+"""Arbitrary address capable, marine, class 40 "steering and control surfaces", function 150 "autopilot", maker 2046
+(none of the registered ones); the unique number comes below."""
+PILOT = (40, 150)
+"""Class and function of an autopilot."""
+SENT = (ACKNOWLEDGEMENT, REQUEST, ADDRESS_CLAIM, GROUP_FUNCTION, GROUPS, HEARTBEAT, PRODUCT, CONFIGURATION)
+HEARTBEAT_S, HEARTBEAT_LEAST_S = 60.0, 1.0
+COUNTS = 253
+"""Heartbeats are counted from 0 to 252."""
+NAK = 1
+VERSION = 2100
+"""Of NMEA 2000, in thousandths: 2.100, the one whose messages these are."""
+UNKNOWN = 0xFFFF
+
+
+class Device(NamedTuple):
+    """What tells this node from others: its unique number, of 21 bits, and the version of the program."""
+
+    unique: int = 1
+    version: str = ""
+
+
+Commanded = Callable[[float, tuple[tuple[int, int], ...]], tuple[int, list[int]]]
+"""Carries a command of 127237 out: time [s], index and bits of its fields; returns the code, and that of each field."""
+
+
+class Node:
+    """The node. `current` returns the newest 127237 or 127245 that was sent; `reads`: groups that are listened to.
+
+    Attributes:
+        address: ours, NO_ADDRESS where every one was taken: then nothing may be sent but that.
+        known: the NAMEs of the others by their addresses.
+    """
+
+    def __init__(
+        self, device: Device, reads: tuple[int, ...], current: Callable[[int], bytes | None], commanded: Commanded
+    ) -> None:
+        self.address = FIRST_ADDRESS
+        self.name = NAME | device.unique & UNIQUE_MOST
+        self.known: dict[int, int] = {}
+        self._device, self._reads, self._current, self._commanded = device, reads, current, commanded
+        self._lost: set[int] = set()
+        self._ready = math.inf
+        self._period, self._next, self._count = HEARTBEAT_S, -math.inf, 0
+
+    def is_ready(self, now: float) -> bool:
+        """Return whether more than claims may be sent at `now` [s]."""
+        return self.address != NO_ADDRESS and now >= self._ready
+
+    def is_pilot(self, address: int) -> bool:
+        """Return whether a node has said that it is an autopilot."""
+        name = self.known.get(address, 0)
+        return (name >> 49 & 127, name >> 40 & 255) == PILOT
+
+    def due(self, now: float) -> list[Message]:
+        """Return what falls due at `now` [s]: the claim at the start, with a question who else is there; heartbeats."""
+        if self._ready == math.inf:
+            self._ready = now + OBJECTIONS_S
+            return [self._claim(), Message(REQUEST, ADDRESS_CLAIM.to_bytes(3, "little"), NO_ADDRESS)]
+        if now < self._next or not self.is_ready(now):
+            return []
+        self._next = now + self._period
+        self._count = (self._count + 1) % COUNTS
+        return [self._say(HEARTBEAT, self._heartbeat(), 7)]
+
+    def take(self, now: float, message: Message) -> list[Message]:
+        """Return what is to be said to a message at `now` [s]."""
+        if message.group == ADDRESS_CLAIM:
+            return self._claimed(now, message)
+        if message.destination not in (self.address, EVERYBODY) or self._ready == math.inf:
+            return []
+        if message.group == REQUEST and len(message.data) >= 3:
+            return self._requested(now, message, int.from_bytes(message.data[:3], "little"))
+        if message.group == GROUP_FUNCTION and self.is_ready(now):
+            return self._asked(now, message)
+        return []
+
+    def _claim(self) -> Message:
+        return Message(ADDRESS_CLAIM, struct.pack("<Q", self.name), self.address)
+
+    def _claimed(self, now: float, message: Message) -> list[Message]:
+        if len(message.data) != 8:
+            return []
+        (name,) = struct.unpack("<Q", message.data)
+        # our own claim may come back from a gateway
+        if name == self.name or message.source > HIGHEST:
+            return []
+        if message.source != self.address or name < self.name:
+            self.known[message.source] = name
+        if message.source != self.address or self._ready == math.inf:
+            return []
+        if name < self.name:
+            self._lost.add(self.address)
+            taken = self._lost | set(self.known)
+            free = (address for address in range(LOWEST, HIGHEST + 1) if address not in taken)
+            self.address, self._ready = next(free, NO_ADDRESS), now + OBJECTIONS_S
+        return [self._claim()]
+
+    def _requested(self, now: float, message: Message, group: int) -> list[Message]:
+        if group == ADDRESS_CLAIM:
+            return [self._claim()]
+        if not self.is_ready(now):
+            return []
+        found = self._answers(group)
+        if not found and message.destination != EVERYBODY:
+            refusal = encoded(ACKNOWLEDGEMENT, {"control": NAK, "pgn": group})
+            return [self._say(ACKNOWLEDGEMENT, refusal, 6, message.source)]
+        return found
+
+    def _answers(self, group: int) -> list[Message]:
+        """Return the messages of a group, as they are now; none of one that is not sent."""
+        if group == PRODUCT:
+            return [self._say(PRODUCT, product(self._device))]
+        if group == CONFIGURATION:
+            texts = ("", "", "Norrbin, an open-source autopilot")
+            return [self._say(CONFIGURATION, b"".join(text(each) for each in texts))]
+        if group == GROUPS:
+            lists = (*SENT, CONTROL, RUDDER), self._reads
+            packed = [b"".join(each.to_bytes(3, "little") for each in groups) for groups in lists]
+            return [self._say(GROUPS, bytes((kind,)) + each) for kind, each in enumerate(packed)]
+        if group == HEARTBEAT:
+            return [self._say(HEARTBEAT, self._heartbeat(), 7)]
+        current = self._current(group) if group in (CONTROL, RUDDER) else None
+        return [] if current is None else [self._say(group, current, 2)]
+
+    def _heartbeat(self) -> bytes:
+        return encoded(
+            HEARTBEAT,
+            {
+                "dataTransmitOffset": self._period,
+                "sequenceCounter": self._count,
+                "controller1State": "Error Active",
+                "equipmentStatus": "Operational",
+            },
+        )
+
+    def _asked(self, now: float, message: Message) -> list[Message]:
+        """Answer a group function. What everybody is asked is answered by who has it, and acknowledged by nobody."""
+        asked = gf.group_function(message.data)
+        if asked is None:
+            return []
+        group, is_for_all = asked.group, message.destination == EVERYBODY
+        code, other, fields, said = gf.DONE, gf.DONE, [gf.DONE] * asked.named, list[Message]()
+        if asked.kind == gf.ASK:
+            said = self._answers(group) if group != ADDRESS_CLAIM else [self._claim()]
+            other = self._paced(group, asked.interval)
+            if not said:
+                code, fields = gf.UNKNOWN_GROUP, [gf.FIELD_UNSUPPORTED] * asked.named
+            elif asked.named:
+                # nobody here has several of a group to choose from
+                code, fields, said = gf.UNSUPPORTED, [gf.FIELD_UNSUPPORTED] * asked.named, []
+        elif is_for_all:
+            return []
+        elif asked.kind != gf.COMMAND:
+            code = gf.NO_READ_OR_WRITE
+        elif group != CONTROL:
+            code, fields = gf.UNKNOWN_GROUP, [gf.FIELD_UNSUPPORTED] * asked.named
+        elif asked.pairs is None:
+            code, fields = gf.UNSUPPORTED, [gf.NO_SUCH_FIELD] * asked.named
+        else:
+            code, fields = self._commanded(now, asked.pairs)
+            other = gf.DONE if asked.priority in gf.PRIORITIES_AS_IS else gf.FIXED_PRIORITY
+        if is_for_all:
+            return said
+        answer = gf.acknowledgement(group, code, other, fields)
+        return [self._say(GROUP_FUNCTION, answer, 3, message.source), *said]
+
+    def _paced(self, group: int, interval: int) -> int:
+        """Take the interval [ms] asked for, of heartbeats alone; return the code of its acknowledgement."""
+        if interval in (gf.AS_IS, gf.AS_BY_DEFAULT):
+            if group == HEARTBEAT and interval == gf.AS_BY_DEFAULT:
+                self._period = HEARTBEAT_S
+            return gf.DONE
+        if group != HEARTBEAT:
+            return gf.FIXED_INTERVAL
+        seconds = interval / 1000.0
+        if not HEARTBEAT_LEAST_S <= seconds <= HEARTBEAT_S:
+            return gf.TOO_OFTEN if 0.0 < seconds < HEARTBEAT_LEAST_S else gf.FIXED_INTERVAL
+        self._period = seconds
+        self._next = -math.inf
+        return gf.DONE
+
+    def _say(self, group: int, data: bytes, priority: int = 6, destination: int = EVERYBODY) -> Message:
+        return Message(group, data, self.address, destination, priority)
+
+
+def product(device: Device) -> bytes:
+    """Return the data of 126996; Norrbin has no product code and no certificate, and takes no power from the bus."""
+    texts = ("Norrbin", device.version, "autopilot", f"{device.unique & UNIQUE_MOST:06X}")
+    return struct.pack("<HH", VERSION, UNKNOWN) + b"".join(fixed_text(each, 32) for each in texts) + b"\xff\x00"

@@ -1,0 +1,331 @@
+"""What is said over one NMEA 2000 network: messages in, samples out; rudder orders and ticks in, messages out.
+
+Heading, rate, roll, rudder, speed, position, wind and a plotter's legs come in; rudder order (127245) and heading/track
+control (127237) leave, and Norrbin is a node like any other, see `autopilot.links.n2k.node`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+from autopilot.angles import shortest_turn
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.links.n2k import group_function as gf
+from autopilot.links.n2k.fields import (
+    ADDRESS_CLAIM,
+    CONTROL,
+    FOLLOW_UP,
+    GROUND_SPEED,
+    GROUP_FUNCTION,
+    HEADING,
+    HEADING_CONTROL,
+    LAYOUTS,
+    MAIN,
+    ORDERS,
+    REQUEST,
+    RUDDER,
+    STEERING,
+    TRACK_CONTROL,
+    VARIATION,
+    YES_NO,
+    decoded,
+    encoded,
+    value_of,
+)
+from autopilot.links.n2k.node import NO_ADDRESS, Device, Node
+from autopilot.links.n2k.packets import Message
+from autopilot.links.n2k.plotter import PLOTTER_GROUPS, PlotterReader
+from autopilot.links.n2k.samples import (
+    INSTRUMENTS,
+    Compass,
+    course_of,
+    is_heading,
+    own_variation,
+    sample_of,
+    source_name,
+)
+from autopilot.links.north import UnusableHeadings, steered
+from autopilot.links.release import Release, UnshownRelease
+from autopilot.links.rudder_follow import FollowSettings, RudderFollow, StandingOrder
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    HeadingSample,
+    HelmSample,
+    Mode,
+    OrderKind,
+    RudderCommand,
+    RudderSample,
+    Sample,
+    Tick,
+)
+
+NETWORK = (ADDRESS_CLAIM, REQUEST, GROUP_FUNCTION)
+READ = frozenset((*INSTRUMENTS, *PLOTTER_GROUPS, *NETWORK))
+"""The groups that are listened to."""
+ORDER_PERIOD_S = 0.1
+CONTROL_PERIOD_S = 0.25
+WAITING_MOST = 64
+"""Messages that wait for a busy bus; of more the oldest go unsent."""
+OFF_HEADING = math.radians(10.0)
+PLOTTER = "chart plotter"
+LAPSE = "nothing on the bus confirms it; the drive lets go by itself when no more orders come"
+STRANDED = "no address is free on the NMEA 2000 network: no order can leave"
+COMMANDS = {5: "steeringMode", 7: "headingReference", 11: "headingToSteerCourse"}
+"""Fields of 127237 that another node may set, by their index."""
+
+
+class Helm(Protocol):
+    """Who carries out what a plotter's user orders."""
+
+    def engage(self, heading: float | None) -> None:
+        """Order a heading [rad], or the present one."""
+
+    def turn_to(self, heading: float) -> None:
+        """Change the heading [rad] ordered."""
+
+    def stand_by(self) -> None:
+        """Give the rudder back."""
+
+    def follow(self) -> None:
+        """Follow the chart plotter."""
+
+
+class N2kSettings(NamedTuple):
+    """heading_latency [s]; variation [rad], None to take it from the bus; whether rudder orders leave; follow;
+    magnetic: whether magnetic courses are steered; rudder_limit [rad]; device: what tells this node from others;
+    takes_orders: whether other nodes may engage the pilot and change its course, and not only end its steering.
+    """
+
+    heading_latency: float = 0.0
+    variation: float | None = None
+    steers: bool = True
+    follow: FollowSettings = FollowSettings()
+    magnetic: bool = False
+    rudder_limit: float = math.inf
+    device: Device = Device()
+    takes_orders: bool = False
+
+
+class N2kSession:
+    """One network. It owns no bus and no clock, and never raises.
+
+    is_node: whether Norrbin is the node; a gateway that has an address of its own is the node itself. guide: takes
+    what a plotter says. helm: carries out what is ordered from the network, None where nobody can.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: N2kSettings = N2kSettings(),  # noqa: B008 - immutable
+        is_node: bool = True,
+        guide: PlotterGuide | None = None,
+        helm: Helm | None = None,
+    ) -> None:
+        self.name, self.settings = name, settings
+        self.node = (
+            Node(settings.device, tuple(sorted(READ)), self._current, self._commanded)
+            if is_node and settings.steers
+            else None
+        )
+        self._guide, self._helm = guide, helm
+        self._guide_alarm: AlarmEvent | None = None
+        self._variation = settings.variation
+        self._plotter = PlotterReader(lambda: self._variation, settings.magnetic)
+        self._unusable, self._unusable_headings = 0, UnusableHeadings(name)
+        self._follow = RudderFollow(settings.follow)
+        self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
+        self._release = UnshownRelease(name, LAPSE)
+        self._helm_reason: str | None = None
+        self._next_control = -math.inf
+        self._tick: Tick | None = None
+        self._sent: dict[int, bytes] = {}
+        self._waiting: list[Message] = []
+
+    def receive(self, now: float, messages: list[Message]) -> list[Sample]:
+        """Take the messages that have arrived by `now` [s], and return the samples in them."""
+        samples: list[Sample] = []
+        for message in messages:
+            self._take(now, message, samples)
+        samples += self._unusable_headings.news(now, samples, self._unusable)
+        reason = self._follow.reason(now)
+        if self.node is not None and self.node.address == NO_ADDRESS:
+            reason = reason or STRANDED
+        if reason != self._helm_reason and (self.settings.steers or reason or self._helm_reason):
+            self._helm_reason = reason
+            samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
+        if self._guide is not None and self._guide.alarm != self._guide_alarm:
+            self._guide_alarm = self._guide.alarm
+            samples.append(AlarmSample(now, self._guide_alarm, PLOTTER))
+        return samples
+
+    def _take(self, now: float, message: Message, samples: list[Sample]) -> None:
+        group, node = message.group, self.node
+        if group in NETWORK:
+            if node is not None:
+                self._waiting += node.take(now, message)
+            return
+        if node is not None and message.source == node.address:
+            return
+        if group in PLOTTER_GROUPS:
+            is_pilots = group == CONTROL and node is not None and node.is_pilot(message.source)
+            if self._guide is not None and not is_pilots:
+                led = self._plotter.take(now, message)
+                if led is not None:
+                    self._guide.take(led)
+            return
+        if group in INSTRUMENTS:
+            self._measured(now, message, samples)
+
+    def _measured(self, now: float, message: Message, samples: list[Sample]) -> None:
+        group = message.group
+        fields = decoded(group, message.data)
+        if group in (HEADING, VARIATION) and self.settings.variation is None:
+            heard = own_variation(fields)
+            self._variation = self._variation if heard is None else heard
+        compass = Compass(self._variation, self.settings.magnetic)
+        source = source_name(group, message.source, fields)
+        sample = sample_of(group, now, fields, compass, source)
+        self._unusable += sample is None and is_heading(group, fields)
+        if isinstance(sample, HeadingSample):
+            sample = sample._replace(time=now - self.settings.heading_latency)
+        elif isinstance(sample, RudderSample) and ":" not in source:
+            # the angle of a further rudder is for the log
+            self._follow.measured(now, sample.angle, sample.source)
+        if sample is not None:
+            samples.append(sample)
+        if group == GROUND_SPEED and (course := course_of(now, fields, self._variation, source)) is not None:
+            samples.append(course)
+
+    def send(self, now: float, command: RudderCommand) -> None:
+        """Take the rudder command of `now` [s]; one that is not engaged is a release."""
+        angle = self._order.take(now, command)
+        if angle is None:
+            self._follow.released()
+        else:
+            self._follow.ordered(now, angle)
+            self._release.has_ordered = self._release.has_ordered or self.settings.steers
+        self._say_order(now)
+
+    def poll(self, now: float) -> None:
+        """Say what is due at `now` [s]."""
+        if self.node is not None:
+            self._waiting += self.node.due(now)
+        self._say_order(now)
+
+    def on_tick(self, tick: Tick) -> None:
+        """Say heading/track control at its rate."""
+        self._tick = tick
+        if self.settings.steers and tick.now >= self._next_control and tick.state.valid:
+            self._next_control = tick.now + CONTROL_PERIOD_S
+            self._say(tick.now, CONTROL, encoded(CONTROL, self._control(tick)))
+
+    def due(self, now: float) -> list[Message]:
+        """Return and forget the messages that leave at `now` [s], oldest first."""
+        leaving, self._waiting = self._waiting[-WAITING_MOST:], []
+        return leaving
+
+    def release(self, now: float) -> None:
+        """Say that the rudder is given back, several times over."""
+        for _ in range(self._order.end()):
+            self._say_rudder(now, None)
+
+    def released(self, now: float, is_gone: bool) -> None:
+        """Take that the releases have left at `now` [s]; `is_gone`: they could not."""
+        self._release.asked(now, is_gone)
+
+    def release_result(self, now: float) -> Release | None:
+        """Return what became of the rudder after `release`, None while it is on its way."""
+        return self._release.result(now)
+
+    def _say_order(self, now: float) -> None:
+        if self.settings.steers:
+            self._order.send(now, lambda angle: self._say_rudder(now, angle))
+
+    def _say_rudder(self, now: float, angle: float | None) -> bool:
+        fields: dict[str, object] = {"instance": 0, "directionOrder": ORDERS[0]}
+        if angle is not None:
+            fields |= {"directionOrder": _side(angle), "angleOrder": angle}
+        return self._say(now, RUDDER, encoded(RUDDER, fields))
+
+    def _say(self, now: float, group: int, data: bytes) -> bool:
+        self._sent[group] = data
+        if self.node is not None and not self.node.is_ready(now):
+            return False
+        self._waiting.append(Message(group, data, 0 if self.node is None else self.node.address, priority=2))
+        return True
+
+    def _current(self, group: int) -> bytes | None:
+        return self._sent.get(group)
+
+    def _control(self, tick: Tick) -> dict[str, object]:
+        engaged = tick.mode is Mode.ENGAGED
+        heads = engaged and tick.order.kind is OrderKind.HEADING and math.isfinite(tick.order.heading)
+        off = abs(shortest_turn(tick.reference.heading, tick.state.heading)) > OFF_HEADING
+        limit = self.settings.rudder_limit
+        mode = (TRACK_CONTROL if tick.order.is_led else HEADING_CONTROL) if heads else FOLLOW_UP if engaged else MAIN
+        fields: dict[str, object] = {
+            "override": YES_NO[tick.mode is Mode.OVERRIDE],
+            "steeringMode": mode,
+            "headingReference": "Magnetic" if self.settings.magnetic else "True",
+            "vesselHeading": tick.state.heading % math.tau,
+            "offHeadingLimit": OFF_HEADING,
+        }
+        if math.isfinite(limit):
+            fields["rudderLimit"] = limit
+            fields["rudderLimitExceeded"] = YES_NO[engaged and abs(tick.demand) > limit]
+        if engaged:
+            fields["commandedRudderDirection"] = _side(tick.command.angle)
+            fields["commandedRudderAngle"] = tick.command.angle
+        if heads:
+            fields["headingToSteerCourse"] = tick.order.heading % math.tau
+            fields["offHeadingLimitExceeded"] = YES_NO[off]
+        return fields
+
+    def _commanded(self, now: float, pairs: tuple[tuple[int, int], ...]) -> tuple[int, list[int]]:
+        """Carry out a command of 127237 and return its codes. Ending the steering is always allowed, and goes first."""
+        asked: dict[str, float | str] = {}
+        codes: list[int] = []
+        for index, raw in pairs:
+            name = COMMANDS.get(index)
+            value = None if name is None else value_of(LAYOUTS[CONTROL][index - 1], raw)
+            codes.append(gf.FIELD_UNSUPPORTED if name is None else gf.OUT_OF_RANGE if value is None else gf.DONE)
+            if name is not None and value is not None:
+                asked[name] = value
+        helm, mode = self._helm, asked.get("steeringMode")
+        if helm is not None and mode == MAIN:
+            helm.stand_by()
+            return gf.DONE, codes
+        if helm is None or not self.settings.takes_orders:
+            return gf.DENIED, [gf.FIELD_DENIED] * len(pairs)
+        if any(codes) or not asked:
+            return gf.UNSUPPORTED, codes
+        if mode in STEERING[1:3]:
+            return gf.UNSUPPORTED, [gf.OUT_OF_RANGE if index == 5 else gf.DONE for index, _ in pairs]
+        tick, course = self._tick, asked.get("headingToSteerCourse")
+        reference = asked.get("headingReference", "Magnetic" if self.settings.magnetic else "True")
+        if isinstance(course, float):
+            course = steered(
+                course,
+                is_magnetic=reference == "Magnetic",
+                by_compass=self.settings.magnetic,
+                variation=self._variation,
+            )
+        heads = tick is not None and tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
+        is_blind = tick is None or not tick.state.valid
+        if is_blind or (course is None and "headingToSteerCourse" in asked) or (mode is None and not heads):
+            return gf.NOT_NOW, [gf.TEMPORARY] * len(pairs)
+        if mode == TRACK_CONTROL:
+            helm.follow()
+        elif isinstance(course, float) and heads:
+            helm.turn_to(course)
+        elif isinstance(course, float) or (
+            mode is not None and not (heads and tick is not None and not tick.order.is_led)
+        ):
+            helm.engage(course if isinstance(course, float) else None)
+        return gf.DONE, codes
+
+
+def _side(angle: float) -> str:
+    return ORDERS[1] if angle >= 0.0 else ORDERS[2]

@@ -1,0 +1,366 @@
+"""Norrbin as a node of NMEA 2000: its address, fought for on python-can's virtual bus, and what it answers to whom."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from autopilot.links.n2k import node as nodes
+from autopilot.links.n2k.link import BusLine, N2kLink, open_bus
+from autopilot.links.n2k.node import NAME, Device, Node
+from autopilot.links.n2k.packets import Message, identifier
+from autopilot.links.n2k.session import N2kSession, N2kSettings
+from autopilot.signals import (
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    Reference,
+    RudderCommand,
+    Tick,
+)
+
+can = pytest.importorskip("can", reason="python-can is not installed (extra n2k)")
+
+
+def claim(name: int, source: int) -> Message:
+    return Message(60928, struct.pack("<Q", name), source)
+
+
+def started(unique: int = 1) -> Node:
+    made = Node(Device(unique, "1.0"), (127250,), lambda _: None, lambda *_: (0, []))
+    first, question = made.due(0.0)
+    assert first == claim(NAME | unique, 204)
+    assert (question.group, question.data, question.source) == (59904, b"\x00\xee\x00", 254)
+    return made
+
+
+def test_the_name_says_what_we_are() -> None:
+    """ISO 11783-5: unique number 21 bits, maker 11, instances 8, function 8, reserved 1, class 7, 4, industry 3, 1."""
+    fields, name = [], NAME | 0x12345
+    for width in (21, 11, 8, 8, 1, 7, 4, 3, 1):
+        fields.append(name & ((1 << width) - 1))
+        name >>= width
+    assert fields == [0x12345, 2046, 0, 150, 0, 40, 0, 4, 1]
+    assert name == 0
+    assert identifier(60928, 204, 6) == 0x18EEFFCC
+
+
+def test_nothing_but_the_claim_is_said_while_others_may_object() -> None:
+    made = started()
+    asked = Message(59904, (126996).to_bytes(3, "little"), 35, 204)
+    assert (made.is_ready(0.2), made.due(0.2), made.take(0.2, asked)) == (False, [], [])
+    assert made.is_ready(0.25)
+    assert [each.group for each in made.due(0.25)] == [126993]
+    assert [each.group for each in made.take(0.3, asked)] == [126996]
+
+
+def test_an_address_is_kept_from_higher_names_and_left_to_lower_ones() -> None:
+    made = started()
+    ours = claim(made.name, 204)
+    assert made.take(1.0, claim(made.name + 1, 204)) == [ours]
+    assert made.is_ready(1.0), "who keeps an address need not be silent"
+    assert made.take(1.0, claim(made.name, 204)) == [], "our own, come back from a gateway"
+    assert made.take(1.0, claim(made.name - 1, 130)) == [], "another's address"
+    assert made.take(1.0, Message(60928, bytes(7), 204)) == []
+    assert made.take(1.0, claim(made.name - 1, 128)) == []
+    assert made.take(1.0, claim(made.name - 1, 204)) == [claim(made.name, 129)], "128 and 130 are known to be taken"
+    assert (made.address, made.is_ready(1.2), made.is_ready(1.25)) == (129, False, True)
+
+
+def test_with_every_address_taken_we_say_so_and_fall_silent() -> None:
+    made = started()
+    taken = []
+    while made.address != 254:
+        taken.append(made.address)
+        ((last),) = made.take(1.0, claim(0, made.address))
+    assert taken == [204, *range(128, 204), *range(205, 252)]
+    assert last == claim(made.name, 254), "cannot claim"
+    assert (made.is_ready(math.inf), made.due(100.0)) == (False, [])
+    asked = Message(59904, b"\x00\xee\x00", 35, 255)
+    assert made.take(100.0, asked) == [claim(made.name, 254)]
+    assert made.take(100.0, Message(59904, (126996).to_bytes(3, "little"), 35, 255)) == []
+
+
+def test_a_session_without_an_address_says_that_it_cannot_steer() -> None:
+    session = N2kSession("bus", N2kSettings())
+    session.poll(0.0)
+    helm = []
+    for address in (204, *range(128, 252)):
+        helm += [each for each in session.receive(1.0, [claim(0, address)]) if isinstance(each, HelmSample)]
+    assert [(each.available, each.reason[:21]) for each in helm] == [(True, ""), (False, "no address is free on")]
+    session.due(1.1)
+    session.send(2.0, RudderCommand(2.0, 0.1, True))
+    assert session.due(2.0) == []
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([60928, 59904, 126208]),
+            st.binary(max_size=20),
+            st.integers(0, 255),
+            st.sampled_from([204, 255, 7]),
+        ),
+        max_size=30,
+    )
+)
+def test_whatever_comes_the_answers_are_ours_and_fit_the_bus(said: list[tuple[int, bytes, int, int]]) -> None:
+    made = started()
+    for number, (group, data, source, destination) in enumerate(said):
+        for answer in made.take(1.0 + number, Message(group, data, source, destination)):
+            assert answer.source == made.address
+            assert len(answer.data) <= (8 if answer.group in (59392, 59904, 60928, 126993) else 223)
+
+
+class Device2:
+    """Our link on a virtual bus, as one of several nodes."""
+
+    def __init__(self, channel: str, unique: int) -> None:
+        line = BusLine(channel, open_bus("x", "virtual", channel))
+        self.link = N2kLink(line, N2kSettings(device=Device(unique)))
+        assert self.link.session.node is not None
+        self.node = self.link.session.node
+
+    def turn(self, now: float) -> None:
+        self.link.receive(now)
+        self.link.poll(now)
+
+
+@pytest.fixture
+def network(request: pytest.FixtureRequest) -> Iterator[list[Device2]]:
+    made = [Device2(request.node.name, unique) for unique in (30, 10, 20)]
+    yield made
+    for each in made:
+        each.link.close()
+
+
+def test_of_devices_with_one_address_the_lowest_name_keeps_it_and_all_end_apart(network: list[Device2]) -> None:
+    for step in range(100):
+        for each in network:
+            each.turn(step * 0.02)
+    addresses = {each.node.name & 0x1FFFFF: each.node.address for each in network}
+    assert addresses[10] == 204
+    assert len(set(addresses.values())) == 3 and all(each.node.is_ready(2.0) for each in network)
+    for each in network:
+        others = {other.node.address: other.node.name for other in network if other is not each}
+        assert {address: each.node.known.get(address) for address in others} == others
+        assert all(each.node.is_pilot(address) for address in others)
+
+
+def test_a_device_that_comes_later_moves_whom_it_outranks_while_it_steers(network: list[Device2]) -> None:
+    late = network.pop(1)
+    for step in range(50):
+        for each in network:
+            each.turn(step * 0.02)
+    assert [each.node.address for each in network] == [128, 204]
+    for step in range(50, 100):
+        for each in (*network, late):
+            each.turn(step * 0.02)
+    assert late.node.address == 204
+    assert len({each.node.address for each in (*network, late)}) == 3
+    network.append(late)
+
+
+def test_heartbeats_come_every_minute_are_counted_and_can_be_had_more_often() -> None:
+    made = started()
+    beats = [(now, each.data) for now in range(1, 200) for each in made.due(float(now))]
+    assert [now for now, _ in beats] == [1, 61, 121, 181]
+    assert [struct.unpack_from("<HB", data) for _, data in beats] == [(6000, 1), (6000, 2), (6000, 3), (6000, 4)]
+    answers = [answer_to(made, 200.0, request(126993, interval)) for interval in (5000, 500, 70000, 0)]
+    assert [each[4] >> 4 for each in answers] == [0, 2, 1, 1], "done, too often, not that, not never"
+    assert [now for now in range(200, 230) if made.due(float(now))] == [200, 205, 210, 215, 220, 225]
+    assert answer_to(made, 230.0, request(126993, 0xFFFFFFFE))[4] == 0, "back to the usual"
+    assert [now for now in range(230, 400) if made.due(float(now))] == [230, 290, 350]
+
+
+def request(group: int, interval: int = 0xFFFFFFFF, count: int = 0, pairs: bytes = b"") -> bytes:
+    return struct.pack("<B3sIHB", 0, group.to_bytes(3, "little"), interval, 0xFFFF, count) + pairs
+
+
+def command(group: int, *pairs: tuple[int, bytes], priority: int = 8) -> bytes:
+    head = struct.pack("<B3sBB", 1, group.to_bytes(3, "little"), 0xF0 | priority, len(pairs))
+    return head + b"".join(bytes((index,)) + value for index, value in pairs)
+
+
+def answer_to(made: Node, now: float, data: bytes) -> bytes:
+    answer = made.take(now, Message(126208, data, 35, made.address))[0]
+    assert (answer.group, answer.destination, answer.data[0]) == (126208, 35, 2)
+    return answer.data
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (request(126996), (126996, 0, 0, b"")),
+        (request(126996, 1000), (126996, 0, 1, b"")),
+        (request(126996, count=1, pairs=b"\x01\x00\x00"), (126996, 4, 0, b"\xf5")),
+        (request(130306), (130306, 1, 0, b"")),
+        (command(130306, (2, b"\x01\x02")), (130306, 1, 0, b"\xf5")),
+        (command(60928, (1, b"\x00\x00\x00"), (3, b"\x00")), (60928, 1, 0, b"\x55")),
+        (command(127237, (99, b"\x00")), (127237, 4, 0, b"\xf1")),
+        (command(127237, (11, b"\x00")), (127237, 4, 0, b"\xf1")),
+        (b"\x03" + (127237).to_bytes(3, "little") + bytes(5), (127237, 6, 0, b"")),
+        (b"\x05" + (127237).to_bytes(3, "little") + bytes(5), (127237, 6, 0, b"")),
+    ],
+)
+def test_group_functions_are_acknowledged_with_the_code_that_fits(
+    data: bytes, expected: tuple[int, int, int, bytes]
+) -> None:
+    answer = answer_to(started(), 1.0, data)
+    group, code, other, fields = expected
+    assert int.from_bytes(answer[1:4], "little") == group
+    assert (answer[4] & 15, answer[4] >> 4, answer[6:]) == (code, other, fields)
+
+
+def test_who_is_asked_with_everybody_acknowledges_nothing() -> None:
+    made = started()
+    for data, groups in ((request(126996), [126996]), (request(130306), []), (command(127237, (5, b"\0")), [])):
+        assert [each.group for each in made.take(1.0, Message(126208, data, 35, 255))] == groups
+    assert made.take(1.0, Message(126208, request(126996), 35, 7)) == [], "another is asked"
+    assert made.take(1.0, Message(126208, b"\x02\x05\xf1\x01\x00\x00", 35, 204)) == [], "an acknowledgement"
+    unknown = Message(59904, (130306).to_bytes(3, "little"), 35)
+    assert made.take(1.0, unknown) == []
+    (refusal,) = made.take(1.0, unknown._replace(destination=204))
+    assert (refusal.group, refusal.destination, refusal.data) == (59392, 35, b"\x01\xff\xff\xff\xff\x02\xfd\x01")
+
+
+class Skipper:
+    """Writes down what is ordered."""
+
+    def __init__(self) -> None:
+        self.orders: list[tuple[str, float | None]] = []
+
+    def engage(self, heading: float | None) -> None:
+        self.orders.append(("engage", heading))
+
+    def turn_to(self, heading: float) -> None:
+        self.orders.append(("turn", heading))
+
+    def stand_by(self) -> None:
+        self.orders.append(("stand by", None))
+
+    def follow(self) -> None:
+        self.orders.append(("follow", None))
+
+
+MODE = {"main": 0xF8, "non-follow-up": 0xF9, "follow-up": 0xFA, "heading": 0xFC, "track": 0xFD, "unknown": 0xFF}
+DONE, DENIED, UNSUPPORTED, NOT_NOW = 0, 3, 4, 2
+
+
+def ordered(
+    *pairs: tuple[int, bytes],
+    takes: bool = True,
+    mode: Mode = Mode.STANDBY,
+    is_led: bool = False,
+    is_valid: bool = True,
+    **changes: object,
+) -> tuple[int, bytes, list[tuple[str, float | None]]]:
+    """Return code and field codes of the acknowledgement, and what the skipper was told."""
+    skipper = Skipper()
+    settings = N2kSettings(takes_orders=takes, **changes)  # type: ignore[arg-type]
+    session = N2kSession("bus", settings, helm=skipper)
+    session.poll(0.0)
+    state = NavState(1.0, 0.25, 0.0, 4.0, 0.0, 0.0, 0.1, is_valid)
+    order = Order(OrderKind.HEADING, 0.5, is_led=is_led)
+    session.on_tick(Tick(0, 1.0, (), order, state, Reference(0.0), 0.0, RudderCommand(1.0, 0.0, True), mode, ()))
+    session.due(1.0)
+    session.receive(1.0, [Message(126208, command(127237, *pairs), 35, 204)])
+    (answer,) = session.due(1.0)
+    assert answer.data[5] == len(pairs)
+    return answer.data[4] & 15, answer.data[6:], skipper.orders
+
+
+def course(angle: float) -> tuple[int, bytes]:
+    return 11, struct.pack("<H", round(angle * 1e4))
+
+
+def steering(name: str) -> tuple[int, bytes]:
+    return 5, bytes((MODE[name] & 7,))
+
+
+TRUE, MAGNETIC = (7, b"\0"), (7, b"\1")
+ENGAGED = Mode.ENGAGED
+
+
+def test_the_steering_can_be_ended_from_any_node_and_nothing_else_unless_that_is_wanted() -> None:
+    assert ordered(steering("main"), takes=False) == (DONE, b"\xf0", [("stand by", None)])
+    assert ordered(steering("main"), (10, b"\0\0"), mode=ENGAGED) == (DONE, b"\x50", [("stand by", None)])
+    for pairs in ([steering("heading")], [steering("track")], [course(1.0)]):
+        assert ordered(*pairs, takes=False, mode=ENGAGED) == (DENIED, b"\xf4", [])
+
+
+@pytest.mark.parametrize(
+    ("pairs", "mode", "is_led", "orders"),
+    [
+        ([steering("heading")], Mode.STANDBY, False, [("engage", None)]),
+        ([steering("heading"), TRUE, course(1.5)], Mode.STANDBY, False, [("engage", 1.5)]),
+        ([steering("heading"), course(1.5)], ENGAGED, False, [("turn", 1.5)]),
+        ([course(1.5)], ENGAGED, True, [("turn", 1.5)]),
+        ([course(6.0)], ENGAGED, False, [("turn", 6.0 - math.tau)]),
+        ([steering("heading")], ENGAGED, False, []),
+        ([steering("heading")], ENGAGED, True, [("engage", None)]),
+        ([steering("track")], Mode.STANDBY, False, [("follow", None)]),
+    ],
+)
+def test_where_it_is_wanted_a_plotter_engages_and_turns(
+    pairs: list[tuple[int, bytes]], mode: Mode, is_led: bool, orders: list[tuple[str, float | None]]
+) -> None:
+    code, _, said = ordered(*pairs, mode=mode, is_led=is_led)
+    assert code == DONE
+    assert said == [
+        (name, heading if heading is None else pytest.approx(heading, abs=1e-4)) for name, heading in orders
+    ]
+
+
+@pytest.mark.parametrize(
+    ("pairs", "changes", "expected"),
+    [
+        ([course(1.0)], {}, (NOT_NOW, b"\xf2")),
+        ([steering("heading")], {"is_valid": False}, (NOT_NOW, b"\xf2")),
+        ([steering("heading"), MAGNETIC, course(1.0)], {}, (NOT_NOW, b"\x22\xf2")),
+        ([steering("follow-up")], {"mode": ENGAGED}, (UNSUPPORTED, b"\xf3")),
+        ([steering("unknown")], {"mode": ENGAGED}, (UNSUPPORTED, b"\xf3")),
+        ([course(6.5536 - 1e-4)], {"mode": ENGAGED}, (UNSUPPORTED, b"\xf3")),
+        ([steering("heading"), (10, b"\0\0")], {}, (UNSUPPORTED, b"\x50")),
+        ([(12, b"\0\0")], {"mode": ENGAGED}, (UNSUPPORTED, b"\xf5")),
+        ([], {"mode": ENGAGED}, (UNSUPPORTED, b"")),
+    ],
+)
+def test_what_cannot_be_done_is_not_done_in_part(
+    pairs: list[tuple[int, bytes]], changes: dict[str, object], expected: tuple[int, bytes]
+) -> None:
+    assert ordered(*pairs, **changes) == (*expected, [])  # type: ignore[arg-type]
+
+
+def test_a_commanded_course_is_taken_from_the_north_that_it_names() -> None:
+    turned = ordered(MAGNETIC, course(1.0), mode=ENGAGED, variation=0.1)
+    assert turned == (DONE, b"\x00", [("turn", pytest.approx(1.1))])
+    turned = ordered(TRUE, course(1.0), mode=ENGAGED, variation=0.1, magnetic=True)
+    assert turned == (DONE, b"\x00", [("turn", pytest.approx(0.9))])
+    assert ordered(course(1.0), mode=ENGAGED, magnetic=True)[2] == [("turn", pytest.approx(1.0))]
+
+
+def test_every_group_of_the_lists_is_answered_or_heard() -> None:
+    session = N2kSession("bus", N2kSettings())
+    session.poll(0.0)
+    session.due(0.0)
+    session.send(1.0, RudderCommand(1.0, 0.1, True))
+    session.due(1.0)
+    session.receive(1.0, [Message(59904, (126464).to_bytes(3, "little"), 35, 204)])
+    sent, read = [
+        [int.from_bytes(each.data[at : at + 3], "little") for at in range(1, len(each.data), 3)]
+        for each in session.due(1.0)
+    ]
+    assert set(sent) == {*nodes.SENT, 127237, 127245}
+    for group in set(sent) - {59392, 59904, 126208, 127237}:
+        session.receive(1.0, [Message(59904, group.to_bytes(3, "little"), 35, 204)])
+        assert {each.group for each in session.due(1.0)} == {group}
+    assert {127250, 129284, 127237, 60928} <= set(read)
