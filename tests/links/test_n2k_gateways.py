@@ -142,7 +142,7 @@ def test_a_packet_that_is_damaged_is_counted_and_no_message(kind: str) -> None:
         assert len(found) <= 2
 
 
-def test_a_datagram_is_told_from_noise() -> None:
+def test_a_datagram_is_distinguished_from_noise() -> None:
     assert is_spoken("ydwg", f"17:33:21.107 R 09F11223 {DATA_14}\r\n".encode())
     assert is_spoken("ydwg", b"17:33:21.107 R 09F80115 A0 7D\r\n")
     assert not is_spoken("ydwg", b"$HCHDG,1,,,,*00\r\n")

@@ -263,7 +263,7 @@ def ordered(
     is_valid: bool = True,
     **changes: object,
 ) -> tuple[int, bytes, list[tuple[str, float | None]]]:
-    """Return code and field codes of the acknowledgement, and what the skipper was told."""
+    """Return code and field codes of the acknowledgement, and what the skipper got."""
     skipper = Skipper()
     settings = N2kSettings(takes_orders=takes, **changes)  # type: ignore[arg-type]
     session = N2kSession("bus", settings, helm=skipper)

@@ -154,8 +154,8 @@ def batch(north: float, east: float, leg: int) -> tuple[Message, Message]:
     end = start[0] + 500.0 * math.cos(track), start[1] + 500.0 * math.sin(track)
     to = end[0] - north, end[1] - east
     xte = (east - start[1]) * math.cos(track) - (north - start[0]) * math.sin(track)
-    told = {"destinationWaypointNumber": leg + 1, "destinationLatitude": 1.0 + leg, "destinationLongitude": 0.2}
-    return navigation(track, math.atan2(to[1], to[0]), math.hypot(*to), **told), error(xte)
+    said = {"destinationWaypointNumber": leg + 1, "destinationLatitude": 1.0 + leg, "destinationLongitude": 0.2}
+    return navigation(track, math.atan2(to[1], to[0]), math.hypot(*to), **said), error(xte)
 
 
 @pytest.mark.parametrize("lag", [0, 1])
@@ -173,10 +173,10 @@ def test_at_a_waypoint_the_course_never_goes_the_wrong_way(lag: int, order: tupl
         now = 0.1 * step
         leg = max(leg, int(north > -20.0))
         if step % 10 == 0:
-            told, xte = batch(north, east, leg)
+            said, xte = batch(north, east, leg)
             errors.append(xte)
             late = errors[-1 - lag] if len(errors) > lag else errors[0]
-            pair = [mirrored(each, side) for each in (told, late)]
+            pair = [mirrored(each, side) for each in (said, late)]
             for number, which in enumerate(order):
                 session.receive(now + 0.03 * number, [pair[which]])
         courses.append(side * guide.course(now + 0.05, side * heading, 3.0))

@@ -53,7 +53,7 @@ def group_function(data: bytes) -> GroupFunction | None:
 
 
 def _pairs(group: int, count: int, data: bytes) -> tuple[tuple[int, int], ...] | None:
-    """Return index and bits of each field; what is behind one that the group has not cannot be told apart."""
+    """Return index and bits of each field; what is behind one that the group has not cannot be taken apart."""
     layout, found, at = LAYOUTS.get(group), [], 0
     if layout is None:
         return None

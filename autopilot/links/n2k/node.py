@@ -69,7 +69,7 @@ class Node:
 
     Attributes:
         address: ours, NO_ADDRESS where every one was taken: then nothing may be sent but that.
-        known: the NAMEs of the others by their addresses.
+        known: the NAME of each other node, by its address.
     """
 
     def __init__(

@@ -145,10 +145,10 @@ class PlotterReader:
 
     def _waypoint(self, fields: Fields) -> tuple[str, str]:
         """Return what tells the waypoint from others, some plotters number them all alike, and its name."""
-        told = number(fields, "destinationWaypointNumber", 2.0**32)
+        named = number(fields, "destinationWaypointNumber", 2.0**32)
         place = [number(fields, name, math.pi) for name in ("destinationLatitude", "destinationLongitude")]
         where = ",".join("" if each is None else f"{math.degrees(each):.4f}" for each in place)
-        return f"{told}@{where}", "" if told is None else self._names.get(int(told), "")
+        return f"{named}@{where}", "" if named is None else self._names.get(int(named), "")
 
     def _cross_track(self, now: float, fields: Fields) -> PlotterMessage | None:
         if fields.get("navigationTerminated") == "Yes":
