@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import ipaddress
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,10 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--link", required=True, metavar="URL", help="where the pilot serves: udpin:127.0.0.1:14550, tcp:HOST:PORT"
     )
     parser.add_argument(
-        "--listen", default="127.0.0.1:8080", metavar="ADDRESS:PORT", help="address for browsers (127.0.0.1:8080)"
+        "--listen",
+        default="127.0.0.1:8080",
+        metavar="ADDRESS:PORT",
+        help="address for browsers, or an interface: wlan0:8080 (127.0.0.1:8080)",
     )
     parser.add_argument("--logs", type=Path, metavar="DIR", help="offer the logs of this folder for download")
     parser.add_argument(
@@ -98,11 +102,27 @@ def _bound(host: str, port: int) -> Any:
 
 
 def _announce(host: str, port: int, token: str) -> None:
-    shown = f"[{host}]" if ":" in host else host
-    print(f"to steer:   http://{shown}:{port}/#token={token}")
-    print(f"to look:    http://{shown}:{port}/", flush=True)
+    from autopilot.web.codes import is_reachable, text_of
+
     address = ipaddress.ip_address(host)
     if address.is_unspecified:
-        print("(from another machine write this machine's own address instead)")
-    if not address.is_loopback:
-        print("the page is not encrypted: use it on a network that is yours alone, or over ssh -L", flush=True)
+        host = _own_address() or host
+    base = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+    print(f"to steer:   {base}#token={token}")
+    print(f"to look:    {base}", flush=True)
+    if address.is_loopback:
+        print("(this machine alone; --listen with an interface, like wlan0:8080, opens it to phones)", flush=True)
+        return
+    print("the page is not encrypted: use it on a network that is yours alone, or over ssh -L", flush=True)
+    if sys.stdout.isatty() and is_reachable(host) and (code := text_of(f"{base}#token={token}")):
+        print(f"to steer from a phone, scan:\n{code}", flush=True)
+
+
+def _own_address() -> str:
+    """Return the first address of this machine that others may reach, "" where there is none."""
+    import socket
+
+    from autopilot.links.transports.sockets import interface_address
+
+    found = (interface_address(name) for _, name in socket.if_nameindex())
+    return next((each for each in found if each and not ipaddress.ip_address(each).is_loopback), "")

@@ -213,15 +213,17 @@ class Hub:
         return bool(answer), words
 
     def close(self) -> None:
-        """Let every browser go, and take no more."""
+        """Let every browser go with a word, and take no more."""
         self._closed = True
         for queue in list(self._queues):
-            self._let_go(queue)
+            self._let_go(queue, event("end", True))
 
-    def _let_go(self, queue: asyncio.Queue[bytes | None]) -> None:
+    def _let_go(self, queue: asyncio.Queue[bytes | None], word: bytes = b"") -> None:
         del self._queues[queue]
         while not queue.empty():
             queue.get_nowait()
+        if word:
+            queue.put_nowait(word)
         queue.put_nowait(None)
 
     def _turn(self) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gzip
 import logging
 import signal
 import socket
@@ -29,6 +30,7 @@ from autopilot.errors import InputError, NotYetError
 from autopilot.files.outside import ORDER_MOST, order_object
 from autopilot.interruption import print_end
 from autopilot.web import page_files
+from autopilot.web.codes import is_reachable, svg_of
 from autopilot.web.hub import Access, Hub
 from autopilot.web.journal import words_of
 from autopilot.web.requests import asked_of
@@ -95,7 +97,16 @@ KINDS = {
     ".js": "text/javascript; charset=utf-8",
     ".css": "text/css",
     ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".webmanifest": "application/manifest+json",
 }
+PACKED = (".html", ".js", ".css", ".svg", ".webmanifest")
+"""What is sent in gzip, a third of its size, to a browser that takes it: all do."""
+UNREACHABLE = (
+    "You have opened this page on the boat's own computer, by an address that no other machine reaches. Start "
+    "autopilot web with --listen and an interface, like wlan0:8080, and open the address that it prints."
+)
+NO_CODES = "Codes need the package segno: pip install 'norrbin[web]'."
 ORDER_S = 5.0
 """Within this time an order has come whole."""
 BAD_ORDER, CANNOT_NOW = 400, 409
@@ -139,6 +150,9 @@ class Page:
     def __init__(self, hub: Hub, access: Access, logs: LogIndex) -> None:
         self._hub, self._access, self._logs = hub, access, logs
         self._assets = page_files()
+        self._packed = {
+            name: gzip.compress(content) for name, content in self._assets.items() if _ending(name) in PACKED
+        }
 
     def routes(self) -> list[Route]:
         """Return the routes."""
@@ -149,6 +163,7 @@ class Page:
             Route("/api/history", self.history),
             Route("/api/order", self.order, methods=["POST"]),
             Route("/api/may", self.may),
+            Route("/api/code/{what:str}", self.code),
             Route("/api/parameters", self.parameters),
             Route("/api/logs", self.logs),
             Route("/api/logs/{name:str}/ticket", self.ticket, methods=["POST"]),
@@ -161,8 +176,10 @@ class Page:
         content = self._assets.get(name)
         if content is None:
             return _refusal(404, "there is no such page")
-        kind = KINDS.get(name[name.rfind(".") :], "text/plain; charset=utf-8")
-        return Response(content, media_type=kind, headers={"cache-control": "no-cache"})
+        headers = {"cache-control": "no-cache", "vary": "accept-encoding"}
+        if name in self._packed and "gzip" in request.headers.get("accept-encoding", ""):
+            content, headers["content-encoding"] = self._packed[name], "gzip"
+        return Response(content, media_type=KINDS.get(_ending(name), "text/plain; charset=utf-8"), headers=headers)
 
     async def events(self, request: Request) -> Response:
         """What is known of the boat, ten times a second, as server-sent events; who has the token goes first."""
@@ -179,6 +196,19 @@ class Page:
     async def may(self, request: Request) -> Response:
         """Whether the token that comes with the request lets its bearer give orders."""
         return JSONResponse({"may": self._may(request)})
+
+    async def code(self, request: Request) -> Response:
+        """The QR code with which another display opens this page, `steer` or `look`, for who may give orders."""
+        what = request.path_params["what"]
+        if not self._may(request):
+            return _refusal(403, "codes are for who may give orders")
+        if what not in ("steer", "look"):
+            return _refusal(404, "there are two codes: steer and look")
+        base = request.base_url
+        if not is_reachable(base.hostname or ""):
+            return JSONResponse({"svg": "", "words": UNREACHABLE})
+        svg = svg_of(f"{base}#token={self._access.token}" if what == "steer" else str(base))
+        return JSONResponse({"svg": svg, "words": str(base) if svg else NO_CODES})
 
     async def order(self, request: Request) -> Response:
         """An order for the boat, from who may."""
@@ -313,6 +343,10 @@ async def _short_body(request: Request) -> bytes | None:
         if len(body) > ORDER_MOST:
             return None
     return body
+
+
+def _ending(name: str) -> str:
+    return name[name.rfind(".") :]
 
 
 def _address_of(request: Request) -> str:

@@ -209,7 +209,7 @@ def test_every_browser_gets_all_at_first_then_what_changes(sea: Watched) -> None
         assert seen[0] == seen[1]
         assert "row" in seen[0][0] and set(seen[0][1]) == {"state"}
         hub.close()
-        assert [data async for data in browsers[0]] == []
+        assert events_of(b"".join([data async for data in browsers[0]])) == [("end", True)]
 
     run_hub(sea, play)
 
@@ -228,6 +228,44 @@ def test_a_browser_that_does_not_keep_up_is_let_go_and_holds_nobody_back(sea: Wa
         assert events_of(await anext(quick))
 
     run_hub(sea, play)
+
+
+def test_a_server_that_ends_says_so_to_every_browser(sea: Watched) -> None:
+    async def play(hub: SailingHub) -> list[tuple[str, Any]]:
+        follower = hub.follow()
+        assert follower is not None
+        first = await anext(follower)
+        hub.close()
+        return events_of(first + b"".join([data async for data in follower]))
+
+    assert run_hub(sea, play)[-1] == ("end", True)
+
+
+def test_codes_open_the_page_on_another_display(sea: Watched, tmp_path: Path) -> None:
+    pytest.importorskip("segno")
+    app = build_app(SailingHub(sea), Access(TOKEN), LogIndex(tmp_path))
+    with TestClient(app, base_url="http://192.168.1.7:8080") as client:
+        assert client.get("/api/code/steer").status_code == 403
+        assert client.get("/api/code/other", headers=BEARER).status_code == 404
+        steer, look = (client.get(f"/api/code/{what}", headers=BEARER).json() for what in ("steer", "look"))
+        assert steer["svg"].startswith("<svg") and len(steer["svg"]) > len(look["svg"])
+        assert look["words"] == "http://192.168.1.7:8080/"
+    with TestClient(app, base_url="http://127.0.0.1:8080") as client:
+        answer = client.get("/api/code/look", headers=BEARER).json()
+        assert answer["svg"] == "" and "--listen" in answer["words"]
+
+
+def test_the_page_travels_packed_and_whole(client: Any) -> None:
+    packed = sum(
+        int(client.get(f"/{name}").headers["content-length"]) for name in page_files() if not name.startswith("uplot")
+    )
+    plain = client.get("/main.js", headers={"accept-encoding": "identity"})
+    assert "content-encoding" not in plain.headers and plain.content == page_files()["main.js"]
+    assert client.get("/main.js").content == plain.content and packed < 40_000
+    manifest = client.get("/manifest.webmanifest")
+    assert manifest.headers["content-type"] == "application/manifest+json"
+    for icon in manifest.json()["icons"]:
+        assert client.get(f"/{icon['src']}").headers["content-type"] == icon["type"]
 
 
 def test_who_only_looks_takes_no_place_from_who_has_the_token(sea: Watched) -> None:

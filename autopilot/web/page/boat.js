@@ -1,11 +1,11 @@
 // What is known of the boat, as the server tells it, and how old it is by this machine's own clock.
-const STALE_S = { beat: 3, attitude: 1.5, rudder: 2, loop: 3, navigation: 3, speed: 3, learning: 10, wind: 5 };
+const STALE_S = { beat: 3, attitude: 1.5, rudder: 2, loop: 3, navigation: 3, speed: 3, learning: 10, position: 5, wind: 5 };
 const SILENT_MS = 4000;
 
 export const boat = {
-  state: null, alarms: [], learning: {}, trial: null, dodge: null, texts: [],
-  received: -Infinity, refused: "",
-  onState() {}, onRow() {}, onHistory() {}, onText() {},
+  state: null, alarms: [], history: [], orders: [], sound: null, learning: {}, trial: null, dodge: null, texts: [],
+  route: [], track: [], courses: "steered", received: -Infinity, refused: "", ended: false,
+  onState() {}, onRow() {}, onHistory() {}, onText() {}, onMay() {},
   silence() { return Number.isFinite(this.received) ? (performance.now() - this.received) / 1000 : (performance.now() - started) / 1000; },
   age(group) {
     const age = this.state?.ages[group];
@@ -16,6 +16,22 @@ export const boat = {
     return age === null || age > (STALE_S[group] ?? 3);
   },
 };
+const TRACK_MOST = 1800;
+
+/* The time of day of a time [s] by the boat's own clock. */
+export function clockOf(time) {
+  return new Date(Date.now() - 1000 * Math.max(0, (boat.state?.t ?? time) - time)).toLocaleTimeString([], { hour12: false });
+}
+
+/* Degrees to add to a course as it is steered, for the north that this display has chosen. */
+export function shift() {
+  const { magnetic, variation } = boat.state ?? {};
+  if (typeof variation !== "number" || boat.courses === "steered") return 0;
+  return boat.courses === "true" ? magnetic ? variation : 0 : magnetic ? 0 : -variation;
+}
+
+export const isMagnetic = () => shift() === 0 ? Boolean(boat.state?.magnetic) : !boat.state.magnetic;
+
 const started = performance.now();
 let token = null, allowed = false, source = null, tried = started;
 
@@ -53,7 +69,10 @@ export async function ask(request) {
 async function begin() {
   try {
     allowed = (await get("/api/may")).may;
-    boat.onHistory(await get("/api/history"));
+    boat.onMay();
+    const history = await get("/api/history");
+    boat.track = history.track;
+    boat.onHistory(history);
   } catch { /* the next connection asks again */ }
 }
 
@@ -66,12 +85,13 @@ function heard(name, take) {
   });
 }
 
-heard("state", (state) => { boat.state = state; boat.onState(); });
+heard("state", (state) => { boat.state = state; boat.ended = false; boat.onState(); });
 heard("row", (row) => boat.onRow(row));
-heard("alarms", (alarms) => { boat.alarms = alarms; });
-heard("learning", (learning) => { boat.learning = learning; });
-heard("trial", (trial) => { boat.trial = trial; });
-heard("dodge", (heading) => { boat.dodge = heading; });
+for (const name of ["alarms", "sound", "history", "orders", "route", "learning", "trial", "dodge"]) {
+  heard(name, (content) => { boat[name] = content; });
+}
+heard("point", (point) => { boat.track.push(point); boat.track.splice(0, boat.track.length - TRACK_MOST); });
+heard("end", () => { boat.ended = true; });
 heard("text", (text) => {
   if (boat.texts.some((each) => each.number === text.number && each.words === text.words)) return;
   boat.texts.push({ ...text, at: new Date(Date.now() - 1000 * Math.max(0, (boat.state?.t ?? text.time) - text.time)) });

@@ -1,5 +1,5 @@
 // The compass and the rudder.
-import { boat } from "./boat.js";
+import { boat, isMagnetic, shift } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
@@ -48,7 +48,7 @@ function turn(id, degrees) {
   element.style.transform = `rotate(${angle.toFixed(2)}deg)`;
 }
 
-const compass = (degrees) => String(Math.round(degrees) % 360).padStart(3, "0") + "°";
+export const compass = (degrees) => String(Math.round(degrees) % 360).padStart(3, "0") + "°";
 const side = (value, digits) => `${Math.abs(value).toFixed(digits)}°${Math.abs(value) < 0.05 ? "" : value < 0 ? " port" : " stbd"}`;
 const sideOf = (value) => typeof value !== "number" || Math.abs(value) < 0.05 ? "" : value < 0 ? "port" : "stb";
 const put = (id, words) => { const element = byId(id); if (element.textContent !== words) element.textContent = words; };
@@ -68,15 +68,17 @@ const tile = (id, value, unit) => {
 export function drawDial() {
   const state = boat.state;
   if (!state) return;
-  const { heading, order, reference } = state;
+  const north = shift(), shown = (degrees) => typeof degrees === "number" ? (degrees + north + 360) % 360 : degrees;
+  const [heading, order, reference] = [state.heading, state.order, state.reference].map(shown);
   const known = typeof heading === "number";
   const steered = typeof order === "number" && state.mode !== "standby";
   if (known) turn("rose", -heading);
   turn("order-mark", known && steered ? order - heading : null);
   turn("reference-mark", known && steered && typeof reference === "number" ? reference - heading : null);
   put("heading", known ? compass(heading).slice(0, 3) : "---");
-  put("heading-sign", state.magnetic ? "°M" : "°");
+  put("heading-sign", isMagnetic() ? "°M" : "°");
   byId("heading-sign").style.visibility = known ? "" : "hidden";
+  put("north", isMagnetic() ? "heading, magnetic" : "heading, true");
   put("order", steered ? `order ${compass(order)}` : "no course ordered");
   byId("order").classList.toggle("none", !steered);
   const age = boat.age("attitude");

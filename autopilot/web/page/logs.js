@@ -1,5 +1,5 @@
-// Logs to download, and what the boat has said.
-import { boat, get } from "./boat.js";
+// Logs to download, who ordered what, and what the boat has said.
+import { boat, clockOf, get } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
 const SEVERITIES = ["emergency", "alert", "critical", "error", "warning", "notice", "info", "debug"];
@@ -38,6 +38,22 @@ async function download(name) {
   link.remove();
 }
 
+const outcome = ({ taken, words }) => taken ? "" : taken === null ? ": asked" : `: not taken, ${words}`;
+
+export function drawOrders() {
+  const key = JSON.stringify(boat.orders);
+  if (drawOrders.key === key) return;
+  drawOrders.key = key;
+  const told = (given) => `${given.what}${outcome(given)}`;
+  const last = boat.orders.at(-1);
+  byId("last-order").textContent = last ? `${clockOf(last.time)}  ${told(last)} (${last.who})` : "";
+  byId("order-rows").replaceChildren(...boat.orders.slice().reverse().map((given) => {
+    const row = document.createElement("li");
+    row.append(Object.assign(document.createElement("time"), { textContent: clockOf(given.time) }), told(given), Object.assign(document.createElement("small"), { textContent: given.who }));
+    return row;
+  }));
+}
+
 export function drawTexts() {
   const newest = boat.texts.at(-1);
   if (!newest || newest.number === reported) return;
@@ -45,7 +61,7 @@ export function drawTexts() {
   byId("texts").replaceChildren(...boat.texts.slice().reverse().map((text) => {
     const row = document.createElement("li");
     row.append(
-      Object.assign(document.createElement("time"), { textContent: text.at.toLocaleTimeString() }),
+      Object.assign(document.createElement("time"), { textContent: text.at.toLocaleTimeString([], { hour12: false }) }),
       `${SEVERITIES[text.severity] ?? ""}: ${text.words}`,
     );
     return row;

@@ -1,15 +1,18 @@
 // The page's entry: which panel is shown, who may steer, keys, and the parts that draw what comes from the boat.
-import { boat, connect, ask, may, learnToken } from "./boat.js";
-import { drawDial } from "./dial.js";
+import { drawAlarms, setUpAlarms } from "./alarms.js";
+import { boat, connect, ask, may, learnToken, shift } from "./boat.js";
+import { drawChart, setUpChart } from "./chart.js";
+import { compass, drawDial } from "./dial.js";
+import { drawDisplay, setUpDisplay, showCodes } from "./display.js";
 import { Plots } from "./plots.js";
 import { drawPanels, setUpPanels } from "./panels.js";
 import { setUpParameters, showParameters } from "./parameters.js";
-import { sound } from "./sound.js";
-import { setUpLogs, showLogs, drawTexts } from "./logs.js";
+import { drawOrders, drawTexts, setUpLogs, showLogs } from "./logs.js";
 import { drawWind, setUpWind } from "./wind.js";
 
 const byId = (id) => document.getElementById(id);
-const PAGES = ["helm", "plots", "learning", "trials", "parameters", "logs"];
+const PAGES = ["helm", "chart", "plots", "alarms", "learning", "trials", "parameters", "logs", "more"];
+const UNDER_MORE = ["learning", "trials", "parameters", "logs"];
 const MODES = { standby: "Standby", heading: "Heading", route: "Route", trial: "Trial", wind: "Wind" };
 const BAD = { 5: "Fail-safe", 6: "Fault" };
 const THEMES = ["day", "dusk", "night"];
@@ -23,7 +26,7 @@ export function say(words, seconds = 5) {
 
 async function order(request, button) {
   if (!may()) {
-    say("Only looking. Open the address that autopilot web has printed to steer.");
+    say("Only looking. To steer, open the address that autopilot web has printed, or scan its code.");
     return false;
   }
   navigator.vibrate?.(15);
@@ -45,10 +48,13 @@ function turnPage() {
   for (const link of document.querySelectorAll("nav a")) {
     if (link.hash.slice(1) === shown) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
+    link.classList.toggle("above", link.hash === "#more" && UNDER_MORE.includes(shown));
   }
-  scrollTo(0, 0);
+  document.querySelector("main").scrollTo(0, 0);
   if (shown === "parameters") showParameters();
   if (shown === "logs") showLogs();
+  if (shown === "more") showCodes();
+  drawChart();
   plots.show();
 }
 
@@ -122,7 +128,7 @@ function drawMode() {
   }
   const back = byId("back");
   back.disabled = boat.dodge === null || boat.dodge === undefined;
-  back.textContent = back.disabled ? "Back" : `Back to ${String(Math.round(boat.dodge) % 360).padStart(3, "0")}°`;
+  back.textContent = back.disabled ? "Back" : `Back to ${compass(boat.dodge + shift() + 360)}`;
 }
 
 function drawLink() {
@@ -132,7 +138,7 @@ function drawLink() {
   let word = "live", trouble = "";
   if (silent > 2.5) {
     word = "no connection";
-    trouble = boat.refused || `This page has lost its server for ${Math.round(silent)} s. What you see is old. It comes back by itself.`;
+    trouble = boat.refused || (boat.ended ? "This page's server was ended. The pilot goes on without it; start autopilot web again to see it." : "") || `This page has lost its server for ${Math.round(silent)} s. What you see is old. It comes back by itself.`;
   } else if (boat.state?.line) {
     word = "link down";
     trouble = boat.state.line;
@@ -146,45 +152,9 @@ function drawLink() {
   document.body.dataset.link = word;
   byId("link-word").textContent = word;
   byId("who-word").textContent = may() ? "you may steer" : "only looking";
+  byId("looking").hidden = document.body.dataset.may !== "no";
   stale.hidden = !trouble;
   if (stale.textContent !== trouble) stale.textContent = trouble;
-}
-
-/* What is wrong stands before the colon, what to do behind it. Once acknowledged, it opens on a touch: one line each. */
-function alarmLine({ words, acknowledged }) {
-  const [wrong, ...what] = words.split(": ");
-  const line = document.createElement("li");
-  const todo = Object.assign(document.createElement("small"), { textContent: what.join(": "), hidden: !what.length });
-  if (!acknowledged) {
-    line.append(wrong, todo);
-    return line;
-  }
-  const seen = document.createElement("details"), head = document.createElement("summary");
-  head.append(wrong, Object.assign(document.createElement("small"), { textContent: "acknowledged" }));
-  seen.append(head, todo);
-  line.append(seen);
-  return line;
-}
-
-function drawAlarms() {
-  const element = byId("alarms");
-  const alarms = boat.alarms ?? [];
-  const key = JSON.stringify(alarms);
-  sound(alarms.some((alarm) => alarm.sounds) && !boat.isStale("beat"));
-  if (element.dataset.key === key) return;
-  element.dataset.key = key;
-  element.hidden = alarms.length === 0;
-  element.classList.toggle("seen", alarms.every((alarm) => !alarm.sounds));
-  const list = document.createElement("ul");
-  list.append(...alarms.map(alarmLine));
-  element.replaceChildren(list);
-  if (alarms.some((alarm) => alarm.sounds)) {
-    const button = document.createElement("button");
-    button.type = "button";
-    button.textContent = "Acknowledge";
-    button.addEventListener("click", () => order({ do: "acknowledge" }, button));
-    element.append(button);
-  }
 }
 
 function markStale() {
@@ -199,9 +169,12 @@ function draw() {
   drawLink();
   drawAlarms();
   drawDial();
+  drawChart();
   drawPanels();
   drawWind();
+  drawOrders();
   drawTexts();
+  drawDisplay();
 }
 
 function setUp() {
@@ -215,7 +188,10 @@ function setUp() {
   for (const button of document.querySelectorAll("button[data-dodge]")) {
     button.addEventListener("click", () => order({ do: "dodge", degrees: Number(button.dataset.dodge) }, button));
   }
-  setUpPanels(order, surely, plots);
+  setUpAlarms(order);
+  setUpChart();
+  setUpDisplay();
+  setUpPanels(order, surely);
   setUpParameters(order, say);
   setUpLogs(say);
   setUpWind(order);
@@ -225,7 +201,8 @@ function setUp() {
   turnPage();
   setTheme(document.documentElement.dataset.theme);
   boat.onState = draw;
-  boat.onText = (text) => { if (!boat.alarms.some((alarm) => alarm.words === text.words)) say(text.words, 7); };
+  boat.onText = (text) => { if (!boat.alarms.some((alarm) => text.words.endsWith(alarm.words))) say(text.words, 7); };
+  boat.onMay = () => { document.body.dataset.may = may() ? "yes" : "no"; if (page() === "more") showCodes(); };
   boat.onRow = (row) => plots.add(row);
   boat.onHistory = (history) => plots.fill(history);
   setInterval(draw, 500);

@@ -16,7 +16,7 @@ export async function showParameters() {
   let table;
   try { table = await get("/api/parameters"); } catch { table = null; }
   if (!table || document.body.dataset.page !== "parameters") return;
-  byId("parameters-word").textContent = table.complete ? "Counts from the next moment on, and is kept; what counts from the next start says so."
+  byId("parameters-word").textContent = table.complete ? "NOW counts from the next moment on, RESTART from the pilot's next start. Both are kept."
     : table.total ? `Reading ${table.done} of ${table.total}` : "Asking the boat";
   if (table.complete) fill(table.rows);
   const described = table.rows.some((row) => row.shortDesc);
@@ -37,8 +37,9 @@ function fill(rows) {
     const details = document.createElement("details");
     details.dataset.group = name;
     details.open = open.has(name);
-    details.style.marginTop = ".5rem";
-    details.append(Object.assign(document.createElement("summary"), { textContent: name }), ...members.map(line));
+    const summary = Object.assign(document.createElement("summary"), { textContent: name });
+    summary.append(Object.assign(document.createElement("small"), { textContent: String(members.length) }));
+    details.append(summary, ...members.map(line));
     return details;
   }));
   filter();
@@ -47,10 +48,12 @@ function fill(rows) {
 function line(row) {
   const element = Object.assign(document.createElement("div"), { className: "parameter" });
   const words = Object.assign(document.createElement("span"), { textContent: row.shortDesc ?? row.name });
+  const when = Object.assign(document.createElement("b"), { textContent: row.rebootRequired ? "RESTART" : "NOW", className: "when" });
   const name = Object.assign(document.createElement("code"), { textContent: row.name });
   const unit = row.units ? ` ${UNITS[row.units] ?? row.units}` : "";
   const range = row.values ? "" : row.min !== undefined && row.max !== undefined ? `${row.min} to ${row.max}${unit}` : row.min !== undefined ? `at least ${row.min}${unit}` : unit;
-  const about = Object.assign(document.createElement("span"), { className: "range", textContent: [range.trim(), row.rebootRequired ? "counts from the next start" : ""].filter(Boolean).join("; ") });
+  const about = Object.assign(document.createElement("span"), { className: "range", textContent: range.trim() });
+  about.prepend(when, " ");
   element.dataset.words = `${row.name} ${row.shortDesc ?? ""} ${row.group ?? ""}`.toLowerCase();
   element.append(words, name, about, field(row));
   return element;
@@ -71,7 +74,7 @@ function field(row) {
   input.setAttribute("aria-label", label);
   const button = Object.assign(document.createElement("button"), { textContent: "Set", disabled: !may() });
   button.setAttribute("aria-label", `Set ${label}`);
-  form.append(input, button);
+  form.append(input, ...(row.units ? [Object.assign(document.createElement("span"), { textContent: UNITS[row.units] ?? row.units, className: "unit-of" })] : []), button);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     const value = Number(input.value);
@@ -84,13 +87,16 @@ function field(row) {
 
 function filter() {
   const wanted = byId("find").value.trim().toLowerCase();
+  let found = 0;
   for (const details of document.querySelectorAll("#parameter-groups details")) {
     let any = false;
     for (const each of details.querySelectorAll(".parameter")) {
       each.hidden = wanted !== "" && !each.dataset.words.includes(wanted);
       any ||= !each.hidden;
+      found += !each.hidden;
     }
     details.hidden = !any;
     if (wanted) details.open = any;
   }
+  byId("parameters-found").textContent = !wanted ? "" : found ? `${found} found` : `Nothing found for “${wanted}”. Try part of a name or of its meaning, like rudder or GUI.`;
 }

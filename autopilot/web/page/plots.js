@@ -1,4 +1,4 @@
-// Scrolling plots of what has been, and the plot of a trial while it is sailed.
+// Scrolling plots of what has been, and the plot of a trial while it is sailed. The library comes when it is first needed.
 const KEPT = 1200;
 const byId = (id) => document.getElementById(id);
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -17,12 +17,26 @@ const KINDS = {
   "plot-loop": { title: "Longest gap between two ticks, ms", height: 120, series: [["gap", "text", 2]], labels: ["gap"], least: 100, fromZero: true },
 };
 
+let loading = null;
+
+function ready() {
+  if (typeof uPlot !== "undefined") return true;
+  loading ??= new Promise((done) => {
+    const script = Object.assign(document.createElement("script"), { src: "uplot.js", onload: done });
+    document.head.append(Object.assign(document.createElement("link"), { rel: "stylesheet", href: "uplot.css" }), script);
+  });
+  return false;
+}
+
 export class Plots {
   constructor() {
     this.columns = [];
     this.rows = [];
     this.charts = new Map();
     this.span = 120;
+    this.held = false;
+    byId("hold").addEventListener("click", () => this.hold(!this.held));
+    byId("csv").addEventListener("click", () => this.save());
     byId("span").addEventListener("change", (event) => { this.span = Number(event.target.value); this.show(); });
     addEventListener("resize", () => this.resize());
   }
@@ -44,10 +58,31 @@ export class Plots {
     this.show();
   }
 
+  /* Held plots stand still and can be looked at closer. */
+  hold(held) {
+    this.held = held;
+    byId("hold").setAttribute("aria-pressed", String(held));
+    byId("hold-word").hidden = !held;
+    this.restyle();
+  }
+
+  /* What is kept here as a table: seconds before now, degrees, metres, milliseconds. */
+  save() {
+    const end = this.rows.at(-1)?.[0] ?? 0;
+    const units = { t: "time_s", xte: "off_track_m", gap: "longest_gap_ms", hz: "ticks_hz" };
+    const heads = this.columns.map((name) => units[name] ?? `${name}_deg`);
+    const rows = this.rows.map(([time, ...values]) => [(time - end).toFixed(2), ...values.map((value) => value ?? "")]);
+    const text = [heads, ...rows].map((row) => row.join(",")).join("\n") + "\n";
+    const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([text], { type: "text/csv" })), download: "helm.csv" });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  }
+
   isShown() { return byId("plots").offsetParent !== null; }
 
   show() {
-    if (!this.isShown() || !this.columns.length || typeof uPlot === "undefined") return;
+    if (!this.isShown() || !this.columns.length || (this.held && this.charts.size)) return;
+    if (!ready()) { loading.then(() => this.show()); return; }
     const end = this.rows.at(-1)?.[0] ?? 0;
     const rows = this.rows.filter((row) => row[0] >= end - this.span);
     const times = rows.map((row) => row[0] - end);
@@ -61,7 +96,7 @@ export class Plots {
   chart(id, kind) {
     let chart = this.charts.get(id);
     if (!chart) {
-      chart = makeChart(byId(id), kind, () => [-this.span, 0]);
+      chart = makeChart(byId(id), kind, this.held ? (_, low, high) => [low ?? -this.span, high ?? 0] : () => [-this.span, 0], this.held);
       this.charts.set(id, chart);
     }
     return chart;
@@ -83,7 +118,7 @@ export class Plots {
   }
 }
 
-export function makeChart(element, kind, range) {
+function makeChart(element, kind, range, zooms = false) {
   const axis = { stroke: colour("dim"), grid: { stroke: colour("panel"), width: 2 }, ticks: { show: false }, font: "14px system-ui", size: 46 };
   const limits = (_, low, high) => {
     if (low === null || high === null) return [kind.fromZero ? 0 : -kind.least / 2, kind.fromZero ? kind.least : kind.least / 2];
@@ -92,7 +127,7 @@ export function makeChart(element, kind, range) {
     return [middle - half, middle + half];
   };
   return new uPlot({
-    title: kind.title, width: element.clientWidth || 320, height: kind.height, cursor: { drag: { x: false, y: false } }, legend: { live: false, markers: { fill: (chart, index) => chart.series[index].stroke() } },
+    title: kind.title, width: element.clientWidth || 320, height: kind.height, cursor: { drag: { x: zooms, y: false } }, legend: { live: false, markers: { fill: (chart, index) => chart.series[index].stroke() } },
     scales: { x: { time: false, range: range ?? undefined }, y: { range: limits } },
     axes: [
       { ...axis, size: 30, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
@@ -135,7 +170,7 @@ let trialChart = null, learntChart = null;
 
 /* rows: [time, K, T], the latter in per cent of what is in force */
 export function drawLearnt(rows) {
-  if (byId("plot-learning").offsetParent === null || typeof uPlot === "undefined" || rows.length < 2) return;
+  if (byId("plot-learning").offsetParent === null || rows.length < 2 || !ready()) return;
   const end = rows.at(-1)[0];
   learntChart ??= makeChart(byId("plot-learning"), LEARNT);
   learntChart.setData([rows.map((row) => row[0] - end), ...[1, 2].map((column) => rows.map((row) => row[column]))], true);
@@ -143,7 +178,7 @@ export function drawLearnt(rows) {
 
 /* rows: [time since the start, change of heading, rudder, rudder order] */
 export function drawTrial(rows) {
-  if (byId("trials").offsetParent === null || typeof uPlot === "undefined" || !rows.length) return;
+  if (byId("trials").offsetParent === null || !rows.length || !ready()) return;
   trialChart ??= makeChart(byId("plot-trial"), TRIAL, (_, low, high) => [0, Math.max(high ?? 0, 20)]);
   trialChart.setData([0, 1, 2, 3].map((column) => rows.map((row) => row[column])), true);
 }

@@ -1,0 +1,88 @@
+// Alarms: the bar at the top with the most urgent one, the page with all of them, and their history.
+import { boat, clockOf, may } from "./boat.js";
+import { sound } from "./sound.js";
+
+const byId = (id) => document.getElementById(id);
+const SIGNS = { emergency: "▲▲", alarm: "▲", warning: "●", caution: "■" };
+const make = (name, words = "", className = "") => Object.assign(document.createElement(name), { textContent: words, className });
+let give = null;
+
+export function setUpAlarms(order) {
+  give = order;
+  byId("all-seen").addEventListener("click", () => give({ do: "acknowledge" }, byId("all-seen")));
+}
+
+/* What is wrong stands before the colon, what to do behind it. */
+function told({ words }) {
+  const at = words.indexOf(": ");
+  return at < 0 ? [words, ""] : [words.slice(0, at), words.slice(at + 2)];
+}
+
+function tag(alarm, lit) {
+  const element = make("b", `${SIGNS[alarm.priority] ?? "●"} ${alarm.priority}`, `tag ${alarm.priority}`);
+  element.classList.toggle("blinks", lit);
+  return element;
+}
+
+function seen(alarm) {
+  const button = make("button", "Acknowledge");
+  button.type = "button";
+  button.addEventListener("click", () => give({ do: "acknowledge", name: alarm.name }, button));
+  return button;
+}
+
+function line(alarm) {
+  const [wrong, todo] = told(alarm);
+  const words = make("p", "", "words");
+  words.append(tag(alarm, alarm.sounds), ` ${wrong}`);
+  if (alarm.acknowledged) words.append(make("i", " acknowledged"));
+  if (todo) words.append(make("small", todo));
+  return words;
+}
+
+function drawBar(alarms) {
+  const bar = byId("bar"), [first] = alarms, sounding = alarms.filter((alarm) => alarm.sounds).length;
+  bar.hidden = !first;
+  if (!first) return;
+  bar.className = first.sounds ? first.priority : `seen ${first.priority}`;
+  const rest = alarms.length - 1;
+  const more = make("a", rest ? `${rest} more` : "History", "more");
+  more.href = "#alarms";
+  bar.replaceChildren(line(first), ...(sounding && may() ? [seen(first)] : []), ...(rest ? [more] : []));
+}
+
+function drawPage(alarms) {
+  byId("alarms-word").hidden = alarms.length > 0;
+  byId("all-seen").hidden = !may() || alarms.filter((alarm) => alarm.sounds).length < 2;
+  byId("alarm-rows").replaceChildren(...alarms.map((alarm) => {
+    const row = make("li", "", "alarm"), text = line(alarm);
+    text.append(make("small", `since ${clockOf(alarm.since)}`, "hint"));
+    row.append(text, ...(alarm.sounds && may() ? [seen(alarm)] : []));
+    return row;
+  }));
+}
+
+function drawHistory() {
+  const time = (at) => at === null ? "--" : clockOf(at);
+  byId("history-rows").replaceChildren(...boat.history.slice().reverse().map((record) => {
+    const row = make("li"), [wrong, todo] = told(record);
+    const times = `raised ${time(record.raised)}, acknowledged ${time(record.acknowledged)}, cleared ${time(record.cleared)}`;
+    row.append(make("b", `${SIGNS[record.priority]} ${record.priority} `), wrong, make("small", times, "hint"), ...(todo ? [make("small", todo, "hint")] : []));
+    return row;
+  }), ...(boat.history.length ? [] : [make("li", "No alarm since this page's server was started.")]));
+}
+
+export function drawAlarms() {
+  const alarms = boat.alarms ?? [];
+  sound(boat.isStale("beat") ? null : boat.sound);
+  const key = JSON.stringify([alarms, boat.history, may()]);
+  if (drawAlarms.key === key) return;
+  drawAlarms.key = key;
+  drawBar(alarms);
+  drawPage(alarms);
+  drawHistory();
+  const count = byId("alarm-count");
+  count.hidden = !alarms.length;
+  count.textContent = String(alarms.length);
+  count.className = alarms[0]?.priority ?? "";
+}
