@@ -294,7 +294,7 @@ def test_ten_things_take_at_most_twenty_five_taps_on_a_phone(helm: Helm) -> None
         tap("#log-rows button[aria-label='Download one.tlog']")
     assert Path(download.value.path()).read_bytes() == b"\xfd" * 5000
     tap("#release")
-    word(page, "mode-word", "Standby")
+    until(page, "document.getElementById('mode-more').textContent === 'you steer'")
     with helm.hub.lock:
         assert not sea.commands.armed and sea.store.running.guidance.lookahead_s == 14.0
     alarm(helm, None, "gear")
