@@ -13,7 +13,7 @@ export function setUpAlarms(order) {
 }
 
 /* What is wrong stands before the colon, what to do behind it. */
-function told({ words }) {
+function split({ words }) {
   const at = words.indexOf(": ");
   return at < 0 ? [words, ""] : [words.slice(0, at), words.slice(at + 2)];
 }
@@ -32,7 +32,7 @@ function seen(alarm) {
 }
 
 function line(alarm) {
-  const [wrong, todo] = told(alarm);
+  const [wrong, todo] = split(alarm);
   const words = make("p", "", "words");
   words.append(tag(alarm, alarm.sounds), ` ${wrong}`);
   if (alarm.acknowledged) words.append(make("i", " acknowledged"));
@@ -65,7 +65,7 @@ function drawPage(alarms) {
 function drawHistory() {
   const time = (at) => at === null ? "--" : clockOf(at);
   byId("history-rows").replaceChildren(...boat.history.slice().reverse().map((record) => {
-    const row = make("li"), [wrong, todo] = told(record);
+    const row = make("li"), [wrong, todo] = split(record);
     const times = `raised ${time(record.raised)}, acknowledged ${time(record.acknowledged)}, cleared ${time(record.cleared)}`;
     row.append(make("b", `${SIGNS[record.priority]} ${record.priority} `), wrong, make("small", times, "hint"), ...(todo ? [make("small", todo, "hint")] : []));
     return row;

@@ -44,12 +44,12 @@ export function drawOrders() {
   const key = JSON.stringify(boat.orders);
   if (drawOrders.key === key) return;
   drawOrders.key = key;
-  const told = (given) => `${given.what}${outcome(given)}`;
+  const wordsOf = (given) => `${given.what}${outcome(given)}`;
   const last = boat.orders.at(-1);
-  byId("last-order").textContent = last ? `${clockOf(last.time)}  ${told(last)} (${last.who})` : "";
+  byId("last-order").textContent = last ? `${clockOf(last.time)}  ${wordsOf(last)} (${last.who})` : "";
   byId("order-rows").replaceChildren(...boat.orders.slice().reverse().map((given) => {
     const row = document.createElement("li");
-    row.append(Object.assign(document.createElement("time"), { textContent: clockOf(given.time) }), told(given), Object.assign(document.createElement("small"), { textContent: given.who }));
+    row.append(Object.assign(document.createElement("time"), { textContent: clockOf(given.time) }), wordsOf(given), Object.assign(document.createElement("small"), { textContent: given.who }));
     return row;
   }));
 }
