@@ -52,7 +52,7 @@ LINE_HELP = (
 NUMBERS = {"h": ("heading", ("degrees",)), "zigzag": ("zigzag", ("rudder", "change", "duration"))}
 NUMBERS |= {"wind": ("wind", ("degrees",)), "true": ("wind", ("degrees",))}
 NUMBERS |= {"turn": ("turning", ("rudder", "duration")), "level": ("level", ("level",))}
-PLAIN = ("adopt", "revert", "cancel", "engage", "standby", "release", "route", "back")
+PLAIN = ("adopt", "revert", "cancel", "engage", "standby", "release", "route", "next", "back")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:

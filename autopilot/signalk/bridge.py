@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from autopilot.links.transports.sockets import open_error, resolve
 from autopilot.signalk.messages import (
+    HEADINGS,
     BadRequestError,
     Deltas,
     answer,
@@ -22,6 +23,7 @@ from autopilot.signalk.messages import (
     values_of,
 )
 from autopilot.web.hub import makes_room
+from autopilot.web.journal import words_of
 from autopilot.web.orders import Answer
 from autopilot.web.requests import asked_of
 from autopilot.web.station import BoatLine, Station
@@ -168,7 +170,10 @@ class LineClients:
 PERIOD_S = 0.2
 REFUSED, SILENT = 409, 504
 """Status of an order that the boat refuses as things stand, and of one that it does not answer."""
-MAGNETIC = "the boat steers magnetic courses (sensors.magnetic), and headingTrue is none: use adjustHeading"
+OTHER_NORTH = (
+    "the boat steers true courses: give headingTrue",
+    "the boat steers magnetic courses (sensors.magnetic): give headingMagnetic",
+)
 
 
 class Bridge:
@@ -225,15 +230,17 @@ class Bridge:
         if self._station.target is None:
             self._clients.send(answer(request.id, 503, "no pilot is heard"), client)
             return
-        if request.order["do"] == "heading" and self._station.view.value("magnetic"):
-            self._clients.send(answer(request.id, REFUSED, MAGNETIC), client)
+        is_magnetic = bool(self._station.view.value("magnetic"))
+        if request.path in HEADINGS and request.path != HEADINGS[is_magnetic]:
+            self._clients.send(answer(request.id, REFUSED, OTHER_NORTH[is_magnetic]), client)
             return
 
         def on_done(answered: Answer, words: str) -> None:
             status = 200 if answered else SILENT if answered is Answer.SILENT else REFUSED
             self._clients.send(answer(request.id, status, words), client)
 
-        self._station.ask(now, asked_of(self._station, request.order), on_done)
+        by = ("Signal K", words_of(request.order))
+        self._station.ask(now, asked_of(self._station, request.order), on_done, by)
 
     def _publish(self) -> None:
         for news in self._clients.news:

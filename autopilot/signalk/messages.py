@@ -15,13 +15,16 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import zlib
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeVar
 
 from autopilot.errors import InputError
 from autopilot.files.outside import ORDER_MOST, SHOWN, is_same_token, number_from, order_object
 from autopilot.files.printable import printable
-from autopilot.links.ground_station.commands import HEADING, TRACK, TRIAL
+from autopilot.links.ground_station.commands import HEADING, TRACK, TRIAL, WIND
+from autopilot.supervision.alarms import CATALOGUE
 from autopilot.web.station import Station
 
 LABEL = "norrbin"
@@ -29,8 +32,11 @@ FRESH_S = 2.0
 BEAT_FRESH_S = 3.0
 KNOT_M_S = 1852.0 / 3600.0
 RADIAN = math.pi / 180.0
-STATES = {HEADING: "auto", TRACK: "route", TRIAL: "trial"}
+STATES = {HEADING: "auto", TRACK: "route", TRIAL: "trial", WIND: "wind"}
 """Our modes by the names that Signal K programs know; each other one is standby."""
+COMPASS, TRUE_WIND = "compass", "true wind"
+MODES = {"auto": COMPASS, "route": "route", "trial": "trial", "wind": "wind"}
+"""What is steered to, in the words of the autopilot API."""
 OFF_LINE, STANDBY = "off-line", "standby"
 MEASURED = (
     ("attitude", "heading", "navigation.headingTrue", RADIAN),
@@ -39,8 +45,18 @@ MEASURED = (
     ("rudder", "order", "steering.autopilot.target.headingTrue", RADIAN),
     ("speed", "speed", "navigation.speedOverGround", KNOT_M_S),
     ("navigation", "xte", "navigation.courseRhumbline.crossTrackError", 1.0),
+    ("wind", "awa", "environment.wind.angleApparent", RADIAN),
+    ("wind", "aws", "environment.wind.speedApparent", KNOT_M_S),
+    ("wind", "twa", "environment.wind.angleTrueWater", RADIAN),
+    ("wind", "tws", "environment.wind.speedTrue", KNOT_M_S),
+    ("wind", "wind_angle", "steering.autopilot.target.windAngleApparent", RADIAN),
+    ("wind", "wind_angle", "steering.autopilot.target.windAngleTrueWater", RADIAN),
 )
 """Group that ages together, our value, path, and factor to Signal K's unit."""
+WEATHER = "environment."
+"""What others have, too: where we have none we say nothing, or it would hide theirs."""
+PRIORITIES = {"emergency": "emergency", "alarm": "alarm", "warning": "warn", "caution": "alert"}
+"""Our alarms' priorities in the words of Signal K."""
 NOTIFICATIONS = "notifications.steering.autopilot.norrbin."
 """Before the name of an alarm: each has a notification of its own."""
 OURS_ALONE = {"acknowledgeSupport": "No", "temporarySilenceSupport": "No"}
@@ -63,14 +79,22 @@ def values_of(station: Station, now: float) -> dict[str, Any]:
     state = state_of(station, now)
     values: dict[str, Any] = {"steering.autopilot.state": state}
     values["steering.autopilot.engaged"] = state not in (OFF_LINE, STANDBY)
+    is_true = bool(view.value("wind_true"))
+    mode = TRUE_WIND if state == "wind" and is_true else MODES.get(state)
+    values["steering.autopilot.mode"] = mode
     is_magnetic = bool(view.value("magnetic"))
     for group, name, true_path, factor in MEASURED:
-        path = true_path.replace("True", "Magnetic") if is_magnetic else true_path
+        path = true_path.replace("headingTrue", "headingMagnetic") if is_magnetic else true_path
         age, value = view.age(group, now), view.value(name)
         is_known = state != OFF_LINE and age is not None and age < FRESH_S and value is not None
-        values[path] = value * factor if is_known and value is not None else None
-    if not values["steering.autopilot.engaged"]:
-        values[f"steering.autopilot.target.heading{'Magnetic' if is_magnetic else 'True'}"] = None
+        if is_known or not path.startswith(WEATHER):
+            values[path] = value * factor if is_known and value is not None else None
+    targets = {COMPASS: HEADINGS[is_magnetic], "wind": TARGET_WIND, TRUE_WIND: TARGET_TRUE_WIND}
+    for path in (HEADINGS[is_magnetic], TARGET_WIND, TARGET_TRUE_WIND):
+        # the course to which wind and route lead is a heading that is ordered, too
+        if mode is None or (path is not HEADINGS[is_magnetic] and path != targets.get(mode)):
+            values[path] = None
+    values["steering.autopilot.target"] = values.get(targets.get(mode or "", HEADINGS[is_magnetic]))
     if state != "route":
         values["navigation.courseRhumbline.crossTrackError"] = None
     return values
@@ -84,7 +108,7 @@ def notifications_of(station: Station) -> dict[str, Any]:
         alike = sum(each.startswith(path) for each in notifications)
         # two lines may be lost at a time
         notifications[f"{path}{alike + 1}" if path in notifications else path] = {
-            "state": "alarm" if alarm["sounds"] or alarm["acknowledged"] else "alert",
+            "state": PRIORITIES[alarm["priority"]],
             "method": ["visual", "sound"] if alarm["sounds"] else ["visual"],
             "message": alarm["words"],
             **OURS_ALONE,
@@ -96,6 +120,16 @@ def path_of(alarm: dict[str, Any]) -> str:
     """Return the path of an alarm's notification; what is of no kind, as older boats say it, has none but its words."""
     first, *rest = (alarm["name"] or f"other_{zlib.crc32(alarm['words'].encode()):08x}").split("_")
     return NOTIFICATIONS + first + "".join(word.capitalize() for word in rest)
+
+
+def name_of(path: Any) -> str:
+    """Return the name of the alarm that a notification is of, "" where there is none of it."""
+    if not isinstance(path, str) or not path.startswith(NOTIFICATIONS):
+        return ""
+    name = re.sub("[A-Z]", lambda capital: f"_{capital[0].lower()}", path.removeprefix(NOTIFICATIONS)).rstrip(
+        "0123456789"
+    )
+    return name if name in CATALOGUE else ""
 
 
 class Deltas:
@@ -146,23 +180,39 @@ def delta_of(values: dict[str, Any]) -> dict[str, Any]:
 
 LINE_MOST = ORDER_MOST
 ID_MOST = 64
-STATE = "steering.autopilot.state"
-TARGET = "steering.autopilot.target.headingTrue"
-ADJUST = "steering.autopilot.actions.adjustHeading"
-DODGE = "steering.autopilot.actions.dodge"
-ACKNOWLEDGE = "steering.autopilot.actions.acknowledge"
-PATHS = (STATE, TARGET, ADJUST, DODGE, ACKNOWLEDGE)
-STATE_ORDERS = {"auto": "engage", "standby": "standby", "route": "route"}
+STATE, MODE = "steering.autopilot.state", "steering.autopilot.mode"
+HEADINGS = ("steering.autopilot.target.headingTrue", "steering.autopilot.target.headingMagnetic")
+TARGET_WIND = "steering.autopilot.target.windAngleApparent"
+TARGET_TRUE_WIND = "steering.autopilot.target.windAngleTrueWater"
+ACTIONS = "steering.autopilot.actions."
+ADJUST, DODGE, ACKNOWLEDGE = ACTIONS + "adjustHeading", ACTIONS + "dodge", ACTIONS + "acknowledge"
+TACK, GYBE, ADVANCE = ACTIONS + "tack", ACTIONS + "gybe", ACTIONS + "advanceWaypoint"
+PATHS = (STATE, MODE, *HEADINGS, TARGET_WIND, TARGET_TRUE_WIND, ADJUST, DODGE, ACKNOWLEDGE, TACK, GYBE, ADVANCE)
+PATHS_SHOWN = f"steering.autopilot. and {', '.join(path.removeprefix('steering.autopilot.') for path in PATHS)}"
+STATE_ORDERS: dict[str, dict[str, Any]] = {
+    "auto": {"do": "engage"},
+    "wind": {"do": "wind"},
+    "route": {"do": "route"},
+    "standby": {"do": "standby"},
+}
+MODE_ORDERS = {
+    COMPASS: STATE_ORDERS["auto"],
+    "wind": STATE_ORDERS["wind"],
+    TRUE_WIND: {"do": "wind", "true": True},
+    "route": STATE_ORDERS["route"],
+}
+SIDES = {"port": -1, "starboard": 1}
 TURN_MOST_DEG = 180.0
 DODGE_MOST_DEG = 90.0
 NOT_ALLOWED = "the request carries no valid token; give the plugin the token that `autopilot signalk` keeps in its file"
 
 
 class Request(NamedTuple):
-    """A request: its id, and what is wanted as a helm display would say it; None: nothing, it is a greeting."""
+    """A request: its id, what is wanted as a helm display would say it; None: nothing, it is a greeting; and where."""
 
     id: str
     order: dict[str, Any] | None
+    path: str = ""
 
 
 class BadRequestError(InputError):
@@ -189,17 +239,24 @@ def parse(line: bytes, token: str) -> Request:
     put = found["put"]
     if not isinstance(put, dict):
         raise BadRequestError(id, 400, "put: an object with path and value is needed")
-    return Request(id, order_of(id, put.get("path"), put.get("value")))
+    return Request(id, order_of(id, put.get("path"), put.get("value")), put["path"])
 
 
 def order_of(id: str, path: Any, value: Any) -> dict[str, Any]:
     """Return what a path and its value ask for. Raises BadRequestError."""
-    if path == STATE:
-        if not isinstance(value, str) or value not in STATE_ORDERS:
-            raise BadRequestError(id, 400, f"{path}: {', '.join(STATE_ORDERS)} are allowed")
-        return {"do": STATE_ORDERS[value]}
-    if path == TARGET:
+    if path in (STATE, MODE):
+        return dict(_one_of(id, path, value, STATE_ORDERS if path == STATE else MODE_ORDERS))
+    if path in (TACK, GYBE):
+        # who asks has asked the skipper: there is no way to ask back
+        side = _one_of(id, path, value, SIDES)
+        return {"do": "tack" if path == TACK else "gybe", "side": side, "confirmed": True}
+    if path == ADVANCE:
+        return {"do": "next"}
+    if path in HEADINGS:
         return {"do": "heading", "degrees": math.degrees(_number(id, path, value, -2 * math.pi, 2 * math.pi)) % 360.0}
+    if path in (TARGET_WIND, TARGET_TRUE_WIND):
+        angle = math.remainder(math.degrees(_number(id, path, value, -2 * math.pi, 2 * math.pi)), 360.0)
+        return {"do": "wind", "true": path == TARGET_TRUE_WIND, "degrees": angle}
     if path == ADJUST:
         return {"do": "turn", "degrees": _number(id, path, value, -TURN_MOST_DEG, TURN_MOST_DEG)}
     if path == DODGE:
@@ -207,8 +264,8 @@ def order_of(id: str, path: Any, value: Any) -> dict[str, Any]:
             return {"do": "back"}
         return {"do": "dodge", "degrees": _number(id, path, value, -DODGE_MOST_DEG, DODGE_MOST_DEG)}
     if path == ACKNOWLEDGE:
-        return {"do": "acknowledge"}
-    raise BadRequestError(id, 405, f"{printable(repr(path), SHOWN)}: allowed are {', '.join(PATHS)}")
+        return {"do": "acknowledge", **({"name": name} if (name := name_of(value)) else {})}
+    raise BadRequestError(id, 405, f"{printable(repr(path), SHOWN)}: allowed are {PATHS_SHOWN}")
 
 
 def answer(id: str, status: int, message: str = "") -> bytes:
@@ -220,6 +277,15 @@ def answer(id: str, status: int, message: str = "") -> bytes:
 def line_of(content: dict[str, Any]) -> bytes:
     """Return an object as a line."""
     return json.dumps(content, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+
+
+Meaning = TypeVar("Meaning")
+
+
+def _one_of(id: str, path: str, value: Any, meanings: Mapping[str, Meaning]) -> Meaning:
+    if not isinstance(value, str) or value not in meanings:
+        raise BadRequestError(id, 400, f"{path}: {', '.join(meanings)} are allowed")
+    return meanings[value]
 
 
 def _number(id: str, path: str, value: Any, low: float, high: float) -> float:

@@ -124,6 +124,11 @@ def pattern(number: int, side: float, sizes: Sequence[float]) -> tuple[Command, 
     return ARM, Command(PATTERN, (float(number), side, *sizes))
 
 
+def waypoint(number: int) -> Command:
+    """Return the command that goes on to a waypoint of the route, counted from 0."""
+    return Command(int(dialect.MAV_CMD_DO_SET_MISSION_CURRENT), (float(number),))
+
+
 def level(number: int) -> Command:
     """Return the command that puts a response level from 1 (calm) to 9 (quick) in force."""
     return Command(LEVEL, (float(number),))

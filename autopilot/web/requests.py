@@ -8,6 +8,7 @@ from typing import Any
 from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, number_from
 from autopilot.files.printable import printable
+from autopilot.links.ground_station.commands import TRACK
 from autopilot.supervision.alarms import CATALOGUE, OTHER
 from autopilot.web import orders
 from autopilot.web.orders import Asked
@@ -57,6 +58,17 @@ def _dodge(station: Station, request: dict[str, Any]) -> Asked:
 
 def _back(station: Station, request: dict[str, Any]) -> Asked:
     return lambda now, on_done: station.course.back(now, on_done)
+
+
+def _next(station: Station, request: dict[str, Any]) -> Asked:
+    def asked(_: float, on_done: orders.OnDone) -> None:
+        waypoint = station.view.value("waypoint")
+        if station.view.mode != TRACK or waypoint is None:
+            on_done(orders.Answer.FAILED, "no route is followed")
+        else:
+            station.orders.give((orders.waypoint(int(waypoint) + 1),), on_done)
+
+    return asked
 
 
 def _wind(request: dict[str, Any]) -> tuple[orders.Command, ...]:
@@ -127,6 +139,7 @@ _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "standby": _commands(lambda _: (orders.STANDBY,)),
     "release": _release,
     "route": _commands(lambda _: orders.FOLLOW),
+    "next": _next,
     "wind": _commands(_wind),
     "tack": _commands(_turn_of_the_wind),
     "gybe": _commands(_turn_of_the_wind),

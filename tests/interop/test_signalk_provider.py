@@ -5,100 +5,25 @@ It runs where NORRBIN_INTEROP and NORRBIN_SIGNALK are set; see `test_outside_rea
 
 from __future__ import annotations
 
-import base64
 import contextlib
-import hashlib
-import hmac
-import json
 import math
-import shutil
 import socket
 import sys
-import urllib.error
-import urllib.request
 from pathlib import Path
 from typing import Any
 
 import pytest
-from outside_programs import HAS_SIGNALK, LOOPBACK, SIGNALK, program, until
+from outside_programs import HAS_SIGNALK, SIGNALK, program, until
+from signalk_boat import TOKEN, Server, config_folder
 from two_processes import free_port, patient_vessel, provoke, simulator
 
-import autopilot.signalk
 from autopilot.errors import InputError
 from autopilot.runtime.record import read_log
 from autopilot.signals import AlarmState, Mode
 
 pytestmark = pytest.mark.skipif(not HAS_SIGNALK, reason="set NORRBIN_INTEROP=1 and NORRBIN_SIGNALK: see above")
-SECRET = "0123456789abcdef" * 4
-TOKEN = "a-token-of-enough-letters"
 GOAL_DEG = 60.0
 SPEEDUP = 2
-
-
-def config_folder(folder: Path, web: int, bridge: int, token: str, also_plain: bool = False) -> Path:
-    """A server's folder with our plugin in it, and one user who may write; also a plain data connection."""
-    options = {"type": "tcp", "host": "127.0.0.1", "port": bridge}
-    plain = {"type": "providers/simple", "options": {"logging": False, "type": "SignalK", "subOptions": options}}
-    config = folder / "signalk"
-    shutil.copytree(Path(autopilot.signalk.__file__).parent / "plugin", config / "node_modules" / "signalk-norrbin")
-    off = ("appstore", "applicationData", "playground", "nmea-tcp", "tcp", "mfd_webapp")
-    files = {
-        "settings.json": {
-            "interfaces": dict.fromkeys(off, False),
-            "mdns": False,
-            "ssl": False,
-            "port": web,
-            "pipedProviders": [{"id": "plain", "enabled": True, "pipeElements": [plain]}] if also_plain else [],
-            "security": {"strategy": "./tokensecurity"},
-        },
-        "security.json": {
-            "allow_readonly": True,
-            "secretKey": SECRET,
-            "users": [{"username": "skipper", "type": "readwrite", "password": "none"}],
-        },
-        "package.json": {"name": "config", "dependencies": {"signalk-norrbin": "0.2.0"}},
-        "plugin-config-data/signalk-norrbin.json": {"enabled": True, "configuration": {"port": bridge, "token": token}},
-    }
-    for name, content in files.items():
-        (config / name).parent.mkdir(exist_ok=True)
-        (config / name).write_text(json.dumps(content))
-        (config / name).chmod(0o600)
-    (config / "loopback.cjs").write_text(LOOPBACK)
-    return config
-
-
-def signed_in() -> str:
-    """The token (JWT, HS256) that the server would give the skipper."""
-
-    def part(content: bytes) -> str:
-        return base64.urlsafe_b64encode(content).rstrip(b"=").decode()
-
-    said = part(b'{"alg":"HS256","typ":"JWT"}') + "." + part(b'{"id":"skipper"}')
-    return said + "." + part(hmac.new(SECRET.encode(), said.encode(), hashlib.sha256).digest())
-
-
-class Server:
-    def __init__(self, port: int) -> None:
-        self._base = f"http://127.0.0.1:{port}/signalk"
-
-    def ask(self, path: str, value: Any = None, method: str = "GET", user: bool = True) -> tuple[int, Any]:
-        """Return status and answer."""
-        body = None if method == "GET" else json.dumps({"value": value} | ({"units": "deg"} if "v2" in path else {}))
-        request = urllib.request.Request(f"{self._base}/{path}", body and body.encode(), method=method)
-        request.add_header("Content-Type", "application/json")
-        if user:
-            request.add_header("Authorization", f"Bearer {signed_in()}")
-        try:
-            with urllib.request.urlopen(request, timeout=20) as answer:
-                return answer.status, json.loads(answer.read() or b"null")
-        except urllib.error.HTTPError as error:
-            return error.code, error.read().decode()
-        except OSError as error:
-            return 0, str(error)
-
-    def value(self, path: str) -> Any:
-        status, found = self.ask(f"v1/api/vessels/self/{path}")
-        return found.get("value") if status == 200 else None
 
 
 def near(value: Any, degrees: float, within: float = 2.0) -> bool:
@@ -149,8 +74,8 @@ def test_signal_k_programs_steer_the_boat_and_strangers_do_not(tmp_path: Path) -
             assert near(server.ask(f"{pilots}/norrbin/target")[1]["value"], GOAL_DEG - 10)
             assert server.ask(f"{pilots}/norrbin/target", 80, "PUT")[0] == 200
             until("the heading ordered", lambda: near(server.value("navigation/headingTrue"), 80))
-            assert server.ask(f"{pilots}/norrbin/tack/port", None, "POST")[0] == 400
-            assert server.ask(f"{pilots}/norrbin/state", "wind", "PUT")[0] == 400
+            assert server.ask(f"{pilots}/norrbin/tack/port", None, "POST")[0] == 409
+            assert server.ask(f"{pilots}/norrbin/state", "wind", "PUT")[0] == 409
             assert server.ask(f"{pilots}/norrbin/disengage", None, "POST")[0] == 200
             until("standby", lambda: server.value("steering/autopilot/state") == "standby")
             assert server.ask(f"{pilots}/norrbin/engage", None, "POST")[0] == 200

@@ -2,6 +2,7 @@
 // One line of JSON each way: deltas come, PUT requests go, each answered. Node.js alone, no packages.
 'use strict'
 
+const { AsyncLocalStorage } = require('async_hooks')
 const net = require('net')
 
 const DEVICE = 'norrbin'
@@ -9,21 +10,35 @@ const RETRY_MS = 2000
 const ANSWER_MS = 10000
 const LONGEST = 1 << 20
 const STATE = 'steering.autopilot.state'
-const TARGET = 'steering.autopilot.target.headingTrue'
-const ADJUST = 'steering.autopilot.actions.adjustHeading'
-const DODGE = 'steering.autopilot.actions.dodge'
-const ACKNOWLEDGE = 'steering.autopilot.actions.acknowledge'
+const MODE = 'steering.autopilot.mode'
+const ENGAGED = 'steering.autopilot.engaged'
+const TARGET = 'steering.autopilot.target'
+const TRUE_HEADING = TARGET + '.headingTrue'
+const MAGNETIC_HEADING = TARGET + '.headingMagnetic'
+const WIND_ANGLES = { wind: TARGET + '.windAngleApparent', 'true wind': TARGET + '.windAngleTrueWater' }
+const ACTIONS = 'steering.autopilot.actions.'
+const ADJUST = ACTIONS + 'adjustHeading'
+const DODGE = ACTIONS + 'dodge'
+const ACKNOWLEDGE = ACTIONS + 'acknowledge'
+const TACK = ACTIONS + 'tack'
+const GYBE = ACTIONS + 'gybe'
+const ADVANCE = ACTIONS + 'advanceWaypoint'
 const NOTIFICATIONS = 'notifications.steering.autopilot.norrbin.'
-const TARGET_MAGNETIC = 'steering.autopilot.target.headingMagnetic'
 const OFF_LINE = 'off-line'
 const STATES = [
   { name: 'auto', engaged: true },
+  { name: 'wind', engaged: true },
   { name: 'route', engaged: true },
   { name: 'trial', engaged: true },
   { name: 'standby', engaged: false },
-  { name: OFF_LINE, engaged: false }
+  { name: OFF_LINE, engaged: false },
+  // ordered by dashboards, whatever the state is called: steer in the mode chosen, or do not
+  { name: 'enabled', engaged: true },
+  { name: 'disabled', engaged: false }
 ]
-const ORDERED = ['auto', 'route', 'standby']
+const ORDERED = ['auto', 'wind', 'route', 'standby']
+const MODES = ['compass', 'wind', 'true wind', 'route']
+const COMPASS = MODES[0]
 
 module.exports = function (app) {
   let socket = null
@@ -32,10 +47,13 @@ module.exports = function (app) {
   let options = {}
   let received = ''
   let count = 0
-  let isDodging = false
+  let hasDodged = false
+  let wasEngaged = false
+  let chosen = COMPASS // the mode that is engaged in; steering, it is the one that is
   let known = {}
   const waiting = new Map()
   const alarms = new Set()
+  const requests = new AsyncLocalStorage()
 
   // ---- the line to `autopilot signalk`
 
@@ -65,9 +83,8 @@ module.exports = function (app) {
     waiting.clear()
     if (stopped) return
     known = {}
-    isDodging = false
     app.setPluginError('autopilot signalk is not there; trying again')
-    tell({ [STATE]: OFF_LINE, 'steering.autopilot.engaged': false, [TARGET]: null })
+    tell({ [STATE]: OFF_LINE, [ENGAGED]: false, [MODE]: null, [TARGET]: null })
     retry = setTimeout(connect, RETRY_MS)
   }
 
@@ -96,7 +113,11 @@ module.exports = function (app) {
 
   function tell(values) {
     Object.assign(known, values)
-    if (!state().engaged) isDodging = false
+    if (!state().engaged) hasDodged = false
+    // a chosen mode waits in standby alone; after steering it is the compass again
+    if (MODES.includes(known[MODE])) chosen = known[MODE]
+    else if (state().engaged || wasEngaged) chosen = COMPASS
+    wasEngaged = state().engaged
     const changes = Object.entries(values).filter(([path]) => !isOurs(path)).map(([path, value]) => ({ path, value }))
     for (const { path } of changes) if (path.startsWith(NOTIFICATIONS)) watch(path)
     // apart: the server gives all of an update that has a notification in it another source
@@ -104,9 +125,12 @@ module.exports = function (app) {
       const group = changes.filter(({ path }) => path.startsWith('notifications.') === apart)
       if (group.length) app.handleMessage(plugin.id, { context: 'vessels.self', updates: [{ values: group }] })
     }
-    if (STATE in values || TARGET in values) {
-      app.autopilotUpdate(DEVICE, { state: state().name, mode: 'compass', target: target(), engaged: state().engaged, actions: actions() })
-    }
+    if ([STATE, MODE, TARGET].some((path) => path in values)) update()
+  }
+
+  function update() {
+    const { name, engaged } = state()
+    app.autopilotUpdate(DEVICE, { state: name, mode: chosen, target: target(), engaged, actions: actions() })
   }
 
   // ---- alarms: who silences one by a PUT of version 1 acknowledges on board. The server's notifications API (v2) is not
@@ -115,22 +139,18 @@ module.exports = function (app) {
   function watch(path) {
     if (alarms.has(path)) return
     alarms.add(path)
-    app.registerPutHandler('vessels.self', `${path}.method`, handler(silence))
+    app.registerPutHandler('vessels.self', `${path}.method`, handler((method) => silence(path, method)))
     app.registerPutHandler('vessels.self', `${path}.state`, handler(never('way to end an alarm but to end its cause')))
   }
 
-  async function silence(method) {
+  async function silence(path, method) {
     if (!Array.isArray(method) || method.includes('sound')) throw failure(400, 'method: a list without sound is allowed')
-    await acknowledge()
-  }
-
-  function acknowledge() {
-    return put(ACKNOWLEDGE, true)
+    await put(ACKNOWLEDGE, path)
   }
 
   // what the autopilot API tells by itself
   function isOurs(path) {
-    return path === STATE || path === 'steering.autopilot.engaged'
+    return [STATE, MODE, ENGAGED, TARGET].includes(path)
   }
 
   function answered(message) {
@@ -172,7 +192,14 @@ module.exports = function (app) {
   }
 
   function actions() {
-    return [{ id: 'dodge', name: 'Dodge', available: state().engaged }]
+    const { name, engaged } = state()
+    return [
+      { id: 'dodge', name: 'Dodge', available: engaged && name !== 'trial' },
+      { id: 'tack', name: 'Tack', available: name === 'wind' },
+      { id: 'gybe', name: 'Gybe', available: name === 'wind' },
+      { id: 'courseCurrentPoint', name: 'Follow the route', available: name !== OFF_LINE },
+      { id: 'courseNextPoint', name: 'Next waypoint', available: name === 'route' }
+    ]
   }
 
   const degrees = (radians) => (radians * 180) / Math.PI
@@ -180,41 +207,77 @@ module.exports = function (app) {
     throw failure(400, `this pilot knows no ${what}`)
   }
 
+  function present() {
+    if (!socket || socket.connecting) throw failure(503, 'autopilot signalk is not there')
+    if (state().name === OFF_LINE) throw failure(503, 'no pilot is heard')
+  }
+
+  function steering(what) {
+    present()
+    if (!state().engaged) throw failure(409, `${what}: nothing is steered, engage first`)
+  }
+
+  // signalk-server (2.23 to 2.32) asks who puts and posts, but not who deletes: so we look at whose request it is
+  const note = (request) => requests.enterWith(request)
+
+  function asked() {
+    const request = requests.getStore()
+    return Boolean(request) && app.securityStrategy.shouldAllowPut(request, 'vessels.self', null, 'autopilot')
+  }
+
   // ---- the autopilot API, version 2
 
   const provider = {
     getData: async () => ({
-      options: { states: STATES, modes: ['compass'], actions: actions() },
+      options: { states: STATES, modes: MODES, actions: actions() },
       target: target(),
-      mode: 'compass',
+      mode: chosen,
       state: state().name,
       engaged: state().engaged
     }),
     getState: async () => state().name,
     setState: async (value) => {
-      if (!ORDERED.includes(value)) throw failure(400, `state: ${ORDERED.join(', ')} are allowed`)
+      if (value === 'enabled') return provider.engage()
+      if (value === 'disabled') return provider.disengage()
+      if (!ORDERED.includes(value)) throw failure(400, `state: ${ORDERED.join(', ')}, enabled, disabled are allowed`)
       await put(STATE, value)
     },
-    getMode: async () => 'compass',
+    getMode: async () => chosen,
     setMode: async (value) => {
-      if (value !== 'compass') throw failure(400, 'mode: compass is allowed')
+      if (!MODES.includes(value)) throw failure(400, `mode: ${MODES.join(', ')} are allowed`)
+      present()
+      if (state().engaged) return put(MODE, value)
+      chosen = value
+      update()
     },
     getTarget: async () => target(),
-    setTarget: (value) => put(TARGET, value),
-    adjustTarget: (value) => put(ADJUST, degrees(value)),
-    engage: () => put(STATE, 'auto'),
+    setTarget: async (value) => {
+      steering('target')
+      if (state().name !== 'wind') return put(MAGNETIC_HEADING in known ? MAGNETIC_HEADING : TRUE_HEADING, value)
+      await put(WIND_ANGLES[chosen], value)
+    },
+    adjustTarget: async (value) => {
+      steering('target')
+      await put(ADJUST, degrees(value))
+    },
+    engage: async () => {
+      if (!state().engaged) await put(MODE, chosen)
+    },
     disengage: () => put(STATE, 'standby'),
     courseCurrentPoint: () => put(STATE, 'route'),
-    courseNextPoint: never('way to skip a waypoint'),
-    tack: never('tacking'),
-    gybe: never('gybing'),
+    courseNextPoint: () => put(ADVANCE, '1'),
+    tack: (direction) => put(TACK, direction),
+    gybe: (direction) => put(GYBE, direction),
     dodge: async (value) => {
       if (value === null) {
-        if (isDodging) await put(DODGE, null)
-        isDodging = false
+        if (!asked()) throw failure(403, 'dodge: who ends it is not known to the server; sign in')
+        if (hasDodged) await put(DODGE, null)
+        hasDodged = false
       } else {
-        if (value !== 0) await put(DODGE, degrees(value))
-        isDodging = value !== 0 || isDodging
+        steering('dodge')
+        if (value === 0) return
+        await put(DODGE, degrees(value))
+        hasDodged = true
       }
     }
   }
@@ -232,11 +295,12 @@ module.exports = function (app) {
   }
 
   async function turnToMagnetic(value) {
+    if (MAGNETIC_HEADING in known) return put(MAGNETIC_HEADING, value)
     const variation = app.getSelfPath('navigation.magneticVariation.value')
     if (typeof value !== 'number' || typeof variation !== 'number') {
       throw failure(400, 'a magnetic heading needs navigation.magneticVariation; give headingTrue instead')
     }
-    await put(TARGET, (value + variation) % (2 * Math.PI))
+    await put(TRUE_HEADING, (value + variation) % (2 * Math.PI))
   }
 
   const plugin = {
@@ -254,16 +318,18 @@ module.exports = function (app) {
     start: (configuration) => {
       options = configuration || {}
       stopped = false
+      if (app.server) app.server.prependListener('request', note)
       app.registerAutopilotProvider(provider, [DEVICE])
       app.registerPutHandler('vessels.self', STATE, handler((value) => provider.setState(value)))
-      app.registerPutHandler('vessels.self', TARGET, handler((value) => put(TARGET, value)))
-      app.registerPutHandler('vessels.self', TARGET_MAGNETIC, handler(turnToMagnetic))
-      app.registerPutHandler('vessels.self', ADJUST, handler((value) => put(ADJUST, value)))
-      app.registerPutHandler('vessels.self', ACKNOWLEDGE, handler(acknowledge))
+      app.registerPutHandler('vessels.self', MAGNETIC_HEADING, handler(turnToMagnetic))
+      for (const path of [TRUE_HEADING, ...Object.values(WIND_ANGLES), ADJUST, TACK, GYBE, ADVANCE, ACKNOWLEDGE]) {
+        app.registerPutHandler('vessels.self', path, handler((value) => put(path, value)))
+      }
       connect()
     },
     stop: () => {
       stopped = true
+      if (app.server) app.server.removeListener('request', note)
       clearTimeout(retry)
       if (socket) socket.destroy()
     }
