@@ -1,6 +1,6 @@
 """Zheng et al. 2019 over again: three methods on simulated trials of the dredger, beside the bound none can beat.
 
-    python benchmarks/zheng2019_dynamic_positioning.py [--seeds 20] [--first-seed 0] [--scenarios S2] [--compiled]
+    python benchmarks/zheng2019_dynamic_positioning.py [--seeds 20] [--first-seed 0] [--scenarios S2]
 
 Each seed draws another prior, another sea and another measurement noise. Printed: the median error, root mean square
 errors over the Cramer-Rao bound, how sure each filter was of itself, and how soon it was near. Some minutes.
@@ -13,7 +13,6 @@ import json
 from typing import NamedTuple
 
 import numpy as np
-from compiled_particles import by_compiled_particles
 from zheng2019_batch import UNIDENTIFIED, by_prediction_errors
 from zheng2019_ship import DREDGER
 from zheng2019_trials import SCENARIOS, Scenario, simulate_scenario, trial_steps
@@ -68,15 +67,14 @@ def normalised_error(found: Found, truth: FloatArray) -> float:
     return float(error @ np.linalg.solve(found.covariance, error) / error.size)
 
 
-def run_seed(scenario: Scenario, seed: int, compiled: bool = False) -> Seed:
+def run_seed(scenario: Scenario, seed: int) -> Seed:
     """Simulate one trial and identify it every way."""
     random = np.random.default_rng(seed)
     case, trial, states = simulate_scenario(scenario, random)
     truth, steps = np.array(scenario.truth), trial_steps(DREDGER, trial)
-    particle_filter = by_compiled_particles if compiled else by_particle_filter
     filters = {
         "EKF": by_kalman_filter(case, steps),
-        "FPF": particle_filter(case, steps, PARTICLES, random),
+        "FPF": by_particle_filter(case, steps, PARTICLES, random),
     }
     batch = by_prediction_errors(case, steps, filters["EKF"].estimate[-1])
     bound = np.sqrt(np.diag(information_bound(case, steps, states)))
@@ -147,13 +145,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20, metavar="N")
     parser.add_argument("--first-seed", type=int, default=0, metavar="S")
     parser.add_argument("--scenarios", nargs="+", choices=list(SCENARIOS), default=list(SCENARIOS))
-    parser.add_argument("--compiled", action="store_true", help="the particle filter by numba, with the same particles")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     results = {}
     for name in arguments.scenarios:
         scenario = SCENARIOS[name]
-        seeds = [run_seed(scenario, arguments.first_seed + k, arguments.compiled) for k in range(arguments.seeds)]
+        seeds = [run_seed(scenario, arguments.first_seed + k) for k in range(arguments.seeds)]
         results[name] = summary(scenario, seeds)
         if not arguments.json:
             print(as_text(scenario, results[name], arguments.seeds), end="\n\n", flush=True)
