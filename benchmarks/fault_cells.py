@@ -1,4 +1,4 @@
-"""One cell of the matrix: a boat in a state gets a fault; what the pilot did about it, and when."""
+"""The faults of the matrix, and its cells: a boat in a state gets a fault; what the pilot did about it, and when."""
 
 from __future__ import annotations
 
@@ -11,11 +11,197 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple, cast
 
-from fault_boat import FaultBoat, Moment, bring_into, deviation_deg, is_engaged
-from fault_rows import Row
+from fault_boat import FaultBoat, Injected, Moment, bring_into, deviation_deg, is_engaged
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.control import trial
+from autopilot.control.law import LawInForce
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.signals import Mode, Tick
 from autopilot.supervision.panel import sentences_of
+from sitl.fault_kinds import FaultKind, Source
+
+STALL_S = 2.0
+WINDOW_S = 16.0
+"""So long a fault is watched."""
+DRIFT_S = 25.0
+"""One that grows by 1 deg/s is watched for so long: it is 20 deg after 20 s."""
+STREAM_M_S = 3.2
+"""0.7 of the boat's speed; it is met within `EDGE_S` [s]."""
+EDGE_S = 3.0
+LATE_S = 0.3
+
+
+class Row(NamedTuple):
+    """A fault by its name in the matrix: what is injected, over which links, by the simulator or by `do`."""
+
+    name: str
+    faults: tuple[Injected, ...] = ()
+    method: str = "companion"
+    do: Callable[[FaultBoat], None] | None = None
+    window_s: float = WINDOW_S
+
+    def inject(self, boat: FaultBoat) -> None:
+        """Begin the fault now."""
+        for fault in self.faults:
+            boat.add(fault)
+        if self.do is not None:
+            self.do(boat)
+
+
+def simple(
+    name: str, kind: FaultKind, size: float | None = None, method: str = "companion", end: float = math.inf
+) -> Row:
+    """Return the row of one fault of the simulator, until `end` [s] after it began."""
+    return Row(name, (Injected(kind, size, 0.0, end),), method)
+
+
+def of_two(name: str, kind: FaultKind, size: float | None = None, source: Source = "first") -> Row:
+    """Return the row of a fault that one of two compasses has."""
+    return Row(name, (Injected(kind, size, 0.0, math.inf, source),), "both")
+
+
+def late(name: str, *kinds: FaultKind) -> Row:
+    """Return the row of what is late without its time stamps telling so; the delay sets in within a second."""
+    return Row(name, tuple(Injected(kind, LATE_S, ramp=1.0) for kind in kinds))
+
+
+def stream(speed_m_s: float) -> Injected:
+    """Return the edge of a stream that sets the boat ahead, or astern for a negative speed."""
+    return Injected("stream", speed_m_s, ramp=EDGE_S)
+
+
+def constant_demand(rudder: float) -> LawInForce:
+    """Return a law that returns nonsense: it says `rudder` [rad] whatever it is given."""
+    return LawInForce(trial.LAW._replace(name="nan", step=lambda _, memory, __: (rudder, memory)), trial.NoGains())
+
+
+def law_of_no_numbers(boat: FaultBoat) -> None:
+    """Put a law in that returns no number."""
+    pilot = boat.session._pilot
+    pilot._config = pilot._config._replace(law=constant_demand(math.nan))
+
+
+def limits_broken(boat: FaultBoat) -> None:
+    """Let the law's own limits pass 60 deg of rudder, so that only the supervisor's envelope stands."""
+    pilot = boat.session._pilot
+    config = pilot._config
+    wide = config.boat.limits._replace(angle_max=math.radians(60.0), rate_max=math.inf)
+    pilot._config = config._replace(
+        law=constant_demand(math.radians(60.0)),
+        boat=config.boat._replace(limits=wide),
+        steering=config.steering._replace(limits=wide),
+    )
+
+
+def stall(boat: FaultBoat) -> None:
+    """Hold the loop for two seconds, as a machine that swaps does."""
+    boat.stalled_until = boat.clock.time + STALL_S
+
+
+def rival(boat: FaultBoat) -> None:
+    """Let another ground station with our id steer, forty times a second."""
+    codec = MavlinkCodec(255, 190)
+    message: Any = dialect.MAVLink_rc_channels_override_message(1, 1, 1650, *[65535] * 7)
+
+    boat.hooks.append(lambda: boat.vehicle.receive(boat.clock.time, codec.encode(message)))
+
+
+ROWS: tuple[Row, ...] = (
+    Row("nothing"),
+    simple("heading lost", "heading_dropout"),
+    simple("heading lost for 0.6 s", "heading_dropout", end=0.6),
+    simple("heading frozen", "heading_frozen"),
+    Row("heading and rate frozen", (Injected("heading_frozen"), Injected("rate_frozen"))),
+    simple("heading frozen, compass without rate", "heading_frozen", method="instruments"),
+    simple("heading jumps by 40 deg", "heading_jump", 40.0),
+    simple("heading jumps by 40 deg and back", "heading_jump", 40.0, end=2.0),
+    simple("heading drifts by 1 deg/s", "heading_drift", 1.0)._replace(window_s=DRIFT_S),
+    simple("heading noise of 10 deg", "heading_noise", 10.0),
+    simple("every tenth heading wild", "heading_spikes", 0.1),
+    simple("heading is no number", "heading_nan"),
+    simple("readings 1 s late", "heading_late", 1.0),
+    late("compass 0.3 s late", "heading_lag"),
+    late("gyro 0.3 s late", "rate_lag"),
+    late("compass and gyro 0.3 s late", "heading_lag", "rate_lag"),
+    of_two("second compass off by 30 deg", "heading_jump", 30.0, "second"),
+    of_two("second compass drifts by 1 deg/s", "heading_drift", 1.0, "second")._replace(window_s=DRIFT_S),
+    of_two("first of two compasses lost", "heading_dropout"),
+    of_two("first of two compasses frozen", "heading_frozen"),
+    of_two("first of two compasses jumps by 40 deg", "heading_jump", 40.0),
+    of_two("first of two compasses noisy, 10 deg", "heading_noise", 10.0),
+    of_two("first of two compasses drifts by 1 deg/s", "heading_drift", 1.0)._replace(window_s=DRIFT_S),
+    of_two("second of two compasses lost", "heading_dropout", None, "second"),
+    of_two("second of two compasses frozen", "heading_frozen", None, "second"),
+    simple("both compasses lost", "heading_dropout", None, "both"),
+    simple("both compasses frozen", "heading_frozen", None, "both"),
+    simple("rate off by 5 deg/s", "rate_bias", 5.0),
+    simple("rate frozen", "rate_frozen"),
+    simple("rate reversed", "rate_reversed"),
+    simple("rate noise of 5 deg/s", "rate_noise", 5.0),
+    simple("speed lost", "speed_lost"),
+    simple("speed frozen", "speed_frozen"),
+    Row("speed frozen, and the engine stops", (Injected("speed_frozen"), Injected("engine_stopped"))),
+    simple("speed three times too high", "speed_wrong", 3.0),
+    simple("speed a third of the true one", "speed_wrong", 0.33),
+    simple("speed 0.15 of the true one", "speed_wrong", 0.15),
+    Row("head stream, speed over the ground alone", (stream(-STREAM_M_S),)),
+    Row("following stream, speed over the ground alone", (stream(STREAM_M_S),)),
+    Row("log lost in a head stream", (Injected("log_lost"), stream(-STREAM_M_S)), "instruments"),
+    simple("position lost", "position_lost"),
+    simple("position jumps by 200 m", "position_jump", 200.0),
+    simple("rudder stuck", "rudder_stuck"),
+    simple("rudder stuck, with a rudder sensor", "rudder_stuck", None, "instruments"),
+    simple("rudder reversed", "rudder_reversed"),
+    simple("rudder reversed, with a rudder sensor", "rudder_reversed", None, "instruments"),
+    simple("rudder at a tenth of its rate", "rudder_slow", 0.1),
+    simple("rudder at a quarter of its rate", "rudder_slow", 0.25),
+    simple("rudder at a quarter of its rate, with a rudder sensor", "rudder_slow", 0.25, "instruments"),
+    late("rudder 0.3 s late", "rudder_late"),
+    simple("rudder linkage slipped by 8 deg", "rudder_offset", 8.0),
+    simple("rudder runs hard over", "rudder_hard_over", 1.0),
+    simple("rudder stops at 5 deg", "rudder_limited", 5.0),
+    simple("backlash of 2 deg", "rudder_play", 1.0),
+    simple("backlash of 6 deg", "rudder_play", 3.0),
+    simple("rudder linkage broken", "rudder_free"),
+    simple("rudder sensor lost", "feedback_lost", None, "instruments"),
+    simple("rudder sensor frozen", "feedback_frozen", None, "instruments"),
+    simple("rudder sensor off by 8 deg", "feedback_offset", 8.0, "instruments"),
+    simple("no report of the rudder", "feedback_lost"),
+    simple("engine stopped", "engine_stopped"),
+    simple("engine astern", "engine_astern", 0.5),
+    simple("pushed by a gust worth 15 deg of rudder", "yaw_push", 15.0),
+    simple("pushed by more than the rudder can hold", "yaw_push", 45.0),
+    simple("heels by 35 deg", "heel", 35.0),
+    simple("firmware reboots", "reboot"),
+    simple("somebody chooses HOLD", "mode", 4.0),
+    simple("somebody disarms", "disarm"),
+    simple("a hand on the sticks", "stick", 0.8),
+    simple("the radio's override switch goes off", "switch"),
+    simple("overrides ignored", "overrides_ignored"),
+    Row("another ground station steers", (), "companion", rival),
+    simple("battery low", "battery_low"),
+    simple("geofence breached", "geofence"),
+    simple("shallow water", "shallow"),
+    simple("vehicle's clock steps 5 s ahead", "clock_step", 5.0),
+    simple("vehicle's clock steps 5 s back", "clock_step", -5.0),
+    simple("heartbeats lost", "heartbeat_lost"),
+    simple("link silent", "silence"),
+    simple("link silent for 2 s", "silence", end=2.0),
+    simple("link deaf: nothing we send arrives", "link_deaf"),
+    simple("link half open", "link_half_open"),
+    simple("link loses 30 %", "link_loss", 0.3),
+    simple("link 0.3 s late each way", "link_delay", 0.3),
+    simple("link jitter of 0.3 s", "link_jitter", 0.3),
+    simple("link doubles and reorders 30 %", "link_duplicate", 0.3),
+    simple("link damages 30 %", "link_corrupt", 0.3),
+    simple("link cuts 30 % short", "link_truncate", 0.3),
+    simple("link flooded with 500 packets/s", "link_flood", 500.0),
+    Row("the loop stalls for 2 s", (), "companion", stall),
+    Row("the law returns no number", (), "companion", law_of_no_numbers),
+    Row("limits broken, law wants 60 deg", (), "companion", limits_broken),
+)
+
 
 LATE_LIMIT_S = 15.0
 """So long after the fault is over an order may take to engage again."""

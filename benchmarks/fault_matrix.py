@@ -25,9 +25,8 @@ from typing import Any
 
 import numpy as np
 from fault_boat import STATES
-from fault_cells import Cell, has_cell, run_cells
+from fault_cells import ROWS, Cell, has_cell, run_cells
 from fault_expectations import ENGAGED, Expect, complaints, expected
-from fault_rows import ROWS
 
 from autopilot.cli.terminal import ProgressBar
 

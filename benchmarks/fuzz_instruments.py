@@ -5,18 +5,18 @@
 Each input is noise, or sound packets of that protocol cut, joined, doubled, shuffled, with bytes changed. Counted
 are the values accepted, and those that nobody sent ("strangers"): a checksum of eight bits lets about one in 256 of
 packets with several wrong bytes pass, where it has one at all. Exit code 1 at an exception, an impossible value, or
-more than `fuzz_table.HELD_MOST` bytes held between inputs.
+more than `HELD_MOST` bytes held between inputs.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import random
 import sys
-from collections.abc import Callable, Iterator
-from typing import Any
-
-from fuzz_table import Fuzzer, Result, print_table
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.drives.base import Drive, DriveSettings
@@ -36,6 +36,56 @@ from autopilot.vessel.file import load_vessel
 from sitl.scenario import load_scenario
 from sitl.serve import DRIVES as TWINS
 from sitl.world import World
+
+HELD_MOST = 4096
+"""Bytes that a reader may hold between inputs."""
+
+
+class Result(NamedTuple):
+    """What was accepted, what of it nobody sent, what no reader may hand on, and the most bytes held."""
+
+    accepted: int = 0
+    strangers: int = 0
+    wrong: int = 0
+    held: int = 0
+
+
+Fuzzer = Callable[[random.Random, int], Result]
+Round = Callable[[Fuzzer, random.Random, int], tuple[Result, tuple[str, ...], bool]]
+"""Runs a fuzzer for so many inputs: its result, further cells of its row, and whether these are a failure."""
+
+
+def plainly(fuzz: Fuzzer, rng: random.Random, count: int) -> tuple[Result, tuple[str, ...], bool]:
+    """Run the fuzzer and measure nothing else."""
+    return fuzz(rng, count), (), False
+
+
+def print_table(
+    fuzzers: Mapping[str, Fuzzer], heads: tuple[str, ...], each_round: Round = plainly, share: float = 1.0
+) -> int:
+    """Print one line for each fuzzer that the command line asks for; return 1 where one has failed.
+
+    heads: of the columns but the last, the microseconds an input. A round feeds `share` times the inputs asked for.
+    """
+    options = argparse.ArgumentParser()
+    options.add_argument("--inputs", type=int, default=1_000_000)
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--only", choices=sorted(fuzzers))
+    arguments = options.parse_args()
+    failed = False
+    print(f"| {' | '.join((*heads, 'us an input'))} |")
+    print("|---" * (len(heads) + 1) + "|")
+    for name, fuzz in fuzzers.items():
+        if arguments.only not in (None, name):
+            continue
+        start = time.perf_counter()
+        result, more, too_much = each_round(fuzz, random.Random(arguments.seed), arguments.inputs)
+        each = (time.perf_counter() - start) / (share * arguments.inputs) * 1e6
+        failed = failed or result.wrong > 0 or result.held > HELD_MOST or too_much
+        cells = (name, arguments.inputs, *result, *more, f"{each:.0f}")
+        print(f"| {' | '.join(map(str, cells))} |", flush=True)
+    return int(failed)
+
 
 FULL = 0.7
 SETTINGS = DriveSettings(angle_at_full=FULL, stop=0.6)

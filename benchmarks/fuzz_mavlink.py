@@ -5,7 +5,7 @@
 Each input is noise, sound frames cut, joined, doubled, with bytes changed, put in or taken out, or a forged frame: any
 message with any payload and the right checksum. Counted are what was accepted; "strangers", accepted though nobody sent
 it (a checksum of 16 bits lets one in 65536 damaged frames pass); "wrong", values that no reader may hand on. Exit code
-1 at an exception, a wrong value, more than `fuzz_table.HELD_MOST` bytes held between inputs, or memory that grows.
+1 at an exception, a wrong value, more than `HELD_MOST` bytes held between inputs, or memory that grows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from fuzz_table import Fuzzer, Result, print_table
+from fuzz_instruments import Fuzzer, Result, print_table
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide

@@ -13,9 +13,15 @@ import json
 from typing import NamedTuple
 
 import numpy as np
-from zheng2019_batch import UNIDENTIFIED, by_prediction_errors
-from zheng2019_ship import DREDGER
-from zheng2019_trials import SCENARIOS, Scenario, simulate_scenario, trial_steps
+from zheng2019_ship import (
+    DREDGER,
+    SCENARIOS,
+    UNIDENTIFIED,
+    Scenario,
+    by_prediction_errors,
+    simulate_scenario,
+    trial_steps,
+)
 
 from autopilot.filters.kalman import FloatArray, Gaussian, ekf_predict, ekf_update
 from autopilot.identification.augmented_state import (

@@ -71,7 +71,7 @@ def a_cell(**what: Any) -> Any:
 
 
 def test_what_is_wanted_is_what_a_skipper_can_bear(expectations: Any) -> None:
-    from fault_rows import ROWS
+    from fault_cells import ROWS
 
     assert {row.name for row in ROWS} == set(expectations.NEEDS)
     for name in expectations.NEEDS:

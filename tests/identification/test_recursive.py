@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from zheng2019_batch import by_prediction_errors
 from zheng2019_dynamic_positioning import information_bound, normalised_error, unidentified
-from zheng2019_ship import DREDGER
-from zheng2019_trials import SCENARIOS, pseudo_random_binary, simulate_scenario, trial_steps
+from zheng2019_ship import (
+    DREDGER,
+    SCENARIOS,
+    by_prediction_errors,
+    pseudo_random_binary,
+    simulate_scenario,
+    trial_steps,
+)
 
 from autopilot.identification.augmented_state import (
     Found,

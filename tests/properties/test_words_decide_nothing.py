@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import pytest
 from boat_at_sea import NoParameters
 from fault_boat import FaultBoat, bring_into
-from fault_cells import in_child
-from fault_rows import ROWS
+from fault_cells import ROWS, in_child
 
 from autopilot.guidance.trials import TrialLimits, TrialWatch
 from autopilot.links.ground_station.boat_link import BoatLink
