@@ -190,16 +190,11 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
     from pathlib import Path
 
     from autopilot.files.saving import save_text
-    from autopilot.vessel.file import dump_vessel, parse_vessel, updated_vessel_text
+    from autopilot.vessel.file import text_for
 
     paths = Path(arguments.out), Path(arguments.vessel)
     is_same = all(path.exists() for path in paths) and paths[0].samefile(paths[1])
-    before = paths[0].read_text(encoding="utf-8-sig") if is_same else None
-    text = updated_vessel_text(before, better, arguments.out) if before else dump_vessel(better)
-    try:
-        parse_vessel(text, arguments.out)
-    except InputError as error:
-        raise InputError(f"{arguments.out} is not written, for no command could read it: {error}") from None
+    text = text_for(arguments.out, better, in_place=is_same)
     save_text(arguments.out, text, overwrite=is_same or arguments.overwrite)
     if not arguments.json:
         print(f"\nWrote {arguments.out}.")

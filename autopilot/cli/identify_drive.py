@@ -111,7 +111,7 @@ def _write(path: str, vessel: Vessel, fit: DriveFit, runs: Sequence[Run]) -> Non
     Raises InputError where no command could read it.
     """
     from autopilot.files.saving import save_text
-    from autopilot.vessel.file import dump_vessel, model_section, parse_vessel, rounded, updated_vessel_text
+    from autopilot.vessel.file import model_section, rounded, text_for
     from autopilot.vessel.schema import Control
 
     errors: dict[str, float | None] = {name: fit.errors.get(name) for name in ("gain", "time_constant")}
@@ -136,15 +136,8 @@ def _write(path: str, vessel: Vessel, fit: DriveFit, runs: Sequence[Run]) -> Non
             },
         ),
     )
-    exists = Path(path).exists()
     made = dataclasses.replace(vessel, model=model)
-    if not exists:
+    if not Path(path).exists():
         control = Control(rate_hz=vessel.control.rate_hz, loop_delay_s=vessel.control.loop_delay_s)
         made = dataclasses.replace(made, name=Path(path).stem, description="", control=control)
-    before = Path(path).read_text(encoding="utf-8-sig") if exists else ""
-    text = updated_vessel_text(before, made, path) if exists else dump_vessel(made)
-    try:
-        parse_vessel(text, path)
-    except InputError as error:
-        raise InputError(f"{path} is not written, for no command could steer by it: {error}") from None
-    save_text(path, text)
+    save_text(path, text_for(path, made))

@@ -85,7 +85,7 @@ def _write(path: str, model: RollModel, vessel: object, log: str) -> str:
     from autopilot.control.roll_design import roll_section
     from autopilot.files.saving import save_text
     from autopilot.runtime.build import law_boat_of, law_of
-    from autopilot.vessel.file import dump_vessel, parse_vessel, updated_vessel_text
+    from autopilot.vessel.file import text_for
     from autopilot.vessel.schema import Vessel
 
     assert isinstance(vessel, Vessel)
@@ -104,9 +104,5 @@ def _write(path: str, model: RollModel, vessel: object, log: str) -> str:
         law_of(changed)
     except (ValueError, RefusedError) as error:
         raise InputError(f"{path} is not written, for no gains follow from this model: {error}") from None
-    exists = Path(path).exists()
-    before = Path(path).read_text(encoding="utf-8-sig") if exists else ""
-    text = updated_vessel_text(before, changed, path) if exists else dump_vessel(changed)
-    parse_vessel(text, path)
-    save_text(path, text)
+    save_text(path, text_for(path, changed))
     return f"Wrote control.sliding_roll to {path}, and made it the law that steers; control.roll is left out."

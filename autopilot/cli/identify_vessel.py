@@ -22,7 +22,7 @@ from autopilot.identification.model_choice import steering_errors, steering_mode
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.report.identification import Result, undetermined
-from autopilot.vessel.file import dump_vessel, load_vessel, model_section, parse_vessel, rounded, updated_vessel_text
+from autopilot.vessel.file import load_vessel, model_section, parse_vessel, rounded, text_for
 from autopilot.vessel.schema import SCHEMA_VERSION, Alarms, Control, Drive, Model, Rudder, Sensors, Vessel
 
 ASSUMED_RATE_DEG_S = 10.0
@@ -95,13 +95,7 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
         moved = dataclasses.replace(boat.rudder, delay_s=rounded(train.delay), lag_s=rounded(train.lag))
         boat = dataclasses.replace(boat, rudder=moved)
     vessel = _with_scale(dataclasses.replace(boat, model=_model(result, runs)), given)
-    exists = Path(path).exists()
-    before = Path(path).read_text(encoding="utf-8-sig") if exists else ""
-    text = updated_vessel_text(before, vessel, path) if exists else dump_vessel(vessel)
-    try:
-        parse_vessel(text, path)
-    except InputError as error:
-        raise InputError(f"{path} is not written, for no command could steer by it: {error}") from None
+    text = text_for(path, vessel)
     _check_steering(path, vessel, result.found)
     save_text(path, text)
     remarks = _not_kept(path, result.found)

@@ -304,6 +304,19 @@ def updated_vessel_text(text: str, vessel: Vessel, file: str) -> str:
     return _checked(edited_text(text, old, new, file), vessel, file)
 
 
+def text_for(path: str | Path, vessel: Vessel, *, in_place: bool = True) -> str:
+    """Return the text with which the file at `path` holds `vessel`; of one that is there and is written `in_place`
+    comments and order stay. Raises InputError where no command could read it."""
+    place = Path(path)
+    before = place.read_text(encoding="utf-8-sig") if in_place and place.exists() else ""
+    text = updated_vessel_text(before, vessel, str(path)) if before else dump_vessel(vessel)
+    try:
+        parse_vessel(text, str(path))
+    except InputError as error:
+        raise InputError(f"{path} is not written, for no command could read it: {error}") from None
+    return text
+
+
 def _comments(text: str) -> Counter[str]:
     """Return what stands behind a # on each line: comments, and at worst some quoted text, which is kept as well."""
     return Counter(line.partition("#")[2].strip() for line in text.splitlines() if "#" in line)

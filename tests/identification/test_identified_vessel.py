@@ -115,7 +115,7 @@ def test_an_old_file_keeps_everything_but_the_model(tmp_path: Path) -> None:
 def test_a_model_that_no_command_could_read_is_not_written(tmp_path: Path) -> None:
     path, found = tmp_path / "boat.yaml", result()
     ridge = found.found._replace(model=MODEL._replace(gain=220.0, time_constant=757_400.0))
-    with pytest.raises(InputError, match=r"boat\.yaml is not written, for no command could steer by it"):
+    with pytest.raises(InputError, match=r"boat\.yaml is not written, for no command could read it"):
         written(path, found._replace(found=ridge))
     assert not path.exists()
 
