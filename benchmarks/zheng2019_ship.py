@@ -12,8 +12,8 @@ positive; it has no units, and in no standard scaling do all five numbers of D b
 would make the yaw time constant 18 900 s. `TABLE_1` is as published; `REALISTIC` beside it steadies within a minute.
 
 Trials of Zheng's dredger stand below, the paper's 60 s and the length that it takes, as cases for `augmented_state`;
-and their batch fit: for fixed parameters a Kalman filter follows the state alone, and its innovations e_k with covariances
-S_k are white where the parameters are right. Minimised is
+and their batch fit: for fixed parameters a Kalman filter follows the state alone, and its innovations e_k with
+covariances S_k are white where the parameters are right. Minimised is
 
     sum e_k' S_k^-1 e_k + (theta - theta_0)' P_0^-1 (theta - theta_0)
 
