@@ -139,6 +139,11 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         help=f"sentences on the NMEA line, each with its rate if wanted: HDG:10,ROT (default {DEFAULT_SENTENCES})",
     )
     serve.add_argument(
+        "--n2k",
+        metavar="URL",
+        help="NMEA 2000 network: n2k:ydwg-tcpin:127.0.0.1:1457 (a Yacht Devices gateway) or n2k:socketcan:vcan0",
+    )
+    serve.add_argument(
         "--drive",
         metavar="KIND:PATH:BAUD",
         help="rudder drive on a pseudo-terminal of its own: pypilot, jrk or maestro, e.g. pypilot:/tmp/drive:38400",
@@ -243,7 +248,7 @@ def run_serve(arguments: argparse.Namespace) -> int:
     """Serve until stopped."""
     from autopilot.links.mavlink.signing_key import open_signing
     from sitl.fault_service import FaultService
-    from sitl.serve import Pace, TruthFile, open_ports, serve, world_from
+    from sitl.serve import Lines, Pace, TruthFile, open_ports, serve, world_from
 
     should_stop = _StopOnSignal()
     world = world_from(arguments)
@@ -252,9 +257,10 @@ def run_serve(arguments: argparse.Namespace) -> int:
         print(f"{arguments.truth} exists and is kept: the truth goes to {truth.path}", flush=True)
     ports, service = [], None
     try:
-        urls = arguments.mavlink or ([] if arguments.nmea or arguments.drive else [DEFAULT_MAVLINK])
+        urls = arguments.mavlink or ([] if arguments.nmea or arguments.drive or arguments.n2k else [DEFAULT_MAVLINK])
         signing = open_signing(arguments.signing_key) if arguments.signing_key else None
-        ports = open_ports(world, urls, arguments.nmea, arguments.sentences, arguments.drive, signing)
+        lines = Lines(arguments.nmea, arguments.sentences, arguments.drive, arguments.n2k)
+        ports = open_ports(world, urls, lines, signing)
         if arguments.control:
             service = FaultService(world, arguments.control)
             print(f"ready control {arguments.control}", flush=True)

@@ -385,14 +385,16 @@ def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed
     return dataclasses.replace(scenario, vehicle=vehicle, start=start)
 
 
-def open_ports(
-    world: World,
-    urls: list[str],
-    nmea: str | None,
-    sentences: str,
-    drive: str | None = None,
-    signing: Signing | None = None,
-) -> list[tuple[str, Port]]:
+class Lines(NamedTuple):
+    """What is served beside MAVLink, as options say it: `--nmea` with its sentences, `--drive` and `--n2k`."""
+
+    nmea: str | None = None
+    sentences: str = ""
+    drive: str | None = None
+    n2k: str | None = None
+
+
+def open_ports(world: World, urls: list[str], lines: Lines, signing: Signing | None = None) -> list[tuple[str, Port]]:
     """Open every link; return what its ready line says, and the port. Raises InputError and LinkError."""
     ports: list[tuple[str, Port]] = []
     try:
@@ -401,11 +403,13 @@ def open_ports(
             for url in urls:
                 port = mavlink_port(firmware, url, signing.link() if signing else None)
                 ports.append((f"mavlink {url}", port))
-        if nmea is not None:
-            _check_route(world, sentences)
-            ports.append(nmea_port(world, nmea, sentences))
-        if drive is not None:
-            ports.append(drive_port(world, drive))
+        if lines.nmea is not None:
+            _check_route(world, lines.sentences)
+            ports.append(nmea_port(world, lines.nmea, lines.sentences))
+        if lines.drive is not None:
+            ports.append(drive_port(world, lines.drive))
+        if lines.n2k is not None:
+            ports.append(n2k_port(world, lines.n2k))
     except BaseException:
         for _, port in ports:
             port.transport.close()
@@ -446,6 +450,22 @@ def nmea_port(world: World, text: str, sentences: str) -> tuple[str, Port]:
     rates = chosen_rates(sentences, baud)
     transport = open_transport(link)
     return f"nmea {text}", Port(transport, NmeaInstruments(world, rates, baud, transport.is_stream))
+
+
+def n2k_port(world: World, text: str) -> tuple[str, Port]:
+    """Put the boat's NMEA 2000 network behind a Yacht Devices gateway, or on a CAN bus: ready line and port."""
+    from autopilot.links.n2k.link import open_bus
+    from sitl.wire_n2k import BusTransport, N2kNetwork
+
+    link = parse_url(text)
+    if link.protocol not in ("n2k", "ydwg") or link.options != UrlOptions():
+        raise InputError(
+            f"--n2k {text}: write an NMEA 2000 link without options, such as n2k:ydwg-tcpin:127.0.0.1:1457 or "
+            "n2k:socketcan:vcan0."
+        )
+    is_text = link.protocol == "ydwg"
+    transport = open_transport(link) if is_text else BusTransport(text, open_bus(text, link.host, link.path))
+    return f"n2k {text}", Port(transport, N2kNetwork(world, is_text))
 
 
 def drive_port(world: World, text: str) -> tuple[str, Port]:

@@ -41,22 +41,36 @@ class ChartPlotter:
         self._start = scenario.start
         # a route of one waypoint leads there from the start
         self._route = scenario.route if len(scenario.route) > 1 else ((0.0, 0.0), *scenario.route)
-        self._leg = 0
+        self.leg = 0
+
+    @property
+    def count(self) -> int:
+        """How many waypoints the route has."""
+        return len(self._route)
+
+    def waypoint(self, number: int) -> tuple[float, float]:
+        """Return latitude and longitude of a waypoint [deg]."""
+        north, east = self._route[number]
+        parallel = EARTH_RADIUS * math.cos(math.radians(self._start.latitude_deg))
+        return (
+            self._start.latitude_deg + math.degrees(north / EARTH_RADIUS),
+            self._start.longitude_deg + math.degrees(east / parallel),
+        )
 
     @property
     def is_over(self) -> bool:
         """Whether the last waypoint has been passed."""
-        return self._leg + 1 >= len(self._route)
+        return self.leg + 1 >= len(self._route)
 
     def update(self, reading: Reading) -> None:
         """Take the newest position and switch legs."""
         north, east = self._position(reading)
         while not self.is_over:
             along, _, length = self._along(north, east)
-            end_north, end_east = self._route[self._leg + 1]
+            end_north, end_east = self._route[self.leg + 1]
             if along < length and math.hypot(north - end_north, east - end_east) > ARRIVAL_M:
                 return
-            self._leg += 1
+            self.leg += 1
 
     def sentence(self, kind: str, reading: Reading) -> bytes:
         """Return the sentence of `kind`; status V where the route is over."""
@@ -72,16 +86,16 @@ class ChartPlotter:
 
     def _along(self, north: float, east: float) -> tuple[float, float, float]:
         """Distance along the leg, to starboard of it, and its length [m]."""
-        (from_north, from_east), (to_north, to_east) = self._route[self._leg], self._route[self._leg + 1]
+        (from_north, from_east), (to_north, to_east) = self._route[self.leg], self._route[self.leg + 1]
         d_north, d_east = to_north - from_north, to_east - from_east
         length = math.hypot(d_north, d_east)
         a, b = north - from_north, east - from_east
         return (a * d_north + b * d_east) / length, (b * d_north - a * d_east) / length, length
 
-    def _bearings(self, reading: Reading) -> tuple[float, float, float, float]:
+    def bearings(self, reading: Reading) -> tuple[float, float, float, float]:
         """Bearing of the leg and of the waypoint [deg], its distance and the error to starboard [m]."""
         north, east = self._position(reading)
-        (from_north, from_east), (to_north, to_east) = self._route[self._leg], self._route[self._leg + 1]
+        (from_north, from_east), (to_north, to_east) = self._route[self.leg], self._route[self.leg + 1]
         track = math.degrees(math.atan2(to_east - from_east, to_north - from_north)) % 360.0
         bearing = math.degrees(math.atan2(to_east - east, to_north - north)) % 360.0
         return track, bearing, math.hypot(to_north - north, to_east - east), self._along(north, east)[1]
@@ -90,17 +104,17 @@ class ChartPlotter:
         return [f"{abs(starboard) / MILE:.{DECIMALS}f}", "L" if starboard > 0.0 else "R"]
 
     def _apb(self, reading: Reading) -> list[str]:
-        track, bearing, _, error = self._bearings(reading)
-        to = f"WP{self._leg + 1}"
+        track, bearing, _, error = self.bearings(reading)
+        to = f"WP{self.leg + 1}"
         ahead = [f"{bearing:.1f}", "T"]
         return ["A", "A", *self._error(error), "N", "V", "V", f"{track:.1f}", "T", to, *ahead, *ahead, "A"]
 
     def _xte(self, reading: Reading) -> list[str]:
-        return ["A", "A", *self._error(self._bearings(reading)[3]), "N", "A"]
+        return ["A", "A", *self._error(self.bearings(reading)[3]), "N", "A"]
 
     def _rmb(self, reading: Reading) -> list[str]:
-        _, bearing, distance, error = self._bearings(reading)
-        names = [f"WP{self._leg}", f"WP{self._leg + 1}"]
+        _, bearing, distance, error = self.bearings(reading)
+        names = [f"WP{self.leg}", f"WP{self.leg + 1}"]
         return [
             "A",
             *self._error(error),
@@ -117,7 +131,7 @@ class ChartPlotter:
         ]
 
     def _htd(self, reading: Reading) -> list[str]:
-        bearing = self._bearings(reading)[1]
+        bearing = self.bearings(reading)[1]
         return ["V", "", "", "H", "N", "", "", "", "", f"{bearing:.1f}", "", "", "T", "A", "A", "A", ""]
 
 
@@ -220,11 +234,15 @@ class RudderDrive:
             return
         self.accepted += 1
         angle, is_valid = order
+        self.order(angle if is_valid else None, time)
+
+    def order(self, angle: float | None, time: float) -> None:
+        """Take an angle [rad], or None for a release, ordered at `time` [s]."""
         self._order_time = time
-        if is_valid:
-            self._order = angle
-        else:
+        if angle is None:
             self._release()
+        else:
+            self._order = angle
 
     def orders(self, time: float) -> Orders:
         """Return the order in force; without one the rudder goes amidships or stays, as the scenario says."""

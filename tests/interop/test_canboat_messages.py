@@ -6,6 +6,7 @@ package @canboat/canboatjs with it. Its decoder and encoder share nothing with o
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import shutil
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 from outside_programs import SIGNALK, WANTED
 
+from autopilot.angles import wrap
 from autopilot.guidance.plotter import PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
 from autopilot.links.n2k.forms import FORMS, Form, framed
 from autopilot.links.n2k.node import Device
@@ -39,6 +41,10 @@ from autopilot.signals import (
     Tick,
     WindSample,
 )
+from autopilot.vessel.file import load_vessel
+from sitl.scenario import load_scenario
+from sitl.wire_n2k import RATES_HZ, N2kNetwork
+from sitl.world import World
 
 PACKAGE = SIGNALK.parents[2] / "@canboat" / "canboatjs"
 HAS_CANBOAT = WANTED and (PACKAGE / "package.json").is_file() and shutil.which("node") is not None
@@ -171,6 +177,27 @@ def test_the_same_in_frames() -> None:
     found = canboat(as_lines(FORMS["ydwg"](), said), [])
     assert found["said"] == []
     assert [each["pgn"] for each in found["decoded"]] == [each.group for each in said]
+
+
+def test_the_simulated_boat_s_network_decodes_without_a_warning_to_what_was_measured() -> None:
+    scenario = dataclasses.replace(load_scenario("sea-state-5"), route=((0.0, 0.0), (500.0, 300.0)))
+    world = World(load_vessel("lanxin"), scenario)
+    network = N2kNetwork(world)
+    lines = [line.decode().strip() for step in range(60) for line in network.transmit(0.1 * step)]
+    found = canboat(lines, [])
+    assert found["said"] == []
+    fields = {each["pgn"]: each["fields"] for each in found["decoded"]}
+    assert set(fields) == {60928, *RATES_HZ}
+    truth = world.boat.state
+    assert abs(wrap(fields[127250]["heading"] + fields[127250].get("variation", 0.0) - truth.heading)) < 0.1
+    assert fields[128259]["speedWaterReferenced"] == pytest.approx(truth.speed, abs=0.6)
+    assert (fields[129029]["method"], fields[130306]["reference"]) == ("GNSS fix", "Apparent")
+    assert fields[129284]["bearingOriginToDestinationWaypoint"] == pytest.approx(math.atan2(300.0, 500.0), abs=1e-3)
+    assert fields[129284]["calculationType"] == "Rhumbline"
+    assert [each["wpName"] for each in fields[129285]["list"]] == ["WP0", "WP1"]
+    latitude = fields[129284]["destinationLatitude"] - scenario.start.latitude_deg
+    assert latitude * 111_195.0 == pytest.approx(500.0, abs=2.0)
+    assert fields[129283]["xteMode"] == "Autonomous" and abs(fields[129283]["xte"]) < 60.0
 
 
 def test_what_is_said_is_what_is_meant(understood: list[dict[str, Any]]) -> None:

@@ -14,7 +14,7 @@ from sitl.boat import EARTH_RADIUS
 from sitl.drives import CommandReader, jrk_length, maestro_length
 from sitl.scenario import load_scenario
 from sitl.sensors import Reading
-from sitl.serve import drive_port, nmea_port, open_ports
+from sitl.serve import Lines, drive_port, nmea_port, open_ports
 from sitl.wire_nmea import ChartPlotter, NmeaInstruments
 from sitl.world import World
 
@@ -43,7 +43,7 @@ def test_bad_nmea_places_and_a_plotter_without_a_route_are_one_sentence() -> Non
     with pytest.raises(InputError, match="or an NMEA link without options"):
         nmea_port(world(), "nmea-udp:127.0.0.1:0?steer=no", "HDG")
     with pytest.raises(InputError, match="APB come from a chart plotter; give the scenario a route"):
-        open_ports(world(), [], "/tmp/x:4800", "HDG,APB:2")
+        open_ports(world(), [], Lines("/tmp/x:4800", "HDG,APB:2"))
 
 
 def test_a_route_that_stands_still_is_refused(tmp_path: Path) -> None:
