@@ -54,6 +54,8 @@ STEPS_IN_LOOKAHEAD = 6.0
 """Delta is at least this many steps of the plotter's last digit (0.01 nm is 18.5 m), or each step would be a turn."""
 SAME_BEARING = math.radians(3.0)
 TURN_MOST = math.radians(100.0)
+PASSED_S = 5.0
+"""A waypoint passed for so long, without a new leg, was the last one."""
 DT_MOST = 2.0
 
 
@@ -62,6 +64,7 @@ class PlotterLeg(NamedTuple):
 
     track [rad]: its true bearing.  cross_track [m]: positive with the boat to starboard of it.  step [m]: what the
     last digit of the error is worth.  waypoint: where it ends; name: of that, for people.
+    passed: whether the plotter says that this lies abeam or astern.
     """
 
     time: float
@@ -70,6 +73,7 @@ class PlotterLeg(NamedTuple):
     step: float = 0.0
     waypoint: str = ""
     name: str = ""
+    passed: bool = False
 
 
 class PlotterHeading(NamedTuple):
@@ -117,6 +121,7 @@ class PlotterGuide:
         self._wants_far = 0.0
         self._led: float | None = None
         self._began: float | None = None
+        self._passed: float | None = None
 
     def follow(self) -> None:
         """Begin to follow, or confirm the turn that waits for it."""
@@ -190,7 +195,12 @@ class PlotterGuide:
         is_fresh = newest is not None and now - newest.time <= TIMEOUT_S
         if is_fresh and newest is not None and message is not newest and not self._may_turn(newest):
             far = f"further than {math.degrees(TURN_MOST):.0f} deg from the leg before"
-            return AlarmEvent("plotter_turn", f"{compass_deg(self._wants_far):05.1f} deg, {far}")
+            to = f" to {newest.name}" if isinstance(newest, PlotterLeg) and newest.name else ""
+            return AlarmEvent("plotter_turn", f"{compass_deg(self._wants_far):05.1f} deg{to}, {far}")
+        is_passed = isinstance(message, PlotterLeg) and message.passed
+        self._passed = (self._passed or now) if is_passed else None
+        if self._passed is not None and isinstance(message, PlotterLeg) and now - self._passed >= PASSED_S:
+            return AlarmEvent("plotter_arrived", f"{message.name or 'its waypoint'}: {held}")
         if message is not None or is_fresh or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
             return None
         if self._invalid:

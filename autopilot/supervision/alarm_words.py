@@ -395,6 +395,13 @@ WORDS = {
         sentence="{text} {detail}; {remedy}",
         watcher=Watcher.LOOP,
     ),
+    "plotter_arrived": Words(
+        "the chart plotter leads no further",
+        "give a heading or take the helm",
+        "its last waypoint is passed by for 5 s: the leg is held on",
+        sentence="{text} than {detail}; {remedy}",
+        watcher=Watcher.LOOP,
+    ),
     "wind_awaited": Words(
         "no wind is heard",
         "engaging when it is; check the wind vane and its link (MWV)",

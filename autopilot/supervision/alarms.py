@@ -185,6 +185,7 @@ _KINDS = (
     _notice("plotter_turn"),
     _notice("plotter_invalid"),
     _notice("plotter_silent"),
+    _notice("plotter_arrived"),
     _notice("wind_awaited"),
     _notice("wind_lost"),
     _notice("wind_shifted"),

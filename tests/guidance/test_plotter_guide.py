@@ -228,3 +228,25 @@ def test_a_current_that_positions_have_taught_sets_the_boat_off_no_track(current
     assert max(abs(value) for value in boat.sail(20.0)) < 0.3
     boat.guide.stream = None
     assert max(abs(value) for value in boat.sail(60.0)) < 1.5
+
+
+def test_a_waypoint_that_is_passed_and_not_followed_by_a_leg_is_said_after_five_seconds() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    said = []
+    for tick in range(200):
+        now = 0.1 * tick
+        if tick % 10 == 0:
+            guide.take(PlotterLeg(now, 1.0, 0.0, 1.0, "W1", "Harbour", passed=5.0 <= now < 13.0))
+        guide.course(now, 1.0, SPEED)
+        said.append(guide.alarm)
+    alarms = [each.name if each is not None else "" for each in said]
+    assert alarms == [""] * 100 + ["plotter_arrived"] * 30 + [""] * 70
+    assert words(said[110]) == (
+        "the chart plotter leads no further than Harbour: holding 057.3 deg; give a heading or take the helm"
+    )
+    guide.take(PlotterLeg(20.0, 1.0, 0.0, 1.0, "W1", "Harbour", passed=True))
+    guide.take(PlotterLeg(21.0, 1.4, 0.0, 1.0, "W2", "Anchorage"))
+    guide.take(PlotterLeg(22.0, 1.4, 0.0, 1.0, "W2", "Anchorage"))
+    guide.course(26.0, 1.0, SPEED)
+    assert guide.alarm is None, "the next leg has come"

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
 from autopilot.links.nmea.samples import NmeaReader
 from autopilot.links.nmea.sentences import NmeaFramer, format_sentence
@@ -52,7 +53,7 @@ OPENCPN = (
     "ECRMB,A,0.050,L,001,002,5742.000,N,01152.000,E,1.234,045.000,5.000,V",
     "ECRMC,120000,A,5741.000,N,01150.000,E,5.000,045.000,211126,4.000,E",
     "ECAPB,A,A,0.050,L,N,V,V,045.000,T,002,045.000,T,045.000,T",
-    "ECXTE,A,A,0.060,L,N",
+    "ECXTE,A,A,0.054,L,N",
 )
 """What OpenCPN sends of an active route, in its order and with its talker (model/src/autopilot_output.cpp)."""
 
@@ -61,7 +62,7 @@ def test_opencpns_route_leads() -> None:
     heard, _ = hear(*OPENCPN)
     legs = [message for message in heard if isinstance(message, PlotterLeg)]
     assert len(legs) == len(heard) == 3
-    assert [leg.cross_track for leg in legs] == pytest.approx([92.6, 92.6, 111.12]), "steer left: to starboard of it"
+    assert [leg.cross_track for leg in legs] == pytest.approx([92.6, 92.6, 100.008]), "steer left: to starboard of it"
     assert math.degrees(legs[1].track) == math.degrees(legs[2].track) == pytest.approx(45.0)
     assert legs[1].waypoint == "002"
 
@@ -174,13 +175,13 @@ def test_the_error_is_positive_to_starboard_and_its_last_digit_has_a_worth(field
 @pytest.mark.parametrize("side", ["L", "R"])
 @pytest.mark.parametrize(
     ("first", "second", "is_taken"),
-    [("0.100", "0.123", True), ("0.100", "0.124", False), ("0.100", "0.077", True), ("0.100", "0.076", False),
-     ("0.1", "0.4", True), ("0.1", "0.5", False), ("0.10", "0.1", True), ("0.100", "0.3", True)],
+    [("0.100", "0.106", True), ("0.100", "0.107", False), ("0.100", "0.094", True), ("0.100", "0.093", False),
+     ("0.1", "0.3", True), ("0.1", "0.4", False), ("0.10", "0.1", True), ("0.100", "0.2", True)],
 )  # fmt: skip
-def test_an_error_jumps_by_three_steps_a_tenth_and_twenty_metres_at_most(
+def test_an_error_jumps_by_both_steps_and_what_a_boat_goes_at_most(
     first: str, second: str, is_taken: bool, side: str
 ) -> None:
-    """0.100 nm are 185.2 m: 3 x 1.85 + 18.5 + 20 = 44.1 m, 0.024 nm; with one decimal 3 x 185.2 more."""
+    """In a second: 2 x 1.85 + 3 + 5 = 11.7 m, 0.0063 nm; with one decimal 185.2 m for each 1.85."""
     heard, _ = hear(f"GPAPB,A,A,{first},{side},N,V,V,090.0,T,D,011,T,011,T,A", f"GPXTE,A,A,{second},{side},N,A")
     assert (len(heard) == 2) is is_taken
 
@@ -263,7 +264,7 @@ def test_eight_seconds_after_apb_fell_silent_the_plotter_s_other_sentences_lead(
 
 @pytest.mark.parametrize(("later", "is_taken"), [(0.1, True), (8.0, True), (8.1, False)])
 def test_xte_renews_no_leg_older_than_eight_seconds_and_makes_none_younger(later: float, is_taken: bool) -> None:
-    apb, xte = "GPAPB,A,A,0.100,R,N,V,V,090.0,T,D,011,T,011,T,A", "GPXTE,A,A,0.096,R,N,A"
+    apb, xte = "GPAPB,A,A,0.100,R,N,V,V,090.0,T,D,011,T,011,T,A", "GPXTE,A,A,0.097,R,N,A"
     heard = hear_at((100.0, apb), (100.0 + later, xte))
     assert [message.time for message in heard] == ([100.0, 100.0] if is_taken else [100.0])
     assert len(hear_at((100.0, apb), (104.0, xte), (100.0 + later, xte))) == (3 if is_taken else 2)
@@ -273,3 +274,92 @@ def test_a_plotter_in_manual_mode_is_counted_as_invalid() -> None:
     heard, reader = hear(*["IIHTD,V,,,H,N,,,,,045.0,,,T"] * 3, *["IIHTD,V,,,M,N,,,,,045.0,,,T"] * 2)
     assert [type(message) for message in heard] == [PlotterHeading] * 3 + [PlotterInvalid] * 2
     assert (reader.invalid, reader.malformed, reader.ignored) == (2, 0, 0)
+
+
+def test_apa_is_read_as_apb_is() -> None:
+    (leg,), _ = hear("GPAPA,A,A,0.10,R,N,V,V,011,T,DEST")
+    assert isinstance(leg, PlotterLeg)
+    assert (math.degrees(leg.track), leg.name) == (pytest.approx(11.0), "DEST")
+
+
+BWC = "GPBWC,120000,5742.0,N,01152.0,E,011.0,T,007.0,M,{range},N,DEST"
+
+
+def test_range_and_bearing_with_an_error_are_a_leg_where_neither_apb_nor_rmb_comes() -> None:
+    xte, bwc = "GPXTE,A,A,0.100,L,N", BWC.format(range="1.000")
+    heard, _ = hear(xte, bwc)
+    (leg,) = heard
+    assert isinstance(leg, PlotterLeg)
+    assert math.degrees(leg.track) == pytest.approx(11.0 + math.degrees(math.asin(0.1)))
+    assert (leg.cross_track, leg.waypoint) == (pytest.approx(185.2), "DEST")
+    assert hear(bwc)[0] == [], "without an error it is no leg"
+    magnetic = bwc.replace("011.0", "")
+    assert math.degrees(hear(xte, magnetic, variation=math.radians(5.0))[0][0].track) == pytest.approx(  # type: ignore[union-attr]
+        12.0 + math.degrees(math.asin(0.1))
+    )
+    rmb = "GPRMB,A,0.100,L,A,B,,,,,1.000,011.0,,V,A"
+    assert len(hear(xte, rmb, bwc)[0]) == 1
+    assert hear(xte, bwc.replace("N,DEST", "K,DEST"))[1].malformed == 1
+    assert hear_at((0.0, xte), (3.1, bwc)) == []
+    assert hear(xte, bwc + ",N")[0] == [PlotterInvalid(1.0, "BWC holds no valid data")]
+
+
+@pytest.mark.parametrize(
+    ("body", "passed"),
+    [
+        ("GPAPB,A,A,0.1,R,N,V,V,011,T,D,011,T,011,T,A", False),
+        ("GPAPB,A,A,0.1,R,N,A,V,011,T,D,011,T,011,T,A", False),
+        ("GPAPB,A,A,0.1,R,N,A,A,011,T,D,011,T,011,T,A", True),
+        ("GPRMB,A,0.1,L,A,B,,,,,5.0,45.0,3.0,A,A", False),
+        ("GPRMB,A,0.1,L,A,B,,,,,5.0,45.0,-3.0,V,A", False),
+        ("GPRMB,A,0.1,L,A,B,,,,,5.0,45.0,-3.0,A,A", True),
+    ],
+)
+def test_a_waypoint_abeam_or_astern_is_passed(body: str, passed: bool) -> None:
+    (leg,), _ = hear(body)
+    assert isinstance(leg, PlotterLeg) and leg.passed is passed
+
+
+@pytest.mark.parametrize("order", [("APB", "XTE"), ("XTE", "APB")])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_at_a_waypoint_neither_sentence_leads_the_wrong_way(order: tuple[str, str], side: float) -> None:
+    """The next leg lies 70 deg to one side; XTE may speak of it before APB does, or of the last one after it."""
+    guide = PlotterGuide()
+    guide.follow()
+    reader, framer = NmeaReader(0.0, guide=guide), NmeaFramer()
+    north, east, heading, leg, courses = -80.0, 2.0, 0.0, 0, []
+    for step in range(500):
+        now = 0.1 * step
+        leg = max(leg, int(north > -20.0))
+        track = math.radians(70.0) * leg
+        error = side * (east * math.cos(track) - north * math.sin(track))
+        if step % 10 == 0:
+            letter = "L" if error > 0.0 else "R"
+            bearing = f"{math.degrees(side * track) % 360.0:05.1f}"
+            bodies = {
+                "XTE": ["A", "A", f"{abs(error) / 1852.0:.3f}", letter, "N", "A"],
+                "APB": [
+                    "A",
+                    "A",
+                    f"{abs(error) / 1852.0:.3f}",
+                    letter,
+                    "N",
+                    "V",
+                    "V",
+                    bearing,
+                    "T",
+                    f"W{leg}",
+                    "0",
+                    "T",
+                ],
+            }
+            for place, kind in enumerate(order):
+                for sentence in framer.feed(format_sentence("GP", kind, bodies[kind])):
+                    reader.read(now + 0.05 * place, sentence)
+        courses.append(side * guide.course(now + 0.08, side * heading, 3.0))
+        heading += min(max(shortest_turn(heading, courses[-1]), -0.03), 0.03)
+        north, east = north + 0.3 * math.cos(heading), east + 0.3 * math.sin(heading)
+    settled = courses[60:]
+    assert min(settled) > math.radians(-15.0)
+    assert max(settled) < math.radians(90.0)
+    assert settled[-1] == pytest.approx(math.radians(70.0), abs=0.1)

@@ -126,6 +126,7 @@ class PlotterReader:
             ANGLE * distance + ERROR_STEP,
             waypoint,
             name,
+            _is_passed(fields),
         )
         before, error, self._error = self._leg, self._error, None
         if before is None:
@@ -169,6 +170,12 @@ class PlotterReader:
         if mode is None or course is None or fields.get("headingReference") not in NORTHS:
             return None
         return PlotterHeading(now, self._steered(course, fields["headingReference"]))
+
+
+def _is_passed(fields: Fields) -> bool:
+    closing = number(fields, "waypointClosingVelocity", 100.0)
+    is_leaving = fields.get("arrivalCircleEntered") == "Yes" and closing is not None and closing < 0.0
+    return is_leaving or fields.get("perpendicularCrossed") == "Yes"
 
 
 def is_same_leg(one: PlotterLeg, other: PlotterLeg) -> bool:

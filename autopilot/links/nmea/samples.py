@@ -1,8 +1,8 @@
 """What NMEA 0183 sentences mean: instruments to samples. Pure.
 
-HDG, HDM, HDT, THS, ROT, RSA, MWV, RMC, VTG and VHW are samples; APB, RMB, XTE, HTC and HTD go to the guide that follows
-a chart plotter, where there is one; the rest is counted as ignored, and so is what we send ourselves. A field that
-says "not valid" (status V, mode N, an empty field) is no data, and a value outside its range makes the sentence
+HDG, HDM, HDT, THS, ROT, RSA, MWV, RMC, VTG and VHW are samples; APB, RMB, BWC, XTE, HTC and HTD go to the guide that
+follows a chart plotter, where there is one; the rest is counted as ignored, and so is what we send ourselves. A field
+that says "not valid" (status V, mode N, an empty field) is no data, and a value outside its range makes the sentence
 malformed.
 
     HDG: true heading = sensor + deviation + variation;  HDM: true heading = magnetic + variation
@@ -15,13 +15,14 @@ last that RMC or HDG brought.
 Source: IEC 61162-1 sentence layouts as tabulated in E. S. Raymond, "NMEA Revealed",
 https://gpsd.gitlab.io/gpsd/NMEA.html.
 
-What a chart plotter's sentences mean: APB, RMB, XTE, HTC, HTD to legs and headings to steer. Pure.
+What a chart plotter's sentences mean: APB, RMB, BWC, XTE, HTC, HTD to legs and headings to steer. Pure.
 
-    APB: track, cross-track error and waypoint in one sentence: a leg.
-    RMB: cross-track error, range R and bearing b to the waypoint: track = b + asin(y/R), a leg too, without APB.
-    XTE: a newer error for the leg that APB named.        HTC, HTD: a heading to steer, or a track.
+    APB, APA: track, cross-track error y and waypoint in one sentence: a leg.
+    RMB: y, range R and bearing b to the waypoint: track = b + asin(y/R), a leg too, without APB.
+    BWC, BWR: range and bearing: with y from XTE a leg like RMB's, where neither APB nor RMB comes.
+    XTE: a newer y for the leg that APB named.        HTC, HTD: a heading to steer, or a track.
 
-Where APB speaks, RMB, HTC and HTD are not used: two sentences of one plotter switch waypoints at different moments.
+Where APB speaks, the others are not used: two sentences of one plotter switch waypoints at different moments.
 Status V and a mode other than A or D (autonomous, differential) say that the plotter does not lead: simulated and
 dead-reckoned tracks steer no boat.
 
@@ -80,6 +81,10 @@ LEADING_MODES = ("", "A", "D")
 ARRIVED_WITHIN = 1.0
 """Nearer to the waypoint than this many times the error, RMB's geometry says nothing of the track."""
 
+NOISE_M, CROSS_SPEED = 3.0, 5.0
+"""An error may have changed by so much [m] since the leg's own, and by this for each second [m/s]."""
+ERROR_AGE_S = 3.0
+
 Variation = Callable[[], float | None]
 
 
@@ -94,9 +99,14 @@ class PlotterReader:
         """magnetic: whether the boat steers magnetic courses."""
         self._variation, self._magnetic = variation, magnetic
         self._leg: PlotterLeg | None = None
+        self._rmb_time = -math.inf
+        self._error: tuple[float, float, float] | None = None
         self.readers: dict[str, Callable[[float, tuple[str, ...]], PlotterMessage | None]] = {
             "APB": self._apb,
+            "APA": self._apb,
             "RMB": self._rmb,
+            "BWC": self._bwc,
+            "BWR": self._bwc,
             "XTE": self._xte,
             "HTC": self._htc,
             "HTD": self._htc,
@@ -121,17 +131,18 @@ class PlotterReader:
         _leads(fields, (0, 1), 14)
         cross_track, step = _cross_track(fields, 2)
         track = self._steered(angle(fields, 7), field(fields, 8))
-        self._leg = PlotterLeg(time, track, cross_track, step, field(fields, 9))
+        name = field(fields, 9)
+        self._leg = PlotterLeg(time, track, cross_track, step, name, name, field(fields, 6) == "A")
         return self._leg
 
     def _xte(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
         _leads(fields, (0, 1), 5)
         cross_track, step = _cross_track(fields, 2)
-        leg = self._leg
+        leg, self._error = self._leg, (time, cross_track, step)
         if leg is None or time - leg.time > TIMEOUT_S:
             return None
-        # an error that jumps belongs to a leg that APB has not named yet
-        if abs(cross_track - leg.cross_track) > 3.0 * max(step, leg.step) + 0.1 * abs(leg.cross_track) + 20.0:
+        # an error that jumps belongs to a leg that APB has not named yet: with it the boat would turn to the wrong side
+        if abs(cross_track - leg.cross_track) > step + leg.step + NOISE_M + CROSS_SPEED * (time - leg.time):
             return None
         # the age of the leg is that of its bearing
         return leg._replace(cross_track=cross_track, step=step)
@@ -143,11 +154,24 @@ class PlotterReader:
         # RMB has no field for the unit: nautical miles
         cross_track, step = _cross_track((*fields[:3], "N"), 1)
         distance = number(fields, 9, 0.0, RANGE_MOST_NM) * NAUTICAL_MILE
+        self._rmb_time = time
         bearing = self._steered(angle(fields, 10), "T")
-        if distance <= ARRIVED_WITHIN * abs(cross_track) or distance <= step:
+        is_going_away = field(fields, 11).startswith("-") and number(fields, 11, -SPEED_LIMIT, SPEED_LIMIT) < 0.0
+        leg = _straight(time, bearing, distance, (cross_track, step), field(fields, 4))
+        return None if leg is None else leg._replace(passed=field(fields, 12) == "A" and is_going_away)
+
+    def _bwc(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
+        error = self._error
+        if self._is_led_by_apb(time) or time - self._rmb_time <= TIMEOUT_S:
             return None
-        track = wrap(bearing + math.asin(cross_track / distance))
-        return PlotterLeg(time, track, cross_track, step, field(fields, 4))
+        mode_indicator(fields, 12)
+        if error is None or time - error[0] > ERROR_AGE_S or not field(fields, 9):
+            return None
+        letter(fields, 10, "N")
+        distance = number(fields, 9, 0.0, RANGE_MOST_NM) * NAUTICAL_MILE
+        # the true bearing, or else the magnetic one
+        bearing = self._steered(angle(fields, 5), "T") if field(fields, 5) else self._steered(angle(fields, 7), "M")
+        return _straight(time, bearing, distance, error[1:], field(fields, 11))
 
     def _is_led_by_apb(self, time: float) -> bool:
         return self._leg is not None and time - self._leg.time <= TIMEOUT_S
@@ -165,6 +189,17 @@ class PlotterReader:
             raise ValueError(mode)
         index = 11 if mode == "T" and field(fields, 11) and not field(fields, 9) else 9
         return PlotterHeading(time, self._steered(angle(fields, index), field(fields, 12)))
+
+
+def _straight(
+    time: float, bearing: float, distance: float, error: tuple[float, float], waypoint: str
+) -> PlotterLeg | None:
+    """Return the leg by its geometry: error and its step [m]; None near the waypoint, where that says nothing."""
+    cross_track, step = error
+    if distance <= ARRIVED_WITHIN * abs(cross_track) or distance <= step:
+        return None
+    track = wrap(bearing + math.asin(cross_track / distance))
+    return PlotterLeg(time, track, cross_track, step, waypoint, waypoint)
 
 
 def _leads(fields: tuple[str, ...], statuses: tuple[int, ...], mode: int) -> None:
