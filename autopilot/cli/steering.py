@@ -433,6 +433,9 @@ def _about_north(vessel: Vessel, urls: tuple[str, ...]) -> list[str]:
     """Return which north courses count from where that is not beyond doubt."""
     if vessel.sensors.magnetic:
         return ["headings and courses are magnetic (sensors.magnetic)"]
-    if vessel.sensors.variation_deg == 0.0 and any(KINDS[parse_url(url).protocol].has_compass for url in urls):
+    has_compass = any(KINDS[parse_url(url).protocol].has_compass for url in urls)
+    if vessel.sensors.earth_field and vessel.sensors.variation_deg is None and has_compass:
+        return ["until an instrument gives the magnetic variation, the World Magnetic Model does (sensors.earth_field)"]
+    if vessel.sensors.variation_deg == 0.0 and has_compass:
         return ["sensors.variation_deg is 0: magnetic headings count as true"]
     return []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from autopilot.angles import wrap
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, Sample
@@ -14,6 +14,49 @@ MAGNETIC_LEADS = (
     "courses are magnetic here (sensors.magnetic) and positions lead by true ones: set sensors.variation_deg instead"
 )
 """Why nothing that goes by positions is followed."""
+
+
+MOVED = 2.0e-3
+"""The field is reckoned anew where the boat has moved by this [rad], about 7 nm."""
+
+
+class Variation:
+    """The magnetic variation as all links of a run know it: the one that is set, else the last that an instrument has
+    sent, else that of a model of the earth's field where the boat is.
+
+    field: returns the variation [rad] at a latitude and longitude [rad].
+    """
+
+    def __init__(self, configured: float | None = None, field: Callable[[float, float], float] | None = None) -> None:
+        self._configured, self._field = configured, field
+        self._received: float | None = None
+        self._reckoned: float | None = None
+        self._place: tuple[float, float] | None = None
+
+    @property
+    def value(self) -> float | None:
+        """The variation [rad], east positive; None where nobody knows it."""
+        if self._configured is not None:
+            return self._configured
+        return self._reckoned if self._received is None else self._received
+
+    def receive(self, variation: float) -> None:
+        """Take what an instrument says [rad]."""
+        self._received = variation
+
+    def move(self, latitude: float, longitude: float) -> None:
+        """Take where the boat is [rad]."""
+        place = self._place
+        if self._field is None or (
+            place is not None and abs(place[0] - latitude) <= MOVED and abs(wrap(place[1] - longitude)) <= MOVED
+        ):
+            return
+        self._place, self._reckoned = (latitude, longitude), self._field(latitude, longitude)
+
+
+def known_as(variation: Variation | float | None) -> Variation:
+    """Return a variation as it is shared, or one of its own for a number [rad] or None."""
+    return variation if isinstance(variation, Variation) else Variation(variation)
 
 
 def steered(bearing: float, *, is_magnetic: bool, by_compass: bool, variation: float | None) -> float | None:

@@ -6,6 +6,7 @@ import math
 import sys
 import zlib
 from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TextIO
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from autopilot.links.mavlink.vehicle import CompanionSettings
     from autopilot.links.n2k.session import Helm, N2kSettings
     from autopilot.links.nmea.link import NmeaSettings
+    from autopilot.links.north import Variation
 
 HEADING_STALE_SHARE = 0.6
 """Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
@@ -77,6 +79,18 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
         talker=url.options.talker,
         magnetic=sensors.magnetic,
     )
+
+
+def variation_of(vessel: Vessel) -> Variation:
+    """Return what the vessel file says of the magnetic variation. InputError where its model cannot be had."""
+    from autopilot.links.north import Variation
+
+    degrees = vessel.sensors.variation_deg
+    if degrees is not None or not vessel.sensors.earth_field:
+        return Variation(None if degrees is None else math.radians(degrees))
+    from autopilot.links.earth_field import earth_field
+
+    return Variation(None, earth_field(datetime.now(UTC).date()))
 
 
 def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
@@ -152,8 +166,8 @@ def to_stderr(sentence: str) -> None:
 class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
-    `guide` takes what a chart plotter says on NMEA links, and `helm` carries out what is ordered there; `signing` signs
-    MAVLink links.
+    `guide` takes what a chart plotter says on NMEA links, and `helm` carries out what is ordered there; `variation` is
+    what they know of it together, None: each for itself.  `signing` signs MAVLink links.
     `forward`: URLs of ground stations that see the flight controller through us; `policy`: which of all ground stations
     are heard, None: those of AccessRules().
     `with_other_pilot`: engage though another pilot steers the boat.
@@ -167,6 +181,7 @@ class LinkOptions(NamedTuple):
     vehicle_system: int | None = None
     guide: PlotterGuide | None = None
     helm: Helm | None = None
+    variation: Variation | None = None
     signing: Signing | None = None
     forward: tuple[str, ...] = ()
     policy: AccessPolicy | None = None
@@ -207,7 +222,8 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     """
     refuse_failsafe(vessel, urls)
     parsed = [parse_url(url) for url in urls]
-    options = options._replace(has_compass=any(KINDS[url.protocol].has_compass for url in parsed))
+    has_compass = any(KINDS[url.protocol].has_compass for url in parsed)
+    options = options._replace(has_compass=has_compass, variation=variation_of(vessel) if has_compass else None)
     router, behind = _forwarding(vessel, parsed, options) if options.forward else (None, [])
     links = _opened([*(_to_boat(vessel, url, options, router) for url in parsed), *behind], options)
     if len(urls) == 1 and parsed[0].protocol == "mavlink" and not vessel.sensors.priority:
@@ -248,14 +264,16 @@ def _nmea_2000(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Route
         line = GatewayLine(_transport(vessel, url, options), FORMS[url.protocol]())
     else:
         line = BusLine(url.text, open_bus(url.text, url.host, url.path))
-    return N2kLink(line, n2k_settings_of(vessel, url), options.guide, options.helm)
+    known = options.variation or variation_of(vessel)
+    return N2kLink(line, n2k_settings_of(vessel, url), options.guide, options.helm, known)
 
 
 def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
     """Return the link to instruments and a chart plotter."""
     from autopilot.links.nmea.link import NmeaLink
 
-    return NmeaLink(_transport(vessel, url, options), nmea_settings_of(vessel, url), options.guide)
+    known = options.variation or variation_of(vessel)
+    return NmeaLink(_transport(vessel, url, options), nmea_settings_of(vessel, url), options.guide, known)
 
 
 def _rudder_drive(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:

@@ -88,6 +88,9 @@ class Sensors:
     heading_latency_s: Annotated[float, RESTART, Bounds(0.0, 5.0, "age of a heading when it arrives")] = 0.0
     rate_noise_deg_s: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the yaw rate")] = 0.2
     variation_deg: Annotated[float, RESTART, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
+    earth_field: Annotated[bool, RESTART] = False
+    """Where neither variation_deg nor an instrument gives the variation, the World Magnetic Model does, at the boat's
+    position and today's date (extra `field`)."""
     magnetic: Annotated[bool, RESTART] = False
     """Headings and courses are magnetic: a compass course is held, and no variation is needed; no routes then."""
     deviation_deg: Annotated[tuple[tuple[float, float], ...], RESTART] = ()

@@ -13,6 +13,7 @@ from autopilot.links.n2k.fields import encoded, text
 from autopilot.links.n2k.packets import Message
 from autopilot.links.n2k.plotter import PlotterReader, waypoint_names
 from autopilot.links.n2k.session import N2kSession, N2kSettings
+from autopilot.links.north import known_as
 
 
 def navigation(track: float | None, bearing: float | None, distance: float, **more: object) -> Message:
@@ -39,7 +40,7 @@ def control(**fields: object) -> Message:
 
 
 def reader(variation: float | None = None, magnetic: bool = False) -> PlotterReader:
-    return PlotterReader(lambda: variation, magnetic)
+    return PlotterReader(known_as(variation), magnetic)
 
 
 def leg_of(message: PlotterMessage | None) -> PlotterLeg:

@@ -11,6 +11,7 @@ from autopilot.links.n2k.fields import FAST
 from autopilot.links.n2k.forms import Form
 from autopilot.links.n2k.packets import Frame, Framing, Message
 from autopilot.links.n2k.session import READ, Helm, N2kSession, N2kSettings
+from autopilot.links.north import Variation
 from autopilot.links.release import Release
 from autopilot.signals import RudderCommand, Sample, Tick
 
@@ -153,9 +154,10 @@ class N2kLink(SilentLink):
         settings: N2kSettings = N2kSettings(),  # noqa: B008 - immutable
         guide: PlotterGuide | None = None,
         helm: Helm | None = None,
+        variation: Variation | None = None,
     ) -> None:
         self.name = line.name
-        self.session = N2kSession(line.name, settings, line.is_node, guide, helm)
+        self.session = N2kSession(line.name, settings, line.is_node, guide, helm, variation)
         self._line = line
 
     def fileno(self) -> int:

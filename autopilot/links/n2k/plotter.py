@@ -15,7 +15,6 @@ Source: fields as in canboat's canboat.json; the sign as Signal K's n2k-signalk 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import (
@@ -40,7 +39,7 @@ from autopilot.links.n2k.fields import (
     text_of,
 )
 from autopilot.links.n2k.packets import Message
-from autopilot.links.north import steered
+from autopilot.links.north import Variation, steered
 
 PLOTTER_GROUPS = (CONTROL, CROSS_TRACK, NAVIGATION, ROUTE)
 LEADING_MODES = ("Autonomous", "Differential enhanced")
@@ -52,8 +51,6 @@ ERROR_AGE_S = 3.0
 SETTLING_S, SETTLING_M = 3.0, 5.0
 """So long after its beginning an error further from that of the leg's own message than this [m] is another leg's."""
 NAMES_MOST = 64
-
-Variation = Callable[[], float | None]
 
 
 class NeedsVariationError(Exception):
@@ -100,7 +97,7 @@ class PlotterReader:
 
     def _steered(self, bearing: float, reference: object) -> float:
         found = steered(
-            bearing, is_magnetic=reference == "Magnetic", by_compass=self._magnetic, variation=self._variation()
+            bearing, is_magnetic=reference == "Magnetic", by_compass=self._magnetic, variation=self._variation.value
         )
         if found is None:
             raise NeedsVariationError

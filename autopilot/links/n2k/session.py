@@ -45,7 +45,7 @@ from autopilot.links.n2k.samples import (
     sample_of,
     source_name,
 )
-from autopilot.links.north import UnusableHeadings, steered
+from autopilot.links.north import UnusableHeadings, Variation, known_as, steered
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow, StandingOrder
 from autopilot.signals import (
@@ -55,6 +55,7 @@ from autopilot.signals import (
     HelmSample,
     Mode,
     OrderKind,
+    PositionSample,
     RudderCommand,
     RudderSample,
     Sample,
@@ -122,6 +123,7 @@ class N2kSession:
         is_node: bool = True,
         guide: PlotterGuide | None = None,
         helm: Helm | None = None,
+        variation: Variation | None = None,
     ) -> None:
         self.name, self.settings = name, settings
         self.node = (
@@ -131,8 +133,8 @@ class N2kSession:
         )
         self._guide, self._helm = guide, helm
         self._guide_alarm: AlarmEvent | None = None
-        self._variation = settings.variation
-        self._plotter = PlotterReader(lambda: self._variation, settings.magnetic)
+        self._variation = variation or known_as(settings.variation)
+        self._plotter = PlotterReader(self._variation, settings.magnetic)
         self._unusable, self._unusable_headings = 0, UnusableHeadings(name)
         self._follow = RudderFollow(settings.follow)
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
@@ -181,10 +183,9 @@ class N2kSession:
     def _measured(self, now: float, message: Message, samples: list[Sample]) -> None:
         group = message.group
         fields = decoded(group, message.data)
-        if group in (HEADING, VARIATION) and self.settings.variation is None:
-            heard = own_variation(fields)
-            self._variation = self._variation if heard is None else heard
-        compass = Compass(self._variation, self.settings.magnetic)
+        if group in (HEADING, VARIATION) and (heard := own_variation(fields)) is not None:
+            self._variation.receive(heard)
+        compass = Compass(self._variation.value, self.settings.magnetic)
         source = source_name(group, message.source, fields)
         sample = sample_of(group, now, fields, compass, source)
         self._unusable += sample is None and is_heading(group, fields)
@@ -193,9 +194,11 @@ class N2kSession:
         elif isinstance(sample, RudderSample) and ":" not in source:
             # the angle of a further rudder is for the log
             self._follow.measured(now, sample.angle, sample.source)
+        elif isinstance(sample, PositionSample):
+            self._variation.move(sample.latitude, sample.longitude)
         if sample is not None:
             samples.append(sample)
-        if group == GROUND_SPEED and (course := course_of(now, fields, self._variation, source)) is not None:
+        if group == GROUND_SPEED and (course := course_of(now, fields, self._variation.value, source)) is not None:
             samples.append(course)
 
     def send(self, now: float, command: RudderCommand) -> None:
@@ -310,7 +313,7 @@ class N2kSession:
                 course,
                 is_magnetic=reference == "Magnetic",
                 by_compass=self.settings.magnetic,
-                variation=self._variation,
+                variation=self._variation.value,
             )
         heads = tick is not None and tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
         is_blind = tick is None or not tick.state.valid

@@ -17,7 +17,7 @@ from autopilot.links.base import LinkError, SilentLink, Transport
 from autopilot.links.nmea.repeater import NmeaRepeater
 from autopilot.links.nmea.samples import OWN_TALKER, Deviation, NmeaReader
 from autopilot.links.nmea.sentences import Counts, NmeaFramer, encode_ror
-from autopilot.links.north import UnusableHeadings
+from autopilot.links.north import UnusableHeadings, Variation, known_as
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES, FollowSettings, RudderFollow
 from autopilot.signals import (
@@ -83,20 +83,20 @@ class NmeaSession:
         settings: NmeaSettings = NmeaSettings(),  # noqa: B008 - immutable
         is_stream: bool = True,
         guide: PlotterGuide | None = None,
+        variation: Variation | None = None,
     ) -> None:
+        known = variation or known_as(settings.variation)
         self.name = name
         self.replaced = 0
         self.received_time = -math.inf
         self.settings = settings
         self._is_stream = is_stream
         self._framer = NmeaFramer()
-        self._reader = NmeaReader(
-            settings.variation, Deviation(settings.deviation), guide, settings.talker, settings.magnetic
-        )
+        self._reader = NmeaReader(known, Deviation(settings.deviation), guide, settings.talker, settings.magnetic)
         self._unusable = UnusableHeadings(name)
         self._guide = guide
         self._guide_alarm: AlarmEvent | None = None
-        self._repeater = NmeaRepeater(settings.sends, settings.variation, settings.talker, settings.magnetic)
+        self._repeater = NmeaRepeater(settings.sends, known, settings.talker, settings.magnetic)
         self._repeated: deque[bytes] = deque(maxlen=REPEATED_WAITING)
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
         self._line_free = -math.inf
@@ -251,9 +251,10 @@ class NmeaLink(SilentLink):
         transport: Transport,
         settings: NmeaSettings = NmeaSettings(),  # noqa: B008 - immutable
         guide: PlotterGuide | None = None,
+        variation: Variation | None = None,
     ) -> None:
         self.name = transport.name
-        self.session = NmeaSession(transport.name, settings, transport.is_stream, guide)
+        self.session = NmeaSession(transport.name, settings, transport.is_stream, guide, variation)
         self._transport = transport
         self._vacant_since = -math.inf
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 from autopilot.angles import compass_deg, shortest_turn
 from autopilot.links.nmea.sentences import encode_hdg, encode_hdt, encode_rot, encode_rsa, format_sentence
-from autopilot.links.north import steered
+from autopilot.links.north import Variation, known_as, steered
 from autopilot.signals import Mode, OrderKind, RollSample, RudderSample, Tick
 
 TALKER = "AG"
@@ -33,7 +33,7 @@ class NmeaRepeater:
     def __init__(
         self,
         sends: tuple[tuple[str, float], ...],
-        variation: float | None = None,
+        variation: Variation | float | None = None,
         talker: str = TALKER,
         magnetic: bool = False,
     ) -> None:
@@ -41,7 +41,7 @@ class NmeaRepeater:
         self._talker = talker
         self._period = {name: 1.0 / rate for name, rate in sends}
         self._due = dict.fromkeys(self._period, -math.inf)
-        self._variation = variation
+        self._variation = known_as(variation)
         self._rudder: RudderSample | None = None
         self._roll: RollSample | None = None
         self._make: dict[str, Sentences] = {
@@ -76,11 +76,11 @@ class NmeaRepeater:
 
     def _hdg(self, tick: Tick) -> list[bytes]:
         magnetic = self._heading(tick, is_magnetic=True)
-        return [] if magnetic is None else [encode_hdg(magnetic, 0.0, self._variation, self._talker)]
+        return [] if magnetic is None else [encode_hdg(magnetic, 0.0, self._variation.value, self._talker)]
 
     def _heading(self, tick: Tick, *, is_magnetic: bool) -> float | None:
         heading = tick.state.heading
-        return steered(heading, is_magnetic=self._magnetic, by_compass=is_magnetic, variation=self._variation)
+        return steered(heading, is_magnetic=self._magnetic, by_compass=is_magnetic, variation=self._variation.value)
 
     def _rsa(self, tick: Tick) -> list[bytes]:
         rudder = self._rudder

@@ -10,7 +10,7 @@ malformed.
 Where the boat steers magnetic courses a magnetic heading is taken as it is, and a true one less the variation.
 
 Deviation is HDG's own, else the configured table's; variation is HDG's own, else the configured one, else the
-last that RMC or HDG brought.
+last that RMC or HDG brought, else that of a model of the earth's field.
 
 Source: IEC 61162-1 sentence layouts as tabulated in E. S. Raymond, "NMEA Revealed",
 https://gpsd.gitlab.io/gpsd/NMEA.html.
@@ -61,7 +61,7 @@ from autopilot.links.nmea.sentences import (
     speed_of,
     status,
 )
-from autopilot.links.north import steered
+from autopilot.links.north import Variation, known_as, steered
 from autopilot.signals import (
     CourseSample,
     HeadingSample,
@@ -84,8 +84,6 @@ ARRIVED_WITHIN = 1.0
 NOISE_M, CROSS_SPEED = 3.0, 5.0
 """An error may have changed by so much [m] since the leg's own, and by this for each second [m/s]."""
 ERROR_AGE_S = 3.0
-
-Variation = Callable[[], float | None]
 
 
 class NeedsVariationError(Exception):
@@ -122,7 +120,9 @@ class PlotterReader:
     def _steered(self, bearing: float, reference: str) -> float:
         if reference not in ("T", "M"):
             raise ValueError(reference)
-        found = steered(bearing, is_magnetic=reference == "M", by_compass=self._magnetic, variation=self._variation())
+        found = steered(
+            bearing, is_magnetic=reference == "M", by_compass=self._magnetic, variation=self._variation.value
+        )
         if found is None:
             raise NeedsVariationError
         return found
@@ -267,7 +267,7 @@ class NmeaReader:
     """Turns sentences into samples.
 
     Args:
-        variation [rad], east positive: configured magnetic variation, None to take it from HDG or RMC.
+        variation: as all links know it, or the configured one [rad], east positive, None to take it from HDG or RMC.
         deviation: the compass's table, used where HDG carries no deviation of its own.
         guide: takes what a chart plotter says.
         magnetic: whether the boat steers magnetic courses.
@@ -281,7 +281,7 @@ class NmeaReader:
 
     def __init__(
         self,
-        variation: float | None = None,
+        variation: Variation | float | None = None,
         deviation: Deviation | None = None,
         guide: PlotterGuide | None = None,
         talker: str = OWN_TALKER,
@@ -294,8 +294,7 @@ class NmeaReader:
         self.ignored = 0
         self.invalid = 0
         self.waiting_for_variation = 0
-        self._configured_variation = variation
-        self._received_variation: float | None = None
+        self._variation = known_as(variation)
         self._others: list[PositionSample | CourseSample] = []
         self._deviation = deviation or Deviation()
         self._guide = guide
@@ -347,15 +346,12 @@ class NmeaReader:
             self.invalid += isinstance(message, PlotterInvalid)
             self._guide.take(message)
 
-    def _variation(self) -> float | None:
-        return self._received_variation if self._configured_variation is None else self._configured_variation
-
     def _hdg(self, time: float, fields: tuple[str, ...]) -> Sample | None:
         compass = angle(fields, 0)
         deviation = east_west(fields, 1, DEVIATION_LIMIT_DEG)
         variation = east_west(fields, 3, VARIATION_LIMIT_DEG)
         if variation is not None:
-            self._received_variation = variation
+            self._variation.receive(variation)
         magnetic = compass + (self._deviation.at(compass) if deviation is None else deviation)
         return self._from_magnetic(time, magnetic, variation)
 
@@ -364,7 +360,7 @@ class NmeaReader:
         return self._from_magnetic(time, angle(fields, 0), None)
 
     def _from_magnetic(self, time: float, magnetic: float, own_variation: float | None) -> Sample | None:
-        return self._heading(time, magnetic, True, self._variation() if own_variation is None else own_variation)
+        return self._heading(time, magnetic, True, self._variation.value if own_variation is None else own_variation)
 
     def _heading(self, time: float, heading: float, is_magnetic: bool, variation: float | None) -> Sample | None:
         found = steered(heading, is_magnetic=is_magnetic, by_compass=self._magnetic, variation=variation)
@@ -375,11 +371,11 @@ class NmeaReader:
 
     def _hdt(self, time: float, fields: tuple[str, ...]) -> Sample | None:
         letter(fields, 1, "T")
-        return self._heading(time, angle(fields, 0), False, self._variation())
+        return self._heading(time, angle(fields, 0), False, self._variation.value)
 
     def _ths(self, time: float, fields: tuple[str, ...]) -> Sample | None:
         mode_indicator(fields, 1, required=True)
-        return self._heading(time, angle(fields, 0), False, self._variation())
+        return self._heading(time, angle(fields, 0), False, self._variation.value)
 
     def _rot(self, time: float, fields: tuple[str, ...]) -> Sample:
         status(fields, 1)
@@ -407,10 +403,11 @@ class NmeaReader:
         if field(fields, 2) and field(fields, 4):
             place = degrees_minutes(fields, 2, "N", "S", 90), degrees_minutes(fields, 4, "E", "W", 180)
             self._others.append(PositionSample(time, *place))
+            self._variation.move(*place)
         self._course(time, fields, 7)
         variation = east_west(fields, 9, VARIATION_LIMIT_DEG)
         if variation is not None:
-            self._received_variation = variation
+            self._variation.receive(variation)
         return SpeedSample(time, speed, True)
 
     def _course(self, time: float, fields: tuple[str, ...], place: int) -> None:

@@ -1,0 +1,121 @@
+"""The magnetic variation: who knows it, who of them counts, and what a model of the earth's field says of it."""
+
+from __future__ import annotations
+
+import builtins
+import math
+from dataclasses import replace
+from datetime import date
+from typing import Any
+
+import pytest
+
+from autopilot.errors import InputError
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.links.earth_field import earth_field
+from autopilot.links.n2k.fields import encoded
+from autopilot.links.n2k.packets import Message
+from autopilot.links.n2k.session import N2kSession, N2kSettings
+from autopilot.links.nmea.link import NmeaSession, NmeaSettings
+from autopilot.links.nmea.sentences import encode_hdm, encode_rmc
+from autopilot.links.north import Variation, known_as
+from autopilot.runtime.build_links import variation_of
+from autopilot.signals import HeadingSample, Sample
+from autopilot.vessel.file import load_vessel
+
+LANXIN = load_vessel("lanxin")
+
+
+def headings(samples: list[Sample]) -> list[float]:
+    return [math.degrees(each.heading) for each in samples if isinstance(each, HeadingSample)]
+
+
+def test_the_one_that_is_set_goes_before_the_received_one_and_that_before_the_model_s() -> None:
+    made = Variation(None, lambda latitude, longitude: 0.01 * latitude)
+    assert made.value is None
+    made.move(1.0, 0.2)
+    assert made.value == pytest.approx(0.01)
+    made.receive(0.07)
+    assert made.value == 0.07
+    fixed = Variation(0.05, lambda *_: 1.0)
+    fixed.receive(0.07)
+    fixed.move(1.0, 1.0)
+    assert fixed.value == 0.05
+    assert known_as(fixed) is fixed and known_as(0.3).value == 0.3 and known_as(None).value is None
+
+
+def test_the_model_is_asked_again_only_where_the_boat_has_gone_far() -> None:
+    asked: list[tuple[float, float]] = []
+
+    def field(latitude: float, longitude: float) -> float:
+        asked.append((latitude, longitude))
+        return 0.0
+
+    made = Variation(None, field)
+    for step in range(100):
+        made.move(1.0, 3.14 + 1e-4 * step)
+    assert len(asked) == 5, "every 0.002 rad, over the date line too"
+
+
+def test_what_one_link_hears_another_steers_by() -> None:
+    """A GPS on one line sends RMC, a compass on another HDM, and the network 127258."""
+    shared = Variation()
+    gps = NmeaSession("gps", NmeaSettings(), variation=shared)
+    compass = NmeaSession("compass", NmeaSettings(), variation=shared)
+    network = N2kSession("network", N2kSettings(), guide=PlotterGuide(), variation=shared)
+    assert headings(compass.receive(0.0, [encode_hdm(1.0)])) == []
+    gps.receive(1.0, [encode_rmc(0.0, 3.0, 57.7, 11.8, variation=math.radians(4.0))])
+    assert headings(compass.receive(1.1, [encode_hdm(1.0)])) == [pytest.approx(math.degrees(1.0) + 4.0, abs=0.06)]
+    network.receive(2.0, [Message(127258, encoded(127258, {"variation": math.radians(6.0)}), 7)])
+    assert headings(compass.receive(2.1, [encode_hdm(1.0)])) == [pytest.approx(math.degrees(1.0) + 6.0, abs=0.06)]
+    magnetic = encoded(127250, {"heading": 1.0, "reference": "Magnetic"})
+    assert headings(network.receive(2.2, [Message(127250, magnetic, 35)])) == [
+        pytest.approx(math.degrees(1.0) + 6.0, abs=0.01)
+    ]
+
+
+@pytest.mark.parametrize("by_nmea", [True, False])
+def test_a_position_has_the_model_give_the_variation(by_nmea: bool) -> None:
+    shared = Variation(None, lambda latitude, _: math.radians(5.0) if latitude > 0.0 else math.nan)
+    compass = NmeaSession("compass", NmeaSettings(), variation=shared)
+    if by_nmea:
+        compass.receive(0.0, [encode_rmc(0.0, 3.0, 57.7, 11.8)])
+    else:
+        place = encoded(129025, {"latitude": math.radians(57.7), "longitude": math.radians(11.8)})
+        N2kSession("network", N2kSettings(), variation=shared).receive(0.0, [Message(129025, place, 7)])
+    assert headings(compass.receive(1.0, [encode_hdm(1.0)])) == [pytest.approx(math.degrees(1.0) + 5.0, abs=0.06)]
+
+
+@pytest.mark.parametrize(
+    ("place", "degrees"),
+    [((51.5, 0.0), 1.0), ((47.6, -122.3), 15.0), ((-33.9, 151.2), 12.8), ((57.69, 11.84), 5.2)],
+)
+def test_the_model_has_what_charts_have(place: tuple[float, float], degrees: float) -> None:
+    """London, Seattle, Sydney and Gothenburg as charts of the decade show it, to half a degree."""
+    pytest.importorskip("pygeomag", reason="pygeomag is not installed (extra field)")
+    made = earth_field(date(2026, 6, 1))
+    assert made.year == pytest.approx(2026.41, abs=0.01)
+    assert math.degrees(made(*map(math.radians, place))) == pytest.approx(degrees, abs=0.5)
+
+
+@pytest.mark.parametrize("today", [date(1970, 1, 1), date(2044, 1, 1)])
+def test_a_date_that_no_edition_serves_is_refused_by_name(today: date) -> None:
+    pytest.importorskip("pygeomag", reason="pygeomag is not installed (extra field)")
+    with pytest.raises(InputError, match=f"no edition of the model serves {today.isoformat()}, this machine's date"):
+        earth_field(today)
+
+
+def test_without_the_package_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def missing(name: str, *rest: Any, **more: Any) -> Any:
+        if name.split(".")[0] == "pygeomag":
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(InputError, match=r"needs the package pygeomag; install .* pip install '\.\[field\]'"):
+        variation_of(replace(LANXIN, sensors=replace(LANXIN.sensors, earth_field=True)))
+    fixed = replace(LANXIN.sensors, earth_field=True, variation_deg=3.0)
+    assert variation_of(replace(LANXIN, sensors=fixed)).value == pytest.approx(math.radians(3.0)), "it is not needed"
+    assert variation_of(LANXIN).value is None
