@@ -43,6 +43,12 @@ def sailed(boat: Boat, seconds: float, order: float, thrust: float, acting: Dist
     return [boat.step(step * DT, order, thrust, acting, DT) for step in steps]
 
 
+def after_lengths(boat: Boat, lengths: float, order: float, thrust: float, speed: float) -> list[BoatState]:
+    """The states while a boat of that `speed` goes so many lengths, a hundred steps to each."""
+    dt = 0.01 * boat.plant.hull.length / speed
+    return [boat.step(step * dt, order, thrust, STILL, dt) for step in range(round(100.0 * lengths))]
+
+
 def cruise_of(kind: str) -> float:
     return load_vessel(kind).model.reference_speed_m_s
 
@@ -72,7 +78,7 @@ def test_without_engine_a_moving_boat_comes_to_rest(kind: str) -> None:
     speed = cruise_of(kind)
     length = plant_of(kind).hull.length
     start = BoatState(speed=speed, sway=0.2 * speed, rate=0.3 * speed / length, roll=0.1)
-    states = sailed(boat_of(kind, start), 60.0 * length / speed, 0.0, 0.0)
+    states = after_lengths(boat_of(kind, start), 60.0, 0.0, 0.0, speed)
     lively = [math.hypot(state.speed, state.sway, length * state.rate) for state in states]
     assert max(lively) <= 1.05 * lively[0]
     assert lively[-1] < 0.2 * lively[0]
@@ -81,19 +87,17 @@ def test_without_engine_a_moving_boat_comes_to_rest(kind: str) -> None:
 
 @each
 def test_the_engine_holds_the_speed_ordered(kind: str) -> None:
-    speed, length = cruise_of(kind), plant_of(kind).hull.length
+    speed = cruise_of(kind)
     for share in (0.5, 1.0):
         boat = boat_of(kind, BoatState(speed=0.8 * speed))
-        assert sailed(boat, 80.0 * length / speed, 0.0, share * speed)[-1].speed == pytest.approx(
-            share * speed, rel=0.03
-        )
+        assert after_lengths(boat, 80.0, 0.0, share * speed, speed)[-1].speed == pytest.approx(share * speed, rel=0.03)
 
 
 @each
 def test_starboard_rudder_turns_to_starboard_with_the_stern_outside(kind: str) -> None:
     speed = cruise_of(kind)
     boat = boat_of(kind, under_way(kind))
-    state = sailed(boat, 8.0 * boat.plant.hull.length / speed, math.radians(15.0), speed)[-1]
+    state = after_lengths(boat, 8.0, math.radians(15.0), speed, speed)[-1]
     assert state.rate > 0.0 and state.heading > 0.2
     assert state.sway < 0.0
 
