@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from boats import BOATS, vessel_of
 from plant import Plant
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.angles import wrap
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.alarm_outputs import GuideAlarms
@@ -21,7 +23,7 @@ from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
 from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
-from autopilot.signals import HelmSample, PositionSample, Sample, SpeedSample, Tick
+from autopilot.signals import HelmSample, PositionSample, Sample, SpeedSample, Tick, WindSample
 from autopilot.vessel.schema import Vessel
 
 M_PER_RAD = 6.3781e6
@@ -142,3 +144,49 @@ def item(number: int, waypoint: Waypoint, command: int = 16, frame: int = 6, hol
     return dialect.MAVLink_mission_item_int_message(
         1, 1, number, frame, command, 0, 1, hold, radius, 0.0, math.nan, *where
     )
+
+
+class Vane:
+    """A wind vane on the boat, twice a second with 3 deg of noise, and the guide's word to the pilot.
+
+    `gust` [m/s]: standard deviation of the wind's speed, and `veer` [rad] of its direction, both over 10 s.
+    `stuck`: what it says whatever blows.
+    """
+
+    def __init__(self, sea: Sea) -> None:
+        self._sea, self._random = sea, np.random.default_rng(1)
+        self._alarms = GuideAlarms(sea.skipper.wind, "wind")
+        self._next = 0.0
+        self.is_acknowledged = True
+        self.wind_from = math.radians(60.0)
+        self.gust = self.veer = 0.0
+        self._gusts = np.zeros(2)
+        self.stuck: WindSample | None = None
+
+    def receive(self, now: float) -> list[Sample]:
+        said = self._alarms.receive(now)
+        if not self.is_acknowledged or now < self._next:
+            return said
+        self._next = now + 0.5
+        keep = math.exp(-0.05)
+        self._gusts = keep * self._gusts + math.sqrt(1.0 - keep * keep) * self._random.standard_normal(2)
+        if self.stuck is not None:
+            return [*said, self.stuck._replace(time=now)]
+        angle, speed = self.felt()
+        noise, error = self._random.standard_normal(2)
+        return [*said, WindSample(now, wrap(angle + math.radians(3.0) * noise), max(speed + 0.2 * error, 0.0))]
+
+    def felt(self) -> tuple[float, float]:
+        """The apparent wind's angle [rad] off the bow and speed: 8 m/s of wind and the boat's own way."""
+        heading = self._sea.box.heading
+        speed, wind_from = max(8.0 + self.gust * self._gusts[0], 0.5), self.wind_from + self.veer * self._gusts[1]
+        north = speed * math.cos(wind_from) + SPEED * math.cos(heading)
+        east = speed * math.sin(wind_from) + SPEED * math.sin(heading)
+        return wrap(math.atan2(east, north) - heading), math.hypot(north, east)
+
+    def angle(self) -> float:
+        return self.felt()[0]
+
+    def true(self) -> float:
+        """The true wind's angle [rad] off the bow."""
+        return wrap(self.wind_from - self._sea.box.heading)

@@ -264,9 +264,9 @@ def test_the_modes_are_listed_with_names_of_our_own_and_followed() -> None:
     boat.far.send(boat.station.encode(ask))
     listed = {mode.mode_name: mode for mode in read()}
     assert {name: mode.custom_mode for name, mode in listed.items()} == {
-        "Manual": 0, "Heading": 15, "Track": 10, "Trial": 3,
+        "Manual": 0, "Heading": 15, "Track": 10, "Trial": 3, "Wind": 1,
     }  # fmt: skip
-    assert [mode.mode_index for mode in listed.values()] == [1, 2, 3, 4]
+    assert [mode.mode_index for mode in listed.values()] == [1, 2, 3, 4, 5]
     assert listed["Track"].standard_mode == development.MAV_STANDARD_MODE_MISSION
     assert listed["Trial"].properties == development.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE
     upload(boat, ROUTE)

@@ -1,0 +1,66 @@
+"""The wind on the displays of a served boat: shown, held, changed by steps, dodged in, tacked and declined."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from boat_at_sea import Vane
+from monitored_boat import BothAlarms, Watched
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from autopilot.web.requests import asked_of
+from autopilot.web.screen import screen
+
+
+@pytest.fixture
+def sea(tmp_path: Path) -> Watched:
+    return Watched(tmp_path)
+
+
+def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched) -> None:
+    vane = Vane(sea)
+    sea.alarms = BothAlarms(vane, sea.alarms)
+    sea.watch(10.0)
+    assert sea.station.view.value("awa") == pytest.approx(math.degrees(vane.angle()), abs=12.0)
+    assert sea.station.view.value("tws") == pytest.approx(8.0 * 3600.0 / 1852.0, rel=0.2)
+    assert sea.order(do="tack") == (False, "tack: no wind is being held: order it first")
+    assert sea.order(do="wind", true=True, degrees=45) == (True, "")
+    sea.watch(40.0)
+    view = sea.station.view
+    assert (view.mode_name, view.value("wind_angle"), view.value("wind_true")) == ("wind", 45.0, 1.0)
+    (shown,) = [line.text for line in screen(sea.station, sea.now, (80, 24)) if line.text.startswith(" wind")]
+    assert "kn  true" in shown and shown.endswith("held 45.0S true")
+    # quick steps count from what is meant, and a dodge goes back to the angle
+    for _ in range(3):
+        assert sea.order(do="turn", degrees=1) == (True, "")
+    sea.watch(2.0)
+    assert view.value("wind_angle") == pytest.approx(42.0)
+    assert sea.order(do="dodge", degrees=-20) == (True, "")
+    sea.watch(2.0)
+    assert view.value("wind_angle") == pytest.approx(62.0) and sea.station.course.before == pytest.approx(42.0)
+    assert sea.order(do="back") == (True, "")
+    sea.watch(2.0)
+    assert view.value("wind_angle") == pytest.approx(42.0) and sea.station.course.before is None
+    assert sea.order(do="tack") == (True, "")
+    sea.watch(1.0)
+    assert view.value("wind_ask") == 1.0
+    assert any("tack to starboard: confirm" in alarm["words"] for alarm in sea.station.alarms.active)
+    assert sea.order(do="decline") == (True, "")
+    sea.watch(1.0)
+    assert view.value("wind_ask") == 0.0 and sea.order(do="confirm")[0] is False
+    sea.order(do="tack")
+    # an answer that is lost, so that the confirmation is given twice, turns once
+    lost = sea.far.receive
+    sea.far.receive = lambda: [data for data in lost() if data[7] != dialect.MAVLINK_MSG_ID_COMMAND_ACK]  # type: ignore[method-assign]
+    ends: list[bool] = []
+    asked_of(sea.station, {"do": "confirm"})(sea.now, lambda taken, _: ends.append(bool(taken)))
+    sea.watch(1.2)
+    sea.far.receive = lost  # type: ignore[method-assign]
+    sea.until(lambda: ends == [True])
+    sea.watch(60.0)
+    assert math.degrees(vane.true()) == pytest.approx(-42.0, abs=4.0)
+    assert sea.order(do="engage") == (True, "")
+    sea.watch(2.0)
+    assert view.mode_name == "heading" and view.value("wind_angle") is None
