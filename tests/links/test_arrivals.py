@@ -16,7 +16,7 @@ from autopilot.cli.main import main
 from autopilot.links.arrivals import RecordingTransport, sentence_names
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
-from autopilot.links.url import open_transport
+from autopilot.links.url import SCHEMES, open_transport
 
 KEPT_BYTES = 30_000
 
@@ -41,6 +41,7 @@ def sentence(body: str) -> bytes:
 
 GPS = dialect.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 0, 0, 0, 0, 9)
 WIND = sentence("WIMWV,45.0,R,5.0,N,A")
+YDWG = b"17:33:21.107 R %s FF FF FF FF FF FF FF FF\r\n"
 
 
 @pytest.fixture
@@ -67,13 +68,16 @@ def port() -> Iterator[tuple[int, socket.socket]]:
         ("nmea-udp", mavlink(heartbeat()), ["MAVLink (HEARTBEAT) came over", "write --link udpin:127.0.0.1:"]),
         ("nmea-udp", WIND + WIND, ["2 messages of NMEA 0183", "(MWV), no heading", "send HDG, HDM, HDT, THS"]),
         ("nmea-udp", sentence("HCHDM,90.0,M"), ["(HDM), no heading", "set sensors.variation_deg"]),
+        ("n2k:ydwg-udp", YDWG % b"09F80203", ["1 messages of NMEA 2000", "(129026), no heading", "send 127250"]),
+        ("n2k:ydwg-udp", YDWG % b"09F11223", ["(127250), no heading", "the GPS send 127258"]),
+        ("n2k:ydwg-udp", WIND + WIND, ["NMEA 0183 (MWV) came over", "write --link nmea-udp:127.0.0.1:"]),
     ],
 )
 def test_what_arrived_over_udp_is_described_in_parts(
     port: tuple[int, socket.socket], scheme: str, data: bytes, parts: list[str]
 ) -> None:
     number, sender = port
-    line = RecordingTransport(open_transport(f"{scheme}:127.0.0.1:{number}"), "nmea" if "nmea" in scheme else "mavlink")
+    line = RecordingTransport(open_transport(f"{scheme}:127.0.0.1:{number}"), SCHEMES[scheme][0])
     if data:
         sender.send(data)
     time.sleep(0.05)

@@ -12,11 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
 from autopilot.links.base import LinkError
 from autopilot.links.n2k.forms import FORMS, Form, framed, is_spoken
 from autopilot.links.n2k.link import GatewayLine, N2kLink
 from autopilot.links.n2k.packets import Message
-from autopilot.links.n2k.session import READ, N2kSettings
+from autopilot.links.n2k.session import READ, N2kSession, N2kSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.runtime.build_links import LinkOptions, build_link
 from autopilot.signals import HeadingSample, HelmSample, RudderCommand
@@ -146,7 +147,8 @@ def test_a_datagram_is_distinguished_from_noise() -> None:
     assert is_spoken("ydwg", f"17:33:21.107 R 09F11223 {DATA_14}\r\n".encode())
     assert is_spoken("ydwg", b"17:33:21.107 R 09F80115 A0 7D\r\n")
     assert not is_spoken("ydwg", b"$HCHDG,1,,,,*00\r\n")
-    assert not is_spoken("ydwg", b"")
+    assert is_spoken("ydwg", b"17:33:21.107 R 09F80115 A0 7D"), "its end ends the line"
+    assert not is_spoken("ydwg", b"noise") and not is_spoken("ydwg", b"") and not is_spoken("ydwg", b"\r\n")
 
 
 def gateway(kind: str, **changes: Any) -> tuple[N2kLink, LoopbackTransport]:
@@ -207,3 +209,37 @@ def test_the_url_of_a_gateway_builds_its_link() -> None:
     link = build_link(load_vessel("lanxin"), "n2k:ydwg-tcpin:127.0.0.1:0?orders=yes", LinkOptions())
     assert isinstance(link, N2kLink) and link.session.settings.takes_orders
     link.close()
+
+
+def test_a_gateway_that_sends_datagrams_is_heard_and_answered() -> None:
+    link = build_link(load_vessel("lanxin"), "n2k:ydwg-udp:127.0.0.1:0", LinkOptions())
+    assert isinstance(link, N2kLink)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far:
+        far.bind(("127.0.0.1", 0))
+        far.settimeout(5.0)
+        with socket.fromfd(link.fileno(), socket.AF_INET, socket.SOCK_DGRAM) as ours:
+            where = ours.getsockname()
+        far.sendto(b"noise", where)
+        far.sendto(f"17:33:21.107 R 09F11223 {DATA_14}".encode(), where)
+        samples = []
+        while not samples:
+            samples = [each for each in link.receive(0.0) if isinstance(each, HeadingSample)]
+        link.poll(0.0)
+        assert far.recv(1000).startswith(b"18EEFFCC ")
+    link.close()
+
+
+def test_the_compass_that_is_preferred_steers_until_it_is_silent() -> None:
+    rules = (SourceRule("N2K127250.36", 1.0), SourceRule("N2K127250.*", 2.0))
+    selection = SensorSelection(SelectionSettings(rules))
+    session = N2kSession("bus", N2kSettings())
+    chosen = []
+    for step in range(200):
+        now = 0.1 * step
+        sent = [MESSAGE] if step % 2 else []
+        sent += [MESSAGE._replace(source=36)] if not 8.0 < now < 13.0 else []
+        samples = selection.admit(now, session.receive(now, sent), "bus")
+        chosen.append([each.source for each in samples if isinstance(each, HeadingSample)])
+    assert chosen[40:80] == [["N2K127250.36"]] * 40
+    assert {each[0] for each in chosen[100:130] if each} == {"N2K127250.35"}
+    assert chosen[175:] == [["N2K127250.36"]] * 25, "back again, and settled"

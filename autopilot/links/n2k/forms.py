@@ -20,6 +20,7 @@ from autopilot.links.n2k.fields import FAST
 from autopilot.links.n2k.packets import EVERYBODY, IDENTIFIER_MOST, Frame, Framing, Message, is_addressed
 from autopilot.links.n2k.session import READ
 
+LINE_END = b"\r\n"
 LINE_MOST = 512
 """Characters of a line; the longest packet has 223 bytes."""
 PAIRS = r"(?:[0-9A-Fa-f]{2})"
@@ -205,6 +206,6 @@ FORMS: dict[str, type[YachtDevices] | type[Actisense] | type[ActisenseAscii]] = 
 
 
 def is_spoken(form: str, datagram: bytes) -> bool:
-    """Return whether a datagram is of a form: some of it is sound."""
+    """Return whether a datagram is of a form: some of it is a message, or nothing of it is damaged."""
     reader = FORMS[form]()
-    return bool(reader.feed(0.0, datagram)) or (reader.damaged == 0 and len(datagram) > 0)
+    return bool(reader.feed(0.0, datagram + LINE_END)) or (reader.damaged == 0 and bool(datagram.strip()))

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, SilentLink, Transport
 from autopilot.links.n2k.fields import FAST
-from autopilot.links.n2k.forms import Form
+from autopilot.links.n2k.forms import LINE_END, Form
 from autopilot.links.n2k.packets import Frame, Framing, Message
 from autopilot.links.n2k.session import READ, Helm, N2kSession, N2kSettings
 from autopilot.links.north import Variation
@@ -132,7 +132,9 @@ class GatewayLine:
         elif now - self._heard > SILENT_PEER_S:
             self._heard = now
             self._transport.forget_peer()
-        return [message for chunk in chunks for message in self._form.feed(now, chunk)]
+        # a datagram ends its line
+        ends = b"" if self._transport.is_stream else LINE_END
+        return [message for chunk in chunks for message in self._form.feed(now, chunk + ends)]
 
     def send(self, message: Message) -> bool:
         """Send a message."""
