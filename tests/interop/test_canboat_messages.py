@@ -23,7 +23,9 @@ from autopilot.links.n2k.node import Device
 from autopilot.links.n2k.packets import EVERYBODY, Message
 from autopilot.links.n2k.session import READ, N2kSession, N2kSettings
 from autopilot.signals import (
+    AcknowledgeSample,
     AlarmEvent,
+    AlarmState,
     CourseSample,
     HeadingSample,
     Mode,
@@ -41,6 +43,7 @@ from autopilot.signals import (
     Tick,
     WindSample,
 )
+from autopilot.supervision.panel import sentence_of
 from autopilot.vessel.file import load_vessel
 from sitl.scenario import load_scenario
 from sitl.wire_n2k import RATES_HZ, N2kNetwork
@@ -137,6 +140,9 @@ def all_that_is_said() -> list[Message]:
         TICK._replace(order=Order(OrderKind.HEADING, 1.0, is_led=True)),
         TICK._replace(order=Order(OrderKind.RUDDER, rudder=0.1)),
         TICK._replace(order=Order(OrderKind.HEADING, math.nan), demand=0.9),
+        TICK._replace(alarms=(AlarmEvent("off_course", "12 deg"),), alarm_states=(AlarmState.SOUNDING,)),
+        TICK._replace(alarms=(AlarmEvent("off_course", "13 deg"),), alarm_states=(AlarmState.ACKNOWLEDGED,)),
+        TICK,
     ]
     for number, tick in enumerate(ticks):
         made.on_tick(tick._replace(now=1.0 + number))
@@ -168,7 +174,7 @@ def understood() -> list[dict[str, Any]]:
 def test_everything_that_is_sent_decodes_without_a_warning(understood: list[dict[str, Any]]) -> None:
     said = all_that_is_said()
     assert [each["pgn"] for each in understood] == [each.group for each in said]
-    assert {each["pgn"] for each in understood} == {59392, 59904, 126208, *ASKED}
+    assert {each["pgn"] for each in understood} == {59392, 59904, 126208, 126983, 126985, *ASKED}
     assert {each["src"] for each in understood} == {204, 254}
 
 
@@ -215,7 +221,7 @@ def test_what_is_said_is_what_is_meant(understood: list[dict[str, Any]]) -> None
         of(126993)[0]["dataTransmitOffset"] in (60, "00:01:00") and of(126993)[0]["controller1State"] == "Error Active"
     )
     sent, read = of(126464)
-    assert {each["pgn"] for each in sent["list"]} == {59392, 59904, 126208, *ASKED}
+    assert {each["pgn"] for each in sent["list"]} == {59392, 59904, 126208, 126983, 126985, *ASKED}
     assert {each["pgn"] for each in read["list"]} == READ
     assert of(59392) == [{"control": "NAK", "pgn": 130306}]
     control = of(127237)
@@ -235,6 +241,11 @@ def test_what_is_said_is_what_is_meant(understood: list[dict[str, Any]]) -> None
     assert (first["vesselHeading"], first["rudderLimit"]) == (0.25, pytest.approx(math.radians(30.0), abs=1e-4))
     assert [each["override"] for each in control[:6]] == ["No", "No", "Yes", "No", "No", "No"]
     assert control[5]["rudderLimitExceeded"] == "Yes" and "headingToSteerCourse" not in control[1]
+    alerts = [(each["alertType"], each["alertState"], each["acknowledgeStatus"]) for each in of(126983)]
+    assert alerts == [("Warning", "Active", "No"), ("Warning", "Acknowledged", "Yes"), ("Warning", "Normal", "No")]
+    (words,) = of(126985)
+    assert words["alertId"] == of(126983)[0]["alertId"] and words["languageId"] == "English (UK)"
+    assert words["alertTextDescription"] == sentence_of(AlarmEvent("off_course", "12 deg"))
     rudder = [(each["directionOrder"], each.get("angleOrder")) for each in of(127245)]
     assert rudder[:3] == [("Move to starboard", 0.2), ("Move to port", -0.3), ("Move to starboard", 0)]
     assert rudder[3:8] == [("No Order", None)] * 5
@@ -392,3 +403,33 @@ def test_packets_that_canboat_makes_for_the_ngt_1_are_read_alike() -> None:
         made, _, _ = session()
         found = made.receive(0.0, form.feed(0.0, framed(0x93, head + data)))
         assert [type(each) for each in found if not hasattr(each, "available")] == [type(each) for each in expected]
+
+
+def test_a_display_s_acknowledgement_that_canboat_encodes_silences_the_alarm() -> None:
+    form, (made, _, _) = FORMS["ydwg"](), session()
+    made.on_tick(TICK._replace(alarms=(AlarmEvent("off_course"),), alarm_states=(AlarmState.SOUNDING,)))
+    (alert,) = [each.data for each in made.due(1.0) if each.group == 126983]
+    answer = {
+        "alertType": "Warning",
+        "alertCategory": "Navigational",
+        "alertSystem": 0,
+        "alertSubSystem": 0,
+        "alertId": int.from_bytes(alert[3:5], "little"),
+        "dataSourceNetworkIdName": int.from_bytes(alert[5:13], "little"),
+        "dataSourceInstance": 0,
+        "dataSourceIndexSource": 0,
+        "alertOccurrenceNumber": 1,
+        "acknowledgeSourceNetworkIdName": 12345,
+        "responseCommand": "Acknowledge",
+    }
+    heard = [
+        made.receive(2.0, form.feed(2.0, lines.encode()))
+        for lines in encoded([(126984, {**answer, "dataSourceNetworkIdName": name}) for name in NAMES])
+    ]
+    said = [[each for each in samples if isinstance(each, AcknowledgeSample)] for samples in heard]
+    assert made.node is not None
+    assert [bool(each) for each in said] == [int(name) == made.node.name for name in NAMES]
+    assert said[0] == [AcknowledgeSample(2.0, "off_course", "N2K126984.35")]
+
+
+NAMES = (str(1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21 | 0x12345), "7")

@@ -19,6 +19,8 @@ from autopilot.links.n2k import group_function as gf
 from autopilot.links.n2k.fields import (
     ACKNOWLEDGEMENT,
     ADDRESS_CLAIM,
+    ALERT,
+    ALERT_TEXT,
     CONFIGURATION,
     CONTROL,
     GROUP_FUNCTION,
@@ -155,7 +157,7 @@ class Node:
             texts = ("", "", "Norrbin, an open-source autopilot")
             return [self._say(CONFIGURATION, b"".join(text(each) for each in texts))]
         if group == GROUPS:
-            lists = (*SENT, CONTROL, RUDDER), self._reads
+            lists = (*SENT, ALERT, ALERT_TEXT, CONTROL, RUDDER), self._reads
             packed = [b"".join(each.to_bytes(3, "little") for each in groups) for groups in lists]
             return [self._say(GROUPS, bytes((kind,)) + each) for kind, each in enumerate(packed)]
         if group == HEARTBEAT:

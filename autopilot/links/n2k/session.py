@@ -12,8 +12,10 @@ from typing import NamedTuple, Protocol
 from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.n2k import group_function as gf
+from autopilot.links.n2k.alerts import Alerts
 from autopilot.links.n2k.fields import (
     ADDRESS_CLAIM,
+    ALERT_RESPONSE,
     CONTROL,
     FOLLOW_UP,
     GROUND_SPEED,
@@ -49,6 +51,7 @@ from autopilot.links.north import UnusableHeadings, Variation, known_as, steered
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow, StandingOrder
 from autopilot.signals import (
+    AcknowledgeSample,
     AlarmEvent,
     AlarmSample,
     HeadingSample,
@@ -63,7 +66,7 @@ from autopilot.signals import (
 )
 
 NETWORK = (ADDRESS_CLAIM, REQUEST, GROUP_FUNCTION)
-READ = frozenset((*INSTRUMENTS, *PLOTTER_GROUPS, *NETWORK))
+READ = frozenset((*INSTRUMENTS, *PLOTTER_GROUPS, *NETWORK, ALERT_RESPONSE))
 """The groups that are listened to."""
 ORDER_PERIOD_S = 0.1
 CONTROL_PERIOD_S = 0.25
@@ -131,6 +134,7 @@ class N2kSession:
             if is_node and settings.steers
             else None
         )
+        self._alerts = Alerts(self.node.name) if self.node is not None else None
         self._guide, self._helm = guide, helm
         self._guide_alarm: AlarmEvent | None = None
         self._variation = variation or known_as(settings.variation)
@@ -177,7 +181,9 @@ class N2kSession:
                 if led is not None:
                     self._guide.take(led)
             return
-        if group in INSTRUMENTS:
+        if group == ALERT_RESPONSE and self._alerts is not None and (alarm := self._alerts.acknowledged(message.data)):
+            samples.append(AcknowledgeSample(now, alarm, f"N2K{group}.{message.source}"))
+        elif group in INSTRUMENTS:
             self._measured(now, message, samples)
 
     def _measured(self, now: float, message: Message, samples: list[Sample]) -> None:
@@ -220,6 +226,9 @@ class N2kSession:
     def on_tick(self, tick: Tick) -> None:
         """Say heading/track control at its rate."""
         self._tick = tick
+        if self._alerts is not None and self.node is not None and self.node.is_ready(tick.now):
+            address = self.node.address
+            self._waiting += [Message(group, data, address, priority=7) for group, data in self._alerts.due(tick)]
         if self.settings.steers and tick.now >= self._next_control and tick.state.valid:
             self._next_control = tick.now + CONTROL_PERIOD_S
             self._say(tick.now, CONTROL, encoded(CONTROL, self._control(tick)))
