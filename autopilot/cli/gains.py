@@ -20,6 +20,7 @@ from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
     from autopilot.report.gains import Judged
+    from autopilot.report.steered import Verdict
     from autopilot.runtime.tuning import GainRequest, LevelCost
     from autopilot.vessel.schema import Vessel
 
@@ -96,6 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         judged,
         speeds_as_json,
         speeds_as_text,
+        verdict_of_gains,
     )
     from autopilot.runtime.tuning import designed, front_of
     from autopilot.vessel.file import load_vessel
@@ -120,15 +122,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
     rows |= {f"file's {law}": judged(vessel, law) for law in filed_laws() if getattr(vessel.control, law) is not None}
     front = front_of(vessel)
-    if arguments.report:
-        _write_report(arguments, vessel, front, rows)
+    level = level_of(vessel, better, front)
+    cost = next((row for row in front if row.level == level), None)
+    verdict = verdict_of_gains(rows[f"designed {DESIGNED}"], cost)
     if arguments.json:
-        found: dict[str, Any] = {name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}
+        found: dict[str, Any] = {"verdict": verdict._asdict()}
+        found |= {name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}
         found[f"designed {DESIGNED}"]["front"] = front_as_json(front)
         print(json.dumps(found, indent=2))
     else:
-        level = level_of(vessel, better, front)
-        print(front_as_text(vessel, front, level), as_text(rows), speeds_as_text(rows), sep="\n\n")
+        parts = front_as_text(vessel, front, level), as_text(rows), speeds_as_text(rows)
+        print(f"{vessel.name}: {verdict.sentence}", *parts, sep="\n\n")
+    if arguments.report:
+        _write_report(arguments, (vessel, front), rows, verdict)
     if arguments.out:
         write_vessel(arguments, better)
     return int(ExitCode.OK)
@@ -201,7 +207,7 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
 
 
 def _write_report(
-    arguments: argparse.Namespace, vessel: Vessel, front: list[LevelCost], rows: dict[str, Judged]
+    arguments: argparse.Namespace, priced: tuple[Vessel, list[LevelCost]], rows: dict[str, Judged], verdict: Verdict
 ) -> None:
     from autopilot.control.design import DESIGNED
     from autopilot.files.saving import save_page
@@ -210,10 +216,10 @@ def _write_report(
 
     levels = {}
     for level in range(1, 10):
-        levels[level] = judged(designed(vessel, GainRequest(level)), DESIGNED)
-    save_page(arguments.report, gains_page((vessel, front), rows, levels, shlex.join(arguments.typed)))
+        levels[level] = judged(designed(priced[0], GainRequest(level)), DESIGNED)
+    save_page(arguments.report, gains_page(priced, rows, levels, verdict, shlex.join(arguments.typed)))
     if not arguments.json:
-        print(f"Wrote the report to {arguments.report}.\n")
+        print(f"\nWrote the report to {arguments.report}.")
 
 
 def _add_tuning(parser: argparse.ArgumentParser) -> None:

@@ -24,7 +24,7 @@ from autopilot.files.printable import SENTENCE, escaped, fixed, printable
 from autopilot.files.saving import newer_numbered
 from autopilot.identification import trial_measures as criteria
 from autopilot.identification.trial_measures import Measures
-from autopilot.report.trials import blocks_of
+from autopilot.report.trials import blocks_of, verdict_of_trials
 
 if TYPE_CHECKING:
     from autopilot.logs.export import Entry
@@ -173,15 +173,10 @@ def _entries(text: str, recording: Recording) -> Iterator[Entry]:
     return chain(entries, message_entries(data)) if found.packets else entries
 
 
-NOTHING = (
-    "No manoeuvre found: a zigzag needs three executes, a turning circle 180 deg at a held rudder, a pull-out a turn "
-    "and then the rudder amidships, a spiral five angles down and up again."
-)
-
-
 def measures_as_json(source: str, measures: Measures, length: float | None, notes: Sequence[str] = ()) -> str:
     """Return the measures as JSON; SI units and radians, null where a measure is not known. notes: of the log."""
     found = {
+        "verdict": verdict_of_trials(measures)._asdict(),
         "source": source,
         "length_m": length,
         "position": measures.position,
@@ -206,10 +201,10 @@ def measures_as_text(source: str, measures: Measures, length: float | None, note
     """Return the measures for people, each beside its criterion where there is one and `length` [m] is known, and the
     log's notes."""
     remarks = [f"- {printable(note, SENTENCE)}" for note in notes]
-    lines = [f"{source}: positions by {measures.position}"]
+    lines = [verdict_of_trials(measures).sentence, "", f"{source}: positions by {measures.position}"]
     blocks = blocks_of(measures, length)
     if not blocks:
-        return "\n".join([*lines, NOTHING, *remarks])
+        return "\n".join([*lines, *remarks])
     for block in blocks:
         lines += ["", block.title]
         for name, value, criterion in block.rows:
@@ -248,6 +243,11 @@ def add_parser(subparsers: Any) -> None:
     measures.add_argument(
         "--report", metavar="FILE.html", help="write a page with the figures (extra: norrbin[report])"
     )
+    both = actions.add_parser("compare", help="two runs of Norrbin side by side: which was steered better")
+    both.add_argument("log", metavar="LOG", help="a log that `autopilot run --log` wrote")
+    both.add_argument("second", metavar="LOG", help="another")
+    both.add_argument("--json", action="store_true", help="print JSON")
+    both.add_argument("--report", metavar="FILE.html", help="write a page with the figures (extra: norrbin[report])")
     for action in (info, table, exported, measures):
         add_log_options(action)
     parser.set_defaults(run=run)
@@ -259,6 +259,8 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.logs.reading import load_recording
 
     print_newer([arguments.log])
+    if arguments.action == "compare":
+        return _compare(arguments)
     options = log_options(arguments, vessel_of(arguments))
     if arguments.action in ("csv", "export") and not arguments.overwrite:
         refuse_existing(arguments.to)
@@ -271,6 +273,32 @@ def run(arguments: argparse.Namespace) -> int:
 
     info = info_of(recording, options.rudder)
     print(as_json(info) if arguments.json else as_text(info))
+    return int(ExitCode.OK)
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    from autopilot.files.printable import aligned
+    from autopilot.report.comparison import compared, comparison_page, document_of_runs, run_of, table_of_runs
+    from autopilot.runtime.record import read_logs
+
+    if arguments.report:
+        from autopilot.report import require_extra
+
+        require_extra("without --report")
+    refuse_twice([arguments.log, arguments.second])
+    first, second = (
+        run_of(name, [tick for log in read_logs(Path(name)) for tick in log.ticks])
+        for name in (arguments.log, arguments.second)
+    )
+    if arguments.json:
+        print(json.dumps(document_of_runs(first, second), indent=2))
+    else:
+        rows = table_of_runs(first, second)
+        print(compared(first, second).sentence, "", *aligned(rows, right=range(1, len(rows[0]))), sep="\n")
+    if arguments.report:
+        from autopilot.files.saving import save_page
+
+        save_page(arguments.report, comparison_page(first, second, shlex.join(arguments.typed)))
     return int(ExitCode.OK)
 
 

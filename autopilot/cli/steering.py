@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 import os
 import shlex
 import signal
@@ -17,7 +16,6 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, NamedTuple
 
-from autopilot.angles import wrap
 from autopilot.cli.options import (
     SPEEDUP,
     SYSTEM_ID,
@@ -29,7 +27,7 @@ from autopilot.cli.options import (
     signing_of,
     whole_number,
 )
-from autopilot.cli.terminal import StatusLine, TypedLines, degrees_text, steady_output
+from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.printable import terminal_of
 from autopilot.interruption import NAMES, ended_by
@@ -39,12 +37,13 @@ from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.mavlink.signing import hint_of
 from autopilot.links.release import Release, release_sentence
 from autopilot.links.url import parse_url
+from autopilot.report.steered import Steered, Verdict
 from autopilot.runtime.app import App, Machine, Plan
 from autopilot.runtime.build_links import KINDS, LinkOptions, access_rules_of
 from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.machine import RealTime, cpus_of
 from autopilot.runtime.session import Orders
-from autopilot.signals import Mode, OrderKind, Tick
+from autopilot.signals import Mode, Tick
 from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.schema import Vessel
 
@@ -206,42 +205,6 @@ class Ending:
         return RefusedError("; ".join(sentences_of(tick.alarms)) or "the pilot did not engage")
 
 
-class Held:
-    """What was steered and how well. Called after every tick."""
-
-    def __init__(self) -> None:
-        self._seconds = 0.0
-        self._squares = 0.0
-        self._on_course = 0.0
-        self._what = ""
-        self._last: float | None = None
-
-    def __call__(self, tick: Tick) -> None:
-        """Take a tick."""
-        step = 0.0 if self._last is None else tick.now - self._last
-        self._last = tick.now
-        if tick.mode is not Mode.ENGAGED:
-            return
-        self._seconds += step
-        kind = tick.order.kind
-        if kind in (OrderKind.HEADING, OrderKind.ZIGZAG):
-            heading = tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
-            self._what = "zigzag" if kind is OrderKind.ZIGZAG else f"course {degrees_text(heading)}"
-        elif kind is OrderKind.RUDDER:
-            self._what = f"rudder {math.degrees(tick.order.rudder):+.1f}"
-        if kind is OrderKind.HEADING:
-            self._on_course += step
-            self._squares += step * math.degrees(wrap(tick.state.heading - tick.reference.heading)) ** 2
-
-    @property
-    def words(self) -> str:
-        """How long and how well, in few words."""
-        if not self._what:
-            return "nothing was steered"
-        well = f", {math.sqrt(self._squares / self._on_course):.1f} deg rms off" if self._on_course > 0.0 else ""
-        return f"steered {self._seconds:.0f} s, last {self._what}{well}"
-
-
 def log_words(recorder: Recorder | None) -> str:
     """Return where the log is, and what is missing in it."""
     if recorder is None:
@@ -254,9 +217,9 @@ def log_words(recorder: Recorder | None) -> str:
     return f"log {recorder.path} ({size / 1e6:.1f} MB{gaps if recorder.dropped else ''})"
 
 
-def last_line(ending: Ending, held: Held, recorder: Recorder | None, releases: Sequence[Release]) -> str:
+def last_line(ending: Ending, steered: Steered, recorder: Recorder | None, releases: Sequence[Release]) -> str:
     """Return why the run has ended, and what became of rudder, course and log."""
-    return f"{ending.why or 'ended'}: {release_sentence(releases)}; {held.words}; {log_words(recorder)}"
+    return f"{ending.why or 'ended'}: {release_sentence(releases)}; {steered.words}; {log_words(recorder)}"
 
 
 PRIORITY = 40
@@ -332,7 +295,7 @@ class Voyage(NamedTuple):
     """How a plan is carried out: `watch` is asked after every tick whether all is done, `duration` [s] at most.
 
     must_engage: steering is wanted by itself, not by a later order. describe: a tick in words, for the status line.
-    typed: the lines that are typed at the terminal.
+    typed: the lines that are typed at the terminal. verdict: what the voyage was good for, None where nothing is said.
     """
 
     watch: Callable[[App, Tick], bool]
@@ -340,6 +303,7 @@ class Voyage(NamedTuple):
     must_engage: bool = True
     describe: Callable[[Tick], str] | None = None
     typed: TypedLines | None = None
+    verdict: Callable[[Steered], Verdict | None] = lambda steered: steered.verdict
 
 
 def plan_of(vessel: Vessel, arguments: argparse.Namespace, orders: Orders) -> Plan:
@@ -379,14 +343,14 @@ def restart_file(arguments: argparse.Namespace) -> Path | None:
 def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
     """Carry out a plan to its end and return the exit code; a signal ends it with the rudder released.
 
-    The last line printed says what became of rudder, course and log.
+    The last lines printed say how well it was steered, and what became of rudder, course and log.
     """
     vessel, options = plan.vessel, plan.options
     ending = Ending(plan, arguments.wait, voyage.must_engage)
     clock = MonotonicClock(arguments.speedup)
     app = App(plan, clock)
     session = app.session
-    held = Held()
+    steered = Steered()
     status: StatusLine | None = None
     try:
         # leaving the app, which comes first, gives the rudder back whatever happened
@@ -398,7 +362,7 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
             def after(tick: Tick) -> bool:
                 is_over = voyage.watch(app, tick)  # takes the keys before the status line, which would echo them
                 line.update(tick)
-                held(tick)
+                steered(tick)
                 for news in (app.learning.news(tick) if app.learning is not None else "", ending.news()):
                     if news:
                         line.print_line(news)
@@ -415,7 +379,9 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
         for refusing in (options.signing, options.policy):
             if refusing is not None and refusing.summary:
                 print(refusing.summary)
-        print(last_line(ending, held, app.recorder, session.releases), flush=True)
+        if verdict := voyage.verdict(steered):
+            print(verdict.sentence)
+        print(last_line(ending, steered, app.recorder, session.releases), flush=True)
     last = session.tick
     if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):
         why = f": {'; '.join(sentences_of(last.alarms))}" if last.alarms else ""

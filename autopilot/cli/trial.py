@@ -115,6 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.control.trial import TRIAL_LAW
+    from autopilot.report.steered import trial_verdict
     from autopilot.vessel.file import load_vessel
 
     vessel = load_vessel(arguments.vessel)
@@ -131,7 +132,12 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.link:
         raise InputError("a trial needs --link URL, the way to the boat; with --predict nothing is sailed")
     plan = plan_of(vessel, arguments, script)._replace(law=TRIAL_LAW)
-    voyage = Voyage(lambda app, tick: script.is_over, math.inf, describe=script.describe)
+    voyage = Voyage(
+        lambda app, tick: script.is_over,
+        math.inf,
+        describe=script.describe,
+        verdict=lambda steered: trial_verdict(steered, script.reason or ("" if script.is_over else "stopped")),
+    )
     code = steer(arguments, plan, voyage)
     if script.reason and code == ExitCode.OK:
         raise RefusedError(f"the trial ended before its time: {script.reason}")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,7 +24,8 @@ from autopilot.angles import wrap
 from autopilot.control.design import DESIGNED, loop
 from autopilot.control.margins import trace
 from autopilot.files.printable import aligned
-from autopilot.report.page import FloatArray, Line, Panel, Section, render, time_figure
+from autopilot.report import steered
+from autopilot.report.page import FloatArray, Line, Opening, Panel, Section, render, time_figure
 from autopilot.runtime.build import gear_of, law_of, limits_of, loop_gains_of, model_of, shown_gains_of
 from autopilot.runtime.tuning import LevelCost, spread_of
 
@@ -36,7 +38,7 @@ TURN = math.radians(90.0)
 STRAIGHT_S = 10.0
 HEADING_EVERY_S = 0.1
 TURNING_TIMES = 1.5
-SETTLED = math.radians(3.0)
+SETTLED, NEAR = math.radians(3.0), math.radians(1.0)
 SEEDS = (1, 2, 3)
 """The instruments' noise decides whether a boat on the brink is lost: the worst of these runs counts."""
 RUDDER_LOSS = 0.7
@@ -44,16 +46,25 @@ PAST_MOST = math.radians(5.0)
 """A turn that leads further past with WEAKER times the model's K is not well in hand."""
 
 
+class Turned(NamedTuple):
+    """A planned turn of 90 deg, simulated: how far it leads past [rad], when it stays within 1 deg [s]; inf: never."""
+
+    past: float
+    settled: float
+
+
 def survives(vessel: Vessel) -> bool:
     """Return whether a turn stays in hand where the rudder is 30 % weaker than the model's; with gains that are refused
     there is none."""
     from autopilot.runtime.build import refusal_to_engage
 
-    return not refusal_to_engage(vessel, DESIGNED) and all(_past(vessel, seed) <= PAST_MOST for seed in SEEDS)
+    return not refusal_to_engage(vessel, DESIGNED) and all(
+        turned(vessel, seed, RUDDER_LOSS).past <= PAST_MOST for seed in SEEDS
+    )
 
 
-def _past(vessel: Vessel, seed: int) -> float:
-    """Return how far [rad] a turn of 90 deg leads past with a rudder weaker than the model's; inf: not settled.
+def turned(vessel: Vessel, seed: int, share: float = 1.0) -> Turned:
+    """Return a turn of 90 deg by the pilot itself; share: the rudder's strength as one of the model's.
 
     Noise as in the vessel file. Raises RefusedError where the gains must not be engaged.
     """
@@ -65,7 +76,7 @@ def _past(vessel: Vessel, seed: int) -> float:
 
     model, gear, limits, random = model_of(vessel), gear_of(vessel), limits_of(vessel), Random(seed)
     pilot, line = build_pilot(vessel), DelayLine(gear.delay + vessel.control.loop_delay_s)
-    true = model._replace(gain=RUDDER_LOSS * model.gain)
+    true = model._replace(gain=share * model.gain)
     turn = turn_limits(model, limits.angle_max, limits.rate_max, vessel.guidance.rudder_share)
     dt, noise, rate_noise = (
         1.0 / vessel.control.rate_hz,
@@ -88,7 +99,10 @@ def _past(vessel: Vessel, seed: int) -> float:
             heading, rudder = heading + 0.25 * dt * (before + rate), moved
         errors.append(heading - TURN)
     late = errors[-len(errors) // 10 :]
-    return max(errors) if max(map(abs, late)) < SETTLED else math.inf
+    if not max(map(abs, late)) < SETTLED:
+        return Turned(math.inf, math.inf)
+    outside = max((tick for tick, error in enumerate(errors) if abs(error) > NEAR), default=0)
+    return Turned(max(errors), (outside + 1) * dt - STRAIGHT_S)
 
 
 LARGE_SIGNAL_DEG = (5.0, 20.0, 45.0, 90.0)
@@ -134,6 +148,45 @@ def judged(vessel: Vessel, law: str) -> Judged:
         output_feedback_margins(output_feedback_loop(vessel, law, disturbed=disturbed)) for disturbed in (False, True)
     )
     return Judged(vessel, law, verdict, worst, words, found, calm, gusty)
+
+
+NEXT_TO_NOTHING_DEG = 0.3
+SENSITIVITY_MOST, TURN_PAST_MOST = 2.0, math.radians(2.0)
+"""A peak of the sensitivity above 2 is less than a usual margin (Astrom and Murray); a turn leads past by less."""
+
+
+def verdict_of_gains(each: Judged, cost: LevelCost | None) -> steered.Verdict:
+    """Return what a set of gains is good for; cost: of the level it is of, None where it is of none."""
+    if each.verdict.refusal or not each.output_feedback.stable:
+        why = each.verdict.refusal or "unstable with the heading filter"
+        return steered.Verdict("refused", f"not to be engaged: {why}")
+    turn = turned(replace(each.vessel, control=replace(each.vessel.control, law=each.law)), SEEDS[0])
+    said = (
+        f"turns 90 deg in {turn.settled:.0f} s{_past_in_words(turn.past)}"
+        if math.isfinite(turn.settled)
+        else "a turn of 90 deg does not settle"
+    )
+    if cost is not None:
+        said += f"; holds within {math.degrees(cost.sea.heading):.1f} deg rms in the sea it is designed for"
+    doubts = [
+        words
+        for is_so, words in (
+            (not turn.past <= TURN_PAST_MOST, "turns lead past"),
+            (not each.worst.stable, "a boat off its model is not held"),
+            (each.worst.sensitivity > SENSITIVITY_MOST, "little margin for a boat off its model"),
+            (not each.disturbed.stable, "unstable in the strongest gusts"),
+        )
+        if is_so
+    ]
+    if doubts:
+        advice = "try a calmer --level, or identify the boat anew"
+        return steered.Verdict("doubtful", f"doubtful: {', '.join(doubts)}; {said}; {advice}")
+    return steered.Verdict("good", f"good: {said}; bears a boat with {each.spread.split(',')[0]}")
+
+
+def _past_in_words(past: float) -> str:
+    degrees = math.degrees(past)
+    return " without passing the course" if degrees < NEXT_TO_NOTHING_DEG else f", {degrees:.1f} deg past the course"
 
 
 def loop_of(vessel: Vessel) -> Loop:
@@ -418,7 +471,11 @@ STEP_DEG = (5.0, 45.0)
 
 
 def gains_page(
-    priced: tuple[Vessel, Sequence[LevelCost]], rows: Mapping[str, Judged], levels: Mapping[int, Judged], command: str
+    priced: tuple[Vessel, Sequence[LevelCost]],
+    rows: Mapping[str, Judged],
+    levels: Mapping[int, Judged],
+    verdict: steered.Verdict,
+    command: str,
 ) -> str:
     """Return the page of a vessel: the front that its gains are chosen from, rows of gains, designs by level."""
     name = priced[0].name
@@ -426,21 +483,23 @@ def gains_page(
         f"Gains for {name}: the loop of boat, rudder and delay about straight running, its margins, and what the very "
         "functions that steer make of errors that saturate the rudder."
     )
+    *steps, hero = (_step(rows, degrees) for degrees in STEP_DEG)
     sections = [
+        Section("The front", front_table(*priced), (FRONT_SENTENCE,)),
         Section("Margins", margin_table(rows), _said(rows)),
         Section("Open loop", figure=_open_loop(rows), caption="cut at the rudder; at the crossover |L| is 1"),
         Section(
             "Sensitivity", figure=_sensitivity(rows), caption="what the loop makes of disturbances: above 1 it adds"
         ),
-        *(_step(rows, degrees) for degrees in STEP_DEG),
+        *steps,
         Section(
             "Large-signal response", _large_signal(rows), ("Without a planned turn: in the pilot a turn is planned.",)
         ),
         *(Section(f"By speed: {name}", speed_table(each), (UNSCHEDULED,)) for name, each in chosen(rows).items()),
-        Section("The front", front_table(*priced), (FRONT_SENTENCE,)),
         Section("Response levels", _levels(levels)),
     ]
-    return render("Gain design", lead, sections, command, __version__)
+    hero = hero._replace(caption=f"{hero.title}: {hero.caption}")
+    return render(Opening(f"Gain design: {name}", lead, hero, verdict), sections, command, __version__)
 
 
 def _said(rows: Mapping[str, Judged]) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from autopilot.identification.trial_design import InstrumentNoise, cramer_rao
 from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
 from autopilot.identification.verdict import Verdict, verdict_of
 from autopilot.models.norrbin import Norrbin, steady_rate
-from autopilot.report.page import Line, Panel, Section, render, time_figure
+from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
 
 LARGEST_RUDDER = math.radians(35.0)
 PROBE = 1.0e-4
@@ -416,17 +416,18 @@ def identification_page(
         *_correlation(found),
         *([Section("Candidates", choice_rows(choice), (choice_sentence(choice),))] if choice else []),
         Section("Predictions", _run_rows(result, _name), ("Open loop, from what drove the boat alone.",)),
-        *map(_run_section, shown),
+        *map(_run_section, shown[1:]),
         _residuals(result.residual_tests, [each for each in shown if each.role == "fit"]),
         *_steady_turn_curve(found, turns),
         *_convergence(found, convergence),
     ]
     lead = (
-        f"{_capital(verdict_on(result).sentence)} "
         f"T r' + n3 r³ + n1 r + n0 = K δ at {model.reference_speed:.3g} m/s, by the method {method}, from "
         f"{', '.join(_name(run) for run, role, _ in result.predictions if role == 'fit')}."
     )
-    return render("Identification: what the recordings say of this boat", lead, sections, command, __version__)
+    hero = next((_run_section(each) for each in shown), None)
+    opening = Opening("Identification: what the recordings say of this boat", lead, hero, verdict_on(result))
+    return render(opening, sections, command, __version__)
 
 
 def _parameters(result: Result) -> list[tuple[str, ...]]:

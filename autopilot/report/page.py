@@ -114,7 +114,14 @@ TEMPLATE = """<!DOCTYPE html>
 <title>{{ title }}</title>
 <style>
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #1b1f24; }
-h1 { font-size: 1.7rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
+header { display: flex; justify-content: space-between; align-items: baseline; gap: 1rem; }
+header { border-bottom: 3px solid #0b3d66; }
+header span { color: #4b5563; font-size: .9rem; white-space: nowrap; }
+h1 { font-size: 1.7rem; margin: 0 0 .4rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
+.verdict { font-size: 1.15rem; font-weight: 600; padding: .7rem 1rem; background: #f0f2f5; }
+.verdict { border-left: .5rem solid #8a8f98; }
+.verdict.good { border-color: #2e7d32; } .verdict.start, .verdict.fair, .verdict.doubtful { border-color: #e08700; }
+.verdict.poor, .verdict.refused, .verdict.not-enough { border-color: #b00d1e; }
 table { border-collapse: collapse; margin: 1rem 0; }
 th, td { padding: .3rem .9rem; text-align: right; border-bottom: 1px solid #d8dde3; }
 th:first-child, td:first-child { text-align: left; }
@@ -125,15 +132,28 @@ th[aria-sort=descending] button::after { content: " \\2193"; }
 figure { margin: 1rem 0; background: #fff; } figure svg { width: 100%; height: auto; }
 figcaption, .note { color: #4b5563; font-size: .9rem; }
 code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
-@media (prefers-color-scheme: dark) {
-  body { background: #14171b; color: #e6e8eb; } code { background: #252a31; }
+@media screen and (prefers-color-scheme: dark) {
+  body { background: #14171b; color: #e6e8eb; } code, .verdict { background: #252a31; } header span { color: #a9b1bb; }
   th, td { border-color: #333a43; } figcaption, .note { color: #a9b1bb; } figure { padding: .3rem; }
+}
+@page { size: A4; margin: 16mm 14mm; }
+@media print {
+  body { font-size: 10pt; max-width: none; margin: 0; padding: 0; color: #000; }
+  h1 { font-size: 17pt; } h2 { font-size: 12.5pt; margin-top: 1.2rem; break-after: avoid; }
+  figure, tr, .verdict { break-inside: avoid; } thead { display: table-header-group; } p { orphans: 3; widows: 3; }
+  .verdict { font-size: 12pt; print-color-adjust: exact; } .wide { overflow: visible; }
+  table { width: 100%; font-size: 8.5pt; } th, td { padding: .15rem .35rem; }
+  th button { font-size: inherit; } th button::after { content: "" !important; }
 }
 </style>
 </head>
 <body>
-<h1>{{ title }}</h1>
+<header><h1>{{ title }}</h1><span>Norrbin {{ version }}</span></header>
+{% if hero %}<figure>{{ hero.figure | safe }}
+<figcaption>{{ hero.caption }}</figcaption></figure>{% endif %}
+{% if verdict %}<p class="verdict {{ verdict[0] | replace(" ", "-") }}">{{ verdict[1] }}</p>{% endif %}
 <p>{{ lead }}</p>
+<p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }}.</p>
 {% for section in sections %}
 <h2>{{ section.title }}</h2>
 {% if section.table %}<div class="wide"><table>
@@ -144,7 +164,6 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 {% if section.figure %}<figure>{{ section.figure | safe }}
 <figcaption>{{ section.caption }}</figcaption></figure>{% endif %}
 {% endfor %}
-<p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }}.</p>
 <script>
 // a click on a head sorts its table: by the first number of each cell where all have one, else as text
 const text = cell => cell?.textContent ?? "";
@@ -183,11 +202,20 @@ class Section(NamedTuple):
     caption: str = ""
 
 
-def render(title: str, lead: str, sections: Sequence[Section], command: str, version: str) -> str:
+class Opening(NamedTuple):
+    """How a page begins: title, what it is about, the figure that says most, and the verdict, grade and sentence."""
+
+    title: str
+    lead: str
+    hero: Section | None = None
+    verdict: tuple[str, str] | None = None
+
+
+def render(opening: Opening, sections: Sequence[Section], command: str, version: str) -> str:
     """Return the page; every text is escaped, figures are taken as they are."""
     import jinja2
 
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     return environment.from_string(TEMPLATE).render(
-        title=title, lead=lead, sections=sections, command=command, version=version
+        **opening._asdict(), sections=sections, command=command, version=version
     )

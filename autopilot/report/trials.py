@@ -15,7 +15,8 @@ from autopilot import __version__
 from autopilot.files.printable import fixed
 from autopilot.identification import trial_measures as criteria
 from autopilot.identification.trial_measures import Circle, Measures, PullOut, Spiral, TrialRecord, Zigzag
-from autopilot.report.page import FloatArray, Line, Panel, Section, plane_figure, render, time_figure
+from autopilot.report.page import FloatArray, Line, Opening, Panel, Section, plane_figure, render, time_figure
+from autopilot.report.steered import Verdict
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
@@ -132,6 +133,11 @@ def _m(metres: float, length: float | None) -> str:
     return f"{fixed(metres, 1)} m" if length is None else f"{fixed(metres, 1)} m = {fixed(metres / length, 1)} L"
 
 
+SAID_MOST = 3
+NO_MANOEUVRE = (
+    "no manoeuvre found; a zigzag needs three executes, a turning circle 180 deg at a held rudder, a pull-out a turn "
+    "and then the rudder amidships, a spiral five angles down and up again."
+)
 POINTS_MOST = 4000
 """More samples than this draw no finer line and make the page heavy."""
 
@@ -140,18 +146,37 @@ def trials_page(source: str, record: TrialRecord, measures: Measures, length: fl
     """Return the page of one record; `length` [m] of the boat, None where it is not known."""
     lead = f"Manoeuvres found in {source}, measured by IMO MSC.137(76) and ITTC 7.5-04-02-01: "
     lead += f"{criteria.SHIPS}."
-    sections = [Section("What was sailed", figure=_motion(record), caption="rudder and yaw rate: starboard positive")]
+    hero = Section("", figure=_motion(record), caption="what was sailed; rudder and yaw rate: starboard positive")
+    sections = []
     for block in blocks_of(measures, length):
         table = [("measure", "value", "criterion"), *((name.strip(), *rest) for name, *rest in block.rows)]
         sections.append(Section(block.title, table))
-    if len(sections) == 1:
+    if not sections:
         sections.append(Section("Measures", text=("No manoeuvre was found in this record.",)))
     if np.isfinite(record.north).all():
         sections.append(Section("Track", figure=_track(record), caption=f"by {measures.position}"))
     steady = _steady(measures)
     if steady is not None:
         sections.append(Section("Steady turns", figure=steady, caption="one branch to port, one back to starboard"))
-    return render("Sea trial", lead, sections, command, __version__)
+    return render(Opening("Sea trial", lead, hero, verdict_of_trials(measures)), sections, command, __version__)
+
+
+def verdict_of_trials(measures: Measures) -> Verdict:
+    """Return what the manoeuvres came to, in one sentence."""
+    said = []
+    for zigzag in measures.zigzags:
+        past = " and ".join(_deg(angle) for angle in zigzag.overshoots[:2])
+        said.append(f"zigzag {_deg(zigzag.rudder)}/{_deg(zigzag.execute)} swings on by {past}")
+    for circle in measures.circles:
+        side = "port" if circle.rudder < 0.0 else "starboard"
+        said.append(f"circle to {side} {_m(circle.tactical_diameter, None)} across, 90 deg in {_s(circle.time_90)}")
+    said += [f"pull-out leaves {_rate(one.residual_rate)}" for one in measures.pull_outs]
+    if measures.spiral is not None:
+        said.append(f"spiral with a loop of {_deg(measures.spiral.width)}")
+    if not said:
+        return Verdict("not enough", f"not enough: {NO_MANOEUVRE}")
+    more = f"; and {len(said) - SAID_MOST} more" if len(said) > SAID_MOST else ""
+    return Verdict("good", f"good: {'; '.join(said[:SAID_MOST])}{more}")
 
 
 def _thinned(values: FloatArray) -> FloatArray:

@@ -124,7 +124,7 @@ def _report(
 
     from autopilot import __version__
     from autopilot.files.saving import save_page
-    from autopilot.report.page import Line, Panel, Section, render, time_figure
+    from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
     from sitl.campaign.envelope import ALARMED, BACK, HELD, UNSAID, ranges_of
 
     edges = np.linspace(-1.0, 1.0, 2 * BINS + 1)
@@ -139,19 +139,14 @@ def _report(
             ]
             lines.append(Line(outcome, middles, np.array([100.0 * sum(bin_) / max(len(bin_), 1) for bin_ in counts])))
         panels.append(Panel(f"{each.name}\n[% of runs]", lines))
-    sections = [
-        Section("Bounds", [list(row) for row in rows], (said,)),
-        Section(
-            "Runs at each distance from the file",
-            figure=time_figure(panels, "share of the way from the file's value to the ends of the range"),
-            caption="held: within the off-course limit; back: beyond it for less than 5 s; alarmed: said within 5 s",
-        ),
-    ]
-    title = f"Envelope: {vessel.name}"
+    hero = Section(
+        "Runs at each distance from the file",
+        figure=time_figure(panels, "share of the way from the file's value to the ends of the range"),
+        caption="held: within the off-course limit; back: beyond it for less than 5 s; alarmed: said within 5 s",
+    )
     page = render(
-        title,
-        "Boats, gears, logs and seas that are not the file's.",
-        sections,
+        Opening(f"Envelope: {vessel.name}", "Boats, gears, logs and seas that are not the file's.", hero),
+        [Section("Bounds", [list(row) for row in rows], (said,))],
         shlex.join(arguments.typed),
         __version__,
     )

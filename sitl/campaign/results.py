@@ -17,7 +17,7 @@ import numpy as np
 from autopilot import __version__
 from autopilot.errors import InputError
 from autopilot.files.saving import open_over
-from autopilot.report.page import Line, Panel, Section, render, time_figure
+from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
 from sitl.campaign.compiled_run import Figures
 from sitl.campaign.study import Case, Job, case_and_seed, cases_of, number_of_runs
 from sitl.campaign.work import COMPILED, FULL, REFUSED, Row
@@ -216,17 +216,17 @@ def campaign_page(name: str, description: str, summaries: list[CaseSummary], sai
     """Return the page of a study; `said` is how and how fast it was run."""
     lead = description or "Seeded runs of boat, sea, sensors and pilot."
     panels = pareto_panels(summaries)
-    sections = [Section("Runs", text=(said,))]
+    hero = None
     if panels:
         left = len({_apart(each.case) for each in summaries}) - len(panels)
         caption = "each mark a case, the median over its runs; further left and down is better" + (
             f"; {left} more in the table" if left > 0 else ""
         )
         figure = time_figure(panels, "rudder travel [deg/s]", logarithmic=True)
-        sections.append(Section("Heading error against rudder travel", figure=figure, caption=caption))
+        hero = Section("", figure=figure, caption=f"heading error against rudder travel: {caption}")
     note = "Medians over the runs of a case, in brackets from 5 to 95 %; most: 95 %; engaged: 5 %."
-    sections.append(Section("Cases", table(summaries), (note,)))
-    return render(f"Campaign: {name}", lead, sections, command, __version__)
+    sections = [Section("Cases", table(summaries), (note,)), Section("Runs", text=(said,))]
+    return render(Opening(f"Campaign: {name}", lead, hero), sections, command, __version__)
 
 
 def pareto_panels(summaries: list[CaseSummary]) -> list[Panel]:

@@ -26,6 +26,7 @@ from autopilot.vessel.schema import Control, Vessel
 def as_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
     assert main(["gains", *arguments, "--json"]) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert set(found.pop("verdict")) == {"grade", "sentence"}
     return found
 
 

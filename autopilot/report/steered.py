@@ -1,0 +1,233 @@
+"""How well a boat was steered: measured tick by tick in constant memory, and said in one sentence for the skipper.
+
+The same measures end `autopilot run`, and compare two logs in `autopilot log compare`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import compass_deg, wrap
+from autopilot.signals import Mode, OrderKind, Tick
+
+TURN_LEAST = math.radians(5.0)
+"""A smaller change of course is no turn to be measured."""
+SETTLED = math.radians(3.0)
+STAYS_S, TURN_MOST_S = 10.0, 180.0
+"""A turn has ended when the boat has stayed within SETTLED of its course for so long, or after so long in any case."""
+BIN_DEG, BINS = 0.1, 450
+SHARE = 0.95
+GOOD_PAST_DEG, FAIR_PAST_DEG = 2.0, 6.0
+GOOD_OFF_DEG, FAIR_OFF_DEG = 2.5, 6.0
+"""What counts as good and as fair: degrees past the course after a turn, and off it for 95 % of the time. They are
+yardsticks of boats in ordinary seas, and no standard's."""
+SHORTEST_S = 20.0
+
+
+class Verdict(NamedTuple):
+    """The grade, in a word or two, and the sentence that begins with it."""
+
+    grade: str
+    sentence: str
+
+
+class Turn(NamedTuple):
+    """A change of course [rad], positive to starboard: time until it stayed within 3 deg [s], inf where it did not, and
+    how far it led past [rad]."""
+
+    angle: float
+    settled: float
+    past: float
+
+
+class Steered:
+    """Call it with every tick.
+
+    Attributes:
+        seconds: engaged.  on_course: of these, on a course and out of a turn.  turns: those measured.  lost: how often
+        steering ended by a fail-safe or fault.  executes: how often a trial's rudder went to another angle.
+        swing: the least and the largest change of heading [rad] in trials.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = self.on_course = self.trial_seconds = 0.0
+        self.turns: list[Turn] = []
+        self.lost = self.executes = 0
+        self.swing = (0.0, 0.0)
+        self.what = ""
+        self._squares = self._travel = 0.0
+        self._bins = [0.0] * (BINS + 1)
+        self._last: Tick | None = None
+        self._course: float | None = None
+        self._turn: tuple[float, float, float, float] | None = None
+        """The turn under way: its angle [rad], when it began, when it was last outside [s], how far past [rad]."""
+        self._trial: tuple[float, float] | None = None
+        """The trial's rudder order [rad], and its heading at the last tick [rad]."""
+        self._swung = 0.0
+
+    def __call__(self, tick: Tick) -> None:
+        """Take a tick."""
+        last, self._last = self._last, tick
+        step = 0.0 if last is None else tick.now - last.now
+        if tick.mode is not Mode.ENGAGED:
+            if last is not None and last.mode is Mode.ENGAGED and tick.mode in (Mode.FAILSAFE, Mode.FAULT):
+                self.lost += 1
+            self._leave(tick.now)
+            return
+        self.seconds += step
+        if last is not None and last.command.engaged and tick.command.engaged:
+            self._travel += abs(math.degrees(tick.command.angle - last.command.angle))
+        if tick.order.kind is OrderKind.HEADING:
+            self._trial = None
+            self._take_course(tick, step)
+        else:
+            self._end_turn(tick.now)
+            self._course = None
+            self._take_trial(tick, step)
+
+    @property
+    def rms_deg(self) -> float:
+        """How far off the planned course, rms [deg]; nan without a course."""
+        return math.sqrt(self._squares / self.on_course) if self.on_course > 0.0 else math.nan
+
+    @property
+    def off_deg(self) -> float:
+        """How far off the course for 95 % of the time at most [deg]; nan without a course."""
+        total, passed = sum(self._bins), 0.0
+        for place, seconds in enumerate(self._bins):
+            passed += seconds
+            if total > 0.0 and passed >= SHARE * total:
+                return (place + 1) * BIN_DEG
+        return math.nan
+
+    @property
+    def travel_deg_s(self) -> float:
+        """How much the ordered rudder moved [deg/s]; nan where nothing was steered."""
+        return self._travel / self.seconds if self.seconds > 0.0 else math.nan
+
+    @property
+    def past_deg(self) -> float:
+        """How far the worst turn led past its course [deg]; nan without one."""
+        return math.degrees(max((turn.past for turn in self.turns), default=math.nan))
+
+    @property
+    def words(self) -> str:
+        """What was steered, how long and how well, in few words."""
+        if not self.what:
+            return "nothing was steered"
+        well = f", {self.rms_deg:.1f} deg rms off" if self.on_course > 0.0 else ""
+        return f"steered {self.seconds:.0f} s, last {self.what}{well}"
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """How well it was steered; None where no course was."""
+        if not self.on_course and not self.turns:
+            return None
+        said = self._said()
+        if self.lost:
+            return Verdict("poor", f"poor: steering was lost {_times(self.lost)}; {said}")
+        if self.on_course < SHORTEST_S and not self.turns:
+            return Verdict("too short", f"too short to judge: {self.on_course:.0f} s on a course")
+        past, off = self.past_deg, self.off_deg
+        unsettled = any(math.isinf(turn.settled) for turn in self.turns)
+        if unsettled or past > FAIR_PAST_DEG or off > FAIR_OFF_DEG:
+            advice = "look at the speed log, the rudder and the vessel file, then at autopilot gains"
+            return Verdict("poor", f"poor: {said}; {advice}")
+        if past > GOOD_PAST_DEG or off > GOOD_OFF_DEG:
+            return Verdict("fair", f"fair: {said}; in a calm it should be nearer: see autopilot gains")
+        return Verdict("good", f"good: {said}")
+
+    def _said(self) -> str:
+        said = []
+        if self.turns:
+            largest = max(self.turns, key=lambda turn: abs(turn.angle))
+            degrees = f"{abs(math.degrees(largest.angle)):.0f} deg"
+            took = f"in {largest.settled:.0f} s" if math.isfinite(largest.settled) else "without settling"
+            how_many = "" if len(self.turns) == 1 else f", at most {self.past_deg:.1f} in {len(self.turns)} turns"
+            said.append(f"turned {degrees} {took}, {math.degrees(largest.past):.1f} deg past the course{how_many}")
+        if self.on_course >= SHORTEST_S:
+            said.append(f"held it within {self.off_deg:.1f} deg for 95 % of {_long(self.on_course)}")
+        said.append(f"rudder {self.travel_deg_s:.2f} deg/s")
+        return "; ".join(said)
+
+    def _take_course(self, tick: Tick, step: float) -> None:
+        order = tick.order
+        course = order.heading if math.isfinite(order.heading) else tick.reference.heading
+        self.what = f"course {compass_deg(course):05.1f}".removesuffix(".0")
+        change = wrap(course - self._course) if self._course is not None else 0.0
+        if not order.is_led and abs(change) >= TURN_LEAST:
+            self._end_turn(tick.now)
+            self._turn = (change, tick.now, tick.now, 0.0)
+        if self._course is None or abs(change) >= TURN_LEAST or self._turn is None:
+            self._course = course
+        if self._turn is not None:
+            self._go_on(tick, wrap(tick.state.heading - course))
+            return
+        off = math.degrees(wrap(tick.state.heading - (tick.reference.heading if order.is_led else course)))
+        self.on_course += step
+        self._squares += step * math.degrees(wrap(tick.state.heading - tick.reference.heading)) ** 2
+        self._bins[min(int(abs(off) / BIN_DEG), BINS)] += step
+
+    def _go_on(self, tick: Tick, error: float) -> None:
+        assert self._turn is not None
+        angle, began, outside, past = self._turn
+        if abs(error) > SETTLED:
+            outside = tick.now
+        self._turn = (angle, began, outside, max(past, math.copysign(1.0, angle) * error))
+        if tick.now - outside >= STAYS_S or tick.now - began >= TURN_MOST_S:
+            self._end_turn(tick.now)
+
+    def _end_turn(self, now: float) -> None:
+        if self._turn is None:
+            return
+        (angle, began, outside, past), self._turn = self._turn, None
+        if now - outside >= STAYS_S:
+            self.turns.append(Turn(angle, outside - began, past))
+        elif now - began >= TURN_MOST_S:
+            self.turns.append(Turn(angle, math.inf, past))
+
+    def _take_trial(self, tick: Tick, step: float) -> None:
+        if tick.order.kind is OrderKind.ZIGZAG:
+            self.what = "zigzag"
+        else:
+            self.what = f"rudder {math.degrees(tick.order.rudder):+.1f}"
+        wanted = tick.demand if tick.order.kind is OrderKind.ZIGZAG else tick.order.rudder
+        before, heading = self._trial if self._trial is not None else (0.0, tick.state.heading)
+        if abs(wanted - before) > math.radians(1.0):
+            self.executes += 1
+        self._swung += wrap(tick.state.heading - heading)
+        self.swing = (min(self.swing[0], self._swung), max(self.swing[1], self._swung))
+        self.trial_seconds += step
+        self._trial = (wanted, tick.state.heading)
+
+    def _leave(self, now: float) -> None:
+        self._end_turn(now)
+        self._course = self._trial = None
+
+
+EXECUTES_ENOUGH = 4
+
+
+def trial_verdict(steered: Steered, reason: str) -> Verdict:
+    """Return what a trial is good for; reason: why it ended before its time, "" where it did not."""
+    swing = math.degrees(steered.swing[1] - steered.swing[0])
+    said = (
+        f"{steered.executes} rudder orders in {steered.trial_seconds:.0f} s, the heading swung over {swing:.0f} deg"
+        if steered.trial_seconds > 0.0
+        else "the rudder was never moved"
+    )
+    if reason or not steered.trial_seconds:
+        early = f"it ended early ({reason}); " if reason else ""
+        return Verdict("not enough", f"not enough: {early}{said}; sail it again")
+    if steered.executes < EXECUTES_ENOUGH:
+        return Verdict("start", f"good for a start: {said}; sail it for longer, and identify both together")
+    return Verdict("good", f"good: sailed to its end, {said}; next: autopilot identify with this log")
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _long(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

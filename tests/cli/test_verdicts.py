@@ -1,0 +1,115 @@
+"""The one sentence first: how well a boat was steered, what a trial was good for, and two runs beside each other."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from boat_at_sea import Sea
+
+from autopilot.cli.main import main
+from autopilot.report.comparison import compared, measures_of_run, run_of, table_of_runs
+from autopilot.report.steered import Steered, Turn, trial_verdict
+from autopilot.signals import Mode, Tick
+
+
+def sailed(seconds: float, turns: tuple[str, ...] = ()) -> list[Tick]:
+    """Return the ticks of a boat that holds its heading, then turns as typed, 40 s apart."""
+    sea = Sea()
+    sea.skipper.engage(None)
+    sea.sail(seconds)
+    for turn in turns:
+        sea.skipper.type_line(turn)
+        sea.sail(40.0)
+    return sea.ticks
+
+
+def worse(ticks: list[Tick], swing_deg: float) -> list[Tick]:
+    """Return the same run with the boat swinging about its course, once in 8 s."""
+    return [
+        tick._replace(
+            state=tick.state._replace(
+                heading=tick.state.heading + math.radians(swing_deg) * math.sin(math.tau * tick.now / 8.0)
+            )
+        )
+        for tick in ticks
+    ]
+
+
+def test_a_good_run_says_how_it_turned_and_held() -> None:
+    steered = run_of("a", sailed(60.0, ("+90", "-30"))).steered
+    assert steered.verdict is not None and steered.verdict.grade == "good"
+    assert [round(math.degrees(turn.angle)) for turn in steered.turns] == [90, -30]
+    assert "turned 90 deg in" in steered.verdict.sentence and "in 2 turns" in steered.verdict.sentence
+    assert steered.past_deg < 2.0 and 5.0 < steered.turns[0].settled < 20.0
+    assert 80.0 < steered.on_course < steered.seconds < 141.0
+    assert steered.words.startswith("steered 14") and "deg rms off" in steered.words
+
+
+@pytest.mark.parametrize(("swing_deg", "grade"), [(0.2, "good"), (4.0, "fair"), (10.0, "poor")])
+def test_a_boat_that_swings_is_called_so(swing_deg: float, grade: str) -> None:
+    steered = run_of("a", worse(sailed(80.0), swing_deg)).steered
+    assert steered.verdict is not None and steered.verdict.grade == grade
+    assert steered.off_deg == pytest.approx(swing_deg, rel=0.1, abs=0.15)
+    assert steered.rms_deg == pytest.approx(swing_deg / math.sqrt(2.0), rel=0.1)
+
+
+def test_lost_steering_and_short_runs_are_not_called_good() -> None:
+    ticks = sailed(40.0)
+    lost = [*ticks, ticks[-1]._replace(mode=Mode.FAILSAFE, now=ticks[-1].now + 0.1)]
+    steered = run_of("a", lost).steered
+    assert steered.lost == 1
+    assert steered.verdict is not None and steered.verdict.sentence.startswith("poor: steering was lost once")
+    short = run_of("a", sailed(10.0)).steered.verdict
+    assert short is not None and short.grade == "too short"
+    assert Steered().verdict is None and Steered().words == "nothing was steered"
+    assert math.isnan(Steered().off_deg) and math.isnan(Steered().travel_deg_s)
+
+
+def test_a_turn_that_does_not_settle_is_poor() -> None:
+    steered = run_of("a", sailed(40.0)).steered
+    steered.turns.append(Turn(1.0, math.inf, 0.1))
+    assert steered.verdict is not None and "without settling" in steered.verdict.sentence
+
+
+def test_a_trial_is_good_for_identification_or_not() -> None:
+    sea = Sea()
+    sea.skipper.engage(None)
+    sea.sail(3.0)
+    run = sea.skipper.zigzag(math.radians(10.0), math.radians(10.0), 30.0)
+    sea.sail(31.0)
+    assert run.is_over
+    steered = run_of("a", sea.ticks).steered
+    assert steered.executes >= 4 and math.degrees(steered.swing[1]) > 10.0 > -10.0 > math.degrees(steered.swing[0])
+    good = trial_verdict(steered, "")
+    assert good.grade == "good" and "autopilot identify" in good.sentence
+    assert trial_verdict(steered, "the helm was taken").sentence.startswith("not enough: it ended early (the helm")
+    assert trial_verdict(Steered(), "").grade == "not enough"
+    steered.executes = 2
+    assert trial_verdict(steered, "").grade == "start"
+
+
+def test_two_runs_are_compared_by_course_and_rudder() -> None:
+    ticks = sailed(60.0, ("+40",))
+    calm, wild = run_of("calm", worse(ticks, 0.5)), run_of("wild", worse(ticks, 5.0))
+    assert compared(calm, wild).grade == "worse" and compared(wild, calm).grade == "better"
+    assert compared(calm, calm).grade == "alike" and compared(calm, run_of("no", [])).grade == "not enough"
+    head, *rows = table_of_runs(calm, wild)
+    assert head == ("", "calm", "wild", "second of first")
+    assert {len(row) for row in rows} == {4} and len(rows) == len(measures_of_run(calm))
+    json.dumps(measures_of_run(run_of("no", [])), allow_nan=False)
+
+
+def test_gains_begin_with_the_verdict(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["gains", "lanxin", "--report", str(tmp_path / "gains.html")]) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith("Lanxin: good: turns 90 deg in ")
+    page = (tmp_path / "gains.html").read_text()
+    assert page.index("<svg") < page.index('class="verdict good"') < page.index("<table")
+    assert main(["gains", "lanxin", "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert found["verdict"]["sentence"] == first.removeprefix("Lanxin: ")
+    assert found["designed backstepping"]["stable"]
