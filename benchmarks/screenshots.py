@@ -105,6 +105,11 @@ def opened(browser: Any, address: str, size: dict[str, int], theme: str) -> Any:
     return page
 
 
+def turn_to(page: Any, name: str) -> None:
+    """Show one of the pages."""
+    page.evaluate(f"location.hash = {name!r}")
+
+
 def keep(page: Any, path: Path) -> None:
     """Save a small picture of the window: as many colours as such a page has."""
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
@@ -147,14 +152,18 @@ def tour(browser: Any, address: str, port: int, out: Path) -> None:
     phone.wait_for_timeout(8000.0)
     for _ in range(4):
         phone.click("button[data-turn='10']")
-    until(phone, "Math.abs(Number(document.getElementById('t-rudder').textContent.split(/[a-z]/)[0])) > 8")
+    until(phone, "Math.abs(parseFloat(document.getElementById('t-rudder').textContent)) > 8")
     keep(phone, out / "helm-day.png")
     desktop = opened(browser, address, DESKTOP, "dusk")
     desktop.wait_for_timeout(9000.0)
+    turn_to(desktop, "plots")
     desktop.click("button[data-turn='-10']")
     desktop.wait_for_timeout(12000.0)
     keep(desktop, out / "helm-plots.png")
-    desktop.click("nav a[href='#trials']")
+    turn_to(desktop, "chart")
+    desktop.wait_for_timeout(2000.0)
+    keep(desktop, out / "helm-chart.png")
+    turn_to(desktop, "trials")
     for _ in range(2):
         desktop.click("#zigzag button")
     until(desktop, "document.getElementById('trial-progress').value >= 40")
@@ -163,13 +172,13 @@ def tour(browser: Any, address: str, port: int, out: Path) -> None:
     until(night, "document.getElementById('mode-word').textContent === 'Heading'")
     night.wait_for_timeout(6000.0)
     keep(night, out / "helm-night.png")
-    night.click("nav a[href='#learning']")
+    turn_to(night, "learning")
     while night.evaluate("document.documentElement.dataset.theme") != "day":
         night.click("#theme")
     until(night, "document.querySelectorAll('#learning-rows tr').length >= 3")
     keep(night, out / "helm-learning.png")
     in_a_terminal(browser, port, out / "helm-terminal.png")
-    night.click("nav a[href='#parameters']")
+    turn_to(night, "parameters")
     night.wait_for_timeout(3000.0)
     keep(night, out / "helm-parameters.png")
     night.click("#release")

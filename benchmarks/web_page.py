@@ -32,6 +32,8 @@ from latency import ENGAGE_PATIENCE_S, RATE_HZ, Vehicle, cpu_seconds, free_port,
 
 SETTLE_S = 3.0
 PAINTS = 5
+LATER = ("uplot", "icon-")
+"""What is loaded later: the plots' library, and icons of an installed page."""
 READERS = """
 import selectors, socket, sys, time
 port, count = int(sys.argv[1]), int(sys.argv[2])
@@ -155,13 +157,18 @@ def block(run: Stack, seconds: float, clients: int) -> Block:
     return Block(late, used, states / seconds / clients, size / seconds / 1000.0)
 
 
-def fetched_bytes(port: int) -> int:
-    """Return the bytes of the page and all it loads."""
+def fetched_bytes(port: int, *, packed: bool) -> int:
+    """Return the bytes of what a phone loads at first: without the plots' library; packed as browsers get it, or not."""
     base = f"http://127.0.0.1:{port}/"
     from autopilot.web import page_files
 
-    names = [name for name in page_files() if not name.endswith("LICENSE")]
-    return sum(len(urllib.request.urlopen(base + name).read()) for name in names)
+    total = 0
+    for name in page_files():
+        if name.startswith(LATER):
+            continue
+        request = urllib.request.Request(base + name, headers={"accept-encoding": "gzip" if packed else "identity"})
+        total += len(urllib.request.urlopen(request).read())
+    return total
 
 
 def first_paints_ms(port: int) -> list[float]:
@@ -200,11 +207,12 @@ def measure(seconds: float, blocks: int, clients: int) -> dict[str, float]:
         for _ in range(blocks):
             without.append(block(run, seconds, 0))
             with_clients.append(block(run, seconds, clients))
-        size = fetched_bytes(run.port)
+        size, packed = (fetched_bytes(run.port, packed=packed) for packed in (False, True))
         memory = int(Path(f"/proc/{run.web.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
         paints = first_paints_ms(run.port)
     figures: dict[str, float] = {
         "page_kb": size / 1000.0,
+        "page_packed_kb": packed / 1000.0,
         "first_paint_ms": statistics.median(paints) if paints else float("nan"),
         "events_hz": statistics.mean(each.events_hz for each in with_clients),
         "events_kb_s": statistics.mean(each.kb_s for each in with_clients),
