@@ -24,7 +24,7 @@ from autopilot.identification.identified import Identified
 from autopilot.identification.residuals import Noise
 from autopilot.models.norrbin import Norrbin
 from autopilot.report.demo import DemoFigures, as_text, write_demo_report
-from autopilot.report.page import Line, Panel, Section, render, time_figure
+from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 from autopilot.vessel.file import load_vessel
 
@@ -136,7 +136,11 @@ def test_a_figure_is_xml_with_its_labels_and_the_same_each_time() -> None:
 
 
 def test_the_page_escapes_texts_and_keeps_figures() -> None:
-    page = render("a < b", "lead & more", [Section("s", [("<i>",), ("x",)], ("1 < 2",), "<svg></svg>")], "cmd", "1")
+    opening = Opening("a < b", "lead & more", Section("", figure="<svg>1</svg>"), ("not enough", "not enough: <b>"))
+    page = render(opening, [Section("s", [("<i>",), ("x",)], ("1 < 2",), "<svg></svg>")], "cmd", "1")
+    assert (
+        page.index("<svg>1") < page.index('<p class="verdict not-enough">not enough: &lt;b&gt;') < page.index("<table")
+    )
     assert "a &lt; b" in page
     assert "&lt;i&gt;" in page
     assert "1 &lt; 2" in page
