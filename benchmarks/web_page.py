@@ -158,7 +158,7 @@ def block(run: Stack, seconds: float, clients: int) -> Block:
 
 
 def fetched_bytes(port: int, *, packed: bool) -> int:
-    """Return the bytes of what a phone loads at first: without the plots' library; packed as browsers get it, or not."""
+    """Return the bytes of what a phone loads at first, without the plots: packed as browsers get it, or not."""
     base = f"http://127.0.0.1:{port}/"
     from autopilot.web import page_files
 
