@@ -110,7 +110,8 @@ def session(orders: bool = True) -> tuple[N2kSession, Guide, Skipper]:
     guide, skipper = Guide(), Skipper()
     settings = N2kSettings(rudder_limit=math.radians(30.0), device=Device(0x12345, "0.9"), takes_orders=orders)
     made = N2kSession("bus", settings, True, guide, skipper)  # type: ignore[arg-type]
-    made.poll(0.0)
+    made.poll(-0.6)
+    made.poll(-0.3)
     return made, guide, skipper
 
 

@@ -51,6 +51,7 @@ class Bus:
         self.line = BusLine(f"n2k:virtual:{name}", open_bus("x", "virtual", name))
         self.link = N2kLink(self.line, N2kSettings(**changes))
         self.link.poll(-1.0)
+        self.link.poll(-0.7)
         self.claim = self.heard()
 
     def put(self, group: int, data: bytes, source: int = 35) -> None:

@@ -163,6 +163,7 @@ def test_a_link_through_a_gateway_hears_and_steers(kind: str) -> None:
     samples = [each for each in link.receive(0.0) if not isinstance(each, HelmSample)]
     assert samples == [HeadingSample(0.0, pytest.approx(1.0), None, "N2K127250.35")]
     link.poll(0.0)
+    link.poll(0.3)
     link.send(1.0, RudderCommand(1.0, 0.2, True))
     said = b"".join(far.receive())
     order = struct.pack("<BBhhH", 0, 0xF9, 2000, 0x7FFF, 0xFFFF)
@@ -187,6 +188,7 @@ def test_through_a_gateway_with_an_address_of_its_own_nobody_can_order() -> None
 def test_a_gateway_that_is_gone_ends_the_link_and_its_release_says_so() -> None:
     link, far = gateway("ydwg")
     link.poll(0.0)
+    link.poll(0.3)
     link.send(1.0, RudderCommand(1.0, 0.2, True))
     far.close()
     with pytest.raises(LinkError):
@@ -225,7 +227,7 @@ def test_a_gateway_that_sends_datagrams_is_heard_and_answered() -> None:
         while not samples:
             samples = [each for each in link.receive(0.0) if isinstance(each, HeadingSample)]
         link.poll(0.0)
-        assert far.recv(1000).startswith(b"18EEFFCC ")
+        assert far.recv(1000).startswith(b"18EAFFFE 00 EE 00")
     link.close()
 
 

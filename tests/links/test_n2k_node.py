@@ -35,10 +35,19 @@ def claim(name: int, source: int) -> Message:
 
 def started(unique: int = 1) -> Node:
     made = Node(Device(unique, "1.0"), (127250,), lambda _: None, lambda *_: (0, []))
-    first, question = made.due(0.0)
-    assert first == claim(NAME | unique, 204)
+    (question,) = made.due(-0.25)
     assert (question.group, question.data, question.source) == (59904, b"\x00\xee\x00", 254)
+    assert made.due(-0.01) == []
+    assert made.due(0.0) == [claim(NAME | unique, 204)]
     return made
+
+
+def ready(session: N2kSession) -> N2kSession:
+    """Return a session that has its address since 0 s."""
+    for now in (-0.6, -0.3):
+        session.poll(now)
+    session.due(0.0)
+    return session
 
 
 def test_the_name_says_what_we_are() -> None:
@@ -59,6 +68,13 @@ def test_nothing_but_the_claim_is_said_while_others_may_object() -> None:
     assert made.is_ready(0.25)
     assert [each.group for each in made.due(0.25)] == [126993]
     assert [each.group for each in made.take(0.3, asked)] == [126996]
+
+
+def test_an_address_that_is_heard_to_be_taken_is_not_wanted() -> None:
+    made = Node(Device(1, "1.0"), (127250,), lambda _: None, lambda *_: (0, []))
+    made.due(0.0)
+    assert made.take(0.1, claim(made.name + 5, 204)) == [] and made.take(0.1, claim(made.name - 5, 128)) == []
+    assert made.due(0.25) == [claim(made.name, 129)]
 
 
 def test_an_address_is_kept_from_higher_names_and_left_to_lower_ones() -> None:
@@ -89,8 +105,7 @@ def test_with_every_address_taken_we_say_so_and_fall_silent() -> None:
 
 
 def test_a_session_without_an_address_says_that_it_cannot_steer() -> None:
-    session = N2kSession("bus", N2kSettings())
-    session.poll(0.0)
+    session = ready(N2kSession("bus", N2kSettings()))
     helm = []
     for address in (204, *range(128, 252)):
         helm += [each for each in session.receive(1.0, [claim(0, address)]) if isinstance(each, HelmSample)]
@@ -129,9 +144,13 @@ class Device2:
         assert self.link.session.node is not None
         self.node = self.link.session.node
 
-    def turn(self, now: float) -> None:
-        self.link.receive(now)
-        self.link.poll(now)
+
+def turn(devices: list[Device2], now: float) -> None:
+    """Have all speak before any of them hears: their claims cross."""
+    for each in devices:
+        each.link.poll(now)
+    for each in devices:
+        each.link.receive(now)
 
 
 @pytest.fixture
@@ -144,8 +163,7 @@ def network(request: pytest.FixtureRequest) -> Iterator[list[Device2]]:
 
 def test_of_devices_with_one_address_the_lowest_name_keeps_it_and_all_end_apart(network: list[Device2]) -> None:
     for step in range(100):
-        for each in network:
-            each.turn(step * 0.02)
+        turn(network, step * 0.02)
     addresses = {each.node.name & 0x1FFFFF: each.node.address for each in network}
     assert addresses[10] == 204
     assert len(set(addresses.values())) == 3 and all(each.node.is_ready(2.0) for each in network)
@@ -155,16 +173,16 @@ def test_of_devices_with_one_address_the_lowest_name_keeps_it_and_all_end_apart(
         assert all(each.node.is_pilot(address) for address in others)
 
 
-def test_a_device_that_comes_later_moves_whom_it_outranks_while_it_steers(network: list[Device2]) -> None:
+def test_a_device_that_comes_later_takes_a_free_address(network: list[Device2]) -> None:
     late = network.pop(1)
     for step in range(50):
-        for each in network:
-            each.turn(step * 0.02)
-    assert [each.node.address for each in network] == [128, 204]
+        turn(network, step * 0.02)
+    assert sorted(each.node.address for each in network) == [128, 204]
+    assert network[1].node.address == 204, "of the two that began together the lower name"
     for step in range(50, 100):
-        for each in (*network, late):
-            each.turn(step * 0.02)
-    assert late.node.address == 204
+        turn([*network, late], step * 0.02)
+    assert late.node.address == 129, "who comes later asks first, and moves nobody"
+    assert [each.node.address for each in network] == [128, 204]
     assert len({each.node.address for each in (*network, late)}) == 3
     network.append(late)
 
@@ -266,8 +284,7 @@ def ordered(
     """Return code and field codes of the acknowledgement, and what the skipper got."""
     skipper = Skipper()
     settings = N2kSettings(takes_orders=takes, **changes)  # type: ignore[arg-type]
-    session = N2kSession("bus", settings, helm=skipper)
-    session.poll(0.0)
+    session = ready(N2kSession("bus", settings, helm=skipper))
     state = NavState(1.0, 0.25, 0.0, 4.0, 0.0, 0.0, 0.1, is_valid)
     order = Order(OrderKind.HEADING, 0.5, is_led=is_led)
     session.on_tick(Tick(0, 1.0, (), order, state, Reference(0.0), 0.0, RudderCommand(1.0, 0.0, True), mode, ()))
@@ -349,9 +366,7 @@ def test_a_commanded_course_is_taken_from_the_north_that_it_names() -> None:
 
 
 def test_every_group_of_the_lists_is_answered_or_heard() -> None:
-    session = N2kSession("bus", N2kSettings())
-    session.poll(0.0)
-    session.due(0.0)
+    session = ready(N2kSession("bus", N2kSettings()))
     session.send(1.0, RudderCommand(1.0, 0.1, True))
     session.due(1.0)
     session.receive(1.0, [Message(59904, (126464).to_bytes(3, "little"), 35, 204)])

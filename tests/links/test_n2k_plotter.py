@@ -208,7 +208,8 @@ def test_another_pilot_s_heading_control_leads_nobody() -> None:
     """Its claim says that it is an autopilot: its 127237 is what it does itself."""
     session, guide = N2kSession("bus", N2kSettings(), guide=(plotter := PlotterGuide())), plotter
     guide.follow()
-    session.poll(0.0)
+    session.poll(-0.6)
+    session.poll(-0.3)
     order = control(steeringMode="Heading Control", headingReference="True", headingToSteerCourse=2.0)
     pilot = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 1857 << 21 | 7
     session.receive(0.1, [Message(60928, pilot.to_bytes(8, "little"), 3)])

@@ -5,7 +5,8 @@
     126993 heartbeat                                    126996 product   126998 configuration   126464 groups
 
 Source: address claim after SAE J1939-81; fields of the NAME and of the messages after canboat's canboat.json. A node
-that has claimed waits 250 ms for objections before it says anything else.
+that has claimed waits 250 ms for objections before it says anything else; before that it asks who is there, and waits
+as long for their answers, so that it wants no address that is taken.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from autopilot.links.n2k.packets import EVERYBODY, Message
 FIRST_ADDRESS, LOWEST, HIGHEST = 204, 128, 251
 """The address claimed first, and those claimed where it is taken: the lowest free one."""
 NO_ADDRESS = 254
-OBJECTIONS_S = 0.25
+ANSWERS_S = OBJECTIONS_S = 0.25
 UNIQUE_MOST = 0x1FFFFF
 NAME = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21
 """Arbitrary address capable, marine, class 40 "steering and control surfaces", function 150 "autopilot", maker 2046
@@ -82,7 +83,7 @@ class Node:
         self.known: dict[int, int] = {}
         self._device, self._reads, self._current, self._commanded = device, reads, current, commanded
         self._lost: set[int] = set()
-        self._ready = math.inf
+        self._began = self._ready = math.inf
         self._period, self._next, self._count = HEARTBEAT_S, -math.inf, 0
 
     def is_ready(self, now: float) -> bool:
@@ -95,10 +96,12 @@ class Node:
         return (name >> 49 & 127, name >> 40 & 255) == PILOT
 
     def due(self, now: float) -> list[Message]:
-        """Return what falls due at `now` [s]: the claim at the start, with a question who else is there; heartbeats."""
+        """Return what falls due at `now` [s]: the question who is there and the claim at the start; heartbeats."""
+        if self._began == math.inf:
+            self._began = now
+            return [Message(REQUEST, ADDRESS_CLAIM.to_bytes(3, "little"), NO_ADDRESS)]
         if self._ready == math.inf:
-            self._ready = now + OBJECTIONS_S
-            return [self._claim(), Message(REQUEST, ADDRESS_CLAIM.to_bytes(3, "little"), NO_ADDRESS)]
+            return [self._take_address(now)] if now >= self._began + ANSWERS_S else []
         if now < self._next or not self.is_ready(now):
             return []
         self._next = now + self._period
@@ -127,16 +130,22 @@ class Node:
         # our own claim may come back from a gateway
         if name == self.name or message.source > HIGHEST:
             return []
-        if message.source != self.address or name < self.name:
+        is_ours = message.source == self.address and self._ready != math.inf
+        if not is_ours or name < self.name:
             self.known[message.source] = name
-        if message.source != self.address or self._ready == math.inf:
+        if not is_ours:
             return []
         if name < self.name:
             self._lost.add(self.address)
-            taken = self._lost | set(self.known)
-            free = (address for address in range(LOWEST, HIGHEST + 1) if address not in taken)
-            self.address, self._ready = next(free, NO_ADDRESS), now + OBJECTIONS_S
+            return [self._take_address(now)]
         return [self._claim()]
+
+    def _take_address(self, now: float) -> Message:
+        """Claim the first address, or where that is taken the lowest free one, or say that there is none."""
+        taken = self._lost | set(self.known)
+        free = (each for each in (FIRST_ADDRESS, *range(LOWEST, HIGHEST + 1)) if each not in taken)
+        self.address, self._ready = next(free, NO_ADDRESS), now + OBJECTIONS_S
+        return self._claim()
 
     def _requested(self, now: float, message: Message, group: int) -> list[Message]:
         if group == ADDRESS_CLAIM:
