@@ -34,6 +34,7 @@ REQUESTS: dict[int, dict[str, Any]] = {
     ord("e"): {"do": "engage"},
     ord("t"): {"do": "route"},
     ord("s"): {"do": "standby"},
+    ord("M"): {"do": "mob"},
     ord("w"): {"do": "wind"},
     ord("W"): {"do": "wind", "true": True},
     ord("k"): {"do": "tack"},
@@ -52,7 +53,7 @@ LINE_HELP = (
 NUMBERS = {"h": ("heading", ("degrees",)), "zigzag": ("zigzag", ("rudder", "change", "duration"))}
 NUMBERS |= {"wind": ("wind", ("degrees",)), "true": ("wind", ("degrees",))}
 NUMBERS |= {"turn": ("turning", ("rudder", "duration")), "level": ("level", ("level",))}
-PLAIN = ("adopt", "revert", "cancel", "engage", "standby", "release", "route", "next", "back")
+PLAIN = ("adopt", "revert", "cancel", "engage", "standby", "release", "route", "next", "back", "mob", "mob_off")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:

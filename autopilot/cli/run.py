@@ -98,6 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
         FOLLOW_HELP,
         HELP,
         LEARN_HELP,
+        MOB_HELP,
         PATTERN_HELP,
         ROUTE_HELP,
         WIND_HELP,
@@ -130,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     listens = sys.stdin is not None and sys.stdin.isatty()
     typed = TypedLines() if listens else None
     if listens:
-        shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, *([LEARN_HELP] if arguments.learn else [])]
+        shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, MOB_HELP, *([LEARN_HELP] if arguments.learn else [])]
         print("  ".join(shown), PATTERN_HELP, sep="\n")
 
     def watch(app: App, tick: Tick) -> bool:

@@ -251,6 +251,7 @@ class PlotterSkipper(Skipper):
 
 ROUTE_HELP = "t [N]: follow the route"
 WIND_HELP = "w [true] [DEG]: hold the wind's angle  tack, gybe: ask for it  y: confirm  n: do not"
+MOB_HELP = "mob: man overboard, its bearing and distance  mob off: over"
 LEAD_TRACK = (PositionSample, SpeedSample, CourseSample)
 """What the track guide takes."""
 BEGIN_PATIENCE_S = 5.0
@@ -356,12 +357,24 @@ class RouteSkipper(PlotterSkipper):
             return f"pattern {rest}"
         if word == "t":
             return self._follow_route(rest)
+        if word == "mob" and rest in ("", "off"):
+            return self._type_overboard(rest)
         if word in ("w", "tack", "gybe", "y", "n") or (word[:1] in ("+", "-") and self.wind.following):
             return self._type_wind(word, rest)
         answer = super().type_line(line)
         if word[:1] in ("+", "-"):
             self._take_back()
         return answer
+
+    def _type_overboard(self, rest: str) -> str:
+        overboard, fix = self.mission.overboard, self.track.fix
+        if rest:
+            overboard.clear()
+            return "nobody is overboard any more"
+        overboard.mark(self._tick.now if self._tick is not None else math.inf, fix)
+        seen = overboard.seen_from(fix)
+        assert seen is not None
+        return f"MAN OVERBOARD: bearing {compass_deg(seen[0]):03.0f}, {seen[1]:.0f} m (mob: again; mob off)"
 
     def _type_wind(self, word: str, rest: str) -> str:
         if word == "w":

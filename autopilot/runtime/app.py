@@ -188,7 +188,11 @@ class App:
         plan, mission, kept = self._plan, skipper.mission, mission_file(self._plan.path)
         mission.save_route = lambda items: self._saver(kept, dump_items(items))
         mission.guide.settings, skipper.wind.settings = track_settings_of(plan.vessel), wind_settings_of(plan.vessel)
-        links: list[Link] = [GuideAlarms(mission.guide, "track"), GuideAlarms(skipper.wind, "wind")]
+        links: list[Link] = [
+            GuideAlarms(mission.guide, "track"),
+            GuideAlarms(skipper.wind, "wind"),
+            GuideAlarms(mission.overboard, "skipper"),
+        ]
         if plan.learns or plan.stations.urls:
             self.store = self._store(skipper)
         if self.store is None or not plan.stations.urls:

@@ -346,6 +346,13 @@ WORDS = {
         sentence="{text}: {detail}; {remedy}",
         watcher=Watcher.LOOP,
     ),
+    "man_overboard": Words(
+        "man overboard",
+        "point at them, turn back under the helm that you trust; mob off ends this",
+        "the skipper has said so",
+        sentence="{text} at {detail}: {remedy}",
+        watcher=Watcher.LOOP,
+    ),
     "position_lost": Words(
         "position lost, the route is not followed",
         "check the GPS and its link",

@@ -98,6 +98,8 @@ WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "heading": lambda request: f"course {round(request['degrees']) % 360:03d}°",
     "dodge": lambda request: f"dodge {_side(request['degrees'])}",
     "back": lambda _: "back to the course before",
+    "mob": lambda _: "MAN OVERBOARD",
+    "mob_off": lambda _: "nobody is overboard",
     "next": lambda _: "on to the next waypoint",
     "wind": lambda request: f"hold the {'true' if request.get('true') else 'apparent'} wind",
     "confirm": lambda _: "turn to the other side of the wind",

@@ -28,6 +28,7 @@ from autopilot.links.ground_station.commands import (
     LEARNING,
     LEVEL,
     MANUAL,
+    OVERBOARD,
     PATTERN,
     TACK,
     TRACK,
@@ -122,6 +123,11 @@ def turning(rudder_deg: float, duration_s: float) -> tuple[Command, ...]:
 def pattern(number: int, side: float, sizes: Sequence[float]) -> tuple[Command, ...]:
     """Return the commands that begin a turn pattern."""
     return ARM, Command(PATTERN, (float(number), side, *sizes))
+
+
+def overboard(is_so: bool) -> Command:
+    """Return the command that keeps where somebody went overboard, or forgets it."""
+    return Command(OVERBOARD, (float(is_so),))
 
 
 def waypoint(number: int) -> Command:

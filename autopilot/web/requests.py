@@ -140,6 +140,8 @@ _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "release": _release,
     "route": _commands(lambda _: orders.FOLLOW),
     "next": _next,
+    "mob": _commands(lambda _: (orders.overboard(True),)),
+    "mob_off": _commands(lambda _: (orders.overboard(False),)),
     "wind": _commands(_wind),
     "tack": _commands(_turn_of_the_wind),
     "gybe": _commands(_turn_of_the_wind),

@@ -27,7 +27,7 @@ NOT_TAKEN = "not taken"
 SPARKS = "▁▂▃▄▅▆▇█"
 KEYS = (
     " Esc RELEASE  ←→ 1°  ⇧←→ 10°  e heading  w W wind  t route  s standby  d D dodge",
-    " 1-9 response  b back  k tack  g gybe  y n  a A seen  l history  : orders  q leave",
+    " 1-9 response  b back  k tack g gybe y n  M overboard  a A l alarms  : more  q leave",
 )
 KEYS_LOOKING = (" only looking  l history  q leave",)
 STATES = {5: "FAIL-SAFE", 6: "FAULT"}
@@ -50,7 +50,7 @@ def screen(
     """
     width, height = size
     shown = station.view.snapshot(now)
-    lines = [*_head(shown, trouble, station), *_alarms(station, now, width)]
+    lines = [*_head(shown, trouble, station), *_overboard(shown), *_alarms(station, now, width)]
     lines += _middle(shown, width) if width >= 40 else _narrow(shown)
     lines += [*_tape(shown, width), *_rudder(shown, width), *_wind(shown), *_trends(station, width)]
     lines += [*_trial(station), *_learning(station)]
@@ -147,6 +147,13 @@ def _facts(shown: dict[str, Any]) -> list[str]:
     facts[3] += f"    loop {ticks:.0f} Hz, longest gap {gap:.0f} ms" if ticks is not None and gap is not None else ""
     old = [f"{group} {age:.0f} s old" for group, age in shown["ages"].items() if age > STALE_S.get(group, math.inf)]
     return [*facts, "  ".join(old)]
+
+
+def _overboard(shown: dict[str, Any]) -> list[Line]:
+    if shown["ages"].get("mob", math.inf) > STALE_S["navigation"]:
+        return []
+    where = f"{shown['mob_bearing']:03.0f}°  {shown['mob_distance']:.0f} m"
+    return [Line(f" MAN OVERBOARD  {where}  {shown['mob_since']:.0f} s ago  (:mob_off ends it)", "bad")]
 
 
 def _wind(shown: dict[str, Any]) -> list[Line]:

@@ -78,7 +78,7 @@ HISTORY_ROWS = 600
 COLUMNS = ("t", "heading", "reference", "order", "rudder", "rudder_order", "xte", "gap", "hz")
 """A row of the history, in degrees, metres and milliseconds."""
 TRIAL_COMMANDS = frozenset({int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)})
-GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed", "position", "wind")
+GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed", "position", "wind", "mob")
 """Each ages by itself: what is old is shown as old, though other messages still come."""
 NAMED = {
     "rud_deg": ("rudder", "rudder"),
@@ -101,6 +101,9 @@ NAMED = {
     "wnd_hold": ("wind_angle", "wind"),
     "wnd_true": ("wind_true", "wind"),
     "wnd_ask": ("wind_ask", "wind"),
+    "mob_brg": ("mob_bearing", "mob"),
+    "mob_dist": ("mob_distance", "mob"),
+    "mob_s": ("mob_since", "mob"),
 }
 """NAMED_VALUE_FLOAT to our value and the group it ages with; `lrn_` values are kept under their own names."""
 IN_KNOTS = ("aws", "tws")

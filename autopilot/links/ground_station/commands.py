@@ -237,6 +237,8 @@ WINDWARD = int(dialect.MAV_CMD_SPATIAL_USER_4)
 wind from starboard, nan: the present one; 2 tack, 3 gybe, to a side (1 starboard, -1 port, 0 either), third parameter
 1: confirmed already; 4 confirm, 5 do not."""
 HOLD_APPARENT, HOLD_TRUE, TACK, GYBE, CONFIRM, DECLINE = range(6)
+OVERBOARD = int(dialect.MAV_CMD_SPATIAL_USER_3)
+"""SPATIAL_USER_3: man overboard; 1 keeps the place, 0 forgets it. The boat goes on as ordered."""
 LATITUDE_MOST_DEG = 85.0
 
 
@@ -315,6 +317,7 @@ class Commands:
             PATTERN: self._pattern,
             ACKNOWLEDGE: self._acknowledge,
             WINDWARD: self._windward,
+            OVERBOARD: self._overboard,
             LEARNING: lambda _, parameters: self._tune(LEARNING, parameters[0]),
             LEVEL: lambda _, parameters: self._tune(LEVEL, parameters[0]),
         }
@@ -441,7 +444,7 @@ class Commands:
         held = wind.hold if wind is not None and wind.following and not wind.lost else None
         if angle is None and held is not None and held.is_true is is_true:
             return ACCEPTED
-        return self._of_the_wind(lambda: self._helmsman.hold_wind(is_true, angle))
+        return self._tried(lambda: self._helmsman.hold_wind(is_true, angle))
 
     def _windward(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         action, value, confirmed = parameters[:3]
@@ -454,15 +457,24 @@ class Commands:
             return self._hold_wind(action == HOLD_TRUE, None if math.isnan(value) else math.radians(value))
         if action in (TACK, GYBE) and value in (-1.0, 0.0, 1.0):
             manoeuvre = Manoeuvre.TACK if action == TACK else Manoeuvre.GYBE
-            return self._of_the_wind(lambda: helmsman.ask_turn(manoeuvre, int(value), confirmed == 1.0))
+            return self._tried(lambda: helmsman.ask_turn(manoeuvre, int(value), confirmed == 1.0))
         if action == CONFIRM:
-            return self._of_the_wind(helmsman.confirm)
+            return self._tried(helmsman.confirm)
         if action == DECLINE:
             self.wind.decline()
             return ACCEPTED
         return DENIED
 
-    def _of_the_wind(self, act: Callable[[], None]) -> int:
+    def _overboard(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        if parameters[0] not in (0.0, 1.0):
+            return DENIED
+        mission = self.mission
+        if parameters[0] == 0.0:
+            mission.overboard.clear()
+            return ACCEPTED
+        return self._tried(lambda: mission.overboard.mark(tick.now if tick else math.inf, mission.guide.fix))
+
+    def _tried(self, act: Callable[[], None]) -> int:
         try:
             act()
         except InputError as error:

@@ -25,6 +25,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
+from autopilot.guidance.overboard import Overboard
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.north import MAGNETIC_LEADS
@@ -163,11 +164,13 @@ class Mission:
 
     Attributes:
         keep: takes the items whenever they have changed, to be kept over a restart.
+        overboard: where somebody went overboard.
         items: as uploaded.  route: the same as waypoints.  uploader: who is uploading now, None for nobody.
     """
 
     def __init__(self, guide: TrackGuide, items: Sequence[MissionItem] = ()) -> None:
         self.guide = guide
+        self.overboard = Overboard()
         self.items: tuple[MissionItem, ...] = ()
         self.route: tuple[Waypoint, ...] = ()
         self.uploader: object | None = None

@@ -91,6 +91,7 @@ class Telemetry:
                 *self._loop(tick),
                 *self._learnt(tick),
                 *self._winds(tick),
+                *self._overboard(tick),
             ],
             dialect.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _: [self._mission.message()],
             CurrentMode.id: lambda tick: [current_mode(self.mode(tick))],
@@ -251,6 +252,16 @@ class Telemetry:
         values["wnd_true"] = float(hold is not None and hold.is_true)
         values["wnd_ask"] = 0.0 if guide.asked is None else float(guide.asked.manoeuvre)
         return self._named(tick, values)
+
+    def _overboard(self, tick: Tick) -> list[Message]:
+        """Where somebody went overboard, as seen from the boat, and how long ago, while that is so."""
+        overboard = self._mission.overboard
+        seen = overboard.seen_from(self._mission.guide.fix)
+        if seen is None:
+            return []
+        bearing, distance = seen
+        bearing_deg = compass_deg(bearing)
+        return self._named(tick, {"mob_brg": bearing_deg, "mob_dist": distance, "mob_s": tick.now - overboard.since})
 
     def _named(self, tick: Tick, values: dict[str, float]) -> list[Message]:
         return [

@@ -1,5 +1,5 @@
 // What is known of the boat, as the server tells it, and how old it is by this machine's own clock.
-const STALE_S = { beat: 3, attitude: 1.5, rudder: 2, loop: 3, navigation: 3, speed: 3, learning: 10, position: 5, wind: 5 };
+const STALE_S = { beat: 3, attitude: 1.5, rudder: 2, loop: 3, navigation: 3, speed: 3, learning: 10, position: 5, wind: 5, mob: 3 };
 const SILENT_MS = 4000;
 
 export const boat = {

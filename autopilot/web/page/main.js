@@ -8,6 +8,7 @@ import { Plots } from "./plots.js";
 import { drawPanels, setUpPanels } from "./panels.js";
 import { setUpParameters, showParameters } from "./parameters.js";
 import { drawOrders, drawTexts, setUpLogs, showLogs } from "./logs.js";
+import { drawOverboard, setUpOverboard } from "./overboard.js";
 import { drawWind, setUpWind } from "./wind.js";
 
 const byId = (id) => document.getElementById(id);
@@ -172,6 +173,7 @@ function draw() {
   drawChart();
   drawPanels();
   drawWind();
+  drawOverboard();
   drawOrders();
   drawTexts();
   drawDisplay();
@@ -195,6 +197,7 @@ function setUp() {
   setUpParameters(order, say);
   setUpLogs(say);
   setUpWind(order);
+  setUpOverboard(order, surely);
   byId("theme").addEventListener("click", nextTheme);
   document.addEventListener("keydown", keyPressed);
   addEventListener("hashchange", () => { if (learnToken()) connect(); turnPage(); });

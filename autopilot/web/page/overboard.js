@@ -1,0 +1,18 @@
+// Man overboard: one touch keeps the place; its bearing and distance stand on top until it is taken back.
+import { boat } from "./boat.js";
+
+const byId = (id) => document.getElementById(id);
+
+export function setUpOverboard(order, surely) {
+  const over = byId("mob-off");
+  over.addEventListener("click", surely(over, () => order({ do: "mob_off" }, over)));
+}
+
+export function drawOverboard() {
+  const { mob_bearing: bearing, mob_distance: distance, mob_since: since } = boat.state ?? {};
+  const known = typeof bearing === "number" && !boat.isStale("mob");
+  byId("overboard").hidden = !known;
+  if (!known) return;
+  const time = `${Math.floor(since / 60)}:${String(Math.floor(since % 60)).padStart(2, "0")}`;
+  byId("overboard-word").textContent = `Man overboard: ${String(Math.round(bearing) % 360).padStart(3, "0")}°, ${Math.round(distance)} m, ${time} ago`;
+}
