@@ -64,3 +64,18 @@ def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched) -> None:
     assert sea.order(do="engage") == (True, "")
     sea.watch(2.0)
     assert view.mode_name == "heading" and view.value("wind_angle") is None
+
+
+def test_a_wind_that_is_lost_is_no_more_shown_and_nothing_waits(sea: Watched) -> None:
+    vane = Vane(sea)
+    sea.alarms = BothAlarms(vane, sea.alarms)
+    sea.watch(10.0)
+    assert sea.order(do="wind") == (True, "")
+    sea.watch(2.0)
+    assert sea.order(do="tack") == (True, "")
+    vane.is_acknowledged = False
+    sea.watch(8.0)
+    view = sea.station.view
+    assert (view.value("awa"), view.value("twa"), view.value("wind_ask")) == (None, None, 0.0)
+    assert any("wind lost: no wind is heard" in alarm["words"] for alarm in sea.station.alarms.active)
+    assert not [line for line in screen(sea.station, sea.now, (80, 24)) if line.text.startswith(" wind")]

@@ -238,16 +238,17 @@ class Telemetry:
         return self._named(tick, {"level": self._tuner.level, **self._tuner.learnt()})
 
     def _winds(self, tick: Tick) -> list[Message]:
-        """The wind while one is heard, and the angle of it that is held; a turn that waits to be confirmed is 1 for a
-        tack, 2 for a gybe."""
+        """The wind, not a number while none is known, and the angle of it that is held; a turn that waits to be
+        confirmed is 1 for a tack, 2 for a gybe. Nothing before the first wind."""
         guide = self._wind
-        if guide is None or guide.vane.newest is None or not guide.is_known(tick.now):
+        if guide is None or guide.vane.newest is None:
             return []
         newest, wind, hold = guide.vane.newest, guide.vane.wind, guide.hold
-        values = {"AppWndSpd": newest.speed, "AppWndDir": math.degrees(newest.angle)}
-        if not math.isnan(wind.way):
-            values["TruWndSpd"] = wind.speed
-            values["TruWndDir"] = math.degrees(wrap(wind.bearing - tick.state.heading))
+        known = 1.0 if guide.is_known(tick.now) else math.nan
+        true = known if math.isfinite(wind.way) else math.nan
+        values = {"AppWndSpd": newest.speed * known, "AppWndDir": math.degrees(newest.angle) * known}
+        values["TruWndSpd"] = wind.speed * true
+        values["TruWndDir"] = math.degrees(wrap(wind.bearing - tick.state.heading)) * true
         values["wnd_hold"] = math.nan if hold is None else math.degrees(hold.angle)
         values["wnd_true"] = float(hold is not None and hold.is_true)
         values["wnd_ask"] = 0.0 if guide.asked is None else float(guide.asked.manoeuvre)
