@@ -264,8 +264,9 @@ def _nmea_2000(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Route
         line = GatewayLine(_transport(vessel, url, options), FORMS[url.protocol]())
     else:
         line = BusLine(url.text, open_bus(url.text, url.host, url.path))
+    settings = n2k_settings_of(vessel, url)._replace(with_other_pilot=options.with_other_pilot)
     known = options.variation or variation_of(vessel)
-    return N2kLink(line, n2k_settings_of(vessel, url), options.guide, options.helm, known)
+    return N2kLink(line, settings, options.guide, options.helm, known)
 
 
 def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:

@@ -379,3 +379,18 @@ def test_every_group_of_the_lists_is_answered_or_heard() -> None:
         session.receive(1.0, [Message(59904, group.to_bytes(3, "little"), 35, 204)])
         assert {each.group for each in session.due(1.0)} == {group}
     assert {127250, 129284, 127237, 60928} <= set(read)
+
+
+def test_two_autopilots_do_not_order_one_rudder() -> None:
+    """A node that says it is an autopilot orders the rudder; a drive that shows the order it obeys is no pilot."""
+    rudder = struct.pack("<BBhhH", 0, 0xF9, 1000, 0, 0xFFFF)
+    pilot, drive = (1 << 63 | 4 << 60 | 40 << 49 | function << 40 | 7 for function in (150, 155))
+    for name, is_wanted, barred in ((pilot, False, True), (drive, False, False), (pilot, True, False)):
+        session = ready(N2kSession("bus", N2kSettings(with_other_pilot=is_wanted)))
+        session.receive(0.1, [claim(name, 5)])
+        said = [each for each in session.receive(1.0, [Message(127245, rudder, 5)]) if isinstance(each, HelmSample)]
+        said += [each for each in session.receive(3.1, []) if isinstance(each, HelmSample)]
+        assert [each.available for each in said] == ([False, True] if barred else [])
+        assert not barred or said[0].reason.startswith("another autopilot of the NMEA 2000 network, address 5, orders")
+        released = Message(127245, struct.pack("<BBhhH", 0, 0xF8, 0x7FFF, 0, 0xFFFF), 5)
+        assert [each for each in session.receive(4.0, [released]) if isinstance(each, HelmSample)] == []

@@ -44,6 +44,7 @@ from autopilot.links.n2k.samples import (
     course_of,
     is_heading,
     own_variation,
+    rudder_order,
     sample_of,
     source_name,
 )
@@ -72,6 +73,8 @@ ORDER_PERIOD_S = 0.1
 CONTROL_PERIOD_S = 0.25
 WAITING_MOST = 64
 """Messages that wait for a busy bus; of more the oldest go unsent."""
+OTHER_PILOT_S = 2.0
+"""An autopilot that has ordered no rudder for so long orders it no more."""
 OFF_HEADING = math.radians(10.0)
 PLOTTER = "chart plotter"
 LAPSE = "nothing on the bus confirms it; the drive lets go by itself when no more orders come"
@@ -100,6 +103,7 @@ class N2kSettings(NamedTuple):
     """heading_latency [s]; variation [rad], None to take it from the bus; whether rudder orders leave; follow;
     magnetic: whether magnetic courses are steered; rudder_limit [rad]; device: what tells this node from others;
     takes_orders: whether other nodes may engage the pilot and change its course, and not only end its steering.
+    with_other_pilot: steer although another autopilot of the network orders the rudder.
     """
 
     heading_latency: float = 0.0
@@ -110,6 +114,7 @@ class N2kSettings(NamedTuple):
     rudder_limit: float = math.inf
     device: Device = Device()
     takes_orders: bool = False
+    with_other_pilot: bool = False
 
 
 class N2kSession:
@@ -146,6 +151,7 @@ class N2kSession:
         self._helm_reason: str | None = None
         self._next_control = -math.inf
         self._tick: Tick | None = None
+        self._other_pilot: tuple[int, float] | None = None
         self._sent: dict[int, bytes] = {}
         self._waiting: list[Message] = []
 
@@ -155,9 +161,7 @@ class N2kSession:
         for message in messages:
             self._take(now, message, samples)
         samples += self._unusable_headings.news(now, samples, self._unusable)
-        reason = self._follow.reason(now)
-        if self.node is not None and self.node.address == NO_ADDRESS:
-            reason = reason or STRANDED
+        reason = self._follow.reason(now) or self._barred(now)
         if reason != self._helm_reason and (self.settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
             samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
@@ -165,6 +169,18 @@ class N2kSession:
             self._guide_alarm = self._guide.alarm
             samples.append(AlarmSample(now, self._guide_alarm, PLOTTER))
         return samples
+
+    def _barred(self, now: float) -> str:
+        """Return why the network does not let us steer; empty where it does."""
+        if self.node is not None and self.node.address == NO_ADDRESS:
+            return STRANDED
+        other = self._other_pilot
+        if other is not None and now - other[1] <= OTHER_PILOT_S and not self.settings.with_other_pilot:
+            return (
+                f"another autopilot of the NMEA 2000 network, address {other[0]}, orders the rudder: put it in standby, "
+                "or start with --with-other-pilot"
+            )
+        return ""
 
     def _take(self, now: float, message: Message, samples: list[Sample]) -> None:
         group, node = message.group, self.node
@@ -191,6 +207,9 @@ class N2kSession:
         fields = decoded(group, message.data)
         if group in (HEADING, VARIATION) and (heard := own_variation(fields)) is not None:
             self._variation.receive(heard)
+        is_order = group == RUDDER and rudder_order(fields) is not None
+        if is_order and self.node is not None and self.node.is_pilot(message.source):
+            self._other_pilot = message.source, now
         compass = Compass(self._variation.value, self.settings.magnetic)
         source = source_name(group, message.source, fields)
         sample = sample_of(group, now, fields, compass, source)
