@@ -177,8 +177,8 @@ class N2kSession:
         other = self._other_pilot
         if other is not None and now - other[1] <= OTHER_PILOT_S and not self.settings.with_other_pilot:
             return (
-                f"another autopilot of the NMEA 2000 network, address {other[0]}, orders the rudder: put it in standby, "
-                "or start with --with-other-pilot"
+                f"another autopilot of the NMEA 2000 network, address {other[0]}, orders the rudder: put it in "
+                "standby, or start with --with-other-pilot"
             )
         return ""
 
