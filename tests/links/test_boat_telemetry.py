@@ -215,7 +215,7 @@ def test_what_was_learnt_is_reported_every_two_seconds() -> None:
         if "level" in values:
             assert (values["level"], values["k"]) == (6.0, 0.5)
             when.append(step * 0.5)
-        assert len(values) == (13 if "level" in values else 11)
+        assert len(values) == (14 if "level" in values else 12)
     assert when == [0.0, 2.0, 4.0]
 
 
@@ -229,7 +229,7 @@ def test_every_kind_leaves_at_its_rate_and_no_more_often() -> None:
             counts[message.id] = counts.get(message.id, 0) + 1
     # over five seconds
     assert counts == {
-        ATTITUDE: 20, WHERE: 10, HUD: 10, NAVIGATION: 10, NAMED: 10 * 11, MISSION_CURRENT: 5, CURRENT_MODE: 3,
+        ATTITUDE: 20, WHERE: 10, HUD: 10, NAVIGATION: 10, NAMED: 10 * 12, MISSION_CURRENT: 5, CURRENT_MODE: 3,
         STATUS: 5, TIME: 3,
     }  # fmt: skip
 
