@@ -17,7 +17,7 @@ BOARDS = {
     "Debian 13, Raspberry Pi OS 13 (64 bit)": ("3.13", ("manylinux_2_41_aarch64", "manylinux_2_28_aarch64")),
 }
 OLDER = ("manylinux_2_27_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64")
-EXTRAS = ("", "report", "fast", "n2k", "ulog", "web")
+EXTRAS = ("", "report", "fast", "n2k", "field", "ulog", "web")
 
 
 def requirements(extra: str) -> list[str]:
