@@ -136,6 +136,9 @@ class Vane:
         """Take a wind, heard with the boat on `heading` [rad]; calms and what is not finite are none."""
         if not (math.isfinite(sample.time + sample.angle + sample.speed + heading) and sample.speed >= WIND_LEAST):
             return
+        last = self.newest
+        if last is not None and sample.source != last.source and abs(sample.time - last.time) <= FRESH_S:
+            return  # of two vanes the first is gone by, as long as it is heard
         passed = sample.time - self._time
         is_first = not 0.0 <= passed <= FRESH_S
         self._look_for_change(sample, heading, is_first)

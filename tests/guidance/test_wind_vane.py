@@ -224,6 +224,19 @@ def test_a_jump_that_stays_is_believed_bounded_and_reported() -> None:
     assert shortest_turn(0.2, boat.order) == pytest.approx(90.0 * DEG, abs=0.5 * DEG)
 
 
+def test_of_two_vanes_the_first_is_gone_by_until_it_is_silent() -> None:
+    boat = Boat()
+    boat.hold()
+    for _ in range(40):
+        boat.sail(0.5)
+        boat.guide.vane.on_wind(WindSample(boat.now, wrap(boat.apparent()[0] + 1.5), 8.0, "other"), boat.heading)
+    assert boat.sail(0.5) == pytest.approx(0.2, abs=1.0e-5)
+    guide = WindGuide()
+    guide.vane.on_wind(WindSample(0.0, 1.0, 8.0, "first"), 0.0)
+    guide.vane.on_wind(WindSample(FRESH_S + 0.1, 0.5, 8.0, "other"), 0.0)
+    assert guide.vane.wind.bearing == pytest.approx(0.5)
+
+
 def watched(boat: Boat, seconds: float, order: object = "order") -> str:
     for _ in range(round(2.0 * seconds)):
         boat.sail(0.5)

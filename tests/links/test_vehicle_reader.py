@@ -11,7 +11,16 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import CompanionSettings, VehicleReader
-from autopilot.signals import CourseSample, HeadingSample, PositionSample, RollSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import (
+    CourseSample,
+    HeadingSample,
+    PositionSample,
+    RollSample,
+    RudderSample,
+    Sample,
+    SpeedSample,
+    WindSample,
+)
 
 CHANNEL = {"MIN": 1100.0, "TRIM": 1500.0, "MAX": 1900.0, "REVERSED": 0.0}
 STEERED = {
@@ -139,6 +148,19 @@ def test_before_a_fix_in_two_dimensions_there_is_neither_place_nor_speed(kind: i
     boat.fix(kind)
     assert bool(boat.take(0.0, position(0, 1.0, 1.0))) is is_there
     assert bool(boat.take(5.0, hud(3.0))) is is_there
+
+
+def test_the_vehicle_s_vane_gives_the_apparent_wind_once_its_speed_and_angle_have_come() -> None:
+    def named(name: str, value: float) -> Any:
+        return dialect.MAVLink_named_value_float_message(1000, name.encode(), value)
+
+    boat = Boat()
+    assert boat.take(1.0, named("AppWndDir", 40.0)) == [] == boat.take(1.1, named("AppWndSpd", 8.0))
+    (wind,) = boat.take(1.1, named("AppWndDir", 320.0))
+    assert wind == WindSample(1.1, pytest.approx(math.radians(-40.0), abs=1e-6), 8.0, "windvane")
+    for speed, angle in ((math.nan, 40.0), (-1.0, 40.0), (8.0, math.nan), (8.0, 400.0)):
+        boat.take(2.0, named("AppWndSpd", speed))
+        assert boat.take(2.0, named("AppWndDir", angle)) == []
 
 
 def test_the_lesser_speed_is_used_where_the_better_one_has_been_silent_for_two_seconds() -> None:

@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.angles import wrap
 from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, OverrideProbe
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.conditions import BATTERY, FENCING, SYSTEM, TEXT, RadioWatch, VehicleHealth
@@ -33,6 +34,7 @@ from autopilot.signals import (
     Sample,
     SpeedSample,
     ThrustSample,
+    WindSample,
 )
 
 WINDOW_S = 10.0
@@ -125,6 +127,9 @@ CHANNELS = dialect.MAVLINK_MSG_ID_RC_CHANNELS
 NAVIGATION = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 PARAMETER = dialect.MAVLINK_MSG_ID_PARAM_VALUE
+NAMED = dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
+WIND_SPEED, WIND_ANGLE = "AppWndSpd", "AppWndDir"
+"""The apparent wind of ArduPilot's vane [m/s], [deg], one after the other (libraries/AP_WindVane, send_wind)."""
 
 
 class CompanionSettings(NamedTuple):
@@ -223,7 +228,9 @@ class VehicleReader:
             TEXT: self._text,
             BATTERY: self._battery,
             FENCING: self._battery,
+            NAMED: self._named,
         }
+        self._wind_speed = math.nan
 
     def silence(self) -> None:
         """Take that nobody listened for a while: what comes next has waited, and tells of no silent vehicle."""
@@ -291,6 +298,13 @@ class VehicleReader:
         speed = message.groundspeed
         if self._has_fix and now - self._position_time > SPEED_PREFERENCE_S and 0.0 <= speed < SPEED_LIMIT:
             samples.append(SpeedSample(now, speed, True, "vfr_hud"))
+
+    def _named(self, now: float, message: Message, samples: list[Sample]) -> None:
+        if message.name == WIND_SPEED:
+            self._wind_speed = message.value
+        elif message.name == WIND_ANGLE and abs(message.value) <= 360.0 and 0.0 <= self._wind_speed < SPEED_LIMIT:
+            samples.append(WindSample(now, wrap(math.radians(message.value)), self._wind_speed, "windvane"))
+            self._wind_speed = math.nan
 
     def _gps(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[GPS] += 1
