@@ -47,11 +47,5 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Have the simulator sail; what it prints is for the user as it is."""
-    command = [sys.executable, "-m", "sitl", "envelope", arguments.vessel]
-    command += ["--runs", f"{arguments.runs}", "--seed", f"{arguments.seed}"]
-    command += [] if arguments.workers is None else ["--workers", f"{arguments.workers}"]
-    command += [] if arguments.report is None else ["--report", f"{arguments.report}"]
-    command += ["--compass-only"] if arguments.compass_only else []
-    command += ["--json"] if arguments.json else []
-    return subprocess.run(command, check=False).returncode
+    """Have the simulator sail what was asked of us; what it prints is for the user as it is."""
+    return subprocess.run([sys.executable, "-m", "sitl", *arguments.typed[1:]], check=False).returncode
