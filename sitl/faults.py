@@ -54,6 +54,8 @@ class FaultBoard:
         rng = np.random.default_rng(np.random.SeedSequence(0) if seed is None else seed)
         self._faults: dict[FaultKind, list[Fault]] = {}
         self._memories: dict[tuple[str, Source], dict[FaultKind, dict[str, Any]]] = {}
+        self._spans: dict[tuple[FaultKind, Source], tuple[float, float, Fault | None]] = {}
+        """Which fault of a kind is at work from one time to before another [s]; empty where that must be found anew."""
         for section in sections:
             for fault in _occurrences(section, rng):
                 self.add(fault)
@@ -64,6 +66,7 @@ class FaultBoard:
     def add(self, fault: Fault) -> None:
         """Add a fault, now or later."""
         self._faults.setdefault(fault.kind, []).append(fault)
+        self._spans.clear()
 
     def clear(self, time: float, kind: FaultKind | None = None) -> int:
         """End every fault of `kind`, or of any, that is at work or to come; return how many."""
@@ -75,6 +78,7 @@ class FaultBoard:
                 if fault.begin < time:
                     kept.append(fault._replace(end=min(fault.end, time)))
             self._faults[each] = kept
+        self._spans.clear()
         return ended
 
     def size(self, kind: FaultKind, time: float, source: Source = "first") -> float | None:
@@ -83,10 +87,19 @@ class FaultBoard:
         return None if fault is None else fault.size_at(time)
 
     def _newest(self, kind: FaultKind, time: float, source: Source) -> Fault | None:
-        for fault in reversed(self._faults.get(kind, ())):
-            if fault.hits(source) and fault.size_at(time) is not None:
-                return fault
-        return None
+        since, until, found = self._spans.get((kind, source), (math.inf, math.inf, None))
+        if since <= time < until:
+            return found
+        since, until, found = -math.inf, math.inf, None
+        for fault in self._faults.get(kind, ()):
+            if not fault.hits(source):
+                continue
+            for edge in (fault.begin, fault.end):
+                since, until = (max(since, edge), until) if edge <= time else (since, min(until, edge))
+            if fault.begin <= time < fault.end:
+                found = fault
+        self._spans[kind, source] = since, until, found
+        return found
 
     def is_on(self, kind: FaultKind, time: float, source: Source = "first") -> bool:
         """Return whether a fault of `kind` is at work in `source` at `time` [s]."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from sitl.firmware_parameters import ParameterTable
@@ -144,6 +145,7 @@ class Calibration(NamedTuple):
     is_reversed: bool = False
 
 
+@lru_cache(256)
 def input_angle(channel: Calibration, pulse: int, full: int) -> int:
     """Return the stick's position in [-full, full], 0 within the dead zone around trim."""
     sign = -1 if channel.is_reversed else 1
@@ -156,6 +158,7 @@ def input_angle(channel: Calibration, pulse: int, full: int) -> int:
     return 0
 
 
+@lru_cache(256)
 def output_pulse(servo: Calibration, position: float, full: int) -> int:
     """Return the pulse width [us] of a servo at `position` in [-full, full]; never outside low to high."""
     held = min(max(-position if servo.is_reversed else position, -full), full)

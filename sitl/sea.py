@@ -29,6 +29,14 @@ class Deviates:
             self._waiting.reverse()
         return self._waiting.pop()
 
+    def take(self, count: int) -> list[float]:
+        """Return the next `count` deviates."""
+        if len(self._waiting) < count:
+            return [self.next() for _ in range(count)]
+        taken = self._waiting[: -count - 1 : -1]
+        del self._waiting[-count:]
+        return taken
+
 
 def second_order_waves(section: SecondOrderSection) -> SecondOrderWaves:
     """Return the shaping filter of a scenario's section."""

@@ -49,6 +49,20 @@ class Reading(NamedTuple):
     wind_speed: float = 0.0
 
 
+class Measured(NamedTuple):
+    """What instruments measured at a time [s], before anybody looks: the boat, the wind over it, and their deviates.
+
+    faulty: what the first and the second compass make of it where there are faults, else None.
+    """
+
+    time: float
+    state: BoatState
+    wind: ApparentWind
+    drawn: list[float]
+    vane: list[float]
+    faulty: tuple[Reading, Reading] | None = None
+
+
 class Noise(NamedTuple):
     """What compass, rate gyro and log make of the truth: standard deviations [rad], [rad/s], [m/s]; the compass's
     constant error and resolution [rad]; latency [s]."""
@@ -102,15 +116,27 @@ class Sensors:
         self._noise = noise_of(vessel, scenario)
         self._deviates = Deviates(np.random.default_rng(seed))
         self._vane = Deviates(np.random.default_rng(vane))
-        self._on_their_way: deque[tuple[Reading, Reading]] = deque()
-        self._latest: tuple[Reading, Reading] | None = None
+        self._on_their_way: deque[Measured] = deque()
+        self._latest: Measured | None = None
+        self._shown: tuple[Reading, Reading] | None = None
         variation_deg = or_else(section.variation_deg, or_else(vessel.sensors.variation_deg, 0.0))
         self.variation = math.radians(variation_deg)
         """Magnetic variation [rad] where the boat is, east positive; 0 where neither file says."""
 
     def sample(self, time: float, state: BoatState, wind: ApparentWind = ApparentWind(0.0, 0.0)) -> None:  # noqa: B008
-        """Measure the boat, and the wind over it, at `time` [s] since the start."""
-        drawn = [self._deviates.next() for _ in range(DEVIATES_A_SET)]
+        """Measure the boat, and the wind over it, at `time` [s] since the start.
+
+        What is shown is worked out where somebody looks, which is seldom; faults, which remember, see all of it.
+        """
+        measured = Measured(time, state, wind, self._deviates.take(DEVIATES_A_SET), self._vane.take(2))
+        if self._faults:
+            reading, (one, other) = self._reading(measured), self._dice
+            pair = self._faulty(time, reading, "first", one), self._faulty(time, reading, "second", other)
+            measured = measured._replace(faulty=pair)
+        self._on_their_way.append(measured)
+
+    def _reading(self, measured: Measured) -> Reading:
+        time, state, wind, drawn, vane, _ = measured
         section, noise = self._section, self._noise
         heading, rate, water_speed = shown(noise, state, drawn[HEADING], drawn[RATE], drawn[SPEED])
         position = section.position_noise_m
@@ -119,7 +145,7 @@ class Sensors:
         latitude = self._start.latitude_deg + math.degrees((state.north + position * drawn[3]) / EARTH_RADIUS)
         parallel = EARTH_RADIUS * math.cos(math.radians(latitude))
         longitude = self._start.longitude_deg + math.degrees((state.east + position * drawn[4]) / parallel)
-        reading = Reading(
+        return Reading(
             time=time,
             heading=heading,
             rate=rate,
@@ -133,12 +159,8 @@ class Sensors:
             longitude=math.degrees(wrap(math.radians(longitude))),
             north_speed=north_speed,
             east_speed=east_speed,
-            wind_angle=wrap(wind.angle + math.radians(section.wind_angle_noise_deg) * self._vane.next()),
-            wind_speed=max(wind.speed + section.wind_speed_noise_m_s * self._vane.next(), 0.0),
-        )
-        one, other = self._dice
-        self._on_their_way.append(
-            (self._faulty(time, reading, "first", one), self._faulty(time, reading, "second", other))
+            wind_angle=wrap(wind.angle + math.radians(section.wind_angle_noise_deg) * vane[0]),
+            wind_speed=max(wind.speed + section.wind_speed_noise_m_s * vane[1], 0.0),
         )
 
     def _faulty(self, time: float, reading: Reading, source: Source, dice: Dice) -> Reading:
@@ -164,9 +186,11 @@ class Sensors:
         latency = self._noise.latency
         for fault, effect in self._faults.acting("latency", time):
             latency = effect(fault, latency)
-        while self._on_their_way and self._on_their_way[0][0].time + latency <= time + 1.0e-9:
-            self._latest = self._on_their_way.popleft()
-        return self._latest
+        while self._on_their_way and self._on_their_way[0].time + latency <= time + 1.0e-9:
+            self._latest, self._shown = self._on_their_way.popleft(), None
+        if self._shown is None and self._latest is not None:
+            self._shown = self._latest.faulty or (self._reading(self._latest),) * 2
+        return self._shown
 
     def has_heading(self, time: float, source: Source = "first") -> bool:
         """Return whether the heading sensor speaks at `time` [s]."""
