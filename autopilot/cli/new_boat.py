@@ -231,6 +231,24 @@ class Checklist:
         for each in places[places.index(name) :]:
             self.done.pop(each, None)
 
+    def rows(self, file: Path) -> list[dict[str, str]]:
+        """Return each step for a page: its name, title, what to do before it, the command, what is good enough, what to
+        do otherwise, the question that only the operator can answer, its state (done, next or later), and when."""
+        upcoming = self.next
+
+        def state(step: Step) -> str:
+            return "done" if step.name in self.done else "next" if step is upcoming else "later"
+
+        return [
+            {
+                **{key: getattr(step, key) for key in ("name", "title", "before", "good", "otherwise", "question")},
+                "command": f"autopilot new-boat {file}",
+                "state": state(step),
+                "when": self.done.get(step.name, "").replace("T", " "),
+            }
+            for step in STEPS
+        ]
+
     def lines(self) -> list[str]:
         """Return the list as it is shown."""
         upcoming = self.next
@@ -240,6 +258,28 @@ class Checklist:
             + (f"  ({self.done[step.name].replace('T', ' ')})" if step.name in self.done else "")
             for number, step in enumerate(STEPS, 1)
         ]
+
+
+class PageOfSteps:
+    """The list of one vessel file as the helm page shows and marks it; read each time, for the terminal writes too."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return the steps. Raises InputError where the list cannot be read."""
+        return Checklist(self._file).rows(self._file)
+
+    def mark(self, name: str, *, is_done: bool) -> None:
+        """Note the next step as done, or one and those after it as not done. Raises InputError."""
+        checklist = Checklist(self._file)
+        if not is_done:
+            checklist.redo(name)
+        elif checklist.next is None or checklist.next.name != name:
+            raise InputError(f"{name}: not the next step; one rests on the other")
+        else:
+            checklist.tick_off(checklist.next, datetime.now())
+        checklist.save()
 
 
 DESCRIPTION = """\

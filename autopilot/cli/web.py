@@ -34,6 +34,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--token-file", type=Path, metavar="FILE", help="keep the token here, so that it stays the same (mode 0600)"
     )
+    parser.add_argument(
+        "--boat", type=Path, metavar="NAME.yaml", help="show the steps of `autopilot new-boat NAME.yaml` as well"
+    )
     add_signing_option(parser)
     add_waiting_option(parser)
     parser.set_defaults(run=run)
@@ -44,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.web import require_extra
 
     require_extra()
+    from autopilot.cli.new_boat import PageOfSteps
     from autopilot.cli.options import patience_of, signing_of
     from autopilot.web.hub import Access, Hub, token_of
     from autopilot.web.server import LogIndex, build_app, known_hosts, serve
@@ -53,6 +57,9 @@ def run(arguments: argparse.Namespace) -> int:
     patience = patience_of(arguments)
     logs = patience(lambda: LogIndex(arguments.logs))
     token = token_of(arguments.token_file)
+    steps = PageOfSteps(arguments.boat) if arguments.boat is not None else None
+    if steps is not None:
+        steps.rows()  # a list that cannot be read is said now
     station = Station()
     sock = _bound(host, port)
     try:
@@ -61,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         sock.close()
         raise
     hub = Hub(station, line)
-    app = build_app(hub, Access(token), logs)
+    app = build_app(hub, Access(token), logs, steps)
     _announce(host, sock.getsockname()[1], token)
     serve(known_hosts(app, host), sock, hub.close)
     return int(ExitCode.OK)

@@ -14,7 +14,7 @@ import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import quote
 
 import uvicorn
@@ -125,6 +125,16 @@ HEADERS = {
 Answer = Callable[[Request], Awaitable[Response]]
 
 
+class Steps(Protocol):
+    """The steps to a new boat's first hold, for the page."""
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return them. Raises InputError."""
+
+    def mark(self, name: str, *, is_done: bool) -> None:
+        """Note one as done, or as to be done again. Raises InputError."""
+
+
 class SafeHeaders:
     """Adds HEADERS to every answer."""
 
@@ -147,8 +157,8 @@ class SafeHeaders:
 class Page:
     """The answers to a browser's requests."""
 
-    def __init__(self, hub: Hub, access: Access, logs: LogIndex) -> None:
-        self._hub, self._access, self._logs = hub, access, logs
+    def __init__(self, hub: Hub, access: Access, logs: LogIndex, steps: Steps | None = None) -> None:
+        self._hub, self._access, self._logs, self._steps = hub, access, logs, steps
         self._assets = page_files()
         self._packed = {
             name: gzip.compress(content) for name, content in self._assets.items() if _ending(name) in PACKED
@@ -164,6 +174,7 @@ class Page:
             Route("/api/order", self.order, methods=["POST"]),
             Route("/api/may", self.may),
             Route("/api/code/{what:str}", self.code),
+            Route("/api/steps", self.steps, methods=["GET", "POST"]),
             Route("/api/parameters", self.parameters),
             Route("/api/logs", self.logs),
             Route("/api/logs/{name:str}/ticket", self.ticket, methods=["POST"]),
@@ -214,15 +225,9 @@ class Page:
         """An order for the boat, from who may."""
         if not self._may(request):
             return _refusal(403, "only looking: open the page with the address that `autopilot web` has printed")
-        try:
-            async with asyncio.timeout(ORDER_S):
-                body = await _short_body(request)
-        except TimeoutError:
-            return _refusal(408, "the order did not come to its end", CLOSING)
-        except ClientDisconnect:
-            return _refusal(400, "the order did not come to its end", CLOSING)
-        if body is None:
-            return _refusal(413, f"an order is at most {ORDER_MOST} bytes long", CLOSING)
+        body = await _body_of(request)
+        if isinstance(body, Response):
+            return body
         try:
             wanted = order_object(body)
             asked = asked_of(self._hub.station, wanted)
@@ -232,6 +237,25 @@ class Page:
             return _refusal(CANNOT_NOW, "no boat that runs this pilot is heard")
         taken, words = await self._hub.ask(asked, (f"page at {_address_of(request)}", words_of(wanted)))
         return JSONResponse({"taken": True, "words": words}) if taken else _refusal(CANNOT_NOW, words)
+
+    async def steps(self, request: Request) -> Response:
+        """The steps to the first hold, where --boat names a vessel file; marked by who may give orders."""
+        if self._steps is None:
+            return JSONResponse({"steps": None})
+        try:
+            if request.method == "POST":
+                if not self._may(request):
+                    return _refusal(403, "steps are marked by who may give orders")
+                body = await _body_of(request)
+                if isinstance(body, Response):
+                    return body
+                wanted = order_object(body)
+                if not (isinstance(wanted.get("name"), str) and isinstance(wanted.get("done"), bool)):
+                    return _refusal(BAD_ORDER, "give the name of a step, and whether it is done")
+                self._steps.mark(wanted["name"], is_done=wanted["done"])
+            return JSONResponse({"steps": self._steps.rows()})
+        except InputError as error:
+            return _refusal(BAD_ORDER, str(error))
 
     async def parameters(self, _: Request) -> Response:
         """The boat's parameters as far as they have come; asked for, they are fetched."""
@@ -315,8 +339,8 @@ def known_hosts(app: ASGIApp, address: str) -> ASGIApp:
     return TrustedHostMiddleware(app, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False)
 
 
-def build_app(hub: Hub, access: Access, logs: LogIndex) -> ASGIApp:
-    """Return the application; the hub runs as long as it does."""
+def build_app(hub: Hub, access: Access, logs: LogIndex, steps: Steps | None = None) -> ASGIApp:
+    """Return the application; the hub runs as long as it does. steps: of a new boat, where there is one."""
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -329,7 +353,19 @@ def build_app(hub: Hub, access: Access, logs: LogIndex) -> ASGIApp:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
-    return SafeHeaders(Starlette(routes=Page(hub, access, logs).routes(), lifespan=lifespan))
+    return SafeHeaders(Starlette(routes=Page(hub, access, logs, steps).routes(), lifespan=lifespan))
+
+
+async def _body_of(request: Request) -> bytes | Response:
+    """Return the body of an order, or the refusal of one that is too long or does not come to its end."""
+    try:
+        async with asyncio.timeout(ORDER_S):
+            body = await _short_body(request)
+    except TimeoutError:
+        return _refusal(408, "the order did not come to its end", CLOSING)
+    except ClientDisconnect:
+        return _refusal(400, "the order did not come to its end", CLOSING)
+    return body if body is not None else _refusal(413, f"an order is at most {ORDER_MOST} bytes long", CLOSING)
 
 
 async def _short_body(request: Request) -> bytes | None:

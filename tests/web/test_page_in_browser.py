@@ -18,7 +18,7 @@ PATIENCE_MS = 40_000.0
 PHONE = {"width": 390, "height": 844}
 DESKTOP = {"width": 1366, "height": 800}
 CONTRAST, TARGETS = ((Path(__file__).parent / name).read_text() for name in ("contrast.js", "targets.js"))
-PAGES = ("helm", "chart", "plots", "alarms", "learning", "trials", "parameters", "logs", "more")
+PAGES = ("helm", "chart", "plots", "alarms", "learning", "trials", "parameters", "logs", "more", "begin")
 
 
 class Helm:

@@ -25,6 +25,7 @@ from starlette.requests import Request
 from starlette.testclient import TestClient
 
 from autopilot.cli.main import main
+from autopilot.cli.new_boat import PageOfSteps
 from autopilot.cli.web import listening_address
 from autopilot.errors import InputError
 from autopilot.signals import AlarmSample
@@ -253,6 +254,30 @@ def test_codes_open_the_page_on_another_display(sea: Watched, tmp_path: Path) ->
     with TestClient(app, base_url="http://127.0.0.1:8080") as client:
         answer = client.get("/api/code/look", headers=BEARER).json()
         assert answer["svg"] == "" and "--listen" in answer["words"]
+
+
+def test_the_steps_of_a_new_boat_are_left_and_taken_up_on_the_page(client: Any, sea: Watched, tmp_path: Path) -> None:
+    assert client.get("/api/steps").json() == {"steps": None}
+    steps, file = PageOfSteps(tmp_path / "boat.yaml"), tmp_path / "boat.commissioning.json"
+    with TestClient(build_app(SailingHub(sea), Access(TOKEN), LogIndex(None), steps)) as page:
+
+        def mark(name: Any, done: Any, headers: Any = BEARER) -> Any:
+            return page.post("/api/steps", json={"name": name, "done": done}, headers=headers)
+
+        def states() -> list[str]:
+            return [step["state"] for step in page.get("/api/steps").json()["steps"]]
+
+        assert states() == ["next", *["later"] * 5]
+        assert mark("doctor", True, headers={}).status_code == 403 and not file.exists()
+        assert mark("doctor", True).json()["steps"][1]["state"] == "next"
+        assert mark("hold", True).status_code == 400 and "rests on" in mark("hold", True).json()["words"]
+        assert mark("nowhere", False).status_code == mark(1, True).status_code == mark("rudder", 1).status_code == 400
+        mark("rudder", True)
+        assert states()[:3] == ["done", "done", "next"]
+        assert json.loads(file.read_text())["done"].keys() == {"doctor", "rudder"}, "the terminal goes on from there"
+        assert [step["state"] for step in mark("doctor", False).json()["steps"]] == ["next", *["later"] * 5]
+        file.write_text("[]")
+        assert page.get("/api/steps").status_code == 400
 
 
 def test_the_page_travels_packed_and_whole(client: Any) -> None:

@@ -9,13 +9,15 @@ import { drawPanels, setUpPanels } from "./panels.js";
 import { setUpParameters, showParameters } from "./parameters.js";
 import { drawOrders, drawTexts, setUpLogs, showLogs } from "./logs.js";
 import { drawOverboard, setUpOverboard } from "./overboard.js";
+import { setUpSteps, showSteps } from "./steps.js";
 import { drawWind, setUpWind } from "./wind.js";
 
 const byId = (id) => document.getElementById(id);
-const PAGES = ["helm", "chart", "plots", "alarms", "learning", "trials", "parameters", "logs", "more"];
-const UNDER_MORE = ["learning", "trials", "parameters", "logs"];
+const PAGES = ["helm", "chart", "plots", "alarms", "learning", "trials", "parameters", "logs", "more", "begin"];
+const UNDER_MORE = ["learning", "trials", "parameters", "logs", "begin"];
 const MODES = { standby: "Standby", heading: "Heading", route: "Route", trial: "Trial", wind: "Wind" };
 const BAD = { 5: "Fail-safe", 6: "Fault" };
+const NOTICE = 5; // MAV_SEVERITY
 const THEMES = ["day", "dusk", "night"];
 const plots = new Plots();
 
@@ -55,6 +57,7 @@ function turnPage() {
   if (shown === "parameters") showParameters();
   if (shown === "logs") showLogs();
   if (shown === "more") showCodes();
+  if (shown === "more" || shown === "begin") showSteps();
   drawChart();
   plots.show();
 }
@@ -198,13 +201,14 @@ function setUp() {
   setUpLogs(say);
   setUpWind(order);
   setUpOverboard(order, surely);
+  setUpSteps(say);
   byId("theme").addEventListener("click", nextTheme);
   document.addEventListener("keydown", keyPressed);
   addEventListener("hashchange", () => { if (learnToken()) connect(); turnPage(); });
   turnPage();
   setTheme(document.documentElement.dataset.theme);
   boat.onState = draw;
-  boat.onText = (text) => { if (!boat.alarms.some((alarm) => text.words.endsWith(alarm.words))) say(text.words, 7); };
+  boat.onText = (text) => { if (text.severity > NOTICE) say(text.words, 7); }; // the bar shows what is more urgent
   boat.onMay = () => { document.body.dataset.may = may() ? "yes" : "no"; if (page() === "more") showCodes(); };
   boat.onRow = (row) => plots.add(row);
   boat.onHistory = (history) => plots.fill(history);

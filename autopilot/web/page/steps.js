@@ -1,0 +1,44 @@
+// The steps of a new boat to its first hold: what to prepare, what is good enough, what is done. Left and taken up at will.
+import { get, may } from "./boat.js";
+
+const byId = (id) => document.getElementById(id);
+const make = (name, words = "", className = "") => Object.assign(document.createElement(name), { textContent: words, className });
+let tell = null;
+
+export function setUpSteps(say) {
+  tell = say;
+  showSteps();
+}
+
+async function mark(name, done) {
+  const { steps, words } = await get("/api/steps", { method: "POST", body: JSON.stringify({ name, done }) });
+  if (words) tell(words);
+  else draw(steps);
+}
+
+function draw(steps) {
+  byId("begin-link").hidden = !steps;
+  if (!steps) return;
+  const left = steps.filter((step) => step.state !== "done").length;
+  byId("steps-word").textContent = left ? `${steps.length - left} of ${steps.length} done.` : "All done: the boat steers.";
+  byId("step-rows").replaceChildren(...steps.map((step, place) => {
+    const row = make("li", "", step.state);
+    row.append(make("b", `${step.state === "done" ? "✓" : place + 1} ${step.title}`));
+    if (step.when) row.append(make("small", `done ${step.when}`));
+    if (step.state === "next") {
+      row.append(make("p", step.before), make("code", step.command), make("p", `Good enough: ${step.good}.`), make("p", `If not: ${step.otherwise}.`));
+      if (step.question) row.append(make("p", step.question));
+    }
+    if (may() && step.state !== "later") {
+      const isDone = step.state === "done", button = make("button", isDone ? "Do again" : "It is done");
+      button.type = "button";
+      button.addEventListener("click", () => mark(step.name, !isDone));
+      row.append(button);
+    }
+    return row;
+  }));
+}
+
+export async function showSteps() {
+  try { draw((await get("/api/steps")).steps); } catch { /* asked again when it is looked at */ }
+}
