@@ -38,7 +38,7 @@ export function drawChart() {
   if (canvas.offsetParent === null || !state) return;
   const known = typeof state.lat === "number" && typeof state.lon === "number";
   byId("chart-word").textContent = known ? boat.isStale("position") ? "The position is old." : "" : "No position comes from the boat.";
-  const key = JSON.stringify([state.lat, state.lon, state.heading, state.twd, boat.track.length, boat.route, metres, fitted, state.waypoint, document.documentElement.dataset.theme, canvas.clientWidth]);
+  const key = JSON.stringify([state.lat, state.lon, state.heading, state.twd, boat.track.length, boat.route, metres, fitted, state.waypoint, state.mob_distance, document.documentElement.dataset.theme, canvas.clientWidth]);
   if (!known || key === drawn) return;
   drawn = key;
   const ratio = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
@@ -69,6 +69,12 @@ export function drawChart() {
     pen.fill();
     pen.fillText(String(index), x + 10, y - 8);
   });
+  if (typeof state.mob_bearing === "number" && !boat.isStale("mob")) {
+    const bearing = state.mob_bearing * Math.PI / 180, overboard = [Math.sin(bearing), Math.cos(bearing)].map((part) => part * state.mob_distance);
+    path([[0, 0], overboard], "danger", 3);
+    pen.fillStyle = colour("danger");
+    pen.fillText("MOB", ...at(overboard));
+  }
   drawBoat(pen, width / 2, height / 2, state.heading);
   drawFrame(pen, width, height, perPixel, state);
   canvas.setAttribute("aria-label", `Chart: ${route.length} waypoints, ${Math.round(2 * metres)} m across`);
