@@ -23,7 +23,7 @@ from autopilot.files.typed import hints_of
 from autopilot.firmware.json_schema import schema_text
 from autopilot.links.ground_station.file_server import PARAMETERS, metadata_files
 from autopilot.runtime import build_links
-from autopilot.runtime.build import build_pilot, law_of, pilot_config, track_settings_of
+from autopilot.runtime.build import build_pilot, law_of, pilot_config, track_settings_of, wind_settings_of
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind
 from autopilot.vessel.file import OF_THRUST, dump_vessel, load_vessel, parse_vessel
@@ -267,7 +267,7 @@ def test_a_field_reaches_the_pilot_or_what_waits_for_the_restart(field: Field, o
     laws = [law for law in filed_laws() if getattr(field.before.control, law) is not None]
     configs = [[pilot_config(each, law) for law in laws] for each in (field.before, field.after)]
     gains = [[repr(law_of(each, law).gains) for law in laws] for each in (field.before, field.after)]
-    tracks = [track_settings_of(each) for each in (field.before, field.after)]
+    tracks = [(track_settings_of(each), wind_settings_of(each)) for each in (field.before, field.after)]
     differs = configs[0] != configs[1] or gains[0] != gains[1] or tracks[0] != tracks[1]
     waits = field.counts is RESTART and opened(field.after) != opened(field.before)
     assert differs or waits or field.path in ELSEWHERE
