@@ -260,7 +260,6 @@ def _identify(
     from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.registry import METHODS, method_named
     from autopilot.identification.residual_tests import residual_tests
-    from autopilot.identification.rudder_path import rudder_rate_of
 
     method = method_named(arguments.method)
     with ProgressBar("identifying") as bar:
@@ -281,7 +280,7 @@ def _identify(
             found = choice.found
     tests = residual_tests(fitted, found.model, found.around, found.train, dict(found.trims))
     result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
-    return result._replace(residual_tests=tests, choice=choice, rudder_rate=rudder_rate_of(fitted))
+    return result._replace(residual_tests=tests, choice=choice)
 
 
 def _prior(length: float | None, vessel: Vessel | None, runs: Sequence[Run]) -> BoatPrior | None:
@@ -403,9 +402,16 @@ def _kind(result: Result) -> ModelKind:
 
 
 def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Sequence[Run]) -> Result:
+    from autopilot.identification.prediction_bands import fastest_rudder, forecast, in_the_race
+    from autopilot.identification.rudder_path import rudder_rate_of
     from autopilot.identification.two_stage import nomoto_stage
-    from autopilot.report.identification import Result
+    from autopilot.report.identification import Result, undetermined
 
     predictions = [(run, "fit", found.predict(run)) for run in fitted]
     predictions += [(run, "holdout", found.predict(run)) for run in held_out]
-    return Result(kind, found, nomoto_stage(fitted, found.model.reference_speed), predictions)
+    speed, measured, expected = found.model.reference_speed, rudder_rate_of(fitted), None
+    if found.likely is not None and not undetermined(found):
+        rudder_rate = measured.rate if measured else fastest_rudder(fitted)
+        expected = forecast(found.likely, *in_the_race(found.around, fitted, speed), rudder_rate)
+    stage_one = nomoto_stage(fitted, speed)
+    return Result(kind, found, stage_one, predictions, rudder_rate=measured, forecast=expected)

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from autopilot.identification.boat_prior import BoatPrior
+from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.output_error import Solution, Weighting
 from autopilot.identification.residual_tests import Prediction, predict, simulate_run
 from autopilot.identification.residuals import PREFIX, Noise, Trim
@@ -117,7 +118,7 @@ class Identified(NamedTuple):
     for and the runs show it. trims: where each run has an n0 of its own, that [rad/s] by the run's source; the model's
     is their mean. ratios: where the method has them, what is determined of a boat of either stability.
     leans: by symbol K, T and n3 the share of what is known of K/T, n1/T and n3/T that other boats said; empty where
-    they said nothing."""
+    they said nothing. likely: the likelihood's fit with the weather that it found, where that answered."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -134,6 +135,7 @@ class Identified(NamedTuple):
     trims: tuple[tuple[str, float], ...] = ()
     ratios: Ratios | None = None
     leans: Mapping[str, float] = MappingProxyType({})
+    likely: LikelihoodFit | None = None
 
     def predict(self, run: Run) -> Prediction:
         """Return how well `run` is predicted, with propeller and wind where both model and run know them."""

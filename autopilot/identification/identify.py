@@ -20,9 +20,10 @@ from autopilot.identification.identified import (
     Steps,
     identified_from,
 )
-from autopilot.identification.likelihood_model import ORDERED, likeliest, ordered
+from autopilot.identification.likelihood_model import ORDERED, likeliest, likeliest_fit, ordered
 from autopilot.identification.model_extensions import CUBIC, START_N3, extended, may_extend
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
+from autopilot.identification.prediction_bands import in_the_race
 from autopilot.identification.residuals import Fitted, RunTrims, initial_state, own_trims, triangle, typical_rate
 from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind, shortest_time_constant
 from autopilot.identification.simulation import RATE_BOUND_RAD_S, Forcing, at_samples, forcing, linear_responses
@@ -270,10 +271,14 @@ def _with_surroundings(fit: _Fit, likely: Identified) -> Identified:
     course-stable."""
     if likely.model.n1 < 0.0 or "T" in likely.unidentifiable:
         return likely
-    train = tuple(name for name in ORDERED if getattr(likely.train, name) > 0.0)
+    train = tuple(name for name in ("dead_band", *ORDERED) if getattr(likely.train, name) > 0.0)
     more = extended(fit.runs, likely, train, fit.steps, CUBIC, fit.trims) if may_extend(fit.runs) else likely
     if more.around is not None:
-        return more
+        runs, speed = in_the_race(more.around, fit.runs, more.model.reference_speed)
+        fitted = (
+            None if speed == more.model.reference_speed else likeliest_fit(runs, speed, more.model, train, fit.steps)
+        )
+        return more._replace(likely=fitted[0] if fitted else likely.likely)
     notes = tuple(dict.fromkeys((*likely.notes, *more.notes)))
     return likely._replace(unidentifiable={**more.unidentifiable, **likely.unidentifiable}, notes=notes)
 

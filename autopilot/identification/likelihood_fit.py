@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.identification.likelihood_record import Record, instruments, record_of, rudder_on
+from autopilot.identification.likelihood_record import Record, instruments, record_of, rudder_on, white_noise
 from autopilot.identification.likelihood_search import (
     GUST_TIME_S,
     RATE_NAMES,
@@ -41,11 +41,22 @@ MAYBE_WAVES = -0.5
 """By so much at most waves as they are guessed may lower the logarithm of the likelihood, or none are searched for."""
 
 
+class Unseen(NamedTuple):
+    """By how much a delay, and by how much a play of the rudder, would raise the logarithm of the likelihood where they
+    were not fitted; the likeliest play [rad], to either side, and the least that the record excludes."""
+
+    late_worth: float
+    play_worth: float
+    play: float
+    excluded: float
+
+
 class LikelihoodFit(NamedTuple):
     """rates: the estimate, with covariance of a, b, d, e, shape (4, 4); train: of an ordered rudder, its errors by
     name; weather: gusts, waves and noise; loss: the negative logarithm of the likelihood with what was known before;
-    late_error [s]: standard error of delay and lag together, of which the record tells more than of each; late_worth:
-    by how much a delay would raise the logarithm of the likelihood, where none was fitted."""
+    late_error [s]: standard error of delay and lag together, of which the record tells more than of each; unseen: what
+    of the rudder's way was not fitted; motions: of each segment time [s], heading [rad] and rate [rad/s] of the boat,
+    as all of the recording tells them, shape (3, N)."""
 
     rates: Rates
     covariance: FloatArray
@@ -54,7 +65,8 @@ class LikelihoodFit(NamedTuple):
     weather: Weather
     loss: float
     late_error: float = 0.0
-    late_worth: float = 0.0
+    unseen: Unseen = Unseen(0.0, 0.0, 0.0, math.inf)
+    motions: tuple[FloatArray, ...] = ()
 
 
 def likelihood_fit(
@@ -75,7 +87,7 @@ def likelihood_fit(
     calm = Weather(gust, GUST_TIME_S, 0.3 * gust, gyro, compass)
     # a lag longer than the boat's own would change places with it
     shortly = min(USUALLY_LATE_S, START_LATE * memory_of(guess, segments))
-    train = DIRECT._replace(**dict.fromkeys(parts, shortly))
+    train = DIRECT._replace(**{part: PLAYS[1] if part == "dead_band" else shortly for part in parts})
     if record.nodes > LONG:
         part = record_of([_liveliest(segment) for segment in segments], reference_speed, memory_of(guess, segments))
         rough = Space(part, guess, calm, train, parts, scale)
@@ -112,32 +124,60 @@ def likelihood_fit(
     values, spread = known.mean[:4] * units, known.covariance[:4, :4] * np.outer(units, units)
     train = train._replace(**{name: math.exp(float(known.mean[4 + k])) for k, name in enumerate(parts)})
     size = np.array([getattr(train, name) for name in parts])
-    late = known.covariance[4:, 4:] * np.outer(size, size)
-    errors = dict(zip(parts, np.sqrt(np.maximum(np.diag(late), 0.0)).tolist(), strict=True))
+    way = known.covariance[4:, 4:] * np.outer(size, size)
+    errors = dict(zip(parts, np.sqrt(np.maximum(np.diag(way), 0.0)).tolist(), strict=True))
     boat = Rates(**dict(zip(RATE_NAMES, values.tolist(), strict=True)))
-    late_error = math.sqrt(max(float(late.sum()), 0.0))
-    worth = 0.0 if parts else _worth_of_delay(space, best, memory_of(guess, segments))
-    return LikelihoodFit(boat, spread, train, errors, weather, loss, late_error, worth)
+    late = np.array([part != "dead_band" for part in parts], dtype=float)
+    late_error = math.sqrt(max(float(late @ way @ late), 0.0))
+    noise = max(white_noise(segment.rudder) for segment in segments)
+    unseen = _unseen(space, best, memory_of(guess, segments), PLAY_NOISES * noise)
+    return LikelihoodFit(boat, spread, train, errors, weather, loss, late_error, unseen, _motions(space, best))
 
 
-def _worth_of_delay(space: Space, z: FloatArray, memory: float) -> float:
-    """Return by how much a delay would raise the logarithm of the likelihood, had the boat one step of Newton's to
-    suit it."""
+def _motions(space: Space, z: FloatArray) -> tuple[FloatArray, ...]:
+    """Return `LikelihoodFit.motions` at the vector."""
+    states, record = space.found(z).states, space.record
+    substeps = record.ratio.shape[0]
+    ends = np.append(record.first[1:], record.nodes)
+    return tuple(
+        np.stack([edges[::substeps], *states[first:end, :2].T])
+        for edges, first, end in zip(record.edges, record.first, ends, strict=True)
+    )
+
+
+def _unseen(space: Space, z: FloatArray, memory: float, least: float) -> Unseen:
+    """Return what delay and play would do for the likelihood, had the boat one step of Newton's to suit them. A play
+    below the `least` [rad] is not tried: it would only take up what noise the recorded rudder has."""
     space.keep(z)
-    loss, highest = space.found(z).loss, 0.0
+    loss = space.found(z).loss
     rates, weather, train = space.opened(z)
-    for share in LATE_SHARES:
-        trial = Space(space.record, rates, weather, train._replace(delay=share * memory), (), space.scale)
+
+    def worth(changed: RudderTrain) -> float:
+        trial = Space(space.record, rates, weather, changed, (), space.scale)
         trial.priors, trial.path = space.priors, space.path
         there, slope, known = trial.slope(trial.start, boat_only=True)
-        if math.isfinite(there):
-            gained = 0.5 * float(slope[trial.boat] @ inverse(known) @ slope[trial.boat])
-            highest = max(highest, loss - there + gained)
-    return highest
+        if not math.isfinite(there):
+            return -math.inf
+        # what was known before of the rudder's way is no part of the comparison
+        alike = sum(space.priors[part].loss(math.log(max(getattr(train, part), 1.0e-9))) for part in space.parts)
+        return loss - alike - there + 0.5 * float(slope[trial.boat] @ inverse(known) @ slope[trial.boat])
+
+    late = [worth(train._replace(delay=share * memory)) for share in LATE_SHARES] if train.delay == 0.0 else []
+    tried = [play for play in PLAYS if play > least] if train.dead_band == 0.0 else []
+    plays = {0.0: 0.0, **{play: worth(train._replace(dead_band=play)) for play in tried}}
+    likeliest = max(plays, key=lambda play: plays[play])
+    unlikely = [play for play in plays if play > likeliest and plays[play] < plays[likeliest] - UNLIKELY]
+    return Unseen(max([0.0, *late]), plays[likeliest], likeliest, min(unlikely, default=math.inf))
 
 
 LATE_SHARES = (0.03, 0.1)
 """Delays that are tried, as shares of the boat's time constant."""
+PLAYS = tuple(math.radians(each) for each in (0.25, 0.5, 1.0, 2.0))
+"""Plays of the rudder that are tried, to either side."""
+PLAY_NOISES = 4.0
+"""Deviations of the recorded rudder's noise that a play must be larger than."""
+UNLIKELY = 1.92
+"""What is so much less likely, in the logarithm, lies outside of a 95 % interval."""
 
 
 LONG, PART = 1500, 0.2

@@ -22,12 +22,15 @@ from autopilot.identification.identified import (
     Steps,
 )
 from autopilot.identification.likelihood_fit import (
+    PLAY_NOISES,
     LikelihoodFit,
     Start,
+    Unseen,
     better_start,
     likelihood_fit,
     start_rates,
 )
+from autopilot.identification.likelihood_record import white_noise
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.residual_tests import simulate_run
 from autopilot.identification.residuals import Noise, residual_noise
@@ -79,12 +82,28 @@ def likeliest_fit(
     if found is not None and train and not _is_late(found):
         reasons |= {name: _why_no(name, found) for name in train}
         found = likelihood_fit(segments, speed, begin, (), steps.next)
-    elif found is not None and not train and found.late_worth > SURELY_LATE:
-        behind = likelihood_fit(segments, speed, found.rates, ("delay",), steps.next)
-        spacing = shortest_time_constant(segments) / SHORTEST_SHARE
-        if behind is not None and _is_late(behind) and behind.train.delay > 0.5 * spacing:
-            found = behind
+    if found is None or not set(train) <= set(ORDERED):
+        return found, reasons
+    kept = tuple(found.train_errors)
+    for part in _worth_a_try(found.unseen):
+        behind = likelihood_fit(segments, speed, found.rates, (*kept, part), steps.next)
+        if behind is None:
+            continue
+        if part == "dead_band":
+            least = max(white_noise(segment.rudder) for segment in segments) * PLAY_NOISES
+            shown = behind.train.dead_band > max(SURELY_TURNS * behind.train_errors["dead_band"], least)
+        else:
+            spacing = shortest_time_constant(segments) / SHORTEST_SHARE
+            shown = _is_late(behind) and behind.train.delay > 0.5 * spacing
+        if shown:
+            return behind, reasons
     return found, reasons
+
+
+def _worth_a_try(unseen: Unseen) -> tuple[str, ...]:
+    """Return the parts of the rudder's way that would make the record surely likelier, the likeliest first."""
+    worth = {"dead_band": unseen.play_worth, "delay": unseen.late_worth}
+    return tuple(sorted((part for part in worth if worth[part] > SURELY_LATE), key=lambda part: -worth[part]))
 
 
 def _begin(segments: Sequence[Segment], speed: float, regressed: Start, linear: Norrbin | None) -> Rates | None:
@@ -147,20 +166,53 @@ def answer_of(
         covariance=covariance,
         train=found.train,
         ratios=ratios,
-        notes=(*_behind(found, runs), *_said(together, expected)),
+        notes=(*_behind(found, runs), *_off_zero(found), *_said(together, expected)),
         leans=dict(zip(("K", "T", "n3"), together.shares, strict=True)) if together and any(together.shares) else {},
+        likely=found,
     )
 
 
 def _behind(found: LikelihoodFit, runs: Sequence[Run]) -> tuple[str, ...]:
-    """Return what is to be said where the boat follows a measured rudder late."""
-    late = found.train.delay
-    if ordered(runs) or late == 0.0:
+    """Return what is to be said of the way from the recorded rudder to the water, where nobody expects it."""
+    said, (_, worth, _, excluded), train = [], found.unseen, found.train
+    if not ordered(runs) and train.delay > 0.0:
+        said.append(
+            f"The motion follows the measured rudder {train.delay:.2g} +- {SURE_OF_IT * found.late_error:.1g} s late: "
+            "compass or gyro are late, or the rudder is recorded early; the delay is taken into account."
+        )
+        if worth > SURELY_LATE:
+            said[-1] += " A play of the rudder would explain it nearly as well; a zigzag with half the angle tells."
+    if train.dead_band > 0.0:
+        error = math.degrees(SURE_OF_IT * found.train_errors["dead_band"])
+        said.append(
+            f"The rudder has {math.degrees(train.dead_band):.2g} +- {error:.1g} deg of play to either side between its "
+            "record and the water; it is taken into account, and taking it out of the gear is better."
+        )
+    elif not ordered(runs) and excluded > LEAST_PLAY:
+        most = f"up to {math.degrees(excluded):.2g} deg" if math.isfinite(excluded) else "of some degrees"
+        said.append(
+            f"These runs do not exclude a play of the rudder {most} to either side, which would show as a smaller K; "
+            "zigzags with two rudder angles (5/5 and 20/20) would."
+        )
+    return tuple(said)
+
+
+def _off_zero(found: LikelihoodFit) -> tuple[str, ...]:
+    """Return what is to be said where the boat goes straight with the rudder surely off amidships."""
+    a, e = found.rates.a, found.rates.e
+    angle, error = math.degrees(e / a), math.degrees(SURE_OF_IT * math.sqrt(max(found.covariance[3, 3], 0.0)) / a)
+    if abs(angle) < max(error, LEAST_OFF_DEG):
         return ()
     return (
-        f"The motion follows the measured rudder {late:.2g} +- {SURE_OF_IT * found.late_error:.1g} s late: compass or "
-        "gyro are late, or the rudder is recorded early; the delay is taken into account.",
+        f"The boat goes straight with {angle:.2g} +- {error:.1g} deg of rudder: its zero is off by as much, or "
+        "wind or propeller turn the boat; runs on opposite courses tell which.",
     )
+
+
+LEAST_OFF_DEG = 1.0
+"""A rudder's zero is seldom set closer."""
+LEAST_PLAY = math.radians(0.5)
+"""A play that changes nothing that matters."""
 
 
 def _said(together: Combined | None, expected: Expected | None) -> tuple[str, ...]:

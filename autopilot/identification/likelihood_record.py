@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct, idct
 
 from autopilot.identification.residuals import instrument_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, with_corners
@@ -18,9 +19,6 @@ SUBSTEP = 0.3
 """Steps of the integration, as a share of the time constant at most."""
 NODE_SHARE, LONGEST_NODE_S, MOST_NODES = 0.1, 1.0, 3000
 """Samples are averaged over this share of the time constant, at most so long, unless there are more than so many."""
-SPEED_LAG_S, WINDOW_PER_MEMORY = 10.0, 3.5
-"""The speed's noise is parted from its changes over this time. A window of so many times the memory of an exponential
-smoother to both sides averages as much noise away."""
 PIN = 1.0e8
 """A heading that is nowhere measured is held by so much, at what it is."""
 
@@ -94,9 +92,9 @@ def record_of(segments: Sequence[Segment], reference_speed: float, time_constant
         grid = times[:-1, None] + np.diff(times)[:, None] * share
         edges.append(np.append(grid[:, :-1].ravel(), times[-1]))
         middle = 0.5 * (grid[:, :-1] + grid[:, 1:])
-        speed = np.interp(middle, segment.time, smoothed(segment.time, np.abs(segment.speed)))
+        speed = np.interp(middle, segment.time, without_noise(np.abs(segment.speed)))
         ratios.append(np.maximum(speed / reference_speed, SPEED_FLOOR_RATIO).T)
-        paths.append(with_corners(segment.time, segment.rudder))
+        paths.append(with_corners(segment.time, without_noise(segment.rudder)))
     joined = [np.concatenate([part[i] for part in parts]) for i in range(1, 5)]
     return Record(
         np.concatenate(begins),
@@ -112,24 +110,42 @@ def record_of(segments: Sequence[Segment], reference_speed: float, time_constant
     )
 
 
-def smoothed(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Return `values` without their noise, by the means over a window that suits them.
+def white_noise(values: FloatArray) -> float:
+    """Return the white noise of evenly sampled `values`, in their unit: what second differences have in common, for a
+    gear that moves at its rate, or stands, has none; 0 of too few to tell."""
+    if values.size < SHORTEST_CLEANED:
+        return 0.0
+    return float(np.median(np.abs(np.diff(values, 2)))) / (MEDIAN_DEVIATION * math.sqrt(6.0))
 
-    Taken for a random walk of variance q a sample under white noise of variance R, whose best smoother forgets in
-    sqrt(R/q) samples to either side. Differences over one sample have the variance 2 R + q, over m samples 2 R + m q.
+
+def without_noise(values: FloatArray) -> FloatArray:
+    """Return evenly sampled `values` less their white noise: their best linear estimate (Wiener's), by frequencies.
+
+    Each coefficient of the cosine transform is kept as far as its neighbourhood stands out of the noise. What drives
+    a boat must be known so: white noise left in it draws the boat's answer towards 0, while what the best estimate
+    misses does not go with the estimate, and is one more push among others (regression calibration, Carroll et al.
+    2006). A record without noise stays as it is.
     """
-    lag = min(int(SPEED_LAG_S / max(float(np.median(np.diff(time))), 1.0e-6)), values.size // 4)
-    if lag < 2:
+    noise = white_noise(values)
+    if noise <= NO_NOISE * float(np.ptp(values)):
         return values
-    near, far = (float(np.mean((values[step:] - values[:-step]) ** 2)) for step in (1, lag))
-    walk = max((far - near) / (lag - 1), 0.0)
-    noise = max(0.5 * (near - walk), 0.0)
-    wanted = WINDOW_PER_MEMORY * math.sqrt(noise / max(walk, 1.0e-3 * noise / lag, 1.0e-300))
-    width = min(int(wanted), 2 * lag) | 1
-    if width < 3:
-        return values
-    padded = np.pad(values, width // 2, mode="reflect")
-    return np.asarray(np.convolve(padded, np.full(width, 1.0 / width), mode="valid"))
+    coefficients = dct(values, norm="ortho")
+    total = np.concatenate([[0.0], np.cumsum(coefficients**2)])
+    index = np.arange(values.size)
+    reach = np.maximum(NEIGHBOURS, (NEIGHBOURHOOD * index).astype(np.intp))
+    low, high = np.maximum(index - reach, 0), np.minimum(index + reach + 1, values.size)
+    power = (total[high] - total[low]) / (high - low)
+    kept = np.maximum(1.0 - noise * noise / np.maximum(power, noise * noise), 0.0)
+    # the mean is no noise
+    kept[0] = 1.0
+    return np.asarray(idct(kept * coefficients, norm="ortho"))
+
+
+SHORTEST_CLEANED, NO_NOISE, MEDIAN_DEVIATION = 32, 1.0e-4, 0.6745
+"""Fewer samples, or with noise of less than this share of their range, are left alone; median of a normal
+distribution's absolute deviations."""
+NEIGHBOURS, NEIGHBOURHOOD = 4, 0.05
+"""To either side of a frequency so many others, or this share of it, tell what the signal has there."""
 
 
 def _averaged(segment: Segment, apart: int, together: int) -> tuple[FloatArray, ...]:

@@ -40,6 +40,8 @@ FLATTEST, LEAST_CURVED = 1.0e-5, 0.16
 GUST_TIME_S, GUST_TIME_WIDTH = 6.0, 0.6
 """How long a gust lasts, and the deviation of its logarithm: turbulence some metres above the water is 20 to 60 m long
 and passes at 5 to 10 m/s (Counihan 1975), 2 to 12 s. Shorter pushes are waves, or white."""
+LATE_S, PLAY_RAD = 0.15, math.radians(0.5)
+"""How late a rudder usually is, and how much play it has to either side."""
 WIDE = 40.0
 """Logarithms beyond this are held."""
 
@@ -47,6 +49,10 @@ WIDE = 40.0
 class _Prior(NamedTuple):
     middle: float
     width: float
+
+    def loss(self, value: float) -> float:
+        """Return the negative logarithm of the density of a `value`, but for a constant."""
+        return 0.5 * ((value - self.middle) / self.width) ** 2
 
 
 class Space:
@@ -75,7 +81,7 @@ class Space:
             "wave": _Prior(math.log(weather.wave) if weather.wave > 0.0 else 0.0, 1.5),
             "wave_frequency": _Prior(math.log(weather.wave_frequency), 0.7),
             "wave_damping": _Prior(math.log(0.1), 0.7),
-            **{part: _Prior(math.log(0.15), 1.2) for part in parts},
+            **{part: _Prior(math.log(PLAY_RAD if part == "dead_band" else LATE_S), 1.2) for part in parts},
         }
         self.path = begin_path(record)
         if weather.wave > 0.0:
@@ -102,8 +108,7 @@ class Space:
         """Return the negative logarithm of what is known beforehand."""
         total = 0.5 * (z[2] / LARGEST_CUBIC) ** 2
         for name, value in zip(self.names[4:], z[4:].tolist(), strict=True):
-            prior = self.priors[name]
-            total += 0.5 * ((value - prior.middle) / prior.width) ** 2
+            total += self.priors[name].loss(value)
         return float(total)
 
     def found(self, z: FloatArray, rounds: int = 12) -> Path:

@@ -78,4 +78,7 @@ def verdict_of(
             "good for a start: the residuals follow the rudder, so that the model misses part of what it does; check "
             f"the rudder's scale and sail {again}.",
         )
+    if found.train.dead_band > 0.0:
+        play = f"{math.degrees(found.train.dead_band):.2g} deg of play to either side"
+        return Verdict("good", f"good, steer with it ({share}, 95 %); but take {play} out of the steering gear.")
     return Verdict("good", f"good, steer with it ({share}, 95 %).")

@@ -16,6 +16,7 @@ from autopilot import __version__
 from autopilot.files.printable import aligned, fixed
 from autopilot.identification.identified import SURE_OF_IT, Convergence, Identified, SteadyTurns
 from autopilot.identification.model_choice import Candidate, Choice, steering_model
+from autopilot.identification.prediction_bands import AHEAD_S, TURNING_RAD, Band, Forecast
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import FloatArray, Run
@@ -87,8 +88,8 @@ LEAST = "Least possible: the bound of Cramér and Rao, if the residuals were whi
 
 class Result(NamedTuple):
     """Everything to tell: the kind of model asked for or chosen, the estimate, stage one, each run with its role and
-    prediction, the tests of the residuals, the candidates where the kind was chosen, the rudder's measured rate, and
-    remarks on the file that was written."""
+    prediction, the tests of the residuals, the candidates where the kind was chosen, the rudder's measured rate,
+    remarks on the file that was written, and what the boat will do in manoeuvres that were not sailed."""
 
     kind: str
     found: Identified
@@ -98,6 +99,7 @@ class Result(NamedTuple):
     choice: Choice | None = None
     rudder_rate: RudderRate | None = None
     remarks: Sequence[str] = ()
+    forecast: Forecast | None = None
 
 
 def document_of(result: Result) -> dict[str, Any]:
@@ -125,6 +127,7 @@ def document_of(result: Result) -> dict[str, Any]:
         "notes": _notes(result),
         "two_stage": _stages(result),
         "trims_n0_rad_s": dict(found.trims),
+        "forecast": {what: _band_document(band) for what, band in _forecast(result)},
         "model_choice": choice_document(result.choice) if result.choice else None,
         "residuals": {
             "yaw_rate_rms_rad_s": _finite(found.noise[0].size),
@@ -160,6 +163,35 @@ def _ratio_rows(found: Identified) -> list[tuple[str, ...]]:
         low, high = each["interval_95"]
         rows.append((symbol, f"{each['value']:.4g}", f"{each['std']:.2g}", f"{low:.4g} ... {high:.4g}", each["unit"]))
     return rows
+
+
+def _forecast(result: Result) -> list[tuple[str, Band]]:
+    """Return what the boat will do, by what is asked."""
+    ahead = result.forecast
+    if ahead is None:
+        return []
+    bands = [(f"heading {AHEAD_S:g} s after {math.degrees(TURNING_RAD):g} deg of rudder", ahead.heading)]
+    for angle, both in ahead.overshoots.items():
+        numbered = zip(("first", "second"), both, strict=True)
+        bands += [(f"{number} overshoot of a {angle:g}/{angle:g} zigzag", band) for number, band in numbered]
+    return bands
+
+
+def _band_document(band: Band) -> dict[str, float | None]:
+    low, middle, high = (_finite(math.degrees(angle)) for angle in band)
+    return {"low_deg": low, "middle_deg": middle, "high_deg": high}
+
+
+def forecast_rows(result: Result) -> list[tuple[str, ...]]:
+    """Return the table of what the boat will do, with its bands; no rows where nothing is forecast."""
+    rows: list[tuple[str, ...]] = [("", "middle", "95 % band", "unit")]
+    for what, band in _forecast(result):
+        low, middle, high = (fixed(math.degrees(a), 1) if math.isfinite(a) else "does not come back" for a in band)
+        rows.append((what, middle, f"{low} ... {high}", "deg"))
+    return rows if len(rows) > 1 else []
+
+
+FORECAST = "What the boat will do at this speed, in weather like the runs'"
 
 
 def as_json(result: Result) -> str:
@@ -324,6 +356,7 @@ def as_text(result: Result) -> str:
         *(["\n".join(aligned(_ratio_rows(found)))] if found.ratios is not None and found.ratios.on_ridge else []),
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
         "\n".join(aligned(_run_rows(result))),
+        *([FORECAST, "\n".join(aligned(forecast_rows(result)))] if result.forecast else []),
         *_trims(found),
         *([f"Rudder rate: {rate_sentence(result.rudder_rate)}."] if result.rudder_rate else []),
         *found.unidentifiable.values(),
@@ -416,6 +449,7 @@ def identification_page(
         *_correlation(found),
         *([Section("Candidates", choice_rows(choice), (choice_sentence(choice),))] if choice else []),
         Section("Predictions", _run_rows(result, _name), ("Open loop, from what drove the boat alone.",)),
+        *([_what_it_will_do(result)] if result.forecast else []),
         *map(_run_section, shown[1:]),
         _residuals(result.residual_tests, [each for each in shown if each.role == "fit"]),
         *_steady_turn_curve(found, turns),
@@ -490,6 +524,19 @@ def _run_section(shown: PredictedRun) -> Section:
     panels.append(Panel("speed [m/s]", [Line("speed", time, _joined([s.speed for s in run.segments]))]))
     caption = "used in the fit" if role == "fit" else "held out: the fit never saw it"
     return Section(f"{_name(run)} ({role})", figure=time_figure(panels), caption=caption)
+
+
+def _what_it_will_do(result: Result) -> Section:
+    """The turn that is forecast, and the overshoots, with their bands."""
+    assert result.forecast is not None
+    time, turn = result.forecast.time, np.degrees(result.forecast.turn)
+    lines = [
+        Line("in the middle", time, turn[:, 1]),
+        Line("lower end", time, turn[:, 0], True),
+        Line("upper end", time, turn[:, 2], True),
+    ]
+    figure = time_figure([Panel("heading [deg]", lines)], "time since the rudder went over [s]")
+    return Section("Forecast", forecast_rows(result), (f"{FORECAST}.",), figure=figure, caption="95 % band")
 
 
 def _name(run: Run) -> str:

@@ -20,7 +20,7 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_fit import memory_of, scales
-from autopilot.identification.likelihood_record import record_of, rudder_on, smoothed
+from autopilot.identification.likelihood_record import record_of, rudder_on, without_noise
 from autopilot.identification.likelihood_search import Space
 from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rate_of
@@ -260,7 +260,7 @@ def test_the_noise_of_a_log_goes_and_its_changes_stay() -> None:
     time = np.arange(0.0, 120.0, 0.1)
     truth = 5.0 - 0.5 * (np.sin(time / 8.0) > 0.0) * np.sin(time / 8.0)
     seen = truth + 0.1 * np.random.default_rng(5).normal(size=time.size)
-    off = smoothed(time, seen) - truth
+    off = without_noise(seen) - truth
     assert np.sqrt(np.mean(off**2)) < 0.05
 
 
@@ -269,3 +269,16 @@ def test_a_propeller_astern_makes_no_race() -> None:
     ratio = np.array([1.0, 1.0])
     astern, stopped = inflow_ratio(around, 0.25, ratio, np.array([-12.0, 0.0]))
     assert astern == stopped
+
+
+def test_a_rudder_without_its_noise_turns_the_boat_no_less() -> None:
+    """White noise in what drives a boat draws its answer towards 0; the best estimate of it does not."""
+    random, truth = np.random.default_rng(4), zigzags(PLANT["Lanxin"], SEA["calm"], [300], 1)[0]["rudder_rad"]
+    for noise in np.radians([0.1, 0.3]):
+        seen = truth + noise * random.normal(size=truth.size)
+        slopes = [
+            float(np.diff(driven) @ np.diff(truth)) / float(np.diff(driven) @ np.diff(driven))
+            for driven in (seen, without_noise(seen))
+        ]
+        assert slopes[0] < 0.99 and slopes[1] == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_array_equal(without_noise(truth), truth)

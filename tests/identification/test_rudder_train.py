@@ -15,7 +15,8 @@ from autopilot.cli.main import main
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train
-from autopilot.identification.runs import FloatArray
+from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.verdict import verdict_of
 
 TIME = np.arange(0.0, 30.0, 0.05)
 PATH = 0.3 * np.sin(0.8 * TIME) + 0.1 * np.sign(np.sin(0.3 * TIME))
@@ -94,3 +95,60 @@ def test_what_cannot_be_fitted_is_refused(
     np.savetxt(path, np.stack(list(table.values()), axis=1), delimiter=",", header=",".join(table), comments="")
     assert main(["identify", str(path), *options]) == 2
     assert said in capsys.readouterr().err
+
+
+def with_play(angle: float, play: float, side: int, gust: float = 0.0) -> Run:
+    """A zigzag of a boat whose rudder follows its record only after a play [rad] to either side."""
+    dt, random, rows = 0.01, np.random.default_rng(round(1.0e6 * angle) + side), []
+    rate = heading = rudder = wet = push = 0.0
+    order, keep = side * angle, float(np.exp(-dt / 5.0))
+    for i in range(6000):
+        if i % 10 == 0:
+            rows.append((i * dt, heading + HEADING * random.normal(), rudder, 5.0))
+        order = -order if heading * np.sign(order) >= angle else order
+        rudder += float(np.clip(order - rudder, -0.0026, 0.0026))
+        wet = min(max(wet, rudder - play), rudder + play)
+        push = keep * push + gust * float(np.sqrt(1.0 - keep**2)) * random.normal()
+        slope = (0.43 * (wet + push) - rate - 6.0 * rate**3) / 3.5
+        guess = rate + dt * slope
+        slope = 0.5 * (slope + (0.43 * (wet + push) - guess - 6.0 * guess**3) / 3.5)
+        heading += dt * (rate + 0.5 * dt * slope)
+        rate += dt * slope
+    names = ("time_s", "heading_rad", "rudder_rad", "speed_m_s")
+    return run_of(dict(zip(names, np.array(rows).T, strict=True)), f"{side:+d}")
+
+
+def shortened(run: Run, seconds: float) -> Run:
+    (segment,) = run.segments
+    count = int(np.count_nonzero(segment.time < seconds))
+    return run._replace(segments=(Segment(*(values[:count] for values in segment)),))
+
+
+@pytest.mark.parametrize("play_deg", [0.5, 1.0])
+def test_a_play_of_the_rudder_is_found_and_named(play_deg: float) -> None:
+    runs = [with_play(np.radians(angle), np.radians(play_deg), side) for angle, side in ((20.0, 1), (10.0, -1))]
+    found = identify(runs, Question(reference_speed=5.0))
+    assert np.degrees(found.train.dead_band) == pytest.approx(play_deg, abs=0.15)
+    assert found.model.gain == pytest.approx(0.43, rel=0.02)
+    assert found.model.n3 == pytest.approx(6.0, rel=0.15)
+    assert any("of play to either side" in note for note in found.notes)
+    assert "play" in verdict_of(found).sentence
+
+
+def test_a_play_that_is_not_there_is_not_found_but_bounded() -> None:
+    calm = identify([with_play(np.radians(20.0), 0.0, 1), with_play(np.radians(10.0), 0.0, -1)])
+    assert calm.train == DIRECT and not any("play" in note for note in calm.notes)
+    # in gusts, from one short zigzag, a play of half a degree may hide
+    gusty = identify([shortened(with_play(np.radians(20.0), 0.0, 1, gust=np.radians(3.0)), 25.0)])
+    assert gusty.train.dead_band == 0.0
+    assert any("do not exclude a play of the rudder" in note for note in gusty.notes)
+
+
+def test_a_rudder_whose_zero_is_off_is_named() -> None:
+    runs = [with_play(np.radians(20.0), 0.0, side) for side in (1, -1)]
+    off = [
+        run._replace(segments=tuple(s._replace(rudder=s.rudder + np.radians(3.0)) for s in run.segments))
+        for run in runs
+    ]
+    assert any("straight with 3 +- " in note for note in identify(off).notes)
+    assert not any("straight with" in note for note in identify(runs).notes)

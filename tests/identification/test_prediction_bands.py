@@ -1,0 +1,97 @@
+"""What is forecast of manoeuvres that were not sailed, against a boat that shares nothing with the project."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from independent_boat import SPEED_M_S, Plant, Sea, zigzags
+
+from autopilot.identification.identified import Identified, Question
+from autopilot.identification.identify import identify
+from autopilot.identification.prediction_bands import (
+    AHEAD_S,
+    TURNING_RAD,
+    fastest_rudder,
+    forecast,
+    headings_after,
+    motions_of,
+    stretches_of,
+    widened,
+)
+from autopilot.identification.runs import FloatArray, Run, run_from_columns
+from autopilot.report.identification import Result, as_text, document_of, identification_page
+
+PLANT = Plant("K 0.43, T 3.5", 0.43 / 3.5, 1.0 / 3.5, 6.0 / 3.5, 0.0015, 15.0, 60.0)
+SEA = Sea("gusts", gust_deg=1.0, rudder_deg=0.1)
+
+
+def runs_of(seed: int, plant: Plant = PLANT, sea: Sea = SEA) -> list[Run]:
+    return [run_from_columns(f"{side:+d}.csv", zigzags(plant, sea, [seed], side)[0]) for side in (1, -1)]
+
+
+@pytest.fixture(scope="module")
+def found() -> Identified:
+    return identify(runs_of(300), Question(reference_speed=SPEED_M_S))
+
+
+def first_overshoots(table: dict[str, FloatArray], angle: float) -> list[float]:
+    heading, rudder = table["heading_rad"], table["rudder_rad"]
+    moving = np.flatnonzero(np.abs(np.diff(np.sign(rudder))) > 1)
+    begins = [k - np.argmax(np.abs(rudder[k::-1]) >= 0.99 * angle) for k in moving]
+    spans = [heading[begin:end] for begin, end in pairwise(begins[:3])]
+    return [float(np.max(np.abs(span))) - angle for span in spans]
+
+
+def test_overshoots_of_a_zigzag_that_was_not_sailed_lie_in_their_bands(found: Identified) -> None:
+    assert found.likely is not None
+    expected = forecast(found.likely, runs_of(300), SPEED_M_S, math.radians(15.0))
+    angle, inside = math.radians(10.0), []
+    truth = zigzags(PLANT, SEA._replace(rudder_deg=0.0, compass_deg=0.0), list(range(400, 420)), 1, 10.0)
+    for table in truth:
+        for band, value in zip(expected.overshoots[10.0], first_overshoots(table, angle), strict=True):
+            inside.append(band.low <= value <= band.high)
+    # 95 % of 40; fewer than 33 by chance in one case of 400
+    assert sum(inside) >= 33
+    # and the bands say something
+    for band in expected.overshoots[10.0]:
+        assert band.high - band.low < 2.0 * band.middle
+
+
+def test_headings_of_another_day_lie_in_their_bands(found: Identified) -> None:
+    assert found.likely is not None
+    inside = []
+    for seed in range(500, 504):
+        segments = [segment for run in runs_of(seed) for segment in run.segments]
+        parts = stretches_of(segments, motions_of(segments), AHEAD_S)
+        drawn = headings_after(found.likely, parts, AHEAD_S, SPEED_M_S)
+        low, high = np.quantile(drawn, (0.025, 0.975), axis=1)
+        turned = np.array([part.turned for part in parts])
+        inside += ((low <= turned) & (turned <= high)).tolist()
+    assert np.mean(inside) >= 0.85
+
+
+def test_a_fit_that_errs_by_more_than_it_says_is_widened(found: Identified) -> None:
+    assert found.likely is not None
+    weather = found.likely.weather
+    sure = found.likely._replace(
+        covariance=0.01 * found.likely.covariance,
+        weather=weather._replace(gust=0.1 * weather.gust, white=0.1 * weather.white),
+    )
+    assert widened(sure, runs_of(300), SPEED_M_S).weather.gust > 3.0 * sure.weather.gust
+    assert widened(found.likely, runs_of(300), SPEED_M_S).weather.gust < 2.0 * weather.gust
+
+
+def test_the_user_sees_the_bands(found: Identified) -> None:
+    assert found.likely is not None
+    runs = runs_of(300)
+    expected = forecast(found.likely, runs, SPEED_M_S, fastest_rudder(runs))
+    result = Result("norrbin", found, None, [(run, "fit", found.predict(run)) for run in runs], forecast=expected)
+    text, document = as_text(result), document_of(result)["forecast"]
+    assert "first overshoot of a 10/10 zigzag" in text and "second overshoot of a 20/20 zigzag" in text
+    turn = document[f"heading {AHEAD_S:g} s after {math.degrees(TURNING_RAD):g} deg of rudder"]
+    assert turn["low_deg"] < turn["middle_deg"] < turn["high_deg"]
+    page = identification_page(result, "output-error", "autopilot identify", None, {})
+    assert "time since the rudder went over" in page
