@@ -157,10 +157,11 @@ def test_no_request_that_is_json_is_an_error_of_the_server(server: Server) -> No
 
 
 def test_a_stranger_changes_nothing_by_any_path(server: Server) -> None:
-    assert post(server, "engage") == 200
-    until("engaged", lambda: pilot(server)["engaged"])
+    assert put(server, "state", "auto") == 200
+    until("the heading held", lambda: (pilot(server)["state"], pilot(server)["mode"]) == ("auto", "compass"))
+    held = until("the heading", lambda: pilot(server)["target"])
     assert put(server, "dodge", 10, units="deg") == 200
-    until("the step aside", lambda: pilot(server)["target"] is not None)
+    until("the step aside", lambda: near(pilot(server)["target"], math.degrees(held) + 10.0, 0.5))
     before = pilot(server)
     for path, method in operations():
         if method != "get":
