@@ -38,7 +38,7 @@ export function drawChart() {
   if (canvas.offsetParent === null || !state) return;
   const known = typeof state.lat === "number" && typeof state.lon === "number";
   byId("chart-word").textContent = known ? boat.isStale("position") ? "The position is old." : "" : "No position comes from the boat.";
-  const key = JSON.stringify([state.lat, state.lon, state.heading, state.twd, boat.track.length, boat.route, metres, fitted, state.waypoint, state.mob_distance, document.documentElement.dataset.theme, canvas.clientWidth]);
+  const key = JSON.stringify([state.lat, state.lon, state.heading, state.twd, boat.track.length, boat.route, metres, fitted, state.waypoint, state.mob_distance, document.documentElement.dataset.theme, canvas.clientWidth, canvas.clientHeight]);
   if (!known || key === drawn) return;
   drawn = key;
   const ratio = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
