@@ -1,20 +1,25 @@
 """What `autopilot gains` writes beside peers tuned in the very sea: heading rms against rudder travel.
 
-    python benchmarks/front.py [--evaluations 300] [--seeds 3] [--first-seed 20261124] [--out FOLDER]
+    python benchmarks/front.py [--boats NAMES] [--timing 20:0.05] [--evaluations 300] [--seeds 3]
+                               [--first-seed 20261125] [--out FOLDER]
 
-Boats: K 0.43 1/s and T 3.5 s, and Lanxin, both with a rudder of 15 deg/s and 0.1 s of lag. Waves of 1 deg rms (spectrum
-of Jiang et al. 2016) and a steady wind of 1.5 deg, as rudder angles. Instruments: heading and rate exact; 0.1 deg and
-0.02 deg/s; a compass of 0.3 deg alone. 0, 50 and 100 ms from order to servo, 20 and 50 Hz, in lockstep.
+Boats: K 0.43 1/s and T 3.5 s, and Lanxin, both with a rudder of 15 deg/s and 0.1 s of lag, and plants of the simulator
+by the vessel files that were identified from their zigzags: the LQG law is not theirs and is left out. Waves of 1 deg
+rms (spectrum of Jiang et al. 2016) and a steady wind of 1.5 deg, as rudder angles. Instruments: heading and rate exact;
+0.1 deg and 0.02 deg/s; a compass of 0.3 deg alone. 0, 50 and 100 ms from order to servo, 20 and 50 Hz, in lockstep.
 
 The pilot is designed from model, rudder, noise and path, a front of nine levels, and sees the sea for the first time in
 the runs that judge. The peers (`front_peers`) are searched in this sea on seeds of their own, as many settings each,
-and judged on the same runs. The LQG law knows everything but the deviates: what is left to be had. A ratio is the
+and judged on the same runs. The LQG law knows everything but the deviates, its play is chosen on the peers' seeds: what
+is left to be had. A ratio is the
 pilot's rms over the peer's at the travel of each level, where the peer's front reaches that far.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
+import itertools
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -35,6 +40,7 @@ from front_runs import (
     quick_boat,
     sailed_peer,
     sailed_pilot,
+    zoo_boat,
 )
 from pareto_front import chosen, explore, front
 
@@ -54,6 +60,12 @@ TIMING = ((20, 0.0), (20, 0.05), (20, 0.1), (50, 0.0), (50, 0.1))
 WEIGHTS = np.logspace(-2.0, 1.0, 10)
 TRAINING, TRAINED_S, JUDGED_S, SEARCH = (101, 102, 103), 240.0, 600.0, 42
 STARTS = 4
+BOATS: dict[str, tuple[Callable[[], Boat], bool]] = {
+    "quick": (quick_boat, True),
+    "lanxin": (lanxin_boat, True),
+    **{kind: (functools.partial(zoo_boat, kind), False) for kind in ("mmg_tanker", "small_craft")},
+}
+"""Each boat, and whether it is its model."""
 
 
 class Peer(NamedTuple):
@@ -151,14 +163,22 @@ def tuned(boat: Boat, peer: Peer, training: Sequence[Drawn], judged: Sequence[Dr
     return front(np.array([together(sailed(numbers, judged).tolist()) for numbers in kept]))
 
 
-def knowing(boat: Boat, path: float, instruments: Instruments, judged: Sequence[Drawn]) -> Floats:
-    """Return the front of the LQG law."""
+def knowing(
+    boat: Boat, path: float, instruments: Instruments, training: Sequence[Drawn], judged: Sequence[Drawn]
+) -> Floats:
+    """Return the front of the LQG law, weight and play chosen where the peers are searched."""
     model, gear = model_of(boat.vessel), gear_of(boat.vessel)
-    points = []
-    for helm in peers.lqg_front(model, gear.lag, path, SEA, instruments, peers.Rudder(gear.angle_max, gear.rate_max)):
-        runs = [sailed_peer(boat, helm, (np.zeros(len(helm.move)), np.zeros(2)), peers.lqg_step, run) for run in judged]
-        points.append(together(runs))
-    return front(np.array(points))
+    helms = peers.lqg_front(model, gear.lag, path, SEA, instruments, peers.Rudder(gear.angle_max, gear.rate_max))
+
+    def sailed(helm: peers.Lqg, runs: Sequence[Drawn]) -> tuple[float, float]:
+        first = np.zeros(len(helm.move)), np.zeros(2)
+        return together(
+            [sailed_peer(boat, helm, (first[0].copy(), first[1].copy()), peers.lqg_step, run) for run in runs]
+        )
+
+    tried = np.array([sailed(helm, training) for helm in helms])
+    best = [helm for helm, point in zip(helms, tried, strict=True) if (front(tried) == point).all(axis=1).any()]
+    return front(np.array([sailed(helm, judged) for helm in best]))
 
 
 def ours(boat: Boat, path: float, instruments: Instruments, judged: Sequence[Drawn]) -> Floats:
@@ -181,31 +201,41 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--evaluations", type=int, default=300, help="settings tried for each peer and case")
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--first-seed", type=int, default=20261124, help="of the runs that judge: the date")
+    parser.add_argument("--first-seed", type=int, default=20261125, help="of the runs that judge: the date")
     parser.add_argument("--out", type=Path, help="folder for front.json and front.png")
+    parser.add_argument("--boats", nargs="+", choices=BOATS, default=list(BOATS))
+    parser.add_argument("--timing", nargs="+", default=[f"{hz}:{path:g}" for hz, path in TIMING], help="Hz:path_s")
     asked = parser.parse_args()
     record: dict[str, Any] = {}
+    timing = [(int(hz), float(path)) for hz, path in (each.split(":") for each in asked.timing)]
     print(f"{'boat':22s}{'instruments':22s}{'Hz':>3s}{'path':>6s}  peer         rms over the peer's at levels 1 to 9")
-    for boat in (quick_boat(), lanxin_boat()):
-        for name, usual in INSTRUMENTS.items():
-            for hz, path in TIMING:
-                case = usual._replace(hz=hz)
-                training = [drawn(boat, SEA, case, path, (seed, TRAINED_S)) for seed in TRAINING]
-                seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
-                judged = [drawn(boat, SEA, case, path, (seed, JUDGED_S)) for seed in seeds]
-                fronts = {"pilot": ours(boat, path, case, judged), "LQG": knowing(boat, path, case, judged)}
-                for peer, of in PEERS.items():
-                    fronts[peer] = tuned(boat, of(boat, case.has_rate), training, judged, asked.evaluations)
-                for peer in ("LQG", *PEERS):
-                    ratios = " ".join(f"{each:5.2f}" for each in beside(fronts["pilot"], fronts[peer]))
-                    print(f"{boat.vessel.name:22s}{name:22s}{hz:3d}{path:6.2f}  {peer:12s} {ratios}", flush=True)
-                record[f"{boat.vessel.name} | {name} | {hz} Hz | {path:g} s"] = {
-                    key: points.round(4).tolist() for key, points in fronts.items()
-                }
-    if asked.out is not None:
-        asked.out.mkdir(parents=True, exist_ok=True)
-        (asked.out / "front.json").write_text(json.dumps(record, indent=1))
-        draw(record, asked.out / "front.png")
+    for made, is_model in (BOATS[name] for name in asked.boats):
+        boat = made()
+        for (hz, path), (name, usual) in itertools.product(timing, INSTRUMENTS.items()):
+            case = usual._replace(hz=hz)
+            training = [drawn(boat, SEA, case, path, (seed, TRAINED_S)) for seed in TRAINING]
+            seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
+            judged = [drawn(boat, SEA, case, path, (seed, JUDGED_S)) for seed in seeds]
+            fronts = {"pilot": ours(boat, path, case, judged)}
+            if is_model:
+                fronts["LQG"] = knowing(boat, path, case, training, judged)
+            for peer, of in PEERS.items():
+                fronts[peer] = tuned(boat, of(boat, case.has_rate), training, judged, asked.evaluations)
+            for peer in list(fronts)[1:]:
+                ratios = " ".join(f"{each:5.2f}" for each in beside(fronts["pilot"], fronts[peer]))
+                print(f"{boat.vessel.name:22s}{name:22s}{hz:3d}{path:6.2f}  {peer:12s} {ratios}", flush=True)
+            record[f"{boat.vessel.name} | {name} | {hz} Hz | {path:g} s"] = {
+                key: points.round(4).tolist() for key, points in fronts.items()
+            }
+            keep(record, asked.out)
+
+
+def keep(record: dict[str, Any], out: Path | None) -> None:
+    """Write what has been sailed so far, and draw it."""
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "front.json").write_text(json.dumps(record, indent=1))
+        draw(record, out / "front.png")
 
 
 def draw(record: dict[str, Any], path: Path) -> None:
@@ -216,10 +246,11 @@ def draw(record: dict[str, Any], path: Path) -> None:
     from matplotlib import pyplot
 
     shown = {key: value for key, value in record.items() if key.endswith("20 Hz | 0.05 s")}
-    drawn_, axes = pyplot.subplots(2, 3, figsize=(9.0, 5.6), layout="constrained", squeeze=False)
+    rows = max(1, -(-len(shown) // 3))
+    drawn_, axes = pyplot.subplots(rows, 3, figsize=(9.0, 2.8 * rows), layout="constrained", squeeze=False)
     colours = {"pilot": "#0b5fa5", "ArduRover": "#c8501e", "PID": "#7a7a7a", "Kalman PID": "#3a9a3a", "LQG": "#000000"}
     for axis, (key, fronts) in zip(axes.flat, shown.items(), strict=False):
-        for name, colour in colours.items():
+        for name, colour in ((name, colours[name]) for name in fronts):
             rms, travel = np.array(fronts[name]).T
             style = {"linestyle": ":"} if name == "LQG" else {"marker": ".", "markersize": 4}
             axis.loglog(travel, rms, color=colour, linewidth=1.0, label=name, **style)

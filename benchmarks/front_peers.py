@@ -10,7 +10,8 @@ The study's PID: a PID on a low-passed heading and derivative, with a weather ba
 
 The Kalman PID: heading, rate and bias by an observer of constant gains on the linear model, gains on all three.
 
-The LQG law: it knows boat, gear, path, noise and the spectrum of what pushes.
+The LQG law: it knows boat, gear, path, noise and the spectrum of what pushes. Travel is the mean of |u'|, so that no
+linear law is the best: it is given a play, and moves the rudder no further than to the edge of a band about its wish.
 """
 
 from __future__ import annotations
@@ -196,14 +197,24 @@ def kalman_pid_step(
     return order, KalmanPidMemory(psi, r, bias, order)
 
 
+ORDER = 6
+"""Place of the order in the LQG law's state."""
+PLAYS = (0.0, 0.2, 0.4, 0.7, 1.0)
+"""In units of the waves."""
+WANDERS = 0.22
+"""So much of the steady wind the LQG law believes to change in 1000 s: it learns it within what is not judged."""
+
+
 class Lqg(NamedTuple):
-    """x' = transition x + move u, Kalman gain on what instruments show, feedback [1 a step], and the course's trim."""
+    """x' = transition x + move u, Kalman gain on what instruments show, feedback [1 a step], and the play [rad], 0: the
+    linear law."""
 
     transition: Floats
     move: Floats
     gain: Floats
     feedback: Floats
     has_rate: bool
+    play: float
     rudder: Rudder
 
 
@@ -218,19 +229,23 @@ def lqg_step(helm: Lqg, memory: tuple[Floats, Floats], heading: float, rate: flo
         ahead[i] += helm.move[i] * order[1]
     off = wrap(heading - ahead[0])
     turned = rate - ahead[1] if helm.has_rate else 0.0
-    wanted = order[0]
+    change = 0.0
     for i in range(n):
         x[i] = ahead[i] + helm.gain[i, 0] * off + helm.gain[i, 1] * turned
     for i in range(n):
-        wanted -= helm.feedback[i] * x[i]
-    new = _limited(helm.rudder, order[0], wanted, dt)
+        change -= helm.feedback[i] * x[i]
+    if helm.play > 0.0:
+        # what the order is off the wish, of which the linear law makes up a share each step
+        change /= helm.feedback[ORDER]
+        change -= min(max(change, -helm.play), helm.play)
+    new = _limited(helm.rudder, order[0], order[0] + change, dt)
     order[1] = new - order[0]
     order[0] = new
     return new, (x, order)
 
 
 def lqg_front(model: Norrbin, lag: float, path: float, sea: Any, instruments: Any, rudder: Rudder) -> list[Lqg]:
-    """Return LQG laws by rising weight on the rudder's rate; everything is known to them but the deviates."""
+    """Return LQG laws by weight on the rudder's rate and by play; everything is known to them but the deviates."""
     dt = 1.0 / instruments.hz
     f, g, q = lqg_system(model, lag, round(path / dt), sea, dt)
     n = len(f)
@@ -240,7 +255,7 @@ def lqg_front(model: Norrbin, lag: float, path: float, sea: Any, instruments: An
     p = solve_discrete_are(f.T, h.T, q + 1.0e-14 * np.eye(n), r)
     gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
     found = []
-    for weight in np.logspace(-2.5, 2.0, 16):
+    for weight in np.logspace(-2.5, 1.5, 12):
         cost = np.zeros((n, n))
         cost[0, 0] = 1.0
         for i, j in ((6, 6), (5, 5), (5, 6), (6, 5)):
@@ -250,7 +265,9 @@ def lqg_front(model: Norrbin, lag: float, path: float, sea: Any, instruments: An
         k = np.linalg.solve(w + g.T @ x @ g, g.T @ x @ f)[0]
         both = np.zeros((n, 2))
         both[:, : len(h)] = gain
-        found.append(Lqg(f, g[:, 0].copy(), both, k, bool(instruments.has_rate), rudder))
+        for play in PLAYS:
+            band = play * math.radians(sea.waves)
+            found.append(Lqg(f, g[:, 0].copy(), both, k, bool(instruments.has_rate), band, rudder))
     return found
 
 
@@ -265,7 +282,7 @@ def lqg_system(model: Norrbin, lag: float, late: int, sea: Any, dt: float) -> tu
     a[3, 4], a[4, 3], a[4, 4] = sea.frequency, -sea.frequency, -2.0 * sea.damping * sea.frequency
     q[4, 4] = 4.0 * sea.damping * sea.frequency * math.radians(sea.waves) ** 2
     a[5, 5] = -1.0 / sea.gust_time if sea.gusts else -1.0e-3
-    q[5, 5] = -2.0 * a[5, 5] * math.radians(sea.gusts if sea.gusts else max(sea.wind, 0.01)) ** 2
+    q[5, 5] = -2.0 * a[5, 5] * math.radians(sea.gusts if sea.gusts else WANDERS * max(sea.wind, 0.01)) ** 2
     b = np.zeros((n, 1))
     b[2, 0] = 1.0 / max(lag, 1.0e-3)
     both = expm(dt * np.block([[a, b], [np.zeros((1, n + 1))]]))

@@ -48,6 +48,22 @@ With the third step the law steers by the state as it will be when the rudder ha
 lag and half a tick from now, reckoned from where the rudder is and what it was last ordered; and waves are states of
 the regulator like any other (`autopilot.control.wave_feedforward`).
 
+What wears a rudder is its travel, the mean of |u'| and not of u'^2. For this the best law is no linear one: it leaves
+the rudder where it is inside a band about what is asked for, and moves it along at the band's edge (singular control).
+So the third step has play,
+
+    |u - delta - b| <= B,   u moved by no more than it takes.
+
+B is such that the rudder travels as far as that of the linear step, u1' = -k3 (u1 - delta - b), would. Behind a random
+walk it travels D/(2 B) between the edges, and sqrt(k3 D/pi) by the linear step, whose deviation is s = sqrt(D/(2 k3)).
+So B = sqrt(pi/2) s, and the rudder is off by B/sqrt(3) = 0.72 s in place of s. What s is, the linear rudder shows that
+is reckoned beside. A degree of travel is worth as much in a calm as in a sea, though, which a weight on u'^2 forgets:
+where travel has one price the best band goes with D^(1/3), that is B = sqrt(pi/2) s^(2/3) s0^(1/3), s0 the s of a usual
+sea. It grows with the sea and the noise, and spares the rudder the more the less there is to steer against. To a swing
+the play is much like the linear step, at a gain that is never more and with about its lag, so that the margins of the
+linear loop stand. A course-unstable boat leaves its course where the rudder rests, and is steered by the linear step.
+Source: Harrison and Taylor 1978 for the band of a Brownian motion; travel and B derived here.
+
 The regulator that holds a course: the linear-quadratic one with a weight on the rudder's rate, in closed form. A
 planned turn has gains of its own.
 
@@ -84,7 +100,6 @@ from autopilot.control.law import (
     LawDesign,
     LawInput,
     LoopGains,
-    NoMemory,
     in_units_of_file,
 )
 from autopilot.control.wave_feedforward import ClosedLoop, swung, wave_rudder
@@ -105,6 +120,18 @@ OVERTAXED = 1.7
 quick loops lag in turns and a launch is held worse in following seas; with 2 and more, a boat turning 40 % better than
 its model may swing about its course for ever after a push that its rudder did not hold: benchmarks/results/gains.md."""
 BISECTIONS = 60
+PLAY = math.sqrt(0.5 * math.pi)
+"""B in units of s, in the usual sea; derived above."""
+PLAY_USUAL, PLAY_MOST = math.radians(0.4), math.radians(1.0)
+"""s [rad] in waves worth 1 deg of rudder, of regulators of the middle levels, and the most that is believed of it."""
+PLAY_FIRST = math.radians(0.05)
+"""s [rad] before anything is known of it."""
+PLAY_REACH = 9.0
+"""What is asked for and lies further off than three deviations is a push or a turn, and says nothing of s."""
+PLAY_MEMORY, PLAY_LASTS = 15.0, 3.0
+"""s is learnt over this time [s], or over so many times the smoothing if that is longer."""
+PLAY_BEGINS = 0.25
+"""Until s has been learnt for so much of that, the rudder goes by the linear step: engaging makes no bump."""
 BEGUN_SMOOTHING = 0.1
 """Smoothing with which a search begins where there is none, in units of 1/(the loop's natural frequency): a sixth of it
 is next to none, a regulator has 0.35."""
@@ -135,6 +162,20 @@ class BacksteppingGains(NamedTuple):
 
 
 NO_GAINS = BacksteppingGains(0.0, 0.0, 0.0, 0.0)
+
+
+class Rested(NamedTuple):
+    """What the third step remembers: the rudder u1 [rad] of the linear step, and the variance s^2 [rad^2] of what is
+    asked for about it, learnt for so many `seconds`."""
+
+    rudder: float
+    variance: float
+    seconds: float = 0.0
+
+
+def at_rest(gains: object, rudder: float) -> Rested:
+    """Return the memory with which steering begins at a `rudder` [rad]."""
+    return Rested(rudder, PLAY_FIRST * PLAY_FIRST, 0.0)
 
 
 class BoundedGains(NamedTuple):
@@ -308,6 +349,29 @@ def smoothed_rudder(smoothing: float, wanted: float, last_rudder: float, dt: flo
     return last_rudder - math.expm1(-dt / smoothing) * (wanted - last_rudder)
 
 
+def played_rudder(
+    smoothing: float, memory: Rested, wanted: float, last_rudder: float, dt: float
+) -> tuple[float, Rested]:
+    """Return the demand [rad] of the third step with its play, and the memory, `dt` [s] after the rudder was commanded
+    to `last_rudder` [rad]. wanted: what `regulated` asks for [rad]."""
+    rudder, variance, seconds = memory
+    apart = wanted - rudder
+    rudder -= math.expm1(-dt / smoothing) * apart
+    lasts = PLAY_LASTS * smoothing
+    lasts = PLAY_MEMORY if lasts < PLAY_MEMORY else lasts
+    begins = PLAY_BEGINS * lasts
+    time = begins if seconds < begins else seconds if seconds < lasts else lasts
+    seen = apart * apart
+    if seen < PLAY_REACH * (variance + PLAY_FIRST * PLAY_FIRST):
+        variance -= math.expm1(-dt / time) * (seen - variance)
+        variance = PLAY_MOST * PLAY_MOST if variance > PLAY_MOST * PLAY_MOST else variance
+    if seconds < begins:
+        return rudder, Rested(rudder, variance, seconds + dt)
+    band, off = PLAY * math.pow(variance * PLAY_USUAL, 1.0 / 3.0), wanted - last_rudder
+    demand = wanted - band if off > band else wanted + band if off < -band else last_rudder
+    return demand, Rested(rudder, variance, seconds + dt)
+
+
 def smoothing_in(model: Norrbin, smoothing: float, reference: Reference) -> float:
     """Return the smoothing [s] that is in force: none in a planned turn that takes more than PLANNED of rudder."""
     if smoothing == 0.0:
@@ -352,17 +416,32 @@ def bounded_gains_at(bounded: BoundedGains, speed_ratio: float) -> BoundedGains:
     return BoundedGains(gains, error_max, bounded.ahead, gains_at(bounded.course, speed_ratio), course_max)
 
 
-def step(bounded: BoundedGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
-    """Return the rudder demand [rad]. There is no memory: bias and limits come with the state and the last rudder."""
+def in_proportion(bounded: BoundedGains, given: LawInput) -> float:
+    """Return the rudder demand [rad] of the regulator that holds a course, its third step without play."""
+    kept = on_course(bounded_gains_at(bounded, given.ratio))
+    return smoothed_rudder(kept.gains.smoothing, regulated(kept, given), given.last_rudder, given.dt)
+
+
+def regulated(kept: BoundedGains, given: LawInput) -> float:
+    """Return the rudder [rad] that the regulator asks for, before its third step."""
+    # an order holds until the next: on the mean it is half a tick old
+    acted = when_acted_on(kept.ahead + 0.5 * given.dt, given)
+    return backstepping_rudder(kept, acted, acted.reference.rate) + regulated_waves(kept.gains, acted)
+
+
+def step(bounded: BoundedGains, memory: Rested, given: LawInput) -> tuple[float, Rested]:
+    """Return the rudder demand [rad], and the memory. Bias and limits come with the state and the last rudder."""
     here = bounded_gains_at(bounded, given.ratio)
     kept = on_course(here)
     smoothing = smoothing_in(given.model, kept.gains.smoothing, given.reference)
     if smoothing == 0.0:
-        return backstepping_rudder(here, without_waves(given), given.reference.rate), memory
-    # an order holds until the next: on the mean it is half a tick old
-    acted = when_acted_on(kept.ahead + 0.5 * given.dt, given)
-    wanted = backstepping_rudder(kept, acted, acted.reference.rate) + regulated_waves(kept.gains, acted)
-    return smoothed_rudder(smoothing, wanted, given.last_rudder, given.dt), memory
+        demand = backstepping_rudder(here, without_waves(given), given.reference.rate)
+        return demand, Rested(demand, memory.variance, memory.seconds)
+    wanted = regulated(kept, given)
+    if given.model.n1 < 0.0:
+        demand = smoothed_rudder(smoothing, wanted, given.last_rudder, given.dt)
+        return demand, Rested(demand, memory.variance, memory.seconds)
+    return played_rudder(smoothing, memory, wanted, given.last_rudder, given.dt)
 
 
 def _linear(bounded: BoundedGains, model: Norrbin) -> LoopGains:
@@ -406,6 +485,7 @@ LAW = Law(
     numbers=BoundedGains,
     gains=bounded_gains,
     step=step,
+    first=at_rest,
     at=bounded_gains_at,
     linear=_linear,
     shown=_shown,

@@ -34,7 +34,7 @@ from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 from autopilot.control import backstepping
 from autopilot.control.backstepping import BacksteppingGains, BoundedGains, lqr_gains
 from autopilot.control.design import LEAST_ERROR, MIDDLE_LEVEL, bandwidths_of
-from autopilot.control.law import NO_ROLL, LawInput, NoMemory
+from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.estimation.disturbance import Sea as Wavy
 from autopilot.estimation.disturbance import in_balance, wave_step
 from autopilot.estimation.heading_ekf import FilterNoise
@@ -253,7 +253,7 @@ def _law(afloat: Afloat, gains: BacksteppingGains, frequency: float) -> Floats:
     def order(psi: float, r: float, b: float, h: float, s: float, rudder: float, last: float) -> float:
         state = NavState(0.0, psi + h, r + s, model.reference_speed, rudder, b, 0.0, True, h, s, 1.0, waves)
         given = LawInput(model, 1.0, Reference(0.0), state, NO_ROLL, last, math.inf, afloat.dt)
-        return backstepping.step(bounded, NoMemory(), given)[0] / PROBE
+        return backstepping.in_proportion(bounded, given) / PROBE
 
     rows = np.eye(7) * PROBE
     psi, r, b, h, s, rudder, last = (order(*row) for row in rows)

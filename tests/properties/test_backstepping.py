@@ -24,7 +24,7 @@ from autopilot.control.backstepping import (
     errors,
     gains_at,
 )
-from autopilot.control.law import LawBoat, NoMemory
+from autopilot.control.law import LawBoat
 from autopilot.control.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear
@@ -192,8 +192,8 @@ def test_a_course_is_held_alike_whatever_n3_the_file_has(
     """A speed that is read wrong changes n3 by its square: the law in force does not go by it on a course."""
     bounded, ours = BoundedGains(GAINS[1], 0.3), model._replace(n3=times * model.n3)
     state = asked(ours, Reference(0.0), error, yaw)
-    assert backstepping.step(bounded, NoMemory(), state) == backstepping.step(
-        bounded, NoMemory(), asked(model, Reference(0.0), error, yaw)
+    assert backstepping.step(bounded, backstepping.at_rest(bounded, 0.0), state) == backstepping.step(
+        bounded, backstepping.at_rest(bounded, 0.0), asked(model, Reference(0.0), error, yaw)
     )
 
 
