@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import wrap
-from autopilot.control.limits import Rest, RudderLimits, limit, rested
-from autopilot.control.wave_feedforward import CornerFrequencies, Waves, WaveShares, wave_shares
+from autopilot.angles import PI, wrap
+from autopilot.control.limits import RudderLimits
+from autopilot.control.wave_feedforward import CornerFrequencies, Waves, wave_shares
 from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.guidance.reference import Guide, Steering, heading_ordered, led, started, zigzag
 from autopilot.guidance.turn import TurnLimits, preset_rate, reference_of, reset_reference, side_hard_over, turn_limits
-from autopilot.models.drive_law import is_rudder_law, quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, Order, OrderKind, Reference
 
@@ -65,9 +64,10 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
     """Return what turns keep to with the `model` at the speed that is."""
     speed, limits, rate = model.reference_speed, config.limits, config.estimator.gear.rate_max
     rate = limits.rate_max if limits.rate_max < rate else rate
-    is_near = abs(speed - turning.speed) <= SPEED_CHANGE * turning.speed and rate == turning.rudder_rate
+    near = SPEED_CHANGE * turning.speed
+    is_near = -near <= speed - turning.speed <= near and rate == turning.rudder_rate
     if is_near and (
-        is_rudder_law(config.estimator.law)
+        config.estimator.law.is_rudder
         or (
             abs(model.gain - turning.gain) <= SPEED_CHANGE * turning.gain
             and abs(limits.angle_max - turning.angle_max) <= SPEED_CHANGE * turning.angle_max
@@ -107,49 +107,45 @@ def replanned(config: SteeringConfig, way: Way, model: Norrbin, steady: NavState
     return way._replace(guide=way.guide._replace(boat=boat))
 
 
-def shown_waves(config: SteeringConfig, model: Norrbin, state: NavState) -> WaveShares:
-    """Return which share of the waves the law is not shown, and which it is shown as waves."""
-    waves = Waves(state.wave_heading, state.wave_rate, state.wave_deviation, state.wave_frequency)
-    own = config.estimator
-    times = quickness(own.law, own.model, model)
-    return wave_shares(model, own.gear, config.limits, config.corner_frequencies, times, waves)
-
-
-def steered_by(state: NavState, waves: WaveShares) -> NavState:
-    """Return the state to be steered by: without the share of the waves that is filtered out, and with waves as they
-    are shown."""
-    if state.wave_deviation == 0.0:
+def steered_by(config: SteeringConfig, model: Norrbin, state: NavState, ratio: float) -> NavState:
+    """Return the state to be steered by: without the share of the waves that the law is not shown, and with waves as
+    it is shown them. ratio: how many times as quick as in the trial the loop is, see `quickness`."""
+    time, heading, rate, speed, rudder, bias, age, valid, wave, wave_rate, deviation, frequency = state
+    if deviation == 0.0:
         return state
-    share, shown = waves.filtered, waves.shown
+    own, corners = config.estimator, config.corner_frequencies
+    filtered, shown = 0.0, 0.0
+    if corners.weighted > 0.0 or corners.seen < math.inf:
+        waves = Waves(wave, wave_rate, deviation, frequency)
+        filtered, shown = wave_shares(model, own.gear, config.limits, corners, ratio, waves)
+    heading -= filtered * wave
     return NavState(
-        state.time,
-        wrap(state.heading - share * state.wave_heading),
-        state.rate - share * state.wave_rate,
-        state.speed,
-        state.rudder,
-        state.bias,
-        state.heading_age,
-        state.valid,
-        shown * state.wave_heading,
-        shown * state.wave_rate,
-        state.wave_deviation,
-        state.wave_frequency,
+        time,
+        heading if -PI < heading <= PI else wrap(heading),
+        rate - filtered * wave_rate,
+        speed,
+        rudder,
+        bias,
+        age,
+        valid,
+        shown * wave,
+        shown * wave_rate,
+        deviation,
+        frequency,
     )
 
 
-class Moved(NamedTuple):
-    """The rudder [rad] that was commanded last, and the time [s] since."""
-
-    command: float
-    dt: float
+Moved = tuple[float, float]
+"""The rudder [rad] that was commanded last, and the time [s] since."""
 
 
 def referred(
     config: SteeringConfig, guide: Guide, turning: Turning, model: Norrbin, state: NavState, moved: Moved
 ) -> Guide:
     """Return the guide one tick on, towards the heading that is ordered."""
-    steering = Steering(side_hard_over(moved.command, config.limits.angle_max), config.rudder_is_ours, config.uses_bias)
-    return led(guide, model, turning.limits, state, steering, moved.dt)
+    command, dt = moved
+    steering = Steering(side_hard_over(command, config.limits.angle_max), config.rudder_is_ours, config.uses_bias)
+    return led(guide, model, turning.limits, state, steering, dt)
 
 
 def adopted(config: SteeringConfig, way: Way, order: Order, model: Norrbin, steady: NavState) -> Way:
@@ -193,15 +189,3 @@ def obey(
 def idle(way: Way, steady: NavState) -> tuple[Way, Reference, float]:
     """Return way, reference and demand [rad] where nobody steers by us."""
     return way, Reference(steady.heading, steady.rate, 0.0), 0.0
-
-
-def limited(config: SteeringConfig, before: Rest, moved: Moved, demand: float) -> Rest:
-    """Return what is left of a `demand` [rad] within the limits and the dead band."""
-    allowed = limit(config.limits, moved.command, demand, moved.dt)
-    return rested(config.limits, config.dead_band, before, demand, allowed)
-
-
-def limited_at_once(config: SteeringConfig, moved: Moved, demand: float) -> Rest:
-    """Return the same without a dead band, which only a course that is held has."""
-    allowed = limit(config.limits, moved.command, demand, moved.dt)
-    return Rest(allowed, allowed)

@@ -14,8 +14,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from autopilot.angles import shortest_turn
 from autopilot.control.law import NO_ROLL, LawInForce, LawInput, RollInput
-from autopilot.control.limits import Rest, RudderLimits
+from autopilot.control.limits import Rest, RudderLimits, limited, limited_at_once
 from autopilot.control.roll_damping import RollDamper, RollDamping, damped, rolled
 from autopilot.control.wave_feedforward import CornerFrequencies
 from autopilot.estimation import estimator
@@ -38,7 +39,7 @@ from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, angle_of, beg
 from autopilot.estimation.speeds import speeds_apart
 from autopilot.guidance.reference import zigzag_divergence
 from autopilot.guidance.turn import is_turning
-from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, is_rudder_law, quickness
+from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, quickness
 from autopilot.models.drives import Needs
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
@@ -46,7 +47,9 @@ from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,
     AlarmSample,
+    AlarmState,
     ConditionSample,
+    HeadingSample,
     HelmCause,
     HelmSample,
     Mode,
@@ -68,25 +71,23 @@ from autopilot.steering import (
     SteeringConfig,
     Way,
     idle,
-    limited,
-    limited_at_once,
     obey,
     planned_anew,
     refer,
     replanned,
-    shown_waves,
     steered_by,
     with_turning,
 )
 from autopilot.supervision import failsafe, panel, supervisor
 from autopilot.supervision.alarms import kind_of
 from autopilot.supervision.envelope import Envelope, Picture
-from autopilot.supervision.failsafe import FailsafeSteering, error_of
+from autopilot.supervision.failsafe import FailsafeSteering
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
-from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.monitors import State as MonitorState
+from autopilot.supervision.monitors import heard, judged, without_past
 from autopilot.supervision.panel import AlarmPanel
-from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Supervisor
+from autopilot.supervision.states import ENGAGED, MODES
+from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Memory, Supervisor
 from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, watched
 
 CALM = 10.0
@@ -270,43 +271,37 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
     )
 
 
-class Work(NamedTuple):
-    """A tick in hand: its time [s], that since the last tick [s], how much of this counts for limits and reference [s],
-    and what watches it, for as long as it lasts."""
-
-    now: float
-    gap: float
-    dt: float
-    monitors: Monitors
-    supervisor: Supervisor
-    failsafe: FailsafeSteering
-
-
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
     config = within_reach(config, state, now)
-    boat, way, rudder = config.boat, state.way, state.rudder
-    steering = steering_with(config.steering, rudder.rate)
-    timely, work = timely_of(now, samples), in_hand(config, state, now)
-    dt, supervisor = work.dt, work.supervisor
+    boat, way, rudder, thrusters = config.boat, state.way, state.rudder, state.thrusters
+    steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
+    gap = 0.0 if math.isnan(state.now) else now - state.now
+    dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
+    supervisor = Supervisor(config.envelope, boat.failsafe, state.supervisor)
+    was, timely = MODES[state.supervisor.state], timely_of(now, samples)
 
-    estimate, control = select(config, work, state, timely)
-    estimate, way, is_other_boat = believe(steering, work, estimate, way)
+    monitors, estimate, control, failsafe = select(config, state, supervisor, now, timely)
+    estimate, way, is_other_boat = believe(steering, monitors, estimate, way, now)
     estimate = estimated(steering.estimator, estimate, now, timely)
-    seen = nav_state(steering.estimator, estimate, now)
-    found = monitor(config, work, state, control.damps_roll, estimate, seen)
-    thrusters, found = watch_thrusters(config, work, state, estimate, seen, found)
-    softer = work.monitors.state.course.softer
+    seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
+    view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
+    monitors, found = judged(boat.alarms, monitors, view)
+    if boat.steers_by is Needs.NOTHING:
+        thrusters, found = watch_thrusters(boat, state, estimate, view, dt, found)
+    softer = monitors.course.softer
 
-    was, mode = supervisor.mode, supervisor.decide(now, order, seen, with_doubts(found, supervisor.noted))
+    notes = supervisor.memory.notes
+    mode = supervisor.decide(now, order, seen, with_doubts(found, notes) if notes else found)
     is_engaged, model = mode is Mode.ENGAGED, estimate.model
     if is_engaged and was is not Mode.ENGAGED:
         estimate, seen = with_known_rudder(estimate, seen, now)
         way, rudder = taken_over(steering, way, rudder, model, seen)
         control = begun(config, control, rudder.command.angle)
 
-    steady = steered_by(seen, shown_waves(steering, model, seen))
+    ratio = quickness(boat.law, boat.model, model)
+    steady = steered_by(steering, model, seen, ratio)
     mean_bias = averaged(0.0 if is_other_boat else state.mean_bias, steady.bias, model, dt)
     if softer > 1.0:
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
@@ -321,35 +316,39 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     steers, way = on_course and not waits, way if waits == way.waits else way._replace(waits=waits)
 
     # the law's memory is of its own rudder, not of what was set against roll on top of it
-    own = Moved(rudder.rest.allowed - control.roll_rudder, dt)
-    control = against_roll(boat, control, now, dt, engaged=steers and boat.rudder_is_ours)
+    own = rudder.rest.allowed - control.roll_rudder
+    if boat.roll is not None:
+        control = against_roll(boat.roll, control, now, dt, engaged=steers and boat.rudder_is_ours)
     reckons = mode is Mode.FAILSAFE and supervisor.law_steers
     if reckons:
-        control, steady, reference, demand = reckon(config, work, control, rudder, model, steady)
+        failsafe, control, steady, reference, demand = reckon(config, failsafe, control, rudder, (model, steady), dt)
     elif steers:
-        way, reference = refer(steering, way, order, model, steady, Moved(rudder.command.angle, dt))
-        control, demand = ask_law(config, control, answering(boat, model, softer), reference, steady, own)
+        way, reference = refer(steering, way, order, model, steady, (rudder.command.angle, dt))
+        control, demand = ask_law(
+            config, control, (answering(boat, model, softer), ratio), reference, steady, (own, dt)
+        )
         demand += control.roll_rudder
     else:
         way, reference, demand = obey(steering, way, order, model, steady) if is_engaged else idle(way, steady)
         demand += control.roll_rudder
 
     previous = rudder.command.angle if rudder.command.engaged else seen.rudder
-    moved, rest = Moved(previous, dt), rudder.rest
     if steers:
-        rest = limited(steering, Rest(previous, rest.allowed, rest.is_moving), moved, demand)
+        rest = limited(steering.limits, boat.dead_band, rudder.rest, (previous, dt), demand)
     else:
-        rest = limited_at_once(steering, moved, demand)
+        rest = limited_at_once(steering.limits, (previous, dt), demand)
     command = supervisor.check(now, previous, demand, rest.command, dt, picture(boat, way, order, reference, steady))
     if command.angle != rest.command:
         rest = Rest(command.angle, command.angle)
     if command.engaged and boat.rudder_is_ours:
         estimate = with_order(estimate, now, command.angle)
-    estimate, way, rate = with_rudder_rate(config.steering, estimate, way, (rudder.rate, moved, command), steady)
-    rudder = Rudder(command, rest, reckons, rate)
+    if is_measured or not (command.engaged and boat.rudder_is_ours):
+        rate = begun_at(steady.rudder)
+    else:
+        estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rudder.rate, (previous, dt), steady)
 
-    shown = AlarmPanel(state.panel)
-    alarms, siren = show(work, shown, samples, order, found)
+    memory = supervisor.memory
+    panel, alarms, siren, alarm_states = show(state.panel, memory, now, samples, order, found)
     tick = Tick(
         state.number + 1,
         now,
@@ -359,21 +358,21 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         reference,
         demand,
         command,
-        supervisor.mode,
+        MODES[memory.state],
         alarms,
-        supervisor.state,
+        memory.state,
         siren,
-        shown.states,
+        alarm_states,
     )
     after = State(
         estimate,
-        work.monitors.state,
-        supervisor.memory,
-        shown.memory,
-        work.failsafe.memory,
+        monitors,
+        memory,
+        panel,
+        failsafe,
         control,
         way,
-        rudder,
+        Rudder(command, rest, reckons, rate),
         mean_bias,
         tick.number,
         now,
@@ -401,28 +400,18 @@ def within_reach(config: Config, state: State, now: float) -> Config:
 
 def steering_with(config: SteeringConfig, rate: RudderRate) -> SteeringConfig:
     """Return what steering goes by with the rudder that the boat turns out to have."""
-    if rate.slower == 1.0:
-        return config
     estimator = config.estimator
     return config._replace(estimator=estimator._replace(gear=gone_by(estimator.gear, rate)))
 
 
 def with_rudder_rate(
-    config: SteeringConfig,
-    estimate: EstimatorState,
-    way: Way,
-    given: tuple[RudderRate, Moved, RudderCommand],
-    steady: NavState,
+    config: SteeringConfig, estimate: EstimatorState, way: Way, before: RudderRate, moved: Moved, steady: NavState
 ) -> tuple[EstimatorState, Way, RudderRate]:
     """Return what is known of the rudder's rate after a tick; where it turns out to be another, the rudder is where
-    that gear would have it, and the rest of the turn is planned with it. given: what was known, and the rudder's last
-    command and this one."""
-    before, moved, command = given
-    if not (command.engaged and config.rudder_is_ours) or is_fed_back(estimate.rudder, command.time):
-        return estimate, way, begun_at(steady.rudder)
-    gear = config.estimator.gear
+    that gear would have it, and the rest of the turn is planned with it. moved: the last command and the time since."""
+    (command, dt), gear = moved, config.estimator.gear
     limits = gear.angle_max, gear.rate_max
-    rate = rudder_rate_step(estimate.model, before, (steady.rate, moved.command), limits, moved.dt)
+    rate = rudder_rate_step(estimate.model, before, (steady.rate, command), limits, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))
@@ -430,44 +419,36 @@ def with_rudder_rate(
     return estimate, replanned(steering_with(config, rate), way, estimate.model, steady), rate
 
 
-def in_hand(config: Config, state: State, now: float) -> Work:
-    """Return the work of the tick at `now` [s]."""
-    gap = 0.0 if math.isnan(state.now) else now - state.now
-    return Work(
-        now,
-        gap,
-        0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap,
-        Monitors(config.boat.alarms, state.monitors),
-        Supervisor(config.envelope, config.boat.failsafe, state.supervisor),
-        FailsafeSteering(state.failsafe),
-    )
-
-
-def select(config: Config, work: Work, state: State, samples: tuple[Sample, ...]) -> tuple[EstimatorState, Control]:
+def select(
+    config: Config, state: State, supervisor: Supervisor, now: float, samples: tuple[Sample, ...]
+) -> tuple[MonitorState, EstimatorState, Control, failsafe.Memory]:
     """Give each block the samples that are for it; those of the boat's motion are the estimator's."""
-    boat, monitors, estimate, control = config.boat, work.monitors, state.estimate, state.control
-    rests_roll = state.monitors.course.softer > 1.0 or state.monitors.rudder.rests_roll
-    monitors.on_samples(samples)
+    boat, estimate, control, reckoned = config.boat, state.estimate, state.control, state.failsafe
+    monitors = heard(boat.alarms, state.monitors, samples)
     for sample in samples:
+        if type(sample) is HeadingSample:
+            continue
         if type(sample) is RollSample:
             # where boat or rudder is not what the damping was worked out for, none is wanted
-            if not rests_roll:
+            if not (state.monitors.course.softer > 1.0 or state.monitors.rudder.rests_roll):
                 control = with_roll(config, control, sample)
         elif type(sample) is RudderSample:
             ours = state.rudder.command.engaged and boat.rudder_is_ours
             if sample.ordered and not ours and is_rudder(sample.angle):
                 # the steering gear follows somebody else's orders
-                estimate = with_order(estimate, work.now, sample.angle)
+                estimate = with_order(estimate, now, sample.angle)
         elif type(sample) is HelmSample:
-            work.supervisor.on_sample(sample)
+            supervisor.on_sample(sample)
             if sample.cause is HelmCause.STOOD_STILL:
-                monitors.forget_past()
+                monitors = without_past(monitors)
         elif type(sample) is AlarmSample:
-            work.supervisor.note(sample)
+            supervisor.note(sample)
     if boat.failsafe.action in STEERING_ACTIONS:
+        steering = FailsafeSteering(reckoned)
         # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
-        work.failsafe.on_sample(samples, takes_rates=not monitors.state.consistency.is_opposite)
-    return estimate, control
+        steering.on_sample(samples, takes_rates=not monitors.consistency.is_opposite)
+        reckoned = steering.memory
+    return monitors, estimate, control, reckoned
 
 
 def with_roll(config: Config, control: Control, sample: RollSample) -> Control:
@@ -483,77 +464,79 @@ def with_roll(config: Config, control: Control, sample: RollSample) -> Control:
     return Control(law, roll, damper, roll_rudder, True)
 
 
-def believe(config: SteeringConfig, work: Work, estimate: EstimatorState, way: Way) -> tuple[EstimatorState, Way, bool]:
+def believe(
+    config: SteeringConfig, monitors: MonitorState, estimate: EstimatorState, way: Way, now: float
+) -> tuple[EstimatorState, Way, bool]:
     """Go by what monitors and guidance say of the samples; return whether the boat turned out to be another, too."""
-    found, before, model, turns = work.monitors.state, estimate.beliefs, estimate.model, False
-    if not way.guide.is_late(work.now):
+    before, model, turns = estimate.beliefs, estimate.model, False
+    if now < way.guide.turning_until:
         way = with_turning(config, way, model)
         turns = is_turning(model, way.turning.limits, way.guide.boat)
     # where rate of turn and heading do not go together the heading is what is steered by
-    beliefs = Beliefs(not found.consistency.found, found.rudder.doubts_speed, found.course.softer, turns)
-    if beliefs == before:
+    news = not monitors.consistency.found, monitors.rudder.doubts_speed, monitors.course.softer, turns
+    if news == before:
         return estimate, way, False
+    beliefs = Beliefs(*news)
     estimate = believing(config.estimator, estimate, beliefs)
     if (beliefs.doubts_speed, beliefs.liveliness) == (before.doubts_speed, before.liveliness):
         return estimate, way, False
     return without_disturbances(estimate), way, True
 
 
-def monitor(
-    config: Config, work: Work, state: State, damps_roll: bool, estimate: EstimatorState, seen: NavState
-) -> Mapping[str, AlarmEvent]:
-    """Return what the monitors find, by its names in the catalogue.
+def view_of(
+    config: Config, state: State, damps_roll: bool, estimate: EstimatorState, seen: NavState, is_measured: bool
+) -> MonitorInput:
+    """Return what the monitors are shown of a tick.
 
-    state: that from before the tick. damps_roll: the rudder works against roll too.
+    state: that from before the tick. damps_roll: the rudder works against roll too. is_measured: there is a sensor of
+    its angle.
     """
-    boat, (order, guide, _, waits), command = config.boat, state.way, state.rudder.command
-    is_engaged, on_heading = work.supervisor.mode is Mode.ENGAGED, order.kind is OrderKind.HEADING
-    ours = is_engaged and boat.rudder_is_ours
-    work.monitors.update(
-        MonitorInput(
-            work.now,
-            estimate.model,
-            seen,
-            ours,
-            is_engaged and on_heading and not waits and guide.is_late(work.now),
-            guide.heading,
-            command.angle if ours else 0.0,
-            boat.limits.angle_max,
-            abs(seen.speed) >= boat.steerage,
-            estimate.fusion.innovation_mean,
-            waits,
-            zigzag_divergence(guide, order, seen.heading) if is_engaged and not on_heading else 0.0,
-            push=estimate.push,
-            is_late=work.gap > boat.alarms.late,
-            follows=ours and on_heading and not waits,
-            speeds_apart=speeds_apart(estimate.speeds),
-            trial_speed=boat.model.reference_speed,
-            rudder_is_measured=is_fed_back(estimate.rudder, work.now),
-            damps_roll=damps_roll,
-            rudder_is_slow=state.rudder.rate.is_sure,
-        )
+    boat, (order, guide, _, waits), command, now = config.boat, state.way, state.rudder.command, seen.time
+    is_engaged, on_heading = state.supervisor.state in ENGAGED, order.kind is OrderKind.HEADING
+    ours, speeds = is_engaged and boat.rudder_is_ours, estimate.speeds
+    has_both = not math.isnan(speeds.water.value + speeds.ground.value)
+    return MonitorInput(
+        now,
+        estimate.model,
+        seen,
+        ours,
+        is_engaged and on_heading and not waits and now >= guide.turning_until,
+        guide.heading,
+        command.angle if ours else 0.0,
+        boat.limits.angle_max,
+        not -boat.steerage < seen.speed < boat.steerage,
+        estimate.fusion.innovation_mean,
+        waits,
+        zigzag_divergence(guide, order, seen.heading) if is_engaged and not on_heading else 0.0,
+        estimate.push,
+        # not so before the first tick, when there was no time
+        now - state.now > boat.alarms.late,
+        ours and on_heading and not waits,
+        speeds_apart(speeds) if has_both else 0.0,
+        boat.model.reference_speed,
+        is_measured,
+        damps_roll,
+        state.rudder.rate.is_sure,
     )
-    return work.monitors.findings
 
 
 def with_doubts(found: Mapping[str, AlarmEvent], noted: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
     """Return what is found, and those of the links' alarms that are doubts: for the supervisor, who decides by names.
     Shown they are once, by who says them."""
-    if not noted:
-        return found
     return {**found, **{event.name: event for event in noted.values() if kind_of(event).is_doubt}}
 
 
 def watch_thrusters(
-    config: Config,
-    work: Work,
+    boat: PilotConfig,
     state: State,
     estimate: EstimatorState,
-    seen: NavState,
+    view: MonitorInput,
+    dt: float,
     found: Mapping[str, AlarmEvent],
 ) -> tuple[ThrusterMemory, Mapping[str, AlarmEvent]]:
     """Return what the watch of two thrusters remembers, and what is found, with it."""
-    if config.boat.steers_by is not Needs.NOTHING or not seen.valid:
+    seen = view.state
+    if not seen.valid:
         return NOTHING_SEEN, found
     look = ThrusterLook(
         estimate.model,
@@ -561,11 +544,11 @@ def watch_thrusters(
         seen.rudder,
         seen.speed,
         estimate.speeds.throttle.value,
-        config.boat.gear.angle_max,
-        work.supervisor.mode is Mode.ENGAGED
+        boat.gear.angle_max,
+        state.supervisor.state in ENGAGED
         and state.way.order.kind is OrderKind.HEADING
         and not (state.way.waits or estimate.beliefs.holds_bias),
-        work.dt,
+        dt,
     )
     memory, alarm = watched(state.thrusters, look)
     return memory, found if alarm is None else {**found, alarm.name: alarm}
@@ -584,7 +567,8 @@ def taken_over(config: SteeringConfig, way: Way, rudder: Rudder, model: Norrbin,
     # a fail-safe that still holds the rudder hands over what it commanded
     there = rudder.command.angle if rudder.command.engaged else seen.rudder
     start = clip(there, -config.limits.angle_max, config.limits.angle_max)
-    way = planned_anew(config, way, model, steered_by(seen, shown_waves(config, model, seen)))
+    ratio = quickness(config.estimator.law, config.estimator.model, model)
+    way = planned_anew(config, way, model, steered_by(config, model, seen, ratio))
     command = RudderCommand(seen.time, start, True)
     return way._replace(order=Order()), rudder._replace(command=command, rest=Rest(start, start))
 
@@ -611,85 +595,93 @@ def lacks_way(boat: PilotConfig, way: Way, estimate: EstimatorState, speed: floa
 
 
 def reckon(
-    config: Config, work: Work, control: Control, rudder: Rudder, model: Norrbin, steady: NavState
-) -> tuple[Control, NavState, Reference, float]:
-    """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts."""
-    angle, action = rudder.command.angle, config.boat.failsafe
+    config: Config,
+    memory: failsafe.Memory,
+    control: Control,
+    rudder: Rudder,
+    boat: tuple[Norrbin, NavState],
+    dt: float,
+) -> tuple[failsafe.Memory, Control, NavState, Reference, float]:
+    """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts.
+
+    boat: its model and the state so far.
+    """
+    (model, steady), angle, action = boat, rudder.command.angle, config.boat.failsafe
+    steering, now = FailsafeSteering(memory), steady.time
     if not rudder.is_reckoned:
-        work.failsafe.begin(steady)
+        steering.begin(steady)
         control = begun(config, control, angle)
-    reckoned, reference = work.failsafe.reckon(work.now, model, steady.rudder)
+    reckoned, reference = steering.reckon(now, model, steady.rudder)
     if action.action == "windward":
-        wanted = work.failsafe.windward(work.now, action.windward_rudder)
+        wanted = steering.windward(now, action.windward_rudder)
         held = Reference(reckoned.heading, reckoned.rate)
-        return control, reckoned, held, 0.0 if wanted is None else wanted - reckoned.bias
-    control, demand = ask_law(
-        config, control, answering(config.boat, model), reference, reckoned, Moved(angle, work.dt)
-    )
-    return control, reckoned, reference, demand
+        return steering.memory, control, reckoned, held, 0.0 if wanted is None else wanted - reckoned.bias
+    answers = answering(config.boat, model), quickness(config.boat.law, config.boat.model, model)
+    control, demand = ask_law(config, control, answers, reference, reckoned, (angle, dt))
+    return steering.memory, control, reckoned, reference, demand
 
 
-class Answering(NamedTuple):
-    """The boat as laws know it, and how many times as quick as in the trial its loop is."""
-
-    model: Norrbin
-    ratio: float
-
-
-def answering(boat: PilotConfig, model: Norrbin, softer: float = 1.0) -> Answering:
-    """Return the boat with the `model` at its speed and thrust, steered as if it answered `softer` times as much.
+def answering(boat: PilotConfig, model: Norrbin, softer: float = 1.0) -> Norrbin:
+    """Return the boat as laws know it, with the `model` at its speed and thrust, steered as if it answered `softer`
+    times as much.
 
     Laws tell how lively a boat is by K over the speed: where K does not go with the speed they are given that at which
     a rudder would do as much.
     """
-    ratio = quickness(boat.law, boat.model, model)
-    if not is_rudder_law(boat.law):
+    if not boat.law.is_rudder:
         model = model._replace(reference_speed=boat.model.reference_speed * model.gain / boat.model.gain)
-    return Answering(model._replace(gain=model.gain * softer) if softer > 1.0 else model, ratio)
+    return model._replace(gain=model.gain * softer) if softer > 1.0 else model
 
 
 def ask_law(
-    config: Config, control: Control, boat: Answering, reference: Reference, state: NavState, own: Moved
+    config: Config,
+    control: Control,
+    boat: tuple[Norrbin, float],
+    reference: Reference,
+    state: NavState,
+    own: Moved,
 ) -> tuple[Control, float]:
-    """Return the law's demand [rad], and what it remembers. own: the law's part of the last command."""
-    law, roll, damper, roll_rudder, damps_roll = control
+    """Return the law's demand [rad], and what it remembers. boat: the model as laws know it, and how many times as
+    quick as in the trial its loop is; own: the law's part of the last command."""
+    (law, roll, damper, roll_rudder, damps_roll), (model, ratio), (command, dt) = control, boat, own
     measured = NO_ROLL
     if roll is not None and roll.rate is not None:
         measured = RollInput(roll.roll, roll.rate, state.time - roll.time)
-    most = config.boat.limits.angle_max
     kind, gains = config.law
-    demand, law = kind.step(
-        gains, law, LawInput(boat.model, boat.ratio, reference, state, measured, own.command, most, own.dt)
-    )
-    return Control(law, roll, damper, roll_rudder, damps_roll), demand
+    given = LawInput(model, ratio, reference, state, measured, command, config.boat.limits.angle_max, dt)
+    demand, after = kind.step(gains, law, given)
+    return control if after is law else Control(after, roll, damper, roll_rudder, damps_roll), demand
 
 
-def against_roll(boat: PilotConfig, control: Control, now: float, dt: float, *, engaged: bool) -> Control:
+def against_roll(roll: RollDamping, control: Control, now: float, dt: float, *, engaged: bool) -> Control:
     """Return the rudder against roll on top of the heading law's; trials keep the rudder they order."""
-    if boat.roll is None:
-        return control
-    damper, roll_rudder = damped(boat.roll, control.damper, now, dt, engaged=engaged)
+    damper, roll_rudder = damped(roll, control.damper, now, dt, engaged=engaged)
     return control._replace(damper=damper, roll_rudder=roll_rudder)
 
 
 def picture(boat: PilotConfig, way: Way, order: Order, reference: Reference, steady: NavState) -> Picture:
     """Return what the command was worked out from, for the check that shares no code with the law."""
     follows = order.kind is OrderKind.HEADING and not way.waits and boat.rudder_is_ours
-    error = error_of(steady, reference) if follows else math.nan
+    error = shortest_turn(steady.heading, reference.heading) if follows else math.nan
     return Picture(steady.time, steady.heading_age, error, steady.rate, steady.bias)
 
 
 def show(
-    work: Work,
-    shown: AlarmPanel,
+    before: panel.Memory,
+    supervisor: Memory,
+    now: float,
     samples: tuple[Sample, ...],
     order: Order,
     found: Mapping[str, AlarmEvent],
-) -> tuple[tuple[AlarmEvent, ...], Siren]:
+) -> tuple[panel.Memory, tuple[AlarmEvent, ...], Siren, tuple[AlarmState, ...]]:
     """Return what is to be said and heard: what ended steering, or keeps it from beginning, comes first."""
-    ended, noted = work.supervisor.alarm, work.supervisor.noted
+    ended, noted = supervisor.alarm, supervisor.notes
+    if ended is None and not (noted or found or before.entries) and before.order == (order.kind, order.serial):
+        return before, (), Siren.QUIET, ()
     raised = {ended.name: ended, **noted} if ended is not None else dict(noted)
     for name, event in found.items():
         raised.setdefault(name, event)
-    past = (ended.name,) if ended is not None and work.supervisor.is_over else ()
-    return shown.update(work.now, raised, samples, order, past)
+    past = (ended.name,) if ended is not None and supervisor.is_over else ()
+    shown = AlarmPanel(before)
+    alarms, siren = shown.update(now, raised, samples, order, past)
+    return shown.memory, alarms, siren, shown.states

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from autopilot.angles import shortest_turn
-from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample
+from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample, Sample
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
-from autopilot.supervision.monitors import Monitors
+from autopilot.supervision.monitors import NOTHING_SEEN, State, heard, judged, without_past
 from autopilot.supervision.panel import sentences_of
 
 
@@ -174,6 +174,26 @@ def circles() -> Turning:
 def spin() -> Turning:
     """Return the monitor of a rate of turn."""
     return Turning(course_watch.spin_step, course_watch.Spin())
+
+
+class Monitors:
+    """All monitors with the state that they go on from; `findings` has what is the case."""
+
+    def __init__(self, limits: AlarmLimits, state: State = NOTHING_SEEN) -> None:
+        self.limits, self.state = limits, state
+        self.findings: Mapping[str, AlarmEvent] = {}
+
+    def forget_past(self) -> None:
+        """Forget what was compared so far."""
+        self.state = without_past(self.state)
+
+    def on_samples(self, samples: tuple[Sample, ...]) -> None:
+        """Take the instruments' samples of a tick."""
+        self.state = heard(self.limits, self.state, samples)
+
+    def update(self, seen: MonitorInput) -> None:
+        """Judge a tick."""
+        self.state, self.findings = judged(self.limits, self.state, seen)
 
 
 def heard_by(monitors: Monitors, seen: MonitorInput, *samples: HeadingSample | RateSample | RudderSample) -> None:

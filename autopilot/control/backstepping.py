@@ -106,7 +106,6 @@ from autopilot.control.wave_feedforward import ClosedLoop, swung, wave_rudder
 from autopilot.estimation.heading_ekf import carried_ahead
 from autopilot.files.typed import NOW, Bounds, Positive
 from autopilot.models.norrbin import Norrbin, rudder_for, rudder_within
-from autopilot.models.steering_gear import clip
 from autopilot.signals import NavState, Reference
 
 SPEED_RANGE = (0.2, 1.5)
@@ -219,12 +218,9 @@ def gains_of_loop(total: float, square: float, smoothing: float = 0.0) -> Backst
 
 def gains_at(gains: BacksteppingGains, speed_ratio: float) -> BacksteppingGains:
     """Return the gains at `speed_ratio` times the speed at which they hold."""
-    ratio = _followed(speed_ratio)
-    return BacksteppingGains(gains.k1 * ratio, gains.k2 * ratio, gains.gamma * ratio * ratio, gains.smoothing / ratio)
-
-
-def _followed(speed_ratio: float) -> float:
-    return clip(speed_ratio, SPEED_RANGE[0], SPEED_RANGE[1])
+    (low, high), (k1, k2, gamma, smoothing) = SPEED_RANGE, gains
+    ratio = low if speed_ratio < low else high if speed_ratio > high else speed_ratio
+    return BacksteppingGains(k1 * ratio, k2 * ratio, gamma * ratio * ratio, smoothing / ratio)
 
 
 def error_max_of(model: Norrbin, gains: BacksteppingGains, rudder_rate: float) -> float:
@@ -244,7 +240,8 @@ def error_max_at(error_max: float, speed_ratio: float) -> float:
 
     The boat answers the rudder by the square of the speed, and the gains ask for its third power.
     """
-    bound = error_max / _followed(speed_ratio)
+    low, high = SPEED_RANGE
+    bound = error_max / (low if speed_ratio < low else high if speed_ratio > high else speed_ratio)
     return LEAST_BOUND if bound < LEAST_BOUND else bound
 
 
@@ -411,9 +408,11 @@ def bounded_gains(section: Backstepping, boat: LawBoat) -> BoundedGains:
 def bounded_gains_at(bounded: BoundedGains, speed_ratio: float) -> BoundedGains:
     """Return the gains and their bound at `speed_ratio` times the speed at which they hold: they go with the speed, as
     1/T does, so that a slow boat is not asked for a quick boat's accelerations."""
-    gains, error_max = gains_at(bounded.gains, speed_ratio), error_max_at(bounded.error_max, speed_ratio)
-    course_max = error_max_at(bounded.course_error_max, speed_ratio)
-    return BoundedGains(gains, error_max, bounded.ahead, gains_at(bounded.course, speed_ratio), course_max)
+    gains, error_max, ahead, course, course_max = bounded
+    gains, error_max = gains_at(gains, speed_ratio), error_max_at(error_max, speed_ratio)
+    if course.smoothing > 0.0:
+        course, course_max = gains_at(course, speed_ratio), error_max_at(course_max, speed_ratio)
+    return BoundedGains(gains, error_max, ahead, course, course_max)
 
 
 def in_proportion(bounded: BoundedGains, given: LawInput) -> float:
@@ -432,8 +431,10 @@ def regulated(kept: BoundedGains, given: LawInput) -> float:
 def step(bounded: BoundedGains, memory: Rested, given: LawInput) -> tuple[float, Rested]:
     """Return the rudder demand [rad], and the memory. Bias and limits come with the state and the last rudder."""
     here = bounded_gains_at(bounded, given.ratio)
-    kept = on_course(here)
-    smoothing = smoothing_in(given.model, kept.gains.smoothing, given.reference)
+    kept = on_course(here) if here.course.smoothing > 0.0 else here
+    smoothing = kept.gains.smoothing
+    if smoothing > 0.0:
+        smoothing = smoothing_in(given.model, smoothing, given.reference)
     if smoothing == 0.0:
         demand = backstepping_rudder(here, without_waves(given), given.reference.rate)
         return demand, Rested(demand, memory.variance, memory.seconds)
@@ -452,7 +453,7 @@ def _linear(bounded: BoundedGains, model: Norrbin) -> LoopGains:
 def _shown(section: Backstepping, bounded: BoundedGains, ratio: float) -> dict[str, float]:
     now, filed = gains_at(bounded.gains, ratio), bounded.gains
     course = section.course_rad_s
-    return in_units_of_file(section, (*now, course * _followed(ratio)), (*filed, course))
+    return in_units_of_file(section, (*now, course * min(max(ratio, SPEED_RANGE[0]), SPEED_RANGE[1])), (*filed, course))
 
 
 def _designed(boat: LawBoat, loop: BacksteppingGains) -> Backstepping:

@@ -40,10 +40,10 @@ class Rest(NamedTuple):
 def rested(limits: RudderLimits, band: float, before: Rest, demand: float, limited: float) -> Rest:
     """Return the order after the dead `band` [rad]: a rudder at rest stays until it is wrong by more, and then goes all
     the way. `limited` [rad] is what `limit` made of the `demand` [rad]; a band of 0 leaves it as it is."""
-    most = limits.angle_max
+    most, (command, _, is_moving) = limits.angle_max, before
     wanted = -most if demand < -most else most if demand > most else demand
-    if not before.is_moving and abs(wanted - before.command) <= band:
-        return Rest(before.command if band > 0.0 else limited, wanted, False)
+    if not is_moving and -band <= wanted - command <= band:
+        return Rest(command if band > 0.0 else limited, wanted, False)
     return Rest(limited, limited, limited != wanted)
 
 
@@ -57,11 +57,25 @@ def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> fl
         demand = previous
     # inf * 0 is nan: a rudder of unlimited rate gets anywhere in no time
     angle_max, rate_max = limits
-    reach = rate_max * (0.0 if dt < 0.0 else dt) if math.isfinite(rate_max) else math.inf
+    reach = rate_max * (0.0 if dt < 0.0 else dt) if rate_max < math.inf else math.inf
     target = -angle_max if demand < -angle_max else angle_max if demand > angle_max else demand
     low, high = previous - reach, previous + reach
     command = low if target < low else high if target > high else target
     return -angle_max if command < -angle_max else angle_max if command > angle_max else command
+
+
+def limited(limits: RudderLimits, band: float, before: Rest, moved: tuple[float, float], demand: float) -> Rest:
+    """Return what is left of a `demand` [rad] within the limits and the dead `band` [rad]. before: what was left at the
+    last tick; moved: the rudder [rad] that was commanded then, and the time [s] since."""
+    previous, dt = moved
+    return rested(limits, band, before, demand, limit(limits, previous, demand, dt))
+
+
+def limited_at_once(limits: RudderLimits, moved: tuple[float, float], demand: float) -> Rest:
+    """Return the same without a dead band, which only a course that is held has."""
+    previous, dt = moved
+    allowed = limit(limits, previous, demand, dt)
+    return Rest(allowed, allowed)
 
 
 WINDOW = 0.6

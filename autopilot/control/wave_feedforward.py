@@ -26,8 +26,8 @@ import math
 from typing import NamedTuple
 
 from autopilot.control.limits import RudderLimits
-from autopilot.estimation.disturbance import filtered_share, plausible_share
-from autopilot.estimation.tuning import WAVE_CORNER, WAVE_DAMPING, WAVE_STIFFENING
+from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED
+from autopilot.estimation.tuning import WAVE_CORNER, WAVE_DAMPING, WAVE_SHARPNESS, WAVE_STIFFENING
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
@@ -71,11 +71,35 @@ def wave_shares(
     """Return what is shown of the waves. Both corners go with the speed, `quickness` times that at which they hold."""
     if waves.deviation == 0.0:
         return NO_WAVES
+    seen, weighted = corners
     share = plausible_share(waves.deviation, waves.heading)
-    if corners.weighted == 0.0:
-        return WaveShares(share * filtered_share(waves.frequency, corners.seen * quickness), 0.0)
-    shown = share * followed_share(model, gear, limits, corners.weighted * quickness, waves)
+    if weighted == 0.0:
+        return WaveShares(share * filtered_share(waves.frequency, seen * quickness), 0.0)
+    shown = share * followed_share(model, gear, limits, weighted * quickness, waves)
     return WaveShares(share - shown, shown)
+
+
+def plausible_share(deviation: float, wave: float) -> float:
+    """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
+    up to where it is too much for them, and no more than that."""
+    if wave == 0.0:
+        return 1.0
+    share = math.sqrt(EXTREME_SQUARED * (deviation * deviation) + EXTREME_LEAST_SQUARED) / abs(wave)
+    return 1.0 if share > 1.0 else share
+
+
+def filtered_share(frequency: float, corner: float) -> float:
+    """Return which share of waves of `frequency` [rad/s] is kept from the rudder: half of it at `corner` [rad/s].
+
+    A boat whose loop is quicker than the waves holds its heading against them; a slower one only wears its rudder.
+    """
+    if corner <= 0.0:
+        return 1.0
+    if corner == math.inf:
+        return 0.0
+    ratio = frequency / corner
+    ratio = (1.0e3 if ratio > 1.0e3 else ratio) ** WAVE_SHARPNESS
+    return ratio / (1.0 + ratio)
 
 
 def followed_share(model: Norrbin, gear: SteeringGear, limits: RudderLimits, corner: float, waves: Waves) -> float:

@@ -56,7 +56,6 @@ from autopilot.estimation.tuning import (
     WAVE_FREQUENCY_MOST,
     WAVE_MEMORY,
     WAVE_MEMORY_FIRST,
-    WAVE_SHARPNESS,
     WAVE_STIFFENING,
     WAVE_VARIANCE_LEAST,
 )
@@ -138,15 +137,6 @@ def is_extreme(sea: Sea, wave: float) -> bool:
     return wave * wave > EXTREME_SQUARED * sea.heading + EXTREME_LEAST_SQUARED
 
 
-def plausible_share(deviation: float, wave: float) -> float:
-    """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
-    up to where it is too much for them, and no more than that."""
-    if wave == 0.0:
-        return 1.0
-    share = math.sqrt(EXTREME_SQUARED * (deviation * deviation) + EXTREME_LEAST_SQUARED) / abs(wave)
-    return 1.0 if share > 1.0 else share
-
-
 def learn(sea: Sea, heading: float, rate: float, dt: float) -> Sea:
     """Return the sea after `dt` [s] in which h^2 and s^2 were expected at `heading` and `rate`."""
     before, rate_before, watched = sea
@@ -161,20 +151,6 @@ def learn(sea: Sea, heading: float, rate: float, dt: float) -> Sea:
     slowest, fastest = SLOWEST * variance, FASTEST * variance
     rate_variance = slowest if rate_variance < slowest else fastest if rate_variance > fastest else rate_variance
     return Sea(variance, rate_variance, watched)
-
-
-def filtered_share(frequency: float, corner: float) -> float:
-    """Return which share of waves of `frequency` [rad/s] is kept from the rudder: half of it at `corner` [rad/s].
-
-    A boat whose loop is quicker than the waves holds its heading against them; a slower one only wears its rudder.
-    """
-    if corner <= 0.0:
-        return 1.0
-    if math.isinf(corner):
-        return 0.0
-    ratio = frequency / corner
-    ratio = (1.0e3 if ratio > 1.0e3 else ratio) ** WAVE_SHARPNESS
-    return ratio / (1.0 + ratio)
 
 
 class Means(NamedTuple):
@@ -199,19 +175,17 @@ NO_MEANS = Means(0.0, 0.0, 0.0)
 NO_INTENSITY = Intensity(0.0, NO_MEANS, NO_MEANS, 0.0)
 
 
-class Changes(NamedTuple):
-    """Least and largest density [rad^2/s] that is to be believed, and the time t [s] of the means."""
-
-    least: float
-    most: float
-    time: float
-
-
 def adapt_intensity(
-    intensity: Intensity, changes: Changes, bias: float, variance: float, rudder: float, dt: float
+    intensity: Intensity,
+    changes: tuple[float, float, float],
+    bias: float,
+    variance: float,
+    rudder: float,
+    dt: float,
 ) -> Intensity:
     """Return what is known of the gusts `dt` [s] later: a `bias` [rad], known to a `variance` [rad^2], and the `rudder`
-    [rad] as it stands."""
+    [rad] as it stands. changes: least and largest density [rad^2/s] that is to be believed, and the time t [s] of the
+    means."""
     density, pushed, steered, known = intensity
     least, most, time = changes
     density = least if density < least else density
@@ -245,8 +219,3 @@ def adapt_intensity(
 def unsettled_intensity(intensity: Intensity) -> Intensity:
     """Return the gusts for a bias that is to be found anew."""
     return Intensity(intensity.density, NO_MEANS, NO_MEANS, 0.0)
-
-
-def is_finite(intensity: Intensity) -> bool:
-    """Return whether everything is finite."""
-    return math.isfinite(intensity.density + sum(intensity.bias) + sum(intensity.rudder) + intensity.variance)

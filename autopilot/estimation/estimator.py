@@ -17,12 +17,9 @@ from autopilot.estimation.disturbance import NO_SEA, frequency, known
 from autopilot.estimation.heading_ekf import (
     FilterNoise,
     FilterState,
-    fuse_heading,
-    fuse_rate,
-    heading_variance,
+    fused,
+    innovations,
     is_sound,
-    learn_disturbances,
-    normalised_innovation,
     predict,
     predict_mean,
 )
@@ -92,7 +89,8 @@ def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
 
     What lasts for longer than a push takes to be learnt is something else: instruments that contradict one another.
     """
-    return not abs(fusion.innovation_mean) < INNOVATION_LASTING or 0.0 < fusion.leans < LEARNT * noise.gust_time
+    is_even = -INNOVATION_LASTING < fusion.innovation_mean < INNOVATION_LASTING
+    return not is_even or 0.0 < fusion.leans < LEARNT * noise.gust_time
 
 
 NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -133,14 +131,15 @@ def noises_of(noise: FilterNoise) -> Noises:
 def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:
     """Return the filter's state carried to the time `to` [s] under the rudder that was."""
     state = fusion.state
-    at, latest = state.time, state.time + PREDICT_LONGEST
-    end = latest if latest < to else to
+    at = state.time
+    end = at + PREDICT_LONGEST
+    end = end if end < to else to
     longest, grain = LONGEST_SHARE * model.time_constant, GRAIN_SHARE * model.time_constant
     moving = noises.pushed if is_pushed(fusion, noises.usual) else noises.usual
-    tick = tick_at(past, at)
+    stop, tick = noises.usual.stop, tick_at(past, at)
     while at < end:
         until, angle, tick = stretch(past, tick, at, end, grain)
-        noise = moving if abs(angle) < noises.usual.stop else noises.stopped
+        noise = moving if -stop < angle < stop else noises.stopped
         if until - at > longest:
             for left in range(math.ceil((until - at) / longest), 1, -1):
                 at += (until - at) / left
@@ -149,22 +148,26 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     return state if at == to else FilterState(to, *state[1:])
 
 
-def seen_at(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, at: Moment) -> NavState:
-    """Return what the filter knows of the boat; the waves that are not yet known count as the boat's own."""
-    psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, at.now)
+def seen_at(
+    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, at: tuple[float, float, float]
+) -> NavState:
+    """Return what the filter knows of the boat; the waves that are not yet known count as the boat's own. at: see
+    `Moment`."""
+    now, speed, heading_time = at
+    psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, now)
     sea, bias = fusion.state.sea, fusion.state.bias
     unknown = 1.0 - known(sea)
     psi, rate = psi + unknown * wave, rate + unknown * wave_rate
     wave, wave_rate = wave - unknown * wave, wave_rate - unknown * wave_rate
     heading = psi + wave
     return NavState(
-        at.now,
+        now,
         heading if -PI < heading <= PI else wrap(heading),
         rate + wave_rate,
-        at.speed,
+        speed,
         past.angles[(past.ticks - 1) & (len(past.angles) - 1)],
         -BIAS_MOST if bias < -BIAS_MOST else BIAS_MOST if bias > BIAS_MOST else bias,
-        at.now - at.heading_time,
+        now - heading_time,
         True,
         wave,
         wave_rate,
@@ -191,38 +194,32 @@ def _moved(
 
 
 def fuse_measured(
-    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, measured: Measured
+    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, measured: tuple[float, float, float]
 ) -> tuple[Fusion, bool]:
-    """Return what a measurement leaves, and whether it was fused: a spike is not."""
+    """Return what a measurement leaves, and whether it was fused: a spike is not. measured: see `Measured`."""
     time, heading, rate = measured
-    noise, before = noises.usual, fusion.innovation_mean
-    dt = time - fusion.state.time
+    before, mean, spikes, spike, lean, leans = fusion
+    noise, dt = noises.usual, time - before.time
     state = carried(model, noises, fusion, past, time)
-    off = normalised_innovation(state, heading, rate, noise)
+    off, innovation, deviation = innovations(state, noise, heading, rate)
     off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
-    lasting = before - math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - before)
-    spikes, spike, lean, leans = fusion.spikes, fusion.spike, fusion.lean, fusion.leans
+    mean -= math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - mean)
     if not math.isnan(heading):
-        deviation = math.sqrt(heading_variance(state) + noise.heading)
         gate = GATE_SIGMAS * deviation
         gate = gate if gate > GATE_LEAST else GATE_LEAST
-        innovation = heading - state.psi - state.wave
-        innovation = innovation if -PI < innovation <= PI else wrap(innovation)
-        if abs(innovation) > gate:
+        if innovation > gate or innovation < -gate:
             agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
-            return Fusion(fusion.state, lasting, spikes + 1 if agrees else 1, heading, lean, leans), False
+            return Fusion(before, mean, spikes + 1 if agrees else 1, heading, lean, leans), False
         spikes = 0
         share = -math.expm1(-dt / noise.gust_time)
         lean += share * (innovation / deviation - lean)
         # the mean of white noise has the variance share/(2 - share)
         is_off = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share
         leans = leans + dt if is_off else 0.0
-        state = fuse_heading(state, heading, noise.heading)
-    if not math.isnan(rate):
-        state = fuse_rate(state, rate, noise.rate)
-    if noise.waves and abs(lasting) < INNOVATION_LASTING:
-        state = learn_disturbances(state, noise, angle_at(past, time), dt)
-    return Fusion(state, lasting, spikes, spike, lean, leans), True
+    # what lies to one side for seconds is neither sea nor gusts
+    learns = noise.waves and -INNOVATION_LASTING < mean < INNOVATION_LASTING
+    rudder = angle_at(past, time) if learns else math.nan
+    return Fusion(fused(state, noise, heading, rate, rudder, dt), mean, spikes, spike, lean, leans), True
 
 
 MEASURED_AT = attrgetter("time")
@@ -382,10 +379,11 @@ def estimated(
         if type(sample) is HeadingSample or type(sample) is RateSample:
             headings.append(sample)
         elif type(sample) is RudderSample:
-            if not (is_rudder(sample.angle) and math.isfinite(sample.time)):
+            _, angle, is_order, _ = sample
+            if not (-RUDDER_MOST <= angle <= RUDDER_MOST and math.isfinite(sample.time)):
                 implausible += 1
-            elif not sample.ordered:
-                rudder = with_feedback(rudder, min(sample.time, now), sample.angle)
+            elif not is_order:
+                rudder = with_feedback(rudder, min(sample.time, now), angle)
         elif type(sample) is SpeedSample or type(sample) is ThrustSample:
             if is_plausible(sample):
                 speeds = with_speed(speeds, now, sample)
@@ -394,16 +392,33 @@ def estimated(
     if implausible:
         state = _counted(state, implausible=implausible)
     rudder = advanced(config.gear, rudder, state.memory, now)
-    if any(now - each.time >= SPEED_FRESH for each in speeds[:3]):
+    (_, of_water), (_, of_ground), (_, of_throttle), _ = speeds
+    if now - of_water >= SPEED_FRESH or now - of_ground >= SPEED_FRESH or now - of_throttle >= SPEED_FRESH:
         speeds = while_fresh(speeds, now)
-    if speeds is state.speeds:
-        state = EstimatorState(state.model, rudder, *state[2:])
-    else:
-        state = _scheduled(config, state._replace(rudder=rudder, speeds=speeds))
-    headings.sort(key=MEASURED_AT)
-    for heading in headings if state.beliefs.takes_rates else without_rates(headings):
-        state = _with_heading(config, state, now, heading)
-    return state
+    if speeds is not state.speeds:
+        state = _scheduled(config, state._replace(speeds=speeds))
+    return _with_headings(config, state, rudder, now, headings)
+
+
+def _with_headings(
+    config: EstimatorConfig,
+    state: EstimatorState,
+    rudder: RudderObserver,
+    now: float,
+    headings: list[HeadingSample | RateSample],
+) -> EstimatorState:
+    """Return the state after headings and rates, the `rudder` having been observed until `now` [s]."""
+    if not state.beliefs.takes_rates:
+        headings = without_rates(headings)
+    if len(headings) > 1:
+        headings.sort(key=MEASURED_AT)
+    for heading in headings:
+        state = _with_heading(config, state, rudder, now, heading)
+    return state if state.rudder is rudder else _with_rudder(state, rudder)
+
+
+def _with_rudder(state: EstimatorState, rudder: RudderObserver) -> EstimatorState:
+    return EstimatorState(state.model, rudder, *state[2:])
 
 
 def _scheduled(config: EstimatorConfig, state: EstimatorState) -> EstimatorState:
@@ -422,30 +437,31 @@ def _counted(state: EstimatorState, **more: int) -> EstimatorState:
 
 
 def _with_heading(
-    config: EstimatorConfig, state: EstimatorState, now: float, sample: HeadingSample | RateSample
+    config: EstimatorConfig,
+    state: EstimatorState,
+    rudder: RudderObserver,
+    now: float,
+    sample: HeadingSample | RateSample,
 ) -> EstimatorState:
     heading = sample.heading if isinstance(sample, HeadingSample) else 0.0
-    if not (math.isfinite(sample.time) and math.isfinite(heading) and abs(sample.rate or 0.0) <= RATE_MOST):
+    time, rate, taken, newest = sample.time, sample.rate, state.taken, state.fusion.state.time
+    is_bounded = rate is None or -RATE_MOST <= rate <= RATE_MOST
+    if not (is_bounded and math.isfinite(time) and math.isfinite(heading)):
         return _counted(state, implausible=1)
     # a clock that is a little ahead must not carry the filter into the future
-    if sample.time > now:
-        sample = sample._replace(time=now)
+    if time > now:
+        sample, time = sample._replace(time=now), now
     if not state.has_begun or state.needs_reinit:
         return _begun(config, state, sample) if isinstance(sample, HeadingSample) else state
-    if sample == state.begun or _has_taken(state, sample):
-        return _counted(state, repeated=1)
-    if sample.time < state.fusion.state.time:
-        return _with_late(config, state, sample)
-    if sample.time - state.fusion.state.time > PREDICT_LONGEST and isinstance(sample, HeadingSample):
-        return _begun(config, state, sample)
-    return _fused(config, state, sample)
-
-
-def _has_taken(state: EstimatorState, sample: HeadingSample | RateSample) -> bool:
     # the memory is in order of time: what is newer than its end cannot be in it
-    if not state.taken or sample.time > state.taken[-1].sample.time:
-        return False
-    return any(entry.sample == sample for entry in state.taken)
+    is_news = bool(taken) and time > taken[-1].sample.time
+    if not is_news and (sample == state.begun or any(entry.sample == sample for entry in taken)):
+        return _counted(state, repeated=1)
+    if time < newest:
+        return _with_late(config, _with_rudder(state, rudder), sample)
+    if time - newest > PREDICT_LONGEST and isinstance(sample, HeadingSample):
+        return _begun(config, state, sample)
+    return _fused(config, state, rudder, sample)
 
 
 def _begun(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample) -> EstimatorState:
@@ -479,44 +495,48 @@ def _with_late(config: EstimatorConfig, state: EstimatorState, sample: HeadingSa
         return _counted(state, too_late=1)
     state = _counted(state._replace(fusion=taken[index].before, taken=taken[:index]), late=1)
     for each in (sample, *(entry.sample for entry in taken[index:])):
-        state = _fused(config, state, each)
+        state = _fused(config, state, state.rudder, each)
     return state
 
 
-def _fused(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample | RateSample) -> EstimatorState:
-    before, counters, heading_time = state.fusion, state.counters, state.heading_time
-    is_heading = isinstance(sample, HeadingSample)
-    measured = Measured(
-        sample.time,
-        sample.heading if isinstance(sample, HeadingSample) else math.nan,
-        math.nan if sample.rate is None else sample.rate,
+def _fused(
+    config: EstimatorConfig, state: EstimatorState, rudder: RudderObserver, sample: HeadingSample | RateSample
+) -> EstimatorState:
+    model, _, memory, speeds, speed, before, has_begun, heading_time, first_time, taken, begun, reinit, beliefs, _ = (
+        state
     )
-    past = RudderPast(state.memory.times, state.memory.angles, state.rudder.ticks)
-    fusion, is_fused = fuse_measured(state.lively_model, config.noises, before, past, measured)
-    taken = (*state.taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
+    rate = math.nan if sample.rate is None else sample.rate
+    heading = sample.heading if isinstance(sample, HeadingSample) else math.nan
+    measured = sample.time, heading, rate
+    lively = model if beliefs.liveliness == 1.0 else state.lively_model
+    past = RudderPast(memory.times, memory.angles, rudder.ticks)
+    fusion, is_fused = fuse_measured(lively, config.noises, before, past, measured)
+    taken = (*taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
+    counters = state.counters
     if not is_fused:
-        state = state._replace(fusion=fusion, taken=taken, counters=counters._replace(spikes=counters.spikes + 1))
+        counters = counters._replace(spikes=counters.spikes + 1)
+        state = state._replace(rudder=rudder, fusion=fusion, taken=taken, counters=counters)
         if fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):
             return _begun(config, state, sample)
         return state
-    if state.beliefs.holds_bias or state.speed < config.steerage:
+    if beliefs.holds_bias or speed < config.steerage:
         fusion = fusion._replace(state=ekf.with_bias_of(before.state, fusion.state))
-    if is_heading and sample.time > heading_time:
+    if sample.time > heading_time and not math.isnan(heading):
         heading_time = sample.time
     return EstimatorState(
-        state.model,
-        state.rudder,
-        state.memory,
-        state.speeds,
-        state.speed,
+        model,
+        rudder,
+        memory,
+        speeds,
+        speed,
         fusion,
-        state.has_begun,
+        has_begun,
         heading_time,
-        state.first_time,
+        first_time,
         taken,
-        state.begun,
-        state.needs_reinit,
-        state.beliefs,
+        begun,
+        reinit,
+        beliefs,
         Counters(counters.fused + 1, *counters[1:]),
     )
 
@@ -529,4 +549,5 @@ def nav_state(config: EstimatorConfig, state: EstimatorState, now: float) -> Nav
         return NavState(now, 0.0, 0.0, speed, newest_angle(past), 0.0, math.inf, False)
     if not is_sound(state.fusion.state):
         return NavState(now, math.nan, math.nan, speed, newest_angle(past), 0.0, now - state.heading_time, False)
-    return seen_at(state.lively_model, config.noises, state.fusion, past, Moment(now, speed, state.heading_time))
+    lively = state.model if state.beliefs.liveliness == 1.0 else state.lively_model
+    return seen_at(lively, config.noises, state.fusion, past, (now, speed, state.heading_time))

@@ -15,17 +15,17 @@ from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
 from autopilot.estimation.disturbance import (
+    EXTREME_LEAST_SQUARED,
+    EXTREME_SQUARED,
     FIRST_SEA,
+    LAG,
     NO_INTENSITY,
     NO_SEA,
-    Changes,
     Intensity,
     Sea,
     adapt_intensity,
     frequency,
     in_balance,
-    is_extreme,
-    is_finite,
     learn,
     unsettled_intensity,
     wave_step,
@@ -46,6 +46,8 @@ from autopilot.estimation.tuning import (
     RATE_UNKNOWN,
     SEA,
     STEEPEST_GROWTH,
+    WAVE_CORNER,
+    WAVE_STIFFENING,
 )
 from autopilot.models.norrbin import Norrbin, steady_rate, yaw_acceleration
 
@@ -97,15 +99,11 @@ def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
     return FilterState(*boat, *waves, *across, *own, state.sea, before.intensity)
 
 
-Waves = tuple[
-    float, float, float, float, float, float, float, float, float,
-    float, float, float, float, float, float, float, float, float,
-]  # fmt: skip
-"""h, s, e and p03 to p55."""
-NO_WAVES: Waves = (
+NO_WAVES = (
     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
 )  # fmt: skip
+"""h, s, e and p03 to p55."""
 
 
 class FilterNoise(NamedTuple):
@@ -259,13 +257,14 @@ def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, f
 
 def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float) -> tuple[float, float, float, float]:
     """Return psi, r, h and s at `time` [s] under a held `rudder` [rad]; see `predict`."""
-    rate, dt = state.rate, time - state.time
+    before, psi, rate, bias = state[:4]
+    h, s, e, sea, dt = state.wave, state.wave_rate, state.wave_lag, state.sea, time - before
     _, once, twice = _transition(model, rate, dt)
-    acceleration = yaw_acceleration(model, rate, rudder + state.bias)
-    psi = state.psi + dt * (rate + dt * twice * acceleration)
+    k, time_constant, n3, n2, n1, n0, _ = model
+    acceleration = (k * (rudder + bias) - (((n3 * rate + n2) * rate + n1) * rate + n0)) / time_constant
+    psi += dt * (rate + dt * twice * acceleration)
     psi = psi if -PI < psi <= PI else wrap(psi)
     rate += dt * once * acceleration
-    h, s, e, sea = state.wave, state.wave_rate, state.wave_lag, state.sea
     if sea.heading > 0.0:
         a33, a34, a35, a43, a44, a45, _, _, _ = wave_step(frequency(sea), dt)
         h, s = a33 * h + a34 * s + a35 * e, a43 * h + a44 * s + a45 * e
@@ -293,73 +292,68 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     The model linearised at the present rate is solved exactly (exponential Rosenbrock-Euler step; Hochbruck and
     Ostermann 2010, section 2): exact for Nomoto's model, and stable however stiff n3 r^2 makes a wild rate.
     """
-    before, psi, rate, bias, p00, p01, p02, p11, p12, p22 = state[:10]
-    sea, intensity = state.sea, state.intensity
+    (
+        before, psi, rate, bias, p00, p01, p02, p11, p12, p22,
+        h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, intensity,
+    ) = state  # fmt: skip
+    k, time_constant, n3, n2, n1, n0, _ = model
     dt = time - before
     decay, once, twice = _transition(model, rate, dt)
-    acceleration = yaw_acceleration(model, rate, rudder + bias)
-    drive = model.gain * dt / model.time_constant
+    acceleration = (k * (rudder + bias) - (((n3 * rate + n2) * rate + n1) * rate + n0)) / time_constant
+    drive = k * dt / time_constant
     turn, drift, gain = dt * once, drive * dt * twice, drive * once
     # F = [[1, turn, drift], [0, decay, gain], [0, 0, 1]]; P = F P F' + Q
     a01 = p01 + turn * p11 + drift * p12
     a02 = p02 + turn * p12 + drift * p22
     a12 = decay * p12 + gain * p22
     # counted from the rudder that keeps the boat straight, so that it needs no more trust to port than to starboard
-    steered = noise.model_error * (model.gain * (rudder + bias) - model.n0) / model.time_constant
+    steered = noise.model_error * (k * (rudder + bias) - n0) / time_constant
     pushed, wandered = noise.acceleration, noise.bias
     wandered = intensity.density if intensity.density > wandered else wandered
-    if noise.waves and is_extreme(sea, state.wave):
+    variance, rate_variance, _ = sea
+    # see `is_extreme`
+    if noise.waves and h * h > EXTREME_SQUARED * variance + EXTREME_LEAST_SQUARED:
         pushed, wandered = noise.gust, noise.gust_bias
     q = (pushed + steered * steered) * dt
     psi += dt * (rate + dt * twice * acceleration)
-    boat = (
-        time,
-        psi if -PI < psi <= PI else wrap(psi),
-        rate + turn * acceleration,
-        bias,
-        p00 + turn * p01 + drift * p02 + turn * a01 + drift * a02 + q * dt * dt / 3.0,
-        decay * a01 + gain * a02 + 0.5 * q * dt,
-        a02,
-        decay * (decay * p11 + gain * p12) + gain * a12 + q,
-        a12,
-        p22 + wandered * dt,
-    )
-    if sea.heading <= 0.0:
-        return FilterState(*boat, *NO_WAVES, NO_SEA, NO_INTENSITY)
-    return FilterState(*boat, *_predicted_waves(state, turn, drift, decay, gain, dt), sea, intensity)
-
-
-def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float, gain: float, dt: float) -> Waves:
-    """Return h, s, e and their covariances `dt` [s] later, in the order of the state; F of the boat as in `predict`."""
-    h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, _ = state[10:]
-    w0 = frequency(sea)
+    psi = psi if -PI < psi <= PI else wrap(psi)
+    rate += turn * acceleration
+    p00 = p00 + turn * p01 + drift * p02 + turn * a01 + drift * a02 + q * dt * dt / 3.0
+    p01 = decay * a01 + gain * a02 + 0.5 * q * dt
+    p11 = decay * (decay * p11 + gain * p12) + gain * a12 + q
+    p22 += wandered * dt
+    if variance <= 0.0:
+        return FilterState(time, psi, rate, bias, p00, p01, a02, p11, a12, p22, *NO_WAVES, NO_SEA, NO_INTENSITY)
+    # the waves' own transition A; F of the boat on the left of what both have in common, A on the right
+    w0 = math.sqrt(rate_variance / (variance * WAVE_STIFFENING))
     a33, a34, a35, a43, a44, a45, a53, a54, a55 = wave_step(w0, dt)
-    # F of the boat on the left, A of the waves on the right
-    l3, l4, l5 = (
-        p03 + turn * p13 + drift * p23,
-        p04 + turn * p14 + drift * p24,
-        p05 + turn * p15 + drift * p25,
-    )
+    l3 = p03 + turn * p13 + drift * p23
+    l4 = p04 + turn * p14 + drift * p24
+    l5 = p05 + turn * p15 + drift * p25
     m3, m4, m5 = decay * p13 + gain * p23, decay * p14 + gain * p24, decay * p15 + gain * p25
-    # A (P - balance) A' + balance: what is gained is what keeps the sea as it is
-    v33, v44, v45, v55 = in_balance(sea, w0)
-    d33, d44, d45, d55 = p33 - v33, p44 - v44, p45 - v45, p55 - v55
-    x33, x34, x35 = (
-        a33 * d33 + a34 * p34 + a35 * p35,
-        a33 * p34 + a34 * d44 + a35 * d45,
-        a33 * p35 + a34 * d45 + a35 * d55,
-    )
-    x43, x44, x45 = (
-        a43 * d33 + a44 * p34 + a45 * p35,
-        a43 * p34 + a44 * d44 + a45 * d45,
-        a43 * p35 + a44 * d45 + a45 * d55,
-    )
-    x53, x54, x55 = (
-        a53 * d33 + a54 * p34 + a55 * p35,
-        a53 * p34 + a54 * d44 + a55 * d45,
-        a53 * p35 + a54 * d45 + a55 * d55,
-    )
-    return (
+    # A (P - balance) A' + balance: what is gained is what keeps the sea as it is, see `in_balance`
+    v45, v55 = -WAVE_CORNER * w0 * variance, LAG * variance
+    d33, d44, d45, d55 = p33 - variance, p44 - rate_variance, p45 - v45, p55 - v55
+    x33 = a33 * d33 + a34 * p34 + a35 * p35
+    x34 = a33 * p34 + a34 * d44 + a35 * d45
+    x35 = a33 * p35 + a34 * d45 + a35 * d55
+    x43 = a43 * d33 + a44 * p34 + a45 * p35
+    x44 = a43 * p34 + a44 * d44 + a45 * d45
+    x45 = a43 * p35 + a44 * d45 + a45 * d55
+    x53 = a53 * d33 + a54 * p34 + a55 * p35
+    x54 = a53 * p34 + a54 * d44 + a55 * d45
+    x55 = a53 * p35 + a54 * d45 + a55 * d55
+    return FilterState(
+        time,
+        psi,
+        rate,
+        bias,
+        p00,
+        p01,
+        a02,
+        p11,
+        a12,
+        p22,
         a33 * h + a34 * s + a35 * e,
         a43 * h + a44 * s + a45 * e,
         a53 * h + a54 * s + a55 * e,
@@ -372,93 +366,97 @@ def _predicted_waves(state: FilterState, turn: float, drift: float, decay: float
         a33 * p23 + a34 * p24 + a35 * p25,
         a43 * p23 + a44 * p24 + a45 * p25,
         a53 * p23 + a54 * p24 + a55 * p25,
-        x33 * a33 + x34 * a34 + x35 * a35 + v33,
+        x33 * a33 + x34 * a34 + x35 * a35 + variance,
         x33 * a43 + x34 * a44 + x35 * a45,
         x33 * a53 + x34 * a54 + x35 * a55,
-        x43 * a43 + x44 * a44 + x45 * a45 + v44,
+        x43 * a43 + x44 * a44 + x45 * a45 + rate_variance,
         x43 * a53 + x44 * a54 + x45 * a55 + v45,
         x53 * a53 + x54 * a54 + x55 * a55 + v55,
+        sea,
+        intensity,
     )
 
 
-def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
-    """Return the state after a heading [rad] of `variance` [rad^2], the innovation taken the short way round."""
-    innovation, p03 = heading - state.psi - state.wave, state.p03
-    return _fuse(
-        state,
-        (
-            state.p00 + p03,
-            state.p01 + state.p13,
-            state.p02 + state.p23,
-            p03 + state.p33,
-            state.p04 + state.p34,
-            state.p05 + state.p35,
-        ),
-        innovation if -PI < innovation <= PI else wrap(innovation),
-        state.p00 + 2.0 * p03 + state.p33 + variance,
-    )
+def innovations(state: FilterState, noise: FilterNoise, heading: float, rate: float) -> tuple[float, float, float]:
+    """Return how many standard deviations the measured rate [rad/s] is above the expected one, by the heading [rad]
+    where the rate is nan, not measured; the innovation of the heading, the short way round, and its standard deviation
+    [rad]."""
+    innovation = heading - state.psi - state.wave
+    innovation = innovation if -PI < innovation <= PI else wrap(innovation)
+    deviation = math.sqrt(state.p00 + 2.0 * state.p03 + state.p33 + noise.heading)
+    if math.isnan(rate):
+        return innovation / deviation, innovation, deviation
+    total = state.p11 + 2.0 * state.p14 + state.p44 + noise.rate
+    return (rate - state.rate - state.wave_rate) / math.sqrt(total), innovation, deviation
 
 
-def heading_variance(state: FilterState) -> float:
-    """Return the variance [rad^2] of psi + h, which the compass shows."""
-    return state.p00 + 2.0 * state.p03 + state.p33
+def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, rudder: float, dt: float) -> FilterState:
+    """Return the state after a heading [rad] and a yaw rate [rad/s], nan where it was not measured, and with what it
+    says then of sea and gusts, `dt` [s] with the `rudder` [rad] after it said so last; nan: nothing is learnt of them.
 
-
-def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
-    """Return the state after a yaw rate [rad/s] of `variance` [(rad/s)^2]."""
-    p14 = state.p14
-    return _fuse(
-        state,
-        (
-            state.p01 + state.p04,
-            state.p11 + p14,
-            state.p12 + state.p24,
-            state.p13 + state.p34,
-            p14 + state.p44,
-            state.p15 + state.p45,
-        ),
-        rate - state.rate - state.wave_rate,
-        state.p11 + 2.0 * p14 + state.p44 + variance,
-    )
-
-
-def normalised_innovation(state: FilterState, heading: float, rate: float, noise: FilterNoise) -> float:
-    """Return how many standard deviations the measured rate [rad/s] is above the expected one; by the heading [rad]
-    where the rate is nan, not measured."""
-    if not math.isnan(rate):
-        total = state.p11 + 2.0 * state.p14 + state.p44 + noise.rate
-        return (rate - state.rate - state.wave_rate) / math.sqrt(total)
-    return wrap(heading - state.psi - state.wave) / math.sqrt(heading_variance(state) + noise.heading)
-
-
-def _fuse(
-    state: FilterState, with_state: tuple[float, float, float, float, float, float], innovation: float, total: float
-) -> FilterState:
-    """Return the state after an `innovation` of variance `total` and of covariance P H' `with_state`."""
+    The compass shows psi + h and the gyro r + s; one is taken in after the other.
+    """
     (
-        time, psi, rate, bias, p00, p01, p02, p11, p12, p22,
+        time, psi, r, bias, p00, p01, p02, p11, p12, p22,
         h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, intensity,
     ) = state  # fmt: skip
-    c0, c1, c2, c3, c4, c5 = with_state
-    share = 1.0 / total
-    g0, g1, g2 = c0 * share, c1 * share, c2 * share
-    psi += g0 * innovation
-    psi = psi if -PI < psi <= PI else wrap(psi)
-    rate += g1 * innovation
-    bias += g2 * innovation
-    p00 -= g0 * c0
-    p01 -= g0 * c1
-    p02 -= g0 * c2
-    p11 -= g1 * c1
-    p12 -= g1 * c2
-    p22 -= g2 * c2
-    if sea.heading <= 0.0:
-        return FilterState(time, psi, rate, bias, p00, p01, p02, p11, p12, p22, *NO_WAVES, NO_SEA, NO_INTENSITY)
-    g3, g4, g5 = c3 * share, c4 * share, c5 * share
+    has_sea = sea.heading > 0.0
+    for measured, is_heading in ((heading, True), (rate, False)):
+        if math.isnan(measured):
+            continue
+        # the innovation, its variance, and its covariance P H' with the state
+        if is_heading:
+            innovation = measured - psi - h
+            innovation = innovation if -PI < innovation <= PI else wrap(innovation)
+            share = 1.0 / (p00 + 2.0 * p03 + p33 + noise.heading)
+            c0, c1, c2, c3, c4, c5 = p00 + p03, p01 + p13, p02 + p23, p03 + p33, p04 + p34, p05 + p35
+        else:
+            innovation = measured - r - s
+            share = 1.0 / (p11 + 2.0 * p14 + p44 + noise.rate)
+            c0, c1, c2, c3, c4, c5 = p01 + p04, p11 + p14, p12 + p24, p13 + p34, p14 + p44, p15 + p45
+        g0, g1, g2 = c0 * share, c1 * share, c2 * share
+        psi += g0 * innovation
+        psi = psi if -PI < psi <= PI else wrap(psi)
+        r += g1 * innovation
+        bias += g2 * innovation
+        p00 -= g0 * c0
+        p01 -= g0 * c1
+        p02 -= g0 * c2
+        p11 -= g1 * c1
+        p12 -= g1 * c2
+        p22 -= g2 * c2
+        if has_sea:
+            g3, g4, g5 = c3 * share, c4 * share, c5 * share
+            h += g3 * innovation
+            s += g4 * innovation
+            e += g5 * innovation
+            p03 -= g0 * c3
+            p04 -= g0 * c4
+            p05 -= g0 * c5
+            p13 -= g1 * c3
+            p14 -= g1 * c4
+            p15 -= g1 * c5
+            p23 -= g2 * c3
+            p24 -= g2 * c4
+            p25 -= g2 * c5
+            p33 -= g3 * c3
+            p34 -= g3 * c4
+            p35 -= g3 * c5
+            p44 -= g4 * c4
+            p45 -= g4 * c5
+            p55 -= g5 * c5
+    if not has_sea:
+        sea, intensity = NO_SEA, NO_INTENSITY
+    if not math.isnan(rudder):
+        # see `is_extreme`
+        if not h * h > EXTREME_SQUARED * sea.heading + EXTREME_LEAST_SQUARED:
+            sea = learn(sea, h * h + p33, s * s + p44, dt)
+        changes = noise.bias, noise.gusty_bias, noise.gust_time
+        intensity = adapt_intensity(intensity, changes, bias, p22, rudder, dt)
     return FilterState(
         time,
         psi,
-        rate,
+        r,
         bias,
         p00,
         p01,
@@ -466,45 +464,45 @@ def _fuse(
         p11,
         p12,
         p22,
-        h + g3 * innovation,
-        s + g4 * innovation,
-        e + g5 * innovation,
-        p03 - g0 * c3,
-        p04 - g0 * c4,
-        p05 - g0 * c5,
-        p13 - g1 * c3,
-        p14 - g1 * c4,
-        p15 - g1 * c5,
-        p23 - g2 * c3,
-        p24 - g2 * c4,
-        p25 - g2 * c5,
-        p33 - g3 * c3,
-        p34 - g3 * c4,
-        p35 - g3 * c5,
-        p44 - g4 * c4,
-        p45 - g4 * c5,
-        p55 - g5 * c5,
+        h,
+        s,
+        e,
+        p03,
+        p04,
+        p05,
+        p13,
+        p14,
+        p15,
+        p23,
+        p24,
+        p25,
+        p33,
+        p34,
+        p35,
+        p44,
+        p45,
+        p55,
         sea,
         intensity,
     )
 
 
-def learn_disturbances(state: FilterState, noise: FilterNoise, rudder: float, dt: float) -> FilterState:
-    """Return the state with what it says of sea and gusts after `dt` [s] with the `rudder` [rad] taken in."""
-    sea, wave, wave_rate = state.sea, state.wave, state.wave_rate
-    if not is_extreme(sea, wave):
-        sea = learn(sea, wave * wave + state.p33, wave_rate * wave_rate + state.p44, dt)
-    changes = Changes(noise.bias, noise.gusty_bias, noise.gust_time)
-    intensity = adapt_intensity(state.intensity, changes, state.bias, state.p22, rudder, dt)
-    return FilterState(*state[:-2], sea, intensity)
+def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
+    """Return the state after a heading [rad] of `variance` [rad^2] alone."""
+    return fused(state, FilterNoise(variance, 0.0, 0.0, 0.0), heading, math.nan, math.nan, 0.0)
+
+
+def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
+    """Return the state after a yaw rate [rad/s] of `variance` [(rad/s)^2] alone."""
+    return fused(state, FilterNoise(0.0, variance, 0.0, 0.0), math.nan, rate, math.nan, 0.0)
 
 
 def is_sound(state: FilterState) -> bool:
     """Return whether mean and variances are finite and the variances not negative."""
+    density, bias, rudder, variance = state.intensity
     # a sum is finite only where every part of it is
     return (
-        math.isfinite(sum(state[:-2]) + sum(state.sea))
-        and is_finite(state.intensity)
+        math.isfinite(sum(state[:-2]) + sum(state.sea) + density + sum(bias) + sum(rudder) + variance)
         and state.p00 >= 0.0
         and state.p11 >= 0.0
         and state.p22 >= 0.0

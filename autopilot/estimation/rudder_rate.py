@@ -37,7 +37,7 @@ from autopilot.estimation.tuning import (
     GEAR_SURE,
 )
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear, clip
+from autopilot.models.steering_gear import SteeringGear
 
 SLOWER = (1.0, 2.0, 4.0, 8.0)
 """The gears: so many times slower than the file's."""
@@ -102,30 +102,19 @@ def rudder_rate_step(
     limits: the rudder's angle [rad] and filed rate [rad/s]."""
     filed, half, quarter, eighth, last, damped, time, found, squared, slower, is_sure = before
     (rate, command), (angle_max, rate_max) = steered, limits
-    if not dt > 0.0 or not math.isfinite(rate_max) or model.n1 <= 0.0:
-        return before
-    angles = (
-        _moved(filed.angle, command, rate_max / SLOWER[0] * dt),
-        _moved(half.angle, command, rate_max / SLOWER[1] * dt),
-        _moved(quarter.angle, command, rate_max / SLOWER[2] * dt),
-        _moved(eighth.angle, command, rate_max / SLOWER[3] * dt),
-    )
-    apart = abs(angles[0] - angles[3])
-    if time == 0.0 and apart < GEAR_PLAY:
-        return RudderRate(
-            Gear(angles[0], 0.0, 0.0, 0.0, 0.0),
-            Gear(angles[1], 0.0, 0.0, 0.0, 0.0),
-            Gear(angles[2], 0.0, 0.0, 0.0, 0.0),
-            Gear(angles[3], 0.0, 0.0, 0.0, 0.0),
-            math.nan,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            slower,
-            is_sure,
-        )
     gain, time_constant, n3, n2, n1, n0, _ = model
+    if not dt > 0.0 or not rate_max < math.inf or n1 <= 0.0:
+        return before
+    reach = rate_max * dt
+    if time == 0.0:
+        rests = (
+            _at_rest(filed, command, reach / SLOWER[0]),
+            _at_rest(half, command, reach / SLOWER[1]),
+            _at_rest(quarter, command, reach / SLOWER[2]),
+            _at_rest(eighth, command, reach / SLOWER[3]),
+        )
+        if abs(rests[0].angle - rests[3].angle) < GEAR_PLAY:
+            return RudderRate(rests[0], rests[1], rests[2], rests[3], math.nan, 0.0, 0.0, 0.0, 0.0, slower, is_sure)
     passed = GEAR_PASSED * time_constant
     share, kept = -math.expm1(-dt / passed), math.exp(-dt / (GEAR_FADES * time_constant))
     damping = ((n3 * rate + n2) * rate + n1) * rate + n0
@@ -133,64 +122,79 @@ def rudder_rate_step(
         # nothing has moved yet: each gear begins in balance with what the boat does
         last, damped = rate, damping
         filed, half, quarter, eighth = (
-            _in_balance(gain, angles[0]),
-            _in_balance(gain, angles[1]),
-            _in_balance(gain, angles[2]),
-            _in_balance(gain, angles[3]),
+            _in_balance(filed, command, reach / SLOWER[0], gain),
+            _in_balance(half, command, reach / SLOWER[1], gain),
+            _in_balance(quarter, command, reach / SLOWER[2], gain),
+            _in_balance(eighth, command, reach / SLOWER[3], gain),
         )
     slow = last + share * (rate - last)
     damped += share * (damping - damped)
     y = time_constant * (slow - last) / dt + damped
     time, found, squared = kept * time + dt, kept * found + dt * y, kept * squared + dt * y * y
-    filed = _summed(filed, angles[0], gain, share, kept, dt, y)
-    half = _summed(half, angles[1], gain, share, kept, dt, y)
-    quarter = _summed(quarter, angles[2], gain, share, kept, dt, y)
-    eighth = _summed(eighth, angles[3], gain, share, kept, dt, y)
-    floor = GEAR_NOISE * gain * angle_max
-    push = GEAR_SIGMA_BIAS * gain
+    floor, push = GEAR_NOISE * gain * angle_max, GEAR_SIGMA_BIAS * gain
     noise = passed * floor * floor
-    sums = time, found, squared
-    costs = (
-        _cost(filed, sums, noise, push),
-        _cost(half, sums, noise, push),
-        _cost(quarter, sums, noise, push),
-        _cost(eighth, sums, noise, push),
+    weight = noise / (GEAR_SIGMA_SHARE * GEAR_SIGMA_SHARE)
+    step, sums = (gain, share, kept, dt, y), (weight, time + noise / (push * push), found, squared)
+    filed, cost = _summed(filed, (command, reach / SLOWER[0]), step, sums)
+    half, cost_half = _summed(half, (command, reach / SLOWER[1]), step, sums)
+    quarter, cost_quarter = _summed(quarter, (command, reach / SLOWER[2]), step, sums)
+    eighth, cost_eighth = _summed(eighth, (command, reach / SLOWER[3]), step, sums)
+    least, best = cost, SLOWER[0]
+    if cost_half < least:
+        least, best = cost_half, SLOWER[1]
+    if cost_quarter < least:
+        least, best = cost_quarter, SLOWER[2]
+    if cost_eighth < least:
+        least, best = cost_eighth, SLOWER[3]
+    lasts = passed if passed > GEAR_SEA else GEAR_SEA
+    noise += lasts * (least if least > 0.0 else 0.0) / (time + time_constant)
+    ours = (
+        cost
+        if slower == SLOWER[0]
+        else cost_half
+        if slower == SLOWER[1]
+        else cost_quarter
+        if slower == SLOWER[2]
+        else cost_eighth
     )
-    least = min(costs[0], costs[1], costs[2], costs[3])
-    noise += max(passed, GEAR_SEA) * max(least, 0.0) / (time + time_constant)
-    best = 0 if costs[0] == least else 1 if costs[1] == least else 2 if costs[2] == least else 3
-    ours = 0 if slower == SLOWER[0] else 1 if slower == SLOWER[1] else 2 if slower == SLOWER[2] else 3
-    likelier = 0.5 * (costs[ours] - least) / noise
-    slower = SLOWER[best] if likelier > GEAR_LIKELIER else slower
-    is_sure = slower > 1.0 and (is_sure or 0.5 * (costs[0] - least) / noise > GEAR_SURE)
+    slower = best if 0.5 * (ours - least) / noise > GEAR_LIKELIER else slower
+    is_sure = slower > 1.0 and (is_sure or 0.5 * (cost - least) / noise > GEAR_SURE)
     return RudderRate(filed, half, quarter, eighth, slow, damped, time, found, squared, slower, is_sure)
 
 
 def _moved(angle: float, command: float, reach: float) -> float:
-    return angle + clip(command - angle, -reach, reach)
+    left = command - angle
+    return angle + (-reach if left < -reach else reach if left > reach else left)
 
 
-def _in_balance(gain: float, angle: float) -> Gear:
-    return Gear(angle, gain * angle, 0.0, 0.0, 0.0)
+def _at_rest(gear: Gear, command: float, reach: float) -> Gear:
+    return Gear(_moved(gear.angle, command, reach), 0.0, 0.0, 0.0, 0.0)
 
 
-def _summed(gear: Gear, angle: float, gain: float, share: float, kept: float, dt: float, y: float) -> Gear:
-    drive = gear.drive + share * (gain * angle - gear.drive)
-    return Gear(
-        angle,
-        drive,
-        kept * gear.sum_drive + dt * drive,
-        kept * gear.sum_squared + dt * drive * drive,
-        kept * gear.sum_found + dt * drive * y,
-    )
+def _in_balance(gear: Gear, command: float, reach: float, gain: float) -> Gear:
+    return Gear(gear.angle, gain * _moved(gear.angle, command, reach), 0.0, 0.0, 0.0)
 
 
-def _cost(gear: Gear, sums: tuple[float, float, float], noise: float, push: float) -> float:
-    """Return the least of the module's integral and prior, 2 J N."""
-    time, found, squared = sums
-    weight, firm = noise / (GEAR_SIGMA_SHARE * GEAR_SIGMA_SHARE), noise / (push * push)
-    a, b, c = gear.sum_squared + weight, gear.sum_drive, time + firm
-    right, left = gear.sum_found + weight, found
+def _summed(
+    gear: Gear,
+    way: tuple[float, float],
+    step: tuple[float, float, float, float, float],
+    sums: tuple[float, float, float, float],
+) -> tuple[Gear, float]:
+    """Return the gear a step later, and the least of the module's integral and prior, 2 J N.
+
+    way: the command [rad], and how far [rad] its rudder goes. step: K, the low-pass's share, what is kept of the sums,
+    the time [s] and y; sums: the prior's weight of q, and the sums over time of 1, the prior's weight of b0 with it, y
+    and y^2.
+    """
+    angle, drive, sum_drive, sum_squared, sum_found = gear
+    (command, reach), (gain, share, kept, dt, y), (weight, c, left, squared) = way, step, sums
+    way_left = command - angle
+    angle += -reach if way_left < -reach else reach if way_left > reach else way_left
+    drive += share * (gain * angle - drive)
+    b, sum_squared = kept * sum_drive + dt * drive, kept * sum_squared + dt * drive * drive
+    sum_found = kept * sum_found + dt * drive * y
+    a, right = sum_squared + weight, sum_found + weight
     known = a * c - b * b
     q, bias = (right * c - left * b) / known, (left * a - right * b) / known
-    return squared + weight - q * right - bias * left
+    return Gear(angle, drive, b, sum_squared, sum_found), squared + weight - q * right - bias * left

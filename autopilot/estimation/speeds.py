@@ -23,7 +23,7 @@ from autopilot.estimation.tuning import (
     STREAM_LEAST,
     STREAM_MOST,
 )
-from autopilot.models.drive_law import RUDDER_LAW, DriveLaw, at_point, is_rudder_law
+from autopilot.models.drive_law import RUDDER_LAW, DriveLaw, at_point
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import clip
 from autopilot.signals import SpeedSample, ThrustSample
@@ -130,9 +130,9 @@ def _half_way(low: float, high: float) -> float:
 
 def model_at(reference: Norrbin, speed: float, law: DriveLaw = RUDDER_LAW, throttle: float = math.nan) -> Norrbin:
     """Return the model at the scheduled `speed` [m/s], the trial's where it is nan, and `throttle` [share of full]."""
-    speed = reference.reference_speed if math.isnan(speed) and not is_rudder_law(law) else speed
+    speed = reference.reference_speed if math.isnan(speed) and not law.is_rudder else speed
     if math.isnan(speed):
         return reference
     most = SPEED_RATIO_MOST * reference.reference_speed
     held = clip(speed, -most, most)
-    return at_speed(reference, held) if is_rudder_law(law) else at_point(law, reference, held, throttle)
+    return at_speed(reference, held) if law.is_rudder else at_point(law, reference, held, throttle)

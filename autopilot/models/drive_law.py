@@ -53,11 +53,6 @@ class DriveLaw(NamedTuple):
 RUDDER_LAW = DriveLaw(2.0, 0.0, 1.0, is_rudder=True)
 
 
-def is_rudder_law(law: DriveLaw) -> bool:
-    """Return whether the law is that of a rudder, for which `autopilot.models.norrbin.at_speed` stands."""
-    return law.is_rudder
-
-
 def effect_of(law: DriveLaw, ratio: float, throttle: float) -> float:
     """Return b, K/T over that of the trial, at U/U0 = `ratio` and a `throttle` [share of full, nan: the trial's]."""
     effect: float = seen_ratio(law, ratio) ** law.speed_exponent
@@ -103,6 +98,6 @@ def way_of(law: DriveLaw, reference_speed: float, throttle: float) -> float:
 
 def quickness(law: DriveLaw, reference: Norrbin, model: Norrbin) -> float:
     """Return how many times as quick the loop is at the point of `model` as in the trial, `reference`."""
-    if is_rudder_law(law):
+    if law.is_rudder:
         return model.reference_speed / reference.reference_speed
     return math.sqrt(model.gain / model.time_constant / (reference.gain / reference.time_constant))

@@ -35,7 +35,8 @@ def gear_step(gear: SteeringGear, angle: float, order: float, dt: float) -> floa
 
     The lag is solved exactly over the step, then held to the rate: stable for any dt >= 0.
     """
-    return gear_step_by(gear, lag_share(gear, dt), angle, order, dt)
+    share = -math.expm1(-dt / gear.lag) if gear.lag > 0.0 else 1.0
+    return gear_step_by(gear, share, angle, order, dt)
 
 
 def lag_share(gear: SteeringGear, dt: float) -> float:
@@ -47,7 +48,7 @@ def gear_step_by(gear: SteeringGear, share: float, angle: float, order: float, d
     """Return the same as `gear_step`, its `lag_share` of `dt` [s] being known."""
     angle_max, rate_max, _, dead_band, _ = gear
     error = (-angle_max if order < -angle_max else angle_max if order > angle_max else order) - angle
-    if abs(error) <= dead_band:
+    if -dead_band <= error <= dead_band:
         return angle
     step, reach = share * error, rate_max * dt
     moved = angle + (-reach if step < -reach else reach if step > reach else step)

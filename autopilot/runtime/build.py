@@ -20,7 +20,7 @@ from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.turn import preset_rate, stop_angle, symmetric_of, turn_limits
 from autopilot.guidance.wind_vane import WindSettings
 from autopilot.links.rudder_follow import FollowSettings
-from autopilot.models.drive_law import DriveLaw, at_point, is_rudder_law, quickness
+from autopilot.models.drive_law import DriveLaw, at_point, quickness
 from autopilot.models.drives import DRIVES, Needs
 from autopilot.models.drives.two_thrusters import PLAIN, Mixing
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
@@ -77,7 +77,7 @@ def thrusters_of(vessel: Vessel) -> Mixing:
 def model_at_ratio(vessel: Vessel, ratio: float) -> Norrbin:
     """Return the model at `ratio` times the trial's speed, the throttle being the trial's."""
     law, model = drive_law_of(vessel), model_of(vessel)
-    if is_rudder_law(law):
+    if law.is_rudder:
         return at_speed_ratio(model, ratio)
     return at_point(law, model, ratio * model.reference_speed, math.nan)
 

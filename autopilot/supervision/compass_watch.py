@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import shortest_turn
+from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample
@@ -63,7 +63,7 @@ def turns_step(turns: Turns, by_heading: float, by_rate: float, step: float) -> 
     apart, heading, rate, difference, total = turns
     fades = math.exp(-step / SENSE_TIME)
     # no boat turns further between two headings, and an instrument that says so must not falsify the sums
-    by_rate = clip(by_rate, -math.pi, math.pi)
+    by_rate = -PI if by_rate < -PI else PI if by_rate > PI else by_rate
     heading, rate = heading * fades + by_heading, rate * fades + by_rate
     share = -math.expm1(-step / SENSE_LASTS)
     return Turns(
@@ -102,15 +102,16 @@ class Consistency(NamedTuple):
 
 def consistency_step(before: Consistency, sample: HeadingSample | RateSample, most: float) -> Consistency:
     """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of, inf: not watched."""
-    rate, time, last = sample.rate, sample.time, before.heading
-    if not math.isfinite(time) or (rate is not None and not math.isfinite(rate)):
+    rate, time = sample.rate, sample.time
+    # a sum is finite only where every part of it is
+    if not math.isfinite(time if rate is None else time + rate):
         return before
     if isinstance(sample, RateSample):
         return before._replace(rate=sample)
+    last, beside = before.heading, before.rate
     is_same = last is not None and last.source == sample.source
     if is_same and time < last.time:  # type: ignore[union-attr]
         return before
-    beside = before.rate
     if rate is None and beside is not None and 0.0 <= time - beside.time <= HEADINGS_APART_S:
         rate = beside.rate
     # a burst that was read at once has one time: its turn happened since the heading before
@@ -118,14 +119,14 @@ def consistency_step(before: Consistency, sample: HeadingSample | RateSample, mo
         last is None
         or rate is None
         or not is_same
-        or not math.isfinite(sample.heading)
         or not 0.0 <= time - last.time <= HEADINGS_APART_S
-        or not math.isfinite(last.heading)
+        or not math.isfinite(sample.heading + last.heading)
     ):
         return before._replace(heading=sample)
-    step = time - last.time
-    turns = turns_step(before.turns, shortest_turn(last.heading, sample.heading), rate * step, step)
-    if not math.isfinite(most):
+    step, turn = time - last.time, sample.heading - last.heading
+    turn = turn if -PI < turn <= PI else wrap(turn)
+    turns = turns_step(before.turns, turn, rate * step, step)
+    if not most < math.inf:
         return before._replace(heading=sample, turns=turns)
     return _judged(before, sample, turns, most)
 
@@ -217,7 +218,8 @@ def frozen_step(
         if heading == standing.heading:
             standing = stood_by(standing, sample)
             continue
-        step = abs(shortest_turn(standing.heading, heading))
+        step = heading - standing.heading
+        step = abs(step if -PI < step <= PI else wrap(step))
         sea = Sea(step, sea.deviation, sea.flat) if step < sea.digit else sea
         standing = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
     if standing.is_frozen:
@@ -262,20 +264,21 @@ class Jumping(NamedTuple):
 
 def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: float) -> Jumping:
     """Take a heading; it may be off by `most` [rad] from the one before, the boat turning at `rate` [rad/s]."""
-    heading, time = sample.heading, sample.time
-    if not math.isfinite(heading) or not math.isfinite(time):
+    time, heading, _, source = sample
+    if not math.isfinite(heading + time):
         return before
     last, away, jumps, found, by, text = before
     newest = away[-1] if away else last
     if (
         last is None
         or newest is None
-        or last.source != sample.source
+        or last.source != source
         or time < last.time
         or time - newest.time > HEADINGS_APART_S
     ):
         return Jumping(sample, (), jumps, found, by, text)
-    off = shortest_turn(last.heading + rate * (time - last.time), heading)
+    off = heading - (last.heading + rate * (time - last.time))
+    off = off if -PI < off <= PI else wrap(off)
     if -most <= off <= most:
         return Jumping(sample, (), jumps, found, by, text)
     if not away or abs(shortest_turn(away[-1].heading, heading)) > most:
@@ -318,13 +321,14 @@ def update(
         jumping = jumping._replace(text="")
     if measured.rate_disagrees:
         found += (AlarmEvent("rate_disagrees", measured.rate_disagrees),)
-    if not (seen.has_way and abs(seen.innovation) > limits.innovation):
+    innovation, most = seen.innovation, limits.innovation
+    if not (seen.has_way and (innovation > most or innovation < -most)):
         off_since, off_by = math.nan, ""
     elif math.isnan(off_since):
         off_since = now
     elif now - off_since >= INNOVATION_TIME:
         # as it is at first: each tenth would be a new text
-        off_by = off_by or f"{abs(seen.innovation):.1f} standard deviations"
+        off_by = off_by or f"{abs(innovation):.1f} standard deviations"
         found += (AlarmEvent("innovation", off_by),)
     rate = state.rate if math.isfinite(state.rate) else 0.0
     return State(standing, sea, jumping, rate, off_since, off_by), found

@@ -20,7 +20,7 @@ import math
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
-from autopilot.angles import shortest_turn
+from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
 from autopilot.signals import AlarmEvent
@@ -91,7 +91,7 @@ def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, err
     """
     limit = limits.off_course * (BACK_ON_COURSE if is_off else 1.0)
     # written so that an error that is no number is no reason to be quiet
-    if abs(error) <= limit:
+    if -limit <= error <= limit:
         return math.nan, False
     if math.isnan(since):
         return now, False
@@ -104,7 +104,7 @@ def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, 
     While a turn may last a boat on its way to its course is on it, and one that is past it by so much for LED_PAST has
     led past; side: to which it turned.
     """
-    if math.isinf(limits.off_course) or not (seen.holds_course or (seen.follows and side * error > 0.0)):
+    if limits.off_course == math.inf or not (seen.holds_course or (seen.follows and side * error > 0.0)):
         return ON_ITS_COURSE
     if not seen.holds_course:
         limits = limits._replace(off_course_time=min(LED_PAST, limits.off_course_time))
@@ -231,8 +231,9 @@ class Turn(NamedTuple):
 def turn_since(time: float, heading: float, wanted: float, seen: MonitorInput, quickest: Norrbin) -> Turn:
     """Return what the boat has done since the tick at `time` [s] with its heading and the one ordered [rad]."""
     is_at, order = seen.state.heading, seen.wanted
-    turned, led = shortest_turn(heading, is_at), 0.0 if order == wanted else shortest_turn(wanted, order)
-    return Turn(seen.now - time, turned, led, shortest_turn(order, is_at), quickest)
+    turned, led, off = is_at - heading, 0.0 if order == wanted else shortest_turn(wanted, order), is_at - order
+    turned = turned if -PI < turned <= PI else wrap(turned)
+    return Turn(seen.now - time, turned, led, off if -PI < off <= PI else wrap(off), quickest)
 
 
 def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) -> Swings:
@@ -243,7 +244,7 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
     swept, side, extreme, turned, low, high, low_before, high_before, swung, lasted, count, by_rudder = before
     is_paused = now - swept > PAUSE[0] + PAUSE[1] * seen.model.time_constant
     # a rudder that stood while the loop stalled swings the boat, too: late ticks are an alarm of their own
-    if seen.is_late or is_paused or not abs(turn.led) < NEW_COURSE:
+    if seen.is_late or is_paused or not -NEW_COURSE < turn.led < NEW_COURSE:
         return Swings(now, extreme=order)
     turned += turn.turned
     low = turned if turned < low else low
@@ -254,7 +255,7 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
         side = 1 if order > extreme else -1 if order < extreme else 0
     elif side * (order - extreme) >= 0.0:
         extreme = order
-    elif abs(order - extreme) >= sweep * seen.angle_max:
+    elif side * (extreme - order) >= sweep * seen.angle_max:
         # swept from there to the other side: that was a turning point. The heading may trail by half a sweep
         swing, lasts = max(high, high_before) - min(low, low_before), now - swept
         counts = swing >= SWING and lasts >= LEAST_TIME * turn.quickest.time_constant
@@ -307,13 +308,13 @@ def circles_step(before: Circles, seen: MonitorInput, turn: Turn) -> Circles:
     if not seen.follows:
         return NO_CIRCLES
     off, begun, since = before
-    near = turn.off
-    if math.isnan(off) or abs(turn.led) > NEW_COURSE:
+    led, near, most = turn.led, turn.off, seen.angle_max
+    if math.isnan(off) or led > NEW_COURSE or led < -NEW_COURSE:
         off, begun = near, abs(near)
-    elif abs(seen.push) <= seen.angle_max or reads_low(seen):
+    elif -most <= seen.push <= most or reads_low(seen):
         # what is pushed round by more than its rudder is not steered round
-        off += turn.turned - turn.led
-    if abs(near) > ON_COURSE:
+        off += turn.turned - led
+    if near > ON_COURSE or near < -ON_COURSE:
         since = math.nan
     elif math.isnan(since):
         since = seen.now
@@ -350,7 +351,8 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     """Judge a tick. A speed that reads too low would make any turn too fast: the model counts at the trial's speed at
     least."""
     is_begun, wanted, by_sea, rate, _, _, _, recent = before
-    now = speed_ratio(seen)
+    # see `speed_ratio`
+    by_speed = now = seen.model.reference_speed / seen.trial_speed if seen.trial_speed > 0.0 else 1.0
     if recent > now and turn.step > 0.0:
         now += math.exp(-turn.step / (WAY_KEPT * seen.model.time_constant)) * (recent - now)
     if not seen.steers or not is_begun or not turn.step > 0.0:
@@ -360,7 +362,7 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
         known = seen.state.wave_deviation * seen.state.wave_frequency
         by_sea, wanted = 0.0 if math.isnan(wanted) else SEA_SIGMAS * known, seen.wanted
     turned = turn.turned / turn.step
-    if abs(turned) > RATE_MOST:
+    if turned > RATE_MOST or turned < -RATE_MOST:
         turned = 0.0
     quickest, model, rudder_most = turn.quickest, seen.model, seen.angle_max
     lasts = SPIN_TIME[1] * quickest.time_constant
@@ -371,7 +373,7 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     # a wrong speed does what a sea does, and is doubted rather than borne
     by_rudder = math.copysign(max(abs(rate) - (0.0 if reads_low(seen) else by_sea), 0.0), rate)
     # a course-unstable boat outruns its rudder, against it too, where it is steered by a wrong speed
-    had_way = at_speed_ratio(model, now / speed_ratio(seen))
+    had_way = model if now == by_speed else at_speed_ratio(model, now / by_speed)
     outruns = is_beyond(had_way, by_rudder / (OUTRUNS if is_stable else OUTRUNS_UNSTABLE), rudder_most)
     rushes = is_steered and is_beyond(quickest, by_rudder / RUSH, rudder_most)
     is_fast = is_steered and is_beyond(quickest, by_rudder / SPIN, rudder_most)
@@ -435,7 +437,7 @@ def update(
         if suspect and (contradicts_speed or is_stable):
             sweeps, throws, spin = NO_SWINGS, NO_SWINGS, Spin()
     circles = circles_step(circles, seen, turn)
-    if side == 0.0 or abs(turn.led) > NEW_COURSE:
+    if side == 0.0 or turn.led > NEW_COURSE or turn.led < -NEW_COURSE:
         side = -math.copysign(1.0, turn.off)
     off_course = off_course_step(limits, off_course, seen, turn.off, side)
     found: tuple[AlarmEvent, ...] = (AlarmEvent("swinging"),) if swings else ()

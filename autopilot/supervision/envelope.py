@@ -44,56 +44,44 @@ class Picture(NamedTuple):
     bias: float
 
 
-class CommandCheck:
-    """Judges commands one by one; the only memory is since when [s] the rudder has been pushing the boat away."""
+Move = tuple[float, float, float, float, float]
+"""A command to be judged: now [s], the rudder command before [rad], what the law wanted [rad], the command [rad], and
+the time [s] since the one before."""
 
-    def __init__(self, envelope: Envelope, wrong_since: float | None = None) -> None:
-        self.envelope = envelope
-        self.wrong_since = wrong_since
 
-    def reset(self) -> None:
-        """Forget everything."""
-        self.wrong_since = None
-
-    def fault(
-        self, now: float, previous: float, demand: float, command: float, dt: float, picture: Picture | None = None
-    ) -> tuple[str, str]:
-        """Return the name of the alarm and what is wrong with `command` [rad]; ("", "") where it may leave.
-
-        `previous` [rad] is the rudder command `dt` [s] before, `demand` [rad] what the law wanted.
-        """
-        if not (demand - demand == 0.0 and command - command == 0.0):
-            return NOT_FINITE, "the law's demand" if command - command == 0.0 else "the command"
-        angle_max, rate_max, heading_age_max = self.envelope
-        most = angle_max + SLACK
-        if not -most <= command <= most:
-            return OUTSIDE, f"rudder {math.degrees(command):.1f} deg"
-        step = command - previous
-        # a rudder of unlimited rate gets anywhere in no time
-        reach = math.inf if rate_max == math.inf else rate_max * dt + SLACK
-        if not -reach <= step <= reach:
-            return OUTSIDE, f"rudder moved by {math.degrees(step):.1f} deg in {dt:.2f} s"
-        if picture is None:
-            return "", ""
-        if not -OLDEST <= now - picture.time <= OLDEST:
-            return OUTSIDE, f"worked out for {now - picture.time:+.1f} s ago"
-        if not picture.heading_age <= heading_age_max:
-            return OUTSIDE, f"from a heading {picture.heading_age:.1f} s old"
-        if self._pushes_away(now, command, picture):
-            return OUTSIDE, "the rudder turns the boat away from the heading to be steered"
-        return "", ""
-
-    def _pushes_away(self, now: float, command: float, picture: Picture) -> bool:
-        if not WRONG_ERROR < abs(picture.error) < WRONG_ERROR_MOST:
-            self.wrong_since = None
-            return False
-        side = 1.0 if picture.error > 0.0 else -1.0
-        # a bias towards the heading to be steered is what a rudder on the other side holds
-        excused = side * picture.bias if side * picture.bias > 0.0 else 0.0
-        pushes = side * command + excused < -WRONG_SHARE * self.envelope.angle_max
-        if not (pushes and side * picture.rate <= 0.0):
-            self.wrong_since = None
-            return False
-        if self.wrong_since is None:
-            self.wrong_since = now
-        return now - self.wrong_since >= WRONG_TIME
+def fault(
+    envelope: Envelope, wrong_since: float | None, move: Move, picture: Picture | None = None
+) -> tuple[str, str, float | None]:
+    """Return the name of the alarm and what is wrong with a command, "" and "" where it may leave; and since when [s]
+    the rudder has been pushing the boat away, None: it does not, which is all that is remembered."""
+    now, previous, demand, command, dt = move
+    if not (demand - demand == 0.0 and command - command == 0.0):
+        return NOT_FINITE, "the law's demand" if command - command == 0.0 else "the command", wrong_since
+    angle_max, rate_max, heading_age_max = envelope
+    most = angle_max + SLACK
+    if not -most <= command <= most:
+        return OUTSIDE, f"rudder {math.degrees(command):.1f} deg", wrong_since
+    step = command - previous
+    # a rudder of unlimited rate gets anywhere in no time
+    reach = math.inf if rate_max == math.inf else rate_max * dt + SLACK
+    if not -reach <= step <= reach:
+        return OUTSIDE, f"rudder moved by {math.degrees(step):.1f} deg in {dt:.2f} s", wrong_since
+    if picture is None:
+        return "", "", wrong_since
+    time, heading_age, error, rate, bias = picture
+    if not -OLDEST <= now - time <= OLDEST:
+        return OUTSIDE, f"worked out for {now - time:+.1f} s ago", wrong_since
+    if not heading_age <= heading_age_max:
+        return OUTSIDE, f"from a heading {heading_age:.1f} s old", wrong_since
+    side = 1.0 if error > 0.0 else -1.0
+    if not WRONG_ERROR < side * error < WRONG_ERROR_MOST:
+        return "", "", None
+    # a bias towards the heading to be steered is what a rudder on the other side holds
+    excused = side * bias if side * bias > 0.0 else 0.0
+    pushes = side * command + excused < -WRONG_SHARE * angle_max
+    if not (pushes and side * rate <= 0.0):
+        return "", "", None
+    since = now if wrong_since is None else wrong_since
+    if now - since < WRONG_TIME:
+        return "", "", since
+    return OUTSIDE, "the rudder turns the boat away from the heading to be steered", since

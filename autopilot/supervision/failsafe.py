@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import shortest_turn, wrap
+from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import clip
 from autopilot.signals import HeadingSample, NavState, RateSample, Reference, Sample, WindSample
@@ -109,8 +109,3 @@ def wind_after(before: Wind | None, sample: WindSample) -> Wind | None:
         ahead = before.ahead + share * (ahead - before.ahead)
         abeam = before.abeam + share * (abeam - before.abeam)
     return Wind(sample.time, ahead, abeam)
-
-
-def error_of(state: NavState, reference: Reference) -> float:
-    """Return the turn [rad] from the state's heading to the reference's."""
-    return shortest_turn(state.heading, reference.heading)

@@ -7,6 +7,7 @@ that is remembered is one value, `State`. Pure.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from autopilot.signals import (
@@ -54,73 +55,66 @@ class State(NamedTuple):
 NOTHING_SEEN = State()
 
 
-class Monitors:
-    """`on_samples` and `update` every tick; then `findings` has what is the case, by its names in the catalogue."""
+def without_past(state: State) -> State:
+    """Return the state without what was compared so far: nothing that came before a standstill says anything about now.
+    What has been concluded of boat, speed and rudder stays."""
+    rudder, course = state.rudder, state.course
+    return state._replace(
+        measured=Measured(),
+        consistency=compass_watch.Consistency(),
+        compass=compass_watch.State(),
+        rudder=rudder_watch.State(other=rudder.other, rests_roll=rudder.rests_roll, doubts_speed=rudder.doubts_speed),
+        course=course_watch.State(softer=course.softer, hunts=course.hunts),
+    )
 
-    def __init__(self, limits: AlarmLimits, state: State = NOTHING_SEEN) -> None:
-        self.limits, self.state = limits, state
-        self.findings: dict[str, AlarmEvent] = {}
 
-    def forget_past(self) -> None:
-        """Forget what was compared so far: nothing that came before a standstill says anything about now. What has been
-        concluded of boat, speed and rudder stays."""
-        rudder, course = self.state.rudder, self.state.course
-        self.state = self.state._replace(
-            measured=Measured(),
-            consistency=compass_watch.Consistency(),
-            compass=compass_watch.State(),
-            rudder=rudder_watch.State(
-                other=rudder.other, rests_roll=rudder.rests_roll, doubts_speed=rudder.doubts_speed
-            ),
-            course=course_watch.State(softer=course.softer, hunts=course.hunts),
-        )
+def heard(limits: AlarmLimits, before: State, samples: tuple[Sample, ...]) -> State:
+    """Return the state with the instruments' samples of this tick."""
+    measured, consistency, compass, rudder, course, conditions, roll, wind_time = before
+    headings: tuple[HeadingSample, ...] = ()
+    angles: tuple[RudderSample, ...] = ()
+    report = measured.report
+    for sample in samples:
+        if type(sample) is HeadingSample:
+            headings += (sample,)
+            consistency = compass_watch.consistency_step(consistency, sample, limits.rate_disagrees)
+        elif type(sample) is RollSample:
+            if roll is not UPRIGHT or not -limits.roll <= sample.roll <= limits.roll:
+                roll = rolled(roll, sample, limits.roll)
+        elif type(sample) is RudderSample:
+            if sample.ordered:
+                report = sample
+            else:
+                angles += (sample,)
+        elif type(sample) is RateSample:
+            consistency = compass_watch.consistency_step(consistency, sample, limits.rate_disagrees)
+        elif type(sample) is WindSample:
+            wind_time = sample.time
+        elif type(sample) is ConditionSample:
+            conditions = with_condition(conditions, sample)
+    measured = Measured(headings, angles, report, consistency.found)
+    return State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
 
-    def on_samples(self, samples: tuple[Sample, ...]) -> None:
-        """Take the instruments' samples of this tick."""
-        measured, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
-        headings: tuple[HeadingSample, ...] = ()
-        angles: tuple[RudderSample, ...] = ()
-        report, most = measured.report, self.limits.rate_disagrees
-        for sample in samples:
-            if type(sample) is HeadingSample:
-                headings += (sample,)
-                consistency = compass_watch.consistency_step(consistency, sample, most)
-            elif type(sample) is RollSample:
-                roll = rolled(roll, sample, self.limits.roll)
-            elif type(sample) is RudderSample:
-                if sample.ordered:
-                    report = sample
-                else:
-                    angles += (sample,)
-            elif type(sample) is RateSample:
-                consistency = compass_watch.consistency_step(consistency, sample, most)
-            elif type(sample) is WindSample:
-                wind_time = sample.time
-            elif type(sample) is ConditionSample:
-                conditions = with_condition(conditions, sample)
-        measured = Measured(headings, angles, report, consistency.found)
-        self.state = State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
 
-    def update(self, seen: MonitorInput) -> None:
-        """Judge a tick."""
-        limits = self.limits
-        measured, consistency, compass, rudder, course, conditions, roll, wind_time = self.state
-        compass, found = compass_watch.update(limits, compass, seen, measured)
-        rudder, of_rudder = rudder_watch.update(limits, rudder, seen, measured)
-        course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder)
-        if contradicts_speed:
-            rudder = rudder.with_doubted_speed()
-        self.state = State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
-        found += of_rudder + of_course
-        if conditions:
-            found = (*(event for _, event in conditions), *found)
-        if seen.waits:
-            found += (AlarmEvent("low_speed"),)
-        if roll.text:
-            found += (AlarmEvent("roll", roll.text),)
-        if limits.wind_wanted and seen.now - wind_time > WIND_FRESH:
-            found += (AlarmEvent("no_wind"),)
-        self.findings = {event.name: event for event in found} if found else {}
+def judged(limits: AlarmLimits, before: State, seen: MonitorInput) -> tuple[State, Mapping[str, AlarmEvent]]:
+    """Return the state after a tick whose samples were `heard`, and what is the case, by its names in the catalogue."""
+    measured, consistency, compass, rudder, course, conditions, roll, wind_time = before
+    compass, found = compass_watch.update(limits, compass, seen, measured)
+    rudder, of_rudder = rudder_watch.update(limits, rudder, seen, measured)
+    course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder)
+    if contradicts_speed:
+        rudder = rudder.with_doubted_speed()
+    found += of_rudder + of_course
+    if conditions:
+        found = (*(event for _, event in conditions), *found)
+    if seen.waits:
+        found += (AlarmEvent("low_speed"),)
+    if roll.text:
+        found += (AlarmEvent("roll", roll.text),)
+    if limits.wind_wanted and seen.now - wind_time > WIND_FRESH:
+        found += (AlarmEvent("no_wind"),)
+    after = State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
+    return after, {event.name: event for event in found} if found else {}
 
 
 def rolled(before: Roll, sample: RollSample, most: float) -> Roll:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import shortest_turn
+from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin
 from autopilot.supervision.tuning import (
@@ -365,7 +365,8 @@ def response_step(
     variance = gains[0]
     mean, answer = moved(step, mean, 0.0), moved(step, answer, rudder)
     late, slow = moved(step, late, rudder_late), moved(step, others.slow, rudder_slow)
-    off, s, s_late = shortest_turn(mean[0], heading), answer[0], late[0]
+    off, s, s_late = heading - mean[0], answer[0], late[0]
+    off = off if -PI < off <= PI else wrap(off)
     # of the shares of the answer, the opposite one allowed, the one that explains most; a slow rudder is no gust either
     ahead, size = (-off, -s) if s < 0.0 else (off, s)
     left = ahead + size if ahead < -size else ahead - ANSWERS_MOST * size if ahead > ANSWERS_MOST * size else 0.0

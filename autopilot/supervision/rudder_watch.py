@@ -12,9 +12,8 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from autopilot.angles import shortest_turn
+from autopilot.angles import PI, wrap
 from autopilot.models.norrbin import Norrbin, steady_rudder
-from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
 from autopilot.supervision.monitor_input import (
     AlarmLimits,
@@ -51,6 +50,7 @@ from autopilot.supervision.rudder_response import (
 from autopilot.supervision.tuning import (
     AGAINST_SHARE,
     ASSUMED_RATE,
+    AT_THE_STOP,
     AT_THE_STOP_TIME,
     CHANGED_TIME,
     FAR,
@@ -202,8 +202,8 @@ def heard_step(
     elif math.isnan(slow_time):
         slow_time, slow = now, state.rudder
     else:
-        reach = limits.rudder_rate / SLOW * max(now - slow_time, 0.0)
-        slow_time, slow = now, slow + clip(seen.rudder - slow, -reach, reach)
+        reach, left = limits.rudder_rate / SLOW * (now - slow_time if now > slow_time else 0.0), seen.rudder - slow
+        slow_time, slow = now, slow + (-reach if left < -reach else reach if left > reach else left)
     if math.isnan(heading):
         return Heard(since, response, seaway, last, same, late_until, slow_time, slow, speed)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
@@ -217,8 +217,8 @@ def heard_step(
     if not time - known <= LONGEST_GAP_S:
         response, last, speed = first_response(noise, time, heading), heading, model.reference_speed
     elif time > known:
-        fastest = 2.0 * model.gain * seen.angle_max
-        rate, in_time = clip(state.rate, -fastest, fastest), rudders[0]
+        fastest, rate, in_time = 2.0 * model.gain * seen.angle_max, state.rate, rudders[0]
+        rate = -fastest if rate < -fastest else fastest if rate > fastest else rate
         speed -= math.expm1(-(time - known) / CHANGED_TIME) * (model.reference_speed - speed)
         noise = changing_noise(model, noise, rate, speed)
         at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow)
@@ -246,7 +246,8 @@ def answer_step(
 ) -> Answer:
     """Return what is known after a tick, of which the rudder's `past` is known already."""
     state, now = seen.state, seen.now
-    if not (seen.steers and seen.has_way and math.isfinite(state.rate) and math.isfinite(state.rudder)):
+    # a sum is finite only where every part of it is
+    if not (seen.steers and seen.has_way and math.isfinite(state.rate + state.rudder)):
         return NO_ANSWER
     heard, source, held_off_since, doubted_trial, _, _, _ = before
     known = _in_order(headings)
@@ -283,7 +284,7 @@ NO_HEADING = math.nan, math.nan
 def _in_order(headings: tuple[HeadingSample, ...]) -> Sequence[HeadingSample]:
     """Return the headings that are numbers; of a burst that was read at once, and has one time, the last is the
     newest."""
-    if len(headings) == 1 and math.isfinite(headings[0].heading) and math.isfinite(headings[0].time):
+    if len(headings) == 1 and math.isfinite(headings[0].heading + headings[0].time):
         return headings
     known = [each for each in headings if math.isfinite(each.heading) and math.isfinite(each.time)]
     return sorted({each.time: each for each in known}.values(), key=lambda each: each.time)
@@ -315,7 +316,8 @@ class Overpowered(NamedTuple):
 def overpowered_step(before: Overpowered, seen: MonitorInput) -> Overpowered:
     """Judge a tick. A law that holds a course has put the rudder to its stop: as long as it has some left, what the
     estimator believes is a sea that it does not know."""
-    if not (seen.steers and seen.has_way and abs(seen.push) > seen.angle_max):
+    push, most = seen.push, seen.angle_max
+    if not (seen.steers and seen.has_way and (push > most or push < -most)):
         return NOT_OVERPOWERED
     now, (since, hard_since, found) = seen.now, before
     if not (is_hard_over(seen) and seen.rudder * seen.push < 0.0):
@@ -373,20 +375,23 @@ def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
     if seen.zigzag_divergence > ZIGZAG_DIVERGED and state.rate * rudder < 0.0:
         return before._replace(heading=heading, time=now, has_run=True)
     # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
-    step = shortest_turn(last, heading)
-    step = step if math.isfinite(step) else 0.0
+    step = heading - last
+    step = step if -PI < step <= PI else wrap(step)
+    step = 0.0 if math.isnan(step) else step
     elapsed = now - time
     if elapsed > 0.0:
         # a low pass leaves at most 2 deviations of heading / time constant of what waves add to the rate; that is to
         # be no more than what lies between K rudder_max and AGAINST_SHARE of it
         waves = WAVES_REACH * state.wave_deviation
-        lasts = max(model.time_constant, waves / ((1.0 - AGAINST_SHARE) * abs(model.gain) * seen.angle_max))
+        lasts = waves / ((1.0 - AGAINST_SHARE) * abs(model.gain) * seen.angle_max)
+        lasts = lasts if lasts > model.time_constant else model.time_constant
         mean_rate -= math.expm1(-elapsed / lasts) * (step / elapsed - mean_rate)
     way += step
     to = math.copysign(1.0, rudder)
-    turned = max(turned - to * step, 0.0) if to == side else 0.0
+    turned = turned - to * step if to == side and turned > to * step else 0.0
     overpowered = overpowered if turned != 0.0 else ""
-    if not is_hard_over(seen):
+    stop = AT_THE_STOP * seen.angle_max
+    if -stop < rudder < stop:
         return Runaway(heading, now, mean_rate, to, turned, way, math.nan, held_way, held_since, False, overpowered)
     hard_since = now if math.isnan(hard_since) else hard_since
     lasted = now - hard_since
@@ -458,7 +463,8 @@ def update(
         overpowered = overpowered_step(overpowered, seen)
         doubted = now if answer.doubts_trial else doubted
     runaway = runaway_step(runaway, seen)
-    if not (seen.holds_course and is_hard_over(seen)):
+    stop = AT_THE_STOP * seen.angle_max
+    if not seen.holds_course or -stop < seen.rudder < stop:
         stop_since = math.nan
     elif math.isnan(stop_since):
         stop_since = now

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from autopilot.signals import (
     AlarmEvent,
@@ -25,7 +25,7 @@ from autopilot.signals import (
     Tick,
 )
 from autopilot.supervision.alarms import CATALOGUE, OVERRIDDEN, Response
-from autopilot.supervision.envelope import NOT_FINITE, CommandCheck, Envelope, Picture
+from autopilot.supervision.envelope import NOT_FINITE, Envelope, Picture, fault
 from autopilot.supervision.states import ENDED, ENGAGED, MODES, TABLE, Action, Event, Says
 
 RESUME_AFTER = 2.0
@@ -98,54 +98,28 @@ NOTHING_SEEN = Memory()
 
 
 class Supervisor:
-    """The state machine of `autopilot.supervision.states` for one tick: what it remembers is `memory`."""
+    """The state machine of `autopilot.supervision.states` for one tick: `memory` is all that it goes on from."""
 
     def __init__(self, envelope: Envelope, failsafe: FailsafeAction, memory: Memory = NOTHING_SEEN) -> None:
-        self._failsafe = failsafe
-        self._command_check = CommandCheck(envelope, memory.wrong_since)
-        self.state, self.mode = memory.state, MODES[memory.state]
-        self.alarm = memory.alarm
-        self._cause, self._since, self._rudder = memory.cause, memory.since, memory.rudder
-        self._spent, self._blocked = memory.spent, memory.blocked
+        self._envelope, self._failsafe, self.memory = envelope, failsafe, memory
         self._serial = memory.spent
-        self._helm = memory.helm
-        self.noted = memory.notes
-        """What the links want the skipper to know, by who says it."""
-        self._heading_since, self._over_since, self.is_over = memory.heading_since, memory.over_since, memory.is_over
-        self._rebooted, self._reboot_time = memory.rebooted, memory.reboot_time
 
     @property
-    def memory(self) -> Memory:
-        """What is to be remembered."""
-        return Memory(
-            self.state,
-            self.alarm,
-            self._cause,
-            self._since,
-            self._rudder,
-            self._spent,
-            self._blocked,
-            self._helm,
-            self.noted,
-            self._heading_since,
-            self._over_since,
-            self.is_over,
-            self._rebooted,
-            self._reboot_time,
-            self._command_check.wrong_since,
-        )
+    def mode(self) -> Mode:
+        """Who has the rudder."""
+        return MODES[self.memory.state]
 
     def on_sample(self, sample: HelmSample) -> None:
         """Take a link's word on whether the helm is free."""
-        self._helm = {**self._helm, sample.source: sample}
+        self._remember(helm={**self.memory.helm, sample.source: sample})
         if sample.cause is HelmCause.REBOOTED:
-            self._rebooted = True
+            self._remember(rebooted=True)
 
     def note(self, sample: AlarmSample) -> None:
         """Take a link's word on what the skipper should know though steering goes on."""
         name = f"note of {sample.source}"
-        others = {each: event for each, event in self.noted.items() if each != name}
-        self.noted = others if sample.event is None else {**self.noted, name: sample.event}
+        others = {each: event for each, event in self.memory.notes.items() if each != name}
+        self._remember(notes=others if sample.event is None else {**self.memory.notes, name: sample.event})
 
     def decide(
         self, now: float, order: Order, state: NavState, findings: Mapping[str, AlarmEvent] | None = None
@@ -159,29 +133,32 @@ class Supervisor:
         if lost:
             found = {lost: AlarmEvent(lost), **found}
         against = _first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE) if found else ""
-        self._watch_heading(now, against)
-        self._watch_reboot(now)
-        taken = self._taken()
+        before, taken = self.memory, self._taken()
+        if against or before.heading_since is None:
+            self._remember(heading_since=None if against else now)
+        if before.rebooted:
+            self._watch_reboot(now)
         if order.kind is OrderKind.STANDBY:
             self._fire(now, Event.RELEASE)
         elif taken is not None and self._is_taken(taken):
             self._fire(now, Event.HELM_TAKEN, _alarm_of(taken))
         elif against and self._is_ended_by(against):
             self._fire(now, _event_of(against), found[against])
-        elif self.state not in ENGAGED:
+        elif before.state not in ENGAGED:
             self._wait(now, order, state, taken, against, found)
         elif found and _first(found, Response.DEGRADE):
             self._fire(now, Event.DOUBT)
         else:
             self._fire(now, Event.DOUBT_OVER)
             self._fire(now, _order_event(order))
-        self._watch_alarm(now, lost)
-        return self.mode
+        if self.memory.alarm is not None or self.memory.over_since is not None:
+            self._watch_alarm(now, lost)
+        return MODES[self.memory.state]
 
     def _taken(self) -> HelmSample | None:
         """Return who says that the helm is away, if anybody; who has only to be proved yet comes last."""
         away: HelmSample | None = None
-        for sample in self._helm.values():
+        for sample in self.memory.helm.values():
             if sample.available:
                 continue
             if away is None or (away.cause is HelmCause.UNPROVEN and sample.cause is not HelmCause.UNPROVEN):
@@ -191,13 +168,15 @@ class Supervisor:
     def _is_taken(self, away: HelmSample) -> bool:
         """Return whether a helm that is away was taken from us, and not only has to be proved on engaging: who steers
         needs the helm, whatever keeps it away."""
-        held = self.state not in (SupervisorState.STANDBY, SupervisorState.OVERRIDE)
-        return self.state in ENGAGED or (held and away.cause is not HelmCause.UNPROVEN)
+        state = self.memory.state
+        held = state not in (SupervisorState.STANDBY, SupervisorState.OVERRIDE)
+        return state in ENGAGED or (held and away.cause is not HelmCause.UNPROVEN)
 
     def _is_ended_by(self, against: str) -> bool:
         """A fail-safe that moves the rudder is ended by what is worse than a lost heading, too."""
-        moves = self.state is SupervisorState.FAILSAFE and self._rudder is not Action.RELEASE
-        return self.state in ENGAGED or (moves and CATALOGUE[against].response is not Response.FAILSAFE)
+        state = self.memory.state
+        moves = state is SupervisorState.FAILSAFE and self.memory.rudder is not Action.RELEASE
+        return state in ENGAGED or (moves and CATALOGUE[against].response is not Response.FAILSAFE)
 
     def _wait(
         self,
@@ -209,9 +188,10 @@ class Supervisor:
         found: Mapping[str, AlarmEvent],
     ) -> None:
         """While not engaged: whether an order, or what has come back, engages."""
-        back = self._returned(now)
-        if order.serial == self._spent and back is None:
-            self._blocked = None
+        back, spent = self._returned(now), self.memory.spent
+        if order.serial == spent and back is None:
+            if self.memory.blocked is not None:
+                self._remember(blocked=None)
             return
         if taken is not None:
             self._block(now, order, state, AlarmEvent(CANNOT_ENGAGE, taken.reason))
@@ -219,19 +199,20 @@ class Supervisor:
             waits = against == HEADING_LOST
             self._block(now, order, state, AlarmEvent("waiting_heading") if waits else found[against])
         else:
-            self._fire(now, _order_event(order) if order.serial != self._spent else back)
+            self._fire(now, _order_event(order) if order.serial != spent else back)
             # what came back holds a heading; what it is that was ordered is seen at once
             self._fire(now, _order_event(order))
 
     def _block(self, now: float, order: Order, state: NavState, alarm: AlarmEvent) -> None:
         """An order that cannot be carried out yet: said, and dropped when nobody expects it any more."""
         self._fire(now, Event.ORDER_BLOCKED, alarm)
-        if order.serial == self._spent or not state.valid:
+        blocked = self.memory.blocked
+        if order.serial == self.memory.spent or not state.valid:
             # what comes back by itself is no order, and a pilot that never had a heading is not ready yet
-            self._blocked = None
-        elif self._blocked is None or self._blocked[0] != order.serial:
-            self._blocked = (order.serial, now)
-        elif now - self._blocked[1] >= ORDER_WAITS:
+            self._remember(blocked=None)
+        elif blocked is None or blocked[0] != order.serial:
+            self._remember(blocked=(order.serial, now))
+        elif now - blocked[1] >= ORDER_WAITS:
             self._fire(now, Event.ORDER_EXPIRED, AlarmEvent("order_dropped", because=alarm))
 
     def check(
@@ -242,28 +223,37 @@ class Supervisor:
         `previous` [rad] is the rudder command `dt` [s] before; `demand` [rad] is what the law wanted; `picture`
         is what it was worked out from. The order in force is the one of `decide`.
         """
-        is_held = self._rudder is not Action.RELEASE
-        if is_held and self.state in ENDED and now - self._since >= self._failsafe.release_after:
+        memory = self.memory
+        is_held = memory.rudder is not Action.RELEASE
+        if is_held and memory.state in ENDED and now - memory.since >= self._failsafe.release_after:
             self._fire(now, Event.TIME_UP)
         if self.law_steers:
-            name, wrong = self._command_check.fault(now, previous, demand, limited, dt, picture)
+            name, wrong, since = fault(
+                self._envelope, memory.wrong_since, (now, previous, demand, limited, dt), picture
+            )
+            if since != memory.wrong_since:
+                self._remember(wrong_since=since)
             if not name:
                 return RudderCommand(now, limited, True)
             self._fire(now, Event.UNFIT_COMMAND, AlarmEvent(name, wrong))
-        if self._rudder is Action.RELEASE:
+        if self.memory.rudder is Action.RELEASE:
             return RudderCommand(now, 0.0, False)
         return self._held_command(now, previous, dt)
 
     @property
     def law_steers(self) -> bool:
         """Whether the command is the law's: engaged, or in a fail-safe that steers."""
-        by_law = self._rudder is Action.FAILSAFE and self._failsafe.action in STEERING_ACTIONS
-        return self.state in ENGAGED or (self.state is SupervisorState.FAILSAFE and by_law)
+        state = self.memory.state
+        by_law = self.memory.rudder is Action.FAILSAFE and self._failsafe.action in STEERING_ACTIONS
+        return state in ENGAGED or (state is SupervisorState.FAILSAFE and by_law)
 
     def alarms(self) -> tuple[AlarmEvent, ...]:
         """Return what the skipper must hear now, with what to do; () when all is well."""
-        notes = tuple(self.noted.values())
-        return (self.alarm, *notes) if self.alarm is not None else notes
+        ended, notes = self.memory.alarm, tuple(self.memory.notes.values())
+        return (ended, *notes) if ended is not None else notes
+
+    def _remember(self, **news: Any) -> None:
+        self.memory = self.memory._replace(**news)
 
     def _lost(self, state: NavState) -> str:
         heading, rate = state.heading, state.rate
@@ -273,65 +263,55 @@ class Supervisor:
             return HEADING_LOST
         return ""
 
-    def _watch_heading(self, now: float, against: str) -> None:
-        if against:
-            self._heading_since = None
-        elif self._heading_since is None:
-            self._heading_since = now
-
     def _watch_alarm(self, now: float, lost: str) -> None:
         """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
         # while it is engaged, or stands by, the alarm is neither of them
-        on, alarm = True, self.alarm
+        on, alarm, since = True, self.memory.alarm, self.memory.over_since
         if alarm is not None and alarm.name == HEADING_LOST:
             on = lost == HEADING_LOST
         elif alarm is not None and alarm.name == LINK_SILENT:
-            on = any(not each.available and each.cause is HelmCause.SILENT for each in self._helm.values())
-        if on:
-            self._over_since = None
-        elif self._over_since is None:
-            self._over_since = now
-        self.is_over = self._over_since is not None and now - self._over_since >= RESUME_AFTER
+            on = any(not each.available and each.cause is HelmCause.SILENT for each in self.memory.helm.values())
+        since = None if on else now if since is None else since
+        self._remember(over_since=since, is_over=since is not None and now - since >= RESUME_AFTER)
 
     def _watch_reboot(self, now: float) -> None:
         """Note a reboot heard of, unless we stand by; when it ends an engagement, that is still on."""
-        if self._rebooted and self.state is not SupervisorState.STANDBY:
-            self._reboot_time = now
-        self._rebooted = False
+        if self.memory.state is not SupervisorState.STANDBY:
+            self._remember(reboot_time=now)
+        self._remember(rebooted=False)
 
     def _ended_by_reboot(self, now: float) -> bool:
         """Return whether a reboot not long ago, or the silence that went with it, is what ended the engagement."""
         causes = (HEADING_LOST, LINK_SILENT, "firmware_rebooted")
-        return now - self._reboot_time < REENGAGE_WITHIN and self._cause in causes
+        return now - self.memory.reboot_time < REENGAGE_WITHIN and self.memory.cause in causes
 
     def _returned(self, now: float) -> Event | None:
         """Only a lost heading and a reboot heal by themselves: what else ended the engagement would end it again."""
-        if self._heading_since is None or now - self._heading_since < RESUME_AFTER:
+        memory = self.memory
+        if memory.heading_since is None or now - memory.heading_since < RESUME_AFTER:
             return None
         if self._failsafe.reengage and self._ended_by_reboot(now):
             return Event.VEHICLE_BACK
-        failed = self.state is SupervisorState.FAILSAFE
-        return Event.HEADING_BACK if failed and self._failsafe.resume and self._cause == HEADING_LOST else None
+        failed = memory.state is SupervisorState.FAILSAFE
+        return Event.HEADING_BACK if failed and self._failsafe.resume and memory.cause == HEADING_LOST else None
 
     def _fire(self, now: float, event: Event | None, alarm: AlarmEvent | None = None) -> None:
         """Carry out the row of the table for the present state and `event`; `alarm` is what is said of it."""
         if event is None:
             return
-        row = TABLE[self.state, event]
+        row = TABLE[self.memory.state, event]
         for action in row.actions:
             if action is Action.SPEND:
-                self._spent = self._serial
+                self._remember(spent=self._serial)
             elif action is Action.FORGET:
-                self._reboot_time = math.nan
+                self._remember(reboot_time=math.nan)
             else:
-                self._rudder = self._held_by(action)
-        if row.next is not self.state:
-            self._since = now
-            self._command_check.reset()
-            self._cause = alarm.name if alarm is not None else ""
-            self.state, self.mode = row.next, MODES[row.next]
+                self._remember(rudder=self._held_by(action))
+        if row.next is not self.memory.state:
+            cause = alarm.name if alarm is not None else ""
+            self._remember(since=now, wrong_since=None, cause=cause, state=row.next)
         if row.says is not Says.NOTHING:
-            self.alarm = alarm
+            self._remember(alarm=alarm)
 
     def _held_by(self, action: Action) -> Action:
         """Return what moves the rudder from now on: a file that says release, or firmware, leaves it nothing."""
@@ -339,11 +319,10 @@ class Supervisor:
         return Action.RELEASE if lets_go and action in (Action.FAILSAFE, Action.HOLD) else action
 
     def _held_command(self, now: float, previous: float, dt: float) -> RudderCommand:
-        most = self._command_check.envelope.angle_max
+        most, rate, _ = self._envelope
         safe = max(-most, min(previous, most)) if math.isfinite(previous) else 0.0
-        if self._rudder is Action.HOLD or self._failsafe.action == "hold":
+        if self.memory.rudder is Action.HOLD or self._failsafe.action == "hold":
             return RudderCommand(now, safe, True)
-        rate = self._command_check.envelope.rate_max
         reach = rate * dt if math.isfinite(rate) else math.inf
         return RudderCommand(now, math.copysign(max(abs(safe) - reach, 0.0), safe), True)
 

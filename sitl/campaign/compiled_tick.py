@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from autopilot.angles import shortest_turn
 from autopilot.control.law import NO_ROLL, LawInput
-from autopilot.control.limits import Rest
+from autopilot.control.limits import Rest, limited
 from autopilot.control.registry import law_step
 from autopilot.estimation.estimator import (
     Fusion,
@@ -37,12 +37,9 @@ from autopilot.signals import NavState
 from autopilot.steering import (
     LONGEST_STEP,
     NOT_TURNING,
-    Moved,
     SteeringConfig,
     Turning,
-    limited,
     referred,
-    shown_waves,
     steered_by,
     turning_at,
 )
@@ -128,7 +125,7 @@ def initial_state(
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
     history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
-    steered = steered_by(seen, shown_waves(config, model, seen))
+    steered = steered_by(config, model, seen, quickness(config.estimator.law, config.estimator.model, model))
     turning = turning_at(config, NOT_TURNING, model)
     guide = started(
         Guide(math.nan, VirtualBoat(0.0, 0.0, 0.0, NO_EVIDENCE), 1, -math.inf, now), turning.limits, steered
@@ -176,17 +173,17 @@ def tick(
         answer = _answer(campaign, pilot_state, seen, model, history, measurement.measured)
         answers = verdict(answer.response) == 0
         answers = answers and (seen.wave_deviation <= 0.0 or other_verdict(answer.response.others) == FILED)
-    state = steered_by(seen, shown_waves(config, model, seen))
+    ratio = quickness(config.estimator.law, config.estimator.model, model)
+    state = steered_by(config, model, seen, ratio)
     turning = turning_at(config, listened.turning, model)
     guide = listened.guide
     if target != guide.heading:
         guide = heading_ordered(guide, model, turning.limits, state, target)
-    guide = referred(config, guide, turning, model, state, Moved(pilot_state.command, dt))
+    guide = referred(config, guide, turning, model, state, (pilot_state.command, dt))
     reference, own = reference_of(model, turning.limits, guide.boat), pilot_state.rest.allowed
-    ratio = quickness(config.estimator.law, config.estimator.model, model)
     given = LawInput(model, ratio, reference, state, NO_ROLL, own, config.limits.angle_max, dt)
     demand, law = law_step(campaign.gains, listened.law, given)
-    rest = limited(config, pilot_state.rest, Moved(pilot_state.command, dt), demand)
+    rest = limited(config.limits, config.dead_band, pilot_state.rest, (pilot_state.command, dt), demand)
     command = rest.command
     rudder = ordered(listened.rudder, memory, now, command)
     easy_time = listened.easy_time if abs(pilot_state.command) >= AT_THE_STOP * config.limits.angle_max else now

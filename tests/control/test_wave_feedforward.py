@@ -20,12 +20,12 @@ from autopilot.control.wave_feedforward import (
     CornerFrequencies,
     Waves,
     WaveShares,
+    filtered_share,
     followed_share,
     swung,
     wave_rudder,
     wave_shares,
 )
-from autopilot.estimation.disturbance import filtered_share
 from autopilot.estimation.tuning import (
     WAVE_CORNER,
     WAVE_DAMPING,

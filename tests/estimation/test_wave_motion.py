@@ -10,16 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from autopilot.control.wave_feedforward import filtered_share, plausible_share
 from autopilot.estimation import disturbance as waves
 from autopilot.estimation.disturbance import (
     Sea,
-    filtered_share,
     frequency,
     in_balance,
     is_extreme,
     known,
     learn,
-    plausible_share,
     wave_step,
 )
 

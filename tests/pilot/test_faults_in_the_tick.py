@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 from lockstep import STEP, Lockstep
 
-from autopilot import steering, tick
+from autopilot import tick
+from autopilot.control import limits
 from autopilot.guidance import reference
 from autopilot.links.base import LinkError
 from autopilot.links.release import ReleaseState
@@ -26,13 +27,13 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "transport receive": lambda run: (run.near, "receive"),
     "orders": lambda run: (run.session, "_orders"),
     "estimator": lambda _: (tick, "estimated"),
-    "monitors": lambda _: (tick.Monitors, "update"),
+    "monitors": lambda _: (tick, "judged"),
     "supervisor decides": lambda _: (tick.Supervisor, "decide"),
     "guidance": lambda _: (reference, "turn_step"),
     "law": lambda _: (tick, "ask_law"),
-    "limits": lambda _: (steering, "limit"),
+    "limits": lambda _: (limits, "limit"),
     "supervisor checks": lambda _: (tick.Supervisor, "check"),
-    "alarms": lambda _: (tick.AlarmPanel, "update"),
+    "alarms": lambda _: (tick, "show"),
     "send": lambda run: (run.link, "send"),
     "transport send": lambda run: (run.near, "send"),
     "publish_tick": lambda run: (run.link, "publish_tick"),

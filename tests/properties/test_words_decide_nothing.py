@@ -13,6 +13,7 @@ from boat_at_sea import NoParameters
 from fault_boat import FaultBoat, bring_into
 from fault_cells import ROWS, in_child
 
+from autopilot import tick as one_tick
 from autopilot.guidance.trials import TrialLimits, TrialWatch
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
@@ -23,7 +24,6 @@ from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, HelmSample, Sample, Tick
 from autopilot.supervision import alarm_words, panel
-from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.supervisor import waits_to_engage
 from autopilot.web.alarm_board import AlarmBoard
 
@@ -96,16 +96,16 @@ def change_every_sentence(boat: FaultBoat) -> None:
         alarm_words.WORDS[name] = changed
     panel._said = lambda event: word_for(repr(event._replace(is_escalated=False)))  # type: ignore[assignment]
     panel.UNACKNOWLEDGED = word_for(panel.UNACKNOWLEDGED)
-    update = Monitors.update
+    judged = one_tick.judged
 
-    def update_on(self: Monitors, *given: Any) -> None:
-        update(self, *given)
-        self.findings = {
+    def judged_on(*given: Any) -> Any:
+        state, found = judged(*given)
+        return state, {
             name: event._replace(detail=word_for(event.detail)) if event.detail else event
-            for name, event in self.findings.items()
+            for name, event in found.items()
         }
 
-    Monitors.update = update_on  # type: ignore[method-assign]
+    one_tick.judged = judged_on
     for link in boat.session._links:
         receive = link.receive
         link.receive = lambda now, receive=receive: [unworded(each) for each in receive(now)]

@@ -17,9 +17,9 @@ from autopilot.supervision.envelope import (
     OUTSIDE,
     SLACK,
     WRONG_TIME,
-    CommandCheck,
     Envelope,
     Picture,
+    fault,
 )
 
 MOST, RATE = 0.5, 0.35
@@ -30,8 +30,19 @@ step = st.floats(0.0, 0.5)
 OK = ("", "")
 
 
-def check(envelope: Envelope = ENVELOPE) -> CommandCheck:
-    return CommandCheck(envelope)
+class check:  # noqa: N801 - made at each use
+    """The check with what it goes on from."""
+
+    def __init__(self, envelope: Envelope = ENVELOPE) -> None:
+        self.envelope = envelope
+        self.wrong_since: float | None = None
+
+    def fault(
+        self, now: float, previous: float, demand: float, command: float, dt: float, seen: Picture | None = None
+    ) -> tuple[str, str]:
+        move = now, previous, demand, command, dt
+        name, wrong, self.wrong_since = fault(self.envelope, self.wrong_since, move, seen)
+        return name, wrong
 
 
 @given(angle, wild, step)
@@ -162,7 +173,6 @@ def test_the_time_counts_from_the_last_moment_that_was_right() -> None:
         rate = 0.05 if tick % 25 == 0 else -0.05
         seen = picture(time=now, error=WRONG["error"], rate=rate)
         assert tested.fault(now, -0.4, -0.4, -0.4, 0.1, seen) == OK
-    tested.reset()
 
 
 def test_it_shares_no_code_with_the_law_and_its_limits() -> None:

@@ -7,14 +7,14 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from watches import Jumping, alarms, trouble
+from watches import Jumping, Monitors, alarms, trouble
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample, WindSample
 from autopilot.supervision.course_watch import Spin, Swings
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
-from autopilot.supervision.monitors import Monitors, State
+from autopilot.supervision.monitors import State
 from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.rudder_response import FILED, LIVELIER, QUICKER, SLOW_RUDDER
 from autopilot.supervision.rudder_watch import Answer

@@ -8,14 +8,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from alarm_texts import words
-from watches import Frozen, Jumping, consistency, off_course, overpowered, runaway
+from watches import Frozen, Jumping, Monitors, consistency, off_course, overpowered, runaway
 
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
 from autopilot.supervision.compass_watch import Consistency, consistency_step
 from autopilot.supervision.course_watch import course_step
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
-from autopilot.supervision.monitors import Monitors
 from autopilot.supervision.rudder_response import NOTHING, Noise, first_response
 
 BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)

@@ -213,9 +213,9 @@ def test_a_doubt_degrades_and_its_end_gives_back_what_was_ordered() -> None:
     tested = engaged()
     track = ENGAGE._replace(is_led=True)
     assert tested.decide(0.5, track, state(0.5)) is Mode.ENGAGED
-    assert tested.state is SupervisorState.TRACK
+    assert tested.memory.state is SupervisorState.TRACK
     assert tested.decide(1.0, track, state(1.0), {"rate_disagrees": AlarmEvent("rate_disagrees")}) is Mode.ENGAGED
-    assert tested.state is SupervisorState.DEGRADED
+    assert tested.memory.state is SupervisorState.DEGRADED
     assert tested.check(1.0, 0.1, 0.1, 0.1, 0.1).engaged
     tested.decide(2.0, track, state(2.0))
-    assert tested.state is SupervisorState.TRACK
+    assert tested.memory.state is SupervisorState.TRACK

@@ -68,14 +68,14 @@ def test_the_cause_says_which_alarm_it_is_whatever_the_words(cause: HelmCause, n
     tested = made()
     tested.on_sample(helm(words, cause))
     assert tested.decide(10.0, COURSE, state()) is Mode.OVERRIDE
-    assert tested.alarm is not None
-    assert (tested.alarm.name, tested.alarm.detail) == (name, words)
+    assert tested.memory.alarm is not None
+    assert (tested.memory.alarm.name, tested.memory.alarm.detail) == (name, words)
 
 
 def rebooted(tested: Supervisor, at: float = 10.0) -> Supervisor:
     tested.on_sample(helm("the vehicle is disarmed; arm it", REBOOTED))
     assert tested.decide(at, COURSE, state()) is Mode.OVERRIDE
-    assert tested.alarm is not None and tested.alarm.name == "firmware_rebooted"
+    assert tested.memory.alarm is not None and tested.memory.alarm.name == "firmware_rebooted"
     tested.on_sample(helm("the vehicle is disarmed; arm it"))
     return tested
 
@@ -97,7 +97,7 @@ def test_elsewhere_a_reboot_ends_it_for_good() -> None:
     tested.on_sample(helm())
     for now in (12.0, 15.0, 100.0):
         assert tested.decide(now, COURSE, state()) is Mode.OVERRIDE
-        assert tested.alarm is not None and tested.alarm.name == "firmware_rebooted"
+        assert tested.memory.alarm is not None and tested.memory.alarm.name == "firmware_rebooted"
 
 
 def test_two_minutes_after_a_reboot_people_have_seen_to_it() -> None:
@@ -120,7 +120,7 @@ def test_the_silence_that_goes_with_a_reboot_is_part_of_it(first: str) -> None:
     else:
         tested.on_sample(helm("nothing heard for 4 s", SILENT))
         assert tested.decide(9.0, COURSE, state()) is Mode.OVERRIDE
-        assert tested.alarm is not None and tested.alarm.name == "link_silent"
+        assert tested.memory.alarm is not None and tested.memory.alarm.name == "link_silent"
     tested.on_sample(helm("reading the vehicle's parameters", REBOOTED))
     tested.decide(10.0, COURSE, state())
     tested.on_sample(helm())
@@ -185,7 +185,7 @@ def test_what_is_worst_counts() -> None:
     for name, mode in (("not_finite", Mode.FAULT), ("rudder_stuck", Mode.FAILSAFE), ("heading_frozen", Mode.FAILSAFE)):
         tested = made()
         assert tested.decide(1.0, COURSE, state(), found) is mode
-        assert tested.alarm is not None and tested.alarm.name == name
+        assert tested.memory.alarm is not None and tested.memory.alarm.name == name
         del found[name]
 
 
@@ -254,7 +254,7 @@ def test_a_trouble_that_keeps_an_order_waiting_is_said_and_the_order_dropped_in_
     stands = sentence_of(found["heading_frozen"])
     tested.decide(0.0, COURSE, state(), found)
     assert sentences_of(tested.alarms()) == (stands,)
-    assert tested.alarm is not None and tested.alarm.name == "heading_frozen"
+    assert tested.memory.alarm is not None and tested.memory.alarm.name == "heading_frozen"
     tested.decide(30.0, COURSE, state(), found)
     assert sentences_of(tested.alarms()) == (f"the order to engage was dropped: {stands}; order again",)
     assert tested.decide(31.0, COURSE, state()) is Mode.STANDBY
@@ -265,7 +265,7 @@ def test_a_doubt_alone_keeps_nobody_from_engaging() -> None:
     tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
     assert tested.decide(0.0, COURSE, state(), {**rate, **low}) is Mode.ENGAGED
     tested.decide(0.1, COURSE, state(), low)
-    assert tested.state is SupervisorState.HEADING
+    assert tested.memory.state is SupervisorState.HEADING
 
 
 @pytest.mark.parametrize(
@@ -280,11 +280,11 @@ def test_a_doubt_alone_keeps_nobody_from_engaging() -> None:
 def test_the_state_is_what_was_ordered(order: Order, expected: SupervisorState) -> None:
     tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, True))
     tested.decide(0.0, order, state())
-    assert tested.state is expected
+    assert tested.memory.state is expected
     tested.decide(1.0, order, state(2.0))
     tested.decide(2.0, order, state())
     tested.decide(2.0 + RESUME_AFTER, order, state())
-    assert tested.state is expected, "resumed, too"
+    assert tested.memory.state is expected, "resumed, too"
 
 
 def test_reconfigured_it_goes_by_the_new_limits_at_once() -> None:
@@ -329,10 +329,10 @@ def test_a_short_fail_safe_is_held_for_its_time() -> None:
 def test_notes_are_known_by_who_says_them() -> None:
     tested = made()
     tested.note(AlarmSample(1.0, other("9 A"), "drive"))
-    assert tested.noted == {"note of drive": other("9 A")}
+    assert tested.memory.notes == {"note of drive": other("9 A")}
     tested.note(AlarmSample(2.0, None, "nobody"))
     tested.note(AlarmSample(2.0, None, "drive"))
-    assert tested.noted == {}
+    assert tested.memory.notes == {}
 
 
 def test_a_tick_that_comes_long_after_the_time_was_up_counts_too() -> None:
@@ -368,7 +368,7 @@ def test_the_times_are_those_of_the_page() -> None:
         tested.on_sample(helm("arm it"))
         for now in (7.0, 7.0 + seconds):
             assert tested.decide(now, COURSE, state()) is Mode.STANDBY
-        assert tested.alarm is not None and tested.alarm.name == said
+        assert tested.memory.alarm is not None and tested.memory.alarm.name == said
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -381,7 +381,7 @@ def test_of_two_links_the_one_whose_helm_was_taken_says_so(order: int) -> None:
     for sample in away[::order]:
         tested.on_sample(sample)
     assert tested.decide(1.0, COURSE, state()) is Mode.OVERRIDE
-    assert tested.alarm is not None and tested.alarm.detail == "a hand at the wheel"
+    assert tested.memory.alarm is not None and tested.memory.alarm.detail == "a hand at the wheel"
 
 
 @pytest.mark.parametrize(
@@ -396,12 +396,12 @@ def test_a_silence_is_over_two_seconds_after_the_last_link_was_heard(other: Helm
     tested = made()
     tested.on_sample(helm("nothing heard for 4 s", SILENT))
     tested.decide(20.0, COURSE, state())
-    assert tested.alarm is not None and tested.alarm.name == "link_silent"
+    assert tested.memory.alarm is not None and tested.memory.alarm.name == "link_silent"
     tested.on_sample(helm())
     tested.on_sample(other)
     for now, is_over in ((21.0, False), (22.9, False), (23.0, True)):
         tested.decide(now, COURSE, state())
-        assert tested.is_over is (is_over and not is_silent)
+        assert tested.memory.is_over is (is_over and not is_silent)
 
 
 @pytest.mark.parametrize("cause", [HelmCause.TAKEN, HelmCause.RADIO_LOST, HelmCause.STOOD_STILL])
@@ -410,4 +410,4 @@ def test_who_took_the_helm_may_have_it_for_long(cause: HelmCause) -> None:
     tested.on_sample(helm("away", cause))
     for now in (1.0, 2.0, 30.0):
         tested.decide(now, COURSE, state())
-        assert not tested.is_over
+        assert not tested.memory.is_over

@@ -131,12 +131,14 @@ class ControlAuthority:
         if pulse is not None:
             self._sent.pop(pulse, None)  # its last time orders it
             self._sent[pulse] = now
+        for oldest in [*self._sent]:
+            if now - self._sent[oldest] <= HISTORY_S:
+                break
+            del self._sent[oldest]
 
     @property
     def recent_pulses(self) -> list[int]:
         """Input pulses [us] commanded in the `HISTORY_S` before the last command, each once, the newest last."""
-        last = self.last_command
-        self._sent = {pulse: when for pulse, when in self._sent.items() if last - when <= HISTORY_S}
         return [*self._sent]
 
     def rebooted(self) -> None:
@@ -167,6 +169,8 @@ class ControlAuthority:
 
     def others_override(self, now: float) -> bool:
         """Return whether the steering input has shown pulses of late that are none of ours, while we steer."""
+        if not self._strange:
+            return False
         if len(self._strange) == STRANGE_REPORTS and self._strange[-1] - self._strange[0] <= STRANGE_S:
             self._strange_until = self._strange[-1] + STRANGE_LASTS_S
         return self.steering and now <= self._strange_until

@@ -128,6 +128,7 @@ class CompanionSession:
         self._looked_at = math.inf
         self._may_prove = False
         self._revision, self._steers_as = (-1, 0), 0
+        self._mode = Mode.STANDBY
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._noted: dict[str, AlarmEvent | None] = {"other pilot": None, "attitude rate": None, "guided": None}
         self._leaving: float | None = None
@@ -218,8 +219,9 @@ class CompanionSession:
 
     def on_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         """Keep the state in our heartbeat honest, and queue every new alarm as STATUSTEXT."""
-        self.state = STATES[mode]
-        self._other.publish_status(now, mode, alarms)
+        if mode is not self._mode or alarms != self._alarms:
+            self._mode, self.state = mode, STATES[mode]
+            self._other.publish_status(now, mode, alarms)
         if self._handover is not None:
             self._handover.publish_status(now, mode)
         if alarms != self._alarms:
@@ -251,15 +253,15 @@ class CompanionSession:
         """Return the requests, the mode of a fail-safe, the sound of an alarm, word to another pilot, texts."""
         asked: list[Message] = []
         vehicle, is_up = self.vehicle, self._authority.booted
-        if is_up and (streams := self._reader.streams.due(now)):
-            asked += [interval_request(vehicle, *stream) for stream in streams]
-        if is_up and (names := self._reader.parameters.due(now)):
-            asked += [parameter_request(vehicle, name) for name in names]
+        if is_up and now >= self._reader.streams.due_at:
+            asked += [interval_request(vehicle, *stream) for stream in self._reader.streams.due(now)]
+        if is_up and self._reader.parameters.to_ask:
+            asked += [parameter_request(vehicle, name) for name in self._reader.parameters.due(now)]
         for aside in (self._handover, self._sounder):
             if aside is not None:
                 asked += aside.due(now, vehicle)
         sent = [self._steering_codec.encode(message) for message in asked] if asked else []
-        if is_up and (news := self._other.due(now)) is not None:
+        if is_up and now >= self._other.due_at and (news := self._other.due(now)) is not None:
             sent.append(self._codec.encode(news))
             self._other.sent(sent[-1])
         if self._texts.waiting:
@@ -366,16 +368,17 @@ class CompanionSession:
             proof.reset()
         self._may_prove = not obstacle
         # once we steer, the age of each heading decides
-        slow = "" if authority.steering else reader.streams.waiting
-        self._reason = obstacle or proof.reason or slow or self._other.waiting(now)
+        waits = "" if authority.steering else reader.streams.waiting or self._other.waiting(now)
+        self._reason = obstacle or proof.reason or waits
         is_old = self._guided is None and not obstacle and self._probe.stage is Stage.GROWN_OLD
         cause = HelmCause.UNPROVEN if is_old else authority.cause
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):
             self._helm = HelmSample(now, not self._reason, self._reason, self.name, cause)
             samples.insert(0, self._helm)
         overridden = AlarmEvent("input_shared") if authority.others_override(now) else None
+        other = self._other.alarm(now, True) if authority.steering and self._other.is_there else None
         found: dict[str, AlarmEvent | None] = {
-            "other pilot": (self._other.alarm(now, True) if authority.steering else None) or overridden,
+            "other pilot": other or overridden,
             "attitude rate": reader.streams.slow,
             "guided": self._guided.alarm if self._guided is not None else None,
         }

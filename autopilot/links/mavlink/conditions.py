@@ -213,13 +213,18 @@ STEERED = "another pilot steers this boat; let it stand by, or start with --with
 
 
 class OtherPilot:
-    """Says what we are, and hears what others say. `is_forced`: we engage though another steers."""
+    """Says what we are, and hears what others say. `is_forced`: we engage though another steers.
+
+    Attributes:
+        is_there: whether another has ever said that it steers, or waits to.
+        due_at: when [s] it is time to say what we are.
+    """
 
     def __init__(self, is_forced: bool = False) -> None:
         self._is_forced = is_forced
         self._own: deque[bytes] = deque(maxlen=OWN_KEPT)
         self._state = PilotState.IDLE
-        self._next = -math.inf
+        self.is_there, self.due_at = False, -math.inf
         self._began: float | None = None
         self._steers_time = self._waits_time = -math.inf
 
@@ -231,13 +236,13 @@ class OtherPilot:
         elif any(alarm.name == CANNOT_ENGAGE for alarm in alarms):
             state = PilotState.WAITS
         if state is not self._state:
-            self._state, self._next = state, now
+            self._state, self.due_at = state, now
 
     def due(self, now: float) -> Message | None:
         """Return what we say of ourselves, when it is time to."""
-        if now < self._next:
+        if now < self.due_at:
             return None
-        self._next = now + PERIOD_S
+        self.due_at = now + PERIOD_S
         return dialect.MAVLink_named_value_int_message(int(now * 1000.0) & 0xFFFFFFFF, NAME.encode(), self._state)
 
     def sent(self, packet: bytes) -> None:
@@ -250,6 +255,7 @@ class OtherPilot:
             return
         if message.name != NAME:
             return
+        self.is_there = self.is_there or message.value in (PilotState.STEERS, PilotState.WAITS)
         self._steers_time = now if message.value == PilotState.STEERS else -math.inf
         self._waits_time = now if message.value == PilotState.WAITS else -math.inf
 

@@ -42,6 +42,7 @@ class MessageStreams:
 
     Attributes:
         counts: messages that have come since the last check, by id; who receives them counts.
+        due_at: when [s] they are checked next.
         slow: the alarm of a first stream that stays slow however often it is asked for; None where it does not.
     """
 
@@ -68,12 +69,13 @@ class MessageStreams:
         self.counts = dict.fromkeys(self._rates, 0)
         self._since: float | None = None
         self._checked = False
+        self.due_at = -math.inf
 
     def due(self, now: float) -> list[tuple[int, int]]:
         """Return (message id, interval [us]) of the streams to ask for at `now` [s]."""
-        passed = 0.0 if self._since is None else now - self._since
-        if self._since is not None and passed < (CHECK_S if self._checked else FIRST_CHECK_S):
+        if now < self.due_at:
             return []
+        passed = 0.0 if self._since is None else now - self._since
         first = self._since is None
         if not first:
             self._checked = True
@@ -84,7 +86,7 @@ class MessageStreams:
             for identity, rate in self._rates.items()
             if first or self.counts[identity] < rate * needed
         ]
-        self._since = now
+        self._since, self.due_at = now, now + (CHECK_S if self._checked else FIRST_CHECK_S)
         self.counts = dict.fromkeys(self._rates, 0)
         return wanted
 
@@ -189,7 +191,8 @@ class VehicleParameters:
         """Forget everything, as after a reboot."""
         self._values: dict[str, float] = {}
         self._asked: dict[str, tuple[float, int]] = {}
-        self._open: list[str] = []
+        self.to_ask: list[str] = []
+        """Names that have not come yet, and may still."""
         self._next_burst = -math.inf
         self._changed()
 
@@ -227,11 +230,11 @@ class VehicleParameters:
         )
 
     def due(self, now: float) -> list[str]:
-        """Return the names to request at `now` [s]."""
-        if not self._open or now < self._next_burst:
+        """Return the names to request at `now` [s]; none once all have come."""
+        if not self.to_ask or now < self._next_burst:
             return []
         names = []
-        for name in self._open:
+        for name in self.to_ask:
             last, tries = self._asked.get(name, (-math.inf, 0))
             if now - last >= RETRY_S:
                 names.append(name)
@@ -241,7 +244,7 @@ class VehicleParameters:
         if names:
             self.revision += 1
             self._next_burst = now + BURST_S
-            self._open = [name for name in self._open if not self._given_up(name)]
+            self.to_ask = [name for name in self.to_ask if not self._given_up(name)]
         return names
 
     @property
@@ -297,7 +300,7 @@ class VehicleParameters:
         self.throttle_servo: int | None = outputs.get(THROTTLE) if self.drive.needs is Needs.THRUST else None
         self.found_functions = frozenset(outputs) & STEERING_FUNCTIONS
         self._missing = self._find_missing()
-        self._open = [name for name in self._missing if not self._given_up(name)]
+        self.to_ask = [name for name in self._missing if not self._given_up(name)]
 
     def _find_missing(self) -> list[str]:
         names = [] if self.gcs_system is not None else list(GCS_NAMES)

@@ -197,6 +197,7 @@ class VehicleReader:
         self.release = OverrideRelease()
         self.lacks_receiver = False
         self.parameters = VehicleParameters(steers_itself, DRIVES[settings.drive])
+        self._is_mixed = self.parameters.drive.is_mixed
         rates_hz = {
             ATTITUDE: settings.attitude_rate_hz,
             SERVOS: 10.0,
@@ -316,10 +317,11 @@ class VehicleReader:
         servo, channel = self.parameters.steering_servo, self._output.channel
         if servo is None or channel is None or message.port != 0:
             return
-        if self.parameters.drive.is_mixed:
+        if self._is_mixed:
             self._thrusters(now, message, samples)
             return
-        self._throttle(now, message, samples)
+        if self.parameters.throttle_servo is not None:
+            self._throttle(now, self.parameters.throttle_servo, message, samples)
         pulse = getattr(message, f"servo{servo}_raw")
         if pulse == 0:
             return
@@ -334,10 +336,9 @@ class VehicleReader:
         angle = share_from_servo(channel, pulse) / output.share_per_radian
         samples.append(RudderSample(self._servo_time(now, message.time_usec), angle, True, SERVO_SOURCE))
 
-    def _throttle(self, now: float, message: Message, samples: list[Sample]) -> None:
-        """Take what the one motor is given, where thrust steers."""
-        number = self.parameters.throttle_servo
-        share = None if number is None else share_of_output(self.parameters, number, message)
+    def _throttle(self, now: float, number: int, message: Message, samples: list[Sample]) -> None:
+        """Take what the one motor is given at that output, where thrust steers."""
+        share = share_of_output(self.parameters, number, message)
         if share is not None:
             samples.append(ThrustSample(self._servo_time(now, message.time_usec), share, math.inf, SERVO_SOURCE))
 
