@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from fault_boat import FaultBoat, bring_into
-from fault_rows import ROWS
+from fault_cells import ROWS
 from lockstep import BadLine, Lockstep, goes_guided
 
 from autopilot.control.registry import filed_laws
