@@ -253,8 +253,9 @@ class CompanionSession:
         """Return the requests, the mode of a fail-safe, the sound of an alarm, word to another pilot, texts."""
         asked: list[Message] = []
         vehicle, is_up = self.vehicle, self._authority.booted
-        if is_up and now >= self._reader.streams.due_at:
-            asked += [interval_request(vehicle, *stream) for stream in self._reader.streams.due(now)]
+        streams = self._reader.streams
+        if is_up and now - streams.checked_at >= streams.pause:
+            asked += [interval_request(vehicle, *stream) for stream in streams.due(now)]
         if is_up and self._reader.parameters.to_ask:
             asked += [parameter_request(vehicle, name) for name in self._reader.parameters.due(now)]
         for aside in (self._handover, self._sounder):

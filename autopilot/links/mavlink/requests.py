@@ -42,7 +42,7 @@ class MessageStreams:
 
     Attributes:
         counts: messages that have come since the last check, by id; who receives them counts.
-        due_at: when [s] they are checked next.
+        checked_at, pause: when [s] they were checked last, -inf before, and how long [s] it is until they are again.
         slow: the alarm of a first stream that stays slow however often it is asked for; None where it does not.
     """
 
@@ -67,18 +67,15 @@ class MessageStreams:
         self._slow_checks = 0
         self._settled = False
         self.counts = dict.fromkeys(self._rates, 0)
-        self._since: float | None = None
-        self._checked = False
-        self.due_at = -math.inf
+        self.checked_at, self.pause = -math.inf, FIRST_CHECK_S
 
     def due(self, now: float) -> list[tuple[int, int]]:
         """Return (message id, interval [us]) of the streams to ask for at `now` [s]."""
-        if now < self.due_at:
+        passed, first = now - self.checked_at, self.checked_at == -math.inf
+        if passed < self.pause:
             return []
-        passed = 0.0 if self._since is None else now - self._since
-        first = self._since is None
         if not first:
-            self._checked = True
+            self.pause = CHECK_S
             self._watch_first(passed)
         needed = passed * ENOUGH
         wanted = [
@@ -86,7 +83,7 @@ class MessageStreams:
             for identity, rate in self._rates.items()
             if first or self.counts[identity] < rate * needed
         ]
-        self._since, self.due_at = now, now + (CHECK_S if self._checked else FIRST_CHECK_S)
+        self.checked_at = now
         self.counts = dict.fromkeys(self._rates, 0)
         return wanted
 
