@@ -15,8 +15,10 @@ from autopilot.control.limits import RudderLimits
 from autopilot.control.wave_feedforward import CornerFrequencies, Waves, wave_shares
 from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.guidance.reference import Guide, Steering, heading_ordered, led, started, zigzag
-from autopilot.guidance.turn import TurnLimits, preset_rate, reference_of, reset_reference, side_hard_over, turn_limits
+from autopilot.guidance.stop import TurnLimits, preset_rate, turn_limits
+from autopilot.guidance.turn import reference_of, reset_reference, side_hard_over
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState, Order, OrderKind, Reference
 
 LONGEST_STEP = 0.5
@@ -32,7 +34,7 @@ class SteeringConfig(NamedTuple):
     where the other side steers by itself to the reference heading. corner_frequencies hold at the model's speed: which
     waves the law is shown, see `wave_feedforward`. dead_band [rad]: on a course the rudder rests until it is wrong by
     more. uses_bias: whether the law goes by the estimated bias. estimator.gear is the gear that is gone by: turns are
-    planned with its rate, whatever rate the rudder is commanded at.
+    planned with its rate, whatever rate the rudder is commanded at. loop_delay [s]: so late an order comes to the gear.
     """
 
     estimator: EstimatorConfig
@@ -44,6 +46,7 @@ class SteeringConfig(NamedTuple):
     corner_frequencies: CornerFrequencies
     rudder_is_ours: bool
     uses_bias: bool
+    loop_delay: float
 
 
 class Turning(NamedTuple):
@@ -57,13 +60,13 @@ class Turning(NamedTuple):
     rudder_rate: float = 0.0
 
 
-NOT_TURNING = Turning(TurnLimits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False), math.nan)
+NOT_TURNING = Turning(TurnLimits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False), math.nan)
 
 
 def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turning:
     """Return what turns keep to with the `model` at the speed that is."""
-    speed, limits, rate = model.reference_speed, config.limits, config.estimator.gear.rate_max
-    rate = limits.rate_max if limits.rate_max < rate else rate
+    speed, limits, gear = model.reference_speed, config.limits, config.estimator.gear
+    rate = limits.rate_max if limits.rate_max < gear.rate_max else gear.rate_max
     near = SPEED_CHANGE * turning.speed
     is_near = -near <= speed - turning.speed <= near and rate == turning.rudder_rate
     if is_near and (
@@ -75,7 +78,8 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
     ):
         return turning
     preset = preset_rate(config.turn_rate_max, config.turn_curvature_max, speed)
-    planned = turn_limits(model, limits.angle_max, rate, config.rudder_share, preset)
+    steered = SteeringGear(limits.angle_max, rate, gear.lag, gear.dead_band, gear.delay + config.loop_delay)
+    planned = turn_limits(model, steered, config.rudder_share, preset)
     return Turning(planned, speed, model.gain, limits.angle_max, rate)
 
 

@@ -109,7 +109,8 @@ class PilotConfig(NamedTuple):
     `wave_feedforward`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
     for this where steerage_over_ground says so. law: how the model goes with speed and thrust; drive: what it needs to
     steer, and what throttle leaves it. roll: the rudder damps roll too, while that helps; None: it does not.
-    dead_band [rad]: on a course the rudder rests until it is wrong by more.
+    dead_band [rad]: on a course the rudder rests until it is wrong by more. loop_delay [s]: so late an order comes to
+    the gear.
     """
 
     model: Norrbin
@@ -129,6 +130,7 @@ class PilotConfig(NamedTuple):
     alarms: AlarmLimits = AlarmLimits()
     law: DriveLaw = RUDDER_LAW
     steers_by: Needs = Needs.WAY
+    loop_delay: float = 0.0
 
 
 class Config(NamedTuple):
@@ -163,6 +165,7 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
         corner_frequencies=config.corner_frequencies,
         rudder_is_ours=config.rudder_is_ours,
         uses_bias=law.kind.uses_bias,
+        loop_delay=config.loop_delay,
     )
 
 

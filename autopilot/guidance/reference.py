@@ -9,15 +9,14 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import shortest_turn, wrap
+from autopilot.guidance.effectiveness import NO_EVIDENCE
+from autopilot.guidance.stop import TurnLimits, relaxed
 from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.turn import (
-    NO_EVIDENCE,
-    TurnLimits,
     VirtualBoat,
     advance,
     couple,
     hold_back,
-    relaxed,
     reset_reference,
     reset_threshold,
     turn_step,

@@ -28,34 +28,18 @@ FORGOTTEN = 4.0
 SHARPEST = 5.0
 """Deceleration is built up in no less than 1/SHARPEST [s], even by a rudder of unlimited rate."""
 STABLE_STOP = (3.0, 2.0)
-UNSTABLE_STOP = (1.0, 0.98)
-"""kappa in units of jerk/acceleration, and mu in units of kappa^2, by course stability: tuned on boats with T
-from 0.3 to 20 s for turns without overshoot in little more than the time-optimal time."""
+"""kappa in units of jerk/acceleration, and mu in units of kappa^2, of a course-stable boat: tuned on boats with T from
+0.3 to 20 s for turns without overshoot in little more than the time-optimal time."""
 ARRIVED = 1.0e-6
 """Heading [rad] and rate [rad/s] to go, and rudder [rad] off straight, together: below it the turn is over."""
 BEGINS = 1.25
 MOST_SHARE = 0.9
-"""A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share."""
-HELD_UNSTABLE = 0.655
-"""A course-unstable boat turns no faster than this share of the planned rudder can hold, until it has shown itself as
-strong as its model. This and the other numbers of such boats are tuned on five of them with T from 2 to 14 s, K 0.7 to
-1.3 times the model's, for turns in little more than the least time that lead past by little with any noise."""
-BRAKED_UNSTABLE = 0.465
-BRAKED_RANGE = (0.382, 0.609)
-"""The share of the rudder that a course-unstable boat's turn is stopped with, by its time constant over the time that
-the rudder takes amidships: a boat quicker than its rudder is stopped earlier."""
-BEGUN_UNSTABLE = 0.485
-"""And the share that it is begun with."""
-RATE_UNSTABLE = 0.746
-"""A course-unstable boat's plan keeps to this share of the planned rudder's rate: once the real rudder is at its
-quickest, the boat is soon lost."""
-EASED_UNSTABLE = 0.71
-"""Such a boat approaches the fastest rate with this share of the rudder's jerk: it needs counter-rudder to keep to it.
-"""
-SURE_RUDDER, SURE_RATE = 1.34, 1.8
-"""Rudder and deceleration, and fastest rate, in units of the careful ones, for a boat as strong as its model."""
-CAUTION = 0.36
-"""Until it has shown its strength such a boat is taken to be weaker than its model by this."""
+"""A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share.
+The plan for the weakest of a course-unstable boat uses this share: the rest of the rudder is the law's."""
+NEAR = math.radians(1.0)
+"""The last of a course-unstable boat's turn [rad] goes linearly: so close a turn is settled."""
+CAUTION = 2.0
+"""The weakest boat that is planned for is below the evidence by so many times what is left of the doubt."""
 DRAWN, DRAWN_RATE = 9.0, 1.5
 """At its fastest the plan is drawn to the real boat's heading and rate in so many parts of its time constant."""
 CARRIED_OFF = 2.0
@@ -82,3 +66,5 @@ RESET_BEYOND_EARLY = math.radians(8.0)
 rate, takes over early. So it does where something holds any boat off its course."""
 STOP_STEPS = 24
 STOP_STEPS_MOST = 60
+CROSSING_STEPS = 8
+"""In so many steps a stop is looked ahead through: a course-stable boat's, and the way of an unstable one's rudder."""

@@ -68,16 +68,17 @@ def turned(vessel: Vessel, seed: int, share: float = 1.0) -> Turned:
 
     Noise as in the vessel file. Raises RefusedError where the gains must not be engaged.
     """
-    from autopilot.guidance.turn import turn_limits, turning_time
+    from autopilot.guidance.stop import turn_limits
+    from autopilot.guidance.turn import turning_time
     from autopilot.models.norrbin import rate_step
-    from autopilot.models.steering_gear import DelayLine, gear_step
-    from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
+    from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
+    from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, planned_share
     from autopilot.signals import HeadingSample, Order, OrderKind
 
     model, gear, limits, random = model_of(vessel), gear_of(vessel), limits_of(vessel), Random(seed)
     pilot, line = build_pilot(vessel), DelayLine(gear.delay + vessel.control.loop_delay_s)
     true = model._replace(gain=share * model.gain)
-    turn = turn_limits(model, limits.angle_max, limits.rate_max, vessel.guidance.rudder_share)
+    turn = turn_limits(model, SteeringGear(limits.angle_max, limits.rate_max), planned_share(vessel))
     dt, noise, rate_noise = (
         1.0 / vessel.control.rate_hz,
         vessel.sensors.heading_noise_deg,

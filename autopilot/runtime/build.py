@@ -15,9 +15,9 @@ from autopilot.control.wave_feedforward import CornerFrequencies
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
 from autopilot.estimation.steady_filter import steady_filter
+from autopilot.guidance.stop import lag_of_plan, preset_rate, stop_angle, symmetric_of, turn_limits
 from autopilot.guidance.track import TrackSettings
 from autopilot.guidance.tuning import HARD_OVER
-from autopilot.guidance.turn import preset_rate, stop_angle, symmetric_of, turn_limits
 from autopilot.guidance.wind_vane import WindSettings
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.models.drive_law import DriveLaw, at_point, quickness
@@ -291,7 +291,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
             math.radians(failsafe.windward_rudder_deg),
         ),
         alarms=alarm_limits_of(vessel),
-        rudder_share=vessel.guidance.rudder_share,
+        rudder_share=planned_share(vessel),
         turn_rate_max=radians_or_unlimited(vessel.guidance.turn_rate_max_deg_s),
         turn_curvature_max=curvature_max_of(vessel),
         rudder_is_ours=vessel.helm.method != "guided",
@@ -302,7 +302,19 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         dead_band=math.radians(vessel.limits.dead_band_deg),
         law=drive_law_of(vessel),
         steers_by=DRIVES[vessel.drive.kind].needs,
+        loop_delay=vessel.control.loop_delay_s,
     )
+
+
+def planned_share(vessel: Vessel) -> float:
+    """Return the share [-] of the rudder that turns are planned with.
+
+    A course-unstable boat is planned for as the weakest that the identification leaves, two standard errors of K below.
+    """
+    share, error = vessel.guidance.rudder_share, vessel.model.standard_errors.K_1_s
+    if vessel.model.n1 > 0.0 or error is None:
+        return share
+    return min(share, max(1.0 - 2.0 * error / vessel.model.K_1_s, LEAST_SHARE))
 
 
 def _steerage_of(vessel: Vessel) -> float:
@@ -334,6 +346,8 @@ def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
     )
 
 
+LEAST_SHARE = 0.3
+"""A boat whose K is less sure than this allows is turned with this share of the rudder."""
 TRACK_TURN = 0.75
 """Corners of a track are planned with this share of the fastest turn: the rest brings a boat back that is off it."""
 
@@ -348,12 +362,14 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
     fastest = radians_or_unlimited(guidance.turn_rate_max_deg_s)
     turn_rate = preset_rate(fastest, curvature_max_of(vessel), model.reference_speed)
     # the circle between two legs is one that leaves rudder to keep to it
-    turn = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, turn_rate, begins=1.0)
-    free = turn_limits(model, limits.angle_max, limits.rate_max, guidance.rudder_share, begins=1.0)
+    gear = SteeringGear(limits.angle_max, limits.rate_max)
+    share = planned_share(vessel)
+    turn = turn_limits(model, gear, share, turn_rate, begins=1.0)
+    free = turn_limits(model, gear, share, begins=1.0)
     rate = min(TRACK_TURN * free.rate_max, turn.rate_max)
     symmetric = symmetric_of(model)
-    # a turn that goes on at this rate is planned so far behind its order: r' = 0 = -kappa r + mu (e - D)
-    behind = turn.kappa / turn.mu + stop_angle(symmetric, turn, rate, rudder_for(symmetric, rate, 0.0)) / rate
+    # a turn that goes on at this rate is planned so far behind its order
+    behind = lag_of_plan(turn, rate) + stop_angle(symmetric, turn, rate, rudder_for(symmetric, rate, 0.0)) / rate
     return TrackSettings(
         lookahead=guidance.lookahead_s,
         radius=guidance.waypoint_radius_m,

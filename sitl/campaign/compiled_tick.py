@@ -28,8 +28,9 @@ from autopilot.estimation.rudder_observer import RudderMemory, RudderObserver, R
 from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, rudder_rate_step
 from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
+from autopilot.guidance.effectiveness import NO_EVIDENCE
 from autopilot.guidance.reference import Guide, heading_ordered, started
-from autopilot.guidance.turn import NO_EVIDENCE, VirtualBoat, is_turning, reference_of
+from autopilot.guidance.turn import VirtualBoat, is_turning, reference_of
 from autopilot.models.drive_law import quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip

@@ -22,9 +22,11 @@ import numpy as np
 
 from autopilot.angles import wrap
 from autopilot.errors import RefusedError
-from autopilot.guidance.turn import turn_limits, turning_time
+from autopilot.guidance.stop import turn_limits
+from autopilot.guidance.turn import turning_time
 from autopilot.models.norrbin import at_speed_ratio
-from autopilot.runtime.build import limits_of, model_of, verdict_of
+from autopilot.models.steering_gear import SteeringGear
+from autopilot.runtime.build import limits_of, model_of, planned_share, verdict_of
 from autopilot.signals import Mode
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, plant_of
@@ -135,7 +137,7 @@ def study_of(vessel: Vessel, turn_deg: float, speed: float, *, gyro: bool) -> tu
     """Return how a run is sailed, and until when [s] the turn may last: as long as the pilot itself gives it by the
     `speed` [share of the trial's] that the log shows."""
     model, limits = at_speed_ratio(model_of(vessel), min(speed, 1.0)), limits_of(vessel)
-    planned = turn_limits(model, limits.angle_max, limits.rate_max, vessel.guidance.rudder_share)
+    planned = turn_limits(model, SteeringGear(limits.angle_max, limits.rate_max), planned_share(vessel))
     until = COURSE_S + 2.0 * model.time_constant + turning_time(model, planned, math.radians(turn_deg))
     study = Study(
         schema_version=1,

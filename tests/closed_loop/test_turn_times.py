@@ -9,8 +9,10 @@ import pytest
 import time_optimal
 import turns
 
-from autopilot.guidance.turn import VirtualBoat, couple, reference_of, scaled_by_confidence, turn_limits
+from autopilot.guidance.stop import turn_limits
+from autopilot.guidance.turn import VirtualBoat, couple, reference_of, scaled_by_confidence
 from autopilot.models.norrbin import damping, rate_step, rudder_for
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState
 
 SLOWEST = {"lanxin": 1.2, "esso": 1.2, "unstable": 1.2}
@@ -50,7 +52,7 @@ def real(heading: float, rate: float, rudder: float) -> NavState:
 
 def test_a_course_unstable_boat_is_led_as_it_has_shown_to_answer() -> None:
     model, rudder = turns.BOATS["unstable"].model, math.radians(15.0)
-    careful = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
+    careful = turn_limits(model, SteeringGear(math.radians(30.0), math.radians(5.0)), 0.7)
 
     def seen(factor: float) -> VirtualBoat:
         """Over and across again, the boat's K `factor` times the model's."""
@@ -77,7 +79,7 @@ def test_a_course_unstable_boat_is_led_as_it_has_shown_to_answer() -> None:
 
 def test_the_plan_goes_with_a_boat_that_lags_while_it_turns_and_not_at_rest() -> None:
     model = turns.BOATS["unstable"].model
-    limits = turn_limits(model, math.radians(30.0), math.radians(5.0), 0.7)
+    limits = turn_limits(model, SteeringGear(math.radians(30.0), math.radians(5.0)), 0.7)
     turning, resting = VirtualBoat(0.5, limits.rate_max, 0.0), VirtualBoat(0.5)
     drawn, left = (couple(model, limits, boat, real(0.4, 0.0, 0.0), 0.05) for boat in (turning, resting))
     assert 0.4 < drawn.heading < 0.5

@@ -7,27 +7,25 @@ import math
 import pytest
 
 from autopilot.angles import wrap
+from autopilot.guidance.stop import TurnLimits, relaxed, stop_angle, turn_limits
 from autopilot.guidance.turn import (
     AHEAD,
     RESET_BEYOND,
     RESET_BEYOND_EARLY,
-    TurnLimits,
     VirtualBoat,
     advance,
-    relaxed,
     reset_reference,
     reset_threshold,
-    stop_angle,
-    turn_limits,
 )
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
 
 COASTER, UNSTABLE = Norrbin(0.1, 20.0, 50.0), Norrbin(0.2, 5.0, 20.0, n1=-1.0)
 TARGET = math.radians(170.0)
 
 
 def limits_of(model: Norrbin) -> TurnLimits:
-    return relaxed(turn_limits(model, math.radians(30.0), math.radians(2.5), 0.7))
+    return relaxed(turn_limits(model, SteeringGear(math.radians(30.0), math.radians(2.5)), 0.7))
 
 
 def on_the_way(left_deg: float, side: float = 1.0) -> VirtualBoat:
@@ -45,7 +43,7 @@ def test_the_way_back_is_planned_only_after_a_saturated_rudder() -> None:
 
 
 def test_a_rudder_of_unlimited_rate_is_no_longer_on_its_way_from_stop_to_stop() -> None:
-    limits = turn_limits(COASTER, 0.5, math.inf, 0.7)
+    limits = turn_limits(COASTER, SteeringGear(0.5, math.inf), 0.7)
     assert reset_threshold(COASTER, limits, is_late=True, stuck=0.1) == RESET_BEYOND_EARLY
 
 
@@ -83,7 +81,7 @@ def test_a_plan_at_rest_is_no_way_back() -> None:
 
 
 def test_a_plan_that_goes_with_a_course_unstable_boat_anyway_is_left_to_that() -> None:
-    limits = turn_limits(UNSTABLE, math.radians(30.0), math.radians(5.0), 0.7)
+    limits = turn_limits(UNSTABLE, SteeringGear(math.radians(30.0), math.radians(5.0)), 0.7)
     boat = on_the_way(60.0)
     assert advance(UNSTABLE, limits, boat, wrap(boat.heading + 0.3), TARGET) == boat
 

@@ -7,8 +7,9 @@ import math
 import pytest
 
 from autopilot.guidance.reference import Guide, heading_ordered, zigzag, zigzag_divergence
-from autopilot.guidance.turn import turn_limits
+from autopilot.guidance.stop import turn_limits
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState, Order, OrderKind
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.rudder_watch import NO_RUNAWAY, ZIGZAG_DIVERGED, runaway_step
@@ -23,7 +24,9 @@ def state(heading: float, rate: float = 0.0) -> NavState:
 
 
 def sailing(base: float) -> Guide:
-    return heading_ordered(Guide(), MODEL, turn_limits(MODEL, 0.5, 0.2, 0.7, math.inf), state(base), ZIGZAG.heading)
+    return heading_ordered(
+        Guide(), MODEL, turn_limits(MODEL, SteeringGear(0.5, 0.2), 0.7, math.inf), state(base), ZIGZAG.heading
+    )
 
 
 @pytest.mark.parametrize("base", [0.0, math.pi, -3.0])
