@@ -239,7 +239,9 @@ def eased(limits: TurnLimits, rate: float) -> float:
 
 
 def _ending_rudder(model: Norrbin, limits: TurnLimits, rate: float) -> float:
-    """Return the rudder [rad] with which a `rate` [rad/s] ends."""
+    """Return the rudder [rad] with which a `rate` [rad/s] ends: all of it down to the rate from which it comes back."""
+    if abs(rate) > limits.returns:
+        return -math.copysign(limits.rudder_max, rate)
     return clip(rudder_for(model, rate, -eased(limits, rate)), -limits.rudder_max, limits.rudder_max)
 
 
