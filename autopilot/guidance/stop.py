@@ -6,8 +6,8 @@ the model's is slow to turn then, but the rudder left is enough to stop it in ti
 
 A course-unstable boat whose rudder is weaker than the model's may not be stopped any more from a rate that is easy for
 the model. Its plan is the quickest turn of the weakest boat that the evidence leaves, see
-`autopilot.guidance.effectiveness` (without any, a boat with `share` of the model's K), with MOST_SHARE of the rudder's
-angle and rate: every stronger boat can follow it with rudder to spare, and as the doubt goes, the plan goes quicker.
+`autopilot.guidance.effectiveness` (without any, a boat with `share` of the model's K), with PLANNED_SHARE of the
+rudder's angle and rate: every stronger boat can follow it with rudder to spare, and as the doubt goes, the plan goes quicker.
 For r > 0 the quickest stop has three parts. The rudder goes across at its rate R; it stands at its stop, where
 
     T r' = -(K delta_max + damping(r)),   angle = int T r dr/(K delta_max + damping(r));
@@ -34,6 +34,7 @@ from autopilot.guidance.tuning import (
     CROSSING_STEPS,
     MOST_SHARE,
     NEAR,
+    PLANNED_SHARE,
     SHARPEST,
     STABLE_STOP,
     STOP_STEPS,
@@ -101,7 +102,7 @@ def turn_limits(
     with `share` of the model's K throughout.
     """
     if model.n1 <= 0.0:
-        most = MOST_SHARE * share
+        most = PLANNED_SHARE * share
         return unstable_limits(
             model, most * gear.angle_max, most * gear.rate_max, share, rate_max, gear.lag + gear.delay
         )

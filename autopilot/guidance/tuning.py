@@ -34,12 +34,11 @@ ARRIVED = 1.0e-6
 """Heading [rad] and rate [rad/s] to go, and rudder [rad] off straight, together: below it the turn is over."""
 BEGINS = 1.25
 MOST_SHARE = 0.9
-"""A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share.
-The plan for the weakest of a course-unstable boat uses this share: the rest of the rudder is the law's."""
+"""A turn is begun with this many times the rudder that it is planned to end with, but with no more than this share."""
+PLANNED_SHARE = 0.8
+"""The plan for the weakest of a course-unstable boat has this share of the rudder: the rest is the law's."""
 NEAR = math.radians(1.0)
 """The last of a course-unstable boat's turn [rad] goes linearly: so close a turn is settled."""
-CAUTION = 2.0
-"""The weakest boat that is planned for is below the evidence by so many times what is left of the doubt."""
 DRAWN, DRAWN_RATE = 9.0, 1.5
 """At its fastest the plan is drawn to the real boat's heading and rate in so many parts of its time constant."""
 CARRIED_OFF = 2.0

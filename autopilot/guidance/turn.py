@@ -31,7 +31,6 @@ from autopilot.guidance.tuning import (
     ARRIVED,
     BEHIND,
     CARRIED_OFF,
-    CAUTION,
     DRAWN,
     DRAWN_RATE,
     HARD_OVER,
@@ -104,8 +103,7 @@ def scaled_by_confidence(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) 
     if not limits.watches:
         return limits
     planned = limits.rudder_max / limits.share
-    doubt = CAUTION * (1.0 - limits.share)
-    weakest = clip(rudder_effectiveness(model, planned, boat.effectiveness, doubt), limits.share, 1.0)
+    weakest = clip(rudder_effectiveness(model, planned, boat.effectiveness, 1.0 - limits.share), limits.share, 1.0)
     rate = limits.rudder_rate / limits.share
     return unstable_limits(model, weakest * planned, weakest * rate, limits.share, limits.preset, limits.late)
 

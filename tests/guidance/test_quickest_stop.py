@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.guidance.effectiveness import NO_EVIDENCE
 from autopilot.guidance.stop import UNSTOPPED, TurnLimits, stop_angle, turn_limits
-from autopilot.guidance.tuning import MOST_SHARE
+from autopilot.guidance.tuning import PLANNED_SHARE
 from autopilot.guidance.turn import VirtualBoat, reference_of, turn_step
 from autopilot.models.norrbin import Norrbin, rate_step, rudder_for, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear, clip
@@ -119,9 +119,11 @@ def test_a_plan_leads_to_the_course_and_not_past_it(name: str, turn_deg: float, 
     assert max(side * wrap(each.heading - TARGET) for each in plan if abs(wrap(each.heading - TARGET)) < 1.0) < 0.01
     assert wrap(plan[-1].heading - TARGET) == pytest.approx(0.0, abs=1.0e-3)
     assert max(side * each.rate for each in plan) < 1.02 * limits.rate_max
-    assert max(abs(each.rudder) for each in plan) <= MOST_SHARE * SHARE * math.radians(boat.angle_deg) * (1.0 + 1.0e-9)
+    assert max(abs(each.rudder) for each in plan) <= PLANNED_SHARE * SHARE * math.radians(boat.angle_deg) * (
+        1.0 + 1.0e-9
+    )
     fastest = max(abs(after.rudder - here.rudder) for here, after in pairwise(plan)) / dt
-    assert fastest <= MOST_SHARE * SHARE * math.radians(boat.rate_deg_s) * (1.0 + 1.0e-9)
+    assert fastest <= PLANNED_SHARE * SHARE * math.radians(boat.rate_deg_s) * (1.0 + 1.0e-9)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
