@@ -65,7 +65,7 @@ class TurnLimits(NamedTuple):
     kappa [1/s] and mu [1/s^2]. A turn is begun with `begins` [-] times as much. Deceleration ends with jerk [rad/s^3],
     inf: no matter how quickly, and takes less than all of the rudder below the rate `returns` [rad/s]. share [-]: the
     weakest boat's K in units of the model's as long as the boat has not shown its own; watches: whether it is to show
-    it. preset [rad/s]: the rate that was asked for. late [s]: the rudder lags so much behind what it is told.
+    it. preset [rad/s]: the rate that was asked for. late [s]: the rudder lags so much behind its order.
     """
 
     rudder_max: float
