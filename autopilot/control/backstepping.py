@@ -352,11 +352,13 @@ def played_rudder(
     """Return the demand [rad] of the third step with its play, and the memory, `dt` [s] after the rudder was commanded
     to `last_rudder` [rad]. wanted: what `regulated` asks for [rad]."""
     rudder, variance, seconds = memory
-    apart = wanted - rudder
-    rudder -= math.expm1(-dt / smoothing) * apart
     lasts = PLAY_LASTS * smoothing
     lasts = PLAY_MEMORY if lasts < PLAY_MEMORY else lasts
     begins = PLAY_BEGINS * lasts
+    # what limits left of the last command is what the linear step goes on from
+    rudder = last_rudder if seconds < begins else rudder
+    apart = wanted - rudder
+    rudder -= math.expm1(-dt / smoothing) * apart
     time = begins if seconds < begins else seconds if seconds < lasts else lasts
     seen = apart * apart
     if seen < PLAY_REACH * (variance + PLAY_FIRST * PLAY_FIRST):

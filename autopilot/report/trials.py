@@ -133,7 +133,7 @@ def _m(metres: float, length: float | None) -> str:
     return f"{fixed(metres, 1)} m" if length is None else f"{fixed(metres, 1)} m = {fixed(metres / length, 1)} L"
 
 
-SAID_MOST = 3
+SAID_MOST = 2
 NO_MANOEUVRE = (
     "no manoeuvre found; a zigzag needs three executes, a turning circle 180 deg at a held rudder, a pull-out a turn "
     "and then the rudder amidships, a spiral five angles down and up again."
