@@ -94,7 +94,7 @@ def record_of(segments: Sequence[Segment], reference_speed: float, time_constant
         middle = 0.5 * (grid[:, :-1] + grid[:, 1:])
         speed = np.interp(middle, segment.time, without_noise(np.abs(segment.speed)))
         ratios.append(np.maximum(speed / reference_speed, SPEED_FLOOR_RATIO).T)
-        paths.append(with_corners(segment.time, without_noise(segment.rudder)))
+        paths.append(with_corners(segment.time, rudder_without_noise(segment.time, segment.rudder)))
     joined = [np.concatenate([part[i] for part in parts]) for i in range(1, 5)]
     return Record(
         np.concatenate(begins),
@@ -141,6 +141,22 @@ def without_noise(values: FloatArray) -> FloatArray:
     return np.asarray(idct(kept * coefficients, norm="ortho"))
 
 
+def rudder_without_noise(time: FloatArray, rudder: FloatArray) -> FloatArray:
+    """Return a recorded `rudder` [rad] less its white noise, where it can be told from what the rudder does.
+
+    A hand or a pilot that answers a noisy compass moves the rudder from sample to sample as noise would. Sampled
+    quickly that motion is smooth; seldom, or larger than any sensor's noise, it is taken for what it looks like: a
+    rudder that moves.
+    """
+    if white_noise(rudder) > LARGEST_RUDDER_NOISE or float(np.median(np.diff(time))) > SMOOTH_WITHIN_S:
+        return rudder
+    return without_noise(rudder)
+
+
+LARGEST_RUDDER_NOISE = np.radians(0.5)
+"""No rudder sensor that works is noisier [rad]."""
+SMOOTH_WITHIN_S = 0.2
+"""A steering gear's motion is smooth over two samples of this spacing [s]: lag and rate see to that."""
 SHORTEST_CLEANED, NO_NOISE, MEDIAN_DEVIATION = 32, 1.0e-4, 0.6745
 """Fewer samples, or with noise of less than this share of their range, are left alone; median of a normal
 distribution's absolute deviations."""

@@ -130,7 +130,10 @@ class Space:
         rates, weather, train = self.opened(z)
         rudder = rudder_on(self.record, train) if self.parts else self.rudder
         noise = noise_of(weather, self.record)
-        held = held_at(path, rates, self.record, rudder, noise)
+        try:
+            held = held_at(path, rates, self.record, rudder, noise)
+        except np.linalg.LinAlgError:
+            return math.inf, slope, np.eye(len(self.boat))
         here = moments_of(held)
         changes = []
         for i, name in enumerate(self.names):

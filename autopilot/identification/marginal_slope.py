@@ -65,7 +65,7 @@ class Moments(NamedTuple):
 
 
 def held_at(path: Path, rates: Rates, record: Record, rudder: Rudder, noise: StepNoise) -> Held:
-    """Return what belongs to the best `path`."""
+    """Return what belongs to the best `path`. LinAlgError where rounding leaves its information not positive."""
     states, probe = path.states, probe_of(path.states)
     D = states.shape[1]
     assert path.band is not None and path.factor is not None
@@ -92,7 +92,8 @@ def _pairs(band: FloatArray, factor: FloatArray, record: Record, D: int) -> Floa
     for row in range(width):
         back[row, : size - row] = band[row, size - row - 1 :: -1] if row < size else 0.0
     backward, failed = dpbtrf(back, lower=1)
-    assert not failed
+    if failed:
+        raise np.linalg.LinAlgError("from behind the path's information is not positive")
     before = _blocks(factor, D)
     behind = _blocks(backward, D)[::-1, ::-1, ::-1]
     begin = record.begin

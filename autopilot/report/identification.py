@@ -459,7 +459,8 @@ def identification_page(
         f"T r' + n3 r³ + n1 r + n0 = K δ at {model.reference_speed:.3g} m/s, by the method {method}, from "
         f"{', '.join(_name(run) for run, role, _ in result.predictions if role == 'fit')}."
     )
-    hero = next((_run_section(each) for each in shown), None)
+    first = _run_section(shown[0]) if shown else None
+    hero = first._replace(caption=f"{first.title}: {first.caption}") if first else None
     opening = Opening("Identification: what the recordings say of this boat", lead, hero, verdict_on(result))
     return render(opening, sections, command, __version__)
 

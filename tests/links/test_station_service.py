@@ -12,6 +12,7 @@ from alarm_texts import other, text_of, words
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import TrackGuide
+from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.ground_station.boat_link import BoatLink
@@ -69,7 +70,7 @@ class Carrier:
     """Writes down which commands it is given, and answers as it is ordered to."""
 
     def __init__(self, mission: Mission) -> None:
-        self.mission, self.armed, self.tuner = mission, False, None
+        self.mission, self.armed, self.tuner, self.wind = mission, False, None, WindGuide()
         self.tuning = SimpleNamespace(outcome=lambda: self.tuned)
         self.tuned = self.refusal = ""
         self.running: LongCommand | None = None
@@ -181,15 +182,16 @@ def test_messages_are_made_when_they_are_asked_for() -> None:
 def test_the_modes_are_listed_all_or_one() -> None:
     service = Service()
     modes = [
-        ("AVAILABLE_MODES", 4, 1, 0, 0, 0, b"Manual"),
-        ("AVAILABLE_MODES", 4, 2, 0, 15, 0, b"Heading"),
-        ("AVAILABLE_MODES", 4, 3, 6, 10, 0, b"Track"),
-        ("AVAILABLE_MODES", 4, 4, 0, 3, 2, b"Trial"),
+        ("AVAILABLE_MODES", 5, 1, 0, 0, 0, b"Manual"),
+        ("AVAILABLE_MODES", 5, 2, 0, 15, 0, b"Heading"),
+        ("AVAILABLE_MODES", 5, 3, 6, 10, 0, b"Track"),
+        ("AVAILABLE_MODES", 5, 4, 0, 3, 2, b"Trial"),
+        ("AVAILABLE_MODES", 5, 5, 0, 1, 0, b"Wind"),
     ]
     assert service.give(512, 435.0, 0.0) == [ack(512, ACCEPTED), *modes]
-    for index in (1, 2, 3, 4):
+    for index in (1, 2, 3, 4, 5):
         assert service.give(512, 435.0, float(index)) == [ack(512, ACCEPTED), modes[index - 1]]
-    for none in (5.0, -1.0, 1.5, math.nan):
+    for none in (6.0, -1.0, 1.5, math.nan):
         assert service.give(512, 435.0, none) == [ack(512, UNSUPPORTED)]
 
 
