@@ -142,7 +142,7 @@ def without_noise(values: FloatArray) -> FloatArray:
 
 
 def rudder_without_noise(time: FloatArray, rudder: FloatArray) -> FloatArray:
-    """Return a recorded `rudder` [rad] less its white noise, where it can be told from what the rudder does.
+    """Return a recorded `rudder` [rad] less its white noise, where it can be distinguished from its motion.
 
     A hand or a pilot that answers a noisy compass moves the rudder from sample to sample as noise would. Sampled
     quickly that motion is smooth; seldom, or larger than any sensor's noise, it is taken for what it looks like: a
