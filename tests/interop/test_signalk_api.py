@@ -157,6 +157,9 @@ def test_no_request_that_is_json_is_an_error_of_the_server(server: Server) -> No
 
 
 def test_a_stranger_changes_nothing_by_any_path(server: Server) -> None:
+    # from standby, where there is no target: what is read next is this heading and none from before
+    assert put(server, "state", "standby") == 200
+    until("standby", lambda: pilot(server)["state"] == "standby")
     assert put(server, "state", "auto") == 200
     until("the heading held", lambda: (pilot(server)["state"], pilot(server)["mode"]) == ("auto", "compass"))
     held = until("the heading", lambda: pilot(server)["target"])
