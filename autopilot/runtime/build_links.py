@@ -257,9 +257,9 @@ def _transport(vessel: Vessel, url: LinkUrl, options: LinkOptions) -> Transport:
 def _nmea_2000(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
     """Return the link to an NMEA 2000 network: a CAN bus, which is no stream of bytes, or a gateway."""
     from autopilot.links.n2k.forms import FORMS
-    from autopilot.links.n2k.link import BusLine, GatewayLine, Line, N2kLink, open_bus
+    from autopilot.links.n2k.link import BusLine, GatewayLine, N2kLink, open_bus
 
-    line: Line
+    line: BusLine | GatewayLine
     if url.protocol in FORMS:
         line = GatewayLine(_transport(vessel, url, options), FORMS[url.protocol]())
     else:

@@ -70,13 +70,13 @@ def test_a_release_is_due_five_times_a_tenth_of_a_second_apart() -> None:
             session.sent(now, sentences)
             times.append(now)
     assert len(times) == 5 and all(0.1 <= after - before < 0.12 for before, after in pairwise(times))
-    assert session.release() == []
+    assert session.release(1.1) == []
 
 
 def test_the_way_out_says_every_release_at_once_and_what_became_of_it() -> None:
     session = NmeaSession("line")
     session.send(0.0, STEER)
-    releases = session.release()
+    releases = session.release(1.0)
     assert len(releases) == 5 and all(b",V," in sentence for sentence in releases)
     session.released(1.0, is_gone=False)
     assert session.release_result(1.0) is None

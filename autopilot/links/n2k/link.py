@@ -2,43 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any, Protocol
+from typing import Any
 
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import LinkError, SilentLink, Transport
+from autopilot.links.base import LinkError, Transport
 from autopilot.links.n2k.fields import FAST
 from autopilot.links.n2k.forms import LINE_END, Form
 from autopilot.links.n2k.packets import Frame, Framing, Message
 from autopilot.links.n2k.session import READ, Helm, N2kSession, N2kSettings
 from autopilot.links.north import Variation
-from autopilot.links.release import Release
-from autopilot.signals import RudderCommand, Sample, Tick
+from autopilot.links.session_link import SessionLink
 
 FRAMES_MOST = 500
 """Frames taken in one `receive`, so that a busy bus cannot hold the loop."""
-SILENT_PEER_S = 5.0
-"""Time without a byte after which another peer may take the place on a listening socket."""
 EXTRA = "install Norrbin with its extra n2k: pip install '.[n2k]'"
-
-
-class Line(Protocol):
-    """What carries messages. is_node: whether Norrbin is the node there."""
-
-    name: str
-    is_node: bool
-
-    def fileno(self) -> int:
-        """Return the descriptor to wait on, or -1."""
-
-    def receive(self, now: float) -> list[Message]:
-        """Return the messages that have arrived by `now` [s]. Raises LinkError when the line is gone."""
-
-    def send(self, message: Message) -> bool:
-        """Send a message; False where the line does not take it. Raises LinkError when it is gone."""
-
-    def close(self) -> None:
-        """Close it."""
 
 
 def open_bus(text: str, interface: str, channel: str) -> Any:
@@ -58,7 +35,10 @@ def open_bus(text: str, interface: str, channel: str) -> Any:
 
 
 class BusLine:
-    """A bus of python-can. `unsent`: frames that it did not take: its queue is full, or nobody else is there."""
+    """A bus of python-can. `unsent`: frames that it did not take: its queue is full, or nobody else is there.
+
+    is_node: whether Norrbin is the node of the network there.
+    """
 
     is_node = True
 
@@ -103,6 +83,9 @@ class BusLine:
                 return False
         return True
 
+    def forget_peer(self) -> None:
+        """Do nothing: a bus is open to all."""
+
     def close(self) -> None:
         """Close the bus."""
         self._bus.shutdown()
@@ -116,7 +99,6 @@ class GatewayLine:
         self.unsent = 0
         self._transport, self._form = transport, form
         self._has_begun = False
-        self._heard = -math.inf
 
     def fileno(self) -> int:
         """Return the transport's descriptor, or -1."""
@@ -126,15 +108,9 @@ class GatewayLine:
         """Return the messages that have arrived by `now` [s]; LinkError when the transport is gone."""
         if not self._has_begun:
             self._has_begun = not (beginning := self._form.begin()) or self._transport.send(beginning)
-        chunks = self._transport.receive()
-        if chunks:
-            self._heard = now
-        elif now - self._heard > SILENT_PEER_S:
-            self._heard = now
-            self._transport.forget_peer()
         # a datagram ends its line
         ends = b"" if self._transport.is_stream else LINE_END
-        return [message for chunk in chunks for message in self._form.feed(now, chunk + ends)]
+        return [message for chunk in self._transport.receive() for message in self._form.feed(now, chunk + ends)]
 
     def send(self, message: Message) -> bool:
         """Send a message."""
@@ -142,69 +118,25 @@ class GatewayLine:
         self.unsent += not is_sent
         return is_sent
 
+    def forget_peer(self) -> None:
+        """Let go of a peer that was latched on to."""
+        self._transport.forget_peer()
+
     def close(self) -> None:
         """Close the transport."""
         self._transport.close()
 
 
-class N2kLink(SilentLink):
+class N2kLink(SessionLink[Message]):
     """A `Link` over NMEA 2000."""
 
     def __init__(
         self,
-        line: Line,
+        line: BusLine | GatewayLine,
         settings: N2kSettings = N2kSettings(),  # noqa: B008 - immutable
         guide: PlotterGuide | None = None,
         helm: Helm | None = None,
         variation: Variation | None = None,
     ) -> None:
-        self.name = line.name
         self.session = N2kSession(line.name, settings, line.is_node, guide, helm, variation)
-        self._line = line
-
-    def fileno(self) -> int:
-        """Return the line's descriptor, or -1."""
-        return self._line.fileno()
-
-    def receive(self, now: float) -> list[Sample]:
-        """Return the samples that have arrived; LinkError when the line is gone."""
-        samples = self.session.receive(now, self._line.receive(now))
-        self._write(now)
-        return samples
-
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Send the rudder order at its rate; one that is not engaged is a release."""
-        self.session.send(now, command)
-        self._write(now)
-
-    def poll(self, now: float) -> None:
-        """Claim our address at the start, and send what is due."""
-        self.session.poll(now)
-        self._write(now)
-
-    def publish_tick(self, tick: Tick) -> None:
-        """Send heading/track control at its rate."""
-        self.session.on_tick(tick)
-        self._write(tick.now)
-
-    def release(self, now: float) -> None:
-        """Give the rudder back, several times over; never raises."""
-        self.session.release(now)
-        is_gone = False
-        try:
-            self._write(now)
-        except LinkError:
-            is_gone = True  # the drive releases by its own timeout
-        self.session.released(now, is_gone)
-
-    def release_result(self, now: float) -> Release | None:
-        """Return what became of the rudder after `release`, None while it is on its way."""
-        return self.session.release_result(now)
-
-    def close(self) -> None:
-        """Close the line; call `release` first."""
-        self._line.close()
-
-    def _write(self, now: float) -> None:
-        for message in self.session.due(now):
-            self._line.send(message)
+        super().__init__(line, self.session)

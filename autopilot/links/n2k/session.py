@@ -134,6 +134,7 @@ class N2kSession:
         variation: Variation | None = None,
     ) -> None:
         self.name, self.settings = name, settings
+        self.received_time = -math.inf
         self.node = (
             Node(settings.device, tuple(sorted(READ)), self._current, self._commanded)
             if is_node and settings.steers
@@ -158,6 +159,8 @@ class N2kSession:
     def receive(self, now: float, messages: list[Message]) -> list[Sample]:
         """Take the messages that have arrived by `now` [s], and return the samples in them."""
         samples: list[Sample] = []
+        if messages:
+            self.received_time = now
         for message in messages:
             self._take(now, message, samples)
         samples += self._unusable_headings.news(now, samples, self._unusable)
@@ -257,10 +260,14 @@ class N2kSession:
         leaving, self._waiting = self._waiting[-WAITING_MOST:], []
         return leaving
 
-    def release(self, now: float) -> None:
-        """Say that the rudder is given back, several times over."""
+    def sent(self, now: float, messages: list[Message]) -> None:
+        """Do nothing: what a bus does not take is forgotten, a newer message follows."""
+
+    def release(self, now: float) -> list[Message]:
+        """Return the messages that give the rudder back, several times over, behind what waits."""
         for _ in range(self._order.end()):
             self._say_rudder(now, None)
+        return self.due(now)
 
     def released(self, now: float, is_gone: bool) -> None:
         """Take that the releases have left at `now` [s]; `is_gone`: they could not."""

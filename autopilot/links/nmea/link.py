@@ -13,13 +13,14 @@ from collections import deque
 from typing import NamedTuple
 
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import LinkError, SilentLink, Transport
+from autopilot.links.base import Transport
 from autopilot.links.nmea.repeater import NmeaRepeater
 from autopilot.links.nmea.samples import OWN_TALKER, Deviation, NmeaReader
 from autopilot.links.nmea.sentences import Counts, NmeaFramer, encode_ror
 from autopilot.links.north import UnusableHeadings, Variation, known_as
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES, FollowSettings, RudderFollow
+from autopilot.links.session_link import SessionLink
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -33,8 +34,6 @@ from autopilot.signals import (
 
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
-SILENT_PEER_S = 5.0
-"""Time without a sentence after which another peer may take the place on a listening socket."""
 REPEAT_S = 0.5
 """A drive releases the rudder when no order has come for 2 s or so: the last one is repeated at least this often."""
 REPEATED_WAITING = 12
@@ -226,7 +225,7 @@ class NmeaSession:
             else:
                 self._releases_left -= 1
 
-    def release(self) -> list[bytes]:
+    def release(self, now: float) -> list[bytes]:
         """Return the sentences that give the rudder back at once; none where it was never taken."""
         if not self.settings.steers or (self._command is None and not self._releases_left):
             return []
@@ -243,8 +242,36 @@ class NmeaSession:
         return self._release.result(now)
 
 
-class NmeaLink(SilentLink):
-    """A `Link` over NMEA 0183: a session carried over any transport. ValueError where the settings cannot be."""
+class TransportLine:
+    """The line of an NMEA 0183 session: any transport."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.name = transport.name
+        self._transport = transport
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return self._transport.fileno()
+
+    def receive(self, now: float) -> list[bytes]:
+        """Return what has arrived; LinkError when the transport is gone."""
+        return self._transport.receive()
+
+    def send(self, sentence: bytes) -> bool:
+        """Send a sentence; False where it would wait."""
+        return self._transport.send(sentence)
+
+    def forget_peer(self) -> None:
+        """Let go of a peer that was latched on to."""
+        self._transport.forget_peer()
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._transport.close()
+
+
+class NmeaLink(SessionLink[bytes]):
+    """A `Link` over NMEA 0183, on any transport. ValueError where the settings cannot be."""
 
     def __init__(
         self,
@@ -253,64 +280,5 @@ class NmeaLink(SilentLink):
         guide: PlotterGuide | None = None,
         variation: Variation | None = None,
     ) -> None:
-        self.name = transport.name
         self.session = NmeaSession(transport.name, settings, transport.is_stream, guide, variation)
-        self._transport = transport
-        self._vacant_since = -math.inf
-
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return self._transport.fileno()
-
-    def receive(self, now: float) -> list[Sample]:
-        """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone."""
-        samples = self.session.receive(now, self._transport.receive())
-        if now - max(self._vacant_since, self.session.received_time) > SILENT_PEER_S:
-            # an instrument that starts again speaks from another port
-            self._vacant_since = now
-            self._transport.forget_peer()
-        return samples
-
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Send the rudder order; a line still busy takes the newest one as soon as it is free."""
-        self.session.send(now, command)
-        self._write(now)
-
-    def poll(self, now: float) -> None:
-        """Send what waits: the newest command, its repetition, or the releases that are left."""
-        self.session.poll(now)
-        self._write(now)
-
-    def publish_tick(self, tick: Tick) -> None:
-        """Send on what falls due with `tick`, where the line has room for it."""
-        self.session.on_tick(tick)
-        self._write(tick.now)
-
-    def release(self, now: float) -> None:
-        """Give the rudder back, several times over; never raises."""
-        if not (releases := self.session.release()):
-            return
-        is_gone = False
-        try:
-            for sentence in releases:
-                self._transport.send(sentence)
-        except LinkError:
-            is_gone = True  # the drive releases by its own timeout
-        self.session.released(now, is_gone)
-
-    def release_result(self, now: float) -> Release | None:
-        """Return what became of the rudder after `release`, None while it is on its way."""
-        return self.session.release_result(now)
-
-    def close(self) -> None:
-        """Close the transport; call `release` first."""
-        self._transport.close()
-
-    def _write(self, now: float) -> None:
-        left: list[bytes] = []
-        for sentence in self.session.due(now):
-            if not self._transport.send(sentence):
-                break
-            left.append(sentence)
-        if left:
-            self.session.sent(now, left)
+        super().__init__(TransportLine(transport), self.session)
