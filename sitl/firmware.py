@@ -12,7 +12,7 @@ from typing import Protocol
 
 from sitl.fault_kind import GPS
 from sitl.faults import VehicleFaults
-from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, ParameterTable, default_parameters
+from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, Parameter, ParameterTable, default_parameters
 from sitl.firmware_setup import (
     CHANNELS,
     SERVO_US,
@@ -76,6 +76,9 @@ class Port(Protocol):
 
     sources: set[tuple[int, int]]
     outgoing: list[bytes]
+
+    def send_value(self, parameter: Parameter, index: int) -> None:
+        """Send a parameter."""
 
 
 class Firmware:

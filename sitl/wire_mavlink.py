@@ -328,21 +328,34 @@ class MavlinkVehicle:
             self._send_parameter(table.index_of(name))
 
     def _on_parameter_set(self, message: Any, time: float) -> None:
-        """Answered by the value as it is then; integers are cast from the float that carried them."""
-        parameter = self.firmware.parameters.set(parameter_name(message.param_id), message.param_value)
-        if parameter is None:
+        """The value as it is then goes to every port in use; integers are cast from the float that carried them.
+
+        What does not exist, or is no number, is not answered; what is read-only by a text and its value. (ArduPilot,
+        libraries/GCS_MAVLink/GCS_Param.cpp, handle_param_set and GCS::send_parameter_value.)
+        """
+        known = self.firmware.parameters.find(parameter_name(message.param_id))
+        if known is None or not math.isfinite(message.param_value):
             return
+        if known.is_read_only:
+            self.firmware.notices.append((4, f"Param write denied ({known.name})"))
+            self.send_value(known, 65535)
+            return
+        parameter = self.firmware.parameters.set(known.name, message.param_value)
+        assert parameter is not None
         self.streams.set_group(parameter.name, time)
-        self._send_value(parameter, 65535)
+        for port in self.firmware.ports:
+            if port is self or port.sources:
+                port.send_value(parameter, 65535)
         if parameter.name == "SYSID_THISMAV":
             self.codec.system = own_system(self.firmware.parameters)
 
     def _send_parameter(self, index: int) -> None:
         parameter = self.firmware.parameters.at(index)
         if parameter:
-            self._send_value(parameter, index)
+            self.send_value(parameter, index)
 
-    def _send_value(self, parameter: Parameter, index: int) -> None:
+    def send_value(self, parameter: Parameter, index: int) -> None:
+        """Send a parameter; 65535 for the index of one that nobody has asked for by its index."""
         count = len(self.firmware.parameters)
         name = parameter.name.encode()
         self.send(dialect.MAVLink_param_value_message(name, parameter.value, int(parameter.kind), count, index))

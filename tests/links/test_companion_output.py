@@ -113,11 +113,26 @@ def test_five_releases_follow_an_order_a_tenth_of_a_second_apart() -> None:
     assert times[0] in (10, 11) and len(times) == 4 and set(spaces(times)) <= {10, 11}, "also without a command"
 
 
-def test_after_a_reboot_nothing_is_released_on_a_channel_that_is_not_known() -> None:
-    steering = output()
+@pytest.mark.parametrize("number", [1, 11])
+def test_what_was_overridden_is_released_whatever_is_known_of_the_vehicle_since(number: int) -> None:
+    steering = output(number=number)
     steering.steer(0.0, 0.1)
     steering.forget()
-    assert steering.release_burst() == []
+    released = [65535] * 8 + [0] * 10
+    released[number - 1] = 0 if number <= 8 else 65534
+    assert channels(steering.release(1.0)) == released
+    assert [channels(message) for message in steering.release_burst()] == [released] * 5
+
+
+def test_another_input_is_overridden_only_when_the_one_before_is_released() -> None:
+    steering = output()
+    steering.steer(0.0, 0.1)
+    steering.use(known(number=2))
+    assert steering.unmoving(1500) is None and steering.amidships() is None
+    times = [step for step in range(100) if steering.release(0.01 * step + 1e-6) is not None]
+    assert len(times) == 5
+    assert steering.unmoving(1500) is not None and steering.release_burst()
+    assert channels(steering.release_burst()[0])[:2] == [65535, 0]
 
 
 def test_the_way_out_releases_five_times_at_once_whatever_was_released_before() -> None:

@@ -101,7 +101,7 @@ def test_arming_and_the_switch_for_overrides(guided: bool) -> None:
         ("SERVO1_TRIM", {}, "reading the vehicle's parameters", True),
         ("", {"RCMAP_ROLL": 17.0}, "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it", False),
         ("", {"RC_OVERRIDE_TIME": 0.0}, "the vehicle's RC_OVERRIDE_TIME is 0, which forbids overrides", False),
-        ("", {"RC_OVERRIDE_TIME": -1.0}, "", False),
+        ("", {"RC_OVERRIDE_TIME": -1.0}, "the vehicle's RC_OVERRIDE_TIME is -1, which would keep the rudder", False),
         ("", {"RC_OVERRIDE_TIME": 3.0}, "", False),
     ],
 )

@@ -618,9 +618,10 @@ def test_a_peer_silent_for_five_seconds_is_let_go_of_every_five_seconds() -> Non
     ],
 )
 def test_the_way_out_says_when_the_vehicle_lets_go_by_itself(override_time: float, lapse: str) -> None:
-    bench = ready(RC_OVERRIDE_TIME=override_time)
+    bench = ready()
     bench.command = RudderCommand(0.0, 0.2, True)
     bench.run(1.0)
+    bench.link.session.parameters.take("RC_OVERRIDE_TIME", override_time)
     bench.rover.obeys = False
     bench.link.release(bench.now)
     start, waited, released = bench.now, None, None

@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 from alarm_texts import words_of
 from lockstep import BadLine, Lockstep
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.reconnect import ReconnectingLink
 from autopilot.links.release import LONGEST_S, OverrideRelease, Release, ReleaseState, UnshownRelease, release_sentence
-from autopilot.signals import Order, OrderKind
+from autopilot.signals import Mode, Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from sitl.faults import Fault
 
@@ -80,9 +82,42 @@ def test_a_line_that_loses_two_thirds_is_asked_again_and_again() -> None:
 
 
 def test_a_vehicle_that_keeps_overrides_for_ever_says_so() -> None:
-    boat = steering(20.0, parameters={"RC_OVERRIDE_TIME": -1.0})
+    boat = steering(20.0)
+    boat.link.session.parameters.take("RC_OVERRIDE_TIME", -1.0)
     boat.up = BadLine(1, loss=1.0)
     assert "RC_OVERRIDE_TIME is -1, so the flight controller keeps it" in leave(boat).sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("RC1_MIN", 1600.0),
+        ("RC1_DZ", 700.0),
+        ("SERVO1_MIN", 1700.0),
+        ("SERVO1_FUNCTION", 0.0),
+        ("RCMAP_ROLL", 2.0),
+        ("RCMAP_ROLL", 17.0),
+        ("RC_OVERRIDE_TIME", -1.0),
+    ],
+)
+def test_a_parameter_that_ends_the_steering_leaves_no_override_behind(name: str, value: float) -> None:
+    """As somebody calibrates the radio, or changes the mapping of channels, under way."""
+    boat = steering(20.0)
+    report = dialect.MAVLink_param_value_message(name.encode(), value, dialect.MAV_PARAM_TYPE_REAL32, 900, 65535)
+    boat.inject(MavlinkCodec(1, 1).encode(report))
+    boat.run(0.3)
+    assert boat.tick.mode is Mode.OVERRIDE and words_of(boat.tick)
+    assert not is_held(boat)
+
+
+@pytest.mark.parametrize("off", [-1.2, -2.0, 3600.0])
+def test_a_straggler_of_the_vehicle_takes_no_rudder_out_of_our_hand(off: float) -> None:
+    boat = steering(20.0)
+    heading, boot = boat.tick.state.heading, boat.firmware.time_since_boot(boat.world.time)
+    late = dialect.MAVLink_attitude_message(round((boot + off) * 1000.0), 0.0, 0.0, heading, 0.0, 0.0, 0.0)
+    boat.inject(MavlinkCodec(1, 1).encode(late))
+    boat.run(1.0)
+    assert boat.tick.mode is Mode.ENGAGED and is_held(boat)
 
 
 def test_without_a_radio_the_rudder_is_laid_amidships_before_it_is_released() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.mavlink.vehicle import VehicleClock
+from autopilot.links.mavlink.vehicle import Belongs, VehicleClock
 
 WINDOW_S = 10.0
 WRAP_S = 2.0**32 / 1000.0
@@ -59,24 +59,24 @@ def test_drift_is_followed() -> None:
 
 def test_a_reboot_is_distinguished_from_disorder_and_from_the_wrap() -> None:
     clock = VehicleClock()
-    assert not clock.rebooted(0.0, 5.0)
+    assert clock.judge(0.0, 5.0) is Belongs.OURS
     clock.local(0.0, 100.0)
-    assert not clock.rebooted(0.1, 99.5)
-    assert clock.rebooted(0.1, 98.0)
-    assert clock.rebooted(0.1, 0.0)
+    assert clock.judge(0.1, 99.5) is Belongs.OURS
+    assert clock.judge(0.1, 98.0) is Belongs.STRANGE, "a vehicle that started anew is not 98 s old"
+    assert clock.judge(0.1, 0.0) is clock.judge(0.1, 1.0) is Belongs.REBOOTED
     late = VehicleClock()
     late.local(0.0, WRAP_S - 1.0)
-    assert not late.rebooted(2.0, 1.0), "time_boot_ms begins again after 49.7 days"
+    assert late.judge(2.0, 1.0) is Belongs.OURS, "time_boot_ms begins again after 49.7 days"
     late.local(2.0, 1.0)
-    assert not late.rebooted(2.1, 1.1)
+    assert late.judge(2.1, 1.1) is Belongs.OURS
 
 
 def test_a_vehicle_that_started_after_it_was_last_heard_has_rebooted_however_late_its_clock() -> None:
     clock = VehicleClock()
     clock.local(20.0, 10.0)
-    assert clock.rebooted(60.0, 25.0), "up for 10 s when last heard 40 s ago, and now for 25 s only"
-    assert not clock.rebooted(60.0, 50.0), "the line was silent, the vehicle was not"
-    assert not clock.rebooted(60.0, 45.0), "a message that was held up on its way"
+    assert clock.judge(60.0, 25.0) is Belongs.REBOOTED, "up for 10 s when last heard 40 s ago, and now for 25 s only"
+    assert clock.judge(60.0, 50.0) is Belongs.OURS, "the line was silent, the vehicle was not"
+    assert clock.judge(60.0, 45.0) is Belongs.OURS, "a message that was held up on its way"
 
 
 def test_the_wrap_does_not_shift_samples_into_the_future() -> None:
@@ -118,11 +118,29 @@ def test_a_silence_of_two_windows_to_the_bit_leaves_nothing_old(silence: float, 
     assert clock.offset == least
 
 
-@pytest.mark.parametrize(("behind", "is_reboot"), [(0.0, False), (1.0, False), (1.01, True), (2.0e6, True)])
-def test_a_boot_time_more_than_a_second_behind_is_a_reboot(behind: float, is_reboot: bool) -> None:
+@pytest.mark.parametrize(("behind", "is_ours"), [(0.0, True), (1.0, True), (1.01, False), (2.0e6, False)])
+def test_a_boot_time_more_than_a_second_behind_is_of_no_use(behind: float, is_ours: bool) -> None:
     clock = VehicleClock()
     clock.local(2.0e6 + 10.0, 2.0e6 + 10.0)
-    assert clock.rebooted(2.0e6 + 10.1, 2.0e6 + 10.0 - behind) is is_reboot
+    assert (clock.judge(2.0e6 + 10.1, 2.0e6 + 10.0 - behind) is Belongs.OURS) is is_ours
+
+
+@pytest.mark.parametrize(("apart", "count"), [(0.1, 5), (0.5, 5), (0.51, None), (3.0, None)])
+@pytest.mark.parametrize("off", [-2.0, -300.0, 11.0, 3600.0])
+def test_single_messages_of_another_clock_change_nothing_and_many_are_the_vehicle_s(
+    off: float, apart: float, count: int | None
+) -> None:
+    """Doubles by a slower way, a wild time; or the vehicle's clock has been set."""
+    clock = VehicleClock()
+    clock.local(500.0, 500.0)
+    found = None
+    for number in range(1, 21):
+        now = 500.0 + number * apart
+        assert clock.judge(now, now) is Belongs.OURS and clock.local(now, now) == now, "ours come between"
+        if clock.judge(now, now + off) is Belongs.REBOOTED:
+            found = number
+            break
+    assert found == count
 
 
 @pytest.mark.parametrize(("more", "is_wrapped"), [(0.0, False), (1.0, True)])
@@ -134,7 +152,7 @@ def test_more_than_half_the_counter_behind_the_offset_begins_again(more: float, 
 
 def test_half_the_counter_behind_is_its_wrap_and_no_reboot() -> None:
     half = 2.0**31 / 1000.0
-    for behind, is_reboot in ((half - 1.0, True), (half, True), (half + 1.0, False)):
+    for behind, is_ours in ((half - 1.0, False), (half, False), (half + 1.0, True)):
         clock = VehicleClock()
         clock.local(3.0e6, 3.0e6)
-        assert clock.rebooted(3.0e6 + 0.1, 3.0e6 - behind) is is_reboot
+        assert (clock.judge(3.0e6 + 0.1, 3.0e6 - behind) is Belongs.OURS) is is_ours

@@ -44,7 +44,11 @@ def payload(packet: bytes, identity: int, crc_extra: int, size: int) -> bytes:
 
 
 def packets_of(boat: Any, identity: int) -> list[bytes]:
-    return [packet for packet in boat.packets if int.from_bytes(packet[7:10], "little") == identity]
+    return packets_in(boat.packets, identity)
+
+
+def packets_in(packets: list[bytes], identity: int) -> list[bytes]:
+    return [packet for packet in packets if int.from_bytes(packet[7:10], "little") == identity]
 
 
 def test_bytes_mean_what_the_message_definitions_say(bench: MakeBench) -> None:
@@ -196,6 +200,29 @@ def test_parameter_read_by_name_index_and_neither(bench: MakeBench) -> None:
     boat.send(dialect.MAVLink_param_request_read_message(1, 1, b"", 30000))
     boat.run(0.2)
     assert not boat.of("PARAM_VALUE")
+
+
+def test_a_changed_parameter_is_shown_at_every_port_that_is_in_use(bench: MakeBench) -> None:
+    boat = bench()
+    used, unused = MavlinkVehicle(boat.firmware), MavlinkVehicle(boat.firmware)
+    used.sources.add((254, 190))
+    boat.parameter_set("RC1_DZ", 12.0, dialect.MAV_PARAM_TYPE_INT16)
+    boat.run(0.05)
+    assert boat.last("PARAM_VALUE").param_value == 12.0
+    assert packets_in(used.outgoing, dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+    assert not packets_in(unused.outgoing, dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+
+
+def test_a_parameter_is_not_set_to_no_number_and_a_read_only_one_not_at_all(bench: MakeBench) -> None:
+    boat = bench()
+    for value in (math.nan, math.inf):
+        boat.parameter_set("RC1_DZ", value, dialect.MAV_PARAM_TYPE_INT16)
+    boat.run(0.05)
+    assert not packets_of(boat, dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+    boat.parameter_set("MIS_TOTAL", 3.0, dialect.MAV_PARAM_TYPE_INT16)
+    boat.run(0.05)
+    assert boat.last("PARAM_VALUE").param_value == 0.0
+    assert boat.firmware.notices[-1] == (4, "Param write denied (MIS_TOTAL)")
 
 
 def test_parameter_set_is_answered_by_the_value_as_it_is_then(bench: MakeBench) -> None:

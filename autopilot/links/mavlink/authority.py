@@ -295,8 +295,9 @@ def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) 
         return _without_outputs(parameters)
     if parameters.drive.is_mixed and parameters.get("PILOT_STEER_TYPE") == TWO_PADDLES:
         return "PILOT_STEER_TYPE is 1 (two paddles), which takes no steering; set it to 3"
-    if parameters.get(OVERRIDE_TIME) == 0.0:
-        return "the vehicle's RC_OVERRIDE_TIME is 0, which forbids overrides; set it to 3"
+    if (seconds := parameters.get(OVERRIDE_TIME)) is not None and seconds <= 0.0:
+        what = "forbids overrides" if seconds == 0.0 else "would keep the rudder for good where this line breaks"
+        return f"the vehicle's RC_OVERRIDE_TIME is {seconds:g}, which {what}; set it to 3"
     return ""
 
 

@@ -281,13 +281,14 @@ class SteeringOutput:
         self.mixing, self.throttle = thrusters, 0.0
         self._is_mixed = False
         self._number = 0
+        self._held = 0
+        """Number of the input that was overridden last, whatever is known of the vehicle since; 0 before."""
         self._table: InputTable | None = None
-        self._made: dict[tuple[int, int], Message] = {}
+        self._made: dict[tuple[int, int, int], Message] = {}
         self._last: Message | None = None
         self._last_sent = math.nan
         self._given = math.nan
         self._releases_left = 0
-        self._touched = False
 
     def use(self, parameters: VehicleParameters) -> str:
         """Take the vehicle's parameters as known so far; return what makes steering impossible, or ''."""
@@ -326,7 +327,7 @@ class SteeringOutput:
         )
 
     def forget(self) -> None:
-        """Forget the vehicle's parameters and the last command, as after a reboot."""
+        """Forget the vehicle's parameters and the last command, as after a reboot; not what is to be released."""
         self._number, self.channel, self._table, self._last = 0, None, None, None
         self._made = {}
 
@@ -339,20 +340,21 @@ class SteeringOutput:
             share = steering_for(self.mixing, share, self.throttle)
         value = self._table.nearest(1.0 if share > 1.0 else -1.0 if share < -1.0 else share)
         self.commanded_pulse = value if self._by_pulse else pulse_from_manual(self.channel, value)
+        self._held = self._number
         self._last = self._asking(value)
         self._given = self._last_sent = now
         self._releases_left = RELEASES
-        self._touched = True
         return self._last
 
     def unmoving(self, pulse: int) -> tuple[Message, int] | None:
         """Return a message, and the input [us] it asks for, that leaves the servo where an input `pulse` [us] has it.
 
         `pulse` shows which input it is; where none such moves nothing, it is the one that moves least. A vehicle
-        without a radio receiver shows 0: then it is near the trim. None where the vehicle is not known yet.
+        without a radio receiver shows 0: then it is near the trim. None where the vehicle is not known yet, or another
+        input has still to be released.
         """
         channel = self.channel
-        if channel is None:
+        if channel is None or (self._releases_left and self._held != self._number):
             return None
         held = min(max(pulse, channel.rc_min), channel.rc_max) if pulse else channel.rc_trim
         inputs = range(channel.rc_min, channel.rc_max + 1) if self._by_pulse else range(-1000, 1001)
@@ -365,7 +367,7 @@ class SteeringOutput:
             return abs(there - here), abs(asked(value) - held)
 
         value = min((value for value in inputs if abs(asked(value) - pulse) > DISTINCT_US), key=moved)
-        self._releases_left, self._touched = RELEASES, True
+        self._releases_left, self._held = RELEASES, self._number
         return self._asking(value), asked(value)
 
     def steerings(self, pulses: Iterable[int]) -> list[float]:
@@ -376,10 +378,12 @@ class SteeringOutput:
         return [_with_expo(channel.expo, steering_from_pulse(channel, pulse)) / FULL for pulse in pulses]
 
     def amidships(self) -> tuple[Message, int] | None:
-        """Return the message, and its input [us], that leave the servo at its trim; None for an unknown vehicle."""
+        """Return the message, and its input [us], that leave the servo at its trim; None for an unknown vehicle, and
+        where another input is overridden."""
         channel = self.channel
-        if channel is None or self._table is None:
+        if channel is None or self._table is None or self._held not in (0, self._number):
             return None
+        self._held = self._number
         value = self._table.nearest(0.0)
         return self._asking(value), value if self._by_pulse else pulse_from_manual(channel, value)
 
@@ -408,23 +412,23 @@ class SteeringOutput:
         """Return all releases at once, for the way out; none where the rudder was never touched."""
         self._last = None
         self._releases_left = 0
-        return [self._release() for _ in range(RELEASES)] if self._touched and self._number else []
+        return [self._release() for _ in range(RELEASES)] if self._held else []
 
     def _release(self) -> Message:
         if not self._by_pulse:
             return self._asking(NOT_THIS_AXIS)
-        return self._asking(0 if self._number <= 8 else RELEASE_HIGH_CHANNEL)
+        return self._asking(0 if self._held <= 8 else RELEASE_HIGH_CHANNEL)
 
     def _asking(self, value: int) -> Message:
         """Return the message that asks for an input, made once for each."""
-        key = self.target, value
+        key = self.target, self._held, value
         if key not in self._made:
             self._made[key] = packed(self._override(value) if self._by_pulse else self._manual(value))
         return self._made[key]
 
     def _override(self, pulse: int) -> Message:
         channels = [LEAVE_ALONE] * 8 + [0] * 10
-        channels[self._number - 1] = pulse
+        channels[self._held - 1] = pulse
         return dialect.MAVLink_rc_channels_override_message(self.target, 1, *channels)
 
     def _manual(self, y: int) -> Message:

@@ -11,6 +11,8 @@ true age. The minimum is taken over two windows in turn, so that clock drift and
 from __future__ import annotations
 
 import math
+from collections import deque
+from enum import Enum
 from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -39,9 +41,22 @@ from autopilot.signals import (
 
 WINDOW_S = 10.0
 REBOOT_S = 1.0
-"""Boot time this much behind the newest seen is a reboot; less is a message that came out of order."""
+"""A message this much behind the newest seen is none that other messages have merely overtaken."""
+AHEAD_S = 10.0
+"""A message that seems to come from so far in the future is not of the clock that is followed."""
+STRANGE_MESSAGES, STRANGE_WITHIN_S = 5, 2.0
+"""So many messages of another clock within this time: it is the vehicle's now. Fewer are stragglers, such as doubles
+that came by a slower way."""
 WRAP_S = 2.0**32 / 1000.0
 """time_boot_ms is 32 bits wide and begins again after 49.7 days."""
+
+
+class Belongs(Enum):
+    """What a message's time since boot tells of the vehicle."""
+
+    OURS = "the clock that is followed"
+    STRANGE = "another clock's, or far too late: of no use"
+    REBOOTED = "the vehicle has started anew"
 
 
 class VehicleClock:
@@ -53,6 +68,7 @@ class VehicleClock:
     def reset(self) -> None:
         """Forget the offset, as after a reboot."""
         self._newest = -math.inf
+        self._strange: deque[float] = deque(maxlen=STRANGE_MESSAGES)
         self._received = math.inf
         self._previous = math.inf
         self._current = math.inf
@@ -64,15 +80,27 @@ class VehicleClock:
         least = self._previous if self._previous < self._current else self._current
         return least if self._newest > -math.inf else None
 
-    def rebooted(self, now: float, boot: float) -> bool:
-        """Return whether `boot` [s], arrived at `now` [s], can only come from a vehicle that has started anew.
+    def judge(self, now: float, boot: float) -> Belongs:
+        """Return whether a message of `boot` [s], arrived at `now` [s], is of the clock that is followed.
 
-        Either it lies behind what was seen, or the vehicle started after it was last heard.
+        One that lies far behind what was seen is of a vehicle that has started anew where it can have started since it
+        was last heard. Else it is a straggler, unless more like it follow.
         """
         behind = self._newest - boot
         if behind > WRAP_S / 2.0:
-            return False
-        return behind > REBOOT_S or boot < now - self._received
+            return Belongs.OURS
+        silence = now - self._received
+        if boot < silence:
+            return Belongs.REBOOTED
+        is_behind = behind > REBOOT_S
+        if not is_behind and (self.offset is None or boot + self.offset <= now + AHEAD_S):
+            return Belongs.OURS
+        strange = self._strange
+        strange.append(now)
+        is_new = is_behind and boot < silence + REBOOT_S
+        if is_new or (len(strange) == STRANGE_MESSAGES and now - strange[0] <= STRANGE_WITHIN_S):
+            return Belongs.REBOOTED
+        return Belongs.STRANGE
 
     def silence(self) -> None:
         """Take that nobody listened for a while: the silence until the next message is ours, not the vehicle's."""
@@ -269,7 +297,10 @@ class VehicleReader:
 
     def _attitude(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[ATTITUDE] += 1
-        time = self._sample_time(now, message.time_boot_ms * 1.0e-3) - self._latency
+        measured = self._sample_time(now, message.time_boot_ms * 1.0e-3)
+        if measured is None:
+            return
+        time = measured - self._latency
         yaw, rate, roll, roll_rate = message.yaw, message.yawspeed, message.roll, message.rollspeed
         # These comparisons are also false for nan.
         if -ANGLE_LIMIT < yaw < ANGLE_LIMIT and -RATE_LIMIT < rate < RATE_LIMIT:
@@ -280,7 +311,7 @@ class VehicleReader:
     def _position(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[POSITION] += 1
         time = self._sample_time(now, message.time_boot_ms * 1.0e-3)
-        if self._has_fix:
+        if self._has_fix and time is not None:
             self._position_time = now
             latitude, longitude = math.radians(message.lat * 1.0e-7), math.radians(message.lon * 1.0e-7)
             if abs(latitude) <= 0.5 * math.pi and abs(longitude) <= math.pi:
@@ -405,11 +436,18 @@ class VehicleReader:
         return bool(pulse) and not low <= pulse <= high
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
+        steered = self.parameters.steering_input
         if self.parameters.take(message.param_id, message.param_value):
             self.authority.misfit = self._output.use(self.parameters)
+            if steered != self.parameters.steering_input:
+                self.probe.reset()  # the input that was proved is another now, and is released first
 
-    def _sample_time(self, now: float, boot: float) -> float:
-        if self._clock.rebooted(now, boot):
+    def _sample_time(self, now: float, boot: float) -> float | None:
+        """Return when a message of `boot` [s] was made; None where it is of no use."""
+        belongs = self._clock.judge(now, boot)
+        if belongs is Belongs.STRANGE:
+            return None
+        if belongs is Belongs.REBOOTED:
             self._clock.reset()
             self._ask_anew()
             self.authority.rebooted()
