@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 
 from autopilot.angles import wrap
@@ -16,13 +17,17 @@ MAGNETIC_LEADS = (
 """Why nothing that goes by positions is followed."""
 
 
+SILENT_S = 30.0
+"""A source of the variation that has said nothing for so long gives its place to another."""
 MOVED = 2.0e-3
 """The field is reckoned anew where the boat has moved by this [rad], about 7 nm."""
 
 
 class Variation:
-    """The magnetic variation as all links of a run know it: the one that is set, else the last that an instrument has
-    sent, else that of a model of the earth's field where the boat is.
+    """The magnetic variation as all links of a run know it: the one that is set, else the one that an instrument sends,
+    else that of a model of the earth's field where the boat is.
+
+    Of several instruments the first counts as long as it sends one: two that differ would swing the heading to and fro.
 
     field: returns the variation [rad] at a latitude and longitude [rad].
     """
@@ -30,6 +35,8 @@ class Variation:
     def __init__(self, configured: float | None = None, field: Callable[[float, float], float] | None = None) -> None:
         self._configured, self._field = configured, field
         self._received: float | None = None
+        self._source: tuple[object, ...] = ()
+        self._received_time = -math.inf
         self._reckoned: float | None = None
         self._place: tuple[float, float] | None = None
 
@@ -40,9 +47,10 @@ class Variation:
             return self._configured
         return self._reckoned if self._received is None else self._received
 
-    def receive(self, variation: float) -> None:
-        """Take what an instrument says [rad]."""
-        self._received = variation
+    def receive(self, time: float, variation: float, *source: object) -> None:
+        """Take what an instrument says [rad] at `time` [s]; `source`: what tells it from others."""
+        if source == self._source or time - self._received_time > SILENT_S:
+            self._received, self._source, self._received_time = variation, source, time
 
     def move(self, latitude: float, longitude: float) -> None:
         """Take where the boat is [rad]."""

@@ -46,6 +46,7 @@ from autopilot.web.view import BoatView, TextPieces
 
 AGAIN_S = 0.5
 TRIES = 4
+FOREIGN_MOST = 2
 WAITING_MOST = 8
 """Orders that wait behind one that is not answered; beyond them the link is as good as gone."""
 CANCELLED = 6
@@ -208,7 +209,10 @@ class _Waiting(NamedTuple):
 
 
 class Orders:
-    """Carries orders out one after the other; `release` goes before all that waits."""
+    """Carries orders out one after the other; `first` goes before all that waits.
+
+    Where the boat does not answer nothing is kept for later: a course that was meant a while ago may lead anywhere now.
+    """
 
     def __init__(self) -> None:
         self._waiting: deque[_Waiting] = deque()
@@ -216,6 +220,8 @@ class Orders:
         self._tries = 0
         self._next = -math.inf
         self._cancels: list[int] = []
+        self._foreign = 0
+        """Acknowledgements that may still come of an order that was dropped."""
 
     def give(self, commands: Sequence[Command], on_done: OnDone) -> None:
         """Give an order; `on_done` hears once how it ended."""
@@ -224,13 +230,16 @@ class Orders:
             return
         self._waiting.append(_Waiting(tuple(commands), on_done))
 
-    def release(self, on_done: OnDone) -> None:
-        """Give the rudder back at once: what waits is dropped."""
-        dropped, self._waiting = self._waiting, deque([_Waiting(RELEASE, on_done)])
+    def first(self, commands: Sequence[Command], on_done: OnDone) -> None:
+        """Give an order that takes the pilot from the helm: it goes at once, and what waits is dropped."""
+        dropped, self._waiting = self._waiting, deque([_Waiting(tuple(commands), on_done)])
+        if dropped and dropped[0].commands[self._step].number == commands[0].number:
+            # what is acknowledged next may be the one before: to stand by would be lost behind an order to engage
+            self._foreign = min(self._tries, FOREIGN_MOST)
         self._step = self._tries = 0
         self._next = -math.inf
         for each in dropped:
-            each.on_done(Answer.FAILED, "dropped for the release")
+            each.on_done(Answer.FAILED, "dropped: the rudder is given back")
 
     def cancel(self, command: int) -> None:
         """End a trial before its time."""
@@ -243,7 +252,9 @@ class Orders:
         order = self._waiting[0]
         if message.command != order.commands[self._step].number:
             return
-        if message.result not in DONE:
+        if self._foreign:
+            self._foreign -= 1
+        elif message.result not in DONE:
             self._end(*RESULTS.get(message.result, (Answer.FAILED, f"result {message.result}")))
         elif self._step + 1 == len(order.commands):
             self._end(Answer.TAKEN, "")
@@ -257,7 +268,8 @@ class Orders:
         if not self._waiting or now < self._next:
             return messages
         if self._tries >= TRIES:
-            self._end(Answer.SILENT, NO_ANSWER)
+            for _ in range(len(self._waiting)):
+                self._end(Answer.SILENT, NO_ANSWER)
             return messages
         command = self._waiting[0].commands[self._step]
         messages.append(command.message(target, self._tries))
@@ -267,7 +279,7 @@ class Orders:
 
     def _end(self, answer: Answer, words: str) -> None:
         order = self._waiting.popleft()
-        self._step = self._tries = 0
+        self._step = self._tries = self._foreign = 0
         self._next = -math.inf
         order.on_done(answer, words)
 

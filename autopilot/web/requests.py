@@ -38,7 +38,11 @@ def _commands(
 
 
 def _release(station: Station, request: dict[str, Any]) -> Asked:
-    return lambda _, on_done: station.orders.release(on_done)
+    return lambda _, on_done: station.orders.first(orders.RELEASE, on_done)
+
+
+def _standby(station: Station, request: dict[str, Any]) -> Asked:
+    return lambda _, on_done: station.orders.first((orders.STANDBY,), on_done)
 
 
 def _turn(station: Station, request: dict[str, Any]) -> Asked:
@@ -136,7 +140,7 @@ def _pattern(request: dict[str, Any]) -> tuple[orders.Command, ...]:
 
 _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "engage": _commands(lambda _: orders.ENGAGE),
-    "standby": _commands(lambda _: (orders.STANDBY,)),
+    "standby": _standby,
     "release": _release,
     "route": _commands(lambda _: orders.FOLLOW),
     "next": _next,

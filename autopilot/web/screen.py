@@ -152,8 +152,8 @@ def _facts(shown: dict[str, Any]) -> list[str]:
 def _overboard(shown: dict[str, Any]) -> list[Line]:
     if shown["ages"].get("mob", math.inf) > STALE_S["navigation"]:
         return []
-    where = f"{shown['mob_bearing']:03.0f}°  {shown['mob_distance']:.0f} m"
-    return [Line(f" MAN OVERBOARD  {where}  {shown['mob_since']:.0f} s ago  (:mob_off ends it)", "bad")]
+    bearing, distance, since = (_whole(shown.get(f"mob_{name}")) for name in ("bearing", "distance", "since"))
+    return [Line(f" MAN OVERBOARD  {bearing:0>3}°  {distance} m  {since} s ago  (:mob_off ends it)", "bad")]
 
 
 def _wind(shown: dict[str, Any]) -> list[Line]:
@@ -162,8 +162,10 @@ def _wind(shown: dict[str, Any]) -> list[Line]:
         return []
     kind = "true" if shown.get("wind_true") else "apparent"
     held = f"  held {_sided(shown['wind_angle'])} {kind}" if shown.get("wind_angle") is not None else ""
-    true = f"  true {_sided(shown['twa'])} {shown['tws']:.0f} kn" if shown.get("twa") is not None else ""
-    return [Line(f" wind {_sided(shown['awa'])} {shown['aws']:.0f} kn{true}{held}", "strong" if held else "plain")]
+    true = f"  true {_sided(shown['twa'])} {_whole(shown.get('tws'))} kn" if shown.get("twa") is not None else ""
+    return [
+        Line(f" wind {_sided(shown['awa'])} {_whole(shown.get('aws'))} kn{true}{held}", "strong" if held else "plain")
+    ]
 
 
 def _middle(shown: dict[str, Any], width: int) -> list[Line]:
@@ -263,6 +265,11 @@ def _learning(station: Station) -> list[Line]:
     gain, time = learnt.get("lrn_K"), learnt.get("lrn_T")
     numbers = f"   K {gain:.3g} 1/s, T {time:.3g} s" if gain is not None and time is not None else ""
     return [Line(f" model: {words}{numbers}", "dim")]
+
+
+def _whole(value: float | None) -> str:
+    """A number whose message may have been lost, of several that belong together."""
+    return "--" if value is None else f"{value:.0f}"
 
 
 def _sided(value: float | None) -> str:

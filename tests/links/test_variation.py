@@ -35,10 +35,10 @@ def test_the_one_that_is_set_goes_before_the_received_one_and_that_before_the_mo
     assert made.value is None
     made.move(1.0, 0.2)
     assert made.value == pytest.approx(0.01)
-    made.receive(0.07)
+    made.receive(0.0, 0.07)
     assert made.value == 0.07
     fixed = Variation(0.05, lambda *_: 1.0)
-    fixed.receive(0.07)
+    fixed.receive(0.0, 0.07)
     fixed.move(1.0, 1.0)
     assert fixed.value == 0.05
     assert known_as(fixed) is fixed and known_as(0.3).value == 0.3 and known_as(None).value is None
@@ -66,12 +66,30 @@ def test_what_one_link_hears_another_steers_by() -> None:
     assert headings(compass.receive(0.0, [encode_hdm(1.0)])) == []
     gps.receive(1.0, [encode_rmc(0.0, 3.0, 57.7, 11.8, variation=math.radians(4.0))])
     assert headings(compass.receive(1.1, [encode_hdm(1.0)])) == [pytest.approx(math.degrees(1.0) + 4.0, abs=0.06)]
-    network.receive(2.0, [Message(127258, encoded(127258, {"variation": math.radians(6.0)}), 7)])
-    assert headings(compass.receive(2.1, [encode_hdm(1.0)])) == [pytest.approx(math.degrees(1.0) + 6.0, abs=0.06)]
+    network.receive(32.0, [Message(127258, encoded(127258, {"variation": math.radians(6.0)}), 7)])
+    assert headings(compass.receive(32.1, [encode_hdm(1.0)])) == [pytest.approx(math.degrees(1.0) + 6.0, abs=0.06)]
     magnetic = encoded(127250, {"heading": 1.0, "reference": "Magnetic"})
-    assert headings(network.receive(2.2, [Message(127250, magnetic, 35)])) == [
+    assert headings(network.receive(32.2, [Message(127250, magnetic, 35)])) == [
         pytest.approx(math.degrees(1.0) + 6.0, abs=0.01)
     ]
+
+
+def test_two_instruments_with_different_variations_do_not_swing_the_heading() -> None:
+    """As a GPS does that sends 0 for unknown, beside one that knows."""
+    shared = Variation()
+    boat = NmeaSession("boat", NmeaSettings(), variation=shared)
+    other = NmeaSession("other", NmeaSettings(), variation=shared)
+    found: set[int] = set()
+    for second in range(60):
+        now = float(second)
+        boat.receive(now, [encode_rmc(0.0, 3.0, 57.7, 11.8, variation=math.radians(10.0))])
+        boat.receive(now, [encode_rmc(0.0, 3.0, 57.7, 11.8, variation=0.0, talker="GN")])
+        other.receive(now, [encode_rmc(0.0, 3.0, 57.7, 11.8, variation=math.radians(-5.0))])
+        found.update(round(heading) for heading in headings(boat.receive(now + 0.1, [encode_hdm(1.0)])))
+    assert found == {67}
+    for second in range(60, 100):
+        other.receive(float(second), [encode_rmc(0.0, 3.0, 57.7, 11.8, variation=math.radians(-5.0))])
+    assert [round(heading) for heading in headings(boat.receive(100.0, [encode_hdm(1.0)]))] == [52], "silent since 59 s"
 
 
 @pytest.mark.parametrize("by_nmea", [True, False])

@@ -28,7 +28,7 @@ from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.signalk.messages import Deltas, line_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Siren
 from autopilot.web.alarm_board import LIST_MOST, AlarmBoard, alarms_from
-from autopilot.web.orders import Command, Orders
+from autopilot.web.orders import ENGAGE, Command, Orders, turn_to
 from autopilot.web.parameter_service import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
@@ -473,16 +473,60 @@ def test_wishes_that_make_no_sense_are_refused_in_words(wanted: Any) -> None:
         asked_of(Station(), wanted)
 
 
-def test_the_release_goes_before_all_that_waits() -> None:
-    orders, ends = Orders(), list[tuple[str, bool]]()
+@pytest.mark.parametrize("lost", range(3))
+def test_a_place_overboard_and_a_wind_are_shown_though_a_part_of_them_is_lost(lost: int) -> None:
+    station, boat = Station(), MavlinkCodec(1, 1)
+
+    def heard(message: Any) -> None:
+        (read,) = MavlinkCodec().decode(boat.encode(message))
+        station.receive(1.0, read)
+
+    heard(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, 0, 0, 4, 3))
+    for names, value in ((("mob_brg", "mob_dist", "mob_s"), 200.0), (("AppWndDir", "AppWndSpd", "TruWndSpd"), 8.0)):
+        for place_, name in enumerate(names):
+            heard(dialect.MAVLink_named_value_float_message(0, name.encode(), math.nan if place_ == lost else value))
+            assert screen(station, 1.0, (80, 24))
+    words = [line.text for line in screen(station, 1.0, (80, 24)) if "OVERBOARD" in line.text]
+    assert len(words) == 1 and "--" in words[0] and "200" in words[0]
+
+
+@pytest.mark.parametrize("word", ["release", "standby"])
+def test_what_takes_the_pilot_from_the_helm_goes_before_all_that_waits(word: str) -> None:
+    station, ends = Station(), list[tuple[str, bool]]()
+    orders, target = station.orders, Target(1, 1)
     for name in ("first", "second"):
         orders.give((Command(400, (1.0,)),), lambda taken, _, name=name: ends.append((name, bool(taken))))  # type: ignore[misc]
-    target = Target(1, 1)
     assert orders.due(0.0, target)[0].param1 == 1.0
-    orders.release(lambda taken, _: ends.append(("release", bool(taken))))
+    asked_of(station, {"do": word})(0.0, lambda taken, _: ends.append((word, bool(taken))))
     assert ends == [("first", False), ("second", False)]
     (message,) = orders.due(0.05, target)
     assert (message.command, message.param2) == (dialect.MAV_CMD_DO_SET_MODE, 0.0)
+
+
+def test_an_answer_to_an_order_to_engage_is_none_to_the_one_to_stand_by() -> None:
+    station, ends = Station(), list[bool]()
+    orders, target = station.orders, Target(1, 1)
+    arm, mode = int(dialect.MAV_CMD_COMPONENT_ARM_DISARM), int(dialect.MAV_CMD_DO_SET_MODE)
+    orders.give(ENGAGE, lambda taken, words: None)
+    orders.due(0.0, target)
+    orders.receive(0.1, dialect.MAVLink_command_ack_message(arm, 0))
+    assert orders.due(0.1, target)[0].param2 == 15.0
+    asked_of(station, {"do": "standby"})(0.2, lambda taken, _: ends.append(bool(taken)))
+    assert orders.due(0.2, target)[0].param2 == 0.0, "and is lost"
+    orders.receive(0.3, dialect.MAVLink_command_ack_message(mode, 0))
+    assert orders.due(0.8, target)[0].param2 == 0.0 and ends == []
+    orders.receive(0.9, dialect.MAVLink_command_ack_message(mode, 0))
+    assert ends == [True] and orders.due(9.0, target) == []
+
+
+def test_nothing_is_kept_for_a_boat_that_does_not_answer() -> None:
+    """A course that was meant a while ago may lead anywhere when the line is back."""
+    orders, ends, sent = Orders(), list[str](), list[float]()
+    for heading in (10.0, 20.0, 30.0):
+        orders.give((turn_to(heading),), lambda _, words: ends.append(words))
+    for step in range(100):
+        sent += [message.param1 for message in orders.due(0.1 * step, Target(1, 1))]
+    assert set(sent) == {10.0} and ends == ["the boat does not answer"] * 3
 
 
 @given(st.lists(st.text(st.characters(exclude_characters="\0"), min_size=1, max_size=220), min_size=1, max_size=6))

@@ -209,7 +209,7 @@ class N2kSession:
         group = message.group
         fields = decoded(group, message.data)
         if group in (HEADING, VARIATION) and (heard := own_variation(fields)) is not None:
-            self._variation.receive(heard)
+            self._variation.receive(now, heard, self, group, message.source)
         is_order = group == RUDDER and rudder_order(fields) is not None
         if is_order and self.node is not None and self.node.is_pilot(message.source):
             self._other_pilot = message.source, now

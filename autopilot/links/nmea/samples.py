@@ -9,8 +9,8 @@ malformed.
 
 Where the boat steers magnetic courses a magnetic heading is taken as it is, and a true one less the variation.
 
-Deviation is HDG's own, else the configured table's; variation is HDG's own, else the configured one, else the
-last that RMC or HDG brought, else that of a model of the earth's field.
+Deviation is HDG's own, else the configured table's; variation is HDG's own, else the configured one, else that of the
+first RMC or HDG that brings one and goes on to, else that of a model of the earth's field.
 
 Source: IEC 61162-1 sentence layouts as tabulated in E. S. Raymond, "NMEA Revealed",
 https://gpsd.gitlab.io/gpsd/NMEA.html.
@@ -290,6 +290,7 @@ class NmeaReader:
         self._magnetic = magnetic
         self.unusable = 0
         self._ours = (OWN_TALKER, talker)
+        self._name = ""
         self.malformed = 0
         self.ignored = 0
         self.invalid = 0
@@ -323,6 +324,7 @@ class NmeaReader:
             if reader is None:
                 self._lead(time, sentence)
                 return None
+            self._name = sentence.talker + sentence.type
             sample = reader(time, sentence.fields)
         except ValueError:
             self.malformed += 1
@@ -333,7 +335,7 @@ class NmeaReader:
         except NeedsVariationError:
             self.waiting_for_variation += 1
             return None
-        return None if sample is None else sample._replace(source=sentence.talker + sentence.type)
+        return None if sample is None else sample._replace(source=self._name)
 
     def take_others(self) -> list[PositionSample | CourseSample]:
         """Return and forget the position, and the course over the ground, that came with the last sentence."""
@@ -351,7 +353,7 @@ class NmeaReader:
         deviation = east_west(fields, 1, DEVIATION_LIMIT_DEG)
         variation = east_west(fields, 3, VARIATION_LIMIT_DEG)
         if variation is not None:
-            self._variation.receive(variation)
+            self._variation.receive(time, variation, self, self._name)
         magnetic = compass + (self._deviation.at(compass) if deviation is None else deviation)
         return self._from_magnetic(time, magnetic, variation)
 
@@ -407,7 +409,7 @@ class NmeaReader:
         self._course(time, fields, 7)
         variation = east_west(fields, 9, VARIATION_LIMIT_DEG)
         if variation is not None:
-            self._variation.receive(variation)
+            self._variation.receive(time, variation, self, self._name)
         return SpeedSample(time, speed, True)
 
     def _course(self, time: float, fields: tuple[str, ...], place: int) -> None:

@@ -13,6 +13,7 @@ export function drawOverboard() {
   const known = typeof bearing === "number" && !boat.isStale("mob");
   byId("overboard").hidden = !known;
   if (!known) return;
-  const time = `${Math.floor(since / 60)}:${String(Math.floor(since % 60)).padStart(2, "0")}`;
-  byId("overboard-word").textContent = `Man overboard: ${String(Math.round(bearing) % 360).padStart(3, "0")}°, ${Math.round(distance)} m, ${time} ago`;
+  const is = (value) => typeof value === "number"; // of three messages one may be lost
+  const time = is(since) ? `${Math.floor(since / 60)}:${String(Math.floor(since % 60)).padStart(2, "0")}` : "--";
+  byId("overboard-word").textContent = `Man overboard: ${String(Math.round(bearing) % 360).padStart(3, "0")}°, ${is(distance) ? Math.round(distance) : "--"} m, ${time} ago`;
 }
