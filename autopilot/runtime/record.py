@@ -39,6 +39,10 @@ PIECE = 124
 PART_HEAD = 4
 """Bytes before a piece: serial, number and count of pieces."""
 MOST_PIECES = 255
+TUNNEL_HEAD = struct.Struct("<HBBBHBB")
+"""payload_type, target system and component, payload_length, and the four bytes before a piece."""
+NAMED_VALUE = struct.Struct("<If10s")
+"""time_boot_ms, value, name."""
 PLOT_PERIOD = 0.1
 COMPONENT = 191
 FORMAT = 2
@@ -143,17 +147,15 @@ class Recorder:
 
     def _tunnel(self, when: float, record: bytes) -> bytes:
         self._serial = (self._serial + 1) & 0xFFFF
-        stamp = self._stamp(when)
-        pieces = [record[at : at + PIECE] for at in range(0, len(record), PIECE)]
-        if len(pieces) > MOST_PIECES:
-            raise InputError(f"log: a record of {len(record)} bytes does not fit; {MOST_PIECES * PIECE} are allowed")
+        stamp, size = self._stamp(when), len(record)
+        count = -(-size // PIECE)
+        if count > MOST_PIECES:
+            raise InputError(f"log: a record of {size} bytes does not fit; {MOST_PIECES * PIECE} are allowed")
         out = []
-        for index, piece in enumerate(pieces):
-            payload = struct.pack("<HBB", self._serial, index, len(pieces)) + piece
-            message = dialect.MAVLink_tunnel_message(
-                0, 0, PAYLOAD_TYPE, len(payload), payload + bytes(128 - len(payload))
-            )
-            out.append(stamp + self._codec.encode(message))
+        for index in range(count):
+            piece = record[index * PIECE : (index + 1) * PIECE]
+            head = TUNNEL_HEAD.pack(PAYLOAD_TYPE, 0, 0, PART_HEAD + len(piece), self._serial, index, count)
+            out += stamp, self._codec.encode_payload(dialect.MAVLink_tunnel_message, head + piece)
         return b"".join(out)
 
     def _plots(self, tick: Tick) -> Iterator[bytes]:
@@ -162,15 +164,16 @@ class Recorder:
         state = tick.state
         # NAMED_VALUE_FLOAT cuts a name after ten characters
         values = {
-            "psi_deg": math.degrees(state.heading),
-            "psi_d_deg": math.degrees(tick.reference.heading),
-            "rudcmd_deg": math.degrees(tick.command.angle),
-            "rud_deg": math.degrees(state.rudder),
-            "bias_deg": math.degrees(state.bias),
-            "mode": float(tick.mode),
+            b"psi_deg": math.degrees(state.heading),
+            b"psi_d_deg": math.degrees(tick.reference.heading),
+            b"rudcmd_deg": math.degrees(tick.command.angle),
+            b"rud_deg": math.degrees(state.rudder),
+            b"bias_deg": math.degrees(state.bias),
+            b"mode": float(tick.mode),
         }
         for name, value in values.items():
-            yield stamp + self._codec.encode(dialect.MAVLink_named_value_float_message(boot_ms, name.encode(), value))
+            payload = NAMED_VALUE.pack(boot_ms, value, name)
+            yield stamp + self._codec.encode_payload(dialect.MAVLink_named_value_float_message, payload)
 
 
 class Log(NamedTuple):

@@ -374,4 +374,9 @@ def test_pymavlink_opens_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         names.add(message.name)
     log.close()
     assert names == {"psi_deg", "psi_d_deg", "rudcmd_deg", "rud_deg", "bias_deg", "mode"}
-    assert sum(1 for _ in read_packets(tmp_path / "a.tlog")) > 100
+    packets = [packet for _, packet in read_packets(tmp_path / "a.tlog")]
+    assert len(packets) > 100
+    for packet in packets:
+        peer = mavutil.mavlink.MAVLink(None, srcSystem=packet[5], srcComponent=packet[6])
+        peer.seq = packet[4]
+        assert peer.decode(bytearray(packet)).pack(peer) == packet
