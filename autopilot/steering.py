@@ -10,21 +10,113 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import PI, wrap
+from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.control.limits import RudderLimits
-from autopilot.control.wave_feedforward import CornerFrequencies, Waves, wave_shares
+from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED
 from autopilot.estimation.estimator import EstimatorConfig
-from autopilot.guidance.reference import Guide, Steering, heading_ordered, led, started, zigzag
-from autopilot.guidance.stop import TurnLimits, preset_rate, turn_limits
-from autopilot.guidance.turn import reference_of, reset_reference, side_hard_over
+from autopilot.estimation.tuning import WAVE_SHARPNESS, WAVE_STIFFENING
+from autopilot.guidance.effectiveness import NO_EVIDENCE
+from autopilot.guidance.stop import TurnLimits, preset_rate, relaxed, turn_limits
+from autopilot.guidance.trials import zigzag_side
+from autopilot.guidance.tuning import HARD_OVER
+from autopilot.guidance.turn import (
+    VirtualBoat,
+    advance,
+    couple,
+    hold_back,
+    reference_of,
+    reset_reference,
+    reset_threshold,
+    turn_step,
+    turning_time,
+)
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear
+from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import NavState, Order, OrderKind, Reference
 
 LONGEST_STEP = 0.5
 """A longer silence between ticks [s] counts as this much for limits and reference."""
 SPEED_CHANGE = 0.02
 """Turn limits are worked out anew when the speed has changed by this share."""
+RESET_BEYOND_GUIDED = math.radians(90.0)
+"""A firmware that steers by itself turns in its own time: it is only never led the wrong way round."""
+REACHED = math.sqrt(2.0)
+"""A swing reaches so many times its deviation."""
+
+
+class CornerFrequencies(NamedTuple):
+    """Frequencies [rad/s]: waves quicker than `seen` a law without a weight on the rudder's rate is not shown, inf: it
+    goes by the whole heading; weighted: the bandwidth c^(1/3) of one with such a weight, 0: it has none."""
+
+    seen: float
+    weighted: float = 0.0
+
+
+def wave_shares(
+    model: Norrbin,
+    gear: SteeringGear,
+    limits: RudderLimits,
+    corners: CornerFrequencies,
+    quickness: float,
+    waves: tuple[float, float, float],
+) -> tuple[float, float]:
+    """Return the share of the waves that the law is not shown, and the share that it is shown as waves. waves: their
+    heading [rad] now, deviation [rad] and frequency [rad/s]. Both corners go with the speed, `quickness` times that at
+    which they hold.
+
+    A law without a weight on the rudder's rate would fight every wave: it is shown slow ones alone. One with a weight
+    is shown all of them, but no more than a gear that is too slow or a rudder that is too small can follow.
+    """
+    (seen, weighted), (heading, deviation, frequency) = corners, waves
+    if deviation == 0.0 or (weighted <= 0.0 and seen == math.inf):
+        return 0.0, 0.0
+    share = plausible_share(deviation, heading)
+    if weighted == 0.0:
+        return share * filtered_share(frequency, seen * quickness), 0.0
+    shown = share * followed_share(model, gear, limits, weighted * quickness, (deviation, frequency))
+    return share - shown, shown
+
+
+def plausible_share(deviation: float, wave: float) -> float:
+    """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
+    up to where it is too much for them, and no more than that."""
+    if wave == 0.0:
+        return 1.0
+    share = math.sqrt(EXTREME_SQUARED * (deviation * deviation) + EXTREME_LEAST_SQUARED) / abs(wave)
+    return 1.0 if share > 1.0 else share
+
+
+def filtered_share(frequency: float, corner: float) -> float:
+    """Return which share of waves of `frequency` [rad/s] is kept from the rudder: half of it at `corner` [rad/s].
+
+    A boat whose loop is quicker than the waves holds its heading against them; a slower one only wears its rudder.
+    """
+    if corner <= 0.0:
+        return 1.0
+    if corner == math.inf:
+        return 0.0
+    ratio = frequency / corner
+    ratio = (1.0e3 if ratio > 1.0e3 else ratio) ** WAVE_SHARPNESS
+    return ratio / (1.0 + ratio)
+
+
+def followed_share(
+    model: Norrbin, gear: SteeringGear, limits: RudderLimits, corner: float, waves: tuple[float, float]
+) -> float:
+    """Return how much of waves, 1: all, a regulator of the bandwidth `corner` [rad/s] can follow with this rudder.
+    waves: their deviation [rad] and frequency [rad/s]."""
+    deviation, frequency = waves
+    n, square = model.n1 / model.time_constant, frequency * frequency * WAVE_STIFFENING
+    swing = math.sqrt(square)
+    share = 1.0 / (1.0 + square * square * (square + n * n) / corner**6)
+    most = share * REACHED * deviation * model.time_constant / model.gain * swing * math.sqrt(square + n * n)
+    angle, rate = min(gear.angle_max, limits.angle_max), min(gear.rate_max, limits.rate_max)
+    followed = 1.0
+    if most > angle:
+        followed = angle / most
+    if most * swing * followed > rate:
+        followed = rate / (most * swing)
+    return followed
 
 
 class SteeringConfig(NamedTuple):
@@ -83,6 +175,56 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
     return Turning(planned, speed, model.gain, limits.angle_max, rate)
 
 
+Moved = tuple[float, float]
+"""The rudder [rad] that was commanded last, and the time [s] since."""
+
+
+class Guide(NamedTuple):
+    """The turn to the heading that is ordered: heading [rad], the virtual boat that leads there, and a zigzag's side.
+
+    turning_until [s]: an ordered turn may last so long. free_time [s]: when the rudder was last not at its stop.
+    """
+
+    heading: float = 0.0
+    boat: VirtualBoat = VirtualBoat(0.0)
+    side: int = 1
+    turning_until: float = -math.inf
+    free_time: float = -math.inf
+
+    def is_late(self, now: float) -> bool:
+        """Return whether the turn to the ordered heading has had the time [s] it may take."""
+        return now >= self.turning_until
+
+
+def started(guide: Guide, limits: TurnLimits, state: NavState) -> Guide:
+    """Return the guide with a plan from where the boat is, turning no faster than it may."""
+    boat = VirtualBoat(state.heading, clip(state.rate, -limits.rate_max, limits.rate_max), 0.0, NO_EVIDENCE)
+    return Guide(guide.heading, boat, guide.side, guide.turning_until, state.time)
+
+
+def heading_ordered(guide: Guide, model: Norrbin, limits: TurnLimits, state: NavState, heading: float) -> Guide:
+    """Return the guide on its way to another `heading` [rad]; nan adopts the present one."""
+    adopted = heading if math.isfinite(heading) else state.heading
+    may_take = turning_time(model, limits, shortest_turn(state.heading, adopted))
+    until = max(guide.turning_until, state.time + may_take)
+    return Guide(adopted, guide.boat, 1, until, guide.free_time)
+
+
+def zigzag_divergence(guide: Guide, order: Order, heading: float) -> float:
+    """Return how far [rad] beyond its swing a zigzag is off to the side that its rudder turns away from.
+
+    0 or less where the boat sails it, and where no zigzag is sailed.
+    """
+    if order.kind is not OrderKind.ZIGZAG:
+        return 0.0
+    return -guide.side * wrap(heading - guide.heading) - order.heading_change
+
+
+def zigzag(guide: Guide, order: Order, heading: float) -> Guide:
+    """Return the guide on the zigzag's side at this `heading` [rad], about the heading that was adopted."""
+    return guide._replace(side=zigzag_side(guide.side, guide.heading, heading, order.heading_change))
+
+
 class Way(NamedTuple):
     """The order in force, the guide to its heading, what turns keep to, and whether the boat waits for way."""
 
@@ -117,11 +259,8 @@ def steered_by(config: SteeringConfig, model: Norrbin, state: NavState, ratio: f
     time, heading, rate, speed, rudder, bias, age, valid, wave, wave_rate, deviation, frequency = state
     if deviation == 0.0:
         return state
-    own, corners = config.estimator, config.corner_frequencies
-    filtered, shown = 0.0, 0.0
-    if corners.weighted > 0.0 or corners.seen < math.inf:
-        waves = Waves(wave, wave_rate, deviation, frequency)
-        filtered, shown = wave_shares(model, own.gear, config.limits, corners, ratio, waves)
+    waves = wave, deviation, frequency
+    filtered, shown = wave_shares(model, config.estimator.gear, config.limits, config.corner_frequencies, ratio, waves)
     heading -= filtered * wave
     return NavState(
         time,
@@ -139,17 +278,33 @@ def steered_by(config: SteeringConfig, model: Norrbin, state: NavState, ratio: f
     )
 
 
-Moved = tuple[float, float]
-"""The rudder [rad] that was commanded last, and the time [s] since."""
-
-
 def referred(
     config: SteeringConfig, guide: Guide, turning: Turning, model: Norrbin, state: NavState, moved: Moved
 ) -> Guide:
     """Return the guide one tick on, towards the heading that is ordered."""
-    command, dt = moved
-    steering = Steering(side_hard_over(command, config.limits.angle_max), config.rudder_is_ours, config.uses_bias)
-    return led(guide, model, turning.limits, state, steering, dt)
+    boat, heading, rate, now, limits = guide.boat, state.heading, state.rate, state.time, turning.limits
+    (command, dt), is_ours, stop = moved, config.rudder_is_ours, HARD_OVER * config.limits.angle_max
+    # the side on which the rudder is at its stop
+    hard_over = 0 if -stop < command < stop else 1 if command > 0.0 else -1
+    is_late = now >= guide.turning_until
+    free_time = now if hard_over == 0 else guide.free_time
+    beyond = reset_threshold(model, limits, is_late, now - free_time) if is_ours else RESET_BEYOND_GUIDED
+    off = heading - boat.heading
+    off = off if -PI < off <= PI else wrap(off)
+    if off > beyond or off < -beyond:
+        boat = reset_reference(model, limits, heading, rate, state.rudder + state.bias)
+    # an integrator needs the error that a plan keeps from it
+    if is_ours and config.uses_bias and is_late:
+        boat = advance(model, limits, boat, heading, guide.heading)
+    if is_ours and (config.uses_bias or not is_late):
+        boat = hold_back(boat, heading, rate, hard_over)
+    if limits.watches and is_ours:
+        boat = couple(model, limits, boat, state, dt)
+    boat = turn_step(model, relaxed(limits) if is_late else limits, boat, guide.heading, dt)
+    if not math.isfinite(boat.heading + boat.rate + boat.rudder):
+        # far quicker than the model of a boat that has lost its way allows: the turn is planned anew
+        return started(guide, limits, state)
+    return Guide(guide.heading, boat, guide.side, guide.turning_until, free_time)
 
 
 def adopted(config: SteeringConfig, way: Way, order: Order, model: Norrbin, steady: NavState) -> Way:

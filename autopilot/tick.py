@@ -18,7 +18,6 @@ from autopilot.angles import shortest_turn
 from autopilot.control.law import NO_ROLL, LawInForce, LawInput, RollInput
 from autopilot.control.limits import Rest, RudderLimits, limited, limited_at_once
 from autopilot.control.roll_damping import RollDamper, RollDamping, damped, rolled
-from autopilot.control.wave_feedforward import CornerFrequencies
 from autopilot.estimation import estimator
 from autopilot.estimation.estimator import (
     Beliefs,
@@ -37,7 +36,6 @@ from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.rudder_observer import is_fed_back
 from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
 from autopilot.estimation.speeds import speeds_apart
-from autopilot.guidance.reference import zigzag_divergence
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, quickness
 from autopilot.models.drives import Needs
@@ -67,6 +65,7 @@ from autopilot.signals import (
 from autopilot.steering import (
     LONGEST_STEP,
     NOT_TURNING,
+    CornerFrequencies,
     Moved,
     SteeringConfig,
     Way,
@@ -77,6 +76,7 @@ from autopilot.steering import (
     replanned,
     steered_by,
     with_turning,
+    zigzag_divergence,
 )
 from autopilot.supervision import failsafe, panel, supervisor
 from autopilot.supervision.alarms import kind_of
@@ -277,7 +277,7 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
-    config = within_reach(config, state, now)
+    config = config if state.estimate.speeds.reach >= config.boat.limits.angle_max else within_reach(config, state, now)
     boat, way, rudder, thrusters = config.boat, state.way, state.rudder, state.thrusters
     steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
     gap = 0.0 if math.isnan(state.now) else now - state.now
@@ -386,14 +386,12 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
 
 
 def within_reach(config: Config, state: State, now: float) -> Config:
-    """Return what the boat is steered by with no more rudder than thrust leaves it.
+    """Return what the boat is steered by where thrust leaves it less than all of the rudder: with no more than that.
 
     One that has none keeps a little, so that every share of it is a number; what was ordered is taken back at the
     rudder's rate.
     """
     limits, reach = config.boat.limits, state.estimate.speeds.reach
-    if reach >= limits.angle_max:
-        return config
     gap = 0.0 if math.isnan(state.now) else min(max(now - state.now, 0.0), LONGEST_STEP)
     moved = limits.rate_max * gap if gap else 0.0
     least = max(LEAST_REACH * limits.angle_max, abs(state.rudder.command.angle) - moved)
@@ -433,7 +431,8 @@ def select(
             continue
         if type(sample) is RollSample:
             # where boat or rudder is not what the damping was worked out for, none is wanted
-            if not (state.monitors.course.softer > 1.0 or state.monitors.rudder.rests_roll):
+            takes = config.law.kind.takes_roll or boat.roll is not None or control.damps_roll
+            if takes and not (state.monitors.course.softer > 1.0 or state.monitors.rudder.rests_roll):
                 control = with_roll(config, control, sample)
         elif type(sample) is RudderSample:
             ours = state.rudder.command.engaged and boat.rudder_is_ours
@@ -458,13 +457,11 @@ def with_roll(config: Config, control: Control, sample: RollSample) -> Control:
     """Return what works the demand out after a sample of the roll."""
     law, roll, damper, roll_rudder, _ = control
     takes_roll, damps = config.law.kind.takes_roll, config.boat.roll is not None
-    if not (damps or takes_roll):
-        return control._replace(damps_roll=False) if control.damps_roll else control
     if damps:
         damper = rolled(damper, sample)
     if takes_roll and sample.rate is not None:
         roll = sample
-    return Control(law, roll, damper, roll_rudder, True)
+    return Control(law, roll, damper, roll_rudder, damps or takes_roll)
 
 
 def believe(

@@ -43,7 +43,6 @@ from autopilot.angles import wrap
 from autopilot.control.law import LawInForce, LawInput
 from autopilot.control.sliding_roll import RollMemory, RollNumbers, place_of
 from autopilot.control.sliding_roll import steered as steered_by
-from autopilot.control.wave_feedforward import CornerFrequencies
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment
 from autopilot.models.motion import Motion
@@ -52,6 +51,7 @@ from autopilot.models.steering_gear import gear_step
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of
 from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, SpeedSample
+from autopilot.steering import CornerFrequencies
 from autopilot.vessel.file import load_vessel
 from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Load, drag_coefficient, rudder_load
 

@@ -1,12 +1,12 @@
-"""What a law is shown of the waves, and what the rudder of a rate-weighted regulator makes of them.
+"""What the rudder of a rate-weighted regulator makes of the waves that it is shown (`autopilot.steering.wave_shares`).
 
 The filter holds the waves for a motion h of their own on top of the boat's heading. What makes it is the push
 
     a = h'' + n h',   n = n1/T,   worth the rudder angle a T/K.
 
-A law without a weight on the rudder's rate would fight every wave: it is shown slow ones alone. For one with a weight,
-`autopilot.control.design`, the waves are states like any other. It is shown all of the heading and of the rate, and
-with w' = M w, w = (h, h', e), the filter's oscillator, the u' that makes the mean of e^2 + weight^2 u'^2 least is
+For a law with a weight on the rudder's rate, `autopilot.control.design`, the waves are states like any other. It is
+shown all of the heading and of the rate, and with w' = M w, w = (h, h', e), the filter's oscillator, the u' that makes
+the mean of e^2 + weight^2 u'^2 least is
 
     u' = -k3 (u - delta - delta_w),   delta_w = -(T/(K k3)) a(N(M) p(-M)^-1 w),
     N(s) = (a k3 - b) s^2 + (c - b k3) s + k3 c,   p(s) = s^3 + a s^2 + b s + c, the closed loop,
@@ -14,8 +14,6 @@ with w' = M w, w = (h, h', e), the filter's oscillator, the u' that makes the me
 the slow waves cancelled, the quick ones kept from the rudder, each neither early nor late. For a push e^(s t) the best
 steady rudder is -share T/K, share = c^2/(p(s) p(-s)); N/p(-s) is what this leaves to delta_w, where nothing of p(s) is
 left to divide by: a wave may die away as quickly as the loop settles.
-
-A gear that is too slow or a rudder too small for the whole of it is shown so much less of the waves.
 
 Derived here, from e'' + n e' = (K/T) u + a.
 """
@@ -25,97 +23,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.control.limits import RudderLimits
-from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED
-from autopilot.estimation.tuning import WAVE_CORNER, WAVE_DAMPING, WAVE_SHARPNESS, WAVE_STIFFENING
+from autopilot.estimation.tuning import WAVE_CORNER, WAVE_DAMPING, WAVE_STIFFENING
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear
 
-REACHED = math.sqrt(2.0)
-"""A swing reaches so many times its deviation."""
 LAGGED = -WAVE_CORNER / WAVE_STIFFENING
 """e w0 in units of h': the best guess of e that goes by h and h' alone."""
 RINGING = math.sqrt(1.0 - WAVE_DAMPING * WAVE_DAMPING)
-
-
-class CornerFrequencies(NamedTuple):
-    """Frequencies [rad/s]: waves quicker than `seen` a law without a weight on the rudder's rate is not shown, inf: it
-    goes by the whole heading; weighted: the bandwidth c^(1/3) of one with such a weight, 0: it has none."""
-
-    seen: float
-    weighted: float = 0.0
-
-
-class Waves(NamedTuple):
-    """What the filter says: their heading h [rad] and rate h' [rad/s] now, deviation [rad] and frequency [rad/s]."""
-
-    heading: float
-    rate: float
-    deviation: float
-    frequency: float
-
-
-class WaveShares(NamedTuple):
-    """Of the waves: the share that the law is not shown, and the share that it is shown as waves."""
-
-    filtered: float
-    shown: float
-
-
-NO_WAVES = WaveShares(0.0, 0.0)
-
-
-def wave_shares(
-    model: Norrbin, gear: SteeringGear, limits: RudderLimits, corners: CornerFrequencies, quickness: float, waves: Waves
-) -> WaveShares:
-    """Return what is shown of the waves. Both corners go with the speed, `quickness` times that at which they hold."""
-    if waves.deviation == 0.0:
-        return NO_WAVES
-    seen, weighted = corners
-    share = plausible_share(waves.deviation, waves.heading)
-    if weighted == 0.0:
-        return WaveShares(share * filtered_share(waves.frequency, seen * quickness), 0.0)
-    shown = share * followed_share(model, gear, limits, weighted * quickness, waves)
-    return WaveShares(share - shown, shown)
-
-
-def plausible_share(deviation: float, wave: float) -> float:
-    """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
-    up to where it is too much for them, and no more than that."""
-    if wave == 0.0:
-        return 1.0
-    share = math.sqrt(EXTREME_SQUARED * (deviation * deviation) + EXTREME_LEAST_SQUARED) / abs(wave)
-    return 1.0 if share > 1.0 else share
-
-
-def filtered_share(frequency: float, corner: float) -> float:
-    """Return which share of waves of `frequency` [rad/s] is kept from the rudder: half of it at `corner` [rad/s].
-
-    A boat whose loop is quicker than the waves holds its heading against them; a slower one only wears its rudder.
-    """
-    if corner <= 0.0:
-        return 1.0
-    if corner == math.inf:
-        return 0.0
-    ratio = frequency / corner
-    ratio = (1.0e3 if ratio > 1.0e3 else ratio) ** WAVE_SHARPNESS
-    return ratio / (1.0 + ratio)
-
-
-def followed_share(model: Norrbin, gear: SteeringGear, limits: RudderLimits, corner: float, waves: Waves) -> float:
-    """Return how much of these waves, 1: all, a regulator of the bandwidth `corner` [rad/s] can follow with this
-    rudder."""
-    n, square = model.n1 / model.time_constant, waves.frequency * waves.frequency * WAVE_STIFFENING
-    swing = math.sqrt(square)
-    share = 1.0 / (1.0 + square * square * (square + n * n) / corner**6)
-    most = share * REACHED * waves.deviation * model.time_constant / model.gain * swing * math.sqrt(square + n * n)
-    angle, rate = min(gear.angle_max, limits.angle_max), min(gear.rate_max, limits.rate_max)
-    followed = 1.0
-    if most > angle:
-        followed = angle / most
-    if most * swing * followed > rate:
-        followed = rate / (most * swing)
-    return followed
 
 
 def swung(heading: float, rate: float, frequency: float, ahead: float) -> tuple[float, float]:

@@ -33,7 +33,6 @@ from autopilot.guidance.tuning import (
     CARRIED_OFF,
     DRAWN,
     DRAWN_RATE,
-    HARD_OVER,
     NO_TURN,
     RESET_BEYOND,
     RESET_BEYOND_EARLY,
@@ -153,13 +152,6 @@ def advance(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: floa
     room = side * (wrap(target - boat.heading) - stop_angle(model, limits, boat.rate, boat.rudder))
     shift = min(abs(ahead) - AHEAD, max(room, 0.0))
     return VirtualBoat(wrap(boat.heading + side * shift), boat.rate, boat.rudder, boat.effectiveness)
-
-
-def side_hard_over(command: float, angle_max: float) -> int:
-    """Return the side, 1 or -1, on which a rudder `command` [rad] stands at its stop; 0: on neither."""
-    if abs(command) < HARD_OVER * angle_max:
-        return 0
-    return 1 if command > 0.0 else -1
 
 
 def is_turning(model: Norrbin, limits: TurnLimits, boat: VirtualBoat) -> bool:

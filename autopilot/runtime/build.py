@@ -11,7 +11,6 @@ from autopilot.control.limits import RudderLimits
 from autopilot.control.margins import Delays, OutputFeedbackLoop, refusal_of
 from autopilot.control.registry import LAWS
 from autopilot.control.roll_damping import RollDamping, checked
-from autopilot.control.wave_feedforward import CornerFrequencies
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
 from autopilot.estimation.steady_filter import steady_filter
@@ -26,6 +25,7 @@ from autopilot.models.drives.two_thrusters import PLAIN, Mixing
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.pilot import Pilot
+from autopilot.steering import CornerFrequencies
 from autopilot.supervision.monitor_input import AlarmLimits
 from autopilot.supervision.supervisor import FailsafeAction
 from autopilot.supervision.tuning import LATE_PERIODS

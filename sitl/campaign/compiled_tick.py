@@ -29,7 +29,6 @@ from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, rudder_rate_s
 from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.effectiveness import NO_EVIDENCE
-from autopilot.guidance.reference import Guide, heading_ordered, started
 from autopilot.guidance.turn import VirtualBoat, is_turning, reference_of
 from autopilot.models.drive_law import quickness
 from autopilot.models.norrbin import Norrbin
@@ -38,9 +37,12 @@ from autopilot.signals import NavState
 from autopilot.steering import (
     LONGEST_STEP,
     NOT_TURNING,
+    Guide,
     SteeringConfig,
     Turning,
+    heading_ordered,
     referred,
+    started,
     steered_by,
     turning_at,
 )

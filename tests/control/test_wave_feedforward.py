@@ -14,17 +14,9 @@ from autopilot.control.backstepping import lqr_gains
 from autopilot.control.limits import RudderLimits
 from autopilot.control.wave_feedforward import (
     LAGGED,
-    NO_WAVES,
-    REACHED,
     ClosedLoop,
-    CornerFrequencies,
-    Waves,
-    WaveShares,
-    filtered_share,
-    followed_share,
     swung,
     wave_rudder,
-    wave_shares,
 )
 from autopilot.estimation.tuning import (
     WAVE_CORNER,
@@ -35,6 +27,7 @@ from autopilot.estimation.tuning import (
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.steering import REACHED, CornerFrequencies, filtered_share, followed_share, wave_shares
 
 LANXIN = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
 UNSTABLE = Norrbin(0.04, 60.0, 4.0e4, n1=-1.0, reference_speed=7.0)
@@ -110,7 +103,7 @@ def test_gear_and_limits_are_shown_what_they_can_follow(
     w0: float, deviation: float, angle_max: float, rate_max: float
 ) -> None:
     limits, corner = RudderLimits(angle_max, rate_max), 2.0
-    followed = followed_share(LANXIN, GEAR, limits, corner, Waves(0.0, 0.0, deviation, w0))
+    followed = followed_share(LANXIN, GEAR, limits, corner, (deviation, w0))
     n, swing = LANXIN.n1 / LANXIN.time_constant, w0 * math.sqrt(WAVE_STIFFENING)
     share = followed / (1.0 + swing**4 * (swing**2 + n * n) / corner**6)
     angle = share * REACHED * deviation * LANXIN.time_constant / LANXIN.gain * swing * math.hypot(swing, n)
@@ -127,25 +120,21 @@ def test_waves_swing_on_by_themselves() -> None:
 
 
 def test_what_laws_without_and_with_a_weight_are_shown() -> None:
-    waves = Waves(0.0002, 0.0001, 0.0002, 0.9)
-    still = Waves(0.0, 0.0, 0.0, 0.0)
-    assert wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(1.0, 2.0), 1.0, still) == NO_WAVES
-    assert wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(1.0), 1.0, waves) == WaveShares(
-        filtered_share(0.9, 1.0), 0.0
-    )
-    assert wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(math.inf), 1.0, waves) == NO_WAVES, (
+    waves, none = (0.0002, 0.0002, 0.9), (0.0, 0.0)
+    still = 0.0, 0.0, 0.0
+    assert wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(1.0, 2.0), 1.0, still) == none
+    assert wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(1.0), 1.0, waves) == (filtered_share(0.9, 1.0), 0.0)
+    assert wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(math.inf), 1.0, waves) == none, (
         "a trial goes by the heading as it is"
     )
-    assert wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(1.0, 2.0), 1.0, waves) == WaveShares(0.0, 1.0)
+    assert wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(1.0, 2.0), 1.0, waves) == (0.0, 1.0)
 
 
 @given(st.floats(-1.0, 1.0), st.floats(1e-4, 0.1), st.sampled_from([0.0, 2.0]))
 def test_what_is_too_much_for_waves_is_the_boats_own(heading: float, deviation: float, weighted: float) -> None:
     def taken(angle: float) -> float:
-        found = wave_shares(
-            LANXIN, GEAR, SLOW, CornerFrequencies(0.5, weighted), 1.0, Waves(angle, 0.0, deviation, 0.9)
-        )
-        return found.filtered + found.shown
+        found = wave_shares(LANXIN, GEAR, SLOW, CornerFrequencies(0.5, weighted), 1.0, (angle, deviation, 0.9))
+        return sum(found)
 
     most = math.hypot(WAVE_EXTREME * deviation, WAVE_EXTREME_LEAST)
     assert abs(taken(heading) * heading) <= most * (1.0 + 1e-9)

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from autopilot.control.wave_feedforward import filtered_share, plausible_share
 from autopilot.estimation import disturbance as waves
 from autopilot.estimation.disturbance import (
     Sea,
@@ -21,6 +20,7 @@ from autopilot.estimation.disturbance import (
     learn,
     wave_step,
 )
+from autopilot.steering import filtered_share, plausible_share
 
 frequencies = st.floats(waves.WAVE_FREQUENCY_LEAST, waves.WAVE_FREQUENCY_MOST)
 

@@ -12,9 +12,8 @@ from typing import Any
 import pytest
 from lockstep import STEP, Lockstep
 
-from autopilot import tick
+from autopilot import steering, tick
 from autopilot.control import limits
-from autopilot.guidance import reference
 from autopilot.links.base import LinkError
 from autopilot.links.release import ReleaseState
 from autopilot.runtime.record import read_log
@@ -29,7 +28,7 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "estimator": lambda _: (tick, "estimated"),
     "monitors": lambda _: (tick, "judged"),
     "supervisor decides": lambda _: (tick.Supervisor, "decide"),
-    "guidance": lambda _: (reference, "turn_step"),
+    "guidance": lambda _: (steering, "turn_step"),
     "law": lambda _: (tick, "ask_law"),
     "limits": lambda _: (limits, "limit"),
     "supervisor checks": lambda _: (tick.Supervisor, "check"),

@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from autopilot.guidance.reference import Guide, heading_ordered, zigzag, zigzag_divergence
 from autopilot.guidance.stop import turn_limits
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState, Order, OrderKind
+from autopilot.steering import Guide, heading_ordered, zigzag, zigzag_divergence
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.rudder_watch import NO_RUNAWAY, ZIGZAG_DIVERGED, runaway_step
 
