@@ -33,7 +33,7 @@ from autopilot.estimation.estimator import (
     without_disturbances,
 )
 from autopilot.estimation.heading_ekf import FilterNoise
-from autopilot.estimation.rudder_observer import is_fed_back
+from autopilot.estimation.rudder_observer import RudderPast, is_fed_back, write_command
 from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
 from autopilot.estimation.speeds import speeds_apart
 from autopilot.guidance.turn import is_turning
@@ -84,8 +84,9 @@ from autopilot.supervision.envelope import Envelope, Picture
 from autopilot.supervision.failsafe import FailsafeSteering
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.monitors import State as MonitorState
-from autopilot.supervision.monitors import heard, judged, without_past
+from autopilot.supervision.monitors import judged, on_samples, without_past
 from autopilot.supervision.panel import AlarmPanel
+from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Memory, Supervisor
 from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, watched
@@ -290,7 +291,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
-    monitors, found = judged(boat.alarms, monitors, view)
+    past = RudderPast(estimate.memory.times, estimate.memory.angles, estimate.rudder.ticks)
+    monitors, found = judged(boat.alarms, monitors, view, History(past, estimate.memory.commands))
     if boat.steers_by is Needs.NOTHING:
         thrusters, found = watch_thrusters(boat, state, estimate, view, dt, found)
     softer = monitors.course.softer
@@ -351,6 +353,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rudder.rate, (previous, dt), steady)
 
     memory = supervisor.memory
+    steers_on = boat.rudder_is_ours and memory.state in ENGAGED
+    write_command(estimate.rudder, estimate.memory, command.angle if steers_on else math.nan)
     panel, alarms, siren, alarm_states = show(state.panel, memory, now, samples, order, found)
     tick = Tick(
         state.number + 1,
@@ -425,7 +429,7 @@ def select(
 ) -> tuple[MonitorState, EstimatorState, Control, failsafe.Memory]:
     """Give each block the samples that are for it; those of the boat's motion are the estimator's."""
     boat, estimate, control, reckoned = config.boat, state.estimate, state.control, state.failsafe
-    monitors = heard(boat.alarms, state.monitors, samples)
+    monitors = on_samples(boat.alarms, state.monitors, samples)
     for sample in samples:
         if type(sample) is HeadingSample:
             continue

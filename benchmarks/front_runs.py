@@ -224,7 +224,7 @@ def sailed_pilot(boat: Boat, vessel: Vessel, given: Drawn, law: str = "backstepp
     state = initial(0.0, float(given.headings[0]), rate, campaign.config.estimator.noises.usual)
     dt = STEP * given.every
     past, orders = ring_of(64 + math.ceil(2.0 / dt)), ring_of(3 + math.ceil(campaign.config.estimator.gear.delay / dt))
-    memory = RudderMemory(np.zeros(past), np.zeros(past), np.zeros(past), np.zeros(orders), np.zeros(orders))
+    memory = RudderMemory(*(np.zeros(kept) for kept in (past, past, past, orders, orders, 1)))
     rings = (memory, np.zeros(ring_of(given.path + 2)))
     run = compiled_pilot(law, boat.step)
     return point(run(boat.plant, step_of(boat.plant, STEP), given, campaign, state, rings), round(1.0 / dt))

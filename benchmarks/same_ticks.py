@@ -53,7 +53,7 @@ PROBES = (
     "control.law",
     "monitors.consistency.turns",
     "monitors.compass",
-    "monitors.rudder.answer",
+    "monitors.rudder.response",
     "monitors.rudder.runaway",
     "monitors.course",
     "findings",

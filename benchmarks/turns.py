@@ -204,7 +204,7 @@ def swiftly(vessel: Vessel, factor: float, targets: Floats, noise: Floats, pushe
     """
     campaign, gear = campaign_of(vessel, "backstepping"), gear_of(vessel)
     assert campaign is not None
-    memory = RudderMemory(*np.zeros((5, RING)))
+    memory = RudderMemory(*np.zeros((6, RING)))
     filtered = initial(0.0, *seen_first(noise[0]), campaign.config.estimator.noises.usual)
     measurement = Measurement(Measured(0.0, filtered.psi, math.nan), math.nan)
     pilot_state = initial_state(campaign, filtered, 0.0, measurement, memory)

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from autopilot.angles import shortest_turn
+from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample, Sample
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
-from autopilot.supervision.monitors import NOTHING_SEEN, State, heard, judged, without_past
+from autopilot.supervision.monitors import NOTHING_SEEN, State, judged, on_samples, without_past
 from autopilot.supervision.panel import sentences_of
 
 
@@ -55,12 +56,27 @@ def consistency(most: float) -> Stepped:
     return Stepped(lambda before, sample: step(before, sample, most), compass_watch.Consistency())
 
 
+class RudderHistory:
+    """The rudder's rings, as the estimator would have written them."""
+
+    def __init__(self) -> None:
+        self.times, self.angles, self.commands, self.ticks = [0.0] * 1024, [0.0] * 1024, [math.nan] * 1024, 0
+
+    def until(self, seen: MonitorInput) -> rudder_watch.History:
+        """Return the history with a tick more."""
+        place, self.ticks = self.ticks % 1024, self.ticks + 1
+        self.times[place], self.angles[place] = seen.now, seen.state.rudder
+        self.commands[place] = seen.rudder if seen.steers else math.nan
+        return rudder_watch.History(RudderPast(self.times, self.angles, self.ticks), self.commands)
+
+
 class Following(Stepped):
     """The monitor of a measured rudder: angles are heard, then a tick is seen."""
 
     def __init__(self, limits: AlarmLimits) -> None:
         super().__init__(self._seen, rudder_watch.State())
         self.limits, self.angles = limits._replace(rudder_response=False), list[RudderSample]()
+        self.history = RudderHistory()
 
     def on_sample(self, sample: RudderSample) -> None:
         """Take an angle."""
@@ -68,7 +84,7 @@ class Following(Stepped):
 
     def _seen(self, before: rudder_watch.State, seen: MonitorInput) -> rudder_watch.State:
         angles, self.angles = tuple(self.angles), []
-        return rudder_watch.update(self.limits, before, seen, Measured(angles=angles))[0]
+        return rudder_watch.update(self.limits, before, seen, Measured(angles=angles), self.history.until(seen))[0]
 
     @property
     def found(self) -> str:
@@ -85,18 +101,17 @@ class Answering(Stepped):
     """The rudder-response monitor: headings are heard, then a tick is seen."""
 
     def __init__(self, noise: float, rudder_rate: float = math.inf) -> None:
-        super().__init__(self._seen, rudder_watch.NO_ANSWER)
+        super().__init__(self._seen, rudder_watch.UNJUDGED)
         self.limits = AlarmLimits(heading_noise=noise, rudder_rate=rudder_rate)
-        self.headings, self.past = list[HeadingSample](), ()
+        self.headings, self.history = list[HeadingSample](), RudderHistory()
 
     def on_sample(self, sample: HeadingSample) -> None:
         """Take a heading."""
         self.headings.append(sample)
 
-    def _seen(self, before: rudder_watch.Answer, seen: MonitorInput) -> rudder_watch.Answer:
+    def _seen(self, before: rudder_watch.Response, seen: MonitorInput) -> rudder_watch.Response:
         headings, self.headings = tuple(self.headings), []
-        self.past = rudder_watch.lengthened(self.past, seen)
-        return rudder_watch.answer_step(before, self.limits, seen, headings, self.past)
+        return rudder_watch.judge_response(before, self.limits, seen, headings, self.history.until(seen).past)
 
     def found(self, seen: MonitorInput) -> str:
         """Return the alarm's name after a tick, '' for none."""
@@ -182,6 +197,7 @@ class Monitors:
     def __init__(self, limits: AlarmLimits, state: State = NOTHING_SEEN) -> None:
         self.limits, self.state = limits, state
         self.findings: Mapping[str, AlarmEvent] = {}
+        self.history = RudderHistory()
 
     def forget_past(self) -> None:
         """Forget what was compared so far."""
@@ -189,11 +205,11 @@ class Monitors:
 
     def on_samples(self, samples: tuple[Sample, ...]) -> None:
         """Take the instruments' samples of a tick."""
-        self.state = heard(self.limits, self.state, samples)
+        self.state = on_samples(self.limits, self.state, samples)
 
     def update(self, seen: MonitorInput) -> None:
         """Judge a tick."""
-        self.state, self.findings = judged(self.limits, self.state, seen)
+        self.state, self.findings = judged(self.limits, self.state, seen, self.history.until(seen))
 
 
 def heard_by(monitors: Monitors, seen: MonitorInput, *samples: HeadingSample | RateSample | RudderSample) -> None:

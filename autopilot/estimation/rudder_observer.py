@@ -98,13 +98,15 @@ def angle_from(past: RudderPast, time: float) -> float:
 
 class RudderMemory(NamedTuple):
     """Rings that the observer writes in: of every tick the time [s], the angle and that of the steering gear's model
-    [rad], of every order its time [s] and angle [rad]. Their lengths are powers of two."""
+    [rad], of every order its time [s] and angle [rad]; commands: of every tick the rudder [rad] that we had commanded
+    until then, nan where somebody else steered. Their lengths are powers of two."""
 
     times: WritableRing
     angles: WritableRing
     gears: WritableRing
     order_times: WritableRing
     orders: WritableRing
+    commands: WritableRing
 
     @property
     def copied(self) -> RudderMemory:
@@ -127,9 +129,8 @@ class RudderObserver(NamedTuple):
 
 def rudder_memory() -> RudderMemory:
     """Return rings for the pilot: `TICKS_KEPT` ticks, and orders for the longest dead time of a vessel file."""
-    return RudderMemory(
-        [0.0] * TICKS_KEPT, [0.0] * TICKS_KEPT, [0.0] * TICKS_KEPT, [0.0] * ORDERS_KEPT, [0.0] * ORDERS_KEPT
-    )
+    times, angles, gears = ([0.0] * TICKS_KEPT for _ in range(3))
+    return RudderMemory(times, angles, gears, [0.0] * ORDERS_KEPT, [0.0] * ORDERS_KEPT, [math.nan] * TICKS_KEPT)
 
 
 def newest_angle(past: RudderPast) -> float:
@@ -170,6 +171,11 @@ def ordered(observer: RudderObserver, memory: RudderMemory, now: float, order: f
     )
 
 
+def write_command(observer: RudderObserver, memory: RudderMemory, command: float) -> None:
+    """Write down what is commanded [rad] until the next tick, nan where somebody else steers."""
+    memory.commands[observer.ticks & (len(memory.commands) - 1)] = command
+
+
 def all_effective(observer: RudderObserver, memory: RudderMemory) -> RudderObserver:
     """Return the observer with every order that was on its way in effect."""
     if observer.passed == observer.given:
@@ -180,7 +186,7 @@ def all_effective(observer: RudderObserver, memory: RudderMemory) -> RudderObser
 
 def advanced(gear: SteeringGear, observer: RudderObserver, memory: RudderMemory, now: float) -> RudderObserver:
     """Return the observer at `now` [s], the angle there written down; time does not go back."""
-    times, angles, gears, order_times, orders = memory
+    times, angles, gears, order_times, orders, _ = memory
     ring, orders_ring = len(times) - 1, len(orders) - 1
     modelled, ticks, given, passed, effective, fed_back_at, fed_back = observer
     if ticks:

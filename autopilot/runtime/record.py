@@ -151,7 +151,7 @@ class Recorder:
         count = -(-size // PIECE)
         if count > MOST_PIECES:
             raise InputError(f"log: a record of {size} bytes does not fit; {MOST_PIECES * PIECE} are allowed")
-        out = []
+        out: list[bytes] = []
         for index in range(count):
             piece = record[index * PIECE : (index + 1) * PIECE]
             head = TUNNEL_HEAD.pack(PAYLOAD_TYPE, 0, 0, PART_HEAD + len(piece), self._serial, index, count)

@@ -39,8 +39,8 @@ UPRIGHT = Roll()
 
 
 class State(NamedTuple):
-    """What the monitors remember. heard: the newest tick's samples; consistency: of rate and heading; conditions: what
-    others see, with who says so; wind_time [s]: of the newest wind."""
+    """What the monitors remember. measured: the newest tick's samples; consistency: of rate and heading; conditions:
+    what others see, with who says so; wind_time [s]: of the newest wind."""
 
     measured: Measured = Measured()
     consistency: compass_watch.Consistency = compass_watch.Consistency()
@@ -68,7 +68,7 @@ def without_past(state: State) -> State:
     )
 
 
-def heard(limits: AlarmLimits, before: State, samples: tuple[Sample, ...]) -> State:
+def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...]) -> State:
     """Return the state with the instruments' samples of this tick."""
     measured, consistency, compass, rudder, course, conditions, roll, wind_time = before
     headings: tuple[HeadingSample, ...] = ()
@@ -96,11 +96,14 @@ def heard(limits: AlarmLimits, before: State, samples: tuple[Sample, ...]) -> St
     return State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
 
 
-def judged(limits: AlarmLimits, before: State, seen: MonitorInput) -> tuple[State, Mapping[str, AlarmEvent]]:
-    """Return the state after a tick whose samples were `heard`, and what is the case, by its names in the catalogue."""
+def judged(
+    limits: AlarmLimits, before: State, seen: MonitorInput, rudder_history: rudder_watch.History
+) -> tuple[State, Mapping[str, AlarmEvent]]:
+    """Return the state after a tick whose samples were taken by `on_samples`, and what is the case, by its names in the
+    catalogue."""
     measured, consistency, compass, rudder, course, conditions, roll, wind_time = before
     compass, found = compass_watch.update(limits, compass, seen, measured)
-    rudder, of_rudder = rudder_watch.update(limits, rudder, seen, measured)
+    rudder, of_rudder = rudder_watch.update(limits, rudder, seen, measured, rudder_history)
     course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder)
     if contradicts_speed:
         rudder = rudder.with_doubted_speed()

@@ -350,12 +350,12 @@ def grown(evidence: float, squares: float, variance: float, most: float) -> floa
 
 
 def response_step(
-    before: ResponseState, model: Norrbin, noise: Noise, rate: float, heard: tuple[float, float], rudders: Rudders
+    before: ResponseState, model: Norrbin, noise: Noise, rate: float, newest: tuple[float, float], rudders: Rudders
 ) -> ResponseState:
-    """Return what is known after a heading [rad] `heard` at its time [s], the rudder having been at `rudders` since the
-    one before; the boat turns at about `rate` [rad/s]."""
+    """Return what is known after the `newest` heading [rad] at its time [s], the rudder having been at `rudders` since
+    the one before; the boat turns at about `rate` [rad/s]."""
     last, known, mean, answer, late, stuck, stuck_late, wrong, wrong_late, _, outliers, usual, shown, others, _ = before
-    (time, heading), (rudder, rudder_late, rudder_slow) = heard, rudders
+    (time, heading), (rudder, rudder_late, rudder_slow) = newest, rudders
     dt = time - last
     step = transition_of(model, rate, noise.pace, dt)
     unexplained = before.unexplained
@@ -435,13 +435,13 @@ def _without_heading(
 
 
 def others_step(
-    before: Others, time_constant: float, gains: Gains, dt: float, heard: tuple[float, float, float, Mean]
+    before: Others, time_constant: float, gains: Gains, dt: float, shown: tuple[float, float, float, Mean]
 ) -> Others:
-    """Return what is known of the other explanations `dt` [s] later; heard: how far the heading is from what it would
+    """Return what is known of the other explanations `dt` [s] later; shown: how far the heading is from what it would
     be without a rudder, the answers to the rudder and to a late one [rad], and to a slow one."""
     _, of_lively, of_quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before
     (lively, lively_port), (quick, quick_port) = of_lively, of_quick
-    off, s, s_late, slow = heard
+    off, s, s_late, slow = shown
     variance, s_slow = gains[0], slow[0]
     lasts = FADES_SLOW * time_constant
     kept = math.exp(-dt / (lasts if lasts > FADES_TIME else FADES_TIME))

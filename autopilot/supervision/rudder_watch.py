@@ -8,11 +8,11 @@ counts until we let go. Pure.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
+from autopilot.estimation.rudder_observer import Ring, RudderPast, angle_from
 from autopilot.models.norrbin import Norrbin, steady_rudder
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
 from autopilot.supervision.monitor_input import (
@@ -81,9 +81,14 @@ from autopilot.supervision.tuning import (
 ZIGZAG_DIVERGED = math.radians(45.0)
 """No zigzag overshoots by as much: IMO MSC.137(76) allows 40 deg at most for the second of 10/10, 25 deg for 20/20."""
 
-Past = tuple[tuple[float, float, float], ...]
-"""Ticks in which we steered: the time [s], the rudder command in the tick before, and where it was [rad]."""
 PAST_S = LATE_S + 2.0 * LONGEST_GAP_S
+
+
+class History(NamedTuple):
+    """The rudder of late: where it was, and what we had commanded until then [rad], nan where somebody else steered."""
+
+    past: RudderPast
+    commands: Ring
 
 
 class Following(NamedTuple):
@@ -147,28 +152,37 @@ def following_step(
     return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown)
 
 
-def orders_at(past: Past, since: float, time: float) -> tuple[float, ...]:
+def orders_at(history: History, since: float, time: float) -> tuple[float, ...]:
     """Return the orders [rad] of which one was in force at `time` [s]: the last two that were given by then, since we
     steer. The command that a tick holds left in the tick before it."""
-    place = len(past) - 1
-    while place > 0 and past[place - 1][0] > time:
-        place -= 1
-    return tuple(past[at][1] for at in (place - 1, place) if at > 0 and past[at - 1][0] >= since)
+    (times, _, ticks), commands = history
+    ring, tick = len(times) - 1, ticks - 1
+    oldest = max(tick - ring, 0)
+    while tick > oldest and times[(tick - 1) & ring] > time:
+        tick -= 1
+    return tuple(commands[at & ring] for at in (tick - 1, tick) if at > oldest and times[(at - 1) & ring] >= since)
 
 
-def is_anothers(past: Past, now: float, report: RudderSample | None) -> bool:
+def is_anothers(history: History, now: float, report: RudderSample | None) -> bool:
     """Return whether the report in force at `now` [s] of the command to the steering gear is of no order of ours: then
     somebody else steers, too."""
     if report is None or now - report.time > REPORT_FRESH_S:
         return False
-    angle = report.angle
-    if past[-1][1] - TOLERANCE <= angle <= past[-1][1] + TOLERANCE:
+    (times, _, ticks), commands = history
+    ring, angle = len(times) - 1, report.angle
+    low = high = commands[(ticks - 1) & ring]
+    if low - TOLERANCE <= angle <= high + TOLERANCE:
         return False
-    orders = [ordered for time, ordered, _ in past if time >= now - REMEMBERED_S]
-    return not min(orders) - TOLERANCE <= angle <= max(orders) + TOLERANCE
+    for tick in range(ticks - 2, max(ticks - 2 - ring, -1), -1):
+        if times[tick & ring] < now - REMEMBERED_S:
+            break
+        # what is not a number is smaller and larger than nothing
+        order = commands[tick & ring]
+        low, high = order if order < low else low, order if order > high else high
+    return not low - TOLERANCE <= angle <= high + TOLERANCE
 
 
-class Heard(NamedTuple):
+class Evidence(NamedTuple):
     """What the rudder-response monitor goes by, in numbers. since [s]: since when it is at work, nan: it is not;
     response: what is known; seaway: the seas met; heading [rad]: the newest, and how many `same` ones there were in a
     row; late_until [s]: until then nothing is evidence; slow [rad]: where a slow rudder would stand at slow_time [s],
@@ -185,16 +199,20 @@ class Heard(NamedTuple):
     speed: float = math.nan
 
 
-NOTHING_HEARD = Heard()
+NOTHING_KNOWN = Evidence()
 
 
-def heard_step(
-    before: Heard, limits: AlarmLimits, seen: MonitorInput, heard: tuple[float, float], rudders: tuple[float, float]
-) -> Heard:
-    """Return what is known after a tick and a heading [rad] `heard` at its time [s], not numbers where none came.
+def evidence_step(
+    before: Evidence,
+    limits: AlarmLimits,
+    seen: MonitorInput,
+    measured: tuple[float, float],
+    rudders: tuple[float, float],
+) -> Evidence:
+    """Return what is known after a tick and a heading [rad] `measured` at its time [s], not numbers where none came.
     rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
     since, response, seaway, last, same, late_until, slow_time, slow, speed = before
-    (time, heading), state, now, model = heard, seen.state, seen.now, seen.model
+    (time, heading), state, now, model = measured, seen.state, seen.now, seen.model
     since = now if math.isnan(since) else since
     late_until = now + LATE_LASTS if seen.is_late else late_until
     if seen.rudder_is_measured or not math.isfinite(limits.rudder_rate):
@@ -205,13 +223,13 @@ def heard_step(
         reach, left = limits.rudder_rate / SLOW * (now - slow_time if now > slow_time else 0.0), seen.rudder - slow
         slow_time, slow = now, slow + (-reach if left < -reach else reach if left > reach else left)
     if math.isnan(heading):
-        return Heard(since, response, seaway, last, same, late_until, slow_time, slow, speed)
+        return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
     noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
     noise = seaway_noise(model, noise, seaway, state.heading)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
-        return Heard(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed)
+        return Evidence(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed)
     known = response.time
     # written so that it holds where nothing is known
     if not time - known <= LONGEST_GAP_S:
@@ -224,15 +242,15 @@ def heard_step(
         at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow)
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
-    return Heard(since, response, seaway, last, same, late_until, slow_time, slow, speed)
+    return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed)
 
 
-class Answer(NamedTuple):
-    """The rudder-response monitor at work. heard: what it goes by; source: of the newest heading; held_off_since [s]: a
-    trial's push holds against its rudder; doubted_trial: that has been said of this trial, and doubts_trial: in this
-    tick; other: see `other_verdict`; verdict: see `verdict`."""
+class Response(NamedTuple):
+    """The rudder-response monitor at work. evidence: what it goes by; source: of the newest heading; held_off_since
+    [s]: a trial's push holds against its rudder; doubted_trial: that has been said of this trial, and doubts_trial: in
+    this tick; other: see `other_verdict`; verdict: see `verdict`."""
 
-    heard: Heard = NOTHING_HEARD
+    evidence: Evidence = NOTHING_KNOWN
     source: str = ""
     held_off_since: float = math.nan
     doubted_trial: bool = False
@@ -241,43 +259,47 @@ class Answer(NamedTuple):
     verdict: int = 0
 
 
-def answer_step(
-    before: Answer, limits: AlarmLimits, seen: MonitorInput, headings: tuple[HeadingSample, ...], past: Past
-) -> Answer:
-    """Return what is known after a tick, of which the rudder's `past` is known already."""
+def judge_response(
+    before: Response, limits: AlarmLimits, seen: MonitorInput, headings: tuple[HeadingSample, ...], past: RudderPast
+) -> Response:
+    """Return what is known after a tick; past: where the rudder was, this tick with it."""
     state, now = seen.state, seen.now
     # a sum is finite only where every part of it is
     if not (seen.steers and seen.has_way and math.isfinite(state.rate + state.rudder)):
-        return NO_ANSWER
-    heard, source, held_off_since, doubted_trial, _, _, _ = before
+        return UNJUDGED
+    evidence, source, held_off_since, doubted_trial, _, _, _ = before
     known = _in_order(headings)
     if not known:
-        heard = heard_step(heard, limits, seen, NO_HEADING, NO_HEADING)
-    since = now if math.isnan(heard.since) else heard.since
+        evidence = evidence_step(evidence, limits, seen, NO_HEADING, NO_HEADING)
+    since = now if math.isnan(evidence.since) else evidence.since
     earliest = now - PAST_S if now - PAST_S > since else since
     for sample in known:
         if sample.source != source:
             # what another compass shows does not follow on
-            heard, source = heard._replace(response=NO_RESPONSE), sample.source
-        middle = 0.5 * (heard.response.time + sample.time)
-        rudders = rudder_at(past, earliest, middle), rudder_at(past, earliest, middle - LATE_S)
-        heard = heard_step(heard, limits, seen, (sample.time, sample.heading), rudders)
-    response = heard.response
+            evidence, source = evidence._replace(response=NO_RESPONSE), sample.source
+        middle = 0.5 * (evidence.response.time + sample.time)
+        late = middle - LATE_S
+        rudders = (
+            angle_from(past, earliest if middle < earliest else middle),
+            angle_from(past, earliest if late < earliest else late),
+        )
+        evidence = evidence_step(evidence, limits, seen, (sample.time, sample.heading), rudders)
+    response = evidence.response
     # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
     other, found = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED, verdict(response)
     if seen.follows:
-        return Answer(heard, source, other=other, verdict=found)
+        return Response(evidence, source, other=other, verdict=found)
     is_known = not math.isnan(response.time)
     is_held_off = is_known and now - since >= SEA_KNOWN_S and _is_held_off(response, seen, past, earliest)
     held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan
     is_doubted = is_doubtful(response) or now - held_off_since >= PUSHED_S
     if not is_known or doubted_trial or not is_doubted:
-        return Answer(heard, source, held_off_since, doubted_trial, False, other, found)
+        return Response(evidence, source, held_off_since, doubted_trial, False, other, found)
     response = acquitted(response)
-    return Answer(heard._replace(response=response), source, held_off_since, True, True, other, verdict(response))
+    return Response(evidence._replace(response=response), source, held_off_since, True, True, other, verdict(response))
 
 
-NO_ANSWER = Answer()
+UNJUDGED = Response()
 NO_HEADING = math.nan, math.nan
 
 
@@ -290,17 +312,19 @@ def _in_order(headings: tuple[HeadingSample, ...]) -> Sequence[HeadingSample]:
     return sorted({each.time: each for each in known}.values(), key=lambda each: each.time)
 
 
-def rudder_at(past: Past, earliest: float, time: float) -> float:
-    """Return the rudder [rad] at `time` [s], no earlier than that: each is that of the end of its tick."""
-    place = bisect_left(past, (earliest if time < earliest else time,))
-    return past[place if place < len(past) else -1][2]
-
-
-def _is_held_off(response: ResponseState, seen: MonitorInput, past: Past, earliest: float) -> bool:
+def _is_held_off(response: ResponseState, seen: MonitorInput, past: RudderPast, earliest: float) -> bool:
     """Return whether a push holds against a trial's rudder, as far as that was over of late: on the way from one side
     to the other it passes amidships."""
-    push = push_at_least(response)
-    return push * seen.rudder < 0.0 and abs(push) > max(abs(angle) for time, _, angle in past if time >= earliest)
+    push, (times, angles, ticks) = push_at_least(response), past
+    ring = len(times) - 1
+    if not push * seen.rudder < 0.0:
+        return False
+    for tick in range(ticks - 1, max(ticks - 2 - ring, -1), -1):
+        if times[tick & ring] < earliest:
+            break
+        if abs(push) <= abs(angles[tick & ring]):
+            return False
+    return True
 
 
 class Overpowered(NamedTuple):
@@ -412,7 +436,7 @@ def _turns_against(model: Norrbin, rudder: float, rate: float) -> bool:
 
 
 class State(NamedTuple):
-    """What the rudder watch remembers. since [s]: since when we steer; past: commands and angles of late; stop_since
+    """What the rudder watch remembers. since [s]: since when we steer; stop_since
     [s]: the rudder stands at its stop; trial_doubted [s]: when that was.
 
     What was found counts until we let go: other: what the answer tells of boat and rudder, see `other_verdict`;
@@ -422,9 +446,8 @@ class State(NamedTuple):
     """
 
     since: float = math.nan
-    past: Past = ()
     following: Following = Following()
-    answer: Answer = NO_ANSWER
+    response: Response = UNJUDGED
     overpowered: Overpowered = NOT_OVERPOWERED
     runaway: Runaway = NO_RUNAWAY
     stop_since: float = math.nan
@@ -437,31 +460,30 @@ class State(NamedTuple):
     def with_doubted_speed(self) -> State:
         """Return the state where the speed is doubted: the model is the trial's from the next tick on, and what was
         seen is weighed anew by that."""
-        return self._replace(doubts_speed=True, answer=NO_ANSWER)
+        return self._replace(doubts_speed=True, response=UNJUDGED)
 
 
 def update(
-    limits: AlarmLimits, before: State, seen: MonitorInput, measured: Measured
+    limits: AlarmLimits, before: State, seen: MonitorInput, measured: Measured, history: History
 ) -> tuple[State, tuple[AlarmEvent, ...]]:
-    """Judge a tick; return what is remembered, and what is found."""
+    """Judge a tick, with the rudder's `history` until now; return what is remembered, and what is found."""
     if not seen.steers:
-        # what is done by others proves nothing; an order of ours may be reported after it
-        return State(past=before.past, trial_doubted=before.trial_doubted), ()
-    since, past, following, answer, overpowered, runaway, stop_since, doubted, other, _, rests, doubts = before
+        # what is done by others proves nothing
+        return State(trial_doubted=before.trial_doubted), ()
+    since, following, response, overpowered, runaway, stop_since, doubted, other, _, rests, doubts = before
     now = seen.now
     since = now if math.isnan(since) else since
-    past = lengthened(past, seen)
     if measured.angles:
-        following = _followed(following, limits, measured.angles, past, since)
-    if following.name or not limits.rudder_response or is_anothers(past, now, measured.report):
+        following = _followed(following, limits, measured.angles, history, since)
+    if following.name or not limits.rudder_response or is_anothers(history, now, measured.report):
         # a boat that follows somebody else proves nothing; the link finds out who has the helm
-        answer, overpowered = NO_ANSWER, NOT_OVERPOWERED
+        response, overpowered = UNJUDGED, NOT_OVERPOWERED
     else:
-        answer = answer_step(answer, limits, seen, measured.headings, past)
-        if _is_for_the_speed(answer, seen):
-            answer, doubts = NO_ANSWER, True
+        response = judge_response(response, limits, seen, measured.headings, history.past)
+        if _is_for_the_speed(response, seen):
+            response, doubts = UNJUDGED, True
         overpowered = overpowered_step(overpowered, seen)
-        doubted = now if answer.doubts_trial else doubted
+        doubted = now if response.doubts_trial else doubted
     runaway = runaway_step(runaway, seen)
     stop = AT_THE_STOP * seen.angle_max
     if not seen.holds_course or -stop < seen.rudder < stop:
@@ -469,17 +491,16 @@ def update(
     elif math.isnan(stop_since):
         stop_since = now
     asks_less = False
-    if other or answer.other or following.is_slow:
-        news = (other, answer.other, SLOW_RUDDER if following.is_slow else FILED)
+    if other or response.other or following.is_slow:
+        news = (other, response.other, SLOW_RUDDER if following.is_slow else FILED)
         other = min(each for each in news if each != FILED)
         rests = rests or (other == SLOW_RUDDER and seen.damps_roll and seen.model.n1 > 0.0)
         slow = other == SLOW_RUDDER and not seen.rudder_is_slow
         asks_less = other == LIVELIER or (slow and not rests and seen.model.n1 > 0.0)
     after = State(
         since,
-        past,
         following,
-        answer,
+        response,
         overpowered,
         runaway,
         stop_since,
@@ -507,8 +528,8 @@ def _findings(state: State, seen: MonitorInput) -> tuple[AlarmEvent, ...]:
     found: tuple[AlarmEvent, ...] = ()
     if state.following.name:
         found = (AlarmEvent(state.following.name, state.following.shown),)
-    if state.answer.verdict:
-        found = (VERDICTS[state.answer.verdict],)
+    if state.response.verdict:
+        found = (VERDICTS[state.response.verdict],)
     if state.overpowered.found:
         found += (AlarmEvent("overpowered", state.overpowered.found),)
     if seen.now - state.trial_doubted < TRIAL_SAID:
@@ -531,26 +552,18 @@ def _findings(state: State, seen: MonitorInput) -> tuple[AlarmEvent, ...]:
     return found
 
 
-def lengthened(past: Past, seen: MonitorInput) -> Past:
-    """Return the past with a tick more, and without what is too long ago."""
-    first = 0
-    while first < len(past) - 2 and past[first + 2][0] < seen.now - PAST_S:
-        first += 1
-    return (*past[first:], (seen.now, seen.rudder, seen.state.rudder))
-
-
 def _followed(
-    before: Following, limits: AlarmLimits, angles: tuple[RudderSample, ...], past: Past, since: float
+    before: Following, limits: AlarmLimits, angles: tuple[RudderSample, ...], history: History, since: float
 ) -> Following:
     known = [each for each in angles if math.isfinite(each.angle) and math.isfinite(each.time)]
     # of a burst that was read at once, and has one time, the last is the newest
     for sample in sorted({(each.time, each.source): each for each in known}.values(), key=lambda each: each.time):
-        before = following_step(before, sample, orders_at(past, since, sample.time), limits)
+        before = following_step(before, sample, orders_at(history, since, sample.time), limits)
     return before
 
 
-def _is_for_the_speed(answer: Answer, seen: MonitorInput) -> bool:
+def _is_for_the_speed(response: Response, seen: MonitorInput) -> bool:
     """Return whether the answer to the rudder is one that a wrong speed explains: it is doubted then."""
-    if answer.other in (QUICKER, LIVELIER) and reads_low(seen):
+    if response.other in (QUICKER, LIVELIER) and reads_low(seen):
         return True
-    return answer.verdict > 0 and speed_ratio(seen) > SPEED_DOUBT
+    return response.verdict > 0 and speed_ratio(seen) > SPEED_DOUBT

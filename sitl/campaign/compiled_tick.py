@@ -50,7 +50,7 @@ from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_opposite, t
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.rudder_response import FILED, other_verdict, verdict
-from autopilot.supervision.rudder_watch import NOTHING_HEARD, PAST_S, Heard, heard_step
+from autopilot.supervision.rudder_watch import NOTHING_KNOWN, PAST_S, Evidence, evidence_step
 from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, LATE_S
 
 Floats = NDArray[np.float64]
@@ -101,7 +101,7 @@ class State(NamedTuple):
     command: float
     rest: Rest
     compass: Compass
-    answer: Heard
+    answer: Evidence
     rate: RudderRate
     easy_time: float
     right_time: float
@@ -146,7 +146,7 @@ def initial_state(
         command=0.0,
         rest=Rest(0.0, 0.0, False),
         compass=Compass(measurement.measured.heading, state.time, 1, NO_TURNS),
-        answer=NOTHING_HEARD,
+        answer=NOTHING_KNOWN,
         rate=AS_FILED,
         easy_time=now,
         right_time=now,
@@ -221,9 +221,9 @@ def tick(
 
 def _answer(
     campaign: CampaignConfig, before: State, state: NavState, model: Norrbin, history: RudderPast, measured: Measured
-) -> Heard:
+) -> Evidence:
     """Return what the rudder-response monitor goes by after a tick of a course that is followed by heading alone."""
-    now, heard, most = state.time, before.answer, campaign.config.limits.angle_max
+    now, evidence, most = state.time, before.answer, campaign.config.limits.angle_max
     seen = MonitorInput(
         now=now,
         model=model,
@@ -246,13 +246,13 @@ def _answer(
         damps_roll=False,
         rudder_is_slow=False,
     )
-    since = now if math.isnan(heard.since) else heard.since
-    middle = 0.5 * (heard.response.time + measured.time)
+    since = now if math.isnan(evidence.since) else evidence.since
+    middle = 0.5 * (evidence.response.time + measured.time)
     rudders = (
         angle_from(history, max(middle, since, now - PAST_S)),
         angle_from(history, max(middle - LATE_S, since, now - PAST_S)),
     )
-    return heard_step(heard, campaign.alarms, seen, (measured.time, measured.heading), rudders)
+    return evidence_step(evidence, campaign.alarms, seen, (measured.time, measured.heading), rudders)
 
 
 def _pushes_away(config: SteeringConfig, error: float, rudder: float, state: NavState) -> bool:

@@ -237,9 +237,9 @@ def workspace_of(setting: Setting, *, plain: bool = False) -> Workspace:
     past = ring_of(RING + math.ceil(2.0 / tick))
     orders = ring_of(3 + math.ceil(setting.campaign.config.estimator.gear.delay / tick))
     if plain:
-        memory = RudderMemory([0.0] * past, [0.0] * past, [0.0] * past, [0.0] * orders, [0.0] * orders)
+        memory = RudderMemory(*([0.0] * kept for kept in (past, past, past, orders, orders, 1)))
     else:
-        memory = RudderMemory(np.zeros(past), np.zeros(past), np.zeros(past), np.zeros(orders), np.zeros(orders))
+        memory = RudderMemory(*(np.zeros(kept) for kept in (past, past, past, orders, orders, 1)))
     return Workspace(
         surface_of(len(setting.water.waves.number)),
         memory,

@@ -19,7 +19,7 @@ from autopilot.control import registry
 from autopilot.control.law import Law, LawInput, LoopGains
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.strict_yaml import parse_document
-from autopilot.supervision.rudder_watch import Heard, heard_step
+from autopilot.supervision.rudder_watch import Evidence, evidence_step
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Limits
 from sitl.campaign import work
@@ -200,21 +200,21 @@ def test_another_boat_that_is_found_out_is_left_to_the_full_simulator() -> None:
 
 
 def test_the_evidence_of_the_loop_as_it_is_compiled_is_the_monitors(monkeypatch: pytest.MonkeyPatch) -> None:
-    job, kept = lively(1.5), list[Heard]()
+    job, kept = lively(1.5), list[Evidence]()
 
-    def keeping(*given: Any) -> Heard:
-        kept.append(heard_step(*given))
+    def keeping(*given: Any) -> Evidence:
+        kept.append(evidence_step(*given))
         return kept[-1]
 
-    monkeypatch.setattr("sitl.campaign.compiled_tick.heard_step", keeping)
+    monkeypatch.setattr("sitl.campaign.compiled_tick.evidence_step", keeping)
     sailed_alike(job, 0)
     loop, kept = kept, []
-    monkeypatch.setattr("autopilot.supervision.rudder_watch.heard_step", keeping)
+    monkeypatch.setattr("autopilot.supervision.rudder_watch.evidence_step", keeping)
     run_reference(job, 0)
     assert len(loop) == len(kept) > 500
     for one, other in zip(loop, kept, strict=True):
         assert numbers_of(one) == pytest.approx(numbers_of(other), rel=1.0e-6, abs=1.0e-9, nan_ok=True)
-    assert max(heard.response.stuck for heard in loop) > 0.0
+    assert max(each.response.stuck for each in loop) > 0.0
 
 
 def numbers_of(value: Any) -> list[float]:

@@ -7,11 +7,12 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from watches import RudderHistory
 
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, RudderSample
 from autopilot.supervision.monitor_input import MonitorInput
-from autopilot.supervision.rudder_watch import is_anothers, lengthened
+from autopilot.supervision.rudder_watch import is_anothers
 from autopilot.supervision.tuning import REMEMBERED_S, REPORT_FRESH_S, TOLERANCE
 
 angles = st.floats(-0.6, 0.6)
@@ -26,14 +27,14 @@ class ShownOrder:
         self.reset()
 
     def reset(self) -> None:
-        self.past, self.report = (), None
+        self.history, self.report = RudderHistory(), None
 
     def on_sample(self, sample: RudderSample) -> None:
         self.report = sample
 
     def is_anothers(self, now: float, commanded: float) -> bool:
-        self.past = lengthened(self.past, MonitorInput(now, BOAT, STATE, True, True, 0.0, commanded, 0.6, True))
-        return is_anothers(self.past, now, self.report)
+        seen = MonitorInput(now, BOAT, STATE, True, True, 0.0, commanded, 0.6, True)
+        return is_anothers(self.history.until(seen), now, self.report)
 
 
 def commanded(shown: ShownOrder, orders: list[float], step: float = 0.1) -> float:

@@ -17,7 +17,7 @@ from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.monitors import State
 from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.rudder_response import FILED, LIVELIER, QUICKER, SLOW_RUDDER
-from autopilot.supervision.rudder_watch import Answer
+from autopilot.supervision.rudder_watch import Response
 from autopilot.supervision.tuning import SWEEP
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
@@ -521,14 +521,14 @@ class Said:
         )
 
     @staticmethod
-    def of_answer(*_: object) -> Answer:
-        return Answer(other=OTHERS[Said.other], verdict=Said.verdict, doubts_trial=Said.doubts_trial)
+    def of_answer(*_: object) -> Response:
+        return Response(other=OTHERS[Said.other], verdict=Said.verdict, doubts_trial=Said.doubts_trial)
 
 
 def stubbed(monkeypatch: pytest.MonkeyPatch, **words: object) -> None:
     monkeypatch.setattr("autopilot.supervision.course_watch.swings_step", Said.of_swings)
     monkeypatch.setattr("autopilot.supervision.course_watch.spin_step", Said.of_spin)
-    monkeypatch.setattr("autopilot.supervision.rudder_watch.answer_step", Said.of_answer)
+    monkeypatch.setattr("autopilot.supervision.rudder_watch.judge_response", Said.of_answer)
     for name, value in words.items():
         monkeypatch.setattr(Said, name, value)
 
