@@ -116,5 +116,5 @@ def _answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[s
 
 
 def _complain(program: str, error: Exception, code: ExitCode) -> int:
-    print(f"{program}: {escaped(brief(str(error)))}", file=sys.stderr)
+    print(f"{program}: {brief(escaped(str(error)))}", file=sys.stderr)
     return int(code)

@@ -16,7 +16,7 @@ from typing import Any, TextIO
 SHORT = 200
 """Characters of a foreign text that a sentence quotes."""
 SENTENCE = 2000
-"""Characters of a sentence that a command ends with."""
+"""Characters, at most, of a sentence that a command ends with."""
 WORD, CUT = 400, 100
 """A word longer than WORD is cut to its first CUT characters."""
 LONG = 1.0e9
@@ -47,7 +47,7 @@ def brief(sentence: str) -> str:
     cut = _LONG_WORD.sub(lambda word: shortened(word[0], CUT), sentence)
     if len(cut) <= SENTENCE:
         return cut
-    return f"{cut[: SENTENCE - CUT]} ... ({len(sentence)} characters) ... {cut[-CUT:]}"
+    return f"{cut[: SENTENCE - 2 * CUT]} ... ({len(sentence)} characters) ... {cut[-CUT:]}"
 
 
 def printable(value: object, most: int = SHORT) -> str:

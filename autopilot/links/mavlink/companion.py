@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import VehicleSounder
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.mavlink.authority import Stage
+from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S, Stage
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
 from autopilot.links.mavlink.conditions import OtherPilot
 from autopilot.links.mavlink.guided import TIMEOUT_S
@@ -133,7 +133,7 @@ class CompanionSession:
         self._noted: dict[str, AlarmEvent | None] = {"other pilot": None, "attitude rate": None, "guided": None}
         self._leaving: float | None = None
         self._next_release, self._released_at = -math.inf, math.inf
-        self._has_steered = False
+        self._has_steered = self._is_boat = False
         self._marking: Message | None = None
 
     @property
@@ -169,7 +169,7 @@ class CompanionSession:
                 if vehicle and header.srcSystem == vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
                     reader.take(now, message, samples)
                     news = news or header.msgId != ATTITUDE
-                elif not vehicle and header.msgId == HEARTBEAT and self._is_ours(message):
+                elif header.msgId == HEARTBEAT and self._is_ours(message) and self._is_vacant(now, message):
                     vehicle = self._latch(message)
                     reader.take(now, message, samples)
                     news = True
@@ -346,9 +346,25 @@ class CompanionSession:
             and wanted in (None, header.srcSystem)
         )
 
+    def _is_vacant(self, now: float, message: Message) -> bool:
+        """Return whether a heartbeat's vehicle may be latched on to.
+
+        It is the first, or a boat, where the one before is none or fell silent before its parameters had come: that
+        was never ours.
+        """
+        if not self.vehicle:
+            return True
+        silence = now - self._authority.heartbeat_time
+        gives_way = (self._authority.obstacle and not self._is_boat) or (
+            silence > HEARTBEAT_TIMEOUT_S and not self._reader.parameters.complete and not self._has_steered
+        )
+        return bool(gives_way) and not obstacle_of(message.autopilot, message.type)
+
     def _latch(self, message: Message) -> int:
+        if self.vehicle:
+            self._reader.another()
+        self._is_boat = not obstacle_of(message.autopilot, message.type)
         self.vehicle = self._output.target = self._codec.system = message._header.srcSystem
-        self._authority.obstacle = obstacle_of(message.autopilot, message.type)
         if self._guided is not None:
             self._guided.target = self.vehicle
         return self.vehicle

@@ -22,7 +22,7 @@ from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, Ove
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.conditions import BATTERY, FENCING, SYSTEM, TEXT, RadioWatch, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
-from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters
+from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters, obstacle_of
 from autopilot.links.mavlink.steering import MIXED_US, SteeringOutput, share_from_servo
 from autopilot.links.mavlink.thrusters import asked_throttle, is_taken, reach_of, share_of_output, shown_by
 from autopilot.links.release import OverrideRelease
@@ -265,6 +265,11 @@ class VehicleReader:
         """Take that nobody listened for a while: what comes next has waited, and tells of no silent vehicle."""
         self._clock.silence()
 
+    def another(self) -> None:
+        """Take that another vehicle is listened to from now on."""
+        self._clock.reset()
+        self._ask_anew()
+
     def take(self, now: float, message: Message, samples: list[Sample]) -> None:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
         authority = self.authority
@@ -289,6 +294,9 @@ class VehicleReader:
         samples.extend(self.health.take(now, message))
 
     def _heartbeat(self, now: float, message: Message, samples: list[Sample]) -> None:
+        if message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+            return  # somebody else's, under the vehicle's ids
+        self.authority.obstacle = obstacle_of(message.autopilot, message.type)
         if now - self.authority.heartbeat_time > LONG_SILENCE_S and self._clock.offset is not None:
             self._ask_anew()
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
