@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,6 +62,7 @@ class Truth(NamedTuple):
     against_time: float = -math.inf
 
 
+@cache
 def plants() -> dict[str, StudyBoat]:
     """Return the plants of the tests and of the steering studies."""
     tested = {f"tests' {name}": StudyBoat(vessel_of(boat), hull_of(boat)) for name, boat in BOATS.items()}

@@ -31,6 +31,7 @@ BOATS = {
     "slow": Boat(0.1, 20.0, 50.0, 1.0, 3.0, 2.5),
     "unstable": Boat(0.2, 5.0, 20.0, -1.0, 3.0, 5.0),
 }
+LAUNCH = Boat(0.2, 5.0, 5.0, 1.0, 4.0, 5.0)
 
 
 @functools.cache

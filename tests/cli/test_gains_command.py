@@ -308,22 +308,19 @@ def test_unknown_gains_name_their_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert "\n" not in complaint
 
 
-UNSTEADY = vessel_of(BOATS["unstable"])
-
-
 @pytest.mark.parametrize(("level", "is_in_hand"), [(1, True), (7, True), (9, False)])
 def test_too_quick_a_loop_may_lose_an_unstable_boat_with_a_weaker_rudder(
     level: int, is_in_hand: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the pilot itself, simulated; noise keeps the rudder at its quickest."""
     monkeypatch.setattr(weaker_turn, "SEEDS", (2,))
-    assert weaker_turn.survives(designed(UNSTEADY, GainRequest(level))) is is_in_hand
+    assert weaker_turn.survives(designed(vessel_of(BOATS["unstable"]), GainRequest(level))) is is_in_hand
 
 
 def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    least = designed(UNSTEADY, GainRequest(7)).control.backstepping
+    least = designed(vessel_of(BOATS["unstable"]), GainRequest(7)).control.backstepping
     assert least is not None
 
     def from_seven_on(vessel: Vessel) -> bool:
@@ -332,7 +329,7 @@ def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
 
     monkeypatch.setattr(weaker_turn, "survives", from_seven_on)
     path, out = tmp_path / "unsteady.yaml", tmp_path / "better.yaml"
-    path.write_text(dump_vessel(UNSTEADY))
+    path.write_text(dump_vessel(vessel_of(BOATS["unstable"])))
     assert main(["gains", str(path), "--level", "5", "--out", str(out)]) == 4
     message = capsys.readouterr().err.strip()
     assert "at level 5 a turn of 90 deg with a rudder 30 % weaker" in message
@@ -341,7 +338,7 @@ def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
     assert not out.exists()
     assert main(["gains", str(path), "--bandwidth-rad-s", "0.2"]) == 4
     assert "ask for more --bandwidth-rad-s" in capsys.readouterr().err
-    assert in_hand(UNSTEADY, GainRequest(), is_chosen=False).control.backstepping == least
+    assert in_hand(vessel_of(BOATS["unstable"]), GainRequest(), is_chosen=False).control.backstepping == least
     assert "level 7 in place of 5" in capsys.readouterr().err
 
 

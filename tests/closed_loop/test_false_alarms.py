@@ -19,8 +19,7 @@ from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
 
 STEP = 0.1
-SHIP = vessel_of(Boat(0.03, 100.0, 1.0e4, 1.0, 8.0, 2.5))
-SLOW, QUICK = vessel_of(BOATS["slow"]), vessel_of(BOATS["middle"])
+SHIP, SLOW, QUICK = Boat(0.03, 100.0, 1.0e4, 1.0, 8.0, 2.5), BOATS["slow"], BOATS["middle"]
 WAVES = ((0.55, 0.4), (0.7, 0.7), (0.9, 0.55))
 """Frequency of encounter [rad/s] and amplitude [deg]: 0.7 deg rms together."""
 
@@ -50,33 +49,40 @@ def sailed(
     return found, error
 
 
-@pytest.mark.parametrize("vessel", [SLOW, SHIP], ids=["slow", "ship"])
-def test_waves_that_move_a_slow_ship_are_no_push_on_its_rudder(vessel: Vessel) -> None:
+@pytest.mark.parametrize("boat", [SLOW, SHIP], ids=["slow", "ship"])
+def test_waves_that_move_a_slow_ship_are_no_push_on_its_rudder(boat: Boat) -> None:
     turns = (0.0, 0.5, 0.2, 1.0)
-    found, _ = sailed(vessel, lambda _: 0.05, 1200.0, lambda now: turns[int(now / 300.0)])
+    found, _ = sailed(vessel_of(boat), lambda _: 0.05, 1200.0, lambda now: turns[int(now / 300.0)])
     assert found == {}
 
 
-@pytest.mark.parametrize(("vessel", "within"), [(QUICK, 15.0), (SLOW, 45.0), (SHIP, 100.0)])
+@pytest.mark.parametrize(
+    ("boat", "within"), [(QUICK, 15.0), (SLOW, 45.0), (SHIP, 100.0)], ids=["quick", "slow", "ship"]
+)
 @pytest.mark.parametrize("push_deg", [40.0, -60.0])
-def test_a_push_heavier_than_the_rudder_is_reported_in_waves(vessel: Vessel, within: float, push_deg: float) -> None:
+def test_a_push_heavier_than_the_rudder_is_reported_in_waves(boat: Boat, within: float, push_deg: float) -> None:
     begins = 200.0
-    found, off = sailed(vessel, lambda now: math.radians(push_deg) if now >= begins else 0.0, begins + within)
+    found, off = sailed(vessel_of(boat), lambda now: math.radians(push_deg) if now >= begins else 0.0, begins + within)
     assert begins <= found["overpowered"]
     assert off < 45.0
 
 
-@pytest.mark.parametrize("vessel", [QUICK, SLOW, SHIP], ids=["quick", "slow", "ship"])
-def test_a_gust_that_the_rudder_can_hold_raises_no_overpowered_alarm(vessel: Vessel) -> None:
+@pytest.mark.parametrize("boat", [QUICK, SLOW, SHIP], ids=["quick", "slow", "ship"])
+def test_a_gust_that_the_rudder_can_hold_raises_no_overpowered_alarm(boat: Boat) -> None:
     begins = 200.0
-    found, _ = sailed(vessel, lambda now: math.radians(20.0) if now >= begins else 0.0, begins + 300.0)
+    found, _ = sailed(vessel_of(boat), lambda now: math.radians(20.0) if now >= begins else 0.0, begins + 300.0)
     assert "overpowered" not in found
 
 
-MINUTES = [(name, number) for name in endurance_alarms.plants() for number in (2, 5)]
+PLANTS = ("lanxin", "launch", "coaster", "tanker", *(f"tests' {name}" for name in BOATS))
 
 
-@pytest.mark.parametrize(("name", "number"), MINUTES)
+def test_the_minutes_are_those_of_all_plants_of_the_study() -> None:
+    assert set(PLANTS) == set(endurance_alarms.plants())
+
+
+@pytest.mark.parametrize("number", [2, 5])
+@pytest.mark.parametrize("name", PLANTS)
 def test_minutes_with_healthy_instruments_are_quiet(name: str, number: int) -> None:
     """A sample of the study: sea state 5, without and with a rudder sensor."""
     _, minutes = endurance_alarms.hour_of(endurance_alarms.plants()[name], number, seed=20261122, seconds=200.0)
@@ -168,7 +174,7 @@ class LateLoop:
 def test_a_loop_that_stalls_accuses_no_instrument_and_no_rudder(
     name: str, stamped_on_arrival: bool, stalls_reading: bool, seed: int
 ) -> None:
-    vessel = load_vessel("lanxin") if name == "lanxin" else QUICK
+    vessel = load_vessel("lanxin") if name == "lanxin" else vessel_of(QUICK)
     loop = LateLoop(vessel, stalls_reading, stamped_on_arrival, seed)
     loop.sail(120.0)
     assert loop.findings == set()

@@ -20,9 +20,8 @@ from autopilot.signals import Mode, Order, OrderKind, RudderSample, Sample, Spee
 from autopilot.supervision.alarm_words import WORDS
 from autopilot.vessel.schema import Vessel
 
-VESSELS = {name: vessel_of(boat) for name, boat in BOATS.items()}
 STABLE = ("lanxin", "middle", "slow")
-VESSELS["tanker"] = vessel_of(Boat(0.06, 20.0, 60.0, 1.0, 6.0, 10.0))
+TANKER = Boat(0.06, 20.0, 60.0, 1.0, 6.0, 10.0)
 """64 m long."""
 
 
@@ -120,7 +119,7 @@ def constant(speed: float) -> Callable[[float], float]:
 @pytest.mark.parametrize("share", [0.0, 0.15, 0.3, 0.5, 0.7, 1.3, 1.7])
 def test_speed_over_the_ground_in_a_stream_does_not_make_the_boat_swing(name: str, share: float) -> None:
     """The boat goes at its trial's speed through the water; over the ground it makes good this share of that."""
-    vessel = VESSELS[name]
+    vessel = vessel_of(BOATS[name])
     outcome = run(vessel, speeds={True: constant(share * vessel.model.reference_speed_m_s)})
     assert outcome.gave_back == math.inf
     assert outcome.swing < 1.0
@@ -130,7 +129,7 @@ def test_speed_over_the_ground_in_a_stream_does_not_make_the_boat_swing(name: st
 @pytest.mark.parametrize("share", [0.15, 0.2, 0.25, 0.33, 0.5])
 def test_a_log_that_reads_too_low_does_not_send_the_boat_round_in_circles(share: float) -> None:
     """The damping is cancelled no further than the rudder reaches: more of it is nothing that a trial has shown."""
-    outcome = run(VESSELS["lanxin"], speeds={False: constant(share * 4.63)})
+    outcome = run(vessel_of(BOATS["lanxin"]), speeds={False: constant(share * 4.63)})
     assert outcome.turned < 140.0
     assert outcome.swing < 20.0
 
@@ -139,7 +138,7 @@ def test_a_log_that_reads_too_low_does_not_send_the_boat_round_in_circles(share:
 @pytest.mark.parametrize("name", STABLE)
 def test_a_speed_that_reads_too_low_is_doubted_by_the_boat_s_own_turns(name: str, share: float) -> None:
     """Left to itself the loop swings for ever with a third of the speed: the trial's speed counts then."""
-    vessel = VESSELS[name]
+    vessel = vessel_of(BOATS[name])
     outcome = run(vessel, speeds={False: constant(share * vessel.model.reference_speed_m_s)}, turns=3.0)
     assert outcome.gave_back == math.inf
     assert outcome.swing < 2.0
@@ -150,7 +149,7 @@ def test_a_speed_that_reads_too_low_is_doubted_by_the_boat_s_own_turns(name: str
 
 @pytest.mark.parametrize("name", STABLE)
 def test_a_log_that_stands_still_while_the_boat_makes_way_is_doubted(name: str) -> None:
-    vessel = VESSELS[name]
+    vessel = vessel_of(BOATS[name])
     outcome = run(vessel, speeds={False: constant(0.3 * vessel.model.reference_speed_m_s)}, turns=3.0)
     assert outcome.gave_back == math.inf
     assert outcome.swing < 2.0
@@ -160,7 +159,7 @@ def test_a_log_that_stands_still_while_the_boat_makes_way_is_doubted(name: str) 
 @pytest.mark.parametrize("name", [*STABLE, "tanker"])
 def test_a_boat_far_quicker_than_its_file_is_given_back_or_steered_softly(name: str, times: float) -> None:
     """It is noticed within a few reversals of the rudder, and never turned round by its own rudder."""
-    vessel = VESSELS[name]
+    vessel = vessel_of(BOATS[name])
     model = model_of(vessel)
     outcome = run(vessel, boat=model._replace(gain=times * model.gain, n3=0.0))
     # the quickest turns round in less than a second, and is given back in two
@@ -178,7 +177,8 @@ def test_a_boat_far_quicker_than_its_file_is_given_back_or_steered_softly(name: 
 @pytest.mark.parametrize("name", ["lanxin", "middle"])
 @pytest.mark.parametrize("sensor", [False, True])
 def test_a_slow_rudder_is_named_and_steered_softly_or_given_back(name: str, share: float, sensor: bool) -> None:
-    vessel, gear = VESSELS[name], gear_of(VESSELS[name])
+    vessel = vessel_of(BOATS[name])
+    gear = gear_of(vessel)
     outcome = run(vessel, gear=gear._replace(rate_max=share * gear.rate_max), turns=3.0, sensor=sensor)
     assert outcome.said("steering gear: rudder ") or outcome.said("the rudder is ")
     if outcome.gave_back == math.inf:
@@ -188,7 +188,7 @@ def test_a_slow_rudder_is_named_and_steered_softly_or_given_back(name: str, shar
 
 def test_a_tanker_filed_with_a_quick_rudder_that_is_slow_is_held_after_the_turn() -> None:
     """2.8 deg/s of rudder where the file says 10; it swung 8 to 28 deg for 200 s."""
-    vessel = VESSELS["tanker"]
+    vessel = vessel_of(TANKER)
     gear = gear_of(vessel)._replace(rate_max=math.radians(2.8))
     outcome = run(vessel, gear=gear)
     assert outcome.swing < 1.0
@@ -198,7 +198,7 @@ def test_a_tanker_filed_with_a_quick_rudder_that_is_slow_is_held_after_the_turn(
 @pytest.mark.parametrize("share", [0.15, 0.25, 0.33])
 def test_a_course_unstable_boat_with_a_low_log_uses_its_trial_speed(law: str, share: float) -> None:
     """It went round one to three times without a word: by that speed no rudder turns it so fast."""
-    vessel = VESSELS["unstable"]
+    vessel = vessel_of(BOATS["unstable"])
     outcome = run(vessel, speeds={False: constant(share * vessel.model.reference_speed_m_s)}, law=law)
     assert outcome.said("the speed does not go with the way the boat turns")
     assert outcome.farthest < 360.0
@@ -207,7 +207,7 @@ def test_a_course_unstable_boat_with_a_low_log_uses_its_trial_speed(law: str, sh
 
 @pytest.mark.parametrize("quick", [1.0, 0.25, 2.0])
 def test_a_course_unstable_boat_that_is_not_its_file_does_not_go_round_for_good(quick: float) -> None:
-    vessel = VESSELS["unstable"]
+    vessel = vessel_of(BOATS["unstable"])
     model = model_of(vessel)
     gear = gear_of(vessel)._replace(rate_max=0.25 * gear_of(vessel).rate_max)
     outcome = run(vessel, boat=model._replace(time_constant=model.time_constant / quick), gear=gear, turns=2.0)
@@ -218,7 +218,7 @@ def test_a_course_unstable_boat_that_is_not_its_file_does_not_go_round_for_good(
 def test_a_course_unstable_boat_thrown_round_by_a_sea_is_stopped_with_all_of_the_rudder(push_deg: float) -> None:
     """For 4 s pushed by more than its rudder, it turns at 11 deg/s and more: the rudder that turns are planned with
     cannot stop that, all of it can. It went round at 9 deg/s for good with 17 deg of rudder."""
-    vessel = VESSELS["unstable"]
+    vessel = vessel_of(BOATS["unstable"])
     outcome = run(vessel, turn_deg=0.0, disturbance=lambda now: math.radians(push_deg) if 20.0 <= now < 24.0 else 0.0)
     assert outcome.gave_back == math.inf
     assert abs(outcome.turned) < 361.0
@@ -248,7 +248,7 @@ def test_a_boat_that_is_its_file_is_left_alone_in_seas_and_gusts(
     name: str, gain: float, waves: float, gusts: float, peak: float
 ) -> None:
     """A turn and a course after it, the boat up to 40 % better or worse than its file."""
-    vessel = VESSELS[name]
+    vessel = vessel_of(BOATS[name])
     model = model_of(vessel)
     outcome = run(
         vessel,
@@ -261,6 +261,6 @@ def test_a_boat_that_is_its_file_is_left_alone_in_seas_and_gusts(
 
 
 def test_a_log_and_a_receiver_that_cannot_both_be_right_are_reported() -> None:
-    outcome = run(VESSELS["lanxin"], speeds={False: constant(0.5), True: constant(4.6)})
+    outcome = run(vessel_of(BOATS["lanxin"]), speeds={False: constant(0.5), True: constant(4.6)})
     assert outcome.said("the speed log and the speed over ground do not go together")
     assert outcome.swing < 1.0

@@ -6,42 +6,28 @@ import dataclasses
 import math
 from typing import Any
 
+import boats
 import pytest
+from boats import vessel_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
 from autopilot.cli.main import main
 from autopilot.cli.run import turning_as_asked
-from autopilot.control.backstepping import Backstepping
-from autopilot.control.design import design_backstepping
 from autopilot.errors import InputError
-from autopilot.models.norrbin import Norrbin, at_speed
-from autopilot.models.steering_gear import SteeringGear
+from autopilot.models.norrbin import at_speed
 from autopilot.runtime.build import build_pilot, gear_of, model_of, pilot_config, track_settings_of
 from autopilot.signals import Order, OrderKind, Sample, SpeedSample, Tick
-from autopilot.vessel.schema import Control, Model, Rudder, Sensors, Vessel
+from autopilot.vessel.schema import Sensors, Vessel
 
 DT = 0.05
 BEFORE = 10.0
 TURN = math.radians(150.0)
 
 
-def vessel_of(gain: float, time_constant: float, n3: float, speed: float, rudder_deg_s: float) -> Vessel:
-    model = Norrbin(gain, time_constant, n3, reference_speed=speed)
-    gear = SteeringGear(math.radians(30.0), math.radians(rudder_deg_s), 0.1, 0.0, 0.05)
-    gains = design_backstepping(model, gear, gear.rate_max, 0.05)
-    return Vessel(
-        2,
-        "boat",
-        Model(gain, time_constant, speed, 1.0, n3),
-        Rudder(30.0, rudder_deg_s, 0.1, 0.05),
-        sensors=Sensors(heading_noise_deg=0.3, rate_noise_deg_s=0.2),
-        control=Control(backstepping=Backstepping(*gains)),
-    )
-
-
-LANXIN = vessel_of(0.701, 0.332, 3.2828, 4.63, 20.0)
-LAUNCH = vessel_of(0.2, 5.0, 5.0, 4.0, 5.0)
+SENSORS = Sensors(heading_noise_deg=0.3, rate_noise_deg_s=0.2)
+LANXIN = dataclasses.replace(vessel_of(boats.BOATS["lanxin"]), sensors=SENSORS)
+LAUNCH = dataclasses.replace(vessel_of(boats.LAUNCH), sensors=SENSORS)
 
 
 @dataclasses.dataclass

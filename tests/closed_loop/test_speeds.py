@@ -7,18 +7,17 @@ import itertools
 import math
 from dataclasses import dataclass
 
+import boats
 import pytest
 from alarm_texts import words_of
+from boats import vessel_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
-from autopilot.control.backstepping import Backstepping
-from autopilot.control.design import design_backstepping
-from autopilot.models.norrbin import Norrbin, at_speed
-from autopilot.models.steering_gear import SteeringGear
+from autopilot.models.norrbin import at_speed
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import AlarmEvent, HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
-from autopilot.vessel.schema import Control, Model, Rudder, Vessel
+from autopilot.vessel.schema import Vessel
 
 COURSE = Order(OrderKind.HEADING, 0.0, serial=1)
 
@@ -37,21 +36,7 @@ class Sailing(Plant):
 NO_STEERAGE = AlarmEvent("low_speed")
 
 
-def vessel_of(gain: float, time_constant: float, n3: float, speed: float, rudder_deg_s: float) -> Vessel:
-    model = Norrbin(gain, time_constant, n3, reference_speed=speed)
-    gear = SteeringGear(math.radians(30.0), math.radians(rudder_deg_s), 0.1, 0.0, 0.05)
-    gains = design_backstepping(model, gear, gear.rate_max, 0.05)
-    return Vessel(
-        2,
-        "boat",
-        Model(gain, time_constant, speed, 1.0, n3),
-        Rudder(30.0, rudder_deg_s, 0.1, 0.05),
-        control=Control(backstepping=Backstepping(*gains)),
-    )
-
-
-LANXIN = vessel_of(0.701, 0.332, 3.2828, 4.63, 20.0)
-LAUNCH = vessel_of(0.2, 5.0, 5.0, 4.0, 5.0)
+LANXIN, LAUNCH = vessel_of(boats.BOATS["lanxin"]), vessel_of(boats.LAUNCH)
 
 
 @pytest.mark.parametrize("vessel", [LANXIN, LAUNCH])
