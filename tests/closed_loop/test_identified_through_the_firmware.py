@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,23 +95,25 @@ def sailed(vessel: Path, side: int, folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Identified]:
-    """What each kind of log gives, without any option but the angle that the servo's full travel is worth."""
+def found(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Identified]:
+    """What a kind of log gives, without any option but the angle that the servo's full travel is worth."""
     folder = tmp_path_factory.mktemp("trial")
     vessel, options = vessel_file(folder), LogOptions(rudder=RudderSettings(at_full=math.radians(FULL_DEG)))
     for side, name in ((1, "starboard"), (-1, "port")):
         sailed(vessel, side, folder / name)
-    return {
-        log: identify(
+
+    @cache
+    def of(log: str) -> Identified:
+        return identify(
             [load_run(str(folder / side / log), options=options) for side in ("starboard", "port")], Question()
         )
-        for log in LOGS
-    }
+
+    return of
 
 
 @pytest.mark.parametrize("log", LOGS)
-def test_the_boat_is_found_with_intervals_that_hold(found: dict[str, Identified], log: str) -> None:
-    model, errors = found[log].model, found[log].standard_errors
+def test_the_boat_is_found_with_intervals_that_hold(found: Callable[[str], Identified], log: str) -> None:
+    model, errors = found(log).model, found(log).standard_errors
     ratio = model.reference_speed / 4.63
     truth = Truth(Truth().gain * ratio, Truth().time_constant / ratio, Truth().n3 / ratio**2)
     squares = 0.0
@@ -124,7 +128,7 @@ def test_the_boat_is_found_with_intervals_that_hold(found: dict[str, Identified]
 
 @pytest.mark.parametrize("log", ["firmware.tlog", "firmware.BIN"])
 def test_a_servo_value_is_known_to_be_an_order_and_how_late_the_rudder_is(
-    found: dict[str, Identified], log: str
+    found: Callable[[str], Identified], log: str
 ) -> None:
-    late = found[log].train.delay + found[log].train.lag
+    late = found(log).train.delay + found(log).train.lag
     assert late == pytest.approx(DELAY_S + LAG_S, abs=0.05)

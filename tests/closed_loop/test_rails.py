@@ -7,12 +7,10 @@ from rails import sail
 
 LIMITS = {0.3: 0.1, 0.6: 0.25}
 """rms of the cross-track error [lengths], by current [the boat's speeds]; corners included."""
-SLOW = [(kind, share) for kind in ("mmg_tanker", "roll_ship", "twin_thruster") for share in LIMITS]
 
 
-@pytest.mark.parametrize(
-    ("kind", "share"), [("outboard", 0.6), *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW)]
-)
+@pytest.mark.parametrize("share", LIMITS)
+@pytest.mark.parametrize("kind", ["outboard", "mmg_tanker", "roll_ship", "twin_thruster"])
 def test_the_boat_keeps_to_legs_and_corners_in_a_current(kind: str, share: float) -> None:
     found = sail(kind, share, seed=5)
     assert found.is_complete
@@ -20,7 +18,6 @@ def test_the_boat_keeps_to_legs_and_corners_in_a_current(kind: str, share: float
     assert found.wide < 0.2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("share", LIMITS)
 def test_without_a_log_it_keeps_to_them_too(share: float) -> None:
     found = sail("outboard", share, seed=5, has_log=False)

@@ -11,7 +11,7 @@ import turns
 
 from autopilot.guidance.stop import turn_limits
 from autopilot.guidance.turn import VirtualBoat, couple, reference_of, scaled_by_confidence
-from autopilot.models.norrbin import damping, rate_step, rudder_for
+from autopilot.models.norrbin import rate_step, rudder_for
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState
 
@@ -85,17 +85,3 @@ def test_the_plan_goes_with_a_boat_that_lags_while_it_turns_and_not_at_rest() ->
     assert 0.4 < drawn.heading < 0.5
     assert 0.0 < drawn.rate < limits.rate_max
     assert (left.heading, left.rate) == (0.5, 0.0)
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_drawn_boats_are_those_of_their_rule_and_their_seed(seed: int) -> None:
-    boats = turns.drawn(6, seed)
-    assert boats == turns.drawn(6, seed) != turns.drawn(6, seed + 10)
-    for boat in boats.values():
-        model, hard_over = boat.model, boat.model.gain * math.radians(boat.angle_deg)
-        rates = [0.001 * index * math.sqrt(-model.n1 / model.n3) for index in range(1000)]
-        against = max(-damping(model, rate) for rate in rates) / hard_over
-        assert 0.195 < against < 1.005
-        assert 0.595 < boat.angle_deg / boat.rate_deg_s / model.time_constant < 1.505
-        assert 2.0 <= model.time_constant <= 20.0
-        assert -1.1 <= model.n1 <= -0.3

@@ -320,7 +320,6 @@ def test_shipped_files_hold_settings_alone() -> None:
         assert settings_of(wanted_parameters(file), file.firmware)[1] == []
 
 
-@pytest.mark.slow
 def test_the_simulated_firmware_is_backed_up_and_restored(capsys: pytest.CaptureFixture[str]) -> None:
     port = free_port()
     words = ["serve", "lanxin", "--disarmed", "--mavlink", f"udpout:127.0.0.1:{port}", "--duration", "120"]

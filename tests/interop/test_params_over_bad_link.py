@@ -79,7 +79,6 @@ def held_by(file: str) -> dict[str, bytes]:
     return {each.name: struct.pack("<f", each.value) for each in read_foreign(file).values}
 
 
-@pytest.mark.slow
 def test_download_and_upload_are_complete_and_exact(relay: Relay, capsys: pytest.CaptureFixture[str]) -> None:
     link = ("--link", f"udpin:127.0.0.1:{relay.client_port}")
     assert main(["params", "download", "before.params", *link]) == 0

@@ -34,7 +34,6 @@ def autopilot(*words: str) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "speedup", "seconds"), LASTS)
 def test_trial_identify_and_run_on_each_plant(kind: str, speedup: float, seconds: float, tmp_path: Path) -> None:
     port, log = free_port(), tmp_path / "trial.tlog"

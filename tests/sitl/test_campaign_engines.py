@@ -23,7 +23,6 @@ LIBRARY = {"dask": "distributed"}
 pytestmark = [
     # the library leaves sockets and loops to the garbage collector
     pytest.mark.filterwarnings("ignore"),
-    pytest.mark.slow,
 ]
 
 

@@ -87,7 +87,6 @@ def test_froude_makes_a_model_of_it() -> None:
     assert small.state.north == pytest.approx(0.1 * large.state.north, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_the_roll_law_damps_its_roll_in_a_beam_sea() -> None:
     """The same sea with the heading law alone and with that of the file `naval_vessel` for both."""
     sea = WavesSection(ittc=IttcSection(1.5, 7.0, from_deg=90.0))
