@@ -90,7 +90,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give real-time tests to two workers, one after the other, and what shares a costly fixture to one.
+    """Give real-time tests to two workers at most, one after the other, and what shares a costly fixture to one.
 
     Real-time tests start a simulator and a pilot as a user would, and mostly sleep.
     """
@@ -102,9 +102,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         def _split_scope(self, nodeid: str) -> str:
             file, _, name = nodeid.partition("::")
             marked, shares = _kinds_in(config.rootpath / file)
-            if marked is None or name.partition("[")[0] in marked:
-                return f"real time {crc32(nodeid.encode()) % REAL_TIME_GROUPS}"
-            return file if shares else nodeid
+            together = file if shares else nodeid
+            is_real_time = marked is None or name.partition("[")[0] in marked
+            if is_real_time and config.getoption("numprocesses") > REAL_TIME_GROUPS:
+                return f"real time {crc32(together.encode()) % REAL_TIME_GROUPS}"
+            return together
 
     return ByKind(config, log)
 

@@ -12,9 +12,9 @@ from random import Random
 from typing import Any
 
 from autopilot.links.mavlink.companion import CompanionLink
-from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.runtime.app import App, Plan
+from autopilot.runtime.build_links import LinkOptions, companion_settings_of
 from autopilot.runtime.log_files import FileSink
 from autopilot.signals import Mode, Order, OrderKind, Tick
 from autopilot.vessel.schema import Vessel
@@ -117,17 +117,8 @@ class Lockstep:
         near.is_stream = is_stream
         self.near: LoopbackTransport = near
         self.up, self.down = lines or (BadLine(), BadLine())
-        full = math.radians(vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg)
-        scale: dict[str, Any] = {
-            "servo_us": vessel.helm.servo_us,
-            "angle_max": math.radians(vessel.rudder.angle_max_deg),
-        }
-        scale["drive"] = vessel.drive.kind
-        for name in ("thrust_exponent", "astern_share"):
-            scale[name] = math.nan if (value := getattr(vessel.drive, name)) is None else value
-        scale["heading_timeout"] = vessel.failsafe.heading_timeout_s
-        chosen = {**scale, "method": vessel.helm.method, "as_gcs": vessel.helm.method != "guided", **(settings or {})}
-        self.link = CompanionLink(near, CompanionSettings(full, **chosen))
+        wired = companion_settings_of(vessel, LinkOptions(as_gcs=vessel.helm.method != "guided"))
+        self.link = CompanionLink(near, wired._replace(**(settings or {})))
         self.order = Order()
         self.clock = Clock(lambda now: self.carry(now))
         self.ticks: deque[Tick] = deque()

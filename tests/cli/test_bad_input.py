@@ -9,6 +9,7 @@ import pytest
 
 from autopilot import __version__
 from autopilot.cli.main import main
+from autopilot.vessel.file import dump_vessel, load_vessel
 from sitl.cli import main as sitl_main
 
 
@@ -116,3 +117,45 @@ def test_help_lists_the_commands_and_the_exit_codes(capsys: pytest.CaptureFixtur
     text = capsys.readouterr().out
     for word in ("run", "trial", "identify", "gains", "params", "replay", "demo", "exit codes:"):
         assert word in text
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    """Return exit code and sentence of `autopilot run`."""
+    code = main(["run", *arguments])
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("autopilot: ")
+    return code, line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "parts"),
+    [
+        (["nowhere.yaml", "--link", "udpin:127.0.0.1:0"], 2, ["nowhere.yaml"]),
+        (["lanxin", "--link", "carrier-pigeon:7"], 3, ["carrier-pigeon"]),
+        (["lanxin", "--link-wait", "0", "--link", "serial:/dev/not-there:115200"], 3, ["/dev/not-there"]),
+        (["lanxin", "--link-wait", "0", "--link", "tcp:127.0.0.1:1"], 3, ["tcp:127.0.0.1:1"]),
+        (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "400"], 2, ["400", "0 to 360"]),
+        (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "north"], 2, ["north"]),
+        (["lanxin", "--link", "udpin:127.0.0.1:0", "--duration", "-1"], 2, ["--duration"]),
+        (["lanxin", "--link", "udpin:127.0.0.1:0", "--log", "/proc/no/run.tlog"], 2, ["/proc/no/run.tlog"]),
+    ],
+)
+def test_a_run_with_bad_input_is_one_sentence(
+    arguments: list[str], code: int, parts: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    found, line = run(capsys, *arguments)
+    assert found == code
+    assert all(part in line for part in parts), line
+
+
+def test_unknown_keys_and_wrong_units_name_the_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = dump_vessel(load_vessel("lanxin"))
+    for wrong, right in (
+        ("rate_max_rad_s: 20.0", "rate_max_deg_s: 20.0"),
+        ("rate_max_deg: 20.0", "rate_max_deg_s: 20.0"),
+    ):
+        path = tmp_path / "boat.yaml"
+        path.write_text(text.replace(right, wrong))
+        code, line = run(capsys, str(path), "--link", "udpin:127.0.0.1:0")
+        assert code == 2
+        assert all(part in line for part in ("boat.yaml", "line", wrong.split(":")[0])), line

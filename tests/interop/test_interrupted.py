@@ -31,7 +31,7 @@ pytestmark = pytest.mark.real_time
 ROOT = Path(__file__).parents[2]
 
 SLOW = os.environ.get("NORRBIN_SLOW") == "1"
-MOMENTS = [0.05 * step for step in range(41)] if SLOW else [0.0, 0.1, 0.2, 0.35, 0.6, 1.0, 1.6]
+MOMENTS = [0.05 * step for step in range(41)] if SLOW else [0.05, 0.2, 0.5, 1.4]
 """Seconds from the start of the process to the signal."""
 TOGETHER = 4
 LAST_LINE = {signal.SIGINT: "ended by Ctrl-C", signal.SIGTERM: "ended by a termination signal"}

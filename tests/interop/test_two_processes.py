@@ -190,25 +190,6 @@ def test_silence_is_a_link_error() -> None:
     assert_one_sentence(err, "no heading came over udpin:127.0.0.1")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "parts"),
-    [
-        (["nowhere.yaml", "--link", "udpin:127.0.0.1:0"], 2, ["nowhere.yaml"]),
-        (["lanxin", "--link", "carrier-pigeon:7"], 3, ["carrier-pigeon"]),
-        (["lanxin", "--link-wait", "0", "--link", "serial:/dev/not-there:115200"], 3, ["/dev/not-there"]),
-        (["lanxin", "--link-wait", "0", "--link", "tcp:127.0.0.1:1"], 3, ["tcp:127.0.0.1:1"]),
-        (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "400"], 2, ["400", "0 to 360"]),
-        (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "north"], 2, ["north"]),
-        (["lanxin", "--link", "udpin:127.0.0.1:0", "--duration", "-1"], 2, ["--duration"]),
-        (["lanxin", "--link", "udpin:127.0.0.1:0", "--log", "/proc/no/run.tlog"], 2, ["/proc/no/run.tlog"]),
-    ],
-)
-def test_bad_input_is_one_sentence(arguments: list[str], code: int, parts: list[str]) -> None:
-    found, _, err = finish(pilot(*arguments))
-    assert found == code
-    assert_one_sentence(err, *parts)
-
-
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may open every port: permission denied cannot be provoked")
 def test_a_port_without_permission_names_the_group(tmp_path: Path) -> None:
     port = tmp_path / "ttyUSB0"
@@ -216,25 +197,3 @@ def test_a_port_without_permission_names_the_group(tmp_path: Path) -> None:
     code, _, err = finish(pilot("lanxin", "--link", f"nmea:{port}:4800"))
     assert code == 3
     assert_one_sentence(err, "dialout")
-
-
-def test_unknown_keys_and_wrong_units_name_the_line(tmp_path: Path) -> None:
-    text = dump_vessel(load_vessel("lanxin"))
-    for wrong, right in (
-        ("rate_max_rad_s: 20.0", "rate_max_deg_s: 20.0"),
-        ("rate_max_deg: 20.0", "rate_max_deg_s: 20.0"),
-    ):
-        path = tmp_path / "boat.yaml"
-        path.write_text(text.replace(right, wrong))
-        code, _, err = finish(pilot(str(path), "--link", "udpin:127.0.0.1:0"))
-        assert code == 2
-        assert_one_sentence(err, "boat.yaml", "line", wrong.split(":")[0])
-
-
-@pytest.mark.parametrize("command", ["run", "trial", "identify", "gains", "params", "replay", "demo"])
-def test_every_command_explains_itself(command: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "autopilot", command, "--help"], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 0
-    assert done.stdout.startswith("usage: autopilot")
