@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 from outside_programs import SIGNALK, WANTED
+from station_doubles import Skipper
 
 from autopilot.angles import wrap
 from autopilot.guidance.plotter import PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
@@ -75,25 +76,6 @@ def canboat(lines: list[str], messages: list[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
-class Skipper:
-    """Writes down what is ordered."""
-
-    def __init__(self) -> None:
-        self.orders: list[tuple[str, float | None]] = []
-
-    def engage(self, heading: float | None) -> None:
-        self.orders.append(("engage", heading))
-
-    def turn_to(self, heading: float) -> None:
-        self.orders.append(("turn", heading))
-
-    def stand_by(self) -> None:
-        self.orders.append(("stand by", None))
-
-    def follow(self) -> None:
-        self.orders.append(("follow", None))
-
-
 class Guide:
     """Keeps what the plotter says."""
 
@@ -149,7 +131,7 @@ def all_that_is_said() -> list[Message]:
         made.on_tick(tick._replace(now=1.0 + number))
     for number, angle in enumerate((0.2, -0.3, 0.0)):
         made.send(10.0 + number, RudderCommand(10.0 + number, angle, True))
-    made.release(13.0)
+    said += made.release(13.0)
     made.poll(13.0)
     asked = [Message(59904, group.to_bytes(3, "little"), 35, 204) for group in (*ASKED, 130306)]
     asked += [Message(126208, bytes((3, *(127237).to_bytes(3, "little"), 255, 255, 0, 0, 1)), 35, 204)]

@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from monitored_boat import Watched
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from station_doubles import Skipper, Store
 
 from autopilot.files.strict_yaml import parse_document
 from autopilot.guidance.track import TrackGuide
@@ -66,29 +67,10 @@ MANUAL = dialect.MAVLink_set_mode_message(1, 1, 0)
 TUNE = dialect.MAVLink_param_set_message(1, 1, b"GAIN", 3.0, 9)
 
 
-class Store:
-    names = ("GAIN",)
-    written = 0
-
-    def get(self, name: str) -> float:
-        return 1.0
-
-    def set(self, name: str, value: float) -> str:
-        self.written += 1
-        return ""
-
-
-class Hand:
-    released = 0
-
-    def stand_by(self) -> None:
-        self.released += 1
-
-
 class Bench:
     def __init__(self, rules: AccessRules) -> None:
         self.near, self.far = loopback_pair()
-        self.store, self.hand, self.policy = Store(), Hand(), AccessPolicy(rules)
+        self.store, self.hand, self.policy = Store(), Skipper(), AccessPolicy(rules)
         self.commands = Commands(self.hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
         server = ParameterServer(self.store)
         self.boat = BoatLink(self.near, self.commands, server, access=self.policy.link())
@@ -284,7 +266,7 @@ def test_the_vessel_file_says_who_may_come_and_no_station_can_change_it() -> Non
 def stations_at(urls: tuple[str, ...], vessel: Vessel, folder: Path, options: LinkOptions | None = None) -> list[Any]:
     """The links of a run to ground stations."""
     store = VesselStore(vessel, build_pilot(vessel), None, folder / "boat.tuned.yaml")
-    commands = Commands(Hand(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+    commands = Commands(Skipper(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
     return build_station_links(vessel, Stations(urls), commands, store, options or LinkOptions())
 
 
@@ -325,7 +307,7 @@ class Wired:
     def __init__(self, host: str = "127.0.0.1", rules: AccessRules = EVERYBODY, tcp: bool = False) -> None:
         kind = TcpServerTransport if tcp else UdpInTransport
         self.transport = kind("served", host, 0)
-        self.hand, self.store, self.now = Hand(), Store(), 0.0
+        self.hand, self.store, self.now = Skipper(), Store(), 0.0
         self.commands = Commands(self.hand, armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
         self.boat = BoatLink(
             self.transport, self.commands, ParameterServer(self.store), access=AccessPolicy(rules).link()
@@ -511,7 +493,7 @@ def lan_boat(
     rules: AccessRules = EVERYBODY, is_local: bool = False, signing: Any = None
 ) -> tuple[BoatLink, Any, Commands, Store]:
     lan, store = Lan(is_local), Store()
-    commands = Commands(Hand(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+    commands = Commands(Skipper(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
     access = AccessPolicy(rules).link()
     return BoatLink(lan, commands, ParameterServer(store), signing=signing, access=access), lan.far, commands, store
 
@@ -543,7 +525,7 @@ def test_without_a_key_another_machine_gives_no_order_and_hears_why_once() -> No
                 asked
             )
     assert not commands.armed and not store.written and not commands.mission.items
-    assert Hand.released == 0 and "".join(texts).count("signing key") == 1
+    assert commands._helmsman.released == 0 and "".join(texts).count("signing key") == 1
 
 
 @pytest.mark.parametrize(
@@ -786,7 +768,7 @@ def test_a_radio_on_a_serial_line_gives_no_order_until_the_skipper_says_so() -> 
         tty.setraw(master)
         path = os.ttyname(slave)
         transport = SerialTransport(f"serial:{path}:57600", path, 57600)
-        commands = Commands(Hand(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+        commands = Commands(Skipper(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
         access = AccessPolicy(rules).link()
         boat = BoatLink(transport, commands, ParameterServer(Store()), signing=signing, access=access)
         router = Router()

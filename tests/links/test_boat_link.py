@@ -11,6 +11,7 @@ from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from station_doubles import Skipper, Store
 
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import LinkError
@@ -35,40 +36,8 @@ from autopilot.signals import (
 )
 
 
-class Store:
-    """Three numbers; the second takes nothing below zero."""
-
-    def __init__(self) -> None:
-        self.values = {"ONE": 1.0, "TWO": 2.0, "A_NAME_OF_16_CHR": 3.0}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(self.values)
-
-    def get(self, name: str) -> float:
-        return self.values[name]
-
-    def set(self, name: str, value: float) -> str:
-        if name == "TWO" and value < 0.0:
-            return "TWO not changed: allowed: at least 0."
-        self.values[name] = value
-        return ""
-
-
-class Hand:
-    """Writes down what was ordered."""
-
-    def __init__(self) -> None:
-        self.orders: list[tuple[str, float | None]] = []
-
-    def engage(self, heading: float | None) -> None:
-        self.orders.append(("engage", heading))
-
-    def turn_to(self, heading: float) -> None:
-        self.orders.append(("turn", heading))
-
-    def stand_by(self) -> None:
-        self.orders.append(("stand by", None))
+class Hand(Skipper):
+    """Writes down what was ordered, trials too."""
 
     def hand_to_track(self) -> None:
         self.orders.append(("track", None))
@@ -101,7 +70,7 @@ def tick(mode: Mode = Mode.STANDBY, now: float = 0.0, heading: float = 1.0) -> T
 class Bench:
     def __init__(self, armed: bool = False) -> None:
         near, self.far = loopback_pair()
-        self.hand, self.store = Hand(), Store()
+        self.hand, self.store = Hand(), Store({"ONE": 1.0, "TWO": 2.0, "A_NAME_OF_16_CHR": 3.0}, positive=("TWO",))
         self.guide = TrackGuide()
         self.mission = Mission(self.guide)
         self.commands = Commands(self.hand, armed, self.mission)

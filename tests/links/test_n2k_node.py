@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from station_doubles import Skipper
 
 from autopilot.links.n2k import node as nodes
 from autopilot.links.n2k.link import BusLine, N2kLink, open_bus
@@ -248,25 +249,6 @@ def test_who_is_asked_with_everybody_acknowledges_nothing() -> None:
     assert made.take(1.0, unknown) == []
     (refusal,) = made.take(1.0, unknown._replace(destination=204))
     assert (refusal.group, refusal.destination, refusal.data) == (59392, 35, b"\x01\xff\xff\xff\xff\x02\xfd\x01")
-
-
-class Skipper:
-    """Writes down what is ordered."""
-
-    def __init__(self) -> None:
-        self.orders: list[tuple[str, float | None]] = []
-
-    def engage(self, heading: float | None) -> None:
-        self.orders.append(("engage", heading))
-
-    def turn_to(self, heading: float) -> None:
-        self.orders.append(("turn", heading))
-
-    def stand_by(self) -> None:
-        self.orders.append(("stand by", None))
-
-    def follow(self) -> None:
-        self.orders.append(("follow", None))
 
 
 MODE = {"main": 0xF8, "non-follow-up": 0xF9, "follow-up": 0xFA, "heading": 0xFC, "track": 0xFD, "unknown": 0xFF}

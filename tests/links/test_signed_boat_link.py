@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from station_doubles import Skipper, Store
 
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.ground_station.boat_link import BoatLink
@@ -27,39 +28,14 @@ MODE = dialect.MAVLink_set_mode_message(1, 1, 15)
 BEAT = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
 
 
-class Store:
-    names = ("GAIN",)
-    value = 1.0
-
-    def get(self, name: str) -> float:
-        return self.value
-
-    def set(self, name: str, value: float) -> str:
-        self.value = value
-        return ""
-
-
-class Hand:
-    orders = 0
-
-    def engage(self, heading: float | None) -> None:
-        self.orders += 1
-
-    def turn_to(self, heading: float) -> None:
-        self.orders += 1
-
-    def stand_by(self) -> None:
-        self.orders += 1
-
-
 def signing(key: bytes = KEY) -> LinkSigning:
     return Signing(key, CountingTimestamps(10**12)).link()
 
 
 def test_only_a_signed_station_arms_sets_and_changes_the_mode() -> None:
     near, far = loopback_pair()
-    store, hand = Store(), Hand()
-    commands = Commands(hand, armed=False, mission=Mission(TrackGuide()))
+    store, skipper = Store(), Skipper()
+    commands = Commands(skipper, armed=False, mission=Mission(TrackGuide()))
     boat = BoatLink(near, commands, ParameterServer(store), signing=signing())
     stations = {
         "unsigned": MavlinkCodec(255, 190),
@@ -79,7 +55,7 @@ def test_only_a_signed_station_arms_sets_and_changes_the_mode() -> None:
         for message in (ARM, TUNE, MODE) * 20:
             far.send(stations[name].encode(message))
         turn()
-    assert (commands.armed, store.value, hand.orders) == (False, 1.0, 0)
+    assert (commands.armed, store.values["GAIN"], len(skipper.orders)) == (False, 1.0, 0)
     said = [message.text for message in heard if message.get_type() == "STATUSTEXT"]
     assert said == ["refused: messages that are not signed with our key"]
     assert {message.get_type() for message in heard} == {"HEARTBEAT", "STATUSTEXT"}
@@ -87,16 +63,18 @@ def test_only_a_signed_station_arms_sets_and_changes_the_mode() -> None:
         recorded.append(stations["right"].encode(message))
         far.send(recorded[-1])
         turn()
-    assert (commands.armed, store.value, hand.orders) == (True, 3.0, 1)
-    commands.armed, store.value = False, 1.0
+    assert (commands.armed, store.values["GAIN"], len(skipper.orders)) == (True, 3.0, 1)
+    commands.armed, store.values["GAIN"] = False, 1.0
     for packet in recorded:
         far.send(packet)
     turn()
-    assert (commands.armed, store.value, hand.orders) == (False, 1.0, 1), "a recording of it does not"
+    assert (commands.armed, store.values["GAIN"], len(skipper.orders)) == (False, 1.0, 1), "a recording of it does not"
 
 
 def served(transport: UdpInTransport, ours: LinkSigning) -> Any:
-    return BoatLink(transport, Commands(Hand(), False, Mission(TrackGuide())), ParameterServer(Store()), signing=ours)
+    return BoatLink(
+        transport, Commands(Skipper(), False, Mission(TrackGuide())), ParameterServer(Store()), signing=ours
+    )
 
 
 def companion(transport: UdpInTransport, ours: LinkSigning) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from alarm_texts import other, text_of, words
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from station_doubles import Store
 
 from autopilot.guidance.track import TrackGuide
 from autopilot.guidance.wind_vane import WindGuide
@@ -49,21 +50,7 @@ def tick(now: float = 0.0, mode: Mode = Mode.STANDBY, alarms: tuple[str, ...] = 
     return Tick(1, now, (), order, state, Reference(0.7), 0.0, RudderCommand(now, 0.0, False), mode, alarms)
 
 
-class Store:
-    """Ten numbers; none below zero."""
-
-    def __init__(self) -> None:
-        self.values = {f"P{number}": float(number) for number in range(9)} | {"A_NAME_OF_16_CHR": 9.0}
-        self.names = tuple(self.values)
-
-    def get(self, name: str) -> float:
-        return self.values[name]
-
-    def set(self, name: str, value: float) -> str:
-        if value < 0.0:
-            return f"{name} not changed: allowed: at least 0."
-        self.values[name] = value
-        return ""
+NUMBERS = {f"P{number}": float(number) for number in range(9)} | {"A_NAME_OF_16_CHR": 9.0}
 
 
 class Carrier:
@@ -109,7 +96,7 @@ class Service:
         self.telemetry, self.texts = Telemetry(self.mission), StatusTexts()
         if ticked:
             self.telemetry.take(tick())
-        self.store = Store()
+        self.store = Store(dict(NUMBERS), positive=tuple(NUMBERS))
         self.service = StationService(
             self.carrier,  # type: ignore[arg-type]
             ParameterServer(self.store),
@@ -408,7 +395,7 @@ class Linked:
         self.link = BoatLink(
             self.near,
             self.carrier,  # type: ignore[arg-type]
-            ParameterServer(Store()),
+            ParameterServer(Store(dict(NUMBERS))),
             system=7,
             access=policy.link() if policy else None,
         )
