@@ -151,7 +151,8 @@ def configured(boat: PilotConfig, law: LawInForce) -> Config:
 def _envelope_of(config: PilotConfig) -> Envelope:
     failsafe = config.failsafe
     reckoned = failsafe.release_after + LONGEST_STEP if failsafe.action in STEERING_ACTIONS else 0.0
-    return Envelope(*config.limits, failsafe.heading_timeout + reckoned)
+    angle_max, rate_max, to_port, to_starboard = config.limits
+    return Envelope(angle_max, rate_max * max(to_port, to_starboard), failsafe.heading_timeout + reckoned)
 
 
 def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
-from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share
+from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share, sided
 from autopilot.models.waves import GRAVITY
 
 if TYPE_CHECKING:
@@ -199,12 +199,15 @@ def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
             n0=model.n0_rad_s,
             reference_speed=model.reference_speed_m_s,
         ),
-        gear=SteeringGear(
-            angle_max=math.radians(rudder.angle_max_deg),
-            rate_max=math.inf if rudder.rate_max_deg_s is None else math.radians(rudder.rate_max_deg_s),
-            lag=rudder.lag_s,
-            dead_band=math.radians(rudder.dead_band_deg),
-            delay=rudder.delay_s,
+        gear=sided(
+            SteeringGear(
+                angle_max=math.radians(rudder.angle_max_deg),
+                rate_max=math.inf,
+                lag=rudder.lag_s,
+                dead_band=math.radians(rudder.dead_band_deg),
+                delay=rudder.delay_s,
+            ),
+            *(math.radians(rate) for rate in rudder.rates_deg_s),
         ),
         hull=Hull(
             length=hull.length_m,

@@ -146,7 +146,7 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
     serve.add_argument(
         "--drive",
         metavar="KIND:PATH:BAUD",
-        help="rudder drive on a pseudo-terminal of its own: pypilot, jrk or maestro, e.g. pypilot:/tmp/drive:38400",
+        help="rudder drive on a pseudo-terminal of its own: pypilot, jrk, maestro, valve; pypilot:/tmp/drive:38400",
     )
     serve.add_argument(
         "--scenario",

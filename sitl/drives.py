@@ -21,6 +21,7 @@ import struct
 from collections import deque
 from collections.abc import Callable
 
+from autopilot.vessel.schema import Valves
 from sitl.world import STEP, Orders, World
 
 BITS_PER_BYTE = 10
@@ -323,6 +324,71 @@ class MaestroController(DriveLine):
             return Orders(rudder=self.released_order())
         share = (pulse - NEUTRAL_QUARTERS) / 2000.0 - drive.amidships
         return Orders(rudder=(-share if drive.reversed else share) * self.full)
+
+
+PRESSURE_S = 0.03
+"""In which the oil behind a valve that has opened comes up to its full flow; assumed."""
+SWITCHES_AT = 6000
+MAESTRO_TIMEOUT_S = 0.5
+
+
+class ValveController(MaestroController):
+    """Two valves on outputs of a Maestro, and a rudder sensor on one of its inputs.
+
+    After the dead time of `drive.valve` the flow to one side comes up in PRESSURE_S; of a valve that is shut it goes
+    down evenly, over twice the coasting time. With both valves open oil goes round and moves nothing. Outputs go off
+    when no command has come for MAESTRO_TIMEOUT_S.
+    """
+
+    def __init__(self, world: World, baud: int) -> None:
+        super().__init__(world, baud)
+        self._valves = world.vessel.drive.valve or Valves()
+        self._rates = [math.radians(min(rate, 30.0)) for rate in world.vessel.rudder.rates_deg_s]
+        self._pressed, self._flow, self._last_side = 0.0, 0.0, 0
+        self._place = world.boat.state.rudder
+        self._last = -math.inf
+        self.openings = 0
+
+    def take_byte(self, time: float, byte: int) -> None:
+        """Take one byte of the host's; an input's position is its voltage."""
+        self._last = time
+        super().take_byte(time, byte)
+        if self._valves.sensor_channel is not None:
+            drive = self.world.vessel.drive
+            share = self.measured / self.full
+            place = drive.amidships + (-share if drive.reversed else share)
+            self._pulses[self._valves.sensor_channel] = min(max(round(0.5 * (place + 1.0) * 1023.0), 0), 1023)
+
+    def report(self, time: float) -> None:
+        """Shut the valves when no command has come in time."""
+        if time - self._last > MAESTRO_TIMEOUT_S:
+            channel = self.world.vessel.drive.channel
+            self._pulses[channel] = self._pulses[channel + 1] = 0
+
+    @property
+    def _side(self) -> int:
+        drive = self.world.vessel.drive
+        first, second = (self._pulses[drive.channel + each] >= SWITCHES_AT for each in (0, 1))
+        return (second - first) * (-1 if drive.reversed else 1)
+
+    def orders(self, time: float) -> Orders:
+        """Return the place that the oil has brought the rudder to; nothing holds it but the oil."""
+        side, valves = self._side, self._valves
+        if side != self._last_side:
+            self._pressed, self._last_side = 0.0, side
+            self.openings += side != 0
+        self._pressed += STEP
+        if side and self._pressed > valves.opening_s:
+            self._flow = min(max(self._flow + side * STEP / PRESSURE_S, -1.0), 1.0)
+        elif not side or side * self._flow < 0.0:
+            fall = STEP / max(2.0 * valves.coasting_s, STEP)
+            self._flow = math.copysign(max(abs(self._flow) - fall, 0.0), self._flow)
+        rudder, stop = self.world.boat.state.rudder, self.world.boat.plant.gear.angle_max
+        self._place += self._flow * self._rates[self._flow > 0.0] * STEP
+        slack = 0.3 * max(self._rates)
+        self._place = min(max(self._place, -stop, rudder - slack), stop, rudder + slack)
+        self.draw(side != 0, side * stop - rudder)
+        return Orders(rudder=self._place)
 
 
 CODE_COMMAND, CODE_RESET, CODE_DISENGAGE = 0xC7, 0xE7, 0x68

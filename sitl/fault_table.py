@@ -75,6 +75,17 @@ def limited(fault: Acting, moved: Moved) -> float:
     return clip(moved.after, -math.radians(fault.size), math.radians(fault.size))
 
 
+def one_way(fault: Acting, moved: Moved) -> float:
+    """Return the rudder of a gear of which one valve, or one direction of the pump, is dead."""
+    return max(moved.after, moved.before) if fault.size > 0.0 else min(moved.after, moved.before)
+
+
+def creeping(fault: Acting, moved: Moved) -> float:
+    """Return a rudder that leaking oil lets go by so much a second, to starboard for a positive size."""
+    most = moved.gear.angle_max
+    return clip(moved.after + math.radians(fault.size) * moved.dt, -most, most)
+
+
 def trailing(fault: Acting, moved: Moved) -> float:
     """Return a rudder on its way amidships by itself."""
     return moved.before * math.exp(-moved.dt / TRAILING_S)
@@ -391,6 +402,10 @@ KINDS = {
     "rudder_limited": Kind("the rudder meets a stop at this angle", "deg", 5.0, 0.0, 45.0, reached=limited),
     "rudder_free": Kind("the linkage is broken: the rudder trails amidships", reached=trailing),
     "rudder_stuck": Kind("the rudder stays where it is", reached=stuck),
+    "rudder_one_way": Kind(
+        "the rudder moves to one side only, to starboard for a positive size", "sign", 1.0, -1.0, 1.0, reached=one_way
+    ),
+    "rudder_creeps": Kind("the rudder creeps by itself", "deg/s", 0.2, -5.0, 5.0, reached=creeping),
     "feedback_lost": Kind(
         "the rudder sensor sends nothing",
         silences=(

@@ -32,7 +32,7 @@ from autopilot.links.transports import TcpServerTransport
 from autopilot.links.transports.medium import UrlOptions
 from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
 from autopilot.vessel.file import load_vessel
-from sitl.drives import DriveLine, JrkController, MaestroController, PypilotController
+from sitl.drives import DriveLine, JrkController, MaestroController, PypilotController, ValveController
 from sitl.fault_kind import Damage
 from sitl.fault_kinds import KINDS, that_act_at
 from sitl.faults import Fault, FaultBoard
@@ -343,6 +343,7 @@ DRIVES: dict[str, Callable[[World, int], DriveLine]] = {
     "pypilot": PypilotController,
     "jrk": JrkController,
     "maestro": MaestroController,
+    "valve": ValveController,
 }
 """Rudder drives by the names that link URLs give them."""
 NETWORK_BAUD = 115200

@@ -22,10 +22,13 @@ from autopilot.models.steering_gear import SteeringGear, gear_step
 
 
 class RudderLimits(NamedTuple):
-    """angle_max [rad] each side; rate_max [rad/s], inf where unlimited."""
+    """angle_max [rad] each side; rate_max [rad/s], inf where unlimited; to_port, to_starboard: how many times that it
+    may move to each side, as in `autopilot.models.steering_gear`."""
 
     angle_max: float
     rate_max: float
+    to_port: float = 1.0
+    to_starboard: float = 1.0
 
 
 class Rest(NamedTuple):
@@ -56,10 +59,10 @@ def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> fl
     if not math.isfinite(demand):
         demand = previous
     # inf * 0 is nan: a rudder of unlimited rate gets anywhere in no time
-    angle_max, rate_max = limits
+    angle_max, rate_max, to_port, to_starboard = limits
     reach = rate_max * (0.0 if dt < 0.0 else dt) if rate_max < math.inf else math.inf
     target = -angle_max if demand < -angle_max else angle_max if demand > angle_max else demand
-    low, high = previous - reach, previous + reach
+    low, high = previous - reach * to_port, previous + reach * to_starboard
     command = low if target < low else high if target > high else target
     return -angle_max if command < -angle_max else angle_max if command > angle_max else command
 

@@ -47,6 +47,7 @@ class Release(NamedTuple):
 
     link: its URL.  shown_by: the report that confirmed it.  waited [s]: for a report that did not come.
     lapse: what ends the last order without us, a clause such as "the flight controller lets go by itself ...".
+    usage: what the drive has done, a clause.
     """
 
     link: str
@@ -54,10 +55,15 @@ class Release(NamedTuple):
     shown_by: str = ""
     waited: float = 0.0
     lapse: str = ""
+    usage: str = ""
 
     @property
     def sentence(self) -> str:
         """Return what a person reads, without a full stop."""
+        return f"{self._state_words}; {self.usage}" if self.usage else self._state_words
+
+    @property
+    def _state_words(self) -> str:
         behind = f": {self.lapse}" if self.lapse else ""
         if self.state is ReleaseState.NOT_HELD:
             return "rudder not held"

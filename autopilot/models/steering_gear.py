@@ -1,6 +1,6 @@
 """The steering gear: what the rudder makes of an order. Angle, rate, lag and dead band; delay in `DelayLine`.
 
-delta' = clip((order - delta)/lag, -rate_max, rate_max),  |delta| <= angle_max,
+delta' = clip((order - delta)/lag, -to_port rate_max, to_starboard rate_max),  |delta| <= angle_max,
 and no movement while |order - delta| < dead_band.
 """
 
@@ -12,13 +12,25 @@ from typing import NamedTuple
 
 
 class SteeringGear(NamedTuple):
-    """angle_max [rad], rate_max [rad/s] (inf: unlimited), lag [s], dead_band [rad] (half width), delay [s]."""
+    """angle_max [rad], rate_max [rad/s] (inf: unlimited), lag [s], dead_band [rad] (half width), delay [s]; to_port,
+    to_starboard: how many times rate_max it moves to that side. A hydraulic ram has less oil to fill on its rod's side.
+    rate_max is that of the slower side, which planning goes by."""
 
     angle_max: float
     rate_max: float
     lag: float = 0.0
     dead_band: float = 0.0
     delay: float = 0.0
+    to_port: float = 1.0
+    to_starboard: float = 1.0
+
+
+def sided(gear: SteeringGear, port: float, starboard: float) -> SteeringGear:
+    """Return the gear with rates [rad/s] to port and to starboard."""
+    slower = min(port, starboard)
+    if math.isinf(slower):
+        return gear._replace(rate_max=slower, to_port=1.0, to_starboard=1.0)
+    return gear._replace(rate_max=slower, to_port=port / slower, to_starboard=starboard / slower)
 
 
 def clip(value: float, low: float, high: float) -> float:
@@ -46,12 +58,13 @@ def lag_share(gear: SteeringGear, dt: float) -> float:
 
 def gear_step_by(gear: SteeringGear, share: float, angle: float, order: float, dt: float) -> float:
     """Return the same as `gear_step`, its `lag_share` of `dt` [s] being known."""
-    angle_max, rate_max, _, dead_band, _ = gear
+    angle_max, rate_max, _, dead_band, _, to_port, to_starboard = gear
     error = (-angle_max if order < -angle_max else angle_max if order > angle_max else order) - angle
     if -dead_band <= error <= dead_band:
         return angle
     step, reach = share * error, rate_max * dt
-    moved = angle + (-reach if step < -reach else reach if step > reach else step)
+    port, starboard = -reach * to_port, reach * to_starboard
+    moved = angle + (port if step < port else starboard if step > starboard else step)
     return -angle_max if moved < -angle_max else angle_max if moved > angle_max else moved
 
 

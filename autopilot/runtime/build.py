@@ -23,7 +23,7 @@ from autopilot.models.drive_law import DriveLaw, at_point, quickness
 from autopilot.models.drives import DRIVES, Needs
 from autopilot.models.drives.two_thrusters import PLAIN, Mixing
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
-from autopilot.models.steering_gear import SteeringGear
+from autopilot.models.steering_gear import SteeringGear, sided
 from autopilot.pilot import Pilot
 from autopilot.steering import CornerFrequencies
 from autopilot.supervision.monitor_input import AlarmLimits
@@ -84,14 +84,12 @@ def model_at_ratio(vessel: Vessel, ratio: float) -> Norrbin:
 
 def gear_of(vessel: Vessel) -> SteeringGear:
     """Return the steering gear of the vessel file."""
-    rudder = vessel.rudder
-    return SteeringGear(
-        angle_max=math.radians(rudder.angle_max_deg),
-        rate_max=radians_or_unlimited(rudder.rate_max_deg_s),
-        lag=rudder.lag_s,
-        dead_band=math.radians(rudder.dead_band_deg),
-        delay=rudder.delay_s,
-    )
+    rudder, valves = vessel.rudder, vessel.drive.valve
+    # valves that move a rudder at all bring it all the way
+    dead_band = 0.0 if valves is not None else math.radians(rudder.dead_band_deg)
+    opening = 0.0 if valves is None else valves.opening_s
+    gear = SteeringGear(math.radians(rudder.angle_max_deg), math.inf, rudder.lag_s, dead_band, rudder.delay_s + opening)
+    return sided(gear, *(math.radians(rate) for rate in rudder.rates_deg_s))
 
 
 def limits_of(vessel: Vessel) -> RudderLimits:
@@ -100,7 +98,9 @@ def limits_of(vessel: Vessel) -> RudderLimits:
     limits = vessel.limits
     angle = gear.angle_max if limits.angle_max_deg is None else math.radians(limits.angle_max_deg)
     rate = radians_or_unlimited(limits.rate_max_deg_s)
-    return RudderLimits(min(angle, gear.angle_max), min(rate, gear.rate_max))
+    held = SteeringGear(min(angle, gear.angle_max), math.inf)
+    held = sided(held, min(rate, gear.rate_max * gear.to_port), min(rate, gear.rate_max * gear.to_starboard))
+    return RudderLimits(held.angle_max, held.rate_max, held.to_port, held.to_starboard)
 
 
 def law_boat_of(vessel: Vessel) -> LawBoat:
@@ -410,5 +410,5 @@ def follow_of(vessel: Vessel) -> FollowSettings:
     rudder = vessel.rudder
     tolerance = math.radians(rudder.follow_tolerance_deg)
     patience = max(UNATTENDED_S, vessel.failsafe.heading_timeout_s, LATE_PERIODS / vessel.control.rate_hz)
-    rate = radians_or_unlimited(rudder.rate_max_deg_s)
+    rate = math.radians(min(rudder.rates_deg_s))
     return FollowSettings(tolerance, rate, rudder.delay_s + rudder.lag_s, patience)

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from autopilot.links.n2k.session import Helm, N2kSettings
     from autopilot.links.nmea.link import NmeaSettings
     from autopilot.links.north import Variation
+    from autopilot.models.valve import Valve
 
 HEADING_STALE_SHARE = 0.6
 """Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
@@ -129,12 +130,27 @@ def drive_settings_of(vessel: Vessel) -> DriveSettings:
         angle_at_full=math.radians(drive.angle_at_full_deg or rudder.angle_max_deg),
         amidships=drive.amidships,
         reversed=drive.reversed,
-        rate=radians_or_unlimited(rudder.rate_max_deg_s),
+        rate=math.radians(max(rudder.rates_deg_s)),
         stop=math.radians(rudder.angle_max_deg),
         current_max=drive.current_max_a,
         channel=drive.channel,
         device=drive.device,
+        dead_band=math.radians(rudder.dead_band_deg),
+        order_rate_hz=drive.rate_hz,
+        valve=valve_of(vessel),
+        sensor_channel=None if drive.valve is None else drive.valve.sensor_channel,
     )
+
+
+def valve_of(vessel: Vessel) -> Valve | None:
+    """Return the on/off valves of the vessel's steering gear; None where its rate is unlimited, which no pump's is."""
+    from autopilot.models.valve import Valve
+    from autopilot.vessel.schema import Valves
+
+    valves, (port, starboard) = vessel.drive.valve or Valves(), vessel.rudder.rates_deg_s
+    if math.isinf(max(port, starboard)):
+        return None
+    return Valve(math.radians(port), math.radians(starboard), valves.opening_s, valves.coasting_s, valves.least_pulse_s)
 
 
 def access_rules_of(vessel: Vessel) -> AccessRules:

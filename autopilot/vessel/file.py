@@ -170,7 +170,18 @@ def _model_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
 
 
 def _limit_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
-    limits, rudder = vessel.limits, vessel.rudder
+    limits, rudder, valves = vessel.limits, vessel.rudder, vessel.drive.valve
+    if rudder.rate_max_deg_s is None and rudder.rate_port_deg_s is not None:
+        yield (
+            "rudder.rate_port_deg_s",
+            "rudder.rate_port_deg_s is given and rudder.rate_max_deg_s, the rate to starboard, is null: give both.",
+        )
+    if valves is not None and valves.least_pulse_s <= valves.opening_s:
+        yield (
+            "drive.valve.least_pulse_s",
+            f"drive.valve.least_pulse_s is {valves.least_pulse_s:g} and drive.valve.opening_s {valves.opening_s:g}: a "
+            "pulse that is over before the rudder moves turns nothing; make it longer.",
+        )
     if limits.angle_max_deg is not None and limits.angle_max_deg > rudder.angle_max_deg:
         yield (
             "limits.angle_max_deg",

@@ -7,6 +7,7 @@ stations and the reference page all work from these declarations.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, make_dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -68,7 +69,10 @@ class Model:
 
 @dataclass(frozen=True)
 class Rudder:
-    """What the steering gear can do. rate_max_deg_s: null means a rudder of unlimited rate (simulation only)."""
+    """What the steering gear can do. rate_max_deg_s: null means a rudder of unlimited rate (simulation only).
+
+    A hydraulic ram is quicker to one side: rate_port_deg_s is the rate to port then, rate_max_deg_s that to starboard.
+    """
 
     angle_max_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "end stop of the rudder, each side")]
     rate_max_deg_s: Annotated[float, RESTART, Bounds(0.1, 1000.0, "slewing rate; null: unlimited")] | None
@@ -76,8 +80,16 @@ class Rudder:
     delay_s: Annotated[float, RESTART, Bounds(0.0, 10.0, "dead time from order to first movement")] = 0.0
     dead_band_deg: Annotated[float, RESTART, Bounds(0.0, 10.0, "smallest error the gear moves for")] = 0.0
     follow_tolerance_deg: Annotated[float, RESTART, Bounds(0.5, 90.0, "rudder this far off its order disobeys")] = 5.0
+    rate_port_deg_s: Annotated[float, RESTART, Bounds(0.1, 1000.0, "slewing rate to port")] | None = None
+    """null: as to starboard."""
     source: Annotated[str, RESTART] = ""
     date: Annotated[str, RESTART] = ""
+
+    @property
+    def rates_deg_s(self) -> tuple[float, float]:
+        """Slewing rates to port and to starboard, inf where unlimited."""
+        starboard = math.inf if self.rate_max_deg_s is None else self.rate_max_deg_s
+        return starboard if self.rate_port_deg_s is None else self.rate_port_deg_s, starboard
 
 
 @dataclass(frozen=True)
@@ -277,6 +289,17 @@ class Helm:
 
 
 @dataclass(frozen=True)
+class Valves:
+    """On/off valves of a hydraulic steering gear, as a stopwatch shows them; the rates are those of `rudder`."""
+
+    opening_s: Annotated[float, RESTART, Bounds(0.0, 2.0, "from the signal until the rudder moves")] = 0.08
+    coasting_s: Annotated[float, RESTART, Bounds(0.0, 5.0, "how far it runs on when shut, over its rate")] = 0.1
+    least_pulse_s: Annotated[float, RESTART, Bounds(0.02, 5.0, "shortest time for which one is opened")] = 0.1
+    sensor_channel: Annotated[int, RESTART, Bounds(0, 23, "analogue input with the rudder sensor")] | None = None
+    """null: no sensor; the rudder is reckoned from the time for which each valve was open."""
+
+
+@dataclass(frozen=True)
 class Drive:
     """What steers the boat; and of a rudder drive on a line of its own (pypilot, Jrk, Maestro) what its scale from -1
     to 1 means."""
@@ -296,8 +319,10 @@ class Drive:
     amidships: Annotated[float, RESTART, Bounds(-0.9, 0.9, "where amidships is on the scale from -1 to 1")] = 0.0
     reversed: Annotated[bool, RESTART] = False
     current_max_a: Annotated[float, RESTART, Bounds(0.1, 60.0, "motor current of a stall")] | None = None
-    channel: Annotated[int, RESTART, Bounds(0, 23, "servo channel of a Maestro")] = 0
+    channel: Annotated[int, RESTART, Bounds(0, 23, "servo channel of a Maestro; of two valves that to port")] = 0
     device: Annotated[int, RESTART, Bounds(0, 127, "Pololu device number; null: compact protocol")] | None = None
+    valve: Valves | None = None
+    """Of valve:PATH:BAUD; null: the numbers above."""
     rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "how often orders leave")] = 20.0
     source: Annotated[str, RESTART] = ""
     date: Annotated[str, RESTART] = ""

@@ -26,7 +26,7 @@ def world(**sections: object) -> World:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("hydraulic:/tmp/x:9600", "'hydraulic' is no drive; allowed are pypilot, jrk, maestro"),
+        ("hydraulic:/tmp/x:9600", "'hydraulic' is no drive; allowed are pypilot, jrk, maestro, valve"),
         ("jrk:/tmp/x", "--drive /tmp/x: write a path and a baud rate"),
         ("jrk", "--drive : write a path and a baud rate"),
     ],

@@ -20,6 +20,7 @@ DRIVES = {
     "pypilot": DriveKind("pypilot_motor.PypilotMotor", "pypilot:/dev/ttyUSB2:38400"),
     "jrk": DriveKind("jrk.JrkG2", "jrk:/dev/ttyACM0:115200"),
     "maestro": DriveKind("maestro.Maestro", "maestro:/dev/ttyACM0:115200"),
+    "valve": DriveKind("valve.ValveDrive", "valve:/dev/ttyACM0:115200"),
 }
 """Kinds of drives by the beginning of their URLs; only the one that is used is loaded."""
 

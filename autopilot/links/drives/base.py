@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
+from autopilot.models.valve import Valve
 from autopilot.signals import AlarmEvent
 
 SILENT_S = 1.5
@@ -23,7 +24,8 @@ class DriveSettings(NamedTuple):
     angle_at_full [rad]: rudder angle from amidships to the end of the scale -1 ... 1.  amidships: where the rudder
     is amidships on that scale.  reversed: the scale rises to the other side.  rate [rad/s]: of the steering gear.
     stop [rad]: end stop each side.  current_max [A], None: unknown.  channel: servo output of a Maestro.
-    device: number in the Pololu protocol, None: compact protocol.
+    device: number in the Pololu protocol, None: compact protocol.  dead_band [rad]: least error that the gear is moved
+    for.  order_rate_hz: how often it is ordered.  valve, sensor_channel: of on/off valves, None: no sensor.
     """
 
     angle_at_full: float
@@ -34,6 +36,10 @@ class DriveSettings(NamedTuple):
     current_max: float | None = None
     channel: int = 0
     device: int | None = None
+    dead_band: float = 0.0
+    order_rate_hz: float = 20.0
+    valve: Valve | None = None
+    sensor_channel: int | None = None
 
     def place(self, angle: float) -> float:
         """Return the place on the scale -1 ... 1 of a rudder angle [rad], not beyond its end stop."""
@@ -114,6 +120,14 @@ class Drive(Protocol):
 
     def warning(self, now: float) -> AlarmEvent | None:
         """Return what the skipper should know of the drive though it steers; None when all is well."""
+
+
+@runtime_checkable
+class Counted(Protocol):
+    """A drive that counts what it wears itself out by."""
+
+    def usage(self) -> str:
+        """Return that, a clause; empty where there is nothing to say."""
 
 
 class StallWatch:

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.links.base import LinkError, SilentLink, Transport
-from autopilot.links.drives.base import Drive
+from autopilot.links.drives.base import Counted, Drive
 from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
 from autopilot.links.rudder_follow import RELEASE_SPACING_S, FollowSettings, RudderFollow, StandingOrder
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, RudderCommand, RudderSample, Sample
@@ -93,13 +93,14 @@ class DriveLink(SilentLink):
         """Return what became of the rudder after `release`, None while the drive may still show it."""
         if not self._has_ordered:
             return not_held(self.name)
+        usage = self.drive.usage() if isinstance(self.drive, Counted) else ""
         if self._is_gone:
-            return Release(self.name, ReleaseState.LOST, lapse=self.drive.lapse)
+            return Release(self.name, ReleaseState.LOST, lapse=self.drive.lapse, usage=usage)
         if self.drive.has_released():
-            return Release(self.name, ReleaseState.CONFIRMED, f"the {self.drive.name}")
+            return Release(self.name, ReleaseState.CONFIRMED, f"the {self.drive.name}", usage=usage)
         waited = now - self._leaving
         if waited > PATIENCE_S:
-            return Release(self.name, ReleaseState.UNCONFIRMED, waited=waited, lapse=self.drive.lapse)
+            return Release(self.name, ReleaseState.UNCONFIRMED, waited=waited, lapse=self.drive.lapse, usage=usage)
         if now >= self._line_free:
             try:
                 self._write(now, self.drive.ask(now))
