@@ -3,11 +3,11 @@
     python benchmarks/valves.py [--seeds 2] [--seconds 240]
 
 In lockstep: compass and rate gyro over NMEA, valves on a simulated Maestro (`sitl.drives.ValveController`, whose oil
-is not that of `autopilot.models.valve`), gains designed for each boat. The peer is a plain three-point controller behind
-the same pilot: a valve opens where the rudder is wrong by more than a dead band and shuts within half of it. Its band is
-tuned on each boat and sea: of all BANDS those whose heading is within a twentieth of Norrbin's or better, and of these
-the one with the fewest openings; where none is, the one with the best heading. A third row gives it Norrbin's zone of a
-still order.
+is not that of `autopilot.models.valve`), gains designed for each boat. The peer is a plain three-point controller
+behind the same pilot: a valve opens where the rudder is wrong by more than a dead band and shuts within half of it.
+Its band is tuned on each boat and sea: of all BANDS those whose heading is within a twentieth of Norrbin's or better,
+and of these the one with the fewest openings; where none is, the one with the best heading. A third row gives it
+Norrbin's zone of a still order.
 """
 
 from __future__ import annotations
