@@ -16,7 +16,7 @@ from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUA
 from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.estimation.tuning import WAVE_SHARPNESS, WAVE_STIFFENING
 from autopilot.guidance.effectiveness import NO_EVIDENCE
-from autopilot.guidance.stop import TurnLimits, preset_rate, relaxed, turn_limits
+from autopilot.guidance.stop import TurnLimits, preset_rate, turn_limits
 from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.turn import (
@@ -296,11 +296,11 @@ def referred(
     # an integrator needs the error that a plan keeps from it
     if is_ours and config.uses_bias and is_late:
         boat = advance(model, limits, boat, heading, guide.heading)
-    if is_ours and (config.uses_bias or not is_late):
+    if is_ours and hard_over and (config.uses_bias or not is_late):
         boat = hold_back(boat, heading, rate, hard_over)
     if limits.watches and is_ours:
         boat = couple(model, limits, boat, state, dt)
-    boat = turn_step(model, relaxed(limits) if is_late else limits, boat, guide.heading, dt)
+    boat = turn_step(model, limits, boat, guide.heading, dt, is_late)
     if not math.isfinite(boat.heading + boat.rate + boat.rudder):
         # far quicker than the model of a boat that has lost its way allows: the turn is planned anew
         return started(guide, limits, state)
@@ -322,7 +322,7 @@ def refer(
     config: SteeringConfig, way: Way, order: Order, model: Norrbin, steady: NavState, moved: Moved
 ) -> tuple[Way, Reference]:
     """Return the way one tick on, and the heading, rate and acceleration to be followed."""
-    way = adopted(config, way, order, model, steady)
+    way = way if order is way.order else adopted(config, way, order, model, steady)
     turning = turning_at(config, way.turning, model)
     guide = referred(config, way.guide, turning, model, steady, moved)
     return Way(way.order, guide, turning, way.waits), reference_of(model, turning.limits, guide.boat)

@@ -40,16 +40,6 @@ class Rest(NamedTuple):
     is_moving: bool = False
 
 
-def rested(limits: RudderLimits, band: float, before: Rest, demand: float, limited: float) -> Rest:
-    """Return the order after the dead `band` [rad]: a rudder at rest stays until it is wrong by more, and then goes all
-    the way. `limited` [rad] is what `limit` made of the `demand` [rad]; a band of 0 leaves it as it is."""
-    most, (command, _, is_moving) = limits.angle_max, before
-    wanted = -most if demand < -most else most if demand > most else demand
-    if not is_moving and -band <= wanted - command <= band:
-        return Rest(command if band > 0.0 else limited, wanted, False)
-    return Rest(limited, limited, limited != wanted)
-
-
 def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> float:
     """Return `demand` [rad] held to the angle, and to what the rate allows `dt` [s] after `previous` [rad].
 
@@ -68,10 +58,15 @@ def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> fl
 
 
 def limited(limits: RudderLimits, band: float, before: Rest, moved: tuple[float, float], demand: float) -> Rest:
-    """Return what is left of a `demand` [rad] within the limits and the dead `band` [rad]. before: what was left at the
-    last tick; moved: the rudder [rad] that was commanded then, and the time [s] since."""
-    previous, dt = moved
-    return rested(limits, band, before, demand, limit(limits, previous, demand, dt))
+    """Return what is left of a `demand` [rad] within the limits and the dead `band` [rad]: a rudder at rest stays until
+    it is wrong by more, and then goes all the way. before: what was left at the last tick; moved: the rudder [rad] that
+    was commanded then, and the time [s] since."""
+    (previous, dt), (command, _, is_moving), most = moved, before, limits.angle_max
+    within = limit(limits, previous, demand, dt)
+    wanted = -most if demand < -most else most if demand > most else demand
+    if not is_moving and -band <= wanted - command <= band:
+        return Rest(command if band > 0.0 else within, wanted, False)
+    return Rest(within, within, within != wanted)
 
 
 def limited_at_once(limits: RudderLimits, moved: tuple[float, float], demand: float) -> Rest:

@@ -23,9 +23,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import wrap
+from autopilot.angles import PI, wrap
 from autopilot.guidance.effectiveness import NO_EVIDENCE, Effectiveness, rudder_effectiveness, updated_effectiveness
-from autopilot.guidance.stop import TurnLimits, eased, rate_and_rudder, stop_angle, unstable_limits
+from autopilot.guidance.stop import TurnLimits, eased, rate_and_rudder, relaxed, stop_angle, unstable_limits
 from autopilot.guidance.tuning import (
     AHEAD,
     ARRIVED,
@@ -55,13 +55,17 @@ class VirtualBoat(NamedTuple):
     effectiveness: Effectiveness = NO_EVIDENCE
 
 
-def turn_step(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: float, dt: float) -> VirtualBoat:
-    """Return the virtual boat `dt` [s] later on its way to the heading `target` [rad], the short way round."""
-    straight = rudder_for(model, 0.0, 0.0)
-    if abs(wrap(target - boat.heading)) + abs(boat.rate) + abs(boat.rudder - straight) < ARRIVED:
+def turn_step(
+    model: Norrbin, limits: TurnLimits, boat: VirtualBoat, target: float, dt: float, is_late: bool = False
+) -> VirtualBoat:
+    """Return the virtual boat `dt` [s] later on its way to the heading `target` [rad], the short way round. is_late: no
+    ordered turn is under way any more."""
+    straight, left = rudder_for(model, 0.0, 0.0), target - boat.heading
+    left = left if -PI < left <= PI else wrap(left)
+    if abs(left) + abs(boat.rate) + abs(boat.rudder - straight) < ARRIVED:
         # no need to look ahead from where there is nowhere to go
         return VirtualBoat(target, 0.0, straight, NO_EVIDENCE)
-    limits = scaled_by_confidence(model, limits, boat)
+    limits = scaled_by_confidence(model, relaxed(limits) if is_late else limits, boat)
     # a stop of constant deceleration is forgiving, one that the rudder only just gives has its moment
     finest = min((0.2 if limits.jerk == math.inf else 0.03) * model.time_constant, 0.4 / limits.kappa)
     steps = max(1, min(20, math.ceil(dt / finest)))
@@ -145,7 +149,8 @@ def advance(model: Norrbin, limits: TurnLimits, boat: VirtualBoat, heading: floa
     can take off again in time, and a boat that turns better than its model would swing about the plan. A plan that goes
     with a course-unstable boat anyway, `couple`, is left to that.
     """
-    ahead = wrap(heading - boat.heading)
+    ahead = heading - boat.heading
+    ahead = ahead if -PI < ahead <= PI else wrap(ahead)
     if limits.watches or ahead * boat.rate <= 0.0 or abs(ahead) <= AHEAD or not is_turning(model, limits, boat):
         return boat
     side = math.copysign(1.0, ahead)

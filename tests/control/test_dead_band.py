@@ -9,7 +9,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.control.limits import Rest, RudderLimits, limit, rested
+from autopilot.control.limits import Rest, RudderLimits, limit, limited
 from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Order, OrderKind, Tick
 from autopilot.vessel.file import load_vessel
@@ -23,8 +23,8 @@ angles = st.floats(-0.5, 0.5)
 def test_without_a_dead_band_the_limits_have_the_last_word(
     command: float, demand: float, dt: float, is_moving: bool
 ) -> None:
-    limited = limit(LIMITS, command, demand, dt)
-    assert rested(LIMITS, 0.0, Rest(command, command, is_moving), demand, limited).command == limited
+    within = limit(LIMITS, command, demand, dt)
+    assert limited(LIMITS, 0.0, Rest(command, command, is_moving), (command, dt), demand).command == within
 
 
 @given(angles, st.floats(-2.0, 2.0), st.floats(0.001, 0.2))
@@ -34,7 +34,7 @@ def test_a_rudder_at_rest_stays_within_the_band_and_leaves_it_for_its_goal(
     wanted = min(max(demand, -0.5), 0.5)
     rest = Rest(command, command, False)
     for _ in range(200):
-        rest = rested(LIMITS, band, rest, demand, limit(LIMITS, rest.command, demand, 0.02))
+        rest = limited(LIMITS, band, rest, (rest.command, 0.02), demand)
     assert rest.command == (command if abs(wanted - command) <= band else wanted)
     assert not rest.is_moving
     assert rest.allowed == wanted, "a law has nothing to unwind where only the dead band holds the rudder"
@@ -43,10 +43,13 @@ def test_a_rudder_at_rest_stays_within_the_band_and_leaves_it_for_its_goal(
 def test_the_edges_of_the_dead_band() -> None:
     assert Rest() == (0.0, 0.0, False)
     rest = Rest(0.25, 0.25, False)
-    assert rested(LIMITS, 0.25, rest, 0.5, 0.3) == (0.25, 0.5, False), "off by just the band is near enough"
-    assert rested(LIMITS, 0.25, rest, -0.01, 0.2) == (0.2, 0.2, True)
-    assert rested(LIMITS, 0.25, rest._replace(is_moving=True), 0.3, 0.3) == (0.3, 0.3, False), "it goes all the way"
-    assert rested(LIMITS, 0.0, rest, 0.25, 0.2) == (0.2, 0.25, False), "what the limits made, whatever was commanded"
+    assert limited(LIMITS, 0.25, rest, (0.25, 1.0), 0.5) == (0.25, 0.5, False), "off by just the band is near enough"
+    late = limited(LIMITS, 0.25, rest, (0.25, 0.5), -0.01)
+    assert late == (0.25 - 0.15, 0.25 - 0.15, True)
+    on_its_way = rest._replace(is_moving=True)
+    assert limited(LIMITS, 0.25, on_its_way, (0.25, 1.0), 0.3) == (0.3, 0.3, False), "it goes all the way"
+    at_once = limited(LIMITS, 0.0, rest, (0.2, 0.0), 0.25)
+    assert at_once == (0.2, 0.25, False), "what the limits made, whatever was commanded"
 
 
 def held(vessel: Vessel, order: Order) -> list[Tick]:
