@@ -33,7 +33,7 @@ from autopilot.estimation.estimator import (
     without_disturbances,
 )
 from autopilot.estimation.heading_ekf import FilterNoise
-from autopilot.estimation.rudder_observer import RudderPast, is_fed_back, write_command
+from autopilot.estimation.rudder_observer import is_fed_back, write_command
 from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
 from autopilot.estimation.speeds import speeds_apart
 from autopilot.guidance.turn import is_turning
@@ -292,8 +292,9 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
-    past = RudderPast(estimate.memory.times, estimate.memory.angles, estimate.rudder.ticks)
-    monitors, found = judged(boat.alarms, monitors, view, History(past, estimate.memory.commands))
+    times, angles, _, _, _, commands = estimate.memory
+    history = History(times, angles, commands, estimate.rudder.ticks)
+    monitors, found = judged(boat.alarms, monitors, view, history)
     if boat.steers_by is Needs.NOTHING:
         thrusters, found = watch_thrusters(boat, state, estimate, view, dt, found)
     softer = monitors.course.softer

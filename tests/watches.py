@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from autopilot.angles import shortest_turn
-from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample, Sample
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
@@ -67,7 +66,7 @@ class RudderHistory:
         place, self.ticks = self.ticks % 1024, self.ticks + 1
         self.times[place], self.angles[place] = seen.now, seen.state.rudder
         self.commands[place] = seen.rudder if seen.steers else math.nan
-        return rudder_watch.History(RudderPast(self.times, self.angles, self.ticks), self.commands)
+        return rudder_watch.History(self.times, self.angles, self.commands, self.ticks)
 
 
 class Following(Stepped):
@@ -111,7 +110,7 @@ class Answering(Stepped):
 
     def _seen(self, before: rudder_watch.Response, seen: MonitorInput) -> rudder_watch.Response:
         headings, self.headings = tuple(self.headings), []
-        return rudder_watch.judge_response(before, self.limits, seen, headings, self.history.until(seen).past)
+        return rudder_watch.judge_response(before, self.limits, seen, headings, self.history.until(seen))
 
     def found(self, seen: MonitorInput) -> str:
         """Return the alarm's name after a tick, '' for none."""

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
-from autopilot.estimation.rudder_observer import Ring, RudderPast
+from autopilot.estimation.rudder_observer import Ring
 from autopilot.models.norrbin import Norrbin, steady_rudder
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
 from autopilot.supervision.monitor_input import (
@@ -86,10 +86,13 @@ PAST_S = LATE_S + 2.0 * LONGEST_GAP_S
 
 
 class History(NamedTuple):
-    """The rudder of late: where it was, and what we had commanded until then [rad], nan where somebody else steered."""
+    """The rudder of late, in rings as `rudder_observer.RudderPast` has them: times [s], where it was then, and what we
+    had commanded until then [rad], nan where somebody else steered; how many ticks there were."""
 
-    past: RudderPast
+    times: Ring
+    angles: Ring
     commands: Ring
+    ticks: int
 
 
 class Following(NamedTuple):
@@ -156,7 +159,7 @@ def following_step(
 def orders_at(history: History, since: float, time: float) -> tuple[float, ...]:
     """Return the orders [rad] of which one was in force at `time` [s]: the last two that were given by then, since we
     steer. The command that a tick holds left in the tick before it."""
-    (times, _, ticks), commands = history
+    times, _, commands, ticks = history
     ring, tick = len(times) - 1, ticks - 1
     oldest = max(tick - ring, 0)
     while tick > oldest and times[(tick - 1) & ring] > time:
@@ -169,7 +172,7 @@ def is_anothers(history: History, now: float, report: RudderSample | None) -> bo
     somebody else steers, too."""
     if report is None or now - report.time > REPORT_FRESH_S:
         return False
-    (times, _, ticks), commands = history
+    times, _, commands, ticks = history
     ring, angle = len(times) - 1, report.angle
     low = high = commands[(ticks - 1) & ring]
     if low - TOLERANCE <= angle <= high + TOLERANCE:
@@ -261,9 +264,9 @@ class Response(NamedTuple):
 
 
 def judge_response(
-    before: Response, limits: AlarmLimits, seen: MonitorInput, headings: tuple[HeadingSample, ...], past: RudderPast
+    before: Response, limits: AlarmLimits, seen: MonitorInput, headings: tuple[HeadingSample, ...], history: History
 ) -> Response:
-    """Return what is known after a tick; past: where the rudder was, this tick with it."""
+    """Return what is known after a tick; the history has this tick, too."""
     state, now = seen.state, seen.now
     # a sum is finite only where every part of it is
     if not (seen.steers and seen.has_way and math.isfinite(state.rate + state.rudder)):
@@ -279,7 +282,7 @@ def judge_response(
             # what another compass shows does not follow on
             evidence, source = evidence._replace(response=NO_RESPONSE), sample.source
         middle = 0.5 * (evidence.response.time + sample.time)
-        rudders = rudder_at(past, earliest, middle), rudder_at(past, earliest, middle - LATE_S)
+        rudders = rudder_at(history, earliest, middle), rudder_at(history, earliest, middle - LATE_S)
         evidence = evidence_step(evidence, limits, seen, (sample.time, sample.heading), rudders)
     response = evidence.response
     # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
@@ -287,7 +290,7 @@ def judge_response(
     if seen.follows:
         return Response(evidence, source, other=other, verdict=found)
     is_known = not math.isnan(response.time)
-    is_held_off = is_known and now - since >= SEA_KNOWN_S and _is_held_off(response, seen, past, earliest)
+    is_held_off = is_known and now - since >= SEA_KNOWN_S and _is_held_off(response, seen, history, earliest)
     held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan
     is_doubted = is_doubtful(response) or now - held_off_since >= PUSHED_S
     if not is_known or doubted_trial or not is_doubted:
@@ -309,12 +312,12 @@ def _in_order(headings: tuple[HeadingSample, ...]) -> Sequence[HeadingSample]:
     return sorted({each.time: each for each in known}.values(), key=lambda each: each.time)
 
 
-def rudder_at(past: RudderPast, earliest: float, time: float) -> float:
+def rudder_at(history: History, earliest: float, time: float) -> float:
     """Return the rudder [rad] at `time` [s], no earlier than that: each is that of the end of its tick.
 
     As `rudder_observer.angle_from`, by bisection: at 100 ticks a second `LATE_S` is many of them.
     """
-    times, angles, ticks = past
+    times, angles, _, ticks = history
     newest, time = (ticks - 1) & (len(times) - 1), earliest if time < earliest else time
     if times[newest] < time:
         return angles[newest]
@@ -324,10 +327,10 @@ def rudder_at(past: RudderPast, earliest: float, time: float) -> float:
     return angles[place if place < len(times) else 0]
 
 
-def _is_held_off(response: ResponseState, seen: MonitorInput, past: RudderPast, earliest: float) -> bool:
+def _is_held_off(response: ResponseState, seen: MonitorInput, history: History, earliest: float) -> bool:
     """Return whether a push holds against a trial's rudder, as far as that was over of late: on the way from one side
     to the other it passes amidships."""
-    push, (times, angles, ticks) = push_at_least(response), past
+    push, (times, angles, _, ticks) = push_at_least(response), history
     ring = len(times) - 1
     if not push * seen.rudder < 0.0:
         return False
@@ -491,10 +494,11 @@ def update(
         # a boat that follows somebody else proves nothing; the link finds out who has the helm
         response, overpowered = UNJUDGED, NOT_OVERPOWERED
     else:
-        response = judge_response(response, limits, seen, measured.headings, history.past)
-        if _is_for_the_speed(response, seen):
+        response = judge_response(response, limits, seen, measured.headings, history)
+        if (response.other or response.verdict) and _is_for_the_speed(response, seen):
             response, doubts = UNJUDGED, True
-        overpowered = overpowered_step(overpowered, seen)
+        is_held = -seen.angle_max <= seen.push <= seen.angle_max
+        overpowered = NOT_OVERPOWERED if is_held else overpowered_step(overpowered, seen)
         doubted = now if response.doubts_trial else doubted
     runaway = runaway_step(runaway, seen)
     stop = AT_THE_STOP * seen.angle_max
