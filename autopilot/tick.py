@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from autopilot.angles import shortest_turn
+from autopilot.angles import PI, wrap
 from autopilot.control.law import NO_ROLL, LawInForce, LawInput, RollInput
 from autopilot.control.limits import Rest, RudderLimits, limited, limited_at_once
 from autopilot.control.roll_damping import RollDamper, RollDamping, damped, rolled
@@ -33,8 +33,16 @@ from autopilot.estimation.estimator import (
     without_disturbances,
 )
 from autopilot.estimation.heading_ekf import FilterNoise
-from autopilot.estimation.rudder_observer import is_fed_back, write_command
-from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
+from autopilot.estimation.rudder_observer import (
+    AS_FILED,
+    RudderRate,
+    angle_of,
+    begun_at,
+    gone_by,
+    is_fed_back,
+    rudder_rate_step,
+    write_command,
+)
 from autopilot.estimation.speeds import speeds_apart
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, quickness
@@ -668,7 +676,8 @@ def against_roll(roll: RollDamping, control: Control, now: float, dt: float, *, 
 def picture(boat: PilotConfig, way: Way, order: Order, reference: Reference, steady: NavState) -> Picture:
     """Return what the command was worked out from, for the check that shares no code with the law."""
     follows = order.kind is OrderKind.HEADING and not way.waits and boat.rudder_is_ours
-    error = shortest_turn(steady.heading, reference.heading) if follows else math.nan
+    error = reference.heading - steady.heading if follows else math.nan
+    error = error if -PI < error <= PI else wrap(error)
     return Picture(steady.time, steady.heading_age, error, steady.rate, steady.bias)
 
 

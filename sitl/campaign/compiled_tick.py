@@ -24,8 +24,17 @@ from autopilot.estimation.estimator import (
     seen_at,
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
-from autopilot.estimation.rudder_observer import RudderMemory, RudderObserver, RudderPast, advanced, angle_from, ordered
-from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, rudder_rate_step
+from autopilot.estimation.rudder_observer import (
+    AS_FILED,
+    RudderMemory,
+    RudderObserver,
+    RudderPast,
+    RudderRate,
+    advanced,
+    angle_from,
+    ordered,
+    rudder_rate_step,
+)
 from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.effectiveness import NO_EVIDENCE

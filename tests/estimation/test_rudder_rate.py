@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from autopilot.estimation.rudder_rate import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
+from autopilot.estimation.rudder_observer import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear
 
