@@ -246,7 +246,7 @@ def planned_anew(config: SteeringConfig, way: Way, model: Norrbin, steady: NavSt
     return way._replace(guide=started(way.guide, way.turning.limits, steady))
 
 
-def replanned(config: SteeringConfig, way: Way, model: Norrbin, steady: NavState) -> Way:
+def reset_turn(config: SteeringConfig, way: Way, model: Norrbin, steady: NavState) -> Way:
     """Return the way with the rest of the turn planned from where the boat and its rudder are."""
     way = with_turning(config, way, model)
     boat = reset_reference(model, way.turning.limits, steady.heading, steady.rate, steady.rudder + steady.bias)

@@ -81,7 +81,7 @@ from autopilot.steering import (
     obey,
     planned_anew,
     refer,
-    replanned,
+    reset_turn,
     steered_by,
     with_turning,
     zigzag_divergence,
@@ -97,7 +97,7 @@ from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Memory, Supervisor
-from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, watched
+from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, thruster_step
 
 CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
@@ -287,7 +287,8 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
-    config = config if state.estimate.speeds.reach >= config.boat.limits.angle_max else within_reach(config, state, now)
+    has_all = state.estimate.speeds.reach >= config.boat.limits.angle_max
+    config = config if has_all else limited_by_thrust(config, state, now)
     boat, way, rudder, thrusters = config.boat, state.way, state.rudder, state.thrusters
     steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
     gap = 0.0 if math.isnan(state.now) else now - state.now
@@ -365,7 +366,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     memory = supervisor.memory
     steers_on = boat.rudder_is_ours and memory.state in ENGAGED
     write_command(estimate.rudder, estimate.memory, command.angle if steers_on else math.nan)
-    panel, alarms, siren, alarm_states = show(state.panel, memory, now, samples, order, found)
+    panel, alarms, siren, alarm_states = update_panel(state.panel, memory, now, samples, order, found)
     tick = Tick(
         state.number + 1,
         now,
@@ -399,7 +400,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     return after, tick
 
 
-def within_reach(config: Config, state: State, now: float) -> Config:
+def limited_by_thrust(config: Config, state: State, now: float) -> Config:
     """Return what the boat is steered by where thrust leaves it less than all of the rudder: with no more than that.
 
     One that has none keeps a little, so that every share of it is a number; what was ordered is taken back at the
@@ -431,7 +432,7 @@ def with_rudder_rate(
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))
     steady = steady._replace(rudder=angle_of(rate))
-    return estimate, replanned(steering_with(config, rate), way, estimate.model, steady), rate
+    return estimate, reset_turn(steering_with(config, rate), way, estimate.model, steady), rate
 
 
 def select(
@@ -564,7 +565,7 @@ def watch_thrusters(
         and not (state.way.waits or estimate.beliefs.holds_bias),
         dt,
     )
-    memory, alarm = watched(state.thrusters, look)
+    memory, alarm = thruster_step(state.thrusters, look)
     return memory, found if alarm is None else {**found, alarm.name: alarm}
 
 
@@ -681,7 +682,7 @@ def picture(boat: PilotConfig, way: Way, order: Order, reference: Reference, ste
     return Picture(steady.time, steady.heading_age, error, steady.rate, steady.bias)
 
 
-def show(
+def update_panel(
     before: panel.Memory,
     supervisor: Memory,
     now: float,

@@ -216,6 +216,6 @@ def adapt_intensity(
     return Intensity(density, Means(x, y, z), Means(u, v, w), variance)
 
 
-def unsettled_intensity(intensity: Intensity) -> Intensity:
+def reset_intensity(intensity: Intensity) -> Intensity:
     """Return the gusts for a bias that is to be found anew."""
     return Intensity(intensity.density, NO_MEANS, NO_MEANS, 0.0)

@@ -27,7 +27,7 @@ from autopilot.estimation.disturbance import (
     frequency,
     in_balance,
     learn,
-    unsettled_intensity,
+    reset_intensity,
     wave_step,
 )
 from autopilot.estimation.tuning import (
@@ -226,9 +226,7 @@ def initial(
 
 def without_bias(state: FilterState) -> FilterState:
     """Return the state with a bias of which nothing is known."""
-    unknown = state._replace(
-        bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN, intensity=unsettled_intensity(state.intensity)
-    )
+    unknown = state._replace(bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN, intensity=reset_intensity(state.intensity))
     return unknown._replace(p23=0.0, p24=0.0, p25=0.0)
 
 

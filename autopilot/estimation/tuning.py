@@ -96,7 +96,7 @@ WAVE_EXTREME = 3.0  # 30 %: rms x 1.47, travel x 2.15
 WAVE_EXTREME_LEAST = math.radians(0.3)  # 30 %: nothing
 """A wave heading beyond so many deviations, and beyond this angle [rad], is no wave: something pushes the boat."""
 WAVE_SHARPNESS = 8  # 30 %: travel x 1.06
-"""How sharply waves that are steered against are parted from waves that are left alone."""
+"""How sharply waves that are steered against are parted from waves that are filtered."""
 
 # gusts: the spread is derived, the rest is tuned
 

@@ -12,7 +12,7 @@ from autopilot.supervision.tuning import AT_THE_STOP, SPEED_DOUBT
 
 class AlarmLimits(NamedTuple):
     """off_course [rad] for off_course_time [s]; roll [rad]; heading_jump [rad]; rate_disagrees [rad]; innovation in
-    standard deviations; inf: not watched. frozen_heading, rudder_answer: watched or not. wind_wanted: whether a wind
+    standard deviations; inf: not watched. frozen_heading, rudder_response: watched or not. wind_wanted: whether a wind
     that is not known is to be said. rudder_tolerance [rad], rudder_rate [rad/s] and rudder_delay [s]: how closely a
     rudder whose angle is measured must follow. heading_noise [rad^2]: the compass's variance. late [s]: the time
     between two ticks beyond which the second is late.

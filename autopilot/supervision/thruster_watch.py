@@ -70,7 +70,7 @@ class ThrusterLook(NamedTuple):
     dt: float
 
 
-def watched(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterMemory, AlarmEvent | None]:
+def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterMemory, AlarmEvent | None]:
     """Return the memory after a look, and the alarm where a thruster fails."""
     model, dt = look.model, look.dt
     if math.isnan(look.throttle) or not math.isfinite(look.rate):

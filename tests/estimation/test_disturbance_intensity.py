@@ -15,7 +15,7 @@ from autopilot.estimation.disturbance import (
     Intensity,
     Means,
     adapt_intensity,
-    unsettled_intensity,
+    reset_intensity,
 )
 from autopilot.estimation.tuning import GUST_LONGER, GUST_SPREAD
 
@@ -75,9 +75,9 @@ def test_a_bias_that_is_being_found_is_no_gust() -> None:
 
 def test_a_bias_to_be_found_anew_keeps_what_is_known_of_the_gusts() -> None:
     known = Intensity(1.0e-4, Means(0.1, 0.1, 0.1), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
-    anew = adapt_intensity(unsettled_intensity(known), CHANGES, 0.0, WELL_KNOWN, -0.1, DT)
+    anew = adapt_intensity(reset_intensity(known), CHANGES, 0.0, WELL_KNOWN, -0.1, DT)
     assert anew == Intensity(1.0e-4, Means(0.0, 0.0, 0.0), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
-    calmer = adapt_intensity(unsettled_intensity(known), (LEAST, 5.0e-5, TIME), 0.0, WELL_KNOWN, -0.1, DT)
+    calmer = adapt_intensity(reset_intensity(known), (LEAST, 5.0e-5, TIME), 0.0, WELL_KNOWN, -0.1, DT)
     assert calmer.density == 5.0e-5, "what the file allows has changed"
 
 
