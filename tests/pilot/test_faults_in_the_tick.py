@@ -32,7 +32,7 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "law": lambda _: (tick, "ask_law"),
     "limits": lambda _: (limits, "limit"),
     "supervisor checks": lambda _: (tick.Supervisor, "check"),
-    "alarms": lambda _: (tick, "show"),
+    "alarms": lambda _: (tick, "update_panel"),
     "send": lambda run: (run.link, "send"),
     "transport send": lambda run: (run.near, "send"),
     "publish_tick": lambda run: (run.link, "publish_tick"),
