@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from station_doubles import Skipper
 
 from autopilot.links.n2k import node as nodes
+from autopilot.links.n2k.fields import FAST
 from autopilot.links.n2k.link import BusLine, N2kLink, open_bus
 from autopilot.links.n2k.node import NAME, Device, Node
-from autopilot.links.n2k.packets import Message, identifier
-from autopilot.links.n2k.session import N2kSession, N2kSettings
+from autopilot.links.n2k.packets import Frame, Framing, Message, identifier
+from autopilot.links.n2k.session import READ, N2kSession, N2kSettings
 from autopilot.signals import (
     HelmSample,
     Mode,
@@ -89,6 +90,52 @@ def test_an_address_is_kept_from_higher_names_and_left_to_lower_ones() -> None:
     assert made.take(1.0, claim(made.name - 1, 128)) == []
     assert made.take(1.0, claim(made.name - 1, 204)) == [claim(made.name, 129)], "128 and 130 are known to be taken"
     assert (made.address, made.is_ready(1.2), made.is_ready(1.25)) == (129, False, True)
+
+
+def commanded(name: int, address: int) -> Message:
+    return Message(65240, struct.pack("<QB", name, address), 3)
+
+
+def test_a_commanded_address_is_claimed_and_contested_like_any_other() -> None:
+    made = started()
+    assert made.take(1.0, commanded(made.name, 130)) == [claim(made.name, 130)]
+    assert (made.address, made.is_ready(1.2), made.is_ready(1.25)) == (130, False, True)
+    for other in (commanded(made.name + 1, 140), commanded(made.name, 252), commanded(made.name, 254)):
+        assert made.take(2.0, other) == []
+    assert made.take(2.0, Message(65240, bytes(8), 3)) == [] and made.address == 130
+    assert made.take(2.0, commanded(made.name, 130)) == [], "it is there"
+    assert made.take(3.0, claim(made.name - 1, 130)) == [claim(made.name, 204)], "whose name is lower keeps it"
+
+
+def broadcast(data: bytes, group: int = 65240, source: int = 3) -> list[Frame]:
+    """The announcement of a broadcast, and its frames."""
+    count = -(-len(data) // 7)
+    head = bytes((32, *len(data).to_bytes(2, "little"), count, 255)) + group.to_bytes(3, "little")
+    pieces = [bytes((at + 1,)) + data[7 * at : 7 * at + 7].ljust(7, b"\xff") for at in range(count)]
+    return [Frame(identifier(60416, source, 7), head), *(Frame(identifier(60160, source, 7), each) for each in pieces)]
+
+
+def test_a_broadcast_is_put_together_whole_and_in_order_alone() -> None:
+    data = struct.pack("<QB", NAME | 1, 130)
+    frames = broadcast(data)
+    framing = Framing(FAST, READ)
+    assert [framing.take(0.1 * place, frame) for place, frame in enumerate(frames)] == [
+        None,
+        None,
+        Message(65240, data, 3, 255, 7),
+    ]
+    for wrong in (
+        [frames[0], frames[2], frames[1]],
+        frames[1:],
+        [frames[0], frames[1], frames[1]],
+        broadcast(data, 65241),
+        broadcast(data[:8]),
+        [frames[0], broadcast(data, source=4)[1], frames[2]],
+    ):
+        framing = Framing(FAST, READ)
+        assert not any(framing.take(0.1 * place, frame) for place, frame in enumerate(wrong))
+    framing = Framing(FAST, READ)
+    assert not any(framing.take(0.8 * place, frame) for place, frame in enumerate(frames)), "too late"
 
 
 def test_with_every_address_taken_we_say_so_and_fall_silent() -> None:

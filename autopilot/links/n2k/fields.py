@@ -1,6 +1,7 @@
 """The fields of NMEA 2000 messages, read and written by one table. Pure.
 
-    59392 acknowledgement   59904 request              60928 address claim       126208 group function
+    59392 acknowledgement   59904 request              60928 address claim       65240 commanded address
+    126208 group function
     126464 groups           126992 system time         126993 heartbeat          126996 product   126998 configuration
     127237 heading control  127245 rudder              127250 vessel heading     127251 rate of turn
     127257 attitude         127258 variation           128259 speed in water     129025 position
@@ -21,7 +22,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-ACKNOWLEDGEMENT, REQUEST, ADDRESS_CLAIM = 59392, 59904, 60928
+ACKNOWLEDGEMENT, REQUEST, ADDRESS_CLAIM, COMMANDED_ADDRESS = 59392, 59904, 60928, 65240
 GROUP_FUNCTION, GROUPS, SYSTEM_TIME, HEARTBEAT = 126208, 126464, 126992, 126993
 PRODUCT, CONFIGURATION = 126996, 126998
 ALERT, ALERT_RESPONSE, ALERT_TEXT = 126983, 126984, 126985

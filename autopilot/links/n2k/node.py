@@ -1,6 +1,7 @@
 """Norrbin as a node of an NMEA 2000 network: its address, and what every node answers. Pure; time is an argument.
 
     60928 address claim: the node with the lower NAME keeps a contested address, the other moves or falls silent
+    65240 commanded address: the node with that NAME claims the address it is given
     59904 request: answered, or refused by 59392        126208 group function: request, command, acknowledge
     126993 heartbeat                                    126996 product   126998 configuration   126464 groups
 
@@ -22,6 +23,7 @@ from autopilot.links.n2k.fields import (
     ADDRESS_CLAIM,
     ALERT,
     ALERT_TEXT,
+    COMMANDED_ADDRESS,
     CONFIGURATION,
     CONTROL,
     GROUP_FUNCTION,
@@ -112,6 +114,8 @@ class Node:
         """Return what is to be said to a message at `now` [s]."""
         if message.group == ADDRESS_CLAIM:
             return self._claimed(now, message)
+        if message.group == COMMANDED_ADDRESS:
+            return self._moved(now, message)
         if message.destination not in (self.address, EVERYBODY) or self._ready == math.inf:
             return []
         if message.group == REQUEST and len(message.data) >= 3:
@@ -138,6 +142,17 @@ class Node:
         if name < self.name:
             self._lost.add(self.address)
             return [self._take_address(now)]
+        return [self._claim()]
+
+    def _moved(self, now: float, message: Message) -> list[Message]:
+        """Claim the address that a configuring tool gives to our NAME; who has it objects, as to any claim."""
+        if len(message.data) != 9 or self._ready == math.inf:
+            return []
+        name, address = struct.unpack("<QB", message.data)
+        if name != self.name or address > HIGHEST or address == self.address:
+            return []
+        self._lost.discard(address)
+        self.address, self._ready = address, now + OBJECTIONS_S
         return [self._claim()]
 
     def _take_address(self, now: float) -> Message:

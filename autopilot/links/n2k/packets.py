@@ -1,16 +1,19 @@
-"""NMEA 2000 frames and what they carry: identifiers, messages, fast packets put together and cut. Pure.
+"""NMEA 2000 frames and what they carry: identifiers, messages, fast packets put together and cut, broadcasts put
+together. Pure.
 
 A message of up to 8 bytes is a frame. A longer one travels as a fast packet: each frame begins with the packet's
-sequence number (3 bits) and its place (5 bits), and the first goes on with the packet's length.
+sequence number (3 bits) and its place (5 bits), and the first goes on with the packet's length. A commanded address
+travels by the older transport protocol, as a broadcast (BAM): 60416 says how many bytes of which group come, and each
+60160 begins with its number, from 1.
 
-Source: identifiers after SAE J1939-21; fast packets as canboat describes them (https://canboat.github.io/canboat/).
+Source: identifiers and broadcasts after SAE J1939-21; fast packets as canboat describes them (https://canboat.github.io/canboat/).
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from autopilot.links.n2k.fields import GROUP_FUNCTION
+from autopilot.links.n2k.fields import COMMANDED_ADDRESS, GROUP_FUNCTION
 
 EVERYBODY = 255
 IDENTIFIER_MOST = 0x1FFFFFFF
@@ -21,6 +24,12 @@ PACKET_S = 1.0
 """A fast packet whose next frame comes later than this after its last one is given up; a sender has it out in less."""
 BARE = b"\x01\x05\xf1\x01"
 """A command (126208) of 127237 with one field, which canboatjs sends as it is: its 8 bytes fit a frame."""
+ANNOUNCED, CARRIED = 60416, 60160
+BROADCAST = 32
+"""The control byte of a broadcast's announcement."""
+BROADCAST_S = 0.75
+"""Its next frame comes within this time."""
+BROADCAST_MOST = 1785
 BEGUN_MOST = 64
 """Packets under way; of more the oldest is given up."""
 
@@ -100,6 +109,35 @@ class FastPackets:
         return None
 
 
+class Broadcasts:
+    """Puts broadcasts of the groups that are `wanted` together, one at a time from each source."""
+
+    def __init__(self, wanted: frozenset[int]) -> None:
+        self._wanted = wanted
+        self._begun: dict[int, tuple[int, int, float, bytes]] = {}
+
+    def add(self, now: float, group: int, source: int, frame: bytes) -> tuple[int, bytes] | None:
+        """Return the group and the data that `frame`, which came at `now` [s], completes; None where it does not."""
+        if len(frame) != FRAME_BYTES:
+            return None
+        before = self._begun.pop(source, None)
+        if group == ANNOUNCED:
+            size, carried = int.from_bytes(frame[1:3], "little"), int.from_bytes(frame[5:8], "little")
+            if frame[0] == BROADCAST and FRAME_BYTES < size <= BROADCAST_MOST and carried in self._wanted:
+                self._begun[source] = (carried, size, now, b"")
+            return None
+        if before is None:
+            return None
+        carried, size, then, got = before
+        if frame[0] != len(got) // (FRAME_BYTES - 1) + 1 or not 0.0 <= now - then <= BROADCAST_S:
+            return None
+        got += frame[1:]
+        if len(got) >= size:
+            return carried, got[:size]
+        self._begun[source] = (carried, size, now, got)
+        return None
+
+
 class Framing:
     """Frames to messages and back, on one bus. `fast`: the groups that travel as fast packets; `read`: those wanted.
 
@@ -109,11 +147,15 @@ class Framing:
     def __init__(self, fast: frozenset[int], read: frozenset[int]) -> None:
         self.packets = FastPackets()
         self._fast, self._read = fast, read
+        self._broadcasts = Broadcasts(read & {COMMANDED_ADDRESS})
         self._sequences: dict[int, int] = {}
 
     def take(self, now: float, frame: Frame) -> Message | None:
         """Return the message that `frame`, which came at `now` [s], completes; None where it completes none."""
         group, source = group_and_source(frame.identifier)
+        if group in (ANNOUNCED, CARRIED) and frame.identifier >> 8 & 0xFF == EVERYBODY:
+            whole = self._broadcasts.add(now, group, source, frame.data)
+            return None if whole is None else Message(*whole, source, priority=frame.identifier >> 26 & 7)
         if group not in self._read:
             return None
         data: bytes | None = frame.data

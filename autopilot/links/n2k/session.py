@@ -16,6 +16,7 @@ from autopilot.links.n2k.alerts import Alerts
 from autopilot.links.n2k.fields import (
     ADDRESS_CLAIM,
     ALERT_RESPONSE,
+    COMMANDED_ADDRESS,
     CONTROL,
     FOLLOW_UP,
     GROUND_SPEED,
@@ -66,7 +67,7 @@ from autopilot.signals import (
     Tick,
 )
 
-NETWORK = (ADDRESS_CLAIM, REQUEST, GROUP_FUNCTION)
+NETWORK = (ADDRESS_CLAIM, COMMANDED_ADDRESS, REQUEST, GROUP_FUNCTION)
 READ = frozenset((*INSTRUMENTS, *PLOTTER_GROUPS, *NETWORK, ALERT_RESPONSE))
 """The groups that are listened to."""
 ORDER_PERIOD_S = 0.1
