@@ -17,7 +17,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile("norrbin", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("gate", settings.get_profile("norrbin"), derandomize=True)
+settings.register_profile("gate", settings.get_profile("norrbin"), derandomize=True, max_examples=50)
 settings.load_profile(os.environ.get("NORRBIN_HYPOTHESIS", "norrbin"))
 
 # pymavlink's mavutil chooses its dialect as it is first imported: it has to be MAVLink 2 in whatever order the tests

@@ -62,13 +62,12 @@ def commanded_late(lag: float, seed: int) -> dict[str, FloatArray]:
 
 def test_a_lag_that_the_record_does_not_show_is_found() -> None:
     run = run_of(commanded_late(0.3, 1))
-    without = identify([run], Question(reference_speed=5.0))
     found = identify([run], Question(reference_speed=5.0, rudder_train=("lag",)))
     error = found.standard_errors["lag"]
     assert error is not None
     assert found.train.lag == pytest.approx(0.3, abs=0.1)
-    assert abs(found.model.time_constant - 1.0) < 0.2 * abs(without.model.time_constant - 1.0)
-    assert found.noise[1].size < without.noise[1].size
+    # without it the lag passes for a part of T
+    assert found.model.time_constant == pytest.approx(1.0, abs=0.06)
 
 
 def test_what_is_not_there_is_left_out_with_the_reason() -> None:
