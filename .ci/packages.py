@@ -29,6 +29,7 @@ HOME = "opt/norrbin"
 MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 GLIBC = ("2_17", "2_24", "2_26", "2_27", "2_28")
 """Debian 12 has 2.36, so that each of these runs there."""
+NOT_IN_IMAGE = ("DEBIAN", "var/cache/apt/", "var/lib/apt/lists/", "var/log/", "proc/", "sys/", "dev/", "run/", "tmp/")
 UNIT_ARGUMENTS = "NORRBIN_ARGUMENTS_PLACE"
 CONTROL = """\
 Package: norrbin
@@ -127,11 +128,12 @@ def service(folder: Path) -> None:
         "[Service]\n",
         "ConditionPathExists=/var/lib/norrbin/boat.yaml\n\n[Service]\nEnvironmentFile=/etc/default/norrbin\n",
     )
-    save(folder / "lib/systemd/system/norrbin.service", unit.encode())
+    # below usr: a folder /lib in the image would take the place of the root's link of that name, and all its libraries
+    save(folder / "usr/lib/systemd/system/norrbin.service", unit.encode())
     save(folder / "usr/lib/sysusers.d/norrbin.conf", user_text(boat).encode())
     save(folder / "etc/default/norrbin", DEFAULTS.encode())
     rules = 'SUBSYSTEM=="tty", SUBSYSTEMS=="usb", GROUP="dialout", MODE="0660"\n'
-    save(folder / "lib/udev/rules.d/70-norrbin.rules", rules.encode())
+    save(folder / "usr/lib/udev/rules.d/70-norrbin.rules", rules.encode())
 
 
 def save(path: Path, data: bytes) -> None:
@@ -162,10 +164,11 @@ def layer(folder: Path, epoch: int) -> bytes:
     packed = io.BytesIO()
 
     def plain(info: tarfile.TarInfo) -> tarfile.TarInfo | None:
+        """Leave out control files, devices, and what belongs to the machine that made the root."""
         info.uid = info.gid = 0
         info.uname = info.gname = ""
         info.mtime = epoch
-        return None if info.name.startswith("DEBIAN") or info.isdev() else info
+        return None if info.name.startswith(NOT_IN_IMAGE) or info.isdev() else info
 
     with tarfile.open(fileobj=packed, mode="w", format=tarfile.GNU_FORMAT) as archive:
         for path in sorted(folder.rglob("*")):
@@ -201,6 +204,7 @@ def image(folders: Iterable[Path], out: Path, architecture: str, epoch: int) -> 
         "os": "linux",
         "config": {
             "Entrypoint": ["/usr/bin/autopilot"],
+            "Env": ["PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "LANG=C.UTF-8"],
             "Cmd": ["--help"],
             "WorkingDir": "/var/lib/norrbin",
             "Labels": labels,

@@ -377,7 +377,7 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
     from autopilot.files.saving import save_page
     from autopilot.identification.identified import Question
     from autopilot.identification.registry import METHODS, method_named
-    from autopilot.report.identification import identification_page
+    from autopilot.report.identification_page import identification_page
 
     fitted, asked = [run for run, role, _ in result.predictions if role == "fit"], method_named(arguments.method)
     convergence = {}

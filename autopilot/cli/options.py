@@ -215,10 +215,11 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End the program with one sentence that says what to type instead."""
-        unknown = next((word for word in self._given if self._is_stray(word)), None)
-        if unknown is not None:
-            self._refuse_option(unknown)
         choice = CHOICE.match(message)
+        unknown = next((word for word in self._given if self._is_stray(word)), None)
+        # what follows a mistyped command are options of the command that was meant
+        if unknown is not None and (choice is None or choice[1] not in ("COMMAND", "ACTION")):
+            self._refuse_option(unknown)
         if choice is not None:
             name, typed, listed = choice.groups()
             known = re.findall(r"[^\s',]+", listed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -43,6 +44,7 @@ EXAMPLES = {name: scheme.example for name, (scheme, _) in _schemes().items()}
 DEFAULTS = {name: scheme.usual for name, (scheme, _) in _schemes().items() if scheme.usual}
 SCHEMES: dict[str, tuple[str, str]] = {name: (scheme.protocol, over) for name, (scheme, over) in _schemes().items()}
 """What is spoken, and over which medium, by the beginning of a URL."""
+COMMON = ("udpin", "tcp", "serial", "nmea")
 NETWORKS = ("n2k", "ydwg", "actisense", "n2k-ascii")
 """What is spoken on NMEA 2000: frames on a CAN bus, and what gateways make of them."""
 OPTIONS: dict[str, tuple[str, ...]] = {
@@ -60,12 +62,20 @@ def split_scheme(text: str) -> tuple[str, str]:
     return (both, behind) if both in SCHEMES else (first, rest)
 
 
+def _what_to_write(scheme: str) -> str:
+    """Return examples of the kinds that come nearest, or of those that most boats have and the names of the others."""
+    near = difflib.get_close_matches(scheme.casefold(), list(EXAMPLES), n=3)
+    if near:
+        return f"write one of {', '.join(EXAMPLES[name] for name in near)}"
+    shown = ", ".join(EXAMPLES[name] for name in COMMON)
+    return f"write one of {shown}; there are {', '.join(name for name in SCHEMES if name not in COMMON)} as well"
+
+
 def parse_url(text: str) -> LinkUrl:
     """Return the link that `text` names; LinkError with one sentence where it names none."""
     scheme, rest = split_scheme(text.strip())
     if ":" not in text or scheme not in SCHEMES:
-        allowed = ", ".join(EXAMPLES.values())
-        raise LinkError(f"link {text!r}: unknown kind {scheme!r}; write one of {allowed}")
+        raise LinkError(f"link {text!r}: unknown kind {scheme!r}; {_what_to_write(scheme)}")
     protocol, medium = SCHEMES[scheme]
     rest, mark, query = rest.partition("?")
     takes = (*OPTIONS.get(protocol, ()), *(("allow",) if MEDIA[medium].listens else ()))

@@ -155,7 +155,8 @@ class Steered:
         order = tick.order
         course = order.heading if math.isfinite(order.heading) else tick.reference.heading
         self.what = f"course {compass_deg(course):05.1f}".removesuffix(".0")
-        change = wrap(course - self._course) if self._course is not None else 0.0
+        # engaged on another course than the boat has: a turn as well, and not a course badly held
+        change = wrap(course - (tick.state.heading if self._course is None else self._course))
         if not order.is_led and abs(change) >= TURN_LEAST:
             self._end_turn(tick.now)
             self._turn = (change, tick.now, tick.now, 0.0)

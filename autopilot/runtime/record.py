@@ -291,7 +291,7 @@ def _bytes_of(path: Path) -> bytes:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; give a log that exists and can be read") from error
     if not data:
-        raise InputError(f"{path}: the log is empty")
+        raise InputError(f"{path}: the log is empty; give one that `autopilot run` has written")
     return data
 
 

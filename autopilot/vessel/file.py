@@ -59,7 +59,7 @@ def refuse_bare_name(out: str | Path) -> None:
     path = Path(out)
     if path.suffix not in (".yaml", ".yml") and path.name == str(out):
         raise InputError(
-            f"--out {out}: a mere name is that of a shipped vessel; write {out}.yaml, or ./{out} for a file without "
+            f"{out}: a mere name is that of a shipped vessel; write {path.stem}.yaml, or ./{out} for a file without "
             "the suffix"
         )
 

@@ -49,6 +49,15 @@ def test_a_good_run_says_how_it_turned_and_held() -> None:
     assert steered.words.startswith("steered 14") and "deg rms off" in steered.words
 
 
+def test_engaging_on_another_course_is_judged_as_a_turn() -> None:
+    sea = Sea()
+    sea.skipper.engage(math.radians(90.0))
+    sea.sail(30.0)
+    steered = run_of("a", sea.ticks).steered
+    assert steered.verdict is not None and steered.verdict.grade == "good"
+    assert [round(math.degrees(turn.angle)) for turn in steered.turns] == [90]
+
+
 @pytest.mark.parametrize(("swing_deg", "grade"), [(0.2, "good"), (4.0, "fair"), (10.0, "poor")])
 def test_a_boat_that_swings_is_called_so(swing_deg: float, grade: str) -> None:
     steered = run_of("a", worse(sailed(80.0), swing_deg)).steered

@@ -22,7 +22,8 @@ from autopilot.identification.prediction_bands import (
     widened,
 )
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
-from autopilot.report.identification import Result, as_text, document_of, identification_page
+from autopilot.report.identification import Result, as_text, document_of
+from autopilot.report.identification_page import identification_page
 
 PLANT = Plant("K 0.43, T 3.5", 0.43 / 3.5, 1.0 / 3.5, 6.0 / 3.5, 0.0015, 15.0, 60.0)
 SEA = Sea("gusts", gust_deg=1.0, rudder_deg=0.1)

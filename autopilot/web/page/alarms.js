@@ -34,7 +34,7 @@ function seen(alarm) {
 function line(alarm) {
   const [wrong, todo] = split(alarm);
   const words = make("p", "", "words");
-  words.append(tag(alarm, alarm.sounds), ` ${wrong}`);
+  words.append(tag(alarm, alarm.sounds), make("span", ` ${wrong}`, "wrong"));
   if (alarm.acknowledged) words.append(make("i", " acknowledged"));
   if (todo) words.append(make("small", todo));
   return words;

@@ -71,8 +71,8 @@ export function drawChart() {
   });
   if (typeof state.mob_bearing === "number" && !boat.isStale("mob")) {
     const bearing = state.mob_bearing * Math.PI / 180, overboard = [Math.sin(bearing), Math.cos(bearing)].map((part) => part * state.mob_distance);
-    path([[0, 0], overboard], "danger", 3);
-    pen.fillStyle = colour("danger");
+    path([[0, 0], overboard], "port", 3);
+    pen.fillStyle = colour("port");
     pen.fillText("MOB", ...at(overboard));
   }
   drawBoat(pen, width / 2, height / 2, state.heading);

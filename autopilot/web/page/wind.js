@@ -26,6 +26,7 @@ export function drawWind() {
   for (const [name, [word, number]] of Object.entries(TURNS)) {
     const asked = held && state.wind_ask === number, button = byId(name);
     button.disabled = !held;
+    if (asked && !button.classList.contains("sure")) button.scrollIntoView({ block: "nearest" });
     button.classList.toggle("sure", asked);
     button.textContent = asked ? `${word} now` : word;
   }
