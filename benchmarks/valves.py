@@ -1,6 +1,6 @@
 """A rudder on on/off valves: how well a course is held, and how often a valve is opened for it.
 
-    python benchmarks/valves.py [--seeds 2] [--seconds 240]
+    python benchmarks/valves.py [--seeds 2] [--seconds 160] [--boat yacht]
 
 In lockstep: compass and rate gyro over NMEA, valves on a simulated Maestro (`sitl.drives.ValveController`, whose oil
 is not that of `autopilot.models.valve`), gains designed for each boat. The peer is a plain three-point controller
@@ -154,14 +154,19 @@ def mean_of(runs: list[Held]) -> Held:
     return Held(rms, openings, duty, max(run.worst for run in runs))
 
 
+BOATS = {"yacht": yacht, "Zeefakkel": training_ship}
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=160.0)
+    parser.add_argument("--boat", choices=BOATS, action="append")
     given = parser.parse_args()
     print("| boat | sea | sensor | who | rms deg | most deg | openings/min | duty |\n|---|---|---|---|---|---|---|---|")
-    for boat, (base, seas) in {"yacht": yacht(), "Zeefakkel": training_ship()}.items():
+    for boat in given.boat or BOATS:
+        base, seas = BOATS[boat]()
         for has_sensor in (True, False):
             vessel = on_valves(base, has_sensor)
             zone = math.degrees(ValveDrive(drive_settings_of(vessel)).zone)

@@ -15,7 +15,8 @@ is silent, leads nobody: the heading from before stays till the wind hold is ord
 two in a row that agree are.
 
 A tack turns through the wind to the mirrored angle, a gybe through the stern; both are asked first, and nothing turns
-unless that is confirmed within `CONFIRM_S`. The wind that was before the turn is gone by until the boat has settled.
+unless that is confirmed within `CONFIRM_S`. The wind that was before the turn is gone by until the boat has settled. A
+boat that comes no nearer to the other side lies in irons, or cannot bear away: that is said.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ LEAD = math.radians(90.0)
 ARRIVED = math.radians(10.0)
 TURN_PATIENCE_S = 60.0
 """A turn that has not arrived by then is over: the wind leads from where the boat is."""
+STALLED_S, STALL_LEAST = 12.0, math.radians(5.0)
+"""A turn that has brought the boat no nearer by this for so long does not go on."""
 SETTLE = 2.0
 """After a turn the wind leads again when so many smoothing times have passed."""
 WATCH_AFTER = 6.0
@@ -250,7 +253,7 @@ class Asked(NamedTuple):
 
 class _Turn(NamedTuple):
     """A turn under way: side, goal [rad], when it began, the heading last seen [rad], nan: none yet, how far [rad] it
-    is still to go and, once there, till when [s] it settles."""
+    is still to go and, once there, till when [s] it settles; the least [rad] that was to go, and since when [s]."""
 
     side: int
     goal: float
@@ -258,6 +261,12 @@ class _Turn(NamedTuple):
     heading: float = math.nan
     remaining: float = 0.0
     until: float = math.inf
+    least: float = math.inf
+    least_at: float = math.inf
+
+    def is_stalled(self, now: float) -> bool:
+        """Return whether it does not go on."""
+        return math.isinf(self.until) and now - self.least_at > STALLED_S
 
 
 class WindGuide:
@@ -417,7 +426,10 @@ class WindGuide:
         until = turn.until
         if math.isinf(until) and remaining <= ARRIVED:
             until = now + SETTLE * self.settings.time
-        self._turn = turn._replace(heading=heading, remaining=remaining, until=until)
+        least, least_at = turn.least, turn.least_at
+        if remaining < least - STALL_LEAST:
+            least, least_at = remaining, now
+        self._turn = _Turn(turn.side, turn.goal, turn.began, heading, remaining, until, least, least_at)
         return turn.goal if remaining <= LEAD else wrap(heading + turn.side * LEAD)
 
     def watch(self, now: float, order: object) -> None:
@@ -441,6 +453,8 @@ class WindGuide:
         if self.asked is not None:
             wind = f" in {self.vane.wind.speed:.0f} m/s of wind" if self.is_strong(self.asked) else ""
             return AlarmEvent("wind_turn_asked", f"{self.asked.words}{wind}")
+        if self._turn is not None and self._turn.is_stalled(self._now):
+            return AlarmEvent("wind_turn_stalled", f"{math.degrees(self._turn.remaining):.0f} deg")
         if self._waits:
             return AlarmEvent("wind_awaited")
         return AlarmEvent("wind_shifted", f"{math.degrees(self.settings.shift):.0f} deg") if self._shifted else None

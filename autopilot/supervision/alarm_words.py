@@ -437,6 +437,13 @@ WORDS = {
         sentence="{detail}: {remedy}",
         watcher=Watcher.LOOP,
     ),
+    "wind_turn_stalled": Words(
+        "the tack or gybe does not go on",
+        "back the jib or bear away by hand, and begin it again with more way",
+        "in a tack or gybe no 5 deg nearer to the other side for 12 s: in irons, for instance",
+        sentence="{text}, {detail} are left: {remedy}",
+        watcher=Watcher.LOOP,
+    ),
     "compass_silent": Words(
         "one of two compasses is silent",
         "check its plug and power",

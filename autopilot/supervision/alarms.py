@@ -191,6 +191,7 @@ _KINDS = (
     _notice("wind_lost"),
     _notice("wind_shifted"),
     _notice("wind_turn_asked"),
+    _notice("wind_turn_stalled"),
     # of the lines to others
     _notice("compass_silent"),
     _notice("headings_slow"),

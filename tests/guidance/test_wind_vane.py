@@ -288,6 +288,39 @@ def test_a_turn_goes_its_way_round_to_the_mirrored_angle(
     assert found == pytest.approx(-side * degrees * DEG, abs=0.3 * DEG)
 
 
+def test_a_tack_that_hangs_in_irons_is_said_until_the_boat_turns_on() -> None:
+    boat = Boat(quick=6.0 * DEG)
+    boat.hold(True, 45.0 * DEG)
+    boat.sail(30.0)
+    boat.guide.ask(boat.now, Manoeuvre.TACK)
+    boat.guide.confirm(boat.now)
+    boat.sail(8.0)
+    assert abs(wrap(boat.wind_from - boat.heading)) < 5.0 * DEG
+    boat.quick = 1.0e-4
+    boat.sail(11.0)
+    assert boat.guide.alarm is None
+    boat.sail(4.0)
+    said = words(boat.guide.alarm)
+    assert said.startswith("the tack or gybe does not go on, 4") and "back the jib" in said
+    boat.quick = 6.0 * DEG
+    boat.sail(2.0)
+    assert boat.guide.alarm is None
+    boat.sail(30.0)
+    assert boat.guide.alarm is None and wrap(boat.wind_from - boat.heading) == pytest.approx(-45.0 * DEG, abs=0.02)
+
+
+@pytest.mark.parametrize("rate", [0.5, 2.0, 6.0])
+def test_a_slow_turn_is_no_stall(rate: float) -> None:
+    boat = Boat(quick=rate * DEG)
+    boat.hold(True, 25.0 * DEG)
+    boat.sail(120.0)
+    boat.guide.ask(boat.now, Manoeuvre.TACK)
+    boat.guide.confirm(boat.now)
+    for _ in range(160):
+        boat.sail(0.5)
+        assert boat.guide.alarm is None
+
+
 def test_a_turn_that_nobody_confirms_is_cancelled() -> None:
     boat = Boat()
     boat.hold()

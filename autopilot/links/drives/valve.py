@@ -128,7 +128,8 @@ class ValveDrive:
         else:
             wanted = min(max(angle, -stop), stop)
             self._swing = swung(self._swing, self.zone, wanted, dt)
-            zone = zone_in(self._swing, self.zone)
+            # a reckoned rudder is wrong by more the less often it is moved: there the zone stays what it is
+            zone = zone_in(self._swing, self.zone) if self.measures else self.zone
             self._gate = switched(self._valve, zone, self._turn, before, self._rudder, wanted)
         self.openings += self._gate.side != 0 and before.side == 0
         return self._outputs()
