@@ -80,7 +80,7 @@ class ControlAuthority:
         misfit: why its steering parameters cannot be used; empty where they can.
         mode, armed, heartbeat_time: from the last heartbeat, -inf before the first.
         booted: whether the vehicle has come up far enough to take commands: earlier ones can crash the firmware.
-        heard_time: when the vehicle last sent anything.
+        received_time: when the vehicle last sent anything.
         steering: whether we have commanded something that we have not released.
         last_command: when something was commanded last, -inf before.
         disobeyed: why the rudder did not obey while we steered; empty where it did.

@@ -81,7 +81,7 @@ class CompanionSession:
         state: MAV_STATE in our heartbeat.
         packets: (time, raw packet) of what has been received; who carries the bytes adds what was sent, and empties it.
         vehicle: system id of the vehicle latched on to, 0 before its heartbeat.
-        heard_time: when the vehicle last said anything, -inf before it has.
+        received_time: when the vehicle last sent anything, -inf before it has.
         is_gone: whether the line was found broken; who carries the bytes says so.
     """
 
