@@ -14,7 +14,6 @@ import pytest
 from lockstep import Lockstep
 
 from autopilot.angles import wrap
-from autopilot.cli.main import main as autopilot
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel
 from sitl.ardupilot import ArdupilotPhysics
@@ -208,14 +207,11 @@ def test_its_own_file_steers_it_through_a_turn_and_holds_it(kind: str) -> None:
 
 
 @each
-@pytest.mark.parametrize("command", ["serve", "serve --nmea", "ardupilot-physics", "gains"])
+@pytest.mark.parametrize("command", ["serve", "serve --nmea", "ardupilot-physics"])
 def test_every_command_takes_the_name_of_a_plant(
     kind: str, command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    if command == "gains":
-        assert autopilot(["gains", kind]) == 0
-        assert "designed backstepping" in capsys.readouterr().out
-    elif command == "ardupilot-physics":
+    if command == "ardupilot-physics":
         physics = ArdupilotPhysics(load_vessel(kind), afloat(kind, load_scenario("calm")))
         for frame in range(500):
             pulses = [1700, 1500, 1750, *[1500] * 13]
