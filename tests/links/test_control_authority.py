@@ -425,6 +425,15 @@ def test_streams_are_requested_at_once_and_checked_after_0_7_s() -> None:
     assert asked(streams, 4.71) == [30, 33]
 
 
+def test_what_not_every_vehicle_has_is_asked_for_twice_and_anew_after_a_reboot() -> None:
+    streams = MessageStreams({30: 10.0}, optional_hz={168: 2.0})
+    assert streams.due(0.0) == [(30, 100_000), (168, 500_000)]
+    assert asked(streams, 0.7, m30=7) == [168]
+    assert asked(streams, 2.7, m30=20) == [] == asked(streams, 4.7, m30=20)
+    streams.reset()
+    assert asked(streams, 4.8) == [30, 168]
+
+
 def test_six_tenths_of_a_rate_are_enough_to_the_bit() -> None:
     for count, is_asked_again in ((12, False), (11, True)):
         streams = MessageStreams({30: 10.0})

@@ -18,6 +18,8 @@ FIRST_CHECK_S = 0.7
 CHECK_S = 2.0
 ENOUGH = 0.6
 """A stream below this share of its rate is asked for again: requests get lost, and ground stations change rates."""
+OPTIONAL_ROUNDS = 2
+"""What a vehicle may have nothing of is asked for so often, and then missed no more."""
 PATIENT_CHECKS = 3
 """So many checks in a row may find the most wanted stream too slow before people are warned."""
 HEADINGS_IN_TIMEOUT = 3
@@ -39,6 +41,7 @@ class MessageStreams:
     Args:
         rates_hz: wanted rate by message id, the most wanted first.
         timeout [s]: age at which the most wanted counts as lost; inf: at none.
+        optional_hz: rates of what not every vehicle has, by message id.
 
     Attributes:
         counts: messages that have come since the last check, by id; who receives them counts.
@@ -46,8 +49,10 @@ class MessageStreams:
         slow: the alarm of a first stream that stays slow however often it is asked for; None where it does not.
     """
 
-    def __init__(self, rates_hz: dict[int, float], timeout: float = math.inf) -> None:
-        self._rates = dict(rates_hz)
+    def __init__(
+        self, rates_hz: dict[int, float], timeout: float = math.inf, optional_hz: dict[int, float] | None = None
+    ) -> None:
+        self._rates, self._optional = dict(rates_hz), dict(optional_hz or {})
         # what was asked for cannot be too slow
         self._least = min(HEADINGS_IN_TIMEOUT / timeout, ENOUGH * next(iter(self._rates.values())))
         self.reset()
@@ -66,6 +71,7 @@ class MessageStreams:
         self._too_slow = ""
         self._slow_checks = 0
         self._settled = False
+        self._rounds = OPTIONAL_ROUNDS
         self.counts = dict.fromkeys(self._rates, 0)
         self.checked_at, self.pause = -math.inf, FIRST_CHECK_S
 
@@ -83,6 +89,9 @@ class MessageStreams:
             for identity, rate in self._rates.items()
             if first or self.counts[identity] < rate * needed
         ]
+        if self._rounds:
+            self._rounds -= 1
+            wanted += [(identity, round(1.0e6 / rate)) for identity, rate in self._optional.items()]
         self.checked_at = now
         self.counts = dict.fromkeys(self._rates, 0)
         return wanted

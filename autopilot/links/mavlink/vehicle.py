@@ -153,11 +153,13 @@ GPS = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
 SERVOS = dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
 CHANNELS = dialect.MAVLINK_MSG_ID_RC_CHANNELS
 NAVIGATION = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
+WIND = dialect.MAVLINK_MSG_ID_WIND
+"""With it ArduPilot's vane says its apparent wind, in named values (libraries/AP_WindVane, send_wind)."""
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 PARAMETER = dialect.MAVLINK_MSG_ID_PARAM_VALUE
 NAMED = dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
 WIND_SPEED, WIND_ANGLE = "AppWndSpd", "AppWndDir"
-"""The apparent wind of ArduPilot's vane [m/s], [deg], one after the other (libraries/AP_WindVane, send_wind)."""
+"""The apparent wind of ArduPilot's vane [m/s], [deg], one after the other."""
 
 
 class CompanionSettings(NamedTuple):
@@ -237,7 +239,7 @@ class VehicleReader:
         }
         if steers_itself:
             rates_hz[NAVIGATION] = rates_hz[HUD] = 5.0
-        self.streams = MessageStreams(rates_hz, settings.heading_timeout)
+        self.streams = MessageStreams(rates_hz, settings.heading_timeout, {WIND: 2.0})
         self._output = output
         self._latency = settings.heading_latency
         self._clock = VehicleClock()
