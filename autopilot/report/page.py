@@ -17,7 +17,7 @@ COLOURS = ("#0b5fa5", "#c8501e", "#2e7d32", "#7b4fa3")
 WANTED = "#8a8f98"
 SIZE = (9.0, 2.6)
 PLANE_SIZE = (9.0, 5.2)
-LEGEND_COLUMNS = 3
+LEGEND_COLUMNS = 4
 
 
 class Line(NamedTuple):
@@ -96,7 +96,14 @@ def _draw(axis: Any, panel: Panel) -> None:
     axis.set_ylabel(panel.label)
     axis.grid(True, color="#e3e6ea", linewidth=0.6)
     axis.spines[["top", "right"]].set_visible(False)
-    axis.legend(loc="best", frameon=False, ncols=min(len(panel.lines), LEGEND_COLUMNS))
+    # above the panel: over no curve
+    axis.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.1,
+        frameon=False,
+        ncols=min(len(panel.lines), LEGEND_COLUMNS),
+    )
 
 
 def _svg_of(figure: Any) -> str:
@@ -136,6 +143,7 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
   body { background: #14171b; color: #e6e8eb; } code, .verdict { background: #252a31; } header span { color: #a9b1bb; }
   th, td { border-color: #333a43; } figcaption, .note { color: #a9b1bb; } figure { padding: .3rem; }
 }
+@media (max-width: 34rem) { h1 { font-size: 1.25rem; line-height: 1.25; } }
 @page { size: A4; margin: 16mm 14mm; }
 @media print {
   body { font-size: 10pt; max-width: none; margin: 0; padding: 0; color: #000; }
@@ -151,7 +159,8 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 <header><h1>{{ title }}</h1><span>Norrbin {{ version }}</span></header>
 {% if hero %}<figure>{{ hero.figure | safe }}
 <figcaption>{{ hero.caption }}</figcaption></figure>{% endif %}
-{% if verdict %}<p class="verdict {{ verdict[0] | replace(" ", "-") }}">{{ verdict[1] }}</p>{% endif %}
+{% if verdict %}<p class="verdict {{ verdict[0] | replace(" ", "-") }}">{{ verdict[1] | replace("+-", "±") }}</p>
+{% endif %}
 <p>{{ lead }}</p>
 <p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }}.</p>
 {% for section in sections %}

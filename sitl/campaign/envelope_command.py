@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sitl.campaign.envelope import Found
 
 BINS = 4
+FIRST_PANELS = 3
 """Shares of a range that the table counts runs in, to each side."""
 SHOWN = 10
 
@@ -137,16 +138,25 @@ def _report(
                 [one.outcome == outcome for one in found if low <= one.drawn[place] <= high]
                 for low, high in pairwise(edges)
             ]
-            lines.append(Line(outcome, middles, np.array([100.0 * sum(bin_) / max(len(bin_), 1) for bin_ in counts])))
+            # where nothing was drawn there is nothing to show
+            shares = [100.0 * sum(bin_) / len(bin_) if bin_ else np.nan for bin_ in counts]
+            lines.append(Line(outcome, middles, np.array(shares)))
         panels.append(Panel(f"{each.name}\n[% of runs]", lines))
+    axis = "share of the way from the file's value to the ends of the range"
+    caption = "held: within the off-course limit; back: beyond it for less than 5 s; alarmed: said within 5 s"
     hero = Section(
-        "Runs at each distance from the file",
-        figure=time_figure(panels, "share of the way from the file's value to the ends of the range"),
-        caption="held: within the off-course limit; back: beyond it for less than 5 s; alarmed: said within 5 s",
+        "", figure=time_figure(panels[:FIRST_PANELS], axis), caption=f"runs by distance from the file; {caption}"
     )
+    others = Section("Further ranges", figure=time_figure(panels[FIRST_PANELS:], axis), caption=caption)
+    grade = "poor" if any(one.outcome == UNSAID for one in found) else "good"
     page = render(
-        Opening(f"Envelope: {vessel.name}", "Boats, gears, logs and seas that are not the file's.", hero),
-        [Section("Bounds", [list(row) for row in rows], (said,))],
+        Opening(
+            f"Envelope: {vessel.name}",
+            "Boats, gears, logs and seas that are not the file's.",
+            hero,
+            (grade, f"{grade}: {said}"),
+        ),
+        [Section("Bounds", [list(row) for row in rows]), others],
         shlex.join(arguments.typed),
         __version__,
     )

@@ -209,6 +209,8 @@ def _text(value: str | float) -> str:
 
 
 MOST_PANELS = 12
+FIRST_PANELS = 3
+"""Before the verdict; the others follow it."""
 APART = ("boat", "sea", "side_deg", "speed_share", "mismatch", "instruments", "faults")
 
 
@@ -216,17 +218,32 @@ def campaign_page(name: str, description: str, summaries: list[CaseSummary], sai
     """Return the page of a study; `said` is how and how fast it was run."""
     lead = description or "Seeded runs of boat, sea, sensors and pilot."
     panels = pareto_panels(summaries)
-    hero = None
+    hero, more = None, []
     if panels:
         left = len({_apart(each.case) for each in summaries}) - len(panels)
-        caption = "each mark a case, the median over its runs; further left and down is better" + (
+        caption = "each bend a case, the median over its runs; further left and down is better" + (
             f"; {left} more in the table" if left > 0 else ""
         )
-        figure = time_figure(panels, "rudder travel [deg/s]", logarithmic=True)
+        first, others = panels[:FIRST_PANELS], panels[FIRST_PANELS:]
+        axis = "rudder travel [deg/s]"
+        figure = time_figure(first, axis, logarithmic=True)
         hero = Section("", figure=figure, caption=f"heading error against rudder travel: {caption}")
+        if others:
+            more = [
+                Section("Further seas and boats", figure=time_figure(others, axis, logarithmic=True), caption=caption)
+            ]
     note = "Medians over the runs of a case, in brackets from 5 to 95 %; most: 95 %; engaged: 5 %."
-    sections = [Section("Cases", table(summaries), (note,)), Section("Runs", text=(said,))]
-    return render(Opening(f"Campaign: {name}", lead, hero), sections, command, __version__)
+    sections = [Section("Cases", table(summaries), (note,)), *more, Section("Runs", text=(said,))]
+    return render(Opening(f"Campaign: {name}", lead, hero, _verdict(summaries)), sections, command, __version__)
+
+
+def _verdict(summaries: list[CaseSummary]) -> tuple[str, str]:
+    sailed = [each for each in summaries if each.refused < each.runs]
+    lost = sum(each.quantiles["engaged"][0] < 1.0 for each in sailed)
+    refused = len(summaries) - len(sailed)
+    grade = "fair" if lost else "good"
+    said = f"in {len(sailed) - lost} of {len(sailed)} cases 95 % of the runs were steered to their end"
+    return grade, f"{grade}: {said}" + (f"; {refused} refused for their margins" if refused else "")
 
 
 def pareto_panels(summaries: list[CaseSummary]) -> list[Panel]:
