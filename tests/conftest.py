@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import gc
 import os
 import signal
 import threading
@@ -86,6 +87,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         nightly = set(NIGHTLY.read_text(encoding="utf-8").splitlines())
         config.hook.pytest_deselected(items=[item for item in items if f"tests/{_name(item)}" in nightly])
         items[:] = [item for item in items if f"tests/{_name(item)}" not in nightly]
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Let the garbage collector leave alone what was collected: thousands of tests, which it would look at in each."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.hookimpl(optionalhook=True)

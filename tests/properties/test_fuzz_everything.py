@@ -33,7 +33,7 @@ def test_pilot_and_readers_survive_a_sample_of_the_fuzzer_s_inputs(
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     from fuzz_everything import names
 
-    command = [sys.executable, str(ROOT / "benchmarks" / "fuzz_everything.py"), "--inputs", "60", "--seed", "7"]
+    command = [sys.executable, str(ROOT / "benchmarks" / "fuzz_everything.py"), "--inputs", "30", "--seed", "7"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     run = subprocess.run(
         command, capture_output=True, text=True, env=environment, timeout=300, check=False, cwd=tmp_path
@@ -42,8 +42,8 @@ def test_pilot_and_readers_survive_a_sample_of_the_fuzzer_s_inputs(
     rows = [[cell.strip() for cell in line.split("|")] for line in run.stdout.splitlines()[2:]]
     assert [row[1] for row in rows] == names()
     taken = sum(int(row[3]) for row in rows)
-    assert taken > 100, "damage that leaves nothing readable tries nothing but the refusals"
-    assert all(int(row[2]) >= 60 for row in rows)
+    assert taken > 50, "damage that leaves nothing readable tries nothing but the refusals"
+    assert all(int(row[2]) >= 30 for row in rows)
 
 
 def test_a_run_that_was_cut_goes_on_with_other_inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
