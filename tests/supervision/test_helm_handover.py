@@ -103,7 +103,7 @@ def test_only_a_lost_heading_heals_by_itself() -> None:
 @pytest.mark.parametrize("action", ["amidships", "hold"])
 def test_a_rudder_of_unlimited_rate_survives_two_ticks_at_one_moment(action: str) -> None:
     limits = RudderLimits(0.5, math.inf)
-    made = Supervisor(Envelope(*limits), FailsafeAction(1.0, action, 3.0, False))
+    made = Supervisor(Envelope(limits.angle_max, limits.rate_max), FailsafeAction(1.0, action, 3.0, False))
     made.decide(0.0, COURSE, state())
     command = limit(limits, 0.1, 0.4, 0.0)
     assert made.check(0.0, 0.1, 0.4, command, 0.0).engaged
