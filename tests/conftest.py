@@ -112,7 +112,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             marked, shares = _kinds_in(config.rootpath / file)
             together = file if shares else nodeid
             is_real_time = marked is None or name.partition("[")[0] in marked
-            if is_real_time and config.getoption("numprocesses") > REAL_TIME_GROUPS:
+            if is_real_time and (config.getoption("numprocesses") or 0) > REAL_TIME_GROUPS:
                 return f"real time {crc32(together.encode()) % REAL_TIME_GROUPS}"
             return together
 
