@@ -151,9 +151,8 @@ def test_orders_typed_slowly_under_a_running_status_line(tmp_path: Path) -> None
         assert max(map(len, status)) < 80
         at.type("\x03")
         last = at.until(r"no log was kept")
-        assert re.search(
-            r"ended by Ctrl-C: rudder released.*; steered \d+ s, last course 100, \d+\.\d deg rms off", last
-        )
+        # how well it was steered is said of a course that was come to: not of a second
+        assert re.search(r"ended by Ctrl-C: rudder released.*; steered \d+ s, last course 100", last)
         assert at.pilot.wait(20) == 0
         assert at.modes() == at.before
     finally:
