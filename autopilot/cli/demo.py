@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.demo_legs import as_json, sail_demo
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import save_text, unused_folder
-    from autopilot.report.demo import as_text
+    from autopilot.report.demo import as_text, verdict_of_demo
 
     try:
         out = unused_folder(arguments.out)
@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     with ProgressBar("demo") as bar:
         result = sail_demo(out, arguments.seed, bar.update)
     summary = as_json(result)
+    summary["verdict"] = verdict_of_demo(summary)._asdict()
     save_text(out / "demo.json", json.dumps(summary, indent=2) + "\n")
     if not arguments.no_report:
         from autopilot.cli.demo_legs import HOLDS, TURNS
