@@ -127,7 +127,7 @@ class N2kNetwork:
 
     def command(self, data: bytes, group: int = 126208, to: int = 204) -> None:
         """Have the plotter send a message, such as a command, to a node."""
-        self._say(PLOTTER, Message(group, data, PLOTTER, to, 3))
+        self._send(PLOTTER, Message(group, data, PLOTTER, to, 3))
 
     def _take(self, frame: Frame) -> None:
         message = self._ours.take(self.world.time, frame)
@@ -163,14 +163,14 @@ class N2kNetwork:
             if node == PLOTTER and self._plotter is not None:
                 self._plotter.update(reading)
             self._sid = (self._sid + 1) % 253
-            self._say(node, Message(group, compose(reading), node, priority=2))
+            self._send(node, Message(group, compose(reading), node, priority=2))
 
     def _claim(self, node: int) -> None:
         kind, function = CLASSES[node]
         name = 1 << 63 | 4 << 60 | kind << 49 | function << 40 | MAKER << 21 | node
-        self._say(node, Message(60928, struct.pack("<Q", name), node))
+        self._send(node, Message(60928, struct.pack("<Q", name), node))
 
-    def _say(self, node: int, message: Message) -> None:
+    def _send(self, node: int, message: Message) -> None:
         for frame in self._framings[node].frames(message):
             self._put(frame, "R")
 

@@ -265,13 +265,15 @@ class Presence:
         if now - since > STATION_SILENT_S:
             self._let_go = now
             self._transport.forget_peer()
-        return self._say(now, self._received is not None and self._beats and now - self._received > STATION_SILENT_S)
+        return self._silence_event(
+            now, self._received is not None and self._beats and now - self._received > STATION_SILENT_S
+        )
 
     def gone(self, now: float) -> list[Sample]:
         """Return the end of a silence: the line itself is gone, which is reported apart."""
-        return self._say(now, False)
+        return self._silence_event(now, False)
 
-    def _say(self, now: float, is_silent: bool) -> list[Sample]:
+    def _silence_event(self, now: float, is_silent: bool) -> list[Sample]:
         if is_silent == self._is_silent:
             return []
         self._is_silent = is_silent

@@ -157,7 +157,7 @@ class BoatLink(SilentLink):
                     if self._accepts(message):
                         self._presence.on_packet(now, message.get_type() == "HEARTBEAT")
                     self._packets.append((now, bytes(message._msgbuf)))
-                    self._heed(now, message)
+                    self._on_message(now, message)
                 else:
                     self._refuse(now, NOT_ALLOWED)
         self._access.count_refused_senders(refused_senders_of(self._transport) - dropped)
@@ -179,7 +179,7 @@ class BoatLink(SilentLink):
         self._says_flooded = is_flooded
         return [ConditionSample(now, "link_flooded", is_flooded, self.name if is_flooded else "", self.name)]
 
-    def _heed(self, now: float, message: Message) -> None:
+    def _on_message(self, now: float, message: Message) -> None:
         if not self._is_for_us(message):
             return
         refusal = self._access.refusal(now, message)

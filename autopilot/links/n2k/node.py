@@ -108,7 +108,7 @@ class Node:
             return []
         self._next = now + self._period
         self._count = (self._count + 1) % COUNTS
-        return [self._say(HEARTBEAT, self._heartbeat(), 7)]
+        return [self._compose(HEARTBEAT, self._heartbeat(), 7)]
 
     def take(self, now: float, message: Message) -> list[Message]:
         """Return what is to be said to a message at `now` [s]."""
@@ -170,24 +170,24 @@ class Node:
         found = self._answers(group)
         if not found and message.destination != EVERYBODY:
             refusal = encoded(ACKNOWLEDGEMENT, {"control": NAK, "pgn": group})
-            return [self._say(ACKNOWLEDGEMENT, refusal, 6, message.source)]
+            return [self._compose(ACKNOWLEDGEMENT, refusal, 6, message.source)]
         return found
 
     def _answers(self, group: int) -> list[Message]:
         """Return the messages of a group, as they are now; none of one that is not sent."""
         if group == PRODUCT:
-            return [self._say(PRODUCT, product(self._device))]
+            return [self._compose(PRODUCT, product(self._device))]
         if group == CONFIGURATION:
             texts = ("", "", "Norrbin, an open-source autopilot")
-            return [self._say(CONFIGURATION, b"".join(text(each) for each in texts))]
+            return [self._compose(CONFIGURATION, b"".join(text(each) for each in texts))]
         if group == GROUPS:
             lists = (*SENT, ALERT, ALERT_TEXT, CONTROL, RUDDER), self._reads
             packed = [b"".join(each.to_bytes(3, "little") for each in groups) for groups in lists]
-            return [self._say(GROUPS, bytes((kind,)) + each) for kind, each in enumerate(packed)]
+            return [self._compose(GROUPS, bytes((kind,)) + each) for kind, each in enumerate(packed)]
         if group == HEARTBEAT:
-            return [self._say(HEARTBEAT, self._heartbeat(), 7)]
+            return [self._compose(HEARTBEAT, self._heartbeat(), 7)]
         current = self._current(group) if group in (CONTROL, RUDDER) else None
-        return [] if current is None else [self._say(group, current, 2)]
+        return [] if current is None else [self._compose(group, current, 2)]
 
     def _heartbeat(self) -> bytes:
         return encoded(
@@ -229,7 +229,7 @@ class Node:
         if is_for_all:
             return said
         answer = gf.acknowledgement(group, code, other, fields)
-        return [self._say(GROUP_FUNCTION, answer, 3, message.source), *said]
+        return [self._compose(GROUP_FUNCTION, answer, 3, message.source), *said]
 
     def _paced(self, group: int, interval: int) -> int:
         """Take the interval [ms] asked for, of heartbeats alone; return the code of its acknowledgement."""
@@ -246,7 +246,7 @@ class Node:
         self._next = -math.inf
         return gf.DONE
 
-    def _say(self, group: int, data: bytes, priority: int = 6, destination: int = EVERYBODY) -> Message:
+    def _compose(self, group: int, data: bytes, priority: int = 6, destination: int = EVERYBODY) -> Message:
         return Message(group, data, self.address, destination, priority)
 
 

@@ -254,7 +254,7 @@ class N2kSession:
             self._waiting += [Message(group, data, address, priority=7) for group, data in self._alerts.due(tick)]
         if self.settings.steers and tick.now >= self._next_control and tick.state.valid:
             self._next_control = tick.now + CONTROL_PERIOD_S
-            self._say(tick.now, CONTROL, encoded(CONTROL, self._control(tick)))
+            self._send(tick.now, CONTROL, encoded(CONTROL, self._control(tick)))
 
     def due(self, now: float) -> list[Message]:
         """Return and forget the messages that leave at `now` [s], oldest first."""
@@ -267,7 +267,7 @@ class N2kSession:
     def release(self, now: float) -> list[Message]:
         """Return the messages that give the rudder back, several times over, behind what waits."""
         for _ in range(self._order.end()):
-            self._say_rudder(now, None)
+            self._send_rudder(now, None)
         return self.due(now)
 
     def released(self, now: float, is_gone: bool) -> None:
@@ -280,15 +280,15 @@ class N2kSession:
 
     def _say_order(self, now: float) -> None:
         if self.settings.steers:
-            self._order.send(now, lambda angle: self._say_rudder(now, angle))
+            self._order.send(now, lambda angle: self._send_rudder(now, angle))
 
-    def _say_rudder(self, now: float, angle: float | None) -> bool:
+    def _send_rudder(self, now: float, angle: float | None) -> bool:
         fields: dict[str, object] = {"instance": 0, "directionOrder": ORDERS[0]}
         if angle is not None:
             fields |= {"directionOrder": _side(angle), "angleOrder": angle}
-        return self._say(now, RUDDER, encoded(RUDDER, fields))
+        return self._send(now, RUDDER, encoded(RUDDER, fields))
 
-    def _say(self, now: float, group: int, data: bytes) -> bool:
+    def _send(self, now: float, group: int, data: bytes) -> bool:
         self._sent[group] = data
         if self.node is not None and not self.node.is_ready(now):
             return False
