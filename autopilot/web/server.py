@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import gzip
 import logging
+import os
 import signal
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
@@ -59,10 +60,12 @@ class LogIndex:
         if self._folder is None:
             return []
         rows: list[dict[str, Any]] = []
-        for path in self._folder.iterdir():
-            if self._is_log(path):
-                about = path.stat()
-                rows.append({"name": path.name, "bytes": about.st_size, "changed": round(about.st_mtime)})
+        with contextlib.suppress(OSError):  # the folder was removed, its disk was pulled out
+            for path in self._folder.iterdir():
+                with contextlib.suppress(OSError):  # the log was removed
+                    if self._is_log(path):
+                        about = path.stat()
+                        rows.append({"name": path.name, "bytes": about.st_size, "changed": round(about.st_mtime)})
         rows.sort(key=lambda row: row["changed"], reverse=True)
         return rows[:SHOWN_MOST]
 
@@ -71,15 +74,22 @@ class LogIndex:
         if self._folder is None or "/" in name or "\0" in name or name.startswith("."):
             return None
         path = self._folder / name
-        return path if self._is_log(path) else None
+        try:
+            return path if self._is_log(path) else None
+        except OSError:  # a name longer than a file system takes
+            return None
 
     def read(self, path: Path) -> tuple[int, Iterator[bytes]]:
-        """Return the size [bytes] that a log has now and that much of it, piece by piece: a run may be writing on."""
-        size = path.stat().st_size
+        """Return the size [bytes] that a log has now and that much of it, piece by piece: a run may be writing on.
+
+        Raises OSError where it cannot be read.
+        """
+        log = path.open("rb")
+        size = os.fstat(log.fileno()).st_size
 
         def pieces() -> Iterator[bytes]:
             left = size
-            with path.open("rb") as file:
+            with log as file:
                 while left > 0 and (piece := file.read(min(left, PIECE))):
                     left -= len(piece)
                     yield piece
@@ -286,7 +296,10 @@ class Page:
         path = self._logs.path_of(name)
         if path is None:
             return _refusal(404, "there is no such log")
-        size, pieces = self._logs.read(path)
+        try:
+            size, pieces = self._logs.read(path)
+        except OSError as error:
+            return _refusal(404, f"this log cannot be read: {error.strerror}")
         headers = {"content-length": str(size), "content-disposition": f"attachment; filename*=utf-8''{quote(name)}"}
         return StreamingResponse(pieces, headers=headers, media_type="application/octet-stream")
 

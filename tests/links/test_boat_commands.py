@@ -244,6 +244,21 @@ def test_a_yaw_is_absolute_or_from_the_heading_ordered(values: tuple[float, ...]
     assert service.hand.orders == [("turn_to", pytest.approx(heading_deg * DEG))]
 
 
+@pytest.mark.parametrize("angle", [360.5, -360.5, 900.0, -1e9, 3e38])
+def test_an_angle_beyond_a_full_turn_is_denied(angle: float) -> None:
+    service = Service()
+    for command, values in ((YAW, (angle,)), (YAW, (angle, 0.0, 1.0, 1.0)), (CHANGE_HEADING, (1.0, angle))):
+        assert service.give(command, *values, at=tick()) == DENIED
+        assert service.said == "give an angle of -360 to 360 degrees" and service.hand.orders == []
+
+
+@pytest.mark.parametrize("angle", [360.0, -360.0])
+def test_a_full_turn_is_an_angle(angle: float) -> None:
+    service = Service()
+    assert service.give(YAW, angle, at=tick()) == service.give(CHANGE_HEADING, 1.0, angle, at=tick()) == ACCEPTED
+    assert service.hand.orders == [("turn_to", pytest.approx(0.0))] * 2
+
+
 @pytest.mark.parametrize("command", [YAW, CHANGE_HEADING])
 @pytest.mark.parametrize("at", [None, STANDBY, tick(Mode.OVERRIDE), tick(kind=OrderKind.RUDDER)])
 def test_a_heading_is_changed_only_while_one_is_steered(command: int, at: Tick | None) -> None:

@@ -172,6 +172,26 @@ def test_a_log_whose_name_is_no_text_hides_no_other(client: Any, tmp_path: Path)
     assert listing.status_code == 200 and [row["name"] for row in listing.json()["logs"]] == ["one.tlog"]
 
 
+def test_logs_that_are_gone_are_a_short_list_and_no_failure(client: Any, tmp_path: Path) -> None:
+    ticket = "/api/logs/{}/ticket"
+    href = client.post(ticket.format("one.tlog"), headers=BEARER).json()["href"]
+    assert client.post(ticket.format("a" * 300 + ".tlog"), headers=BEARER).status_code == 404
+    shutil.rmtree(tmp_path / "logs")
+    listing = client.get("/api/logs", headers=BEARER)
+    assert listing.status_code == 200 and listing.json()["logs"] == []
+    assert client.get(href).status_code == 404
+    assert client.post(ticket.format("one.tlog"), headers=BEARER).status_code == 404
+
+
+def test_a_log_that_goes_as_it_is_asked_for_is_not_found(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    href = client.post("/api/logs/one.tlog/ticket", headers=BEARER).json()["href"]
+    monkeypatch.setattr(LogIndex, "path_of", lambda self, name: tmp_path / "gone" / name)
+    answer = client.get(href)
+    assert answer.status_code == 404 and "No such file" in answer.json()["words"]
+
+
 def test_a_log_that_is_being_written_is_downloaded_as_far_as_it_is(tmp_path: Path) -> None:
     log = tmp_path / "now.tlog"
     log.write_bytes(b"a" * 100_000)

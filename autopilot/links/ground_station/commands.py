@@ -240,6 +240,9 @@ HOLD_APPARENT, HOLD_TRUE, TACK, GYBE, CONFIRM, DECLINE = range(6)
 OVERBOARD = int(dialect.MAV_CMD_SPATIAL_USER_3)
 """SPATIAL_USER_3: man overboard; 1 keeps the place, 0 forgets it. The boat goes on as ordered."""
 LATITUDE_MOST_DEG = 85.0
+ANGLE_MOST_DEG = 360.0
+"""Further, an angle is a slip of the hand: wrapped, it would be another heading than the one that was typed."""
+BEYOND_A_TURN = "give an angle of -360 to 360 degrees"
 
 
 class Helmsman(Protocol):
@@ -549,6 +552,8 @@ class Commands:
         angle_deg, _, direction, relative = parameters[:4]
         if not math.isfinite(angle_deg) or relative not in (0.0, 1.0):
             return DENIED
+        if abs(angle_deg) > ANGLE_MOST_DEG:
+            return self._refuse(DENIED, BEYOND_A_TURN)
         if relative == 0.0:
             return self._steer(tick, math.radians(angle_deg))
         if tick is None or not math.isfinite(tick.order.heading):
@@ -562,6 +567,8 @@ class Commands:
             return self._refuse(UNSUPPORTED, "a course over the ground cannot be steered; give a heading (type 1)")
         if kind != RAW_HEADING or not math.isfinite(heading_deg):
             return DENIED
+        if abs(heading_deg) > ANGLE_MOST_DEG:
+            return self._refuse(DENIED, BEYOND_A_TURN)
         return self._steer(tick, math.radians(heading_deg))
 
     def _steer(self, tick: Tick | None, heading: float) -> int:
