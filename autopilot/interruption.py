@@ -20,6 +20,13 @@ NAMES = {
     signal.SIGTERM: "a termination signal",
     signal.SIGHUP: "the terminal's end",
 }
+STRAY = tuple(
+    getattr(signal, name)
+    for name in ("SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM", "SIGPROF", "SIGIO", "SIGPWR", "SIGSTKFLT", "SIGXCPU")
+    if hasattr(signal, name)
+)
+"""Signals that nobody is expected to send (a log rotation, a power monitor, a limit of processor time do), and whose
+default is the death of the process: whoever holds a rudder takes them, too."""
 STAYING = ("run", "trial", "web", "signalk", "helm", "serve", "ardupilot-physics")
 """Commands that go on until they are ended: for them a signal is the way it is meant to be."""
 LEFT: list[Callable[[], None]] = []

@@ -30,7 +30,7 @@ from autopilot.cli.options import (
 from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.printable import terminal_of
-from autopilot.interruption import NAMES, ended_by
+from autopilot.interruption import NAMES, STRAY, ended_by
 from autopilot.links.arrivals import came
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
@@ -169,7 +169,7 @@ class Ending:
 
     @contextlib.contextmanager
     def at_signals(self) -> Iterator[None]:
-        """The signals that end a program end the run after the tick they come in; those of job control stop nothing."""
+        """Every signal that would end the program ends the run after its tick; those of job control stop nothing."""
 
         def stop(number: int, _frame: FrameType | None) -> None:
             self.stop = True
@@ -178,10 +178,13 @@ class Ending:
         def stay(_number: int, _frame: FrameType | None) -> None:
             self._asked_to_stand_still = True
 
-        wanted = dict.fromkeys(NAMES, stop) | {signal.SIGTSTP: stay} | dict.fromkeys(BACKGROUND, signal.SIG_IGN)
+        wanted = (
+            dict.fromkeys((*NAMES, *STRAY), stop) | {signal.SIGTSTP: stay} | dict.fromkeys(BACKGROUND, signal.SIG_IGN)
+        )
         before = {number: signal.getsignal(number) for number in wanted}
-        if before[signal.SIGHUP] is signal.SIG_IGN:  # nohup: it goes on without its terminal
-            del before[signal.SIGHUP]
+        for each in (signal.SIGHUP, *STRAY):  # nohup: it goes on without its terminal
+            if before[each] is signal.SIG_IGN:
+                del before[each]
         for each in before:
             signal.signal(each, wanted[each])
         try:
@@ -212,7 +215,7 @@ def log_words(recorder: Recorder | None) -> str:
     try:
         size = recorder.path.stat().st_size
     except OSError:
-        size = 0
+        return f"log {recorder.path} is not there any more"
     gaps = f", {recorder.dropped} ticks missing: {recorder.failed or 'the disk was full or too slow'}"
     return f"log {recorder.path} ({size / 1e6:.1f} MB{gaps if recorder.dropped else ''})"
 

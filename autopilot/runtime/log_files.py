@@ -10,6 +10,7 @@ import fcntl
 import os
 import queue
 import re
+import stat
 import threading
 import time
 from collections.abc import Iterator
@@ -29,6 +30,7 @@ CLOSING_S = 5.0
 """A disk that does not answer is left alone after this time when the log is closed."""
 MEGABYTE = 1_000_000
 TOO_SLOW = "log has a gap: the disk is too slow; use a faster card, or log elsewhere"
+REMOVED = "log stopped: its file was removed or cut while it was written; a new one is begun"
 OUT_OF_MEMORY = "log stopped: out of memory; end other programs"
 PART_NAME = re.compile(r"(?P<run>.*\.)(?P<part>\d{3,})\.tlog")
 RUN_NAME = re.compile(r"norrbin-(?P<number>\d{5,})-\d{8}T\d{6}Z\.\d{3,}\.tlog")
@@ -75,6 +77,7 @@ class _OpenFile:
         self.lost = self.dropped = 0
         self.path = path
         self._file = -1
+        self._size = 0
         self._closed = False
         try:
             self._open()
@@ -90,9 +93,17 @@ class _OpenFile:
             self.lost, self.dropped = self.lost + 1, self.dropped + ticks
 
     def sync(self) -> None:
-        """Have what was written on the disk itself."""
+        """Have what was written on the disk itself. A file that somebody has removed or cut is left, with trouble."""
+        if self._file < 0:
+            return
         with contextlib.suppress(OSError):
             os.fdatasync(self._file)
+        about = os.fstat(self._file)
+        if stat.S_ISREG(about.st_mode) and (about.st_nlink == 0 or about.st_size < self._size):
+            self._end_part()
+            self.trouble = REMOVED
+            return
+        self._size = about.st_size
 
     def close(self) -> None:
         """Close the file."""
@@ -102,7 +113,7 @@ class _OpenFile:
     def _end_part(self) -> None:
         if self._file >= 0:
             os.close(self._file)
-            self._file = -1
+            self._file, self._size = -1, 0
 
     def _opened(self) -> str:
         """Have a file open; return why there is none."""
@@ -279,8 +290,10 @@ class ThreadedSink:
         elif self._queue.qsize() < self._waiting_max // 2:
             self.trouble = ""
         if time.monotonic() >= self._sync_at:
-            self._inside.sync()
             self._sync_at = time.monotonic() + SYNC_S
+            self._inside.sync()
+            if self._inside.trouble:
+                self._refuse(self._inside.trouble, 0)
 
     def _lose(self, ticks: int) -> None:
         self.lost, self.dropped = self.lost + 1, self.dropped + ticks

@@ -25,7 +25,12 @@ import pytest
 from boat_recordings import zigzag_boat
 from two_processes import free_port
 
+from autopilot.cli.steering import Ending
+from autopilot.interruption import STRAY
+from autopilot.runtime.app import Plan
 from autopilot.runtime.record import read_log
+from autopilot.signals import Order, OrderKind
+from autopilot.vessel.file import load_vessel
 
 pytestmark = pytest.mark.real_time
 
@@ -232,6 +237,17 @@ def test_a_closed_terminal_ends_a_run_in_good_order(tmp_path: Path) -> None:
     said, complained = pilot.communicate(timeout=20)
     assert (pilot.returncode, complained) == (0, "")
     assert said.startswith("ended by the terminal's end: rudder not held; nothing was steered; log ")
+
+
+@pytest.mark.parametrize("number", STRAY, ids=lambda number: number.name)
+def test_no_signal_that_can_be_taken_kills_a_pilot_with_the_rudder_held(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    ending = Ending(Plan(load_vessel("lanxin"), lambda *_: Order(OrderKind.STANDBY)), wait=0.0, must_engage=False)
+    with ending.at_signals():
+        os.kill(os.getpid(), number)
+        time.sleep(0.01)
+    assert (ending.stop, ending.why) == (True, f"ended by {number.name}")
+    assert signal.getsignal(number) == before
 
 
 def test_a_pilot_cannot_be_stopped_with_the_rudder_where_it_is(tmp_path: Path) -> None:

@@ -233,6 +233,35 @@ def test_a_log_that_failed_in_its_thread_is_said_and_tried_again(
     assert sink.dropped >= 1
 
 
+@pytest.mark.parametrize("in_parts", [False, True])
+@pytest.mark.parametrize("harm", [Path.unlink, lambda path: os.truncate(path, 0)], ids=["removed", "cut"])
+def test_a_log_that_is_removed_or_cut_while_steering_is_said_and_begun_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, harm: Callable[[Path], None], in_parts: bool
+) -> None:
+    monkeypatch.setattr(log_files, "SYNC_S", 0.0)
+    sink = ThreadedSink(FolderSink(tmp_path) if in_parts else FileSink(tmp_path / "a.tlog"), retry=0.3)
+    recorder = Recorder(sink, HEADER, 0.0)
+    deadline = time.monotonic() + 20.0
+    said, begun = set(), sink.path
+
+    def rob(run: Lockstep) -> None:
+        if run.now >= 2.0 and not said - {""}:
+            while not begun.stat().st_size:
+                time.sleep(0.005)
+            harm(begun)
+            while not recorder.failed and time.monotonic() < deadline:
+                sink.write(b"x", 0)
+                time.sleep(0.005)
+            said.add(recorder.failed)
+            time.sleep(0.4)
+
+    sail(recorder, 4.0, rob)
+    assert said == {log_files.REMOVED}
+    assert in_parts or sink.path == (begun if harm is Path.unlink else tmp_path / "a-2.tlog")
+    log = read_log(sink.path)
+    assert log.header["vessel"] == HEADER["vessel"] and log.ticks[-1].now > 3.9
+
+
 def test_a_part_that_no_memory_was_left_for_leaves_no_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sink = FolderSink(tmp_path)
     created = FolderSink._created
