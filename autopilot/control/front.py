@@ -13,10 +13,13 @@ unit circle.
 A design is one number, the regulator's bandwidth w (`design`). The quickest one that may be had leaves
 
 - to the rudder's rate an error of LEAST_ERROR, which asks for u' = w^3 T/K times it at first,
-- to every boat within the uncertainty a heading rms of at most WORST times the model's.
+- to every boat within the uncertainty a heading rms of at most WORST times the model's, and to the worst of them at
+  most WORST times the least that any loop leaves it; where none does both, that least. The first alone would be met by
+  a loop that holds neither boat.
 
-The levels of response are a ladder down from there, half as quick every four levels. A boat that no loop holds so
-well gets the one of the least worst rms beside its own, the slowest where none holds them all.
+The levels of response are a ladder down from there, half as quick every four levels, and end where the worst boat
+within the uncertainty has SLOW_WORST times the model's heading rms: a course-unstable boat needs a loop that is much
+quicker than the boat, and a slow one loses it.
 
 Source: covariance of a closed loop, Astrom and Wittenmark 1997, section 11.4; mean of |x|, Papoulis 1991, ch. 5.
 """
@@ -56,6 +59,8 @@ HALF_AS_QUICK = 4.0
 """So many levels down."""
 WORST = 1.5
 """The heading rms of the worst boat within the uncertainty, times the model's, that a design may leave."""
+SLOW_WORST = 2.0
+"""The same of a loop that is slower than it might be: a boat twice as far off is not steered as it was designed."""
 LAG_LEAST = 1.0e-3
 GRID = 25
 PROBE = 1.0e-5
@@ -278,35 +283,50 @@ def worst(afloat: Afloat, gains: BacksteppingGains, sea: Sea, offs: tuple[Off, .
     return Cost(max(one.heading for one in found), max(one.travel for one in found))
 
 
-@lru_cache(maxsize=32)
-def quickest(afloat: Afloat, rate_max: float, offs: tuple[Off, ...]) -> float:
-    """Return the bandwidth [rad/s] of the quickest regulator that may be had, see the module's docstring.
+class Bandwidths(NamedTuple):
+    """The slowest and the quickest regulator [rad/s] that may be had."""
 
-    ValueError where there is none.
-    """
+    slowest: float
+    quickest: float
+
+
+@lru_cache(maxsize=32)
+def bandwidths(afloat: Afloat, rate_max: float, offs: tuple[Off, ...]) -> Bandwidths:
+    """Return the bandwidths that may be had, see the module's docstring. ValueError where there is none."""
     model = afloat.model
     low, high = bandwidths_of(model)
     least_error = LEAST_ERROR * math.exp2(-0.5 * (LEVELS[-1] - MIDDLE_LEVEL))
     if math.isfinite(rate_max):
         high = min(high, math.cbrt(rate_max * model.gain / (model.time_constant * least_error)))
-    best, least = math.nan, math.inf
-    for bandwidth in np.geomspace(high, max(1.0e-2 * high, min(low, high)), GRID):
-        gains = lqr_gains(model, float(bandwidth))
-        nominal = cost(afloat, gains, USUAL)
-        if math.isinf(nominal.heading):
+    low = max(1.0e-2 * high, min(low, high))
+    tried: list[tuple[float, float, tuple[int, float]]] = []
+    for bandwidth in map(float, np.geomspace(high, low, GRID)):
+        gains = lqr_gains(model, bandwidth)
+        nominal = cost(afloat, gains, USUAL).heading
+        if math.isinf(nominal):
             continue
-        times = worst(afloat, gains, USUAL, offs).heading / nominal.heading
-        if times <= WORST:
-            return float(bandwidth)
-        if times < least or math.isinf(least):
-            best, least = float(bandwidth), times
-    if math.isnan(best):
+        found = [cost(afloat, gains, USUAL, off).heading for off in offs]
+        held = [heading for heading in found if math.isfinite(heading)]
+        tried.append((bandwidth, max(found) / nominal, (len(found) - len(held), max(held, default=math.inf))))
+    if not tried:
         raise ValueError("design: no gain gives a stable loop: the steering gear is too slow for this boat")
-    return best
+    best = min(range(len(tried)), key=lambda index: tried[index][2])
+    lost, least = tried[best][2]
+    alike = (
+        index
+        for index, (_, times, (more, rms)) in enumerate(tried)
+        if times <= WORST and more == lost and rms <= WORST * least
+    )
+    first = next(alike, best)
+    last = first
+    while last + 1 < len(tried) and tried[last + 1][1] <= SLOW_WORST:
+        last += 1
+    quickest, slowest = tried[first][0], tried[last][0]
+    return Bandwidths(0.0 if last + 1 == len(tried) else slowest, quickest)
 
 
-def bandwidth_of(level: int, most: float) -> float:
-    """Return the bandwidth [rad/s] of a response level, `most` being the quickest. ValueError for another level."""
+def bandwidth_of(level: int, of: Bandwidths) -> float:
+    """Return the bandwidth [rad/s] of a response level. ValueError for another level."""
     if level not in LEVELS:
         raise ValueError(f"response level {level}: allowed is {LEVELS[0]} (calm) to {LEVELS[-1]} (quick)")
-    return most * math.exp2((level - LEVELS[-1]) / HALF_AS_QUICK)
+    return max(of.quickest * math.exp2((level - LEVELS[-1]) / HALF_AS_QUICK), of.slowest)

@@ -28,7 +28,7 @@ from autopilot.vessel.schema import Vessel
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
-    from autopilot.control.front import Afloat, Cost, Off
+    from autopilot.control.front import Afloat, Bandwidths, Cost, Off
     from autopilot.identification.learning import Learner, Proposal
 
 LOOK_PERIOD = 2.0
@@ -52,7 +52,7 @@ def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  #
         if bandwidth is None:
             from autopilot.control.front import bandwidth_of
 
-            bandwidth = bandwidth_of(request.level, quickest_of(vessel))
+            bandwidth = bandwidth_of(request.level, bandwidths_of(vessel))
         loop = design_backstepping(model_of(vessel), gear_of(vessel), rate_max, vessel.control.loop_delay_s, level)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
@@ -102,11 +102,11 @@ def offs_of(vessel: Vessel) -> tuple[Off, ...]:
     return boats_off(spread.gain, spread.time_constant, MORE_DELAY)
 
 
-def quickest_of(vessel: Vessel) -> float:
-    """Return the bandwidth [rad/s] of the quickest regulator that may be had. Raises ValueError where there is none."""
-    from autopilot.control.front import quickest
+def bandwidths_of(vessel: Vessel) -> Bandwidths:
+    """Return the bandwidths of the regulators that may be had. Raises ValueError where there is none."""
+    from autopilot.control.front import bandwidths
 
-    return quickest(afloat_of(vessel), limits_of(vessel).rate_max, offs_of(vessel))
+    return bandwidths(afloat_of(vessel), limits_of(vessel).rate_max, offs_of(vessel))
 
 
 class LevelCost(NamedTuple):
@@ -126,7 +126,7 @@ def front_of(vessel: Vessel) -> list[LevelCost]:
 
     afloat, offs = afloat_of(vessel), offs_of(vessel)
     try:
-        most = quickest_of(vessel)
+        most = bandwidths_of(vessel)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
     found = []

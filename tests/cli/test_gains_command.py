@@ -308,13 +308,15 @@ def test_unknown_gains_name_their_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert "\n" not in complaint
 
 
-@pytest.mark.parametrize(("level", "is_in_hand"), [(1, True), (7, True), (9, False)])
-def test_too_quick_a_loop_may_lose_an_unstable_boat_with_a_weaker_rudder(
-    level: int, is_in_hand: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("request_", "is_in_hand"), [(GainRequest(1), True), (GainRequest(9), True), (GainRequest(bandwidth=0.1), False)]
+)
+def test_too_slow_a_loop_loses_an_unstable_boat_with_a_weaker_rudder(
+    request_: GainRequest, is_in_hand: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the pilot itself, simulated; noise keeps the rudder at its quickest."""
+    """By the pilot itself, simulated: no level is such a loop, a bandwidth that is asked for may be."""
     monkeypatch.setattr(weaker_turn, "SEEDS", (2,))
-    assert weaker_turn.survives(designed(vessel_of(BOATS["unstable"]), GainRequest(level))) is is_in_hand
+    assert weaker_turn.survives(designed(vessel_of(BOATS["unstable"]), request_)) is is_in_hand
 
 
 def test_a_level_that_would_lose_the_boat_is_refused_or_raised(

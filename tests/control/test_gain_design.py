@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from boats import BOATS as TEST_BOATS
+from boats import vessel_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -32,6 +34,7 @@ from autopilot.errors import RefusedError
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, verdict_of
+from autopilot.runtime.tuning import front_of
 from autopilot.signals import NavState, Reference
 from autopilot.vessel.file import load_vessel
 
@@ -376,3 +379,10 @@ def test_gains_that_reckon_ahead_are_the_steps_own(ahead: float, n1: float, time
     wanted = (-found.heading, -found.rate, -1.0 - found.bias, -found.rudder, -found.order)
     assert by_step == pytest.approx(wanted, rel=1e-4, abs=1e-6)
     assert smoothing > 0.0
+
+
+@pytest.mark.parametrize("name", TEST_BOATS)
+def test_every_level_holds_every_boat_within_the_uncertainty_in_a_moderate_sea(name: str) -> None:
+    """Within 3 deg rms. A loop that holds neither boat holds the worst as well as the model, and is no robust one."""
+    for row in front_of(vessel_of(TEST_BOATS[name])):
+        assert math.degrees(row.worst.heading) < 3.0, f"level {row.level}"
