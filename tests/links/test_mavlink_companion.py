@@ -318,6 +318,18 @@ def test_a_pulse_that_stands_still_between_two_orders_is_none_of_them() -> None:
     assert "does not obey: RC channel 1 is at 1500" in bench.helm.reason
 
 
+def test_a_servo_that_is_reversed_while_we_steer_takes_the_helm_at_once() -> None:
+    bench = ready()
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    bench.rover.send(dialect.MAVLink_param_value_message(b"SERVO1_MIN", 1010.0, 9, 14, 0))
+    bench.run(0.2)
+    assert bench.helm.available
+    bench.rover.send(dialect.MAVLink_param_value_message(b"SERVO1_REVERSED", 1.0, 9, 14, 0))
+    bench.run(0.2)
+    assert not bench.helm.available and "SERVO1_REVERSED was changed" in bench.helm.reason
+
+
 @pytest.mark.parametrize(
     ("attribute", "value", "words"), [("mode", 4, "mode HOLD"), ("mode", 15, "GUIDED"), ("armed", False, "disarmed")]
 )

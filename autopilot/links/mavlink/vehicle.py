@@ -446,9 +446,13 @@ class VehicleReader:
         return bool(pulse) and not low <= pulse <= high
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
-        steered = self.parameters.steering_input
+        steered, before = self.parameters.steering_input, self._output.channel
         if self.parameters.take(message.param_id, message.param_value):
             self.authority.misfit = self._output.use(self.parameters)
+            after = self._output.channel
+            if before and after and before.servo_reversed != after.servo_reversed and self.authority.steering:
+                # the same input moves the rudder the other way from now on: who meant it, looks at it first
+                self.authority.refuse(f"SERVO{self.parameters.steering_servo}_REVERSED was changed while we steered")
             if steered != self.parameters.steering_input:
                 self.probe.reset()  # the input that was proved is another now, and is released first
 
