@@ -131,7 +131,7 @@ def _without_heading(name: str, what: str, names: Counter[str], advice: str) -> 
 
 def _about_sentences(names: Counter[str]) -> str:
     if any(name in names for name in ("HDT", "THS")):
-        return "their fields are empty, marked invalid or their checksums wrong; look at the compass"
+        return "their fields are empty, marked invalid or simulated, or their checksums wrong; look at the compass"
     if any(name in names for name in MAGNETIC):
         return (
             "a magnetic heading needs the variation: set sensors.variation_deg, send RMC or HDG with it, or set "

@@ -2,8 +2,8 @@
 
 HDG, HDM, HDT, THS, ROT, RSA, MWV, RMC, VTG and VHW are samples; APB, RMB, BWC, XTE, HTC and HTD go to the guide that
 follows a chart plotter, where there is one; the rest is counted as ignored, and so is what we send ourselves. A field
-that says "not valid" (status V, mode N, an empty field) is no data, and a value outside its range makes the sentence
-malformed.
+that says "not valid" (status V, mode N, an empty field), "manual" or "simulator" (mode M, S) is no data, and a value
+outside its range makes the sentence malformed.
 
     HDG: true heading = sensor + deviation + variation;  HDM: true heading = magnetic + variation
 

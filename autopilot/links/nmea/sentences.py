@@ -312,8 +312,9 @@ def _degrees_minutes(degrees: float, width: int) -> str:
 
 
 SPEED_LIMIT = 200.0
-NO_DATA_MODES = ("N", "V")
-"""Mode indicators (NMEA 2.3 and later) that say: not valid. E, M and S, estimated or simulated, are accepted."""
+NO_DATA_MODES = ("N", "V", "M", "S")
+"""Mode indicators (NMEA 2.3 and later) that say: not valid, typed in by hand, simulated. Nobody measured that; an
+instrument left in its simulator would steer the boat. E, dead reckoned, is accepted."""
 
 
 class NoDataError(Exception):
@@ -392,7 +393,7 @@ def mode_indicator(fields: tuple[str, ...], index: int, required: bool = False) 
     mode = field(fields, index)
     if mode in NO_DATA_MODES:
         raise NoDataError
-    if (required or mode) and mode not in ("A", "D", "E", "F", "M", "P", "R", "S"):
+    if (required or mode) and mode not in ("A", "D", "E", "F", "P", "R"):
         raise ValueError(mode)
 
 
