@@ -104,7 +104,7 @@ class Skipper:
             self.give(Order(OrderKind.RUDDER, rudder=angle))
             return f"rudder {rest} deg"
         if word[0] in "+-":
-            return self._change(math.radians(_number(line.strip().replace(" ", ""))))
+            return self._change(turn_of(line.strip().replace(" ", "")))
         raise InputError(f"{printable(repr(word), SHOWN)} is no command; {HELP}")
 
     def _change(self, turn: float) -> str:
@@ -125,6 +125,14 @@ def heading_of(text: str) -> float:
     if not 0.0 <= degrees <= 360.0:
         raise InputError(f"heading {text}: allowed is 0 to 360 degrees")
     return wrap(math.radians(degrees))
+
+
+def turn_of(text: str) -> float:
+    """Return a change of heading typed in degrees, -360 to 360, in rad. Raises InputError."""
+    degrees = _number(text)
+    if not -360.0 <= degrees <= 360.0:
+        raise InputError(f"change of heading {text}: allowed is -360 to 360 degrees")
+    return math.radians(degrees)
 
 
 def _number(text: str) -> float:
@@ -382,7 +390,7 @@ class RouteSkipper(PlotterSkipper):
             self.hold_wind(true, math.radians(_number(degrees)) if degrees else None)
             return f"holding the {'true' if true else 'apparent'} wind's angle{f' of {degrees} deg' if degrees else ''}"
         if word[0] in "+-":
-            self.wind.turn_by(math.radians(_number(f"{word}{rest}".replace(" ", ""))))
+            self.wind.turn_by(turn_of(f"{word}{rest}".replace(" ", "")))
             assert self.wind.hold is not None
             return f"wind angle {math.degrees(self.wind.hold.angle):.0f} deg"
         if rest:

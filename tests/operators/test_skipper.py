@@ -122,6 +122,8 @@ def test_quit_is_reported(skipper: Skipper) -> None:
         ("r 31", "30 deg each side"),
         ("r nan", "'nan'"),
         ("+", "'+'"),
+        ("+361", "-360 to 360"),
+        ("-9999", "-360 to 360"),
         ("-x", "'-x'"),
     ],
 )
