@@ -16,7 +16,7 @@ from n2k_boat import Sent
 
 from autopilot.links.n2k.fields import FAST, LAYOUTS, decoded, encoded
 from autopilot.links.n2k.packets import FastPackets, Frame, Framing, Message, group_and_source
-from autopilot.links.n2k.samples import INSTRUMENTS, moment, sample_of
+from autopilot.links.n2k.samples import INSTRUMENTS, moment, rudder_order, sample_of
 from autopilot.links.n2k.samples import Compass as Variation
 from autopilot.signals import PositionSample, SpeedSample
 
@@ -253,3 +253,21 @@ def test_ever_new_packets_that_nobody_ends_take_no_more_room() -> None:
             assert packets.add(0.0, 129029, source, bytes([sequence << 5, 43, 1, 2, 3, 4, 5, 6])) is None
     assert len(packets._begun) <= 64
     assert Framing(FAST, frozenset()).take(0.0, Frame(0x09F11223, bytes(8))) is None, "not a group that is read"
+
+
+@pytest.mark.parametrize(
+    ("direction", "angle", "order"),
+    [
+        ("Move to port", 0.2, -0.2),
+        ("Move to port", -0.2, -0.2),
+        ("Move to starboard", 0.2, 0.2),
+        ("Move to starboard", -0.2, 0.2),
+        ("No Order", 0.2, None),
+        (None, -0.2, -0.2),
+        ("Move to port", None, None),
+    ],
+)
+def test_a_rudder_order_s_side_is_the_one_it_names(
+    direction: str | None, angle: float | None, order: float | None
+) -> None:
+    assert rudder_order({"directionOrder": direction, "angleOrder": angle}) == order

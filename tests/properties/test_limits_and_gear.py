@@ -23,6 +23,11 @@ def test_a_command_is_inside_angle_and_rate(previous: float, demand: float, dt: 
     assert abs(command - previous) <= LIMITS.rate_max * max(dt, 0.0) + 1e-12
 
 
+@pytest.mark.parametrize(("demand", "command"), [(0.5, 0.03), (-0.5, -0.01)])
+def test_a_rudder_that_moves_quicker_to_one_side_is_held_to_each_side_s_rate(demand: float, command: float) -> None:
+    assert limit(RudderLimits(0.5, 0.2, to_port=0.5, to_starboard=1.5), 0.0, demand, 0.1) == pytest.approx(command)
+
+
 @given(st.floats(-LIMITS.angle_max, LIMITS.angle_max))
 def test_a_demand_inside_the_limits_passes_unchanged(demand: float) -> None:
     assert limit(LIMITS, demand, demand, 0.05) == demand

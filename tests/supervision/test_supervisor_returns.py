@@ -72,6 +72,16 @@ def test_the_cause_says_which_alarm_it_is_whatever_the_words(cause: HelmCause, n
     assert (tested.memory.alarm.name, tested.memory.alarm.detail) == (name, words)
 
 
+@pytest.mark.parametrize(("cause", "mode"), [(HelmCause.UNPROVEN, Mode.FAILSAFE), (HelmCause.TAKEN, Mode.OVERRIDE)])
+def test_a_helm_that_has_only_to_be_proved_again_does_not_hide_why_the_steering_ended(
+    cause: HelmCause, mode: Mode
+) -> None:
+    tested = made()
+    assert tested.decide(10.0, COURSE, state(5.0)) is Mode.FAILSAFE
+    tested.on_sample(helm("checking the steering input", cause))
+    assert tested.decide(10.1, COURSE, state(5.0)) is mode
+
+
 def rebooted(tested: Supervisor, at: float = 10.0) -> Supervisor:
     tested.on_sample(helm("the vehicle is disarmed; arm it", REBOOTED))
     assert tested.decide(at, COURSE, state()) is Mode.OVERRIDE
