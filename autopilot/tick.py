@@ -44,6 +44,7 @@ from autopilot.estimation.rudder_observer import (
     write_command,
 )
 from autopilot.estimation.speeds import speeds_apart
+from autopilot.estimation.tuning import BIAS_MOST
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, quickness
 from autopilot.models.drives import Needs
@@ -98,6 +99,7 @@ from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Memory, Supervisor
 from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, thruster_step
+from autopilot.supervision.tuning import AT_THE_STOP
 
 CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
@@ -427,6 +429,9 @@ def with_rudder_rate(
     that gear would have it, and the rest of the turn is planned with it. moved: the last command and the time since."""
     (command, dt), gear = moved, config.estimator.gear
     limits = gear.angle_max, gear.rate_max
+    if abs(steady.bias) >= min(AT_THE_STOP * gear.angle_max, BIAS_MOST):
+        # what is more than the rudder can hold hides what the rudder does, and may let go at once
+        return estimate, way, begun_at(steady.rudder, before.slower if before.is_sure else 1.0)
     rate = rudder_rate_step(estimate.model, before, (steady.rate, command), limits, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
