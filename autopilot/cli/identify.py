@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import shlex
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from autopilot.identification.identified import Identified, ModelKind, Question, SteadyTurns
     from autopilot.identification.methods import Method
     from autopilot.identification.model_choice import Choice
+    from autopilot.identification.rudder_path import RudderRate
     from autopilot.identification.runs import Run
     from autopilot.report.identification import Result
     from autopilot.vessel.schema import Vessel
@@ -179,6 +181,11 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         [load_run(path, None, arguments.reverse_rudder, options) for path in paths]
         for paths in (arguments.logs, arguments.holdout)
     )
+    ordered = _slower_rudder(vessel, fitted)
+    if ordered is not None:
+        from autopilot.identification.ordered_rudder import with_rudder_of
+
+        fitted, held_out = ([with_rudder_of(run, ordered) for run in runs] for runs in (fitted, held_out))
     driven = identified_by_thrust(arguments, vessel, fitted, held_out)
     if driven is not None:
         print(driven)
@@ -189,6 +196,8 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         given = Given(vessel, arguments.rudder_max_deg, arguments.rudder_at_full_deg)
         boat = boat_for(arguments.out, fitted, given)
     result = _identify(arguments, steady, _prior(arguments.length_m, vessel, fitted), fitted, held_out)
+    if ordered is not None:
+        result = result._replace(rudder_rate=ordered)
     if arguments.out:
         from autopilot.cli.identify_vessel import write_vessel
 
@@ -201,6 +210,16 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     if arguments.report and not arguments.json:
         print(f"\nWrote the report to {arguments.report}.")
     return int(ExitCode.OK)
+
+
+def _slower_rudder(vessel: Vessel | None, runs: Sequence[Run]) -> RudderRate | None:
+    """Return the rate of a rudder that is known by its orders alone and was slower than the vessel file says."""
+    if any(run.rudder != "ordered" for run in runs):
+        return None
+    from autopilot.identification.ordered_rudder import slower_rudder
+
+    filed = None if vessel is None else vessel.rudder.rate_max_deg_s
+    return slower_rudder(runs, math.inf if filed is None else math.radians(filed))
 
 
 def _roll(arguments: argparse.Namespace) -> str:

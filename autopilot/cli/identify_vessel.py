@@ -94,6 +94,11 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
         train = result.found.train
         moved = dataclasses.replace(boat.rudder, delay_s=rounded(train.delay), lag_s=rounded(train.lag))
         boat = dataclasses.replace(boat, rudder=moved)
+    elif rate is not None and rate.by_turning:
+        # the model is that of a boat with this rudder
+        boat = dataclasses.replace(
+            boat, rudder=dataclasses.replace(boat.rudder, rate_max_deg_s=_rate_deg_s(rate), rate_port_deg_s=None)
+        )
     vessel = _with_scale(dataclasses.replace(boat, model=_model(result, runs)), given)
     text = text_for(path, vessel)
     _check_steering(path, vessel, result.found)
@@ -226,8 +231,11 @@ def _new_rudder(runs: list[Run], given: Given, rate: RudderRate | None) -> Rudde
             "moving: measure it before you trust the gains"
         )
         return Rudder(stop_deg, ASSUMED_RATE_DEG_S, source=source)
-    rate_deg_s = min(max(round(math.degrees(rate.rate), 2), 0.1), 1000.0)
-    return Rudder(stop_deg, rate_deg_s, source=f"end stop as given; rate measured, {rate_sentence(rate)}")
+    return Rudder(stop_deg, _rate_deg_s(rate), source=f"end stop as given; rate measured, {rate_sentence(rate)}")
+
+
+def _rate_deg_s(rate: RudderRate) -> float:
+    return min(max(round(math.degrees(rate.rate), 2), 0.1), 1000.0)
 
 
 def _reach_deg(run: Run) -> float:
@@ -243,7 +251,9 @@ def _rudder_remarks(path: str, runs: list[Run], vessel: Vessel, rate: RudderRate
             f"The rudder was at {seen_deg:.0f} deg, and rudder.angle_max_deg of {path} is {rudder.angle_max_deg:g}: "
             "look at the scale of the rudder or its sensor."
         )
-    if rate is not None:
+    if rate is not None and rate.by_turning:
+        remarks.append(f"rudder.rate_max_deg_s of {path} is {_rate_deg_s(rate):g} now: {rate_sentence(rate)}.")
+    elif rate is not None:
         filed = math.inf if rudder.rate_max_deg_s is None else math.radians(rudder.rate_max_deg_s)
         off = abs(rate.rate - filed)
         if off > RATE_DISAGREES * min(filed, rate.rate) and off > 3.0 * rate.standard_error:

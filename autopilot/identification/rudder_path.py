@@ -156,11 +156,13 @@ WORST_ERROR = 0.1
 
 
 class RudderRate(NamedTuple):
-    """The rudder's rate [rad/s], its standard error [rad/s], and how many movements show it."""
+    """The rudder's rate [rad/s], its standard error [rad/s], and how many movements show it; by_turning: the boat's
+    turning does, the rudder is known by its orders alone."""
 
     rate: float
     standard_error: float
     movements: int
+    by_turning: bool = False
 
 
 class _Slope(NamedTuple):
@@ -195,9 +197,11 @@ def rudder_rate_of(runs: Sequence[Run]) -> RudderRate | None:
 
 def rate_sentence(rate: RudderRate) -> str:
     """Return a measured rudder rate in words."""
+    how = ", as the boat turns: no sensor shows the rudder, and no delay and lag alone explain it"
     return (
         f"{math.degrees(rate.rate):.3g} +- {math.degrees(rate.standard_error):.1g} deg/s over {rate.movements} "
         f"movement{'s' if rate.movements > 1 else ''}"
+        f"{how if rate.by_turning else ''}"
     )
 
 

@@ -1,0 +1,216 @@
+"""How quick the rudder was that a recording knows by its orders alone: as the boat's turning shows it.
+
+A steering gear that is slower than the file says is met as a rudder behind its orders, by more the larger the order is.
+No delay or lag of the rudder's train does that, and a fit that has no other explanation finds a boat that is none. So
+before the fit the rudder is moved at each of a ladder of rates, and the rate is taken with which Norrbin's model, to
+the first order of its n3, explains the rate of turn best:
+
+    r = a x + b y + e,   T x' = U d/U0 - x,   T y' = x^3 - y,
+
+linear in a, b and e; T and a delay are searched. The regressors know nothing of the measured motion, so that its noise
+biases nothing. A heading alone is differentiated, and it and the regressors are averaged alike. Delay and lag of the
+train compete: the filed rate is tried with a few of both, so that a rudder that is merely late is not called slow. The
+evidence is the ratio of likelihoods of white residuals, as many of them as are independent by their autocorrelation.
+Boats that are course-unstable show no rate.
+
+Derived here; first order in n3: the perturbation of Nomoto's model by its cubic term.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
+
+from autopilot.identification.rudder_path import RudderRate
+from autopilot.identification.runs import FloatArray, Run, Segment
+
+LADDER = 1.25
+"""Ratio of two neighbouring rates."""
+SLOWEST = math.radians(0.5)
+"""The slowest rate tried [rad/s]; SOLAS asks of the slowest steering gear for 2.3 deg/s."""
+LATER = (0.0, 0.1, 0.2, 0.4, 0.8)
+LAGGING = (0.0, 0.2, 0.5, 1.0)
+"""Delays [s] and lags [s] of the train that compete."""
+SURE = 8.0
+"""So much more likely, as a natural logarithm, must another rate be than the filed one with any delay and lag."""
+TIMES = np.geomspace(0.3, 120.0, 9)
+"""Time constants T [s] that are tried, and refined between."""
+AVERAGED = 1.0
+"""A rate of turn by the heading is averaged over this time [s]."""
+MOST = 3000
+"""Of a recording as many samples at most are looked at: no rudder's rate needs more."""
+BESIDE = 0.05
+"""The standard error is that of a parabola through so much slower and quicker, and not more than this."""
+NO_MISFIT = 1.0e-16
+"""Of recordings without noise [(rad/s^2)^2]."""
+
+
+class _Series(NamedTuple):
+    """A stretch at even spacing dt [s]: rate of turn [rad/s], rudder [rad], speed [m/s]; over how many samples the rate
+    is averaged."""
+
+    dt: float
+    rate: FloatArray
+    rudder: FloatArray
+    speed: FloatArray
+    averaged: int
+
+
+def rate_limited(time: FloatArray, rudder: FloatArray, rate_max: float) -> FloatArray:
+    """Return the `rudder` [rad] at `time` [s] behind a gear that moves at `rate_max` [rad/s] at most."""
+    moved = np.empty_like(rudder)
+    angle = moved[0] = float(rudder[0])
+    steps = np.diff(time).tolist()
+    for place, (order, step) in enumerate(zip(rudder[1:].tolist(), steps, strict=True), 1):
+        reach, left = rate_max * step, order - angle
+        angle += -reach if left < -reach else reach if left > reach else left
+        moved[place] = angle
+    return moved
+
+
+def slower_rudder(runs: Sequence[Run], filed: float) -> RudderRate | None:
+    """Return the rate at which the rudder moved where the runs show that it was slower than `filed` [rad/s].
+
+    runs: their rudder as ordered, moved at the filed rate, which may be inf. None where they do not show it.
+    """
+    series = [each for run in runs for segment in run.segments if (each := _series(segment)) is not None]
+    asked = max((float(np.max(np.abs(np.diff(each.rudder)))) / each.dt for each in series), default=0.0)
+    quickest = min(filed, asked)
+    if not quickest > SLOWEST:
+        return None
+    rates = quickest / LADDER ** np.arange(math.ceil(math.log(quickest / SLOWEST) / math.log(LADDER)))
+    as_filed = min(_misfit(series, math.inf, late, lag) for late in LATER for lag in LAGGING)
+    tried = [_at_rate(series, float(rate)) for rate in rates]
+    best = int(np.argmin([found.square for found in tried]))
+    if best == 0:
+        return None
+    around = math.log(rates[best]) + math.log(LADDER) * np.array([-1.0, 1.0])
+    found = minimize_scalar(
+        lambda rate: math.log(_at_rate(series, math.exp(rate)).square), bounds=tuple(around), method="bounded"
+    )
+    rate = math.exp(float(found.x))
+    here = _at_rate(series, rate)
+    if not 0.5 * here.independent * math.log(as_filed.square / here.square) > SURE:
+        return None
+    beside = [math.log(_at_rate(series, rate * math.exp(side * BESIDE)).square) for side in (-1.0, 1.0)]
+    bend = 0.5 * here.independent * (sum(beside) - 2.0 * math.log(here.square)) / (BESIDE * BESIDE)
+    error = rate * (1.0 / math.sqrt(bend) if bend > BESIDE**-2 else BESIDE)
+    return RudderRate(rate, error, _movements(series, rate), True)
+
+
+def with_rudder_of(run: Run, rate: RudderRate) -> Run:
+    """Return the run with its rudder behind a gear of that `rate`."""
+    segments = tuple(
+        segment._replace(rudder=rate_limited(segment.time, segment.rudder, rate.rate)) for segment in run.segments
+    )
+    return run._replace(segments=segments)
+
+
+class _Misfit(NamedTuple):
+    """Mean square of the residuals, and how many of them stand alone. Orders by the square."""
+
+    square: float
+    independent: float
+
+
+def _series(segment: Segment) -> _Series | None:
+    time = segment.time
+    if time.size < 20:
+        return None
+    dt = max(float(np.median(np.diff(time))), float(time[-1] - time[0]) / MOST)
+    even = np.arange(time[0], time[-1], dt)
+    has_rate, has_heading = np.isfinite(segment.rate), np.isfinite(segment.heading)
+    averaged = 1
+    if np.count_nonzero(has_rate) > 0.9 * time.size:
+        rate = np.interp(even, time[has_rate], segment.rate[has_rate])
+    elif np.count_nonzero(has_heading) > 20:
+        rate = np.gradient(np.interp(even, time[has_heading], segment.heading[has_heading]), dt)
+        averaged = max(1, round(AVERAGED / dt))
+    else:
+        return None
+    speed = np.interp(even, time, segment.speed)
+    return _Series(dt, _mean_of(rate, averaged), np.interp(even, time, segment.rudder), speed, averaged)
+
+
+def _mean_of(values: FloatArray, count: int) -> FloatArray:
+    return values if count == 1 else np.convolve(values, np.full(count, 1.0 / count), "same")
+
+
+def _at_rate(series: Sequence[_Series], rate: float) -> _Misfit:
+    return min(_misfit(series, rate, late, 0.0) for late in LATER[:3])
+
+
+def _misfit(series: Sequence[_Series], rate_max: float, late: float, lag: float) -> _Misfit:
+    """Return the misfit with the best time constant."""
+    driven = [_driven(each, rate_max, late, lag) for each in series]
+    squares = [_square(series, driven, float(time)) for time in TIMES]
+    best = int(np.argmin(squares))
+    bounds = (math.log(TIMES[max(best - 1, 0)]), math.log(TIMES[min(best + 1, len(TIMES) - 1)]))
+    found = minimize_scalar(
+        lambda time: _square(series, driven, math.exp(time)), bounds=bounds, method="bounded", options={"xatol": 0.02}
+    )
+    residual = _residual(series, driven, math.exp(float(found.x)))
+    return _Misfit(max(float(np.mean(residual * residual)), NO_MISFIT), residual.size / _remembered(residual))
+
+
+def _driven(series: _Series, rate_max: float, late: float, lag: float) -> FloatArray:
+    """Return the rudder, at this rate, late and lagging, times the speed."""
+    dt, _, moved, speed, _ = series
+    if math.isfinite(rate_max):
+        moved = rate_limited(dt * np.arange(float(moved.size)), moved, rate_max)
+    if lag > 0.0:
+        moved = _low_pass(moved, dt, lag)
+    if late > 0.0:
+        times = np.arange(moved.size)
+        moved = np.interp(times - late / dt, times, moved)
+    return moved * speed / max(float(np.mean(speed)), 0.1)
+
+
+def _square(series: Sequence[_Series], driven: Sequence[FloatArray], time: float) -> float:
+    residual = _residual(series, driven, time)
+    return float(np.mean(residual * residual))
+
+
+def _residual(series: Sequence[_Series], driven: Sequence[FloatArray], time: float) -> FloatArray:
+    rows = []
+    for each, rudder in zip(series, driven, strict=True):
+        x = _low_pass(rudder, each.dt, time)
+        y = _low_pass(x**3, each.dt, time)
+        rows.append(np.column_stack([_mean_of(x, each.averaged), _mean_of(y, each.averaged), np.ones_like(x)]))
+    regressors, found = np.vstack(rows), np.concatenate([each.rate for each in series])
+    scale = np.linalg.norm(regressors, axis=0)
+    regressors = regressors / np.where(scale > 0.0, scale, 1.0)
+    square = regressors.T @ regressors + 1.0e-12 * np.eye(3)
+    return np.asarray(found - regressors @ np.linalg.solve(square, regressors.T @ found))
+
+
+def _low_pass(values: FloatArray, dt: float, tau: float) -> FloatArray:
+    share = -math.expm1(-dt / tau)
+    smooth, _ = lfilter([share], [1.0, share - 1.0], values, zi=[(1.0 - share) * values[0]])
+    return np.asarray(smooth)
+
+
+def _remembered(residual: FloatArray) -> float:
+    """Return over how many samples a residual is remembered: 1 + 2 sum of its autocorrelation up to the first zero."""
+    size = 1 << (2 * residual.size - 1).bit_length()
+    spectrum = np.fft.rfft(residual, size)
+    correlation = np.fft.irfft(spectrum * np.conj(spectrum), size)[: residual.size // 2]
+    correlation /= max(float(correlation[0]), 1.0e-300)
+    below = np.flatnonzero(correlation < 0.0)
+    end = int(below[0]) if below.size else correlation.size
+    return 1.0 + 2.0 * float(np.sum(correlation[1:end]))
+
+
+def _movements(series: Sequence[_Series], rate: float) -> int:
+    """Return how many times the rudder was slewed at its rate."""
+    found = 0
+    for each in series:
+        moved = rate_limited(each.dt * np.arange(float(each.rudder.size)), each.rudder, rate)
+        slewing = np.abs(np.diff(moved)) > 0.99 * rate * each.dt
+        found += int(np.count_nonzero(slewing[1:] & ~slewing[:-1])) + int(bool(slewing.size and slewing[0]))
+    return found
