@@ -296,6 +296,12 @@ WORDS = {
         key="failsafe.firmware_mode",
         watcher=Watcher.LINK,
     ),
+    "attitude_unhealthy": Words(
+        "the vehicle says that its compass or attitude is not healthy",
+        "compare the heading with a compass, and steer by hand where it drifts",
+        "the compass or AHRS in SYS_STATUS is enabled and unhealthy",
+        watcher=Watcher.VEHICLE,
+    ),
     "geofence": Words(
         "the vehicle says that its fence is breached",
         "turn back inside the fence, or change it in the vehicle",

@@ -168,6 +168,7 @@ _KINDS = (
     AlarmKind("station_silent", Response.NOTIFY, Severity.NOTICE, is_borne=True),
     AlarmKind("handback_refused", Response.NOTIFY, Severity.ALERT),
     AlarmKind("man_overboard", Response.NOTIFY, Severity.ALERT, is_borne=True),
+    AlarmKind("attitude_unhealthy", Response.NOTIFY, Severity.WARNING),
     AlarmKind("geofence", Response.NOTIFY, Severity.ERROR),
     AlarmKind("shallow", Response.NOTIFY, Severity.ERROR),
     AlarmKind("battery_low", Response.NOTIFY, Severity.ERROR),

@@ -271,7 +271,7 @@ ILLS = {
     0x0400: ("rate_disagrees", "innovation", "low_speed"),
     0x1000: ("off_course", "rudder_at_stop"),
     0x8000: ("rudder_stuck", "rudder_not_following", "rudder_reversed", "runaway"),
-    0x200000: ("heading_lost", "heading_frozen", "heading_jumping", "heading_disagrees"),
+    0x200000: ("heading_lost", "heading_frozen", "heading_jumping", "heading_disagrees", "attitude_unhealthy"),
     0x1000000: ("disk_full",),
     0x100000: ("geofence", "shallow"),
     0x2000000: ("battery_low",),

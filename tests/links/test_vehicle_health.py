@@ -85,6 +85,16 @@ def test_a_fence_counts_where_it_is_enabled() -> None:
     ]
 
 
+@pytest.mark.parametrize("part", [dialect.MAV_SYS_STATUS_SENSOR_3D_MAG, dialect.MAV_SYS_STATUS_AHRS])
+def test_a_compass_or_attitude_that_the_vehicle_calls_unhealthy_is_said_where_it_is_enabled(part: int) -> None:
+    health = VehicleHealth()
+    assert conditions_of(health.take(0.0, system(-1, 0, 0))) == []
+    assert conditions_of(health.take(1.0, system(-1, part, part))) == []
+    assert conditions_of(health.take(2.0, system(-1, part, 0))) == [("attitude_unhealthy", True)]
+    assert conditions_of(health.take(3.0, system(-1, part, 0))) == []
+    assert conditions_of(health.take(4.0, system(-1, part, part))) == [("attitude_unhealthy", False)]
+
+
 @pytest.mark.parametrize(("words", "name"), [("Fence Breached", "geofence"), ("Shallow water ahead!", "shallow")])
 def test_what_is_said_in_words_lasts_a_minute(words: str, name: str) -> None:
     health = VehicleHealth()

@@ -1,6 +1,6 @@
 """What a vehicle and its surroundings say beside its state: battery, fence, shallow water, its radio, another pilot.
 
-SYS_STATUS and BATTERY_STATUS: charge and charge state; SYS_STATUS: the fence where it is enabled and unhealthy;
+SYS_STATUS and BATTERY_STATUS: charge and charge state; SYS_STATUS: fence, compass, AHRS where enabled and unhealthy;
 FENCE_STATUS: breached; STATUSTEXT: "Fence Breached" (ArduPilot, AC_Fence) and what has "shallow" in it.
 
 Whether the hand's radio still reaches the flight controller. While we override the steering, ArduPilot takes our
@@ -46,6 +46,8 @@ BAD_CHARGES = (
     dialect.MAV_BATTERY_CHARGE_STATE_UNHEALTHY,
 )
 FENCE = dialect.MAV_SYS_STATUS_GEOFENCE
+ATTITUDE = (dialect.MAV_SYS_STATUS_SENSOR_3D_MAG, dialect.MAV_SYS_STATUS_AHRS)
+"""What the heading of ATTITUDE rests on: without its compass a vehicle goes on by gyro, and says so here alone."""
 SYSTEM = dialect.MAVLINK_MSG_ID_SYS_STATUS
 BATTERY = dialect.MAVLINK_MSG_ID_BATTERY_STATUS
 FENCING = dialect.MAVLINK_MSG_ID_FENCE_STATUS
@@ -70,9 +72,12 @@ class VehicleHealth:
         """Return the conditions that `message`, come at `now` [s], begins or ends."""
         kind = message_id(message)
         if kind == SYSTEM:
-            fenced = message.onboard_control_sensors_enabled & FENCE
-            ill = fenced and not message.onboard_control_sensors_health & FENCE
-            return [*self._charge(now, message.battery_remaining, False), *self._set(now, "geofence", bool(ill), "")]
+            ill = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
+            return [
+                *self._charge(now, message.battery_remaining, False),
+                *self._set(now, "geofence", bool(ill & FENCE), ""),
+                *self._set(now, "attitude_unhealthy", any(ill & part for part in ATTITUDE), ""),
+            ]
         if kind == BATTERY:
             return self._charge(now, message.battery_remaining, message.charge_state in BAD_CHARGES)
         if kind == FENCING:
