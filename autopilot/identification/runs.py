@@ -158,6 +158,48 @@ def _turned(time: FloatArray, rate: FloatArray) -> FloatArray:
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
+TURNS_WINDOW_S = 10.0
+TURNS_LEAST_RAD = math.radians(10.0)
+TURNS_ALIKE, TURNS_RATIO = 0.3, 2.5
+"""Turns over windows of this time, by heading and by yaw rate: where either makes this much, root mean square, the two
+must go together (correlation) and be of like size. A rate sensor's scale, its bias, a late compass are far inside."""
+
+
+def check_turns(source: str, time: FloatArray, heading: FloatArray, rate: FloatArray) -> None:
+    """Raise InputError where heading [rad] and yaw rate [rad/s] tell of turns that cannot be the same boat's: a sign or
+    a unit of one of them is another, or that of the time [s]. nan where missing."""
+    rows = np.flatnonzero(np.isfinite(heading) & np.isfinite(rate))
+    if rows.size < FROZEN_SAMPLES:
+        return
+    moments, spacing = time[rows], np.diff(time[rows])
+    by_rate = 0.5 * (rate[rows][1:] + rate[rows][:-1]) * spacing
+    step = np.diff(heading[rows])
+    by_heading = np.arctan2(np.sin(step), np.cos(step))
+    known = spacing <= gap_limit(moments)
+    usual = float(np.median(np.abs(by_rate)))
+    if usual > 0.5 * math.pi:
+        raise InputError(
+            f"{source}: by its yaw rate the boat turns {math.degrees(usual):.3g} deg from one sample to the next, "
+            f"{float(np.median(spacing)):.3g} s later; check the units of time and yaw rate."
+        )
+    window = ((moments[:-1] - moments[0]) / TURNS_WINDOW_S).astype(int)
+    found = np.unique(window[known], return_inverse=True)[1]
+    if not found.size:
+        return
+    rates, headings = (np.bincount(found, turns[known]) for turns in (by_rate, by_heading))
+    size_of_rates, size_of_headings = (float(np.sqrt(np.mean(turns**2))) for turns in (rates, headings))
+    if max(size_of_rates, size_of_headings) < TURNS_LEAST_RAD:
+        return
+    alike = float(np.mean(rates * headings)) / max(size_of_rates * size_of_headings, 1.0e-12)
+    if alike < TURNS_ALIKE or not 1.0 / TURNS_RATIO < size_of_headings / max(size_of_rates, 1.0e-12) < TURNS_RATIO:
+        how = "to the other side" if alike < -TURNS_ALIKE else f"by {math.degrees(size_of_headings):.3g} deg"
+        raise InputError(
+            f"{source}: heading and yaw rate contradict each other: where the yaw rate turns the boat by "
+            f"{math.degrees(size_of_rates):.3g} deg in {TURNS_WINDOW_S:.0f} s, the heading turns {how}; check signs "
+            "(both are positive clockwise) and units of both and of the time, or leave one of them out."
+        )
+
+
 GAP_SAMPLES = 5.0
 """Neighbouring samples of rudder or speed further apart than this many median spacings make a gap."""
 
@@ -241,7 +283,7 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
 
     Rows without a time are dropped; spikes and a frozen heading become blanks and are reported in `notes`. Raises
     InputError, naming `source`, where a needed column is missing, time does not increase, the rudder is in another
-    unit, the heading never moves, or no stretch is long enough.
+    unit, the heading never moves, heading and yaw rate contradict each other, or no stretch is long enough.
     """
     _require(source, columns)
     columns, notes = _without_bad_samples(source, columns)
@@ -259,6 +301,7 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     nothing = np.full(time.size, np.nan)
     heading = columns["heading_rad"][known] if "heading_rad" in columns else nothing
     rate = columns["yaw_rate_rad_s"][known] if "yaw_rate_rad_s" in columns else nothing
+    check_turns(source, time, heading, rate)
     rudder, rudder_known = _bridge(time, columns["rudder_rad"][known])
     speed, speed_known = _bridge(time, columns["speed_m_s"][known])
     around = _around(time, {name: values[known] for name, values in columns.items() if name in AROUND})

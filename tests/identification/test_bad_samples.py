@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,32 @@ def test_a_clean_recording_loses_nothing() -> None:
     assert run.notes == ()
     np.testing.assert_array_equal(run.segments[0].rudder, _recorded()["rudder_rad"])
     np.testing.assert_array_equal(run.segments[0].rate, _recorded()["yaw_rate_rad_s"])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda table: {"heading_rad": -table["heading_rad"]}, "the heading turns to the other side"),
+        (lambda table: {"yaw_rate_rad_s": -table["yaw_rate_rad_s"]}, "the heading turns to the other side"),
+        (lambda table: {"heading_rad": np.degrees(table["heading_rad"])}, "contradict each other"),
+        (lambda table: {"yaw_rate_rad_s": np.degrees(table["yaw_rate_rad_s"])}, "contradict each other"),
+        (lambda table: {"yaw_rate_rad_s": np.radians(table["yaw_rate_rad_s"])}, "contradict each other"),
+        (lambda table: {"time_s": 1000.0 * table["time_s"]}, "check the units of time and yaw rate"),
+    ],
+    ids=["heading reversed", "rate reversed", "heading in deg", "rate in deg", "rate too small", "time in ms"],
+)
+def test_a_heading_and_a_yaw_rate_that_contradict_each_other_are_refused(
+    change: Callable[[Table], Table], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        run_of({**_recorded(), **change(_recorded())})
+
+
+@pytest.mark.parametrize("late", [0, 10])
+def test_a_rate_sensor_s_scale_and_bias_and_a_late_compass_are_no_contradiction(late: int) -> None:
+    table = _recorded()
+    rate = 1.3 * table["yaw_rate_rad_s"] + np.radians(0.4)
+    assert run_of({**table, "yaw_rate_rad_s": rate, "heading_rad": np.roll(table["heading_rad"], late)}).notes == ()
 
 
 @given(st.integers(0, 2**31), st.floats(0.01, 0.7), st.booleans())
