@@ -193,11 +193,11 @@ def test_a_record_that_tells_nothing_is_refused(method: Method) -> None:
     adrift = {**zigzag(), "speed_m_s": np.zeros(400)}
     with pytest.raises(InputError, match="no way"):
         method.identify([run_of(adrift)], NOMOTO._replace(reference_speed=None))
-    random = np.random.default_rng(5)
+    table, rate = zigzag(), np.random.default_rng(5).normal(size=400)
     elsewhere = {
-        **zigzag(),
-        "yaw_rate_rad_s": random.normal(size=400),
-        "heading_rad": np.cumsum(random.normal(size=400)) * 0.1,
+        **table,
+        "yaw_rate_rad_s": rate,
+        "heading_rad": np.cumsum(rate) * np.gradient(table["time_s"]),
     }
     with pytest.raises(InputError, match="does not follow the rudder"):
         identify(method, [run_of(elsewhere)])
