@@ -216,7 +216,8 @@ def log_words(recorder: Recorder | None) -> str:
         size = recorder.path.stat().st_size
     except OSError:
         return f"log {recorder.path} is not there any more"
-    gaps = f", {recorder.dropped} ticks missing: {recorder.failed or 'the disk was full or too slow'}"
+    why = recorder.failed or "the disk was full or too slow, or the log was removed"
+    gaps = f", {recorder.dropped} ticks missing: {why}"
     return f"log {recorder.path} ({size / 1e6:.1f} MB{gaps if recorder.dropped else ''})"
 
 
