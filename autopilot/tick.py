@@ -99,7 +99,6 @@ from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Memory, Supervisor
 from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, thruster_step
-from autopilot.supervision.tuning import AT_THE_STOP
 
 CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
@@ -363,7 +362,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     if is_measured or not (command.engaged and boat.rudder_is_ours):
         rate = begun_at(steady.rudder)
     else:
-        estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rudder.rate, (previous, dt), steady)
+        rate = without_pushes(rudder.rate, steady, found)
+        estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, (previous, dt), steady)
 
     memory = supervisor.memory
     steers_on = boat.rudder_is_ours and memory.state in ENGAGED
@@ -422,6 +422,14 @@ def steering_with(config: SteeringConfig, rate: RudderRate) -> SteeringConfig:
     return config._replace(estimator=estimator._replace(gear=gone_by(estimator.gear, rate)))
 
 
+def without_pushes(rate: RudderRate, steady: NavState, found: Mapping[str, AlarmEvent]) -> RudderRate:
+    """Return what is known of the rudder's rate: nothing that is not sure where something pushes the boat by more than
+    its rudder can hold. That hides what the rudder does, and lets go at once when it is over."""
+    if "overpowered" not in found and abs(steady.bias) < BIAS_MOST:
+        return rate
+    return begun_at(steady.rudder, rate.slower if rate.is_sure else 1.0)
+
+
 def with_rudder_rate(
     config: SteeringConfig, estimate: EstimatorState, way: Way, before: RudderRate, moved: Moved, steady: NavState
 ) -> tuple[EstimatorState, Way, RudderRate]:
@@ -429,9 +437,6 @@ def with_rudder_rate(
     that gear would have it, and the rest of the turn is planned with it. moved: the last command and the time since."""
     (command, dt), gear = moved, config.estimator.gear
     limits = gear.angle_max, gear.rate_max
-    if abs(steady.bias) >= min(AT_THE_STOP * gear.angle_max, BIAS_MOST):
-        # what is more than the rudder can hold hides what the rudder does, and may let go at once
-        return estimate, way, begun_at(steady.rudder, before.slower if before.is_sure else 1.0)
     rate = rudder_rate_step(estimate.model, before, (steady.rate, command), limits, dt)
     if rate.slower == before.slower:
         return estimate, way, rate

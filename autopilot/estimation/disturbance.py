@@ -45,6 +45,7 @@ from autopilot.estimation.tuning import (
     GUST_MEMORY,
     GUST_SPREAD,
     GUST_SURGE,
+    LEAN_GROWTH,
     STRENGTH_ERROR,
     WAVE_CORNER,
     WAVE_DAMPING,
@@ -219,3 +220,21 @@ def adapt_intensity(
 def reset_intensity(intensity: Intensity) -> Intensity:
     """Return the gusts for a bias that is to be found anew."""
     return Intensity(intensity.density, NO_MEANS, NO_MEANS, 0.0)
+
+
+def raised_intensity(intensity: Intensity, changes: tuple[float, float, float], dt: float) -> Intensity:
+    """Return what is known of the gusts after `dt` [s] in which the headings leant to one side: q has grown.
+
+    A bias that is slow because no gusts are known explains none, so that b shows none of them, and q would learn none.
+    One push raises q so often and not to its most, and that is forgotten; gusts raise it again and again.
+    """
+    density, (least, most, time) = intensity.density, changes
+    density = least if density < least else density
+    density *= math.exp(LEAN_GROWTH * dt / time)
+    density = most if density > most else density
+    return Intensity(density, intensity.bias, intensity.rudder, intensity.variance)
+
+
+def reset_density(intensity: Intensity) -> Intensity:
+    """Return the gusts as the least there are: what the headings lean to for longer is none."""
+    return Intensity(0.0, intensity.bias, intensity.rudder, intensity.variance)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.disturbance import NO_SEA, frequency, known
+from autopilot.estimation.disturbance import NO_SEA, frequency, known, raised_intensity, reset_density
 from autopilot.estimation.heading_ekf import (
     FilterNoise,
     FilterState,
@@ -85,12 +85,15 @@ class Fusion(NamedTuple):
 
 
 def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
-    """Return whether the innovations lie to one side, by a lot for seconds or by a little for the time of gusts.
-
-    What lasts for longer than a push takes to be learnt is something else: instruments that contradict one another.
-    """
+    """Return whether the innovations lie to one side, by a lot for seconds or by a little for the time of gusts."""
     is_even = -INNOVATION_LASTING < fusion.innovation_mean < INNOVATION_LASTING
-    return not is_even or 0.0 < fusion.leans < LEARNT * noise.gust_time
+    return not is_even or does_lean(fusion.leans, noise)
+
+
+def does_lean(leans: float, noise: FilterNoise) -> bool:
+    """Return whether the headings have leant to one side for the time `leans` [s], and not for longer than a push takes
+    to be learnt: that is something else, instruments that contradict one another."""
+    return 0.0 < leans < LEARNT * noise.gust_time
 
 
 NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -216,6 +219,11 @@ def fuse_measured(
         # the mean of white noise has the variance share/(2 - share)
         is_off = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share
         leans = leans + dt if is_off else 0.0
+        if noise.waves and does_lean(leans, noise):
+            changes = noise.bias, noise.gusty_bias, noise.gust_time
+            state = FilterState(*state[:-1], raised_intensity(state.intensity, changes, dt))
+        elif noise.waves and leans > 0.0:
+            state = FilterState(*state[:-1], reset_density(state.intensity))
     # what lies to one side for seconds is neither sea nor gusts
     learns = noise.waves and -INNOVATION_LASTING < mean < INNOVATION_LASTING
     rudder = angle_at(past, time) if learns else math.nan

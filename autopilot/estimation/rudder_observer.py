@@ -37,6 +37,7 @@ from typing import NamedTuple, Protocol
 
 from autopilot.estimation.tuning import (
     FEEDBACK_FRESH,
+    GEAR_EXPLAINS,
     GEAR_FADES,
     GEAR_LIKELIER,
     GEAR_NOISE,
@@ -362,8 +363,10 @@ def rudder_rate_step(
         if slower == SLOWER[2]
         else cost_eighth
     )
-    slower = best if 0.5 * (ours - least) / noise > GEAR_LIKELIER else slower
-    is_sure = slower > 1.0 and (is_sure or 0.5 * (cost - least) / noise > GEAR_SURE)
+    # a push that changes is explained by no gear, and by a slow one a little better
+    explains = least < GEAR_EXPLAINS * ours
+    slower = best if explains and 0.5 * (ours - least) / noise > GEAR_LIKELIER else slower
+    is_sure = slower > 1.0 and (is_sure or (least < GEAR_EXPLAINS * cost and 0.5 * (cost - least) / noise > GEAR_SURE))
     return RudderRate(filed, half, quarter, eighth, slow, damped, time, found, squared, slower, is_sure)
 
 

