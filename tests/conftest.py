@@ -68,6 +68,12 @@ class MachineWatch:
 WATCH = MachineWatch()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_state(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """No test meets a journal that a user's upload has left, nor leaves one to him."""
+    os.environ["NORRBIN_STATE"] = str(tmp_path_factory.mktemp("norrbin-state"))
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Name the marker; let what the tests start be ended.
 

@@ -46,7 +46,7 @@ def leaking(self, now, samples, order):
 
 
 Pilot.step = leaking
-signal.signal(signal.SIGUSR1, limit)
+signal.signal(signal.SIGURG, limit)
 sys.exit(main())
 """
 SPEEDUP = 2.0
@@ -65,7 +65,7 @@ def test_a_process_without_memory_lets_go_and_the_next_one_steers(tmp_path: Path
         with started(["-c", LEAKS], port, logs) as process:
             try:
                 assert vehicle.run(lambda: len(vehicle.overrides) > STEERED)
-                process.send_signal(signal.SIGUSR1)
+                process.send_signal(signal.SIGURG)
                 assert vehicle.run(lambda: process.poll() is not None), "it went on without memory"
             finally:
                 process.kill()
