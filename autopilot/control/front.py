@@ -12,7 +12,8 @@ unit circle.
 
 A design is one number, the regulator's bandwidth w (`design`). The quickest one that may be had leaves
 
-- to the rudder's rate an error of LEAST_ERROR, which asks for u' = w^3 T/K times it at first,
+- to the rudder's rate an error of LEAST_ERROR, which asks for u' = w^3 T/K times it at first, and RATE_SIGMAS times the
+  rms of what it is asked for in the usual sea,
 - to every boat within the uncertainty a heading rms of at most WORST times the model's, and to the worst of them at
   most WORST times the least that any loop leaves it; where none does both, that least. The first alone would be met by
   a loop that holds neither boat.
@@ -61,6 +62,9 @@ WORST = 1.5
 """The heading rms of the worst boat within the uncertainty, times the model's, that a design may leave."""
 SLOW_WORST = 2.0
 """The same of a loop that is slower than it might be: a boat twice as far off is not steered as it was designed."""
+RATE_SIGMAS = 2.5
+"""The rudder's rate is so many times its rms in the usual sea at least: a hundredth of the time it is asked for more.
+A loop that asks for more often is another than was designed: a course-unstable boat swings by 30 deg in it."""
 LAG_LEAST = 1.0e-3
 GRID = 25
 PROBE = 1.0e-5
@@ -302,8 +306,8 @@ def bandwidths(afloat: Afloat, rate_max: float, offs: tuple[Off, ...]) -> Bandwi
     tried: list[tuple[float, float, tuple[int, float]]] = []
     for bandwidth in map(float, np.geomspace(high, low, GRID)):
         gains = lqr_gains(model, bandwidth)
-        nominal = cost(afloat, gains, USUAL).heading
-        if math.isinf(nominal):
+        nominal, travel = cost(afloat, gains, USUAL)
+        if math.isinf(nominal) or travel > TRAVEL * rate_max / RATE_SIGMAS:
             continue
         found = [cost(afloat, gains, USUAL, off).heading for off in offs]
         held = [heading for heading in found if math.isfinite(heading)]

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from boats import BOATS, vessel_of
 from plant import Plant, sail
@@ -106,3 +107,24 @@ def test_it_spares_the_rudder_in_noise(name: str) -> None:
     rough = dataclasses.replace(gains, course_rad_s=0.0)
     at_once = dataclasses.replace(vessel, control=dataclasses.replace(vessel.control, backstepping=rough))
     assert travel(vessel) < 0.5 * travel(at_once)
+
+
+@pytest.mark.parametrize(("name", "level"), [("slow", 1), ("unstable", 9)])
+def test_a_level_keeps_the_course_in_gusts(name: str, level: int) -> None:
+    """Gusts of half a degree of rudder that come and go in 10 s, by a compass of 0.3 deg and a gyro; the level that a
+    linear loop bears, and the rudder's rate does not, led a course-unstable boat 34 deg off."""
+    random, gust, kept, found = np.random.default_rng(20261126), 0.0, math.exp(-0.05 / 10.0), list[float]()
+    for blow in random.standard_normal(8003):
+        gust = kept * gust + math.radians(0.5) * math.sqrt(1.0 - kept * kept) * blow
+        found.append(gust)
+    vessel = designed(vessel_of(BOATS[name]), GainRequest(level))
+    box = Plant(
+        model_of(vessel),
+        gear_of(vessel),
+        heading_noise=math.radians(0.3),
+        rate_noise=math.radians(0.2),
+        disturbance=lambda now: found[int(now / 0.05)],
+        seed=3,
+    )
+    ticks = sail(build_pilot(vessel), box, course(0.0), 400.0, 0.05, sense_every=2)
+    assert max(abs(tick.state.heading) for tick in ticks[200:]) < math.radians(5.0)
