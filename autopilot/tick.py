@@ -44,7 +44,7 @@ from autopilot.estimation.rudder_observer import (
     write_command,
 )
 from autopilot.estimation.speeds import speeds_apart
-from autopilot.estimation.tuning import BIAS_MOST
+from autopilot.estimation.tuning import BIAS_MOST, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, quickness
 from autopilot.models.drives import Needs
@@ -98,6 +98,7 @@ from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Memory, Supervisor
+from autopilot.supervision.tuning import RATE_OFF_KNOWN
 from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, thruster_step
 
 CALM = 10.0
@@ -362,7 +363,10 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     if is_measured or not (command.engaged and boat.rudder_is_ours):
         rate = begun_at(steady.rudder)
     else:
-        rate = without_pushes(rudder.rate, steady, found)
+        is_pushed = "overpowered" in found or not abs(steady.bias) < BIAS_MOST
+        is_new = not estimate.knows_sea and steady.wave_deviation >= WAVE_DEVIATION_FIRST
+        is_pushed = is_pushed or (is_new and now >= way.guide.turning_until)
+        rate = without_pushes(rudder.rate, steady) if is_pushed else rudder.rate
         estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, (previous, dt), steady)
 
     memory = supervisor.memory
@@ -422,22 +426,27 @@ def steering_with(config: SteeringConfig, rate: RudderRate) -> SteeringConfig:
     return config._replace(estimator=estimator._replace(gear=gone_by(estimator.gear, rate)))
 
 
-def without_pushes(rate: RudderRate, steady: NavState, found: Mapping[str, AlarmEvent]) -> RudderRate:
-    """Return what is known of the rudder's rate: nothing that is not sure where something pushes the boat by more than
-    its rudder can hold. That hides what the rudder does, and lets go at once when it is over."""
-    if "overpowered" not in found and abs(steady.bias) < BIAS_MOST:
-        return rate
+def without_pushes(rate: RudderRate, steady: NavState) -> RudderRate:
+    """Return what is known of the rudder's rate, nothing that is not sure: something pushes the boat by more than its
+    rudder can hold, which hides what the rudder does, and lets go at once when it is over; or on its course it is in a
+    sea that is not known yet."""
     return begun_at(steady.rudder, rate.slower if rate.is_sure else 1.0)
 
 
 def with_rudder_rate(
-    config: SteeringConfig, estimate: EstimatorState, way: Way, before: RudderRate, moved: Moved, steady: NavState
+    config: SteeringConfig,
+    estimate: EstimatorState,
+    way: Way,
+    before: RudderRate,
+    moved: Moved,
+    steady: NavState,
 ) -> tuple[EstimatorState, Way, RudderRate]:
     """Return what is known of the rudder's rate after a tick; where it turns out to be another, the rudder is where
     that gear would have it, and the rest of the turn is planned with it. moved: the last command and the time since."""
     (command, dt), gear = moved, config.estimator.gear
     limits = gear.angle_max, gear.rate_max
-    rate = rudder_rate_step(estimate.model, before, (steady.rate, command), limits, dt)
+    on_course = way.order.kind is OrderKind.HEADING and steady.time >= way.guide.turning_until
+    rate = rudder_rate_step(estimate.model, before, (steady.rate, command), limits, dt, on_course=on_course)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))
@@ -473,7 +482,8 @@ def select(
     if boat.failsafe.action in STEERING_ACTIONS:
         steering = FailsafeSteering(reckoned)
         # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
-        steering.on_sample(samples, takes_rates=not monitors.consistency.is_opposite)
+        takes_rates, bias = not monitors.consistency.is_opposite, estimate.fusion.gyro.bias
+        steering.on_sample(samples, takes_rates, bias)
         reckoned = steering.memory
     return monitors, estimate, control, reckoned
 
@@ -518,6 +528,7 @@ def view_of(
     """
     boat, (order, guide, _, waits), command, now = config.boat, state.way, state.rudder.command, seen.time
     is_engaged, on_heading = state.supervisor.state in ENGAGED, order.kind is OrderKind.HEADING
+    gyro = estimate.fusion.gyro
     ours, speeds = is_engaged and boat.rudder_is_ours, estimate.speeds
     has_both = not math.isnan(speeds.water.value + speeds.ground.value)
     return MonitorInput(
@@ -542,6 +553,7 @@ def view_of(
         is_measured,
         damps_roll,
         state.rudder.rate.is_sure,
+        gyro.bias if gyro.p11 < RATE_OFF_KNOWN else 0.0,
     )
 
 

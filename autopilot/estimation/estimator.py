@@ -23,6 +23,7 @@ from autopilot.estimation.heading_ekf import (
     predict,
     predict_mean,
 )
+from autopilot.estimation.rate_bias import NO_RATE_BIAS, RateBias, rate_bias_step
 from autopilot.estimation.rudder_observer import (
     RudderMemory,
     RudderObserver,
@@ -58,6 +59,7 @@ from autopilot.estimation.tuning import (
     LEARNT,
     LONGEST_SHARE,
     PREDICT_LONGEST,
+    RATE_BIAS_FELT,
     RATE_MOST,
     RUDDER_MOST,
     SAMPLES_KEPT,
@@ -74,7 +76,8 @@ from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample,
 class Fusion(NamedTuple):
     """What the measurements have left: the filter's state, what lies between expectation and measurement on average
     [standard deviations], how many spikes in a row agree, and the newest of them [rad]; lean: the average of the
-    headings alone over the time of gusts, and leans [s]: for how long it has been more than white noise leaves."""
+    headings alone over the time of gusts, and leans [s]: for how long it has been more than white noise leaves; gyro:
+    what is known of the rate sensor's standing error."""
 
     state: FilterState
     innovation_mean: float = 0.0
@@ -82,6 +85,7 @@ class Fusion(NamedTuple):
     spike: float = 0.0
     lean: float = 0.0
     leans: float = 0.0
+    gyro: RateBias = NO_RATE_BIAS
 
 
 def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
@@ -201,8 +205,11 @@ def fuse_measured(
 ) -> tuple[Fusion, bool]:
     """Return what a measurement leaves, and whether it was fused: a spike is not. measured: see `Measured`."""
     time, heading, rate = measured
-    before, mean, spikes, spike, lean, leans = fusion
+    before, mean, spikes, spike, lean, leans, gyro = fusion
     noise, dt = noises.usual, time - before.time
+    rate -= gyro.bias
+    if gyro.p11 > RATE_BIAS_FELT * noise.rate:
+        noise = FilterNoise(noise.heading, noise.rate + gyro.p11, *noise[2:])
     state = carried(model, noises, fusion, past, time)
     off, innovation, deviation = innovations(state, noise, heading, rate)
     off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
@@ -212,7 +219,7 @@ def fuse_measured(
         gate = gate if gate > GATE_LEAST else GATE_LEAST
         if innovation > gate or innovation < -gate:
             agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
-            return Fusion(before, mean, spikes + 1 if agrees else 1, heading, lean, leans), False
+            return Fusion(before, mean, spikes + 1 if agrees else 1, heading, lean, leans, gyro), False
         spikes = 0
         share = -math.expm1(-dt / noise.gust_time)
         lean += share * (innovation / deviation - lean)
@@ -227,7 +234,8 @@ def fuse_measured(
     # what lies to one side for seconds is neither sea nor gusts
     learns = noise.waves and -INNOVATION_LASTING < mean < INNOVATION_LASTING
     rudder = angle_at(past, time) if learns else math.nan
-    return Fusion(fused(state, noise, heading, rate, rudder, dt), mean, spikes, spike, lean, leans), True
+    gyro = rate_bias_step(gyro, measured, (noises.usual.heading, noises.usual.rate))
+    return Fusion(fused(state, noise, heading, rate, rudder, dt), mean, spikes, spike, lean, leans, gyro), True
 
 
 MEASURED_AT = attrgetter("time")
@@ -309,11 +317,15 @@ class EstimatorState(NamedTuple):
     def push(self) -> float:
         """What wind, current and trim are worth [rad of rudder], more than is handed to the law where it is more.
 
-        0 until the sea has been watched for its memory: before, waves count for wind.
+        0 until the sea is known: before, waves count for wind.
         """
+        return self.fusion.state.bias if self.knows_sea else 0.0
+
+    @property
+    def knows_sea(self) -> bool:
+        """Whether there is none, or it has been watched for its memory."""
         state = self.fusion.state
-        is_known = state.sea == NO_SEA or state.time - self.first_time >= WAVE_MEMORY
-        return state.bias if is_known else 0.0
+        return state.sea == NO_SEA or state.time - self.first_time >= WAVE_MEMORY
 
 
 def is_plausible(sample: SpeedSample | ThrustSample) -> bool:
@@ -477,13 +489,13 @@ def _begun(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample
     first = ekf.initial(
         sample.time,
         wrap(sample.heading),
-        sample.rate,
+        None if sample.rate is None else sample.rate - before.gyro.bias,
         config.noises.usual,
         before.state if state.has_begun else None,
     )
     return _counted(
         state._replace(
-            fusion=Fusion(first, before.innovation_mean),
+            fusion=Fusion(first, before.innovation_mean, gyro=before.gyro),
             has_begun=True,
             needs_reinit=False,
             first_time=min(state.first_time, sample.time),

@@ -302,10 +302,17 @@ def gone_by(gear: SteeringGear, state: RudderRate) -> SteeringGear:
 
 
 def rudder_rate_step(
-    model: Norrbin, before: RudderRate, steered: tuple[float, float], limits: tuple[float, float], dt: float
+    model: Norrbin,
+    before: RudderRate,
+    steered: tuple[float, float],
+    limits: tuple[float, float],
+    dt: float,
+    *,
+    on_course: bool,
 ) -> RudderRate:
     """Return what is known `dt` [s] later. steered: the boat's rate [rad/s], and the rudder's command [rad] since;
-    limits: the rudder's angle [rad] and filed rate [rad/s]."""
+    limits: the rudder's angle [rad] and filed rate [rad/s]. on_course: the rudder answers what pushes the boat, where in
+    a turn it is told by the plan: what it does then says as much less as a push lasts longer than the mean of y."""
     filed, half, quarter, eighth, last, damped, time, found, squared, slower, is_sure = before
     (rate, command), (angle_max, rate_max) = steered, limits
     gain, time_constant, n3, n2, n1, n0, _ = model
@@ -336,6 +343,9 @@ def rudder_rate_step(
     slow = last + share * (rate - last)
     damped += share * (damping - damped)
     y = time_constant * (slow - last) / dt + damped
+    lasts = passed if passed > GEAR_SEA else GEAR_SEA
+    longer = time_constant if time_constant > GEAR_SEA else GEAR_SEA
+    dt = dt * lasts / longer if on_course else dt
     time, found, squared = kept * time + dt, kept * found + dt * y, kept * squared + dt * y * y
     floor, push = GEAR_NOISE * gain * angle_max, GEAR_SIGMA_BIAS * gain
     noise = passed * floor * floor
@@ -352,7 +362,6 @@ def rudder_rate_step(
         least, best = cost_quarter, SLOWER[2]
     if cost_eighth < least:
         least, best = cost_eighth, SLOWER[3]
-    lasts = passed if passed > GEAR_SEA else GEAR_SEA
     noise += lasts * (least if least > 0.0 else 0.0) / (time + time_constant)
     ours = (
         cost
@@ -363,10 +372,14 @@ def rudder_rate_step(
         if slower == SLOWER[2]
         else cost_eighth
     )
-    # a push that changes is explained by no gear, and by a slow one a little better
-    explains = least < GEAR_EXPLAINS * ours
-    slower = best if explains and 0.5 * (ours - least) / noise > GEAR_LIKELIER else slower
+    # a push that changes is explained by no gear, and by a slow one a little better; back to the file's needs no more
+    # than that it is likelier
+    explains = best < slower or least < GEAR_EXPLAINS * ours
+    likelier = GEAR_SURE if on_course and best > slower else GEAR_LIKELIER
+    slower = best if explains and 0.5 * (ours - least) / noise > likelier else slower
     is_sure = slower > 1.0 and (is_sure or (least < GEAR_EXPLAINS * cost and 0.5 * (cost - least) / noise > GEAR_SURE))
+    # a boat that is held by a wrong gear swings, and seems to prove it
+    slower = slower if is_sure or not on_course else SLOWER[0]
     return RudderRate(filed, half, quarter, eighth, slow, damped, time, found, squared, slower, is_sure)
 
 

@@ -49,6 +49,24 @@ RATE_UNKNOWN = 0.2**2  # 30 %: nothing
 STEEPEST_GROWTH = 20.0  # 30 %: nothing
 """A step in which a course-unstable boat would grow by more than exp of this is cut there."""
 
+# a rate sensor's standing error: physical
+
+RATE_BIAS_UNKNOWN = math.radians(0.3) ** 2
+"""Variance of the standing error of a rate sensor of which nothing is known [(rad/s)^2]: what is left of the zero-rate
+offset of a micromechanical gyro that was calibrated at rest."""
+RATE_BIAS_CHANGE = math.radians(0.02) ** 2 / 300.0
+"""It drifts, with its temperature, by 0.02 deg/s in 300 s [(rad/s)^2/s]."""
+RATE_BIAS_FELT = 0.01
+"""A doubt of it that is less than this share of the rate's own variance is left out."""
+RATE_COMPASS_LAG = 1.0
+"""A compass lags by so long, or is read so much later than the gyro [s]: a damped fluxgate's time."""
+RATE_MEAN_TIME = 5.0
+RATE_BIAS_APART = math.radians(1.0) ** 2
+"""Compass and gyro that are further apart on average over this time [s] than by this angle [rad^2] and by what a lag
+makes in the turns of that time are begun anew: a wave's deviation of the compass goes by in it."""
+RATE_HELD = 2.0
+"""A rate holds for so long [s]."""
+
 # what is taken in: gates are derived from the normal distribution, the rest is tuned
 
 GATE_SIGMAS = 6.0  # 30 %: nothing

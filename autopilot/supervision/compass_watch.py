@@ -30,6 +30,8 @@ from autopilot.supervision.tuning import (
     JUMPS_WITHIN,
     NEWS,
     RATE_FORGOTTEN,
+    RATE_OFF,
+    RATE_RIGHT,
     SEA_DIGITS,
     SEA_FELT,
     SEA_PROVEN,
@@ -291,7 +293,8 @@ def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: floa
 
 class State(NamedTuple):
     """What the compass watch remembers; rate [rad/s]: the boat's, a tick ago; off_since [s]: since when the
-    innovation's mean has been off, nan: it is not; off_by: how far it was when that was said first."""
+    innovation's mean has been off, nan: it is not; off_by: how far it was when that was said first; rate_off: what is said
+    of a rate sensor's standing error."""
 
     standing: Standing = Standing()
     sea: Sea = Sea()
@@ -299,13 +302,14 @@ class State(NamedTuple):
     rate: float = 0.0
     off_since: float = math.nan
     off_by: str = ""
+    rate_off: str = ""
 
 
 def update(
     limits: AlarmLimits, before: State, seen: MonitorInput, measured: Measured
 ) -> tuple[State, tuple[AlarmEvent, ...]]:
     """Judge a tick; return what is remembered, and what is found."""
-    standing, sea, jumping, rate, off_since, off_by = before
+    standing, sea, jumping, rate, off_since, off_by, rate_off = before
     found: tuple[AlarmEvent, ...] = ()
     if limits.frozen_heading:
         standing, sea = frozen_step(standing, sea, seen, measured.headings)
@@ -319,8 +323,13 @@ def update(
         found += (AlarmEvent("heading_jumping", jumping.text),)
     elif jumping.text:
         jumping = jumping._replace(text="")
-    if measured.rate_disagrees:
-        found += (AlarmEvent("rate_disagrees", measured.rate_disagrees),)
+    bias = seen.rate_bias
+    if not (bias > RATE_RIGHT or bias < -RATE_RIGHT) or limits.rate_disagrees == math.inf:
+        rate_off = ""
+    elif not rate_off and (bias > RATE_OFF or bias < -RATE_OFF):
+        rate_off = f"{math.degrees(abs(bias)):.1f} deg/s apart"
+    if measured.rate_disagrees or rate_off:
+        found += (AlarmEvent("rate_disagrees", measured.rate_disagrees or rate_off),)
     innovation, most = seen.innovation, limits.innovation
     if not (seen.has_way and (innovation > most or innovation < -most)):
         off_since, off_by = math.nan, ""
@@ -331,4 +340,4 @@ def update(
         off_by = off_by or f"{abs(innovation):.1f} standard deviations"
         found += (AlarmEvent("innovation", off_by),)
     rate = state.rate if math.isfinite(state.rate) else 0.0
-    return State(standing, sea, jumping, rate, off_since, off_by), found
+    return State(standing, sea, jumping, rate, off_since, off_by, rate_off), found

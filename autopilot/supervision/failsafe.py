@@ -47,13 +47,14 @@ class FailsafeSteering:
     def __init__(self, memory: Memory = NO_MEMORY) -> None:
         self.memory = memory
 
-    def on_sample(self, samples: tuple[Sample, ...], takes_rates: bool = True) -> None:
-        """Take rates of turn, where they are to be taken, and wind; headings are what cannot be trusted."""
+    def on_sample(self, samples: tuple[Sample, ...], takes_rates: bool = True, rate_bias: float = 0.0) -> None:
+        """Take rates of turn, where they are to be taken, less their standing error `rate_bias` [rad/s], and wind;
+        headings are what cannot be trusted."""
         for sample in samples:
             if isinstance(sample, WindSample):
                 self.memory = self.memory._replace(wind=wind_after(self.memory.wind, sample))
             elif takes_rates and isinstance(sample, HeadingSample | RateSample):
-                self.memory = self.memory._replace(rate=rate_after(self.memory.rate, sample.time, sample.rate))
+                self.memory = self.memory._replace(rate=rate_after(self.memory.rate, sample, rate_bias))
 
     def begin(self, state: NavState) -> None:
         """Start from the last `state`: its heading is to be held."""
@@ -94,9 +95,12 @@ class FailsafeSteering:
         return rudder_most * clip(angle / WINDWARD_ANGLE, -1.0, 1.0)
 
 
-def rate_after(before: tuple[float, float] | None, time: float, rate: float | None) -> tuple[float, float] | None:
-    """Return the newest rate of turn [rad/s] that a boat may have, with its time [s]."""
-    return before if rate is None or not abs(rate) <= RATE_MOST or not math.isfinite(time) else (time, rate)
+def rate_after(
+    before: tuple[float, float] | None, sample: HeadingSample | RateSample, bias: float
+) -> tuple[float, float] | None:
+    """Return the newest rate of turn [rad/s] that a boat may have, less its `bias`, with its time [s]."""
+    time, rate = sample.time, sample.rate
+    return before if rate is None or not abs(rate) <= RATE_MOST or not math.isfinite(time) else (time, rate - bias)
 
 
 def wind_after(before: Wind | None, sample: WindSample) -> Wind | None:

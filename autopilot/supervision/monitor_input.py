@@ -45,7 +45,8 @@ class MonitorInput(NamedTuple):
     trim are worth, however much that is. is_late: this tick came late. speeds_apart [m/s]: how far log and ground lie
     apart without a stream that explains it. trial_speed [m/s]: of the vessel file's trial, 0 where the model is the
     trial's. rudder_is_measured: there is a sensor of its angle. damps_roll: the rudder works against roll too.
-    rudder_is_slow: it has turned out to be slower than filed, and turns are planned with that.
+    rudder_is_slow: it has turned out to be slower than filed, and turns are planned with that. rate_bias [rad/s]: the
+    standing error of the rate sensor, 0 where it is not known.
     """
 
     now: float
@@ -68,6 +69,7 @@ class MonitorInput(NamedTuple):
     rudder_is_measured: bool = False
     damps_roll: bool = False
     rudder_is_slow: bool = False
+    rate_bias: float = 0.0
 
 
 class Measured(NamedTuple):

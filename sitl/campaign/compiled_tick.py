@@ -24,6 +24,7 @@ from autopilot.estimation.estimator import (
     seen_at,
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
+from autopilot.estimation.rate_bias import NO_RATE_BIAS
 from autopilot.estimation.rudder_observer import (
     AS_FILED,
     RudderMemory,
@@ -60,7 +61,7 @@ from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.rudder_response import FILED, other_verdict, verdict
 from autopilot.supervision.rudder_watch import NOTHING_KNOWN, PAST_S, Evidence, evidence_step
-from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, LATE_S
+from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, LATE_S, RATE_OFF
 
 Floats = NDArray[np.float64]
 
@@ -133,7 +134,7 @@ def initial_state(
     config = campaign.config
     model = model_at(config.estimator.model, measurement.speed, config.estimator.law)
     speed = Smoothed(measurement.speed, now)
-    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, 0.0)
+    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, 0.0, NO_RATE_BIAS)
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
     history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
@@ -204,7 +205,8 @@ def tick(
     # numba takes no condition inside the call below
     gear = config.estimator.gear
     steered = state.rate, pilot_state.command
-    rate = rudder_rate_step(model, pilot_state.rate, steered, (gear.angle_max, gear.rate_max), dt)
+    most, on_course = (gear.angle_max, gear.rate_max), now >= pilot_state.guide.turning_until
+    rate = rudder_rate_step(model, pilot_state.rate, steered, most, dt, on_course=on_course)
     gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
     return State(
@@ -288,6 +290,7 @@ def _must_go(
         or now - right_time >= WRONG_TIME
         or abs(compass.turns.apart) > alarms.rate_disagrees
         or (are_opposite(compass.turns) and math.isfinite(alarms.rate_disagrees))
+        or abs(pilot_state.fusion.gyro.bias) > RATE_OFF
         or pilot_state.speed.value < campaign.config.estimator.steerage
         or (alarms.frozen_heading and compass.same >= FROZEN_SAMPLES)
         or now - easy_time >= alarms.off_course_time
@@ -326,8 +329,8 @@ def _listen(
             pilot_state.model, pilot_state.turning.limits, pilot_state.guide.boat
         )
         if is_fused and is_planned:
-            state, mean, spikes, spike, lean, leans = fusion
-            fusion = Fusion(with_bias_of(before, state), mean, spikes, spike, lean, leans)
+            state, mean, spikes, spike, lean, leans, gyro = fusion
+            fusion = Fusion(with_bias_of(before, state), mean, spikes, spike, lean, leans, gyro)
         heading_time = time if is_fused else heading_time
         gone = gone or fusion.spikes > GATE_PATIENCE
     return State(

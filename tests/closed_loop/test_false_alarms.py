@@ -101,6 +101,15 @@ def test_the_first_waves_are_no_push_that_the_rudder_cannot_hold() -> None:
     assert minutes.false == {}
 
 
+@pytest.mark.parametrize(("number", "seed", "seconds"), [(2, 20261127, 200.0), (1, 20261126, 2600.0)])
+def test_a_sea_that_pushes_a_boat_about_makes_its_rudder_no_slow_one(number: int, seed: int, seconds: float) -> None:
+    """On a course the rudder answers the sea, and a slow gear fits what the boat does the better the more it does so:
+    believed, it made a launch swing by 12 deg for half an hour, and the last look at a command gave the helm back."""
+    _, minutes = endurance_alarms.hour_of(endurance_alarms.plants()["launch"], number, seed, seconds)
+    assert minutes.false == {}
+    assert minutes.ended == {}
+
+
 def test_a_rudder_that_follows_the_sea_at_its_own_pace_is_no_livelier_boat() -> None:
     """A short sea within a long one, of which the filter knows one frequency: the rudder went with it, and the boat was
     given back for one that turns much faster than its file says, after 433 s."""

@@ -9,6 +9,7 @@ import pytest
 from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
+from autopilot.estimation.rate_bias import NO_RATE_BIAS
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN
 from autopilot.models.norrbin import Norrbin
@@ -22,7 +23,8 @@ NO = math.nan
 
 
 def fusion(heading: float = 0.0, innovation_mean: float = 0.0) -> Fusion:
-    return Fusion(ekf.initial(0.0, heading, 0.0, NOISE), innovation_mean)
+    gyro = NO_RATE_BIAS._replace(p11=0.0)
+    return Fusion(ekf.initial(0.0, heading, 0.0, NOISE), innovation_mean, gyro=gyro)
 
 
 def deviation(state: FilterState, variance: float, *, of_rate: bool) -> float:

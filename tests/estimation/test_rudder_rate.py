@@ -32,7 +32,9 @@ def found(
         command = 0.0 if now < 2.0 else size if now % 30.0 < 15.0 else -size
         rudder += min(max(command - rudder, -RATE / slower * DT), RATE / slower * DT)
         rate += DT * yaw_acceleration(boat, rate, rudder + push(now))
-        state = rudder_rate_step(BOAT, state, (rate + noise * random.standard_normal(), command), (MOST, RATE), DT)
+        state = rudder_rate_step(
+            BOAT, state, (rate + noise * random.standard_normal(), command), (MOST, RATE), DT, on_course=False
+        )
     return state, rudder
 
 
@@ -64,5 +66,5 @@ def test_a_rudder_that_hardly_moves_tells_nothing() -> None:
 
 def test_a_course_unstable_boat_and_a_rudder_without_a_rate_are_left_alone() -> None:
     steered = 0.1, MOST
-    assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, (MOST, RATE), DT) is AS_FILED
-    assert rudder_rate_step(BOAT, AS_FILED, steered, (MOST, math.inf), DT) is AS_FILED
+    assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, (MOST, RATE), DT, on_course=False) is AS_FILED
+    assert rudder_rate_step(BOAT, AS_FILED, steered, (MOST, math.inf), DT, on_course=False) is AS_FILED

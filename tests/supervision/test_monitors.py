@@ -318,6 +318,15 @@ def test_a_gyro_of_the_wrong_sign_is_nobodys_business_where_that_is_not_watched(
         assert not monitors.state.consistency.found
 
 
+def test_a_gyro_that_drifts_from_the_compass_is_reported_by_how_much() -> None:
+    monitors, reported = Monitors(LIMITS._replace(rate_disagrees=math.radians(15.0))), []
+    for bias_deg_s in (0.4, 0.7, 0.9, 0.6, 0.4, -0.8, -0.2):
+        monitors.update(watched(0.0, 0.0)._replace(rate_bias=math.radians(bias_deg_s)))
+        event = monitors.findings.get("rate_disagrees")
+        reported.append("" if event is None else event.detail)
+    assert reported == ["", "", "0.9 deg/s apart", "0.9 deg/s apart", "", "0.8 deg/s apart", ""]
+
+
 def test_a_gyro_that_is_right_again_is_believed_after_a_while() -> None:
     monitors, disagreed = Monitors(LIMITS._replace(rate_disagrees=math.radians(15.0))), []
     for k in range(500):
