@@ -98,8 +98,8 @@ from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Memory, Supervisor
-from autopilot.supervision.tuning import RATE_OFF_KNOWN
 from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, thruster_step
+from autopilot.supervision.tuning import RATE_OFF_KNOWN
 
 CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""

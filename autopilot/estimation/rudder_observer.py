@@ -311,8 +311,8 @@ def rudder_rate_step(
     on_course: bool,
 ) -> RudderRate:
     """Return what is known `dt` [s] later. steered: the boat's rate [rad/s], and the rudder's command [rad] since;
-    limits: the rudder's angle [rad] and filed rate [rad/s]. on_course: the rudder answers what pushes the boat, where in
-    a turn it is told by the plan: what it does then says as much less as a push lasts longer than the mean of y."""
+    limits: the rudder's angle [rad] and filed rate [rad/s]. on_course: the rudder answers what pushes the boat, where
+    in a turn it is told by the plan: what it does then says as much less as a push lasts longer than the mean of y."""
     filed, half, quarter, eighth, last, damped, time, found, squared, slower, is_sure = before
     (rate, command), (angle_max, rate_max) = steered, limits
     gain, time_constant, n3, n2, n1, n0, _ = model

@@ -293,8 +293,8 @@ def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: floa
 
 class State(NamedTuple):
     """What the compass watch remembers; rate [rad/s]: the boat's, a tick ago; off_since [s]: since when the
-    innovation's mean has been off, nan: it is not; off_by: how far it was when that was said first; rate_off: what is said
-    of a rate sensor's standing error."""
+    innovation's mean has been off, nan: it is not; off_by: how far it was when that was said first; rate_off: what is
+    said of a rate sensor's standing error."""
 
     standing: Standing = Standing()
     sea: Sea = Sea()

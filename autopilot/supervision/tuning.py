@@ -151,8 +151,8 @@ DISAGREES_LASTS = 1.0
 """Turns by heading and by rate must differ for so long [s]."""
 RATE_OFF, RATE_RIGHT = math.radians(0.75), math.radians(0.5)
 RATE_OFF_KNOWN = (0.2 * RATE_OFF) ** 2
-"""A rate sensor that is off by the first [rad/s], known to that variance [(rad/s)^2], is reported until it is off by less
-than the second: beyond what is left of a gyro's calibration, or the heading drifts."""
+"""A rate sensor that is off by the first [rad/s], known to that variance [(rad/s)^2], is reported until it is off by
+less than the second: beyond what is left of a gyro's calibration, or the heading drifts."""
 DISAGREES_SAID = 20.0
 """That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of its gyro."""
 FROZEN_SAMPLES = 10
