@@ -446,7 +446,7 @@ def with_rudder_rate(
     (command, dt), gear = moved, config.estimator.gear
     limits = gear.angle_max, gear.rate_max
     on_course = way.order.kind is OrderKind.HEADING and steady.time >= way.guide.turning_until
-    rate = rudder_rate_step(estimate.model, before, (steady.rate, command), limits, dt, on_course=on_course)
+    rate = rudder_rate_step(estimate.model, before, (steady.rate, command, on_course), limits, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))

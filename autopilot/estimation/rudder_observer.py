@@ -304,17 +304,16 @@ def gone_by(gear: SteeringGear, state: RudderRate) -> SteeringGear:
 def rudder_rate_step(
     model: Norrbin,
     before: RudderRate,
-    steered: tuple[float, float],
+    steered: tuple[float, float, bool],
     limits: tuple[float, float],
     dt: float,
-    *,
-    on_course: bool,
 ) -> RudderRate:
-    """Return what is known `dt` [s] later. steered: the boat's rate [rad/s], and the rudder's command [rad] since;
-    limits: the rudder's angle [rad] and filed rate [rad/s]. on_course: the rudder answers what pushes the boat, where
-    in a turn it is told by the plan: what it does then says as much less as a push lasts longer than the mean of y."""
+    """Return what is known `dt` [s] later. steered: the boat's rate [rad/s], the rudder's command [rad] since, and
+    whether the boat is on its course: there the rudder answers what pushes the boat, where in a turn it is told by the
+    plan, and what it does says as much less as a push lasts longer than the mean of y; limits: the rudder's angle [rad]
+    and filed rate [rad/s]."""
     filed, half, quarter, eighth, last, damped, time, found, squared, slower, is_sure = before
-    (rate, command), (angle_max, rate_max) = steered, limits
+    (rate, command, on_course), (angle_max, rate_max) = steered, limits
     gain, time_constant, n3, n2, n1, n0, _ = model
     if not dt > 0.0 or not rate_max < math.inf or n1 <= 0.0:
         return before

@@ -204,9 +204,8 @@ def tick(
     right_time = listened.right_time if _pushes_away(config, off, command, state) else now
     # numba takes no condition inside the call below
     gear = config.estimator.gear
-    steered = state.rate, pilot_state.command
-    most, on_course = (gear.angle_max, gear.rate_max), now >= pilot_state.guide.turning_until
-    rate = rudder_rate_step(model, pilot_state.rate, steered, most, dt, on_course=on_course)
+    steered = state.rate, pilot_state.command, now >= pilot_state.guide.turning_until
+    rate = rudder_rate_step(model, pilot_state.rate, steered, (gear.angle_max, gear.rate_max), dt)
     gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
     return State(
