@@ -1,4 +1,4 @@
-"""The standing error of a rate sensor, told from the headings beside it.
+"""The standing error of a rate sensor, found by the headings beside it.
 
 x = (psi, g): the measured rate w carries the heading, psi' = w - g, and g' = 0 + noise; a compass shows psi. A Kalman
 filter of two states on measurements alone: no model of boat or rudder is in it, so that neither wind nor a wrong model

@@ -309,7 +309,7 @@ def rudder_rate_step(
     dt: float,
 ) -> RudderRate:
     """Return what is known `dt` [s] later. steered: the boat's rate [rad/s], the rudder's command [rad] since, and
-    whether the boat is on its course: there the rudder answers what pushes the boat, where in a turn it is told by the
+    whether the boat is on its course: there the rudder answers what pushes the boat, where in a turn it follows the
     plan, and what it does says as much less as a push lasts longer than the mean of y; limits: the rudder's angle [rad]
     and filed rate [rad/s]."""
     filed, half, quarter, eighth, last, damped, time, found, squared, slower, is_sure = before

@@ -1,4 +1,4 @@
-"""A rate sensor's standing error is told from compass and gyro alone, and what is no such error is taken for none."""
+"""A rate sensor's standing error is found by compass and gyro alone, and what is no such error is taken for none."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def learnt(
     for index in range(round(seconds / DT)):
         now = index * DT
         shown = heading + shows(now) + math.sqrt(NOISE[0]) * float(random.standard_normal())
-        told = rate(now) + bias + math.sqrt(NOISE[1]) * float(random.standard_normal())
-        known.append(rate_bias_step(known[-1], (now, wrap(shown), told), NOISE))
+        measured = rate(now) + bias + math.sqrt(NOISE[1]) * float(random.standard_normal())
+        known.append(rate_bias_step(known[-1], (now, wrap(shown), measured), NOISE))
         heading += DT * rate(now + 0.5 * DT)
     return known[1:]
 
