@@ -93,13 +93,13 @@ def judged(kind: Kind, seed: int, held: dict[str, Held]) -> bool:
         found = identify(fitted, Question(reference_speed=speed))
     except InputError:
         return False
-    if found.likely is None:
+    if found.predictor is None:
         return False
     helm = Zigzag(math.radians(10.0))
     samples = list(sailed(often, weather, helm, ZIGZAG_H * kind.h + AHEAD_S, speed, random))
     flows, flow = in_the_race(found.around, fitted, speed)
-    likely = widened(found.likely, flows, flow)
-    expected = forecast(found.likely, flows, flow, fastest_rudder(fitted))
+    likely = widened(found.predictor, flows, flow)
+    expected = forecast(found.predictor, flows, flow, fastest_rudder(fitted))
     for number, (band, value) in enumerate(
         zip(expected.overshoots[10.0], overshoots_of(samples, helm.turns), strict=False)
     ):

@@ -297,7 +297,10 @@ def _identify(
             found = method.identify(fitted, question)
         else:
             found = choice.found
-    tests = residual_tests(fitted, found.model, found.around, found.train, dict(found.trims))
+    model, train = found.model, found.train
+    if found.sliding is not None and found.around is None:
+        model, train = found.sliding.model, found.sliding.fit.train
+    tests = residual_tests(fitted, model, found.around, train, dict(found.trims))
     result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
     return result._replace(residual_tests=tests, choice=choice)
 
@@ -429,8 +432,8 @@ def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Seque
     predictions = [(run, "fit", found.predict(run)) for run in fitted]
     predictions += [(run, "holdout", found.predict(run)) for run in held_out]
     speed, measured, expected = found.model.reference_speed, rudder_rate_of(fitted), None
-    if found.likely is not None and not undetermined(found):
+    if found.predictor is not None and not undetermined(found):
         rudder_rate = measured.rate if measured else fastest_rudder(fitted)
-        expected = forecast(found.likely, *in_the_race(found.around, fitted, speed), rudder_rate)
+        expected = forecast(found.predictor, *in_the_race(found.around, fitted, speed), rudder_rate)
     stage_one = nomoto_stage(fitted, speed)
     return Result(kind, found, stage_one, predictions, rudder_rate=measured, forecast=expected)

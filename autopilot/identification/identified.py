@@ -109,6 +109,14 @@ class Ratios(NamedTuple):
         return abs(self.values[1]) < SURE_OF_IT * self.errors[1]
 
 
+class Sliding(NamedTuple):
+    """A boat that slides in its turns, of Nomoto's second order with Norrbin's damping: the fit, whose train's lag and
+    lead are T2 and T3, and its model, whose T is T1."""
+
+    model: Norrbin
+    fit: LikelihoodFit
+
+
 class Identified(NamedTuple):
     """The model; standard errors by parameter name, None where not fitted; what the runs cannot tell, a sentence
     by symbol; the residuals of rate and heading; n3 of the steady-turn stage where there was one; what propeller
@@ -118,7 +126,9 @@ class Identified(NamedTuple):
     for and the runs show it. trims: where each run has an n0 of its own, that [rad/s] by the run's source; the model's
     is their mean. ratios: where the method has them, what is determined of a boat of either stability.
     leans: by symbol K, T and n3 the share of what is known of K/T, n1/T and n3/T that other boats said; empty where
-    they said nothing. likely: the likelihood's fit with the weather that it found, where that answered."""
+    they said nothing. likely: the likelihood's fit with the weather that it found, where that answered. sliding: the
+    boat of second order where the runs show that it slides: predictions are made with it, `model` is what it is steered
+    by."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -136,6 +146,12 @@ class Identified(NamedTuple):
     ratios: Ratios | None = None
     leans: Mapping[str, float] = MappingProxyType({})
     likely: LikelihoodFit | None = None
+    sliding: Sliding | None = None
+
+    @property
+    def predictor(self) -> LikelihoodFit | None:
+        """The fit that says what the boat will do."""
+        return self.likely if self.sliding is None else self.sliding.fit
 
     def predict(self, run: Run) -> Prediction:
         """Return how well `run` is predicted, with propeller and wind where both model and run know them."""
@@ -148,6 +164,8 @@ class Identified(NamedTuple):
     def _known_to(self, run: Run) -> tuple[Norrbin, Run, RaceAndWind | None, RudderTrain]:
         n0 = dict(self.trims).get(run.source, self.model.n0)
         if self.around is None or self.plain is None:
+            if self.sliding is not None:
+                return self.sliding.model, run, None, self.sliding.fit.train
             return self.model._replace(n0=n0), run, None, self.train
         lacks_race = self.around.race > 0.0 and not has_propeller([run])
         lacks_wind = (self.around.wind_beam or self.around.wind_quarter) and not has_wind([run])

@@ -17,6 +17,7 @@ from autopilot.identification.likelihood_record import Record, instruments, reco
 from autopilot.identification.likelihood_search import (
     GUST_TIME_S,
     RATE_NAMES,
+    SWAY,
     Space,
     first_axes,
     inverse,
@@ -43,12 +44,14 @@ MAYBE_WAVES = -0.5
 
 class Unseen(NamedTuple):
     """By how much a delay, and by how much a play of the rudder, would raise the logarithm of the likelihood where they
-    were not fitted; the likeliest play [rad], to either side, and the least that the record excludes."""
+    were not fitted; the likeliest play [rad], to either side, and the least that the record excludes; by how much a
+    boat that slides would."""
 
     late_worth: float
     play_worth: float
     play: float
     excluded: float
+    sway_worth: float = 0.0
 
 
 class LikelihoodFit(NamedTuple):
@@ -88,6 +91,8 @@ def likelihood_fit(
     # a lag longer than the boat's own would change places with it
     shortly = min(USUALLY_LATE_S, START_LATE * memory_of(guess, segments))
     train = DIRECT._replace(**{part: PLAYS[1] if part == "dead_band" else shortly for part in parts})
+    if set(SWAY) <= set(parts):
+        train = train._replace(**sliding(memory_of(guess, segments)))
     if record.nodes > LONG:
         part = record_of([_liveliest(segment) for segment in segments], reference_speed, memory_of(guess, segments))
         rough = Space(part, guess, calm, train, parts, scale)
@@ -134,6 +139,11 @@ def likelihood_fit(
     return LikelihoodFit(boat, spread, train, errors, weather, loss, late_error, unseen, _motions(space, best))
 
 
+def sliding(memory: float) -> dict[str, float]:
+    """Return the usual lag and lead [s] of a boat that slides and forgets its rate in so long a time [s]."""
+    return {part: share * memory for part, share in SWAY.items()}
+
+
 def _motions(space: Space, z: FloatArray) -> tuple[FloatArray, ...]:
     """Return `LikelihoodFit.motions` at the vector."""
     states, record = space.found(z).states, space.record
@@ -167,7 +177,8 @@ def _unseen(space: Space, z: FloatArray, memory: float, least: float) -> Unseen:
     plays = {0.0: 0.0, **{play: worth(train._replace(dead_band=play)) for play in tried}}
     likeliest = max(plays, key=lambda play: plays[play])
     unlikely = [play for play in plays if play > likeliest and plays[play] < plays[likeliest] - UNLIKELY]
-    return Unseen(max([0.0, *late]), plays[likeliest], likeliest, min(unlikely, default=math.inf))
+    slides = worth(train._replace(**sliding(memory))) if train.lag == train.lead == 0.0 else 0.0
+    return Unseen(max([0.0, *late]), plays[likeliest], likeliest, min(unlikely, default=math.inf), slides)
 
 
 LATE_SHARES = (0.03, 0.1)

@@ -19,6 +19,7 @@ from autopilot.identification.identified import (
     Identified,
     Question,
     Ratios,
+    Sliding,
     Steps,
 )
 from autopilot.identification.likelihood_fit import (
@@ -31,8 +32,9 @@ from autopilot.identification.likelihood_fit import (
     start_rates,
 )
 from autopilot.identification.likelihood_record import white_noise
+from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
-from autopilot.identification.residual_tests import simulate_run
+from autopilot.identification.residual_tests import predict, simulate_run
 from autopilot.identification.residuals import Noise, residual_noise
 from autopilot.identification.rudder_path import RudderTrain
 from autopilot.identification.runs import SHORTEST_SHARE, FloatArray, Run, Segment, shortest_time_constant
@@ -48,6 +50,8 @@ QUICK = 2.0
 """A boat this many times as slow as the samples can tell, or quicker, is left to the fit that knows that limit."""
 SURELY_LATE = 5.0
 """A delay of which nobody knows is looked for where it would raise the logarithm of the likelihood by so much."""
+SURELY_SLIDES = 10.0
+"""A boat slides where that raises the logarithm of the likelihood by so much: two numbers more, of any log."""
 SMALLEST_B = 1.0e-6
 
 
@@ -65,7 +69,54 @@ def likeliest(
     what other boats say of this one.
     """
     found, reasons = likeliest_fit(runs, speed, linear, question.rudder_train, steps)
-    return None if found is None else answer_of(found, runs, speed, question.prior, reasons)
+    answer = None if found is None else answer_of(found, runs, speed, question.prior, reasons)
+    if found is None or answer is None or found.unseen.sway_worth < SURELY_SLIDES:
+        return answer
+    sliding = _sliding(found, runs, speed, linear, steps)
+    if sliding is None:
+        return answer
+    return answer._replace(sliding=sliding, notes=(*answer.notes, _slides(sliding)))
+
+
+def _sliding(
+    found: LikelihoodFit, runs: Sequence[Run], speed: float, linear: Norrbin | None, steps: Steps
+) -> Sliding | None:
+    """Return the boat of second order where the runs show that the boat slides; None where they do not.
+
+    It must make them surely likelier, its lead must be surely longer than its lag, which else is the steering gear's,
+    and it must explain more of the runs from rudder and speed alone.
+    """
+    segments = tuple(segment for run in runs for segment in run.segments)
+    kept = tuple(name for name in found.train_errors if name not in SWAY)
+    # likelihoods are compared on one grid of times, which goes with where the search begins
+    begin = _begin(segments, speed, start_rates(segments, speed), linear)
+    if begin is None:
+        return None
+    straight = likelihood_fit(segments, speed, begin, kept, steps.next) if kept else found
+    fit = likelihood_fit(segments, speed, begin, (*kept, *SWAY), steps.next)
+    if fit is None or straight is None or straight.loss - fit.loss < SURELY_SLIDES:
+        return None
+    (_, _, lag, lead), errors = fit.train, fit.train_errors
+    if not lead - lag > SURELY_TURNS * math.hypot(errors["lag"], errors["lead"]):
+        return None
+    sliding, before = Sliding(_in_norrbin(fit, speed)[0], fit), _in_norrbin(found, speed)[0]
+    unexplained = [
+        sum(1.0 - (predict(model, run, None, train).yaw_rate_r2 or 0.0) for run in runs)
+        for model, train in ((before, found.train), (sliding.model, fit.train))
+    ]
+    return sliding if unexplained[1] < unexplained[0] else None
+
+
+def _slides(sliding: Sliding) -> str:
+    """Return what is to be said of a boat that slides."""
+    model, (_, _, lag, lead) = sliding.model, sliding.fit.train
+    errors = sliding.fit.train_errors
+    return (
+        f"The boat slides in its turns: of Nomoto's second order its lag T2 is {lag:.2g} +- "
+        f"{SURE_OF_IT * errors['lag']:.1g} s and its lead T3 {lead:.2g} +- {SURE_OF_IT * errors['lead']:.1g} s, with K "
+        f"{model.gain:.3g} 1/s, T1 {model.time_constant:.3g} s and n1 {model.n1:+.0f}. Predictions are made with it. "
+        "The boat is steered by K, T and n3 above, of the first order."
+    )
 
 
 def likeliest_fit(
@@ -174,13 +225,13 @@ def answer_of(
 
 def _behind(found: LikelihoodFit, runs: Sequence[Run]) -> tuple[str, ...]:
     """Return what is to be said of the way from the recorded rudder to the water, where nobody expects it."""
-    said, (_, worth, _, excluded), train = [], found.unseen, found.train
+    said, unseen, train = [], found.unseen, found.train
     if not ordered(runs) and train.delay > 0.0:
         said.append(
             f"The motion follows the measured rudder {train.delay:.2g} +- {SURE_OF_IT * found.late_error:.1g} s late: "
             "compass or gyro are late, or the rudder is recorded early; the delay is taken into account."
         )
-        if worth > SURELY_LATE:
+        if unseen.play_worth > SURELY_LATE:
             said[-1] += " A play of the rudder would explain it nearly as well; a zigzag with half the angle tells."
     if train.dead_band > 0.0:
         error = math.degrees(SURE_OF_IT * found.train_errors["dead_band"])
@@ -188,8 +239,8 @@ def _behind(found: LikelihoodFit, runs: Sequence[Run]) -> tuple[str, ...]:
             f"The rudder has {math.degrees(train.dead_band):.2g} +- {error:.1g} deg of play to either side between its "
             "record and the water; it is taken into account, and taking it out of the gear is better."
         )
-    elif not ordered(runs) and excluded > LEAST_PLAY:
-        most = f"up to {math.degrees(excluded):.2g} deg" if math.isfinite(excluded) else "of some degrees"
+    elif not ordered(runs) and unseen.excluded > LEAST_PLAY:
+        most = f"up to {math.degrees(unseen.excluded):.2g} deg" if math.isfinite(unseen.excluded) else "of some degrees"
         said.append(
             f"These runs do not exclude a play of the rudder {most} to either side, which would show as a smaller K; "
             "zigzags with two rudder angles (5/5 and 20/20) would."

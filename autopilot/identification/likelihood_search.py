@@ -42,6 +42,9 @@ GUST_TIME_S, GUST_TIME_WIDTH = 6.0, 0.6
 and passes at 5 to 10 m/s (Counihan 1975), 2 to 12 s. Shorter pushes are waves, or white."""
 LATE_S, PLAY_RAD = 0.15, math.radians(0.5)
 """How late a rudder usually is, and how much play it has to either side."""
+SWAY = {"lag": 0.15, "lead": 0.45}
+"""Where the search for a boat that slides begins, and what is usual of one, as shares of the time in which it forgets
+its rate: T2 and T3 of the second order of Nomoto et al. 1957. Tankers and container ships have T3 of 1.2 to 3 T2."""
 WIDE = 40.0
 """Logarithms beyond this are held."""
 
@@ -53,6 +56,14 @@ class _Prior(NamedTuple):
     def loss(self, value: float) -> float:
         """Return the negative logarithm of the density of a `value`, but for a constant."""
         return 0.5 * ((value - self.middle) / self.width) ** 2
+
+
+def _usual(part: str, train: RudderTrain, parts: tuple[str, ...]) -> float:
+    """Return what is usual of a part of the rudder's way: a steering gear's, or what the boat is supposed to slide
+    by, where that is what the search begins with."""
+    if "lead" in parts and part in SWAY:
+        return float(getattr(train, part))
+    return PLAY_RAD if part == "dead_band" else LATE_S
 
 
 class Space:
@@ -81,7 +92,7 @@ class Space:
             "wave": _Prior(math.log(weather.wave) if weather.wave > 0.0 else 0.0, 1.5),
             "wave_frequency": _Prior(math.log(weather.wave_frequency), 0.7),
             "wave_damping": _Prior(math.log(0.1), 0.7),
-            **{part: _Prior(math.log(PLAY_RAD if part == "dead_band" else LATE_S), 1.2) for part in parts},
+            **{part: _Prior(math.log(_usual(part, train, parts)), 1.2) for part in parts},
         }
         self.path = begin_path(record)
         if weather.wave > 0.0:

@@ -90,23 +90,30 @@ def boats_of(fit: LikelihoodFit, ratios: FloatArray, random: np.random.Generator
 class _Motion:
     """Boats under way: rate [rad/s] and heading [rad], shape (N,), pushed as the fit says."""
 
-    def __init__(self, boats: Boats, random: np.random.Generator, rate: FloatArray | float = 0.0) -> None:
+    def __init__(
+        self,
+        boats: Boats,
+        random: np.random.Generator,
+        rate: FloatArray | float = 0.0,
+        rudder: FloatArray | float = 0.0,
+    ) -> None:
         count = boats.a.size
         self.boats, self.random = boats, random
         self.rate, self.heading = np.zeros(count) + rate, np.zeros(count)
         self.gust = boats.fit.weather.gust * random.normal(size=count)
-        self._played = self._lagged = np.zeros(count)
-        self._late = [np.zeros(count)] * round(boats.fit.train.delay / boats.step)
+        self._played = self._lagged = np.zeros(count) + rudder
+        self._late = [self._played] * round(boats.fit.train.delay / boats.step)
 
     def move(self, rudder: FloatArray, ratio: FloatArray) -> None:
         """Go on by a step, the rudders standing at `rudder` [rad], at these speeds."""
         boats, weather, h = self.boats, self.boats.fit.weather, self.boats.step
-        play, lag = boats.fit.train.dead_band, boats.fit.train.lag
+        play, _, lag, lead = boats.fit.train
         self._played = np.clip(self._played, rudder - play, rudder + play)
         self._late.append(self._played)
         rudder = self._late.pop(0)
         self._lagged = rudder if lag <= 0.0 else rudder + math.exp(-h / lag) * (self._lagged - rudder)
-        drive = ratio * ratio * (boats.a * self._lagged - boats.e) + self.gust
+        effective = self._lagged + (lead / lag * (rudder - self._lagged) if lag > 0.0 else 0.0)
+        drive = ratio * ratio * (boats.a * effective - boats.e) + self.gust
         linear, cubic = boats.b * ratio, boats.d / ratio
         middle = self.rate + 0.5 * h * (drive - self.rate * (linear + cubic * self.rate * self.rate))
         turned = h * (drive - middle * (linear + cubic * middle * middle))
@@ -119,7 +126,7 @@ class _Motion:
 
 def turned(boats: Boats, helm: Helm, seconds: float, rate: FloatArray | float = 0.0) -> FloatArray:
     """Return headings [rad] of all boats after each step of `seconds` [s], shape (steps, N), from a `rate` [rad/s]."""
-    motion = _Motion(boats, np.random.default_rng(SEED), rate)
+    motion = _Motion(boats, np.random.default_rng(SEED), rate, helm(0.5 * boats.step)[0])
     rows = []
     for k in range(max(1, round(seconds / boats.step))):
         motion.move(*helm((k + 0.5) * boats.step))
