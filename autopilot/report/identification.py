@@ -115,6 +115,7 @@ def document_of(result: Result) -> dict[str, Any]:
         "notes": notes(result),
         "two_stage": _stages(result),
         "trims_n0_rad_s": dict(found.trims),
+        "sliding": _sliding(found),
         "forecast": {what: _band_document(band) for what, band in _forecast(result)},
         "model_choice": choice_document(result.choice) if result.choice else None,
         "residuals": {
@@ -129,6 +130,18 @@ def verdict_on(result: Result) -> Verdict:
     """Return what the model is good for."""
     fitted = [prediction for _, role, prediction in result.predictions if role == "fit"]
     return verdict_of(result.found, fitted, result.residual_tests)
+
+
+def _sliding(found: Identified) -> dict[str, Any] | None:
+    if found.sliding is None:
+        return None
+    model, fit = found.sliding
+    numbers = {"K_1_s": model.gain, "T1_s": model.time_constant, "n1": model.n1, "n3_s2_rad2": model.n3}
+    return {
+        **numbers,
+        "T2_s": {"value": fit.train.lag, "std": fit.train_errors["lag"]},
+        "T3_s": {"value": fit.train.lead, "std": fit.train_errors["lead"]},
+    }
 
 
 def _ratios(found: Identified) -> dict[str, dict[str, Any]] | None:

@@ -1,0 +1,63 @@
+"""A boat that slides in its turns is found, its prediction made with it, and one that does not slide is not said to."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from autopilot.identification.identified import Identified
+from autopilot.identification.identify import identify
+from autopilot.identification.runs import Run, run_from_columns
+
+NAMES = ("time_s", "rudder_rad", "speed_m_s", "heading_rad", "yaw_rate_rad_s")
+DT, SAMPLED = 0.02, 10
+K, T1 = 0.3, 40.0
+
+
+def zigzag(seconds: float, lag: float, lead: float, *, gust: float = 0.0, seed: int = 1) -> Run:
+    """Sail a 10/10 zigzag with the rudder at 5 deg/s: T1 r' + r = K v, v the rudder behind (1 + T3 s)/(1 + T2 s), and
+    gusts worth so much rudder [rad] over 6 s."""
+    random = np.random.default_rng(seed)
+    rate = heading = rudder = lagged = push = 0.0
+    side, rows = 1.0, []
+    for step in range(round(seconds / DT)):
+        if step % SAMPLED == 0:
+            noise = np.radians(0.1) * random.standard_normal(2)
+            rows.append((step * DT, rudder, 3.0, heading + noise[0], rate + noise[1]))
+        side = -side if side * heading > math.radians(10.0) else side
+        way = side * math.radians(10.0) - rudder
+        rudder += min(max(way, -math.radians(5.0) * DT), math.radians(5.0) * DT)
+        lagged += DT / lag * (rudder - lagged) if lag > 0.0 else rudder - lagged
+        driven = lagged + (lead / lag * (rudder - lagged) if lag > 0.0 else 0.0)
+        push += -DT / 6.0 * push + gust * math.sqrt(2.0 * DT / 6.0) * float(random.standard_normal())
+        rate += DT / T1 * (K * (driven + push) - rate)
+        heading += DT * rate
+    return run_from_columns("zigzag", dict(zip(NAMES, np.array(rows).T, strict=True)))
+
+
+def found(run: Run) -> Identified:
+    return identify([run])
+
+
+def test_lag_and_lead_of_a_boat_that_slides_are_found_and_predict_another_run() -> None:
+    answer = found(zigzag(300.0, 3.0, 9.0, gust=math.radians(0.3)))
+    assert answer.sliding is not None
+    model, fit = answer.sliding
+    errors = fit.train_errors
+    assert abs(fit.train.lag - 3.0) < 3.0 * errors["lag"] < 3.0
+    assert abs(fit.train.lead - 9.0) < 3.0 * errors["lead"] < 6.0
+    assert model.gain / model.time_constant == pytest.approx(K / T1, rel=0.2)
+    assert any("slides" in note for note in answer.notes)
+    other = zigzag(300.0, 3.0, 9.0, seed=2)
+    # in a calm the boat that was found misses less than a twentieth of what the one of first order does not explain
+    first = answer._replace(sliding=None).predict(other)
+    second = answer.predict(other)
+    assert second.yaw_rate_r2 is not None and first.yaw_rate_r2 is not None
+    assert second.yaw_rate_r2 > 0.95 > first.yaw_rate_r2
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_gusts_make_no_boat_slide(seed: int) -> None:
+    assert found(zigzag(200.0, 0.0, 0.0, gust=math.radians(1.0), seed=20261127 + seed)).sliding is None
