@@ -176,7 +176,7 @@ def layer(folder: Path, epoch: int) -> bytes:
     return packed.getvalue()
 
 
-def image(folders: Iterable[Path], out: Path, architecture: str, epoch: int) -> Path:
+def image(folders: Iterable[Path], out: Path, architecture: str, epoch: int, published_at: str = "") -> Path:
     """Write an OCI image whose layers are `folders`, the lowest first; return its path.
 
     Source: OCI image format 1.1 (image-layout, manifest, config).
@@ -197,7 +197,7 @@ def image(folders: Iterable[Path], out: Path, architecture: str, epoch: int) -> 
         "org.opencontainers.image.title": "norrbin",
         "org.opencontainers.image.version": __version__,
         "org.opencontainers.image.licenses": "MIT",
-        **blueos_labels(),
+        **blueos_labels(published_at),
     }
     config = {
         "architecture": architecture,
@@ -205,7 +205,7 @@ def image(folders: Iterable[Path], out: Path, architecture: str, epoch: int) -> 
         "config": {
             "Entrypoint": ["/usr/bin/autopilot"],
             "Env": ["PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "LANG=C.UTF-8"],
-            "Cmd": ["--help"],
+            "Cmd": PAGE.split(),
             "WorkingDir": "/var/lib/norrbin",
             "Labels": labels,
         },
@@ -233,11 +233,25 @@ def image(folders: Iterable[Path], out: Path, architecture: str, epoch: int) -> 
     return place
 
 
-def blueos_labels() -> dict[str, str]:
-    """Return what BlueOS reads of an extension's image: version, permissions, kind.
+PAGE = (
+    "web --link udpin:127.0.0.1:14551 --listen 0.0.0.0:8080 --logs /var/lib/norrbin "
+    "--token-file /var/lib/norrbin/web.token --boat /var/lib/norrbin/boat.yaml"
+)
+"""What the image does where nobody says: the page, with the steps to a boat's file, for a pilot that sends there."""
 
-    Source: BlueOS documentation, "Extensions", metadata of the image.
+
+def blueos_labels(published_at: str = "") -> dict[str, str]:
+    """Return what BlueOS reads of an extension's image: version, permissions, kind, who made it, and, where the project
+    is published at an address, its links and README.
+
+    Source: bluerobotics/BlueOS-Extensions-Repository, README and `extension.py`.
     """
+    links = {
+        "website": published_at,
+        "documentation": f"{published_at}/tree/main/docs",
+        "support": f"{published_at}/issues",
+    }
+    published = {"links": json.dumps(links), "readme": f"{published_at}/raw/{{tag_name}}/README.md"}
     permissions = {
         "ExposedPorts": {"8080/tcp": {}},
         "HostConfig": {
@@ -251,6 +265,9 @@ def blueos_labels() -> dict[str, str]:
         "tags": '["autopilot", "boat"]',
         "permissions": json.dumps(permissions, sort_keys=True),
         "requirements": "core >= 1.1",
+        "authors": json.dumps([{"name": "the Norrbin developers", "email": ""}]),
+        "company": json.dumps({"name": "Norrbin", "about": "Turns a sea trial into a boat autopilot.", "email": ""}),
+        **(published if published_at else {}),
     }
 
 
@@ -262,6 +279,7 @@ def main() -> int:
     parser.add_argument("--architecture", choices=MACHINES, action="append")
     parser.add_argument("--python", default="3.11", help="of Debian 12: 3.11, of Debian 13: 3.13 (3.11)")
     parser.add_argument("--rootfs", type=Path, help="a Debian root with that Python: makes an OCI image upon it, too")
+    parser.add_argument("--published-at", default="", metavar="URL", help="where the project is: links of the image")
     chosen = parser.parse_args()
     epoch = int(os.environ.get("SOURCE_DATE_EPOCH", "0"))
     for architecture in chosen.architecture or MACHINES:
@@ -271,7 +289,7 @@ def main() -> int:
             tree(chosen.wheel.resolve(), root, architecture, chosen.python)
             print(deb(root, chosen.out, architecture, chosen.python, epoch))
             if chosen.rootfs is not None and architecture == "amd64":
-                print(image((chosen.rootfs, root), chosen.out, architecture, epoch))
+                print(image((chosen.rootfs, root), chosen.out, architecture, epoch, chosen.published_at))
     return 0
 
 

@@ -27,6 +27,7 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from autopilot import __version__
 from autopilot.errors import InputError, NotYetError
 from autopilot.files.outside import ORDER_MOST, order_object
 from autopilot.interruption import print_end
@@ -178,6 +179,7 @@ class Page:
         """Return the routes."""
         return [
             Route("/", self.asset),
+            Route("/register_service", self.registration),
             Route("/{name:str}", self.asset),
             Route("/api/events", self.events),
             Route("/api/history", self.history),
@@ -201,6 +203,24 @@ class Page:
         if name in self._packed and "gzip" in request.headers.get("accept-encoding", ""):
             content, headers["content-encoding"] = self._packed[name], "gzip"
         return Response(content, media_type=KINDS.get(_ending(name), "text/plain; charset=utf-8"), headers=headers)
+
+    async def registration(self, _: Request) -> Response:
+        """What BlueOS asks each page on its machine for, to list it beside its own.
+
+        Source: BlueOS, `core/services/helper`, ServiceMetadata; in a page of its own, for ours lets nobody frame it.
+        """
+        return JSONResponse(
+            {
+                "name": "Norrbin",
+                "description": "The helm of a boat autopilot: courses, alarms, trials, parameters.",
+                "icon": "mdi-ship-wheel",
+                "company": "Norrbin",
+                "version": __version__,
+                "webpage": "",
+                "api": "",
+                "new_page": True,
+            }
+        )
 
     async def events(self, request: Request) -> Response:
         """What is known of the boat, ten times a second, as server-sent events; who has the token goes first."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import importlib.util
 import json
 import math
 import os
@@ -24,7 +25,8 @@ from page_server import TOKEN, SailingHub, served
 from starlette.requests import Request
 from starlette.testclient import TestClient
 
-from autopilot.cli.main import main
+from autopilot import __version__
+from autopilot.cli.main import build_parser, main
 from autopilot.cli.new_boat import PageOfSteps
 from autopilot.cli.web import listening_address
 from autopilot.errors import InputError
@@ -461,3 +463,31 @@ def test_the_command_ends_with_a_sentence(capsys: pytest.CaptureFixture[str], tm
     for arguments, code, words in cases:
         assert main(["web", *arguments]) == code
         assert words in capsys.readouterr().err
+
+
+def test_blueos_finds_the_page_by_what_it_asks_for(client: Any) -> None:
+    """The fields of its ServiceMetadata, and their kinds; a page that nobody may frame opens in one of its own."""
+    found = client.get("/register_service").json()
+    texts = ("name", "description", "icon", "company", "version", "webpage", "api")
+    assert all(isinstance(found[field], str) for field in texts)
+    assert found["new_page"] is True
+    assert found["version"] == __version__
+
+
+def test_the_image_starts_the_page_and_has_the_labels_that_blueos_reads() -> None:
+    """`{tag_name}` is what the repository of extensions puts the image's tag in for; permissions are Docker's."""
+    place = Path(__file__).parents[2] / ".ci" / "packages.py"
+    spec = importlib.util.spec_from_file_location("packages", place)
+    assert spec is not None and spec.loader is not None
+    packages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(packages)
+    labels = packages.blueos_labels("https://example.org/norrbin")
+    assert labels["type"] == "device-integration"
+    assert json.loads(labels["permissions"])["HostConfig"]["NetworkMode"] == "host"
+    assert all(set(author) == {"name", "email"} for author in json.loads(labels["authors"]))
+    assert set(json.loads(labels["company"])) == {"name", "about", "email"}
+    assert json.loads(labels["links"])["support"] == "https://example.org/norrbin/issues"
+    assert labels["readme"] == "https://example.org/norrbin/raw/{tag_name}/README.md"
+    assert all(tag.replace("-", "").isalnum() for tag in json.loads(labels["tags"]))
+    assert not {"links", "readme"} & set(packages.blueos_labels()), "an address that nobody gave is none"
+    assert build_parser().parse_args(packages.PAGE.split()).listen == "0.0.0.0:8080"
