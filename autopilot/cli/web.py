@@ -37,6 +37,13 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--boat", type=Path, metavar="NAME.yaml", help="show the steps of `autopilot new-boat NAME.yaml` as well"
     )
+    parser.add_argument(
+        "--cert",
+        type=Path,
+        metavar="FILE.crt",
+        help="serve over https, with this certificate (PEM) of the boat's computer",
+    )
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="its key, where the certificate's file has it not")
     add_signing_option(parser)
     add_waiting_option(parser)
     parser.set_defaults(run=run)
@@ -49,11 +56,16 @@ def run(arguments: argparse.Namespace) -> int:
     require_extra()
     from autopilot.cli.new_boat import PageOfSteps
     from autopilot.cli.options import patience_of, signing_of
+    from autopilot.web.certificate import context_of, doubts
     from autopilot.web.hub import Access, Hub, token_of
     from autopilot.web.server import LogIndex, build_app, known_hosts, serve
     from autopilot.web.station import BoatLine, Station
 
     host, port = listening_address(arguments.listen)
+    shown = (_own_address() or host) if ipaddress.ip_address(host).is_unspecified else host
+    if arguments.key is not None and arguments.cert is None:
+        raise InputError(f"--key {arguments.key}: give the certificate that it belongs to, --cert")
+    secure = context_of(arguments.cert, arguments.key, shown) if arguments.cert is not None else None
     patience = patience_of(arguments)
     logs = patience(lambda: LogIndex(arguments.logs))
     token = token_of(arguments.token_file)
@@ -69,8 +81,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise
     hub = Hub(station, line)
     app = build_app(hub, Access(token), logs, steps)
-    _announce(host, sock.getsockname()[1], token)
-    serve(known_hosts(app, host), sock, hub.close)
+    _announce(shown, sock.getsockname()[1], token, is_secure=secure is not None)
+    if secure is not None and (words := doubts(secure, arguments.cert, shown)):
+        print(words, flush=True)
+    serve(known_hosts(app, host), sock, hub.close, secure)
     return int(ExitCode.OK)
 
 
@@ -108,19 +122,20 @@ def _bound(host: str, port: int) -> Any:
     return sock
 
 
-def _announce(host: str, port: int, token: str) -> None:
+def _announce(host: str, port: int, token: str, *, is_secure: bool) -> None:
     from autopilot.web.codes import is_reachable, text_of
 
-    address = ipaddress.ip_address(host)
-    if address.is_unspecified:
-        host = _own_address() or host
-    base = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+    base = f"http{'s' if is_secure else ''}://{f'[{host}]' if ':' in host else host}:{port}/"
     print(f"to steer:   {base}#token={token}")
     print(f"to look:    {base}", flush=True)
-    if address.is_loopback:
+    if ipaddress.ip_address(host).is_loopback:
         print("(this machine alone; --listen with an interface, like wlan0:8080, opens it to phones)", flush=True)
         return
-    print("the page is not encrypted: use it on a network that is yours alone, or over ssh -L", flush=True)
+    if not is_secure:
+        print(
+            "the page is not encrypted: use it on a network that is yours alone, with --cert and --key, or over ssh -L",
+            flush=True,
+        )
     if sys.stdout.isatty() and is_reachable(host) and (code := text_of(f"{base}#token={token}")):
         print(f"to steer from a phone, scan:\n{code}", flush=True)
 

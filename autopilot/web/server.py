@@ -12,6 +12,7 @@ import logging
 import os
 import signal
 import socket
+import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from types import FrameType
@@ -354,9 +355,11 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def serve(app: ASGIApp, sock: socket.socket, leave: Callable[[], None]) -> None:
-    """Serve on a bound socket until a signal comes; `leave` lets go of those who follow the boat."""
+def serve(app: ASGIApp, sock: socket.socket, leave: Callable[[], None], secure: ssl.SSLContext | None = None) -> None:
+    """Serve on a bound socket until a signal comes; `leave` lets go of who follows the boat. secure: over https."""
     config = uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=2, ws="none")
+    config.load()
+    config.ssl = secure
     server = Server(config)
     server.leave = leave
     server.run(sockets=[sock])

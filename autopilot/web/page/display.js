@@ -36,7 +36,7 @@ export function drawDisplay() {
   byId("courses").disabled = !known;
   const words = [];
   if (!known) words.push("True and magnetic courses can be chosen where the vessel file has sensors.variation_deg.");
-  if (!navigator.wakeLock) words.push("This browser keeps the screen on only over https or on the boat's own computer: set the display's own time-out.");
+  if (!navigator.wakeLock) words.push("This browser keeps the screen on only over https (autopilot web --cert) or on the boat's own computer: set the display's own time-out.");
   byId("device-word").textContent = words.join(" ");
 }
 
