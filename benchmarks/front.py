@@ -1,7 +1,7 @@
 """What `autopilot gains` writes beside peers tuned in the very sea: heading rms against rudder travel.
 
     python benchmarks/front.py [--boats NAMES] [--timing 20:0.05] [--evaluations 300] [--seeds 3]
-                               [--first-seed 20261125] [--out FOLDER]
+                               [--first-seed 20261125] [--calm] [--out FOLDER]
 
 Boats: K 0.43 1/s and T 3.5 s, and Lanxin, both with a rudder of 15 deg/s and 0.1 s of lag, and plants of the simulator
 by the vessel files that were identified from their zigzags: the LQG law is not theirs and is left out. Waves of 1 deg
@@ -13,6 +13,10 @@ the runs that judge. The peers (`front_peers`) are searched in this sea on seeds
 and judged on the same runs. The LQG law knows everything but the deviates, its play is chosen on the peers' seeds: what
 is left to be had. A ratio is the
 pilot's rms over the peer's at the travel of each level, where the peer's front reaches that far.
+
+With `--calm` there are no waves: a breath of wind comes and goes in a minute, and the peers are searched in that. A
+ratio is then the pilot's travel over the peer's at the heading rms of each level, or over that of the peer's quietest
+setting where all of his hold the course better: who is quieter.
 """
 
 from __future__ import annotations
@@ -50,6 +54,8 @@ from autopilot.runtime.tuning import GainRequest, designed
 Floats = npt.NDArray[np.float64]
 
 SEA = Sea(waves=1.0, wind=1.5)
+CALM = Sea(wind=0.5, gusts=0.1, gust_time=60.0)
+"""Without any push the best helmsman of all is one who is not there."""
 INSTRUMENTS = {
     "exact": Instruments(),
     "0.1 deg, 0.02 deg/s": Instruments(heading_deg=0.1, rate_deg_s=0.02),
@@ -196,6 +202,13 @@ def beside(levels: Floats, peer: Floats) -> Floats:
     return np.where(levels[:, 1] < peer[:, 1].min(), math.nan, ratio)
 
 
+def quieter(levels: Floats, peer: Floats) -> Floats:
+    """Return the levels' travel over the peer's at equal rms; nan where the peer never holds its course so well."""
+    by_rms = np.log(np.maximum(peer[np.argsort(peer[:, 0])], 1.0e-4))
+    at = np.interp(np.log(levels[:, 0]), by_rms[:, 0], by_rms[:, 1])
+    return np.where(levels[:, 0] < peer[:, 0].min(), math.nan, levels[:, 1] / np.exp(at))
+
+
 def main() -> None:
     """Sail and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -205,24 +218,27 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder for front.json and front.png")
     parser.add_argument("--boats", nargs="+", choices=BOATS, default=list(BOATS))
     parser.add_argument("--timing", nargs="+", default=[f"{hz}:{path:g}" for hz, path in TIMING], help="Hz:path_s")
+    parser.add_argument("--calm", action="store_true", help="no waves: travel at equal rms")
     asked = parser.parse_args()
+    sea, compared, of_what = (CALM, quieter, "travel") if asked.calm else (SEA, beside, "rms")
     record: dict[str, Any] = {}
     timing = [(int(hz), float(path)) for hz, path in (each.split(":") for each in asked.timing)]
-    print(f"{'boat':22s}{'instruments':22s}{'Hz':>3s}{'path':>6s}  peer         rms over the peer's at levels 1 to 9")
+    column = f"{of_what} over the peer's at levels 1 to 9"
+    print(f"{'boat':22s}{'instruments':22s}{'Hz':>3s}{'path':>6s}  peer         {column}")
     for made, is_model in (BOATS[name] for name in asked.boats):
         boat = made()
         for (hz, path), (name, usual) in itertools.product(timing, INSTRUMENTS.items()):
             case = usual._replace(hz=hz)
-            training = [drawn(boat, SEA, case, path, (seed, TRAINED_S)) for seed in TRAINING]
+            training = [drawn(boat, sea, case, path, (seed, TRAINED_S)) for seed in TRAINING]
             seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
-            judged = [drawn(boat, SEA, case, path, (seed, JUDGED_S)) for seed in seeds]
+            judged = [drawn(boat, sea, case, path, (seed, JUDGED_S)) for seed in seeds]
             fronts = {"pilot": ours(boat, path, case, judged)}
-            if is_model:
+            if is_model and not asked.calm:
                 fronts["LQG"] = knowing(boat, path, case, training, judged)
             for peer, of in PEERS.items():
                 fronts[peer] = tuned(boat, of(boat, case.has_rate), training, judged, asked.evaluations)
             for peer in list(fronts)[1:]:
-                ratios = " ".join(f"{each:5.2f}" for each in beside(fronts["pilot"], fronts[peer]))
+                ratios = " ".join(f"{each:5.2f}" for each in compared(fronts["pilot"], fronts[peer]))
                 print(f"{boat.vessel.name:22s}{name:22s}{hz:3d}{path:6.2f}  {peer:12s} {ratios}", flush=True)
             record[f"{boat.vessel.name} | {name} | {hz} Hz | {path:g} s"] = {
                 key: points.round(4).tolist() for key, points in fronts.items()
