@@ -257,6 +257,8 @@ def test_ten_things_take_at_most_twenty_five_taps_on_a_phone(helm: Helm) -> None
     word(page, "mode-word", "Heading")
     tap("button[data-turn='10']")
     word(page, "last-order", "10° to starboard")
+    given, footer = (page.locator(place).bounding_box() for place in ("#last-order", "footer"))
+    assert given["y"] + given["height"] <= footer["y"], "who ordered what stands whole above the fold"
     tap("button[data-dodge='20']")
     until(page, "!document.getElementById('back').disabled")
     tap("#back")

@@ -19,7 +19,7 @@ export async function showLogs() {
   word.textContent = list.words ?? (!list.folder ? "No folder of logs is offered: start autopilot web with --logs." : list.logs.length ? "" : "No logs yet.");
   byId("log-rows").replaceChildren(...(list.logs ?? []).map((log) => {
     const row = document.createElement("li"), about = document.createElement("span");
-    const when = new Date(log.changed * 1000).toLocaleString();
+    const when = new Date(log.changed * 1000).toLocaleString("sv-SE").slice(0, 16);  // 2026-11-26 21:23, as the clock elsewhere
     about.append(log.name, Object.assign(document.createElement("small"), { textContent: `${size(log.bytes)}, ${when}` }));
     const button = Object.assign(document.createElement("button"), { type: "button", textContent: "Download" });
     button.setAttribute("aria-label", `Download ${log.name}`);

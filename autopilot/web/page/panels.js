@@ -10,6 +10,7 @@ const PATTERNS = [
 ];
 const RESULTS = { 0: "done", 1: "refused for now", 2: "refused", 3: "not known", 4: "ended early: the helm was taken", 5: "under way", 6: "ended as you asked" };
 const TRIAL_ROWS_MOST = 6000;
+const SENSE_MOST = 400;  // % of the model in force
 let learntRows = [], learntValues = "", trialRows = [], trialStart = null, trialHeading = null, wasRunning = false;
 
 function patternSizes() {
@@ -89,9 +90,12 @@ function drawLearning() {
   byId("learning-word").hidden = learns;
   byId("learning-body").hidden = !learns;
   if (!learns) return;
+  const shares = [learnt.lrn_K / learnt.lrn_K_in, learnt.lrn_T / learnt.lrn_T_in].map((share) => 100 * share);
+  // what is first learnt is anything: it would frighten, and flatten the plot
+  const isSense = shares.every((share) => share > 0 && share < SENSE_MOST);
   const rows = [
     ["In force", number(learnt.lrn_K_in), number(learnt.lrn_T_in), number(learnt.lrn_n3_in)],
-    ["Learnt so far", number(learnt.lrn_K), number(learnt.lrn_T), number(learnt.lrn_n3)],
+    ["Learnt so far", ...[learnt.lrn_K, learnt.lrn_T, learnt.lrn_n3].map((value) => isSense ? number(value) : "--")],
   ];
   if (learnt.lrn_state > 0) {
     rows.push(["Proposed", within(learnt.lrn_pK, learnt.lrn_sK), within(learnt.lrn_pT, learnt.lrn_sT), within(learnt.lrn_pn3, learnt.lrn_sn3)]);
@@ -115,9 +119,8 @@ function drawLearning() {
     `Proved: it predicts better than the model in force. ${proof}`,
   ];
   byId("learning-check").textContent = words[learnt.lrn_state ?? 0] ?? "";
-  const shares = [learnt.lrn_K / learnt.lrn_K_in, learnt.lrn_T / learnt.lrn_T_in].map((share) => 100 * share);
   const values = JSON.stringify(learnt);
-  if (values !== learntValues && shares.every(Number.isFinite)) {
+  if (values !== learntValues && isSense) {
     learntValues = values;
     if (learntRows.length && boat.state.t < learntRows.at(-1)[0]) learntRows = [];
     learntRows.push([boat.state.t, ...shares]);
