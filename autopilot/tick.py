@@ -40,11 +40,12 @@ from autopilot.estimation.rudder_observer import (
     begun_at,
     gone_by,
     is_fed_back,
+    pushes_about,
     rudder_rate_step,
     write_command,
 )
 from autopilot.estimation.speeds import speeds_apart
-from autopilot.estimation.tuning import BIAS_MOST, WAVE_DEVIATION_FIRST
+from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, quickness
 from autopilot.models.drives import Needs
@@ -365,6 +366,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     else:
         is_pushed = "overpowered" in found or not abs(steady.bias) < BIAS_MOST
         is_new = not estimate.knows_sea and steady.wave_deviation >= WAVE_DEVIATION_FIRST
+        is_new = is_new and model.time_constant > GEAR_SEA
         is_pushed = is_pushed or (is_new and now >= way.guide.turning_until)
         rate = without_pushes(rudder.rate, steady) if is_pushed else rudder.rate
         estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, (previous, dt), steady)
@@ -446,7 +448,9 @@ def with_rudder_rate(
     (command, dt), gear = moved, config.estimator.gear
     limits = gear.angle_max, gear.rate_max
     on_course = way.order.kind is OrderKind.HEADING and steady.time >= way.guide.turning_until
-    rate = rudder_rate_step(estimate.model, before, (steady.rate, command, on_course), limits, dt)
+    density, gusty = estimate.fusion.state.intensity.density, config.estimator.noises.usual.gusty_bias
+    is_swept = pushes_about(steady.wave_deviation, density, gusty)
+    rate = rudder_rate_step(estimate.model, before, (steady.rate, command, is_swept, on_course), limits, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))

@@ -47,8 +47,10 @@ from autopilot.estimation.tuning import (
     GEAR_SIGMA_BIAS,
     GEAR_SIGMA_SHARE,
     GEAR_SURE,
+    GUSTY,
     ORDERS_KEPT,
     TICKS_KEPT,
+    WAVE_DEVIATION_FIRST,
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, gear_step
@@ -301,19 +303,25 @@ def gone_by(gear: SteeringGear, state: RudderRate) -> SteeringGear:
     return gear if state.slower == 1.0 else gear._replace(rate_max=gear.rate_max / state.slower)
 
 
+def pushes_about(wave_deviation: float, density: float, gusty: float) -> bool:
+    """Return whether a sea pushes a boat about: waves of that deviation [rad], or a density of gusts that is a good
+    share of the most there may be, `gusty` [rad^2/s]."""
+    return wave_deviation >= WAVE_DEVIATION_FIRST or density >= GUSTY * gusty
+
+
 def rudder_rate_step(
     model: Norrbin,
     before: RudderRate,
-    steered: tuple[float, float, bool],
+    steered: tuple[float, float, bool, bool],
     limits: tuple[float, float],
     dt: float,
 ) -> RudderRate:
-    """Return what is known `dt` [s] later. steered: the boat's rate [rad/s], the rudder's command [rad] since, and
-    whether the boat is on its course: there the rudder answers what pushes the boat, where in a turn it follows the
-    plan, and what it does says as much less as a push lasts longer than the mean of y; limits: the rudder's angle [rad]
-    and filed rate [rad/s]."""
+    """Return what is known `dt` [s] later. steered: the boat's rate [rad/s] and the rudder's command [rad] since;
+    whether a sea pushes the boat about, which lasts longer than the mean of y, and what the boat does says as much
+    less; and whether it is on its course too, where the rudder answers the sea. limits: the rudder's angle [rad] and
+    filed rate [rad/s]."""
     filed, half, quarter, eighth, last, damped, time, found, squared, slower, is_sure = before
-    (rate, command, on_course), (angle_max, rate_max) = steered, limits
+    (rate, command, is_swept, on_course), (angle_max, rate_max) = steered, limits
     gain, time_constant, n3, n2, n1, n0, _ = model
     if not dt > 0.0 or not rate_max < math.inf or n1 <= 0.0:
         return before
@@ -344,7 +352,9 @@ def rudder_rate_step(
     y = time_constant * (slow - last) / dt + damped
     lasts = passed if passed > GEAR_SEA else GEAR_SEA
     longer = time_constant if time_constant > GEAR_SEA else GEAR_SEA
-    dt = dt * lasts / longer if on_course else dt
+    is_swept = is_swept and longer > lasts
+    dt = dt * lasts / longer if is_swept else dt
+    answers = is_swept and on_course
     time, found, squared = kept * time + dt, kept * found + dt * y, kept * squared + dt * y * y
     floor, push = GEAR_NOISE * gain * angle_max, GEAR_SIGMA_BIAS * gain
     noise = passed * floor * floor
@@ -373,12 +383,12 @@ def rudder_rate_step(
     )
     # a push that changes is explained by no gear, and by a slow one a little better; back to the file's needs no more
     # than that it is likelier
-    explains = best < slower or least < GEAR_EXPLAINS * ours
-    likelier = GEAR_SURE if on_course and best > slower else GEAR_LIKELIER
+    explains = (answers and best < slower) or least < GEAR_EXPLAINS * ours
+    likelier = GEAR_SURE if answers and best > slower else GEAR_LIKELIER
     slower = best if explains and 0.5 * (ours - least) / noise > likelier else slower
     is_sure = slower > 1.0 and (is_sure or (least < GEAR_EXPLAINS * cost and 0.5 * (cost - least) / noise > GEAR_SURE))
     # a boat that is held by a wrong gear swings, and seems to prove it
-    slower = slower if is_sure or not on_course else SLOWER[0]
+    slower = slower if is_sure or not answers else SLOWER[0]
     return RudderRate(filed, half, quarter, eighth, slow, damped, time, found, squared, slower, is_sure)
 
 

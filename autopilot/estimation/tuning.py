@@ -56,7 +56,7 @@ RATE_BIAS_UNKNOWN = math.radians(0.3) ** 2
 offset of a micromechanical gyro that was calibrated at rest."""
 RATE_BIAS_CHANGE = math.radians(0.02) ** 2 / 300.0
 """It drifts, with its temperature, by 0.02 deg/s in 300 s [(rad/s)^2/s]."""
-RATE_BIAS_FELT = 0.01
+RATE_BIAS_FELT = 0.1
 """A doubt of it that is less than this share of the rate's own variance is left out."""
 RATE_COMPASS_LAG = 1.0
 """A compass lags by so long, or is read so much later than the gyro [s]: a damped fluxgate's time."""
@@ -178,6 +178,8 @@ GEAR_NOISE = 0.05
 """What no steering gear explains, as a share of the rudder hard over."""
 GEAR_SEA = 4.0
 """What is left over is a sea's, correlated over this time [s]."""
+GUSTY = 0.25
+"""On a course where gusts wander by this share of what they may, or waves are felt, the rudder answers what pushes."""
 GEAR_PASSED = 0.3
 """t in units of the time constant."""
 GEAR_SIGMA_SHARE = 0.3

@@ -34,6 +34,7 @@ from autopilot.estimation.rudder_observer import (
     advanced,
     angle_from,
     ordered,
+    pushes_about,
     rudder_rate_step,
 )
 from autopilot.estimation.speeds import Smoothed, model_at, smoothed
@@ -204,7 +205,9 @@ def tick(
     right_time = listened.right_time if _pushes_away(config, off, command, state) else now
     # numba takes no condition inside the call below
     gear = config.estimator.gear
-    steered = state.rate, pilot_state.command, now >= pilot_state.guide.turning_until
+    gusty = config.estimator.noises.usual.gusty_bias
+    is_swept = pushes_about(state.wave_deviation, listened.fusion.state.intensity.density, gusty)
+    steered = state.rate, pilot_state.command, is_swept, now >= pilot_state.guide.turning_until
     rate = rudder_rate_step(model, pilot_state.rate, steered, (gear.angle_max, gear.rate_max), dt)
     gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)

@@ -118,8 +118,6 @@ def test_after_a_minute_of_saturation_there_is_no_second_overshoot(
     # the way back may lead past the course once; never a second time
     crossed = next((index for index, error in enumerate(after) if error < 0.0), len(after))
     lowest = min(range(crossed, len(after)), key=after.__getitem__, default=len(after) - 1)
-    if (name, law) == ("slow", "pid"):
-        pytest.xfail("what ends is taken for a slow rudder: it comes back by 3 deg beyond its course")
     assert max(after[lowest:]) < 1.0
     assert abs(after[-1]) < 0.3
 

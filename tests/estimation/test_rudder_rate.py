@@ -33,7 +33,7 @@ def found(
         rudder += min(max(command - rudder, -RATE / slower * DT), RATE / slower * DT)
         rate += DT * yaw_acceleration(boat, rate, rudder + push(now))
         state = rudder_rate_step(
-            BOAT, state, (rate + noise * random.standard_normal(), command, False), (MOST, RATE), DT
+            BOAT, state, (rate + noise * random.standard_normal(), command, False, False), (MOST, RATE), DT
         )
     return state, rudder
 
@@ -65,6 +65,6 @@ def test_a_rudder_that_hardly_moves_tells_nothing() -> None:
 
 
 def test_a_course_unstable_boat_and_a_rudder_without_a_rate_are_left_alone() -> None:
-    steered = 0.1, MOST, False
+    steered = 0.1, MOST, False, False
     assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, (MOST, RATE), DT) is AS_FILED
     assert rudder_rate_step(BOAT, AS_FILED, steered, (MOST, math.inf), DT) is AS_FILED
