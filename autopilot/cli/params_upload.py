@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
 from pathlib import Path
@@ -31,6 +32,7 @@ from autopilot.firmware.journal import (
     held_side,
     journal_path,
     of_settings,
+    only_writer,
     put,
     read_journal,
     write_journal,
@@ -64,29 +66,30 @@ def upload(arguments: argparse.Namespace, *, settles: bool = False) -> int:
         wanted, left = settings_of(
             file.wanted, session.vehicle.firmware, calibration=arguments.with_calibration, marks=marks
         )
-        earlier = None
-        if not arguments.dry_run:
-            earlier = _unfinished(session, arguments, wanted if settles else [], marks)
-        attempt = Upload(session.vehicle.target, wanted)
-        with ProgressBar("reading") as bar:
-            session.run(attempt, bar.update)
-        report = Report(str(arguments.file), left_out=tuple(left))
-        if arguments.dry_run or not attempt.differs:
-            code = _report(arguments, session.vehicle, attempt.outcomes(), report)
-            if earlier is not None and code == ExitCode.OK:
-                _settle(session.vehicle, earlier)
-            return code
-        _refuse_armed(arguments, session.vehicle)
-        _refuse_new_id(arguments.file, attempt)
-        if not _may_begin(arguments, attempt):
-            code = _report(arguments, session.vehicle, attempt.outcomes(), report)
-            print(
-                "NOTHING WAS SET: not every parameter can be; correct the file, or set the others with "
-                "--on-failure keep.",
-                file=sys.stderr,
-            )
-            return code
-        return _Writing(arguments, session, file.frame, report, earlier).carry_out(attempt)
+        with contextlib.nullcontext() if arguments.dry_run else only_writer(session.vehicle):
+            earlier = None
+            if not arguments.dry_run:
+                earlier = _unfinished(session, arguments, wanted if settles else [], marks)
+            attempt = Upload(session.vehicle.target, wanted)
+            with ProgressBar("reading") as bar:
+                session.run(attempt, bar.update)
+            report = Report(str(arguments.file), left_out=tuple(left))
+            if arguments.dry_run or not attempt.differs:
+                code = _report(arguments, session.vehicle, attempt.outcomes(), report)
+                if earlier is not None and code == ExitCode.OK:
+                    _settle(session.vehicle, earlier)
+                return code
+            _refuse_armed(arguments, session.vehicle)
+            _refuse_new_id(arguments.file, attempt)
+            if not _may_begin(arguments, attempt):
+                code = _report(arguments, session.vehicle, attempt.outcomes(), report)
+                print(
+                    "NOTHING WAS SET: not every parameter can be; correct the file, or set the others with "
+                    "--on-failure keep.",
+                    file=sys.stderr,
+                )
+                return code
+            return _Writing(arguments, session, file.frame, report, earlier).carry_out(attempt)
 
 
 def _may_begin(arguments: argparse.Namespace, attempt: Upload) -> bool:
@@ -139,6 +142,13 @@ class _Writing:
             unfinished = self._report._replace(finished=False)
             _report(self._arguments, self._session.vehicle, attempt.outcomes(), unfinished)
             raise LinkError(f"{error} {_how_to_restore(self._arguments.link)}") from None
+        if self._session.vehicle.armed and not self._arguments.while_armed:
+            # half of a file is worse than the whole of it, either way
+            print(
+                f"autopilot: vehicle {self._session.vehicle.system} was armed while parameters were being written, "
+                "which took effect at once; disarm it before you steer with them.",
+                file=sys.stderr,
+            )
         report = self._report._replace(finished=attempt.is_over)
         verdict = _report(self._arguments, self._session.vehicle, attempt.outcomes(), report)
         if attempt.is_over and (verdict == ExitCode.OK or self._may_stay()):
@@ -203,7 +213,7 @@ def restore(arguments: argparse.Namespace) -> int:
         if arguments.to:
             raise InputError("--to chooses a side of an upload that was cut off; with a FILE leave it out.")
         return upload(argparse.Namespace(**vars(arguments), dry_run=False, no_backup=False, backup=None), settles=True)
-    with opened_session(arguments, arguments.link) as session:
+    with opened_session(arguments, arguments.link) as session, only_writer(session.vehicle):
         path = journal_path(session.vehicle)
         journal = read_journal(path)
         if journal is None:

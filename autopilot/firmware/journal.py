@@ -7,15 +7,17 @@ An upload that is wholly done or wholly undone: journal first, set, and the way 
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from autopilot.errors import InputError
+from autopilot.errors import InputError, RefusedError
 from autopilot.files.outside import read_regular
 from autopilot.files.saving import save_text, sync_folder
 from autopilot.firmware.download import NamedDownload
@@ -56,15 +58,50 @@ def journal_path(vehicle: Vehicle) -> Path:
     return state_folder() / f"upload-{vehicle.system}-{vehicle.component}.json"
 
 
+@contextlib.contextmanager
+def only_writer(vehicle: Vehicle) -> Iterator[None]:
+    """Keep every other upload and restore of ours off the vehicle: its one journal leads back from one of them.
+
+    The lock is the system's and ends with the process, however that ends. Raises RefusedError where another holds it.
+    """
+    path = journal_path(vehicle).with_suffix(".lock")
+    _make_folder(path.parent)
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        raise _no_folder(path.parent, error) from None
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RefusedError(
+                f"another autopilot params is writing to vehicle {vehicle.system} just now; wait until it has ended, "
+                "then run this command again. Nothing was sent."
+            ) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _no_folder(folder, error) from None
+
+
+def _no_folder(folder: Path, error: OSError) -> InputError:
+    return InputError(
+        f"{folder}: cannot be written into ({error.strerror}); the old values are kept there, so that an upload can "
+        "be undone after a power cut. Name another folder in the environment variable NORRBIN_STATE."
+    )
+
+
 def write_journal(path: Path, journal: Journal) -> None:
     """Put the journal on disk, whole or not at all; raises InputError where that is impossible."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{path.parent}: cannot be made ({error.strerror}); the old values are kept there, so that an upload can "
-            "be undone after a power cut. Name another folder in the environment variable NORRBIN_STATE."
-        ) from None
+    _make_folder(path.parent)
     document = {"format": FORMAT, **asdict(journal), "changes": [change._asdict() for change in journal.changes]}
     save_text(path, json.dumps(document, indent=1))
 

@@ -241,6 +241,8 @@ def read_dataflash(path: str, data: bytes, options: ReadOptions = ReadOptions())
 def _recording(path: str, log: DataFlash, options: ReadOptions) -> Recording:
     series = [found for meaning in MEANINGS for found in _series(log, *meaning)]
     if not any(s.quantity in (HEADING, RATE) for s in series):
+        if "ATT" in log:
+            raise InputError(f"{path}: holds ATT, but not one heading in it is a number; it is damaged.")
         raise InputError(
             f"{path}: holds no ATT, so no heading; set LOG_BITMASK so that attitude is logged, and LOG_DISARMED 1 "
             "where the boat is not armed."

@@ -53,7 +53,7 @@ QUANTITIES = (
     WIND_SPEED,
     WIND_DIRECTION,
 )
-CHUNK_MOST = 256 << 20
+CHUNK_MOST = 64 << 20
 """Bytes that a chunk may unpack to; writers make them of 1 to 4 MB."""
 MESSAGE_MOST = 4096
 NAMED_MOST = 8
@@ -100,7 +100,7 @@ def read_mcap(path: str, data: bytes) -> Recording:
 
 
 def _records(data: bytes) -> Iterator[Any]:
-    """Yield the records of a file, those of a chunk unpacked to no more than CHUNK_MOST."""
+    """Yield the records of a file, those of a chunk unpacked to what it announces and no more than CHUNK_MOST."""
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader, breakup_chunk
 
@@ -110,19 +110,22 @@ def _records(data: bytes) -> Iterator[Any]:
             continue
         if record.uncompressed_size > CHUNK_MOST:
             raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
-        record.data, record.compression = _unpacked(record.compression, record.data), ""
+        record.data = _unpacked(record.compression, record.data, record.uncompressed_size + 1)
+        record.compression = ""
+        if len(record.data) != record.uncompressed_size:
+            raise ValueError(f"a chunk that does not unpack to its {record.uncompressed_size} bytes")
         yield from breakup_chunk(record, validate_crc=True)
 
 
-def _unpacked(compression: str, data: bytes) -> bytes:
+def _unpacked(compression: str, data: bytes, most: int) -> bytes:
     if compression == "zstd":
         import zstandard
 
-        return bytes(zstandard.ZstdDecompressor().stream_reader(data).read(CHUNK_MOST))
+        return bytes(zstandard.ZstdDecompressor().stream_reader(data).read(most))
     if compression == "lz4":
         import lz4.frame
 
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, CHUNK_MOST))
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, most))
     if compression:
         raise ValueError(f"packed by {printable(compression)}, which is not known")
     return data

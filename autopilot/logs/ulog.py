@@ -70,6 +70,52 @@ class _Bounded(io.BytesIO):
         return data
 
 
+FIELDS_MOST = 4096
+"""Fields of a message, with those inside it; the longest of PX4 has some hundred."""
+ALL_FIELDS_MOST = 1_000_000
+"""Of all messages that are announced together."""
+
+
+def _fields_of(name: str, formats: Mapping[str, Any], known: dict[str, float]) -> float:
+    """Return how many fields message `name` is flattened to; inf where it is inside itself, or is not described."""
+    if name not in known:
+        known[name] = math.inf
+        fields = formats[name].fields if name in formats else ()
+        inside = {kind: 1.0 if kind in _plain_kinds() else _fields_of(kind, formats, known) for kind, _, _ in fields}
+        known[name] = 1.0 + sum(max(number, 1) * inside[kind] for kind, number, _ in fields)
+    return known[name]
+
+
+def _plain_kinds() -> Mapping[str, Any]:
+    from pyulog import ULog
+
+    return ULog._UNPACK_TYPES  # type: ignore[no-any-return]
+
+
+def _bounded_reader() -> Any:
+    """Return pyulog's reader, which refuses messages that a few bytes describe as millions of fields."""
+    from pyulog import ULog
+
+    class Announced(ULog._MessageAddLogged):
+        total = 0.0
+
+        def _parse_format(self, message_formats: Mapping[str, Any]) -> None:
+            number = _fields_of(self.message_name, message_formats, {})
+            Announced.total += number
+            if number > FIELDS_MOST or Announced.total > ALL_FIELDS_MOST:
+                raise _TooManyFieldsError
+            super()._parse_format(message_formats)
+
+    class Reader(ULog):
+        _MessageAddLogged = Announced
+
+    return Reader
+
+
+class _TooManyFieldsError(Exception):
+    """A message is described as more fields than any has, or as being inside itself."""
+
+
 HEAD = b"ULog\x01\x12\x35"
 
 
@@ -83,6 +129,8 @@ def read_ulog(path: str, data: bytes, servo: Servo | ServoScale | None = None) -
     with np.errstate(all="ignore"):  # a damaged number may be anything; what is not finite is left out
         series = [found for read in (_attitude, _rates, _speeds, _positions) for found in read(topics)]
     if not any(found.quantity == HEADING for found in series):
+        if topics["vehicle_attitude"]:
+            raise InputError(f"{path}: holds vehicle_attitude, but not one heading in it is a number; it is damaged.")
         raise InputError(f"{path}: holds no vehicle_attitude, so no heading; let the logger write it (SDLOG_PROFILE).")
     notes = (f"{path}: is damaged or torn; what pyulog could read is used.",) if is_corrupt else ()
     initial = log.initial_parameters.items()
@@ -94,17 +142,23 @@ def read_ulog(path: str, data: bytes, servo: Servo | ServoScale | None = None) -
 
 def _load(path: str, data: bytes) -> tuple[Any, bool]:
     try:
-        from pyulog import ULog
         from pyulog.core import ULogException
+
+        reader = _bounded_reader()
     except ImportError as error:
         raise InputError(f"{path}: reading PX4 logs needs pyulog; install it with pip install '.[ulog]'.") from error
     printed = io.StringIO()
     try:
         # pyulog prints what it thinks of a damaged file
         with contextlib.redirect_stdout(printed):
-            log = ULog(_Bounded(data), list(TOPICS))
+            log = reader(_Bounded(data), list(TOPICS))
     except ULogException as error:
         raise InputError(f"{path}: is no PX4 log that can be read: {error}.") from error
+    except _TooManyFieldsError:
+        raise InputError(
+            f"{path}: is damaged beyond use: it describes a message of more than {FIELDS_MOST} fields, or one that is "
+            "inside itself."
+        ) from None
     except Exception as error:
         raise InputError(f"{path}: is damaged beyond use (pyulog: {type(error).__name__}).") from error
     return log, bool(log.file_corruption or printed.getvalue().strip())

@@ -21,6 +21,7 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.firmware import session
 from autopilot.firmware.file import Wanted
 from autopilot.firmware.journal import Journal, read_journal, write_journal
+from autopilot.firmware.metadata import Marks
 from autopilot.firmware.protocol import Target
 from autopilot.firmware.upload import Change, Phase, Upload, Verdict, enabled_group
 from autopilot.links.base import LinkError
@@ -153,6 +154,63 @@ def test_an_armed_vehicle_is_refused_unless_set(served: ServedVehicle, capsys: p
     assert call(served, "verify", "new.parm") == 6
     assert call(served, "upload", "new.parm", "--while-armed") == 0
     assert "is armed; parameters take effect at once" in capsys.readouterr().err
+
+
+def test_a_vehicle_armed_while_it_is_written_to_is_reported(
+    served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain = session.ParameterSession._wait
+
+    def wait(self: session.ParameterSession) -> None:
+        plain(self)
+        if served.vehicle.sets_received >= 1:
+            served.base_mode = dialect.MAV_MODE_FLAG_SAFETY_ARMED | 1
+
+    monkeypatch.setattr(session.ParameterSession, "_wait", wait)
+    assert call(served, "upload", write("new.parm", **ALL_NEW)) == 0
+    assert values(served) == NEW
+    assert "vehicle 1 was armed while parameters were being written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [("upload", "second.parm"), ("restore",), ("restore", "second.parm")])
+def test_two_that_write_to_one_vehicle_do_not_mix(
+    served: ServedVehicle, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second one would find the first one's journal, take it for one that was cut off, and undo it meanwhile."""
+    write("second.parm", **dict.fromkeys(ALL_NEW, 77.0))
+    said: list[str] = []
+    plain = params_upload.carry_out
+
+    def meanwhile(*arguments: Any) -> None:
+        with pytest.raises(RefusedError, match="another autopilot params is writing to vehicle 1 just now; wait"):
+            call_beside(served, *words)
+        said.append("refused")
+        plain(*arguments)
+
+    def call_beside(served: ServedVehicle, *words: str) -> None:
+        vehicle = session.Vehicle(1, 1, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, dialect.MAV_TYPE_SURFACE_BOAT, False)
+        double = BesideSession(vehicle)
+        monkeypatch.setattr(params_upload, "opened_session", lambda *_: double)
+        monkeypatch.setattr(params_upload, "own_marks", lambda _: Marks())
+        call(served, *words)
+
+    monkeypatch.setattr(params_upload, "carry_out", meanwhile)
+    assert call(served, "upload", write("new.parm", **ALL_NEW)) == 0
+    assert said == ["refused"]
+    assert values(served) == NEW
+
+
+class BesideSession:
+    """A second session with the same vehicle, over a line of its own; it must not come to speaking."""
+
+    def __init__(self, vehicle: session.Vehicle) -> None:
+        self.vehicle = vehicle
+
+    def __enter__(self) -> BesideSession:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
 
 
 def stop_after(served: ServedVehicle, sets: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:

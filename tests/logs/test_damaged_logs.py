@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.logs.dataflash import read_dataflash
 from autopilot.logs.reading import read_recording
 from autopilot.logs.tlog import read_tlog
+from autopilot.logs.ulog import read_ulog
 from autopilot.runtime.record import read_log
 
 BOAT = zigzag_boat()
@@ -53,3 +55,46 @@ def test_a_dataflash_log_whose_parameters_have_lost_their_names(tmp_path: Path) 
     path = tmp_path / "x.bin"
     path.write_bytes(damaged)
     assert read_recording(str(path)).kind == recording.kind
+
+
+def ulog_record(kind: str, body: bytes) -> bytes:
+    return struct.pack("<HB", len(body), ord(kind)) + body
+
+
+def announced(*formats: str) -> bytes:
+    """A .ulg that describes messages and then announces the first of them."""
+    described = b"".join(ulog_record("F", each.encode()) for each in formats)
+    head = b"ULog\x01\x12\x35\x01" + bytes(8) + ulog_record("B", bytes(40))
+    return head + described + ulog_record("A", b"\0\0\0" + formats[0].split(":")[0].encode())
+
+
+@pytest.mark.parametrize(
+    "formats",
+    [
+        [f"n{depth}:n{depth + 1}[1000] x;" for depth in range(30)] + ["n30:uint64_t timestamp;"],
+        [f"n{depth}:n{depth + 1}[2] x;n{depth + 1} y;" for depth in range(60)] + ["n60:"],
+        ["a:" + "".join(f"float[65535] x{number};" for number in range(200))],
+        ["a:uint64_t timestamp;b x;", "b:a y;"],
+    ],
+)
+def test_a_few_bytes_that_describe_millions_of_fields_are_refused(formats: list[str]) -> None:
+    with pytest.raises(InputError, match="describes a message of more than 4096 fields, or one that is inside itself"):
+        read_ulog("x.ulg", announced(*formats))
+
+
+def test_many_long_messages_announced_are_refused_too() -> None:
+    data = announced("a:" + "float[2000] x;") + 600 * ulog_record("A", b"\0\0\0a")
+    with pytest.raises(InputError, match="describes a message"):
+        read_ulog("x.ulg", data)
+
+
+def test_headings_that_are_no_numbers_are_not_called_missing() -> None:
+    field = struct.pack("<Qffff", 1000, *[math.nan] * 4)
+    described = announced("vehicle_attitude:uint64_t timestamp;float[4] q;")
+    with pytest.raises(InputError, match="holds vehicle_attitude, but not one heading in it is a number"):
+        read_ulog("x.ulg", described + 9 * ulog_record("D", b"\0\0" + field))
+    kind = struct.pack("<BB4s16s64s", 1, 27, b"ATT", b"Qffff", b"TimeUS,Roll,Pitch,Yaw,DesYaw")
+    itself = struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    records = b"".join(b"\xa3\x95\x80" + each for each in (itself, kind)) + 9 * (b"\xa3\x95\x01" + field)
+    with pytest.raises(InputError, match="holds ATT, but not one heading in it is a number"):
+        read_dataflash("x.bin", records)

@@ -118,6 +118,15 @@ def test_a_chunk_does_not_unpack_to_more_than_is_allowed(tmp_path: Path, monkeyp
                 read_mcap("big.mcap", data)
 
 
+@pytest.mark.parametrize("compression", [each for each in CompressionType if each is not CompressionType.NONE])
+def test_a_chunk_does_not_unpack_to_more_than_it_announces(tmp_path: Path, compression: CompressionType) -> None:
+    data = bytearray(foreign(tmp_path / "big.mcap", compression, samples=20))
+    chunk = data.index(compression.name.lower().encode()) - 16
+    data[chunk : chunk + 8] = (100).to_bytes(8, "little")
+    with pytest.raises(InputError, match=r"damaged \(a chunk that does not unpack to its 100 bytes\)"):
+        read_mcap("big.mcap", bytes(data))
+
+
 def test_what_only_calls_itself_mcap_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(bytes(range(256)))
