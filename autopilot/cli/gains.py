@@ -131,13 +131,29 @@ def run(arguments: argparse.Namespace) -> int:
         found[f"designed {DESIGNED}"]["front"] = front_as_json(front)
         print(json.dumps(found, indent=2))
     else:
-        parts = front_as_text(vessel, front, level), as_text(rows), speeds_as_text(rows)
+        parts = front_as_text(vessel, front, level), as_text(said_once(rows)), speeds_as_text(said_once(rows))
         print(f"{vessel.name}: {verdict.sentence}", *parts, sep="\n\n")
     if arguments.report:
-        _write_report(arguments, (vessel, front), rows, verdict)
+        _write_report(arguments, (vessel, front), said_once(rows), verdict)
     if arguments.out:
         write_vessel(arguments, better)
     return int(ExitCode.OK)
+
+
+def said_once(rows: dict[str, Judged]) -> dict[str, Judged]:
+    """Return the rows, those of the file that are the designed ones in one row with them."""
+    shown: dict[str, Judged] = {}
+    filed = {each.law: each for name, each in rows.items() if name.startswith("file's ")}
+    for name, each in rows.items():
+        other = filed.get(each.law)
+        is_twin = other is not None and getattr(other.vessel.control, each.law) == getattr(
+            each.vessel.control, each.law
+        )
+        if not is_twin:
+            shown[name] = each
+        elif name.startswith("designed "):
+            shown[f"{name}, the file's"] = each
+    return shown
 
 
 def level_of(vessel: Vessel, better: Vessel, front: list[LevelCost]) -> int | None:

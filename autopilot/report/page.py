@@ -6,6 +6,7 @@ Figures as SVG text, one look for all reports: time below, degrees at the side, 
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -13,11 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
-COLOURS = ("#0b5fa5", "#c8501e", "#2e7d32", "#7b4fa3")
+COLOURS = ("#0b5fa5", "#c8501e", "#2e7d32", "#7b4fa3", "#00838f", "#9a6a00")
 WANTED = "#8a8f98"
 SIZE = (9.0, 2.6)
 PLANE_SIZE = (9.0, 5.2)
 LEGEND_COLUMNS = 4
+DECADE = 10.0
+COARSE, FINE = (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+"""What is written at a logarithmic axis, in plain numbers; FINE where it spans no decade."""
+FEW = 12
+"""A line of at most so many values shows each of them as a dot."""
 
 
 class Line(NamedTuple):
@@ -50,7 +56,7 @@ def plane_figure(panel: Panel, abscissa: str, *, equal: bool = False) -> str:
 
     with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 9}):
         figure, axis = pyplot.subplots(figsize=PLANE_SIZE, layout="constrained")
-        _draw(axis, panel)
+        _draw(axis, panel, _colours((panel,)))
         axis.set_xlabel(abscissa)
         if equal:
             axis.set_aspect("equal", adjustable="datalim")
@@ -64,32 +70,42 @@ def time_figure(panels: Sequence[Panel], abscissa: str = "time [s]", *, logarith
     import matplotlib as mpl
 
     mpl.use("svg")
-    from matplotlib import pyplot
+    from matplotlib import pyplot, ticker
 
     with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 9}):
         figure, axes = pyplot.subplots(
             len(panels), 1, sharex=True, squeeze=False, figsize=(SIZE[0], SIZE[1] * len(panels)), layout="constrained"
         )
+        colours = _colours(panels)
         for axis, panel in zip(axes[:, 0], panels, strict=True):
-            _draw(axis, panel)
+            _draw(axis, panel, colours)
         axes[-1, 0].set_xlabel(abscissa)
         if logarithmic:
             axes[-1, 0].set_xscale("log")
+            low, high = axes[-1, 0].get_xlim()
+            axes[-1, 0].xaxis.set_major_locator(ticker.LogLocator(subs=FINE if high < DECADE * low else COARSE))
+            axes[-1, 0].xaxis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+            axes[-1, 0].xaxis.set_minor_formatter(ticker.NullFormatter())
         text = _svg_of(figure)
         pyplot.close(figure)
     return text
 
 
-def _draw(axis: Any, panel: Panel) -> None:
-    colours = iter(COLOURS * 4)
+def _colours(panels: Sequence[Panel]) -> dict[str, str]:
+    """Return the colour of each name: the same in all panels of a figure."""
+    names = dict.fromkeys(line.name for panel in panels for line in panel.lines if not line.wanted)
+    return dict(zip(names, itertools.cycle(COLOURS), strict=False))
+
+
+def _draw(axis: Any, panel: Panel, colours: dict[str, str]) -> None:
     for line in panel.lines:
         if line.wanted:
             axis.plot(line.time, line.values, color=WANTED, linestyle="--", linewidth=1.2, label=line.name)
         elif line.dots:
-            axis.plot(line.time, line.values, ".", color=next(colours), markersize=5, label=line.name)
+            axis.plot(line.time, line.values, ".", color=colours[line.name], markersize=5, label=line.name)
         else:
-            colour = next(colours)
-            axis.plot(line.time, line.values, color=colour, linewidth=1.2, label=line.name)
+            colour, mark = colours[line.name], "." if len(line.values) <= FEW else ""
+            axis.plot(line.time, line.values, mark + "-", color=colour, linewidth=1.2, label=line.name)
             if line.band is not None:
                 low, high = line.values - line.band, line.values + line.band
                 axis.fill_between(line.time, low, high, color=colour, alpha=0.18, linewidth=0.0)
@@ -131,7 +147,7 @@ h1 { font-size: 1.7rem; margin: 0 0 .4rem; } h2 { font-size: 1.2rem; margin-top:
 .verdict.poor, .verdict.refused, .verdict.not-enough { border-color: #b00d1e; }
 table { border-collapse: collapse; margin: 1rem 0; }
 th, td { padding: .3rem .9rem; text-align: right; border-bottom: 1px solid #d8dde3; }
-th:first-child, td:first-child { text-align: left; }
+th:first-child, td:first-child { text-align: left; white-space: nowrap; }
 .wide { overflow-x: auto; }
 th button { font: inherit; font-weight: 600; color: inherit; background: none; border: 0; padding: 0; cursor: pointer; }
 th[aria-sort=ascending] button::after { content: " \\2191"; }

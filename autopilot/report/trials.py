@@ -150,6 +150,8 @@ def trials_page(source: str, record: TrialRecord, measures: Measures, length: fl
     sections = []
     for block in blocks_of(measures, length):
         table = [("measure", "value", "criterion"), *((name.strip(), *rest) for name, *rest in block.rows)]
+        if not any(criterion for _, _, criterion in block.rows):
+            table = [row[:2] for row in table]
         sections.append(Section(block.title, table))
     if not sections:
         sections.append(Section("Measures", text=("No manoeuvre was found in this record.",)))

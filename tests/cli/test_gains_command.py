@@ -72,6 +72,10 @@ def test_what_is_written_may_be_engaged(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["gains", str(out), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert rows["file's backstepping"]["gains"] == rows["designed backstepping"]["gains"]
+    assert main(["gains", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert said.count("designed backstepping, the file's, by speed") == 1
+    assert "\nfile's backstepping" not in said, "what is the same is said once"
 
 
 def test_a_tired_rudder_still_steers_a_boat_that_is_steady_by_itself(tmp_path: Path) -> None:
