@@ -269,7 +269,8 @@ def as_known(vessel: Vessel, instruments: Instruments, path_s: float) -> Vessel:
     sensors = replace(
         vessel.sensors,
         heading_noise_deg=max(instruments.heading_deg, 0.001),
-        rate_noise_deg_s=max(instruments.rate_deg_s, 0.001) if instruments.has_rate else 0.2,
+        rate_noise_deg_s=max(instruments.rate_deg_s, 0.001),
+        gyro=instruments.has_rate,
     )
     control = replace(vessel.control, rate_hz=float(instruments.hz))
     return replace(vessel, sensors=sensors, control=control, rudder=replace(vessel.rudder, delay_s=path_s))

@@ -128,8 +128,9 @@ def measured_sensors(runs: Sequence[Run]) -> Sensors:
         found["rate_noise_deg_s"] = rounded(max(math.degrees(rate), LEAST_RATE_NOISE_DEG_S))
     if not found:
         return usual
+    gyro = any(math.isfinite(rate) for segment in segments for rate in segment.rate)
     source = "noise measured, second differences of the recordings"
-    return dataclasses.replace(usual, **found, source=source, date=datetime.date.today().isoformat())  # type: ignore[arg-type]
+    return dataclasses.replace(usual, **found, gyro=gyro, source=source, date=datetime.date.today().isoformat())  # type: ignore[arg-type]
 
 
 def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:

@@ -20,7 +20,9 @@ A design is one number, the regulator's bandwidth w (`design`). The quickest one
 
 The levels of response are a ladder down from there, half as quick every four levels, and end where the worst boat
 within the uncertainty has SLOW_WORST times the model's heading rms: a course-unstable boat needs a loop that is much
-quicker than the boat, and a slow one loses it.
+quicker than the boat, and a slow one loses it. At the other end the noise of the instruments ends it: a level that in
+a calm holds the boats within the uncertainty no nearer to their course than the next calmer one is that one, however
+much more the rudder would work.
 
 Source: covariance of a closed loop, Astrom and Wittenmark 1997, section 11.4; mean of |x|, Papoulis 1991, ch. 5.
 """
@@ -85,6 +87,10 @@ class Sea(NamedTuple):
 STILL = Sea(0.0, 1.0, 0.3, 0.0, 10.0)
 USUAL = Sea(math.radians(1.0), 0.8, 0.3, math.radians(0.5), 10.0)
 """A moderate sea, where none was recorded."""
+CALM = Sea(0.0, 1.0, 0.3, math.radians(0.1), 60.0)
+"""A breath of wind that comes and goes in a minute: without any push, no rudder at all holds best. With half the breath
+a compass of 0.3 deg ends the ladders of two boats at 0.4 and 1.1 rad/s in place of 1.2 and 1.7, with twice the breath
+nowhere."""
 
 
 class Afloat(NamedTuple):
@@ -288,10 +294,12 @@ def worst(afloat: Afloat, gains: BacksteppingGains, sea: Sea, offs: tuple[Off, .
 
 
 class Bandwidths(NamedTuple):
-    """The slowest and the quickest regulator [rad/s] that may be had."""
+    """The slowest and the quickest regulator [rad/s] that may be had, and the one beyond which only noise is answered
+    with more rudder."""
 
     slowest: float
     quickest: float
+    noise: float
 
 
 @lru_cache(maxsize=32)
@@ -326,11 +334,30 @@ def bandwidths(afloat: Afloat, rate_max: float, offs: tuple[Off, ...]) -> Bandwi
     while last + 1 < len(tried) and tried[last + 1][1] <= SLOW_WORST:
         last += 1
     quickest, slowest = tried[first][0], tried[last][0]
-    return Bandwidths(0.0 if last + 1 == len(tried) else slowest, quickest)
+    noise = _by_noise(afloat, (AS_MODELLED, *offs), slowest, quickest)
+    return Bandwidths(0.0 if last + 1 == len(tried) else slowest, quickest, noise)
+
+
+def _by_noise(afloat: Afloat, boats: tuple[Off, ...], slowest: float, quickest: float) -> float:
+    """Return the bandwidth [rad/s] of the quickest level that in a calm holds these boats nearer to their course than
+    the level below it, by the rms over all of them."""
+
+    def off_course(bandwidth: float) -> float:
+        gains = lqr_gains(afloat.model, bandwidth)
+        return math.fsum(cost(afloat, gains, CALM, boat).heading ** 2 for boat in boats)
+
+    found, here = quickest, off_course(quickest)
+    for level in reversed(LEVELS[:-1]):
+        slower = max(quickest * math.exp2((level - LEVELS[-1]) / HALF_AS_QUICK), slowest)
+        there = off_course(slower)
+        if not there < here:
+            break
+        found, here = slower, there
+    return found
 
 
 def bandwidth_of(level: int, of: Bandwidths) -> float:
     """Return the bandwidth [rad/s] of a response level. ValueError for another level."""
     if level not in LEVELS:
         raise ValueError(f"response level {level}: allowed is {LEVELS[0]} (calm) to {LEVELS[-1]} (quick)")
-    return max(of.quickest * math.exp2((level - LEVELS[-1]) / HALF_AS_QUICK), of.slowest)
+    return max(min(of.quickest * math.exp2((level - LEVELS[-1]) / HALF_AS_QUICK), of.noise), of.slowest)

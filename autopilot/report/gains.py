@@ -79,19 +79,17 @@ def turned(vessel: Vessel, seed: int, share: float = 1.0) -> Turned:
     pilot, line = build_pilot(vessel), DelayLine(gear.delay + vessel.control.loop_delay_s)
     true = model._replace(gain=share * model.gain)
     turn = turn_limits(model, SteeringGear(limits.angle_max, limits.rate_max), planned_share(vessel))
-    dt, noise, rate_noise = (
-        1.0 / vessel.control.rate_hz,
-        vessel.sensors.heading_noise_deg,
-        vessel.sensors.rate_noise_deg_s,
-    )
+    dt, noise = 1.0 / vessel.control.rate_hz, vessel.sensors.heading_noise_deg
+    rate_noise = vessel.sensors.rate_noise_deg_s if vessel.sensors.gyro else math.nan
     heading = rate = rudder = 0.0
     sampled, errors = -math.inf, list[float]()
     for tick in range(round((STRAIGHT_S + TURNING_TIMES * turning_time(model, turn, TURN)) / dt)):
         now, samples = tick * dt, tuple[HeadingSample, ...]()
         if now >= sampled + HEADING_EVERY_S - 1.0e-6:
             sampled = now
-            seen = heading + random.gauss(0.0, math.radians(noise)), rate + random.gauss(0.0, math.radians(rate_noise))
-            samples = (HeadingSample(now, wrap(seen[0]), seen[1]),)
+            read = heading + random.gauss(0.0, math.radians(noise))
+            turning = rate + random.gauss(0.0, math.radians(rate_noise))
+            samples = (HeadingSample(now, wrap(read), turning if vessel.sensors.gyro else None),)
         order = Order(OrderKind.HEADING, 0.0 if now < STRAIGHT_S else TURN, serial=1)
         line.give(now, pilot.step(now, samples, order).command.angle)
         for part in (0.25, 0.75):

@@ -69,6 +69,8 @@ def _rounded(section: Any) -> Any:
 ASSUMED_SPREAD = 0.2
 """How far K and T may be off, to either side, where the file holds no standard errors."""
 SIGMAS = 2.0
+NO_GYRO = 100.0**2
+"""Variance of a rate of turn that tells nothing [(rad/s)^2]."""
 MORE_DELAY = 0.1
 """A design must hold with so much more delay [s] than the file has."""
 
@@ -90,8 +92,10 @@ def afloat_of(vessel: Vessel) -> Afloat:
     from autopilot.control.front import Afloat
 
     path = vessel.control.loop_delay_s + vessel.sensors.heading_latency_s
-    dt = 1.0 / vessel.control.rate_hz
-    return Afloat(model_of(vessel), gear_of(vessel), path, dt, noise_of(vessel, DESIGNED))
+    dt, noise = 1.0 / vessel.control.rate_hz, noise_of(vessel, DESIGNED)
+    if not vessel.sensors.gyro:
+        noise = noise._replace(rate=NO_GYRO)
+    return Afloat(model_of(vessel), gear_of(vessel), path, dt, noise)
 
 
 def offs_of(vessel: Vessel) -> tuple[Off, ...]:

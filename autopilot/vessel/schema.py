@@ -99,6 +99,8 @@ class Sensors:
     heading_noise_deg: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the heading")] = 0.3
     heading_latency_s: Annotated[float, RESTART, Bounds(0.0, 5.0, "age of a heading when it arrives")] = 0.0
     rate_noise_deg_s: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the yaw rate")] = 0.2
+    gyro: Annotated[bool, NOW] = True
+    """false: nothing aboard measures the rate of turn, and gains are designed for a compass alone."""
     variation_deg: Annotated[float, RESTART, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
     earth_field: Annotated[bool, RESTART] = False
     """Where neither variation_deg nor an instrument gives the variation, the World Magnetic Model does, at the boat's

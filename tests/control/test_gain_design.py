@@ -27,6 +27,7 @@ from autopilot.control.design import (
     placed,
     worst_margins,
 )
+from autopilot.control.front import AS_MODELLED, CALM, SLOW_WORST, cost
 from autopilot.control.law import NO_ROLL, LawInput, LoopGains
 from autopilot.control.pid import equivalent_pid
 from autopilot.control.sliding_heading import linear_gains_sliding, sliding_of
@@ -34,9 +35,10 @@ from autopilot.errors import RefusedError
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, verdict_of
-from autopilot.runtime.tuning import front_of
+from autopilot.runtime.tuning import afloat_of, bandwidths_of, front_of, offs_of
 from autopilot.signals import NavState, Reference
 from autopilot.vessel.file import load_vessel
+from autopilot.vessel.schema import Vessel
 
 BOATS = [
     (Norrbin(0.701, 0.332, 3.2828), SteeringGear(0.52, math.radians(20.0), 0.1, 0.0, 0.05)),
@@ -386,3 +388,36 @@ def test_every_level_holds_every_boat_within_the_uncertainty_in_a_moderate_sea(n
     """Within 3 deg rms. A loop that holds neither boat holds the worst as well as the model, and is no robust one."""
     for row in front_of(vessel_of(TEST_BOATS[name])):
         assert math.degrees(row.worst.heading) < 3.0, f"level {row.level}"
+
+
+def behind_a_compass(name: str) -> Vessel:
+    vessel = load_vessel(name)
+    return replace(vessel, sensors=replace(vessel.sensors, gyro=False))
+
+
+@pytest.mark.parametrize("name", ["esso_osaka", "mmg_tanker", "lanxin"])
+def test_no_level_behind_a_compass_alone_was_designed_for_a_gyro(name: str) -> None:
+    """With gains for a gyro that is not there an Esso Osaka whose rudder is 20 % stronger than her model's swings."""
+    for row in front_of(behind_a_compass(name)):
+        assert row.worst.heading <= SLOW_WORST * row.sea.heading, f"level {row.level}"
+
+
+@pytest.mark.parametrize("name", ["lanxin", "small_craft"])
+def test_behind_a_compass_alone_the_levels_end_where_a_calm_shows_nothing_for_more_rudder(name: str) -> None:
+    vessel = behind_a_compass(name)
+    levels, rows = bandwidths_of(vessel), front_of(vessel)
+    assert levels.noise < levels.quickest
+    assert rows[-1].bandwidth == rows[-2].bandwidth == levels.noise
+    # a level more would be no nearer to the course, and the rudder would work harder for it
+    boats, afloat = (AS_MODELLED, *offs_of(vessel)), afloat_of(vessel)
+    gains = [lqr_gains(afloat.model, each) for each in (levels.noise, levels.noise * 2.0**0.25)]
+    calm = [[cost(afloat, each, CALM, boat) for boat in boats] for each in gains]
+    rms = [float(np.sqrt(np.mean([one.heading**2 for one in each]))) for each in calm]
+    assert rms[1] > rms[0]
+    assert all(after.travel > 1.3 * before.travel for before, after in zip(*calm, strict=True))
+
+
+@pytest.mark.parametrize("name", ["lanxin", "esso_osaka"])
+def test_a_gyro_lets_every_level_be_had(name: str) -> None:
+    levels = bandwidths_of(load_vessel(name))
+    assert levels.noise == levels.quickest

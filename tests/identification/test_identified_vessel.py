@@ -66,6 +66,12 @@ def test_a_new_file_holds_the_noise_that_the_recordings_show(tmp_path: Path) -> 
     assert exact.heading_noise_deg >= 0.05, "no heading aboard is better"
 
 
+def test_a_new_file_says_whether_the_recordings_have_a_gyro(tmp_path: Path) -> None:
+    assert written(tmp_path / "gyro.yaml", result())[0].sensors.gyro
+    compass_alone = dict(TABLE) | {"yaw_rate_rad_s": np.full(TABLE["time_s"].size, math.nan)}
+    assert not written(tmp_path / "compass.yaml", result(compass_alone))[0].sensors.gyro
+
+
 def test_the_amplitude_of_a_trial_is_no_end_stop(tmp_path: Path) -> None:
     path = tmp_path / "boat.yaml"
     with pytest.raises(InputError, match=r"needs the rudder's end stop.*--rudder-max-deg DEG, or --vessel FILE"):

@@ -281,6 +281,7 @@ ELSEWHERE = {
     "control.law": "the pilot is built with it",
     "failsafe.reengage_after_restart_s": "the note of a held heading is kept for it",
     "length_m": "identify expects by it what other boats do",
+    "sensors.gyro": "gains are designed by it",
     "sensors.earth_field": "it is asked where no variation is set, see tests/links/test_variation.py",
 }
 
