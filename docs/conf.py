@@ -16,11 +16,14 @@ BESIDE = ("CHANGELOG", "CONTRIBUTING", "SECURITY")
 
 project = "Norrbin"
 author = "the Norrbin developers"
+project_copyright = f"{author}, MIT licence"
 extensions = ["myst_parser", "sphinx_copybutton", "sphinx.ext.autodoc"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["README.md"]
 html_theme = "furo"
 html_title = "Norrbin"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_baseurl = ""
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath", "amsmath"]
