@@ -27,6 +27,8 @@ STRAY = tuple(
 )
 """Signals that nobody is expected to send (a log rotation, a power monitor, a limit of processor time do), and whose
 default is the death of the process: whoever holds a rudder takes them, too."""
+REAL_TIME = tuple(range(signal.SIGRTMIN, signal.SIGRTMAX + 1)) if hasattr(signal, "SIGRTMIN") else ()
+"""The same, by number: most of these have no name."""
 STAYING = ("run", "trial", "web", "signalk", "helm", "serve", "ardupilot-physics")
 """Commands that go on until they are ended: for them a signal is the way it is meant to be."""
 LEFT: list[Callable[[], None]] = []
@@ -56,6 +58,8 @@ def take_signals(program: str, command: str) -> None:
 
 def ended_by(number: int) -> str:
     """Return the name of a signal as a skipper knows it."""
+    if number in REAL_TIME:
+        return f"signal {number}"
     return NAMES.get(signal.Signals(number), signal.Signals(number).name)
 
 

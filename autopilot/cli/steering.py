@@ -30,7 +30,7 @@ from autopilot.cli.options import (
 from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.printable import terminal_of
-from autopilot.interruption import NAMES, STRAY, ended_by
+from autopilot.interruption import NAMES, REAL_TIME, STRAY, ended_by
 from autopilot.links.arrivals import came
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
@@ -178,11 +178,12 @@ class Ending:
         def stay(_number: int, _frame: FrameType | None) -> None:
             self._asked_to_stand_still = True
 
+        stray = (*STRAY, *REAL_TIME)
         wanted = (
-            dict.fromkeys((*NAMES, *STRAY), stop) | {signal.SIGTSTP: stay} | dict.fromkeys(BACKGROUND, signal.SIG_IGN)
+            dict.fromkeys((*NAMES, *stray), stop) | {signal.SIGTSTP: stay} | dict.fromkeys(BACKGROUND, signal.SIG_IGN)
         )
         before = {number: signal.getsignal(number) for number in wanted}
-        for each in (signal.SIGHUP, *STRAY):  # nohup: it goes on without its terminal
+        for each in (signal.SIGHUP, *stray):  # nohup: it goes on without its terminal
             if before[each] is signal.SIG_IGN:
                 del before[each]
         for each in before:

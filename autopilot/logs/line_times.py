@@ -103,10 +103,12 @@ def stamped(path: str, stamps: Sequence[tuple[float, bool]], what: str) -> tuple
     time = np.array([seconds for seconds, _ in stamps])
     is_of_day = all(each for _, each in stamps)
     time = without_midnight(time) if is_of_day else time
-    back = np.flatnonzero(np.diff(time) < -BACK_MOST_S)
+    # small steps add up: a file that is written backwards would else be read as sailed forwards
+    behind = np.maximum.accumulate(time) - time
+    back = np.flatnonzero(behind > BACK_MOST_S)
     if back.size:
         raise InputError(
-            f"{path}: the time stamps step back by {time[back[0]] - time[back[0] + 1]:.1f} s at {what} {back[0] + 2}: "
+            f"{path}: the time stamps step back by {behind[back[0]]:.1f} s at {what} {back[0] + 1}: "
             "the clock was set, or two logs were put together; keep one part."
         )
     return time, is_of_day

@@ -26,7 +26,7 @@ from boat_recordings import zigzag_boat
 from two_processes import free_port
 
 from autopilot.cli.steering import Ending
-from autopilot.interruption import STRAY
+from autopilot.interruption import REAL_TIME, STRAY
 from autopilot.runtime.app import Plan
 from autopilot.runtime.record import read_log
 from autopilot.signals import Order, OrderKind
@@ -239,14 +239,18 @@ def test_a_closed_terminal_ends_a_run_in_good_order(tmp_path: Path) -> None:
     assert said.startswith("ended by the terminal's end: rudder not held; nothing was steered; log ")
 
 
-@pytest.mark.parametrize("number", STRAY, ids=lambda number: number.name)
-def test_no_signal_that_can_be_taken_kills_a_pilot_with_the_rudder_held(number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    ("number", "name"),
+    [(each, each.name) for each in STRAY] + [(each, f"signal {each}") for each in (REAL_TIME[0], 51, REAL_TIME[-1])],
+    ids=str,
+)
+def test_no_signal_that_can_be_taken_kills_a_pilot_with_the_rudder_held(number: int, name: str) -> None:
     before = signal.getsignal(number)
     ending = Ending(Plan(load_vessel("lanxin"), lambda *_: Order(OrderKind.STANDBY)), wait=0.0, must_engage=False)
     with ending.at_signals():
         os.kill(os.getpid(), number)
         time.sleep(0.01)
-    assert (ending.stop, ending.why) == (True, f"ended by {number.name}")
+    assert (ending.stop, ending.why) == (True, f"ended by {name}")
     assert signal.getsignal(number) == before
 
 

@@ -128,6 +128,10 @@ def test_a_clock_that_is_set_by_days_leaves_two_stretches_and_one_set_back_is_re
     back = [each._replace(time=each.time - 3600.0 * (each.time > 40.0)) for each in SENT]
     with pytest.raises(InputError, match=r"step back by 3600.0 s at message \d+: the clock was set"):
         read(back, "candump -L")
+    # in steps too small for that: backwards, as a log that is printed with the newest on top
+    backwards = [each._replace(time=-each.time) for each in SENT]
+    with pytest.raises(InputError, match=r"step back by 1\.\d s at message \d+: the clock was set"):
+        read(backwards, "candump -L")
 
 
 def test_magnetic_headings_take_the_variation_that_the_log_knows() -> None:
