@@ -45,7 +45,7 @@ def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
     try:
         replace_file(path, text)
     except OSError as error:
-        raise _unwritable(path, error.strerror) from None
+        raise _unwritable(path, error) from None
 
 
 class Worker:
@@ -102,7 +102,7 @@ def _save_again(path: str | Path, text: str, beginnings: tuple[bytes, ...], kind
     try:
         before = read_regular(path, 64) if os.path.isfile(path) else b""  # noqa: PTH113
     except OSError as error:
-        raise _unwritable(path, error.strerror) from None
+        raise _unwritable(path, error) from None
     if before and not b"".join(before.lower().split()).startswith(beginnings):
         raise InputError(f"{path}: exists already and is no {kind}.")
     save_text(path, text)
@@ -125,7 +125,7 @@ def save_unused(path: Path, text: str) -> Path:
                 raise
         sync_folder(found.parent)
     except OSError as error:
-        raise _unwritable(path, error.strerror) from None
+        raise _unwritable(path, error) from None
     return found
 
 
@@ -309,11 +309,15 @@ def refuse_in_use(path: Path) -> None:
 def check_folder(path: str | Path) -> None:
     """Raise InputError where there is no folder to write `path` into: said before the work, not after it."""
     if not Path(path).absolute().parent.is_dir():
-        raise _unwritable(path, os.strerror(errno.ENOENT))
+        raise _unwritable(path, OSError(errno.ENOENT, os.strerror(errno.ENOENT)))
 
 
-def _unwritable(path: str | Path, why: str | None) -> InputError:
-    return InputError(f"{path}: cannot be written ({why}); give another file, in a folder that you may write to.")
+def _unwritable(path: str | Path, error: OSError) -> InputError:
+    if error.errno in FULL:
+        cure = "free the disk, or give a file on another; what was there before is untouched"
+    else:
+        cure = "give another file, in a folder that you may write to"
+    return InputError(f"{path}: cannot be written ({error.strerror}); {cure}.")
 
 
 def replace_file(path: Path, text: str, *, private: bool = False) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.outside import read_regular
-from autopilot.files.saving import save_text, sync_folder
+from autopilot.files.saving import FULL, replace_file, sync_folder
 from autopilot.firmware.download import NamedDownload
 from autopilot.firmware.file import Wanted
 from autopilot.firmware.metadata import Kept, Marks, kept_by_firmware
@@ -93,9 +93,10 @@ def _make_folder(folder: Path) -> None:
 
 
 def _no_folder(folder: Path, error: OSError) -> InputError:
+    cure = "Free the disk, or name" if error.errno in FULL else "Name"
     return InputError(
         f"{folder}: cannot be written into ({error.strerror}); the old values are kept there, so that an upload can "
-        "be undone after a power cut. Name another folder in the environment variable NORRBIN_STATE."
+        f"be undone after a power cut. {cure} another folder in the environment variable NORRBIN_STATE."
     )
 
 
@@ -103,7 +104,10 @@ def write_journal(path: Path, journal: Journal) -> None:
     """Put the journal on disk, whole or not at all; raises InputError where that is impossible."""
     _make_folder(path.parent)
     document = {"format": FORMAT, **asdict(journal), "changes": [change._asdict() for change in journal.changes]}
-    save_text(path, json.dumps(document, indent=1))
+    try:
+        replace_file(path, json.dumps(document, indent=1))
+    except OSError as error:
+        raise _no_folder(path.parent, error) from None
 
 
 def read_journal(path: Path) -> Journal | None:

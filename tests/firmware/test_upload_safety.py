@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import os
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from two_processes import free_port
 from autopilot.cli import params as command
 from autopilot.cli import params_upload
 from autopilot.errors import InputError, RefusedError
-from autopilot.firmware import session
+from autopilot.firmware import journal, session
 from autopilot.firmware.file import Wanted
 from autopilot.firmware.journal import Journal, read_journal, write_journal
 from autopilot.firmware.metadata import Marks
@@ -288,6 +289,21 @@ def test_a_journal_that_cannot_be_kept_stops_the_upload(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "file" / "state"))
     with pytest.raises(InputError, match="Name another folder in the environment variable NORRBIN_STATE"):
+        call(served, "upload", write("new.parm", **ALL_NEW), "--no-backup")
+    assert served.vehicle.sets_received == 0
+
+
+def test_a_journal_on_a_full_disk_says_whose_disk_and_what_to_do(
+    served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(journal, "replace_file", full)
+    words = (
+        r"state: cannot be written into \(No space left on device\); the old values are kept there, .* Free the disk"
+    )
+    with pytest.raises(InputError, match=words):
         call(served, "upload", write("new.parm", **ALL_NEW), "--no-backup")
     assert served.vehicle.sets_received == 0
 

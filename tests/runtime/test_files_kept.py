@@ -104,6 +104,22 @@ def test_a_pipe_without_a_reader_is_said_and_one_with_a_reader_is_written(tmp_pa
     sink.close()
 
 
+def test_a_full_disk_leaves_the_old_file_and_says_that_freeing_it_is_the_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "boat.yaml"
+    path.write_text("good")
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    for write in (save_text, save_unused):
+        with pytest.raises(InputError, match=r"No space left on device\); free the disk, or give a file on another"):
+            write(path, "half")
+    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {"boat.yaml": "good"}
+
+
 @pytest.mark.parametrize("make", [lambda path: FileSink(path / "run.tlog"), FolderSink], ids=["file", "folder"])
 def test_a_disk_that_is_full_from_the_start_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], FileSink | FolderSink]
