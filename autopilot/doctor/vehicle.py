@@ -22,7 +22,7 @@ from autopilot.links.mavlink.requests import VehicleParameters
 from autopilot.links.mavlink.steering import REACH_TOLERANCE_DEG, channel_of, share_from_servo
 from autopilot.links.url import open_transport
 from autopilot.runtime.clock import Clock
-from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample
+from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample, RateSample
 from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.schema import Vessel
 
@@ -167,18 +167,20 @@ PACE_S = 0.05
 
 
 class Received(NamedTuple):
-    """When headings arrived [s] and how old they were [s], by their sources; the last word on the helm, and alarms."""
+    """When headings arrived [s] and how old they were [s], by their sources; the last word on the helm, and alarms;
+    whether a rate of turn came with the headings or by itself, by its sources."""
 
     arrivals: dict[str, list[float]]
     ages: dict[str, list[float]]
     helm: dict[str, str]
     alarms: dict[str, AlarmEvent | None]
     seconds: float
+    turning: dict[str, bool]
 
 
 def listen(links: Sequence[Link], clock: Clock, seconds: float) -> Received:
     """Listen for so long. Raises LinkError where a link is lost."""
-    received = Received(defaultdict(list), defaultdict(list), {}, {}, seconds)
+    received = Received(defaultdict(list), defaultdict(list), {}, {}, seconds, {})
     end = clock.now() + seconds
     while (now := clock.now()) < end:
         for link in links:
@@ -193,6 +195,10 @@ def _take(received: Received, now: float, sample: object) -> None:
     if isinstance(sample, HeadingSample):
         received.arrivals[sample.source].append(now)
         received.ages[sample.source].append(now - sample.time)
+        if sample.rate is not None:
+            received.turning[sample.source] = True
+    elif isinstance(sample, RateSample):
+        received.turning[sample.source] = True
     elif isinstance(sample, HelmSample):
         received.helm[sample.source] = "" if sample.available else sample.reason
     elif isinstance(sample, AlarmSample):
@@ -243,6 +249,21 @@ def _heading(source: str, received: Received, timeout: float) -> Finding:
     return Finding(name, verdict, found, "a quicker compass, a higher baud rate, or fewer other sentences", figures)
 
 
+def gyro_findings(received: Received, vessel: Vessel) -> list[Finding]:
+    """Return whether what the gains were designed for is aboard; nothing where it is."""
+    is_there, seconds = bool(received.turning), f"in {received.seconds:.0f} s"
+    if vessel.sensors.gyro and not is_there:
+        found = f"no rate of turn came {seconds}, and the file's gains are for a boat with a gyro (sensors.gyro)"
+        return [
+            Finding("gyro", Verdict.WARN, found, "set sensors.gyro: false and run autopilot gains again, or mend it")
+        ]
+    if is_there and not vessel.sensors.gyro:
+        found = f"a rate of turn came {seconds} from {', '.join(sorted(received.turning))}"
+        cure = "set sensors.gyro: true and run autopilot gains again: the course is held closer with less rudder"
+        return [Finding("gyro", Verdict.WARN, found, cure)]
+    return []
+
+
 def examine(
     open_links: Callable[[], list[Link]],
     clock: Clock,
@@ -260,7 +281,10 @@ def examine(
     except LinkError as error:
         return [Finding("link", Verdict.NO_GO, *parted(str(error)))]
     try:
-        findings = judged(listen(links, clock, seconds), timeout, came)
+        received = listen(links, clock, seconds)
+        findings = judged(received, timeout, came)
+        if vessel is not None and received.arrivals:
+            findings += gyro_findings(received, vessel)
         for link in links:
             if isinstance(link, CompanionLink):
                 findings += firmware_findings(link.session.parameters, vessel)

@@ -18,7 +18,7 @@ from autopilot.cli.main import main
 from autopilot.doctor import machine
 from autopilot.doctor import machine as system
 from autopilot.doctor.machine import Finding, Verdict, worst
-from autopilot.doctor.vehicle import Received, examine, judged
+from autopilot.doctor.vehicle import Received, examine, gyro_findings, judged
 from autopilot.firmware.file import load_firmware, wanted_parameters
 from autopilot.links.base import Link, LinkError
 from autopilot.vessel.file import load_vessel
@@ -172,7 +172,7 @@ def test_a_silent_line_is_no_go() -> None:
 
 def test_a_helm_that_is_refused_is_no_go_with_its_reason() -> None:
     received = Received(
-        {"a": [0.1 * n for n in range(50)]}, {"a": [0.01] * 50}, {"a": "the vehicle is not armed"}, {}, 5.0
+        {"a": [0.1 * n for n in range(50)]}, {"a": [0.01] * 50}, {"a": "the vehicle is not armed"}, {}, 5.0, {}
     )
     helm = judged(received, 1.0)[1]
     assert (helm.verdict, helm.found) == (Verdict.NO_GO, "a: the vehicle is not armed")
@@ -263,13 +263,35 @@ def test_with_the_shipped_parameters_only_the_way_to_take_over_is_left_to_choose
 def test_uneven_headings_are_reported_by_their_gaps() -> None:
     chance = random.Random(7)
     times = [0.1 * n + chance.uniform(0.0, 0.02) for n in range(100)]
-    even = judged(Received({"a": times}, {"a": [0.0] * 100}, {}, {}, 10.0), 1.0)[0]
+    even = judged(Received({"a": times}, {"a": [0.0] * 100}, {}, {}, 10.0, {}), 1.0)[0]
     assert even.verdict is Verdict.GO
     assert 1.0 < even.figures["jitter_ms"] < 21.0
-    assert judged(Received({"a": [*times, 10.7]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0].verdict is Verdict.WARN
-    assert judged(Received({"a": [*times, 11.2]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0].verdict is Verdict.NO_GO
-    slow = judged(Received({"a": [0.0, 0.4, 0.8]}, {"a": [0.0]}, {}, {}, 10.0), 1.0)[0]
+    assert judged(Received({"a": [*times, 10.7]}, {"a": [0.0]}, {}, {}, 10.0, {}), 1.0)[0].verdict is Verdict.WARN
+    assert judged(Received({"a": [*times, 11.2]}, {"a": [0.0]}, {}, {}, 10.0, {}), 1.0)[0].verdict is Verdict.NO_GO
+    slow = judged(Received({"a": [0.0, 0.4, 0.8]}, {"a": [0.0]}, {}, {}, 10.0, {}), 1.0)[0]
     assert slow.verdict is Verdict.WARN
+
+
+def test_a_gyro_is_there_as_the_gains_were_designed_for_it_or_a_warning_says_what_to_do() -> None:
+    alone = replace(VESSEL, sensors=replace(VESSEL.sensors, gyro=False))
+    compass = Received({"HCHDT": [0.0, 0.1]}, {"HCHDT": [0.0]}, {}, {}, 10.0, {})
+    turning = compass._replace(turning={"TIROT": True})
+    assert gyro_findings(turning, VESSEL) == gyro_findings(compass, alone) == []
+    (missing,), (unused,) = gyro_findings(compass, VESSEL), gyro_findings(turning, alone)
+    assert (missing.verdict, unused.verdict) == (Verdict.WARN, Verdict.WARN)
+    assert "sensors.gyro: false" in missing.cure
+    assert "TIROT" in unused.found
+    assert "sensors.gyro: true" in unused.cure
+
+
+def test_the_rate_of_turn_of_a_vehicle_is_heard() -> None:
+    run = Lockstep(VESSEL)
+    findings = examine(lambda: [run.link], Listening(run), 12.0, 1.0, VESSEL)
+    assert "gyro" not in {finding.name for finding in findings}
+    alone = replace(VESSEL, sensors=replace(VESSEL.sensors, gyro=False))
+    run = Lockstep(VESSEL)
+    findings = examine(lambda: [run.link], Listening(run), 12.0, 1.0, alone)
+    assert "gyro" in {finding.name for finding in findings}
 
 
 def test_links_that_cannot_be_opened_or_are_lost_are_no_go_with_the_cure() -> None:
