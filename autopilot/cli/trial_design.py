@@ -20,9 +20,9 @@ from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, Rudde
 
 if TYPE_CHECKING:
     from autopilot.identification.runs import Run
-    from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Helm, Water
+    from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Helm, InstrumentNoise, Water
     from autopilot.models.norrbin import Norrbin
-    from autopilot.vessel.schema import Vessel
+    from autopilot.vessel.schema import Sensors, Vessel
 
 SYMBOLS = {"gain": "K", "time_constant": "T", "n3": "n3"}
 
@@ -65,14 +65,21 @@ def run(arguments: argparse.Namespace) -> int:
     return int(ExitCode.OK)
 
 
+def _noise(sensors: Sensors) -> InstrumentNoise:
+    from autopilot.identification.trial_design import InstrumentNoise
+
+    rate = math.radians(sensors.rate_noise_deg_s) if sensors.gyro else math.inf
+    return InstrumentNoise(rate, math.radians(sensors.heading_noise_deg))
+
+
 def _boat(vessel: Vessel, arguments: argparse.Namespace) -> Boat:
-    from autopilot.identification.trial_design import Boat, InstrumentNoise
+    from autopilot.identification.trial_design import Boat
     from autopilot.runtime.build import gear_of, limits_of, model_of
 
     if vessel.model.n1 < 0.0:
         raise InputError(f"{arguments.vessel}: model.n1 is -1: trials are designed for course-stable boats only")
     sensors, model = vessel.sensors, model_of(vessel)
-    noise = InstrumentNoise(math.radians(sensors.rate_noise_deg_s), math.radians(sensors.heading_noise_deg))
+    noise = _noise(sensors)
     speed = arguments.speed_m_s or model.reference_speed
     # n0 costs information, but its guess is no part of the plan
     plan = model._replace(n0=0.0)
@@ -179,13 +186,13 @@ def predicted_accuracy(script: TrialScript, vessel: Vessel) -> str:
     second, at the model's reference speed, without wind and current. The script is used up."""
     import numpy as np
 
-    from autopilot.identification.trial_design import InstrumentNoise, cramer_rao, track_of
+    from autopilot.identification.trial_design import cramer_rao, track_of
     from autopilot.runtime.build import model_of
 
     model, sensors = model_of(vessel)._replace(n0=0.0), vessel.sensors
     run = sailed(script, vessel)
     free = ("gain", "time_constant", *(("n3",) if model.n3 > 0.0 else ()), "n0")
-    noise = InstrumentNoise(math.radians(sensors.rate_noise_deg_s), math.radians(sensors.heading_noise_deg))
+    noise = _noise(sensors)
     accuracy = accuracy_in_words(cramer_rao([run], model, free, noise), model)
     segment = run.segments[0]
     ahead, abeam = (float(np.ptp(axis)) for axis in track_of(segment))

@@ -180,6 +180,12 @@ def test_what_a_trial_is_predicted_to_tell_is_what_its_design_says(candidate: Ca
     said = predicted_accuracy(second, quiet)
     assert f"K to {100.0 * bound['gain'] / 0.2:.2g} %, T to {100.0 * bound['time_constant'] / 5.0:.2g} %" in said
     assert "It takes 90 s" in said
+    alone = replace(quiet, sensors=replace(quiet.sensors, gyro=False))
+    again = TrialScript(steps_of(arguments, 30.0, model_of(VESSEL)))
+    worse = cramer_rao([sailed(again, VESSEL)], BOAT.model, tuple(design.errors), NOISE._replace(rate=math.inf))
+    assert worse["gain"] > bound["gain"]
+    third = TrialScript(steps_of(arguments, 30.0, model_of(VESSEL)))
+    assert f"K to {100.0 * worse['gain'] / 0.2:.2g} %" in predicted_accuracy(third, alone)
 
 
 def test_a_trial_without_end_is_predicted_to_its_limit(capsys: pytest.CaptureFixture[str]) -> None:
