@@ -85,9 +85,11 @@ def decode(field: float, raw: bytes, kind: int, bytewise: bool) -> Number:
 def encode(value: Number, kind: int, bytewise: bool) -> bytes:
     """Return the 4 bytes that carry `value` as MAV_PARAM_TYPE `kind`; ValueError with the reason where none do."""
     if kind not in _FORMATS:
+        if math.isinf(as_float32(value)) and not math.isinf(value):
+            raise ValueError(f"the vehicle holds it as {type_name(kind)}, which goes to 3.4e+38")
         return struct.pack("<f", value)
     low, high = integer_range(kind)
-    if value != int(value):
+    if not math.isfinite(value) or value != int(value):
         raise ValueError(f"the vehicle holds it as {type_name(kind)}, a whole number is needed")
     if not low <= value <= high:
         raise ValueError(f"the vehicle holds it as {type_name(kind)}, allowed are {low} to {high}")

@@ -214,15 +214,17 @@ class Upload:
         item = self._by_name.get(value.name)
         if item is None or item.is_settled or (item.old is not None and item.name != value.name):
             return
-        if self._list_since is not None:
-            self._list_since = now
         item.now = value
-        if item.old is None:
+        is_new = item.old is None
+        if is_new:
             self._take_first(item, value, now)
         elif self._is_accepted(item):
             self._requests.answered(value.name, now)
             # a late answer to an earlier question must not overwrite what was read back
             item.is_settled = self.phase is Phase.VERIFYING
+        # what another station asks for or writes meanwhile brings the same names again and again
+        if self._list_since is not None and (is_new or item.is_settled):
+            self._list_since = now
 
     def _take_first(self, item: _Item, value: ParameterValue, now: float) -> None:
         item.name = value.name

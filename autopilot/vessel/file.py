@@ -107,7 +107,8 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
         yield (
             "helm.servo_us",
             f"helm.servo_us is [{pulses[0]:g}, {pulses[1]:g}, {pulses[2]:g}]; the three pulses must rise, such as "
-            "[1000, 1500, 2000].",
+            "[1000, 1500, 2000]; a servo that is mounted the other way round is set so at the flight controller "
+            "(SERVOn_REVERSED).",
         )
     yield from _deviation_problems(vessel.sensors.deviation_deg)
     yield from _address_problems(vessel.security.allow_addresses)

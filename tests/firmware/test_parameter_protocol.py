@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import struct
 
@@ -67,6 +68,37 @@ def test_an_upload_is_complete_and_bit_exact(bytewise: bool, loss: float) -> Non
     for each in wanted:
         held, kind = vehicle.table[each.name]
         assert same_value(held, each.value, kind)
+
+
+class SharedVehicle(ParameterVehicle):
+    """Another ground station writes to it without a pause: the answers go to everybody."""
+
+    def transmit(self, at_most: int) -> list[bytes]:
+        self.table["OTHER"][0] += 1.0
+        self.waiting += [("OTHER", 65535), ("P0", 65535)]
+        return super().transmit(at_most)
+
+
+def test_another_station_that_writes_all_the_time_does_not_hold_an_upload_up() -> None:
+    vehicle = SharedVehicle({f"P{number}": (0.0, REAL32) for number in range(99)} | {"OTHER": (0.0, REAL32)})
+    wanted = [Wanted((f"P{number}",), 1.0) for number in range(99)] + [Wanted(("OTHER",), 0.5)]
+    outcomes = upload(vehicle, wanted, loss=0.1)
+    assert outcomes.pop("OTHER").verdict is Verdict.CONSTRAINED
+    assert {each.verdict for each in outcomes.values()} == {Verdict.SET}
+
+
+@pytest.mark.parametrize(
+    ("value", "kind", "reason"),
+    [
+        (math.inf, INT32, "the vehicle holds it as INT32, a whole number is needed"),
+        (math.nan, INT32, "the vehicle holds it as INT32, a whole number is needed"),
+        (1e39, INT32, "the vehicle holds it as INT32, allowed are -2147483648 to 2147483647"),
+        (-1e39, REAL32, r"the vehicle holds it as REAL32, which goes to 3\.4e\+38"),
+    ],
+)
+def test_a_number_that_no_type_holds_is_refused_with_the_reason(value: float, kind: int, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        encode(value, kind, bytewise=False)
 
 
 def test_px4s_checksum_of_the_table_is_checked() -> None:
