@@ -281,6 +281,7 @@ def main() -> int:
     parser.add_argument("--rootfs", type=Path, help="a Debian root with that Python: makes an OCI image upon it, too")
     parser.add_argument("--published-at", default="", metavar="URL", help="where the project is: links of the image")
     chosen = parser.parse_args()
+    chosen.out.mkdir(parents=True, exist_ok=True)
     epoch = int(os.environ.get("SOURCE_DATE_EPOCH", "0"))
     for architecture in chosen.architecture or MACHINES:
         with tempfile.TemporaryDirectory() as folder:

@@ -341,12 +341,20 @@ def run(arguments: argparse.Namespace) -> int:
     checklist.save()
     while (step := checklist.next) is not None:
         print("\n".join(["", *checklist.lines(), ""]))
-        take(step, Boat(file, (*checklist.links, *_pace(step, arguments)), load_vessel(file)), talk)
+        try:
+            take(step, Boat(file, (*checklist.links, *_pace(step, arguments)), load_vessel(file)), talk)
+        except KeyboardInterrupt:
+            print(f"\nLeft before {step.title}; autopilot new-boat {file} goes on here.")
+            raise
         checklist.tick_off(step, datetime.now())
         checklist.save()
     print("\n".join(["", *checklist.lines(), ""]))
-    print(f"Done: {file} steers. Every day: autopilot run {file} {' '.join(checklist.links)}")
-    print("From power-on: autopilot install-service. Look at the first hold again: autopilot replay")
+    links, holds = " ".join(checklist.links), _until_missing(file.with_name(f"{file.stem}-hold.tlog"))
+    print(f"Done: {file} steers. Every day: autopilot run {file} {links}")
+    boots = " ".join(f"--run-with={word}" if word == "--as-gcs" else word for word in checklist.links)
+    print(f"From power-on: autopilot install-service {file} {boots}")
+    if holds:
+        print(f"Look at the first hold again: autopilot replay {holds[-1]}")
     return int(ExitCode.OK)
 
 

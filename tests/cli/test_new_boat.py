@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from autopilot.cli import new_boat
-from autopilot.cli.main import main
+from autopilot.cli.main import build_parser, main
 from autopilot.cli.new_boat import STEPS, Boat, Checklist
 from autopilot.errors import InputError
 from autopilot.vessel.file import dump_vessel, load_vessel
@@ -128,6 +128,40 @@ def test_it_goes_on_where_it_was_left(
     assert [command[0] for command in commands] == ["gains"]
     assert main(["new-boat", str(file), "--list"]) == 0
     assert "5. next  the gains" in capsys.readouterr().out
+
+
+def test_who_leaves_is_shown_where_it_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def left(command: Sequence[str], check: bool) -> SimpleNamespace:
+        raise KeyboardInterrupt
+
+    file = tmp_path / "mine.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")))
+    monkeypatch.setattr(new_boat.subprocess, "run", left)
+    with pytest.raises(KeyboardInterrupt):
+        main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"])
+    assert (
+        f"Left before this computer and the links; autopilot new-boat {file} goes on here." in capsys.readouterr().out
+    )
+
+
+def test_at_its_end_stand_the_commands_of_every_day(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def well(command: Sequence[str], check: bool) -> SimpleNamespace:
+        if "--log" in command:
+            Path(command[command.index("--log") + 1]).write_text("")
+        return SimpleNamespace(returncode=0)
+
+    file = tmp_path / "mine.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")))
+    monkeypatch.setattr(new_boat.subprocess, "run", well)
+    assert main(["new-boat", str(file), "--link", "serial:/dev/pixhawk:115200", "--as-gcs", "--yes"]) == 0
+    said = capsys.readouterr().out
+    assert f"autopilot replay {tmp_path / 'mine-hold.tlog'}" in said
+    service = said.partition("From power-on: autopilot ")[2].partition("\n")[0].split()
+    assert build_parser().parse_args(service).link == ["serial:/dev/pixhawk:115200"]
 
 
 def test_where_nobody_answers_the_option_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
