@@ -181,7 +181,7 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         [load_run(path, None, arguments.reverse_rudder, options) for path in paths]
         for paths in (arguments.logs, arguments.holdout)
     )
-    ordered = _slower_rudder(vessel, fitted)
+    ordered, as_ordered = _slower_rudder(vessel, fitted), fitted
     if ordered is not None:
         from autopilot.identification.ordered_rudder import with_rudder_of
 
@@ -195,7 +195,8 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
 
         given = Given(vessel, arguments.rudder_max_deg, arguments.rudder_at_full_deg)
         boat = boat_for(arguments.out, fitted, given)
-    result = _identify(arguments, steady, _prior(arguments.length_m, vessel, fitted), fitted, held_out)
+    doubt = None if ordered is None else (as_ordered, ordered)
+    result = _identify(arguments, steady, _prior(arguments.length_m, vessel, fitted), fitted, held_out, doubt)
     if ordered is not None:
         result = result._replace(rudder_rate=ordered)
     if arguments.out:
@@ -275,7 +276,9 @@ def _identify(
     prior: BoatPrior | None,
     fitted: list[Run],
     held_out: list[Run],
+    rudder: tuple[Sequence[Run], RudderRate] | None,
 ) -> Result:
+    """Return the answer; rudder: the runs as they were ordered and a rate found by turning, whose doubt goes in."""
     from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.registry import METHODS, method_named
     from autopilot.identification.residual_tests import residual_tests
@@ -297,6 +300,12 @@ def _identify(
             found = method.identify(fitted, question)
         else:
             found = choice.found
+            question = choice.form._replace(reference_speed=found.model.reference_speed, progress=bar.update)
+        if rudder is not None:
+            from autopilot.identification.ordered_rudder import with_doubt_of_rate
+
+            at_speed = question._replace(reference_speed=found.model.reference_speed)
+            found = with_doubt_of_rate(found, *rudder, lambda runs: method.identify(runs, at_speed))
     model, train = found.model, found.train
     if found.sliding is not None and found.around is None:
         model, train = found.sliding.model, found.sliding.fit.train

@@ -206,7 +206,7 @@ def answer_of(
         zip(names, np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), strict=True)
     )
     errors |= {"n1": None, "n2": None, **{name: found.train_errors.get(name) for name in RudderTrain._fields}}
-    reasons = {**reasons, **_reasons(ratios, model, errors)}
+    reasons = {**reasons, **reasons_of(ratios, model, errors)}
     noises = _noises(model, runs, found.train)
     return Identified(
         model,
@@ -305,7 +305,8 @@ def _in_norrbin(found: LikelihoodFit, speed: float) -> tuple[Norrbin, FloatArray
     return model, slope @ found.covariance @ slope.T
 
 
-def _reasons(ratios: Ratios, model: Norrbin, errors: dict[str, float | None]) -> dict[str, str]:
+def reasons_of(ratios: Ratios, model: Norrbin, errors: dict[str, float | None]) -> dict[str, str]:
+    """Return what the runs cannot tell with these errors, a sentence by symbol."""
     (a, b, d, _), (a_error, b_error, d_error, _) = ratios
     if ratios.on_ridge:
         known = (

@@ -19,13 +19,16 @@ Derived here; first order in n3: the perturbation of Nomoto's model by its cubic
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from autopilot.errors import InputError
+from autopilot.identification.identified import Identified, Ratios
+from autopilot.identification.likelihood_model import reasons_of
 from autopilot.identification.rudder_path import RudderRate
 from autopilot.identification.runs import FloatArray, Run, Segment
 
@@ -109,6 +112,53 @@ def with_rudder_of(run: Run, rate: RudderRate) -> Run:
         segment._replace(rudder=rate_limited(segment.time, segment.rudder, rate.rate)) for segment in run.segments
     )
     return run._replace(segments=segments)
+
+
+def with_doubt_of_rate(
+    found: Identified, ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
+) -> Identified:
+    """Return `found`, fitted to the runs as `ordered` behind a gear of that `rate`, with the rate's doubt in its own.
+
+    To first order covariances add: of parameters p(s) fitted at a rate s of deviation e, C + (p' e)(p' e)', with p' e
+    half the difference of fits at s - e and s + e (a rate that was found first and held then: Murphy and Topel 1985).
+    What only one of the two fits could tell adds its distance from `found`. Where neither can be made, nothing is
+    known of the doubt, and InputError is raised.
+    """
+    beside = list[Identified]()
+    for side in (-1.0, 1.0):
+        moved = rate._replace(rate=rate.rate + side * rate.standard_error)
+        try:
+            beside.append(identify([with_rudder_of(run, moved) for run in ordered]))
+        except InputError:
+            continue
+    if not beside:
+        raise InputError(
+            "The doubt about K and T is unknown: nothing is identified with the rudder a little slower or quicker "
+            "than the boat's turning shows it; record the rudder's angle."
+        )
+    slow, quick = (found, beside[0]) if len(beside) == 1 else beside
+    share = 1.0 if len(beside) == 1 else 0.5
+    errors = dict(found.standard_errors)
+    for name, error in errors.items():
+        if error is not None:
+            errors[name] = math.hypot(error, share * (_value(quick, name) - _value(slow, name)))
+    covariance = found.covariance
+    if covariance is not None:
+        off = share * np.array([_value(quick, name) - _value(slow, name) for name in found.free])
+        covariance = covariance + np.outer(off, off)
+    ratios, reasons = found.ratios, found.unidentifiable
+    if ratios is not None and slow.ratios is not None and quick.ratios is not None:
+        pairs = zip(ratios.errors, slow.ratios.values, quick.ratios.values, strict=True)
+        a, b, d, e = (math.hypot(error, share * (high - low)) for error, low, high in pairs)
+        ratios = Ratios(ratios.values, (a, b, d, e))
+        reasons = {**reasons, **reasons_of(ratios, found.model, errors)}
+    return found._replace(standard_errors=errors, covariance=covariance, ratios=ratios, unidentifiable=reasons)
+
+
+def _value(found: Identified, name: str) -> float:
+    """Return a parameter of the model, of the rudder's way, or of propeller and wind; 0 where it was not found."""
+    owners = (found.model, found.train, found.around)
+    return next((float(getattr(owner, name)) for owner in owners if hasattr(owner, name)), 0.0)
 
 
 class _Misfit(NamedTuple):

@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 from boat_recordings import zigzag_boat
 
-from autopilot.identification.ordered_rudder import rate_limited, slower_rudder, with_rudder_of
+from autopilot.errors import InputError
+from autopilot.identification.identified import Identified, Question, Ratios
+from autopilot.identification.identify import identify
+from autopilot.identification.ordered_rudder import rate_limited, slower_rudder, with_doubt_of_rate, with_rudder_of
+from autopilot.identification.residuals import Noise
+from autopilot.identification.rudder_path import RudderRate
 from autopilot.identification.runs import Run, Segment
+from autopilot.models.norrbin import Norrbin
 
 FILED = math.radians(20.0)
 
@@ -74,3 +80,75 @@ def test_orders_that_never_move_show_no_rate() -> None:
     run = ordered(5.0)
     still = run.segments[0]._replace(rudder=np.zeros_like(run.segments[0].rudder))
     assert slower_rudder([run._replace(segments=(still,))], FILED) is None
+
+
+def test_the_doubt_about_a_rate_that_turning_shows_is_in_gain_and_time_constant() -> None:
+    run = ordered(5.0, noise_deg=0.2, seed=2026112760)
+    rate = slower_rudder([run], FILED)
+    assert rate is not None
+    question = Question(reference_speed=3.0)
+    held = identify([with_rudder_of(run, rate)], question)
+    found = with_doubt_of_rate(held, [run], rate, lambda runs: identify(runs, question))
+    assert found.model == held.model
+    for name, truth in (("gain", 0.2), ("time_constant", 5.0)):
+        error, before = found.standard_errors[name], held.standard_errors[name]
+        assert error is not None and before is not None and error > before
+        assert abs(getattr(found.model, name) - truth) < 1.96 * error
+    assert found.covariance is not None
+    assert math.sqrt(found.covariance[1, 1]) == pytest.approx(found.standard_errors["time_constant"])
+    assert found.ratios is not None and held.ratios is not None
+    assert all(after > before for after, before in zip(found.ratios.errors[:2], held.ratios.errors[:2], strict=True))
+
+
+RATE = RudderRate(math.radians(5.0), math.radians(0.2), 6, True)
+
+
+def fitted(time_constant: float, error: float = 0.03, b_error: float = 0.001) -> Identified:
+    """Return a fit of K 0.2 1/s and that T."""
+    ratios = Ratios((0.2 / time_constant, 1.0 / time_constant, 1.0, 0.0), (0.001, b_error, 0.1, 0.001))
+    errors = {"gain": 0.001, "time_constant": error, "n3": 0.5, "n0": None, "delay": None}
+    noise = (Noise(0.0, 0.0), Noise(0.0, 0.0))
+    model = Norrbin(0.2, time_constant, 5.0)
+    names, covariance = ("gain", "time_constant"), np.diag([0.001**2, error**2])
+    return Identified(model, errors, {}, noise, free=names, covariance=covariance, ratios=ratios)
+
+
+def by_rate(run: Run, time_constant: float, slope: float) -> Identified:
+    """Return a fit whose T [s] goes with the rate [deg/s] of the rudder."""
+    rate = float(np.max(np.abs(np.diff(run.segments[0].rudder) / np.diff(run.segments[0].time))))
+    return fitted(time_constant + slope * (math.degrees(rate) - 5.0))
+
+
+def test_covariances_add_as_far_as_the_fit_goes_with_the_rate() -> None:
+    run = ordered(5.0)
+    found = with_doubt_of_rate(fitted(5.0), [run], RATE, lambda runs: by_rate(runs[0], 5.0, 0.2))
+    assert found.standard_errors["time_constant"] == pytest.approx(math.hypot(0.03, 0.2 * 0.2))
+    assert found.standard_errors["gain"] == pytest.approx(0.001)
+    assert found.standard_errors["n0"] is None
+    assert found.covariance == pytest.approx(np.diag([0.001**2, 0.03**2 + 0.04**2]))
+
+
+def test_a_rate_in_doubt_may_leave_open_whether_the_boat_is_stable() -> None:
+    run = ordered(5.0)
+    found = with_doubt_of_rate(fitted(5.0), [run], RATE, lambda runs: by_rate(runs[0], 5.0, 20.0))
+    assert found.ratios is not None and found.ratios.on_ridge
+    assert {"K", "T"} <= set(found.unidentifiable)
+
+
+def test_fits_beside_the_rate_that_fail_are_made_up_for_or_refused() -> None:
+    run = ordered(5.0)
+
+    def quicker_only(runs: object) -> Identified:
+        calls.append(runs)
+        if len(calls) == 1:
+            raise InputError("too slow")
+        return fitted(5.04)
+
+    def never(runs: object) -> Identified:
+        raise InputError("no")
+
+    calls: list[object] = []
+    found = with_doubt_of_rate(fitted(5.0), [run], RATE, quicker_only)
+    assert found.standard_errors["time_constant"] == pytest.approx(math.hypot(0.03, 0.04))
+    with pytest.raises(InputError, match="record the rudder's angle"):
+        with_doubt_of_rate(fitted(5.0), [run], RATE, never)
