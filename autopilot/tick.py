@@ -705,7 +705,7 @@ def picture(boat: PilotConfig, way: Way, order: Order, reference: Reference, ste
     follows = order.kind is OrderKind.HEADING and not way.waits and boat.rudder_is_ours
     error = reference.heading - steady.heading if follows else math.nan
     error = error if -PI < error <= PI else wrap(error)
-    return Picture(steady.time, steady.heading_age, error, steady.rate, steady.bias)
+    return Picture(steady.time, steady.heading_age, error, steady.rate, steady.bias, reference.rate)
 
 
 def update_panel(

@@ -35,13 +35,16 @@ class Envelope(NamedTuple):
 
 class Picture(NamedTuple):
     """What a command was worked out from: the time [s] it holds for, the heading's age [s], the heading to be steered
-    minus the boat's [rad] (nan: the rudder is ordered, not a heading), its rate [rad/s], and the bias [rad]."""
+    minus the boat's [rad] (nan: the rudder is ordered, not a heading), its rate [rad/s], the bias [rad], and the rate
+    at which the heading to be steered goes round [rad/s]: a boat that is ahead of it in a turn, and that it catches up
+    with, has its rudder over for good reason."""
 
     time: float
     heading_age: float
     error: float
     rate: float
     bias: float
+    reference_rate: float = 0.0
 
 
 Move = tuple[float, float, float, float, float]
@@ -68,7 +71,7 @@ def fault(
         return OUTSIDE, f"rudder moved by {math.degrees(step):.1f} deg in {dt:.2f} s", wrong_since
     if picture is None:
         return "", "", wrong_since
-    time, heading_age, error, rate, bias = picture
+    time, heading_age, error, rate, bias, reference_rate = picture
     if not -OLDEST <= now - time <= OLDEST:
         return OUTSIDE, f"worked out for {now - time:+.1f} s ago", wrong_since
     if not heading_age <= heading_age_max:
@@ -79,7 +82,7 @@ def fault(
     # a bias towards the heading to be steered is what a rudder on the other side holds
     excused = side * bias if side * bias > 0.0 else 0.0
     pushes = side * command + excused < -WRONG_SHARE * angle_max
-    if not (pushes and side * rate <= 0.0):
+    if not (pushes and side * rate <= 0.0 and side * (rate - reference_rate) <= 0.0):
         return "", "", None
     since = now if wrong_since is None else wrong_since
     if now - since < WRONG_TIME:

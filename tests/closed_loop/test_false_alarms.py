@@ -110,6 +110,13 @@ def test_a_sea_that_pushes_a_boat_about_makes_its_rudder_no_slow_one(number: int
     assert minutes.ended == {}
 
 
+def test_a_boat_that_a_sea_sweeps_on_before_its_plan_keeps_its_helm() -> None:
+    """The last look at a command took the rudder of a turn for one that pushes the boat away, after 961 s."""
+    coaster = endurance_alarms.plants()["coaster"]
+    _, minutes = endurance_alarms.hour_of(coaster, 23, seed=20261128, seconds=980.0)
+    assert minutes.ended == {}
+
+
 def test_a_rudder_that_follows_the_sea_at_its_own_pace_is_no_livelier_boat() -> None:
     """A short sea within a long one, of which the filter knows one frequency: the rudder went with it, and the boat was
     given back for one that turns much faster than its file says, after 433 s."""

@@ -221,3 +221,24 @@ def test_a_limit_itself_is_inside_with_room_for_rounding_and_no_more(side: float
     assert pytest.approx(1.0e-9) == SLACK, "no rudder and no eye can tell"
     assert check(Envelope(MOST, math.inf)).fault(0.0, 0.0, angle, angle, 0.1)[0] == wanted
     assert check().fault(0.0, 0.0, travel, travel, 0.1)[0] == wanted
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("rate_deg_s", "is_wrong"), [(1.6, False), (2.4, True)])
+def test_a_boat_that_its_plan_catches_up_with_has_its_rudder_over_for_a_reason(
+    side: float, rate_deg_s: float, is_wrong: bool
+) -> None:
+    """Swept on by a sea 18 deg before its plan, which turns at 2 deg/s: the helm was given back in mid-turn."""
+    seen = picture(
+        error=side * math.radians(-18.0),
+        rate=side * math.radians(rate_deg_s),
+        reference_rate=side * math.radians(2.0),
+    )
+    rudder, since = side * math.radians(23.0), None
+    for step in range(50):
+        now = 0.1 * step
+        move = (now, rudder, rudder, rudder, 0.1)
+        name, _, since = fault(ENVELOPE, since, move, seen._replace(time=now))
+        if name:
+            break
+    assert bool(name) is is_wrong
