@@ -60,6 +60,8 @@ SETTLE = 2.0
 """After a turn the wind leads again when so many smoothing times have passed."""
 WATCH_AFTER = 6.0
 """The wind that shifts are measured from is that so many smoothing times after the order."""
+SHIFT_WIND_LEAST = 1.6
+"""In less wind [m/s] than that of Beaufort 2, the least that moves a vane, a bearing is chance and no shift."""
 SHIFT_OVER = 0.8
 """The alarm ends inside this share of its limit."""
 
@@ -439,6 +441,9 @@ class WindGuide:
             self._watched, self._reference, self._shifted = key, None, False
             self._watch_from = now + WATCH_AFTER * self.settings.time
         if key is None or now < self._watch_from or self.lost or self.vane.trouble(now):
+            return
+        if self.vane.wind.speed < SHIFT_WIND_LEAST:
+            self._shifted, self._watch_from = False, now + WATCH_AFTER * self.settings.time
             return
         if self._reference is None:
             self._reference = self.vane.slow_bearing

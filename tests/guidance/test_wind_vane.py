@@ -260,6 +260,19 @@ def test_a_shift_is_reported_against_the_heading_held_and_ends_with_it_and_with_
     assert watched(boat, 90.0, "another") == ""
 
 
+def test_a_light_air_that_goes_round_is_no_shift_and_a_wind_that_comes_from_elsewhere_is() -> None:
+    boat = Boat(wind=1.0)
+    for _ in range(12):
+        boat.wind_from += 40.0 * DEG
+        assert watched(boat, 20.0) == ""
+    boat.wind, boat.wind_from = 6.0, 1.0
+    assert watched(boat, 90.0) == ""
+    boat.wind = 1.0
+    assert watched(boat, 60.0) == ""
+    boat.wind, boat.wind_from = 6.0, 1.0 + 60.0 * DEG
+    assert "shifted" in watched(boat, 90.0)
+
+
 @pytest.mark.parametrize("manoeuvre", list(Manoeuvre))
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("is_true", [True, False])
