@@ -52,7 +52,7 @@ class NumberOption(argparse.Action):
             value = math.nan
         if not self.low <= value <= self.high or (self.is_whole and not isinstance(value, int)):
             shown = printable(text, SHOWN) or repr(text)
-            raise InputError(f"{self.option_strings[0]} {shown}: allowed is {self.allowed}")
+            raise InputError(f"{self.option_strings[0]} {shown}{_why_no_number(text)}: allowed is {self.allowed}")
         return value
 
     @property
@@ -61,6 +61,17 @@ class NumberOption(argparse.Action):
         if self.is_whole:
             return f"a whole number from {self.low} to {self.high}"
         return "a number" if math.isinf(self.high) else f"{self.low:.10g} to {self.high:.10g}"
+
+
+def _why_no_number(text: str) -> str:
+    """Return what is wrong with 33ft and 10,5, whose number may well be one of those allowed; else ''."""
+    if not text[:1].isdecimal():
+        return ""
+    try:
+        float(text)
+    except ValueError:
+        return " is no bare number (a point, no comma; no unit behind it)"
+    return ""
 
 
 def number(low: float, high: float) -> type[NumberOption]:

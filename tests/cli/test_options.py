@@ -155,3 +155,12 @@ def test_a_number_within_a_word_is_refused_in_one_sentence(
         said = capsys.readouterr().err.splitlines()
         assert code in (2, 3) and len(said) == 1, (text[:20], code, said)
         assert said[0].startswith(f"{program}: ") and len(said[0]) < 1000
+
+
+@pytest.mark.parametrize("text", ["33ft", "10,5", "10m"])
+def test_a_unit_or_a_comma_is_not_answered_with_a_range_that_holds_the_number(
+    text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert PROGRAMS["autopilot"][1](["new-boat", "no-such-boat.yaml", f"--length-m={text}"]) == 2
+    said = f"--length-m {text} is no bare number (a point, no comma; no unit behind it): allowed is 0.2 to 500\n"
+    assert capsys.readouterr().err.endswith(said)
