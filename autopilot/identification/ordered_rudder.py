@@ -129,7 +129,7 @@ def with_doubt_of_rate(
         moved = rate._replace(rate=rate.rate + side * rate.standard_error)
         try:
             beside.append(identify([with_rudder_of(run, moved) for run in ordered]))
-        except InputError:
+        except (InputError, np.linalg.LinAlgError):  # nothing is found, or no curvature is finite
             continue
     if not beside:
         raise InputError(
