@@ -397,7 +397,7 @@ def behind_a_compass(name: str) -> Vessel:
 
 @pytest.mark.parametrize("name", ["esso_osaka", "mmg_tanker", "lanxin"])
 def test_no_level_behind_a_compass_alone_was_designed_for_a_gyro(name: str) -> None:
-    """With gains for a gyro that is not there the loop of an Esso Osaka within her uncertainty is unstable."""
+    """With gains for a gyro that is not there the loop of an Esso Osaka within its uncertainty is unstable."""
     for row in front_of(behind_a_compass(name)):
         assert row.worst.heading <= SLOW_WORST * row.sea.heading, f"level {row.level}"
 
