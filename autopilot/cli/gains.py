@@ -144,15 +144,16 @@ def said_once(rows: dict[str, Judged]) -> dict[str, Judged]:
     """Return the rows, those of the file that are the designed ones in one row with them."""
     shown: dict[str, Judged] = {}
     filed = {each.law: each for name, each in rows.items() if name.startswith("file's ")}
+    alike = {
+        law
+        for law, each in filed.items()
+        if (twin := rows.get(f"designed {law}")) is not None
+        and getattr(twin.vessel.control, law) == getattr(each.vessel.control, law)
+    }
     for name, each in rows.items():
-        other = filed.get(each.law)
-        is_twin = other is not None and getattr(other.vessel.control, each.law) == getattr(
-            each.vessel.control, each.law
-        )
-        if not is_twin:
-            shown[name] = each
-        elif name.startswith("designed "):
-            shown[f"{name}, the file's"] = each
+        if each.law in alike and name.startswith("file's "):
+            continue
+        shown[f"{name}, the file's" if each.law in alike and name.startswith("designed ") else name] = each
     return shown
 
 

@@ -259,6 +259,14 @@ def test_speeds_that_are_not_steered_or_not_stable_are_named(
     assert files_rows.count("unstable") == files_rows.count("not to be engaged") == 5
 
 
+def test_the_file_s_own_gains_stand_beside_the_designed_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    """They were left out as if they were the same."""
+    assert main(["gains", "lanxin_paper_gains"]) == 0
+    said = capsys.readouterr().out
+    assert "designed backstepping" in said
+    assert "file's backstepping" in said
+
+
 def test_a_slower_rudder_gets_gentler_gains() -> None:
     quick = load_vessel("lanxin")
     slow = replace(quick, rudder=replace(quick.rudder, lag_s=0.2, delay_s=0.1))
