@@ -60,11 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _findings(arguments: argparse.Namespace) -> list[Finding]:
+    from autopilot.cli.options import named_vessel
     from autopilot.doctor import machine
     from autopilot.doctor import machine as system
-    from autopilot.vessel.file import load_vessel
 
-    vessel = None if arguments.vessel is None else load_vessel(arguments.vessel)
+    vessel = None if arguments.vessel is None else named_vessel(arguments.vessel)
     rate = RATE_HZ if vessel is None else vessel.control.rate_hz
     looked = [
         system.versions(),

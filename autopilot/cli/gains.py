@@ -88,6 +88,7 @@ def in_hand(vessel: Vessel, request: GainRequest, is_chosen: bool) -> Vessel:
 
 def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
+    from autopilot.cli.options import named_vessel
     from autopilot.control.design import DESIGNED
     from autopilot.report.gains import (
         as_json,
@@ -100,7 +101,6 @@ def run(arguments: argparse.Namespace) -> int:
         verdict_of_gains,
     )
     from autopilot.runtime.tuning import designed, front_of
-    from autopilot.vessel.file import load_vessel
 
     _check_tuning(arguments)
     check_place(arguments)
@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
         from autopilot.report import require_extra
 
         require_extra("by leaving out --report")
-    vessel = load_vessel(arguments.vessel)
+    vessel = named_vessel(arguments.vessel)
     _check_bandwidth(vessel, request)
     better = (
         designed(vessel, request) if vessel.model.n1 > 0.0 else in_hand(vessel, request, arguments.level is not None)
@@ -192,11 +192,14 @@ def _check_bandwidth(vessel: Vessel, request: GainRequest) -> None:
 
 
 def check_place(arguments: argparse.Namespace) -> None:
-    """Raise InputError where --out names another vessel's file: said before the work, not after it."""
+    """Raise InputError where --out names another vessel's file, or nothing can be written: said before the work."""
     from pathlib import Path
 
+    from autopilot.files.saving import check_folder
     from autopilot.vessel.file import refuse_bare_name
 
+    for path in filter(None, (arguments.out, arguments.report)):
+        check_folder(path)
     if arguments.out:
         refuse_bare_name(arguments.out)
     out, vessel = arguments.out and Path(arguments.out), Path(arguments.vessel)
@@ -267,10 +270,10 @@ def _check_tuning(arguments: argparse.Namespace) -> None:
 
 def _tuned(arguments: argparse.Namespace) -> int:
     """Tune, print what held-out seeds say, write the vessel where asked; exit code 4 where no gains have margins."""
+    from autopilot.cli.options import named_vessel
     from autopilot.runtime.build import verdict_of
-    from autopilot.vessel.file import load_vessel
 
-    vessel = load_vessel(arguments.vessel)
+    vessel = named_vessel(arguments.vessel)
     law = arguments.law or vessel.control.law
     section = getattr(vessel.control, law)
     if law not in designed_laws():

@@ -202,10 +202,14 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     if arguments.out:
         from autopilot.cli.identify_vessel import write_vessel
 
-        result = result._replace(remarks=tuple(write_vessel(arguments.out, result, boat, given)))
+        try:
+            result = result._replace(remarks=tuple(write_vessel(arguments.out, result, boat, given)))
+        except InputError:
+            print(report.as_json(result) if arguments.json else report.as_text(result))
+            raise  # a fit of minutes is shown even where its file cannot be
+    print(report.as_json(result) if arguments.json else report.as_text(result))
     if arguments.report:
         _write_report(arguments, result, steady)
-    print(report.as_json(result) if arguments.json else report.as_text(result))
     if arguments.out and not arguments.json:
         print(f"\nWrote the model to {arguments.out}; look over its rudder section before you design gains for it.")
     if arguments.report and not arguments.json:

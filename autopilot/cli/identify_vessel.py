@@ -22,7 +22,7 @@ from autopilot.identification.model_choice import steering_errors, steering_mode
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.report.identification import Result, undetermined
-from autopilot.vessel.file import load_vessel, model_section, parse_vessel, rounded, text_for
+from autopilot.vessel.file import doubted, load_vessel, model_section, parse_vessel, rounded, text_for
 from autopilot.vessel.schema import SCHEMA_VERSION, Alarms, Control, Drive, Model, Rudder, Sensors, Vessel
 
 ASSUMED_RATE_DEG_S = 10.0
@@ -103,7 +103,7 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
     text = text_for(path, vessel)
     _check_steering(path, vessel, result.found)
     save_text(path, text)
-    remarks = _not_kept(path, result.found)
+    remarks = [*_not_kept(path, result.found), *doubted(path, vessel)]
     if on_ridge:
         remarks.append(
             f"{path} holds n1 {vessel.model.n1:+g} with T {vessel.model.T_s:.3g} s, of which the runs know little; "

@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from autopilot.cli.options import number
+from autopilot.cli.options import named_vessel, number
 from autopilot.errors import ExitCode, InputError
 
 WATCHDOG_MIN_S = 3.0
@@ -265,9 +265,9 @@ def _check_run(command: list[str]) -> None:
 
 def _put_vessel(source: str, target: Path) -> str:
     """Copy the vessel file to where the service reads it; one that is there stays. Raises InputError."""
-    from autopilot.vessel.file import dump_vessel, load_vessel
+    from autopilot.vessel.file import dump_vessel
 
-    vessel = load_vessel(source)
+    vessel = named_vessel(source)
     if target.exists():
         return f"kept {target}: remove it first to have {source} in its place"
     own = Path(source)

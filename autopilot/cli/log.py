@@ -18,7 +18,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.options import SYSTEM_ID, number
+from autopilot.cli.options import SYSTEM_ID, named_vessel, number
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.printable import SENTENCE, escaped, fixed, printable
 from autopilot.files.saving import newer_numbered
@@ -76,9 +76,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 def vessel_of(arguments: argparse.Namespace) -> Vessel | None:
     """Return the vessel of `--vessel`, None without one. Raises InputError."""
-    from autopilot.vessel.file import load_vessel
-
-    return load_vessel(arguments.vessel) if arguments.vessel else None
+    return named_vessel(arguments.vessel) if arguments.vessel else None
 
 
 def refuse_twice(logs: Iterable[str]) -> None:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from autopilot.cli.options import SPEEDUP, number
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.outside import parse_json, read_regular
-from autopilot.files.saving import numbered, save_text
+from autopilot.files.saving import check_folder, numbered, save_text
 from autopilot.vessel.schema import Vessel
 
 MOST_BYTES = 1 << 16
@@ -413,11 +413,12 @@ class Talk:
 def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     """Ask what the boat is like and write its file. Raises InputError."""
     from autopilot.identification.verdict import KNOT_M_S
-    from autopilot.vessel.file import dump_vessel, rounded
+    from autopilot.vessel.file import doubted, dump_vessel, rounded
     from autopilot.vessel.fleet import first_model
     from autopilot.vessel.schema import SCHEMA_VERSION, Helm, Rudder
 
     file: Path = arguments.file
+    check_folder(file)
     print(f"{file} is not there yet. Four numbers begin it; the zigzag will find the rest.")
 
     def asked(given: float | None, words: str, option: str, allowed: Any) -> float:
@@ -443,7 +444,7 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
         helm=Helm(rudder_at_full_pwm_deg=stop, source="assumed to be the end stop; measure it"),
     )
     save_text(file, dump_vessel(boat), overwrite=False)
-    print(f"wrote {file}; its model is {boat.model.source}")
+    print("\n".join([f"wrote {file}; its model is {boat.model.source}", *doubted(file, boat)]))
 
 
 def links_of(arguments: argparse.Namespace, checklist: Checklist, talk: Talk) -> tuple[str, ...]:

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from autopilot.errors import ExitCode, InputError, NotYetError
 from autopilot.files.outside import SHOWN, typed_number
-from autopilot.files.printable import brief, escaped, printable
+from autopilot.files.printable import SENTENCE, brief, escaped, printable
 
 if TYPE_CHECKING:
     from autopilot.links.mavlink.signing import Signing
+    from autopilot.vessel.schema import Vessel
 
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
@@ -61,6 +62,16 @@ class NumberOption(argparse.Action):
         if self.is_whole:
             return f"a whole number from {self.low} to {self.high}"
         return "a number" if math.isinf(self.high) else f"{self.low:.10g} to {self.high:.10g}"
+
+
+def named_vessel(path: str) -> Vessel:
+    """Return the vessel of a file or a shipped name; what hardly any boat has is said on standard error. InputError."""
+    from autopilot.vessel.file import doubted, load_vessel
+
+    vessel = load_vessel(path)
+    for sentence in doubted(path, vessel):
+        print(f"autopilot: {printable(sentence, SENTENCE)}", file=sys.stderr)
+    return vessel
 
 
 def _why_no_number(text: str) -> str:

@@ -21,7 +21,7 @@ from autopilot.firmware.foreign_files import (
     load_any,
     load_parameters,
 )
-from autopilot.vessel.file import dump_vessel
+from autopilot.vessel.file import doubted, dump_vessel
 from autopilot.vessel.schema import Vessel
 
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -38,14 +38,19 @@ def check(arguments: argparse.Namespace) -> int:
                 print(f"autopilot: {printable(str(each), SENTENCE)}", file=sys.stderr)
             code = ExitCode.USAGE
         else:
-            print(f"{file}: {kind}, nothing wrong")
+            doubtful = doubted(file, kind) if isinstance(kind, Vessel) else []
+            for sentence in doubtful:
+                print(f"autopilot: {printable(sentence, SENTENCE)}", file=sys.stderr)
+            what = "vessel file" if isinstance(kind, Vessel) else kind
+            print(f"{file}: {what}, {f'{len(doubtful)} to be looked at' if doubtful else 'nothing wrong'}")
     return int(code)
 
 
-def _kind(file: str) -> str:
+def _kind(file: str) -> Vessel | str:
     if is_foreign(file):
         return f"{len(load_parameters(file).values)} parameters"
-    return "vessel file" if isinstance(load_any(file), Vessel) else "firmware file"
+    content = load_any(file)
+    return content if isinstance(content, Vessel) else "firmware file"
 
 
 def show(arguments: argparse.Namespace) -> int:

@@ -89,6 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from dataclasses import replace
 
+    from autopilot.cli.options import named_vessel
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.cli.terminal import TypedLines
     from autopilot.files.printable import rewrite_line
@@ -108,9 +109,8 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.runtime.build import limits_of
     from autopilot.runtime.build_links import refuse_wind_hold
     from autopilot.signals import Tick
-    from autopilot.vessel.file import load_vessel
 
-    vessel = load_vessel(arguments.vessel)
+    vessel = named_vessel(arguments.vessel)
     if arguments.steer is not None:
         vessel = replace(vessel, helm=replace(vessel.helm, method=arguments.steer))
     vessel = turning_as_asked(vessel, arguments.turn_rate_deg_s, arguments.turn_radius_m)

@@ -113,12 +113,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
     from dataclasses import replace
 
+    from autopilot.cli.options import named_vessel
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.control.trial import TRIAL_LAW
     from autopilot.report.steered import trial_verdict
-    from autopilot.vessel.file import load_vessel
 
-    vessel = load_vessel(arguments.vessel)
+    vessel = named_vessel(arguments.vessel)
     if vessel.helm.method == "guided":
         raise InputError(f"{arguments.vessel}: helm.method guided moves no rudder; write rc_override for trials")
     if arguments.unidentified:

@@ -48,11 +48,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Find the designs and print them; return the exit code."""
+    from autopilot.cli.options import named_vessel
     from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.trial_design import KINDS, designs
-    from autopilot.vessel.file import load_vessel
 
-    vessel = load_vessel(arguments.vessel)
+    vessel = named_vessel(arguments.vessel)
     boat, water = _boat(vessel, arguments), _water(arguments)
     with ProgressBar("designing") as bar:
         found = designs(boat, water, KINDS, bar.update)

@@ -307,9 +307,15 @@ def refuse_in_use(path: Path) -> None:
 
 
 def check_folder(path: str | Path) -> None:
-    """Raise InputError where there is no folder to write `path` into: said before the work, not after it."""
-    if not Path(path).absolute().parent.is_dir():
-        raise _unwritable(path, OSError(errno.ENOENT, os.strerror(errno.ENOENT)))
+    """Raise InputError where `path` names a file in a folder that is not there or takes none: said before the work."""
+    folder = Path(os.path.realpath(path)).parent
+    if not folder.is_dir():
+        reason = errno.ENOENT
+    elif os.access(folder, os.W_OK) or not _is_replaced(Path(path)):
+        return
+    else:
+        reason = errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES
+    raise _unwritable(path, OSError(reason, os.strerror(reason)))
 
 
 def _unwritable(path: str | Path, error: OSError) -> InputError:

@@ -26,11 +26,15 @@ T = TypeVar("T")
 
 
 class Bounds(NamedTuple):
-    """Closed range of a number (`None`: no bound) and what the number means, in a few words."""
+    """Closed range of a number (`None`: no bound) and what the number means, in a few words.
+
+    usual: what real ones lie within, where that is less than what is allowed: beyond it a number is taken and doubted.
+    """
 
     low: float | None
     high: float | None
     doc: str
+    usual: tuple[float, float] | None = None
 
 
 Positive = 1.0e-9

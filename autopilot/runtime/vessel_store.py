@@ -15,7 +15,7 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import save_text
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, refusal_to_engage
-from autopilot.vessel.file import dump_vessel, problems
+from autopilot.vessel.file import doubts, dump_vessel, problems
 from autopilot.vessel.parameters import Vessels, parameters_of, value_of, with_value
 from autopilot.vessel.schema import Vessel
 
@@ -93,7 +93,9 @@ class VesselStore:
             return f"{name} not changed: {error}"
         if kept:
             return f"{name} changed, but not kept: {kept}"
-        return f"{name} counts from the next start on" if parameter.path in self.waiting else ""
+        said = [f"{name} counts from the next start on"] if parameter.path in self.waiting else []
+        said += [sentence for path, sentence in doubts(stored) if path == parameter.path]
+        return "; ".join(said)
 
     def put(self, stored: Vessel) -> str:
         """Keep `stored` and put in force what of it counts at once; return '' or why it could not be kept.

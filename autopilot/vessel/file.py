@@ -121,6 +121,58 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
             )
 
 
+USUAL_BY_LENGTH = {"K'": (0.1, 30.0), "T'": (0.05, 60.0)}
+"""K L/U and T U/L, which are alike for boats of all sizes: the published boats of `fleet` have 1.1 to 4.5 and 0.3 to
+5, and near course stability both grow together. A number in another unit (degrees, minutes) is far outside."""
+
+
+def doubts(vessel: Vessel) -> Iterator[tuple[str, str]]:
+    """Yield (path of the key, sentence) for every value that is allowed and that hardly any boat has."""
+    yield from _unusual(vessel, ())
+    if vessel.length_m is None:
+        return
+    model, seconds = vessel.model, vessel.length_m / vessel.model.reference_speed_m_s
+    for path, symbol, value, share in (
+        ("model.K_1_s", "K'", model.K_1_s, model.K_1_s * seconds),
+        ("model.T_s", "T'", model.T_s, model.T_s / seconds),
+    ):
+        low, high = USUAL_BY_LENGTH[symbol]
+        if not low <= share <= high:
+            scale = value / share
+            yield (
+                path,
+                f"{path} is {value:g}, usual for {vessel.length_m:g} m at {model.reference_speed_m_s:g} m/s are "
+                f"{low * scale:.3g} to {high * scale:.3g} ({symbol} {low:g} to {high:g}): is it of this boat, and in "
+                "this unit?",
+            )
+
+
+def doubted(path: str | Path, vessel: Vessel) -> list[str]:
+    """Return what is to be doubted of `vessel`, as it was read from `path`: sentences with file, line and column."""
+    found = list(doubts(vessel))
+    if not found:
+        return []
+    root = vessel_document(path)
+    return [f"{root.at(*key.split('.')).fault(sentence)}" for key, sentence in found]
+
+
+def _unusual(section: Any, above: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    hints = hints_of(type(section))
+    for field in dataclasses.fields(section):
+        value, path = getattr(section, field.name), (*above, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from _unusual(value, path)
+        elif isinstance(value, float | int) and (bounds := _bounds(hints[field.name])) and bounds.usual:
+            low, high = bounds.usual
+            if not low <= value <= high:
+                name = ".".join(path)
+                yield (
+                    name,
+                    f"{name} is {value:g}, usual are {low:g} to {high:g} and allowed {bounds.low:g} to "
+                    f"{bounds.high:g} ({bounds.doc}): is it of this boat, and in this unit?",
+                )
+
+
 def _address_problems(addresses: tuple[str, ...]) -> Iterator[tuple[str, str]]:
     for text in addresses:
         try:
@@ -235,15 +287,15 @@ def _section_lines(section: Any, depth: int) -> list[str]:
             inner = _section_lines(value, depth + 1)
             lines += [start, *inner] if inner else []
         elif value != field.default or value not in (None, "", ()):
-            doc = _doc(hints[field.name])
-            lines.append(f"{start} {_value_text(value)}{f'  # {doc}' if doc else ''}")
+            bounds = _bounds(hints[field.name])
+            lines.append(f"{start} {_value_text(value)}{f'  # {bounds.doc}' if bounds else ''}")
     return lines
 
 
-def _doc(hint: Any) -> str:
+def _bounds(hint: Any) -> Bounds | None:
     if typing.get_origin(hint) is typing.Annotated:
-        return next((extra.doc for extra in typing.get_args(hint) if isinstance(extra, Bounds)), "")
-    return next((doc for member in typing.get_args(hint) if (doc := _doc(member))), "")
+        return next((extra for extra in typing.get_args(hint) if isinstance(extra, Bounds)), None)
+    return next((found for member in typing.get_args(hint) if (found := _bounds(member))), None)
 
 
 def _value_text(value: Any) -> str:

@@ -197,7 +197,7 @@ def _of_field(path: str, key: str, hint: Any, counts: Counts) -> typing.Iterator
         words = tuple(str(word) for word in typing.get_args(kind))
         yield VesselParameter(name, where, 0.0, len(words) - 1.0, "", key.replace("_", " "), counts, choices=words)
     elif kind in (int, float):
-        low, high, doc = bounds or Bounds(None, None, key)
+        low, high, doc, _ = bounds or Bounds(None, None, key)
         yield VesselParameter(name, where, low, high, unit, doc, counts, is_whole=kind is int)
 
 

@@ -20,6 +20,8 @@ from autopilot.models.drives import DriveName
 
 SCHEMA_VERSION = 2
 """What this version reads and writes."""
+USUAL_RATES_DEG_S = (0.5, 400.0)
+"""From what an auxiliary gear must give a ship (15 to 15 deg in 60 s: SOLAS II-1/29) to a model's servo under load."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +41,13 @@ class StandardErrors:
 class Model:
     """Norrbin model T r' + n3 r^3 + n2 r^2 + n1 r + n0 = K delta at the reference speed."""
 
-    K_1_s: Annotated[float, NOW, Bounds(1.0e-5, 100.0, "rudder gain K: steady yaw rate per rudder angle")]
-    T_s: Annotated[float, NOW, Bounds(1.0e-3, 10000.0, "time constant T")]
-    reference_speed_m_s: Annotated[float, NOW, Bounds(1.0e-3, 100.0, "speed at which K, T and n0..n3 hold")]
+    K_1_s: Annotated[
+        float, NOW, Bounds(1.0e-5, 100.0, "rudder gain K: steady yaw rate per rudder angle", (1.0e-3, 20.0))
+    ]
+    T_s: Annotated[float, NOW, Bounds(0.01, 10000.0, "time constant T", (0.05, 2000.0))]
+    reference_speed_m_s: Annotated[
+        float, NOW, Bounds(1.0e-3, 100.0, "speed at which K, T and n0..n3 hold", (0.1, 30.0))
+    ]
     n1: Annotated[float, NOW, Bounds(-1.0, 1.0, "+1 course-stable, -1 course-unstable")] = 1.0
     n3_s2_rad2: Annotated[float, NOW, Bounds(0.0, 1.0e9, "cubic damping")] = 0.0
     n2_s_rad: Annotated[float, NOW, Bounds(-1.0e6, 1.0e6, "quadratic damping (asymmetry)")] = 0.0
@@ -74,13 +80,17 @@ class Rudder:
     A hydraulic ram is quicker to one side: rate_port_deg_s is the rate to port then, rate_max_deg_s that to starboard.
     """
 
-    angle_max_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "end stop of the rudder, each side")]
-    rate_max_deg_s: Annotated[float, RESTART, Bounds(0.1, 1000.0, "slewing rate; null: unlimited")] | None
-    lag_s: Annotated[float, RESTART, Bounds(0.0, 60.0, "first-order lag of the steering gear")] = 0.0
-    delay_s: Annotated[float, RESTART, Bounds(0.0, 10.0, "dead time from order to first movement")] = 0.0
+    angle_max_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "end stop of the rudder, each side", (5.0, 90.0))]
+    rate_max_deg_s: (
+        Annotated[float, RESTART, Bounds(0.1, 1000.0, "slewing rate; null: unlimited", USUAL_RATES_DEG_S)] | None
+    )
+    lag_s: Annotated[float, RESTART, Bounds(0.0, 60.0, "first-order lag of the steering gear", (0.0, 5.0))] = 0.0
+    delay_s: Annotated[float, RESTART, Bounds(0.0, 10.0, "dead time from order to first movement", (0.0, 2.0))] = 0.0
     dead_band_deg: Annotated[float, RESTART, Bounds(0.0, 10.0, "smallest error the gear moves for")] = 0.0
     follow_tolerance_deg: Annotated[float, RESTART, Bounds(0.5, 90.0, "rudder this far off its order disobeys")] = 5.0
-    rate_port_deg_s: Annotated[float, RESTART, Bounds(0.1, 1000.0, "slewing rate to port")] | None = None
+    rate_port_deg_s: (
+        Annotated[float, RESTART, Bounds(0.1, 1000.0, "slewing rate to port", USUAL_RATES_DEG_S)] | None
+    ) = None
     """null: as to starboard."""
     source: Annotated[str, RESTART] = ""
     date: Annotated[str, RESTART] = ""
@@ -97,7 +107,7 @@ class Sensors:
     """What the instruments are like: noise as standard deviation, latency from measurement to arrival."""
 
     heading_noise_deg: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the heading")] = 0.3
-    heading_latency_s: Annotated[float, RESTART, Bounds(0.0, 5.0, "age of a heading when it arrives")] = 0.0
+    heading_latency_s: Annotated[float, RESTART, Bounds(0.0, 5.0, "age of a heading when it arrives", (0.0, 2.0))] = 0.0
     rate_noise_deg_s: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the yaw rate")] = 0.2
     gyro: Annotated[bool, NOW] = True
     """false: nothing aboard measures the rate of turn, and gains are designed for a compass alone."""
@@ -132,7 +142,9 @@ class Roll:
 class _Loop:
     law: Annotated[LawName, RESTART] = "backstepping"
     rate_hz: Annotated[float, RESTART, Bounds(1.0, 200.0, "control rate")] = 20.0
-    loop_delay_s: Annotated[float, NOW, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links")] = 0.05
+    loop_delay_s: Annotated[
+        float, NOW, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links", (0.0, 2.0))
+    ] = 0.05
     steerage_m_s: (
         Annotated[float, NOW, Bounds(0.0, 50.0, "slower than this the rudder waits amidships; 0: never")] | None
     ) = None

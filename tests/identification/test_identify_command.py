@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
 
 import pytest
+from zigzag_trials import zigzag
 
 from autopilot.cli.main import main
 from autopilot.vessel import file
-from autopilot.vessel.file import load_vessel
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 DATA = Path(os.environ.get("NORRBIN_DATA", Path(__file__).parents[3] / "shared" / "data"))
 ESSO = DATA / "frt_ds_esso"
@@ -151,6 +154,28 @@ def test_an_older_log_is_read_as_named_and_the_newest_is_named(
     json.loads(said.out)
     assert main(["log", "info", str(tmp_path / "zigzag-3.csv")]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_what_was_found_is_shown_also_where_the_disk_takes_no_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, out = tmp_path / "trial.csv", tmp_path / "boat.yaml"
+    table = zigzag(math.radians(15.0), 10.0, 0.1)
+    rows = zip(*table.values(), strict=True)
+    log.write_text("\n".join([",".join(table), *(",".join(map(str, row)) for row in rows)]))
+    out.write_text(dump_vessel(load_vessel("lanxin")))
+    before = out.read_text()
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["identify", str(log), "--out", str(out), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert "No space left on device" in printed.err
+    assert json.loads(printed.out)["parameters"]["K"]["value"] == pytest.approx(0.7, rel=0.1)
+    assert out.read_text() == before
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["boat.yaml", "trial.csv"]
 
 
 @pytest.mark.parametrize(

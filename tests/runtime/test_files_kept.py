@@ -12,7 +12,7 @@ from lockstep import Lockstep
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.files.saving import create_unused, save_page, save_text, save_unused, unused_folder
+from autopilot.files.saving import check_folder, create_unused, save_page, save_text, save_unused, unused_folder
 from autopilot.runtime import log_files
 from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink
 from autopilot.vessel.file import load_vessel
@@ -118,6 +118,14 @@ def test_a_full_disk_leaves_the_old_file_and_says_that_freeing_it_is_the_cure(
         with pytest.raises(InputError, match=r"No space left on device\); free the disk, or give a file on another"):
             write(path, "half")
     assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {"boat.yaml": "good"}
+
+
+def test_a_folder_that_takes_nothing_is_said_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_folder(tmp_path / "new.yaml")
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path) != tmp_path)
+    with pytest.raises(InputError, match=r"new\.yaml: cannot be written \(Permission denied\); give another file"):
+        check_folder(tmp_path / "new.yaml")
+    check_folder("/dev/null")
 
 
 @pytest.mark.parametrize("make", [lambda path: FileSink(path / "run.tlog"), FolderSink], ids=["file", "folder"])
