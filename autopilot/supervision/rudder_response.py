@@ -48,9 +48,11 @@ from autopilot.supervision.tuning import (
     REVERSED_SHARE,
     ROUGH,
     ROUGH_TIME,
+    SEA_LASTS,
     SEA_LEAST,
     SEA_SLOWEST,
     SEA_TURNED,
+    SEA_UNMET,
     SURE,
     SUSPECT,
     UNEXPLAINED,
@@ -174,7 +176,7 @@ class ResponseState(NamedTuple):
 
 class Seaway(NamedTuple):
     """What a boat has met: at `time` [s], nan: nothing yet, `swing` [rad] the largest yaw by waves of the last
-    USUAL_TIME, `north` and `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
+    SEA_LASTS, `north` and `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
 
     time: float
     swing: float
@@ -192,7 +194,7 @@ def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Se
     if math.isnan(last):
         return Seaway(time, swing, north, east)
     kept = math.exp(-(time - last) / SEA_KNOWN_S)
-    largest *= math.exp(-(time - last) / USUAL_TIME)
+    largest *= math.exp(-(time - last) / SEA_LASTS)
     return Seaway(
         time,
         largest if largest > swing else swing,
@@ -216,9 +218,11 @@ def sea_of(model: Norrbin, swing: float, pace: float) -> float:
 
 
 def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
-    """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one
-    and the largest that has been met, at the slowest pace, the one that pushes harder."""
-    largest = sea_of(model, seaway.swing, SEA_SLOWEST)
+    """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one,
+    the largest that has been met, and one that nobody has met yet, at the slowest pace, the one that pushes hardest.
+    A sea from right ahead or astern turns no boat, until it leaves that course."""
+    swing = seaway.swing if seaway.swing > SEA_UNMET else SEA_UNMET
+    largest = sea_of(model, swing, SEA_SLOWEST)
     if not largest > noise.sea or not abs(shortest_turn(math.atan2(seaway.east, seaway.north), heading)) > SEA_TURNED:
         return noise
     return Noise(noise.heading, noise.acceleration, noise.push, largest, SEA_SLOWEST)

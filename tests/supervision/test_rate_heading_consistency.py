@@ -55,6 +55,8 @@ def test_a_gyro_that_is_a_little_off_and_a_compass_that_lags_go_the_same_way(
     late = phase / frequency
     # one that tells too little of each turn, too, may be off by so much less: 2 bias (1 + (1 - k)/(1 + k)) <= 2 deg
     bias *= min(1.0, 0.5 * (1.0 + scale))
+    # a lag of more than half a radian of the swing turns the difference, and leaves the bias as much less of the sum
+    bias *= min(1.0, 1.5 - phase)
     assert not any(map(are_opposite, swings(40.0, swing, frequency, scale, bias, late)))
 
 

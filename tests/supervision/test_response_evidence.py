@@ -227,18 +227,18 @@ def test_the_noise_of_a_boat_in_a_sea() -> None:
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(
     ("turned_deg", "age", "swing", "is_met"),
-    [(10.5, 0.0, 0.05, True), (9.5, 0.0, 0.05, False), (90.0, 890.0, 0.05, True), (90.0, 910.0, 0.05, False)],
+    [(10.5, 0, 0.08, True), (9.5, 0, 0.08, False), (90.0, 3590, 0.08, True), (90.0, 3610, 0.08, False)],
 )
 def test_after_a_turn_the_largest_sea_of_late_may_come(
-    side: float, turned_deg: float, age: float, swing: float, is_met: bool
+    side: float, turned_deg: float, age: int, swing: float, is_met: bool
 ) -> None:
     """The launch and the coaster came from a following sea that hardly turned them; a wave held them against the
-    rudder, and it was called reversed. What is met fades with 900 s, the headings with 15.7 s."""
+    rudder, and it was called reversed. What is met fades with an hour, the headings with 15.7 s."""
     seaway = seaway_step(NO_SEAWAY, 0.0, 1.0, swing)
-    for tick in range(round(age)):
+    for tick in range(age):
         seaway = seaway_step(seaway, tick + 1.0, 1.0, 0.0)
-    assert seaway.swing == pytest.approx(swing * math.exp(-age / 900.0))
-    # the sea that is estimated turns the boat as much as what was met 900 s ago, at the slowest pace
+    assert seaway.swing == pytest.approx(swing * math.exp(-age / 3600.0))
+    # the sea that is estimated turns the boat as much as what was met an hour ago, at the slowest pace
     noise = noise_of(BOAT, 2.0e-4, swing / math.e, 0.5)
     met = seaway_noise(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg))
     assert met == (noise_of(BOAT, 2.0e-4, seaway.swing, 0.5) if is_met else noise)
@@ -246,9 +246,12 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
     assert math.atan2(seaway.east, seaway.north) == pytest.approx(1.0 + side * 0.2767, abs=1e-4)
 
 
-def test_calm_water_stays_calm_in_a_turn() -> None:
-    noise = noise_of(BOAT, 2.0e-4, 0.0, 0.0)
-    assert seaway_noise(BOAT, noise, seaway_step(NO_SEAWAY, 0.0, 0.0, 0.0), 2.0) == noise
+def test_a_sea_that_nobody_has_met_may_come_on_a_new_course_only() -> None:
+    """A launch that had held a course right before the sea for minutes, without a yaw, turned by 20 deg into waves that
+    swung it by 12: its rudder was called slow, then stuck, and let go."""
+    noise, calm = noise_of(BOAT, 2.0e-4, 0.0, 0.0), seaway_step(NO_SEAWAY, 0.0, 0.0, 0.0)
+    assert seaway_noise(BOAT, noise, calm, math.radians(9.5)) == noise
+    assert seaway_noise(BOAT, noise, calm, 2.0) == noise_of(BOAT, 2.0e-4, math.radians(1.0), 0.5)
 
 
 @pytest.mark.parametrize(
