@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.authority import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.signals import HelmCause, HelmSample, Mode
+from autopilot.signals import HelmCause, HelmSample, Mode, Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from sitl.wire_mavlink import MavlinkVehicle
 
@@ -104,20 +104,53 @@ def test_forced_the_second_takes_the_helm_and_the_first_says_what_happened() -> 
     assert "two helms fight" in alarms_of(both.first, begun)
 
 
+STATION = MavlinkCodec(255, 190)
+
+
+def joystick(bench: Lockstep) -> None:
+    """A hook: a ground station overrides the steering input five times a second."""
+    if round(bench.now / 0.025) % 8 == 0:
+        message = dialect.MAVLink_rc_channels_override_message(1, 1, 1700, *[65535] * 7, *[0] * 10)
+        bench.vehicle.receive(bench.now, STATION.encode(message))
+
+
 def test_a_ground_station_s_joystick_is_another_source_too() -> None:
     boat = Lockstep(VESSEL)
-    station = MavlinkCodec(255, 190)
-
-    def steer(bench: Lockstep) -> None:
-        if round(bench.now / 0.025) % 8 == 0:
-            message = dialect.MAVLink_rc_channels_override_message(1, 1, 1700, *[65535] * 7, *[0] * 10)
-            bench.vehicle.receive(bench.now, station.encode(message))
-
-    boat.hooks.append(steer)
+    boat.hooks.append(joystick)
     boat.engage(60.0)
     boat.run(20.0)
     assert {tick.mode for tick in boat.ticks} == {Mode.STANDBY}
     assert "RC channel 1" in words_of(boat.tick)[0]
+
+
+def test_a_joystick_that_has_left_is_reported_no_more() -> None:
+    boat = Lockstep(VESSEL)
+    boat.hooks.append(joystick)
+    boat.engage(60.0)
+    boat.run(10.0)
+    assert "overrides the steering input" in boat.link.session._reason
+    boat.order = Order(OrderKind.STANDBY, serial=9)
+    boat.run(5.0)
+    boat.hooks.clear()
+    boat.run(10.0)
+    assert boat.link.session._reason == CHECKED_ON_ENGAGING
+    since = boat.now
+    boat.engage(60.0)
+    assert boat.run(2.0, until=boat.engaged)
+    assert "overrides" not in alarms_of(boat, since)
+
+
+def test_our_own_pulses_late_on_a_slow_line_are_nobody_else_s() -> None:
+    boat = Lockstep(VESSEL, lines=(BadLine(5, delay=0.5), BadLine(6, delay=0.4)))
+    boat.run(10.0)
+    for heading in (60.0, 100.0):
+        since = boat.now
+        boat.engage(heading)
+        assert boat.run(4.0, until=boat.engaged)
+        boat.run(4.0)
+        assert "overrides" not in alarms_of(boat, since)
+        boat.order = Order(OrderKind.STANDBY, serial=boat.order.serial + 1)
+        boat.run(1.0)
 
 
 def test_our_own_words_that_come_back_are_nobody_else_s() -> None:

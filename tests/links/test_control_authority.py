@@ -352,6 +352,8 @@ def test_pulses_of_another_are_said_after_three_in_ten_seconds_for_eight() -> No
         assert not found.others_override(times[2] + 8.1)
         found.released()
         assert not found.others_override(times[2] + 1.0)
+        found.commanded(times[2] + 2.0, 1600)
+        assert not found.others_override(times[2] + 2.0), "the proof in between has shown that they are gone"
 
 
 def test_a_proof_that_fails_is_tried_again_after_four_seconds_and_stays_said_meanwhile() -> None:

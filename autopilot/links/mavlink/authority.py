@@ -64,6 +64,8 @@ STRANGE_S = 10.0
 STRANGE_LASTS_S = 8.0
 """So many reports of the input within this time are somebody else's, who tries every few seconds; the alarm lasts from
 one of their tries to the next."""
+PATIENCE_S = 2.5
+"""A slow telemetry radio may take this long from our message to the vehicle's report of it."""
 STANDBY_STATE = 3
 STICK_MOVED_US = 150
 """A stick that is moved this far is meant."""
@@ -127,6 +129,8 @@ class ControlAuthority:
         if not self.steering:
             self.steering, self._doubts = True, {}
             self._began = self._report_time = now
+            self._strange.clear()  # the proof since has shown that they are gone
+            self._strange_until = -math.inf
         self.last_command = now
         if pulse is not None:
             self._sent.pop(pulse, None)  # its last time orders it
@@ -185,7 +189,8 @@ class ControlAuthority:
         agrees = False
         for each in expected:
             agrees = agrees or -PULSE_TOLERANCE_US <= pulse - each <= PULSE_TOLERANCE_US
-        if is_input and not agrees:
+        # what was reported before our first command of all arrived there is nobody else's
+        if is_input and not agrees and now - self._began > PATIENCE_S:
             self._strange.append(now)
         if self.disagrees(now, what, agrees):
             self.disobeyed = (
@@ -317,8 +322,6 @@ def _without_outputs(parameters: VehicleParameters) -> str:
 
 
 REPEAT_S = 0.1
-PATIENCE_S = 2.5
-"""A slow telemetry radio may take this long from our message to the vehicle's report of it."""
 RETRY_S = 4.0
 SEEN_REPORTS = 3
 """So many reports in a row must show the pulse: a stick that a hand moves passes by."""
@@ -347,7 +350,7 @@ class Stage(Enum):
     CHECKING = "a pulse of ours is sent, or will be"
     NOT_TAKEN = "the vehicle does not take our steering"
     SHARED = "somebody else, or a hand, moves the input"
-    GROWN_OLD = "proved once, and proved anew when somebody waits for it"
+    GROWN_OLD = "tried once, and tried anew when somebody waits for it"
     PASSED = "the vehicle takes our steering"
 
 
@@ -455,7 +458,9 @@ class OverrideProbe:
         if self.stage in (Stage.PASSED, Stage.GROWN_OLD) or now < self._next:
             return None
         if self.message is None and not self._is_waited_for and self.stage is Stage.SHARED:
-            return None  # to try again would disturb who steers
+            # to try again would disturb who steers; and whether they still do is not known without
+            self.stage, self.reason = Stage.GROWN_OLD, CHECKED_ON_ENGAGING
+            return None
         if now - self._report_time > REPORT_TIMEOUT_S:
             self.message = self._paused = None
             return None
