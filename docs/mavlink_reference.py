@@ -19,7 +19,13 @@ ROOMS = ("links", "firmware", "vessel", "web", "runtime", "logs")
 EXTRA = {kind.__name__: kind for kind in EXTRA_MESSAGES.values()}
 """Messages younger than pymavlink's release, by the name of their class."""
 NAMED_ONLY = frozenset(
-    {"links/ground_station/telemetry", "links/mavlink/router", "links/mavlink/signing", "web/station"}
+    {
+        "links/ground_station/telemetry",
+        "links/mavlink/outgoing",
+        "links/mavlink/router",
+        "links/mavlink/signing",
+        "web/station",
+    }
 )
 """Numbers of messages stand here to send, ask for or pass them on, not to read them."""
 ONE_WAY_ONLY = frozenset({"links/mavlink/guided"})

@@ -260,7 +260,8 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
         action="append",
         default=[],
         metavar="URL",
-        help="let a ground station at this MAVLink link see and command the flight controller; repeatable",
+        help="let a ground station at this MAVLink link see and command the flight controller; repeatable. Behind a "
+        "slow radio: 'serial:/dev/ttyUSB0:57600?rate=ATTITUDE:2,others:1'",
     )
     parser.add_argument(
         "--orders-without-key",

@@ -52,6 +52,8 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(NETWORKS, ("steer", "orders")),
 }
 """What may stand behind the `?`, by what is spoken; a medium that others come to also takes `allow`."""
+FORWARD_OPTIONS = ("rate", "from")
+"""What may stand there as well where MAVLink is passed on."""
 
 
 def split_scheme(text: str) -> tuple[str, str]:
@@ -71,14 +73,17 @@ def _what_to_write(scheme: str) -> str:
     return f"write one of {shown}; there are {', '.join(name for name in SCHEMES if name not in COMMON)} as well"
 
 
-def parse_url(text: str) -> LinkUrl:
-    """Return the link that `text` names; LinkError with one sentence where it names none."""
+def parse_url(text: str, also: tuple[str, ...] = ()) -> LinkUrl:
+    """Return the link that `text` names; LinkError with one sentence where it names none.
+
+    also: options that are allowed beyond those of every link of its kind.
+    """
     scheme, rest = split_scheme(text.strip())
     if ":" not in text or scheme not in SCHEMES:
         raise LinkError(f"link {text!r}: unknown kind {scheme!r}; {_what_to_write(scheme)}")
     protocol, medium = SCHEMES[scheme]
     rest, mark, query = rest.partition("?")
-    takes = (*OPTIONS.get(protocol, ()), *(("allow",) if MEDIA[medium].listens else ()))
+    takes = (*OPTIONS.get(protocol, ()), *also, *(("allow",) if MEDIA[medium].listens else ()))
     options = parse_options(text, query, takes) if mark else UrlOptions()
     place, colon, number = rest.rpartition(":")
     usual = DEFAULTS.get(scheme, "")

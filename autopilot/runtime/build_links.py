@@ -22,7 +22,7 @@ from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, Ac
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.transports.sockets import Network, network_of
-from autopilot.links.url import NETWORKS, LinkUrl, open_transport, parse_url
+from autopilot.links.url import FORWARD_OPTIONS, NETWORKS, LinkUrl, open_transport, parse_url
 from autopilot.runtime.build import follow_of, radians_or_unlimited
 from autopilot.supervision.supervisor import STEERING_ACTIONS
 from autopilot.vessel.schema import Vessel
@@ -370,6 +370,7 @@ KINDS = {
 def _forwarding(vessel: Vessel, urls: Sequence[LinkUrl], options: LinkOptions) -> tuple[Router, list[_Opening]]:
     """Return what passes MAVLink on, and the links of `options.forward` to ground stations behind us; `urls` are those
     to the boat. Raises InputError where there is nothing to forward."""
+    from autopilot.links.mavlink.outgoing import filter_of
     from autopilot.links.mavlink.router import ForwardLink, Router, budget_for
 
     bauds = [url.baud for url in urls if url.protocol == "mavlink"]
@@ -378,13 +379,16 @@ def _forwarding(vessel: Vessel, urls: Sequence[LinkUrl], options: LinkOptions) -
     router, budget, networks = Router(), budget_for(min(filter(None, bauds), default=0)), networks_of(vessel)
 
     def opening(url: str) -> _Opening:
-        if parse_url(url).protocol != "mavlink":
+        parsed = parse_url(url, FORWARD_OPTIONS)
+        if parsed.protocol != "mavlink":
             raise InputError(f"--forward {url}: ground stations speak MAVLink; write it like udpout:127.0.0.1:14550")
         signing = options.signing.link() if options.signing else None
         access = options.policy.link() if options.policy else None
+        filter_of(parsed)  # a message that is not there is said now, not when the line is
 
         def opened() -> Link:
-            link = ForwardLink(open_transport(url, networks), router, budget, signing, access)
+            transport = open_transport(parsed, networks)
+            link = ForwardLink(transport, router, budget, signing, access, filter_of(parsed))
             if not link.takes_orders:
                 options.warn(f"--forward {url}: {LOOKING_ONLY}")
             return link

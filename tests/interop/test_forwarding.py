@@ -9,11 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from two_processes import free_port, patient_vessel, simulator
+from two_processes import free_port, patient_vessel, simulator, wait_until_engaged
 
 from autopilot.cli.main import main
 from autopilot.runtime.record import read_log
 from autopilot.signals import Mode
+from autopilot.vessel.file import load_vessel
 
 SPEEDUP = 2
 STATION = """
@@ -45,6 +46,27 @@ while time.monotonic() < until and (count is None or len(values) < count or (1, 
         count = message.param_count
 heading = link.recv_match(type="ATTITUDE", blocking=True, timeout=10)
 print(json.dumps({"senders": sorted(senders), "count": count, "got": len(values), "heading": heading is not None}))
+"""
+
+
+LOGGER = """
+import json, sys
+from collections import Counter
+from pymavlink import mavutil
+link = mavutil.mavlink_connection(sys.argv[1], source_system=251, source_component=190)
+counts, beaten, times = Counter(), 0, []
+while len(times) < 24:
+    if not beaten % 40:
+        link.mav.heartbeat_send(6, 8, 0, 0, 4)
+        link.mav.request_data_stream_send(1, 1, 0, 1, 1)
+    beaten += 1
+    message = link.recv_match(blocking=True, timeout=0.05)
+    if message is None or message.get_srcSystem() != 1:
+        continue
+    counts[message.get_type()] += 1
+    if message.get_type() == "ATTITUDE":
+        times.append(message.time_boot_ms)
+print(json.dumps({"counts": counts, "span": (times[-1] - times[3]) / 1000.0 / (len(times) - 4)}))
 """
 
 
@@ -84,6 +106,31 @@ def test_mavutil_behind_us_reads_every_parameter_of_the_vehicle_while_we_steer(t
     modes = [tick.mode for tick in read_log(log).ticks]
     engaged = modes.index(Mode.ENGAGED)
     assert set(modes[engaged:]) == {Mode.ENGAGED}, "nothing took the helm or stopped the steering meanwhile"
+
+
+def test_a_logger_behind_a_slow_radio_gets_two_headings_a_second_while_we_steer_by_all(tmp_path: Path) -> None:
+    vessel, port, behind, log = patient_vessel(tmp_path), free_port(), free_port(), tmp_path / "run.tlog"
+    url = f"udpin:127.0.0.1:{behind}?rate=ATTITUDE:2,others:0"
+    logger = [sys.executable, "-W", "ignore", "-c", LOGGER, f"udpout:127.0.0.1:{behind}"]
+    with (
+        simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}"),
+        subprocess.Popen(
+            run_command(vessel, port, url, log), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True
+        ) as pilot,
+    ):
+        wait_until_engaged(pilot)
+        done = subprocess.run(
+            logger, capture_output=True, text=True, timeout=80, check=True, env={**os.environ, "MAVLINK20": "1"}
+        )
+        pilot.terminate()
+        pilot.communicate(timeout=20)
+    seen = json.loads(done.stdout)
+    assert seen["span"] == pytest.approx(0.5, rel=0.1), "seconds of the vehicle between two headings"
+    assert seen["counts"]["HEARTBEAT"] > 10 and "VFR_HUD" not in seen["counts"], "it stays seen, and no more"
+    ticks = read_log(log).ticks
+    assert (ticks[-1].now - ticks[0].now) / len(ticks) < 1.2 / load_vessel("lanxin").control.rate_hz
+    engaged = [tick.mode for tick in ticks].index(Mode.ENGAGED)
+    assert {tick.mode for tick in ticks[engaged:]} == {Mode.ENGAGED}
 
 
 @pytest.mark.parametrize(

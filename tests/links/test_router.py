@@ -623,3 +623,40 @@ def test_a_forward_to_other_machines_says_that_it_takes_no_orders(capsys: pytest
         for link in build_links(vessel, ["udpin:127.0.0.1:0"], options):
             link.close()
         assert capsys.readouterr().err.count("give no orders: no signing key is set") == 1
+
+
+def test_nothing_is_sent_where_its_sender_has_been_heard() -> None:
+    """A camera with a link of its own, and two stations that both have the usual id."""
+    net, camera = Net(3), speaker(1, 100)
+    net.take(0, packed(BEAT, speaker(1, 1)))
+    net.take(1, packed(STATION_BEAT, camera))
+    net.router.now = 10.0
+    assert net.take(2, packed(STATION_BEAT, camera)) == [0, 3], "round over another link, however late"
+    net.take(1, packed(STATION_BEAT, one := speaker(255, 190)))
+    net.router.now = 20.0
+    assert net.take(3, packed(STATION_BEAT, one)) == [0, 2]
+    assert net.router.counts["its sender is there"] == 2
+    net.take(0, packed(STATION_BEAT, one))
+    assert net.take(3, packed(command(1, 1), one)) == [0], "but the flight controller obeys each of them"
+
+
+def test_what_the_vehicle_says_is_not_sent_back_to_it_round_a_slow_ring() -> None:
+    net, camera = Net(), speaker(1, 100)
+    net.take(0, packed(BEAT, speaker(1, 1)))
+    beat = packed(STATION_BEAT, camera)
+    assert net.take(0, beat) == [1, 2]
+    net.router.now = 30.0
+    assert net.take(1, beat) == [2]
+
+
+def test_who_spoke_as_the_vehicle_before_it_was_heard_is_not_cut_off_from_it() -> None:
+    net, vehicle, ours = Net(), speaker(1, 1), speaker(1, 191)
+    net.take(1, packed(BEAT, vehicle))
+    net.take(1, packed(BEAT, ours))
+    net.router.now = 10.0
+    assert net.take(0, packed(ATTITUDE, vehicle)) == [1, 2]
+    for box in net.got:
+        box.clear()
+    net.router.show_own(0, packed(STATION_BEAT, ours))
+    assert [len(box) for box in net.got] == [0, 1, 1]
+    assert net.take(2, packed(command(1, 1), speaker(255, 190))) == [0]

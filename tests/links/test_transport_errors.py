@@ -262,6 +262,6 @@ def test_what_a_url_says_is_in_its_place() -> None:
     assert (network.path, network.baud) == ("", 0)
     line = parse_url("nmea:/dev/serial/by-id/a:b:4800?send=HDT,ROT:2.5&talker=II")
     assert (line.medium, line.path, line.baud, line.host) == ("serial", "/dev/serial/by-id/a:b", 4800, "")
-    assert line.options == ((True, (("HDT", 1.0), ("ROT", 2.5)), "II", (), False))
+    assert line.options == ((True, (("HDT", 1.0), ("ROT", 2.5)), "II", (), False, (), ()))
     bus = parse_url("n2k:socketcan:can0")
     assert (bus.medium, bus.host, bus.path, bus.options.steers) == ("can", "socketcan", "can0", True)

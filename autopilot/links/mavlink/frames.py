@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Container
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -108,21 +108,47 @@ def target_of(frame: bytes) -> Address:
     return Address(*ids)
 
 
+def instance_of(frame: bytes) -> bytes:
+    """Return which of several a whole frame's message is about, as its bytes say: the name of a NAMED_VALUE_FLOAT, the
+    number of a battery; b'' where its message is about one thing."""
+    identity = identity_of(frame)
+    if identity not in _instances:
+        kind = KNOWN.get(identity)
+        field = None if kind is None else kind.instance_field
+        _instances[identity] = None if kind is None or field is None else _layout(kind)[field]
+    found = _instances[identity]
+    if found is None:
+        return b""
+    start = (10 if frame[0] == MAGIC_V2 else 6) + found.start
+    end = (10 if frame[0] == MAGIC_V2 else 6) + min(found.stop, frame[1])
+    return frame[start:end].rstrip(b"\0")
+
+
 _places: dict[int, tuple[int, int | None] | None] = {}
 """For each message, where in its payload target system and component stand; None where the latter is missing."""
+_instances: dict[int, range | None] = {}
+"""For each message, which bytes of its payload say which of several it is about."""
 
 
 def _target_places(identity: int) -> tuple[int, int | None] | None:
     kind = KNOWN.get(identity)
     if kind is None:
         return None
+    layout = _layout(kind)
+    system = layout.get("target_system", layout.get("target"))
+    component = layout.get("target_component")
+    return None if system is None else (system.start, None if component is None else component.start)
+
+
+def _layout(kind: type[Any]) -> dict[str, range]:
+    """Return which bytes of its payload each field of a message has."""
     tokens = ["".join(token) for token in re.findall(r"(\d*)([a-zA-Z])", kind.unpacker.format)]
-    offsets, place = {}, 0
+    layout, place = {}, 0
     for name, token in zip(kind.ordered_fieldnames, tokens, strict=True):
-        offsets[name] = place
-        place += struct.calcsize("<" + token)
-    system = offsets.get("target_system", offsets.get("target"))
-    return None if system is None else (system, offsets.get("target_component"))
+        size = struct.calcsize("<" + token)
+        layout[name] = range(place, place + size)
+        place += size
+    return layout
 
 
 class Framer:

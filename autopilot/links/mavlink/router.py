@@ -1,8 +1,12 @@
 """Where a MAVLink frame goes: by the addresses that were heard at each endpoint. Pure, but for the senders given to it.
 
-Rules of https://mavlink.io/en/guide/routing.html and of ArduPilot's libraries/GCS_MAVLink/MAVLink_routing.cpp: what is
-for everybody goes to every other endpoint; what has an address goes where that address has been heard; nothing goes
-back where it came from. Frames pass unchanged.
+Rules of https://mavlink.io/en/guide/routing.html, of ArduPilot's libraries/GCS_MAVLink/MAVLink_routing.cpp and of
+mavlink-router ("Message Routing" in its README.md): what is for everybody goes to every other endpoint; what has an
+address goes where that address has been heard; nothing goes back where it came from, or where its sender has been
+heard; each endpoint has its filter. Frames pass unchanged.
+
+Two departures: what is for a component that nobody has heard goes to its system, as ArduPilot does it; and a ground
+station reaches the flight controller though another with its id has been heard there, as most have 255.
 
 The router's ends: the flight controller's transport with a tap on it, and links to ground stations behind us.
 """
@@ -19,6 +23,7 @@ from autopilot.links.base import LinkError, SilentLink, Transport
 from autopilot.links.ground_station.access import AccessPolicy, Budget, LinkAccess, Presence, refused_senders_of
 from autopilot.links.mavlink.codec import is_mavlink
 from autopilot.links.mavlink.frames import Address, Framer, identity_of, source_of, target_of
+from autopilot.links.mavlink.outgoing import OutgoingFilter, asks_for_streams
 from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
 from autopilot.links.mavlink.signing import LinkSigning
 from autopilot.links.url import accept_signed
@@ -60,23 +65,26 @@ class Router:
         self.now = 0.0
         self.counts: Counter[str] = Counter()
         self._senders: list[Sender] = []
+        self._filters: list[OutgoingFilter | None] = []
         self._left: list[int] = []
         self._vehicles: set[int] = set()
         self._received: dict[int, set[Address]] = {OURSELVES: set()}
         self._order: deque[bytes] = deque()
         self._recent: dict[bytes, tuple[int, float]] = {}
 
-    def join(self, send: Sender, has_vehicle: bool = False) -> int:
+    def join(self, send: Sender, has_vehicle: bool = False, outgoing: OutgoingFilter | None = None) -> int:
         """Add an endpoint; return its number. `send` sends a frame without ever blocking, False where it cannot.
 
         `has_vehicle`: the flight controller is there, and nobody elsewhere may speak in its name.
+        `outgoing`: what of that which is for the endpoint is sent there; None: all.
         """
         if self._left:
             number = self._left.pop()
-            self._senders[number] = send
+            self._senders[number], self._filters[number] = send, outgoing
         else:
             number = len(self._senders)
             self._senders.append(send)
+            self._filters.append(outgoing)
         self._received[number] = set()
         if has_vehicle:
             self._vehicles.add(number)
@@ -100,9 +108,7 @@ class Router:
             self.counts["came round in a loop"] += 1
             return
         self._remember(endpoint, frame)
-        heard = self._received[endpoint]
-        if source.system != 0 and len(heard) < MOST_ADDRESSES:
-            heard.add(source)
+        self._learn(endpoint, source)
         if identity_of(frame) in STAYS:
             self.counts["not for other links"] += 1
             return
@@ -112,7 +118,7 @@ class Router:
 
     def show_own(self, sent_to: int, frame: bytes) -> None:
         """Show what we have just sent to endpoint `sent_to` to the others too, where it is for everybody."""
-        self._received[OURSELVES].add(source_of(frame))
+        self._learn(OURSELVES, source_of(frame))
         self._remember(OURSELVES, frame)
         if target_of(frame).system == 0:
             self._pass_on(sent_to, frame, set(range(len(self._senders))) - self._vehicles)
@@ -125,6 +131,24 @@ class Router:
         return source.component != AUTOPILOT_COMPONENT or not any(
             source in self._received[vehicle] for vehicle in self._vehicles
         )
+
+    def _learn(self, endpoint: int, source: Address) -> None:
+        heard = self._received[endpoint]
+        if source.system == 0 or source in heard or len(heard) >= MOST_ADDRESSES:
+            return
+        heard.add(source)
+        if endpoint == OURSELVES or endpoint in self._vehicles:
+            # who spoke in its name before it was heard does not cut a station off from it
+            for place, others in self._received.items():
+                if place != OURSELVES and place not in self._vehicles:
+                    others.discard(source)
+
+    def _is_beyond(self, place: int, source: Address) -> bool:
+        """Return whether what `source` says comes from beyond `place`, so that it is not sent there."""
+        heard = self._received[place]
+        if source not in heard:
+            return False
+        return place not in self._vehicles or Address(source.system, AUTOPILOT_COMPONENT) in heard
 
     def _places_of(self, target: Address) -> set[int]:
         if target.system == 0:
@@ -140,8 +164,15 @@ class Router:
         places = places - {source}
         if not places:
             self.counts["for nobody we know"] += 1
+        sender = source_of(frame)
         for place in sorted(places - {OURSELVES}):
-            self.counts["passed on" if self._senders[place](frame) else "dropped: endpoint full or away"] += 1
+            outgoing = self._filters[place]
+            if self._is_beyond(place, sender):
+                self.counts["its sender is there"] += 1
+            elif outgoing is not None and not outgoing.passes(self.now, frame):
+                self.counts["held back by the filter of a link"] += 1
+            else:
+                self.counts["passed on" if self._senders[place](frame) else "dropped: endpoint full or away"] += 1
 
     def _has_come_round(self, endpoint: int, frame: bytes) -> bool:
         if frame not in self._recent:
@@ -225,6 +256,8 @@ class ForwardLink(SilentLink):
     """A `Link` to a ground station that sees the flight controller through us. It brings no samples, moves no rudder.
 
     budget: shared by all such links of a flight controller.  access: which system ids are heard; None: all.
+    outgoing: what of that which is for the station is sent to it; None: all. Where it sets rates the station's own
+    requests for streams go no further: they would change ours.
 
     Attributes:
         takes_orders: whether all that a station says is passed on; else it only looks.
@@ -239,6 +272,7 @@ class ForwardLink(SilentLink):
         budget: Budget,
         signing: LinkSigning | None = None,
         access: LinkAccess | None = None,
+        outgoing: OutgoingFilter | None = None,
     ) -> None:
         self.name = transport.name
         self.dropped = 0
@@ -249,7 +283,8 @@ class ForwardLink(SilentLink):
         self._access = access or AccessPolicy().link()
         self.takes_orders = self._access.takes_orders(transport, signing is not None)
         self._framer = Framer(transport.is_stream)
-        self._number = router.join(self._sent)
+        self._number = router.join(self._sent, outgoing=outgoing)
+        self._has_rates = outgoing is not None and outgoing.sets_rates
         self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self.lost: AlarmEvent | None = None
         self._presence = Presence(transport)
@@ -286,6 +321,9 @@ class ForwardLink(SilentLink):
                     self._presence.on_packet(now, identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT)
                     if is_mavlink(frame):  # the log's readers know no other messages
                         self._packets.append((now, frame))
+                    if self._has_rates and asks_for_streams(frame):
+                        self._router.counts["requests for streams, of a link with rates"] += 1
+                        continue
                     self._router.take(self._number, frame)
         self._access.count_refused_senders(refused_senders_of(self._transport) - dropped)
         self._access.crowded = self._access.crowded or taken > FRAMES_PER_TURN or not room

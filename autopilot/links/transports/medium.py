@@ -5,6 +5,7 @@ And what may stand behind the `?` of a URL: `nmea:/dev/ttyUSB1:4800?steer=no&sen
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -14,6 +15,8 @@ from autopilot.links.transports.sockets import Allows, Network, network_of
 SENTENCES = ("HDG", "HDT", "HTD", "ROT", "RSA", "XDR")
 """Sentences that a link can be asked to send, by their types."""
 RATE_MIN, RATE_MAX = 0.1, 50.0
+FORWARD_RATE_MIN, FORWARD_RATE_MAX = 0.01, 1000.0
+"""Of a message that is passed on [Hz]; 0 stands for never."""
 DEFAULT_RATE = 1.0
 BAUD_MIN, BAUD_MAX = 300, 4_000_000
 
@@ -23,6 +26,8 @@ class UrlOptions(NamedTuple):
 
     talker: the two letters before the type of what is repeated.  allow: who may come in; empty: everybody.
     orders: whether other nodes of an NMEA 2000 network may engage the pilot and change its course.
+    rates: MAVLink message and rate [Hz] at which it is passed on at most.  sources: system and component ids whose
+    messages are passed on, 0: any component; empty: everybody's.
     """
 
     steers: bool = True
@@ -30,6 +35,8 @@ class UrlOptions(NamedTuple):
     talker: str = "AG"
     allow: tuple[Network, ...] = ()
     orders: bool = False
+    rates: tuple[tuple[str, float], ...] = ()
+    sources: tuple[tuple[int, int], ...] = ()
 
 
 class LinkUrl(NamedTuple):
@@ -169,6 +176,10 @@ def parse_options(text: str, query: str, allowed: tuple[str, ...]) -> UrlOptions
             options = options._replace(talker=value)
         elif name == "allow":
             options = options._replace(allow=tuple(_network(text, item) for item in value.split(",")))
+        elif name == "rate":
+            options = options._replace(rates=_forward_rates(text, value))
+        elif name == "from":
+            options = options._replace(sources=tuple(_source(text, item) for item in value.split(",")))
         else:
             options = options._replace(sends=_sends(text, value))
     return options
@@ -182,6 +193,38 @@ def _network(text: str, value: str) -> Network:
             f"link {text!r}: {value!r} is no network ({error}); write addresses or networks, such as "
             "allow=192.168.1.20,10.0.0.0/24"
         ) from None
+
+
+def _forward_rates(text: str, value: str) -> tuple[tuple[str, float], ...]:
+    rates: dict[str, float] = {}
+    for item in value.split(","):
+        name, _, digits = item.partition(":")
+        rate = _plain_number(digits)
+        if not name or name in rates or not (rate == 0.0 or FORWARD_RATE_MIN <= rate <= FORWARD_RATE_MAX):
+            raise LinkError(
+                f"link {text!r}: {item!r} is no message with its rate, or is named twice; write rate= and "
+                f"messages, each with 0 (never) or {FORWARD_RATE_MIN:g} to {FORWARD_RATE_MAX:g} Hz, such as "
+                "rate=ATTITUDE:2,others:1"
+            )
+        rates[name] = rate
+    return tuple(rates.items())
+
+
+def _source(text: str, value: str) -> tuple[int, int]:
+    system, colon, component = value.partition(":")
+    ids = [int(digits) if _plain_number(digits) <= 255.0 and digits.isdigit() else 0 for digits in (system, component)]
+    if not ids[0] or (colon and not ids[1]):
+        raise LinkError(
+            f"link {text!r}: {value!r} is no sender; write system ids, with a component id or without, from 1 to 255, "
+            "such as from=1:191,2"
+        )
+    return ids[0], ids[1]
+
+
+def _plain_number(digits: str) -> float:
+    """Return what the digits say, nan where they are none."""
+    is_plain = digits.isascii() and digits.replace(".", "", 1).isdigit() and len(digits) <= 8
+    return float(digits) if is_plain else math.nan
 
 
 def _sends(text: str, value: str) -> tuple[tuple[str, float], ...]:
@@ -198,8 +241,7 @@ def _sends(text: str, value: str) -> tuple[tuple[str, float], ...]:
 
 
 def _rate(text: str, name: str, digits: str) -> float:
-    is_plain = digits.isascii() and digits.replace(".", "", 1).isdigit() and len(digits) <= 8
-    rate = float(digits) if is_plain else 0.0
+    rate = _plain_number(digits)
     if not RATE_MIN <= rate <= RATE_MAX:
         raise LinkError(
             f"link {text!r}: the rate {digits!r} of {name} is not a number from {RATE_MIN:g} to {RATE_MAX:g} (Hz)"
