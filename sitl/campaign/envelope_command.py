@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import shlex
-import sys
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -96,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _sailed(vessel: Vessel, arguments: argparse.Namespace, workers: int) -> Iterator[list[Found]]:
     """Yield the runs in parts, as they are done."""
     from sitl.campaign.envelope import chunks, found_by
-    from sitl.campaign.work import end_with_parent
+    from sitl.campaign.work import pool_of
 
     gyro = not arguments.compass_only
     # compiled, or loaded from disk, once before there are many
@@ -104,8 +101,7 @@ def _sailed(vessel: Vessel, arguments: argparse.Namespace, workers: int) -> Iter
     yield first
     parts = [part for part in chunks(arguments.runs, workers) if part]
     tasks = [(vessel, arguments.seed, part, gyro) for part in parts]
-    context = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent) as pool:
+    with pool_of(workers) as pool:
         for done in pool.map(_part, tasks):
             yield [each for each in done if each.run != 0]
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import astuple, replace
 from typing import Any, NamedTuple
 
@@ -23,7 +22,7 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.build import law_of, verdict_of
 from autopilot.vessel.schema import Vessel
 from sitl.campaign.study import Job, number_of_runs
-from sitl.campaign.work import REFUSED, compiled_loop, do_runs, end_with_parent
+from sitl.campaign.work import REFUSED, compiled_loop, do_runs, pool_of
 
 SPAN = 6.0
 REFUSED_COST = 1.0e6
@@ -121,7 +120,7 @@ def tune(job: Job, vessel: Vessel, search: Search, workers: int, progress: Calla
         done += 1
         progress(done, generations)
 
-    with ProcessPoolExecutor(workers, initializer=end_with_parent) as pool:
+    with pool_of(workers) as pool:
         found = differential_evolution(
             trial,
             Bounds(middle - math.log(SPAN), middle + math.log(SPAN)),

@@ -182,8 +182,7 @@ def local(
 
 def _pooled(job: Job, batches: list[Batch], workers: int, is_compiled: bool) -> Iterator[list[Row]]:
     """Yield batches until all are done or a process has died."""
-    context = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent)
+    pool = pool_of(workers)
     coming = iter(batches)
 
     def more(count: int) -> set[Future[list[Row]]]:
@@ -205,10 +204,19 @@ def _pooled(job: Job, batches: list[Batch], workers: int, is_compiled: bool) -> 
     pool.shutdown()
 
 
-def end_with_parent() -> None:
-    """Let this process of a pool end when the one that made it has ended, however that was (Linux)."""
+def pool_of(workers: int) -> ProcessPoolExecutor:
+    """Return a pool of processes that end with this one."""
+    context = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent, initargs=(os.getpid(),))
+
+
+def end_with_parent(parent: int) -> None:
+    """Let this process of a pool end when the process `parent` that made it has ended, however that was (Linux)."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        # one that ended before sends no signal any more, and its work would be waited for for ever
+        if os.getppid() != parent:
+            os._exit(1)
 
 
 def engine_of(name: str, address: str | None = None) -> Engine:

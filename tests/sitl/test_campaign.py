@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import multiprocessing
 import os
 import signal
 import sys
@@ -41,7 +42,7 @@ from sitl.campaign.study import (
     shipped_studies,
     study_from,
 )
-from sitl.campaign.work import Row, batches_of, do_runs, done_compiled, in_order, local
+from sitl.campaign.work import Row, batches_of, do_runs, done_compiled, end_with_parent, in_order, local
 from sitl.cli import main
 from sitl.fault_kinds import FaultKind
 from sitl.scenario import FaultSection, IttcSection, SecondOrderSection, SensorsSection, WavesSection, WindSection
@@ -299,6 +300,19 @@ def test_the_runs_of_a_lost_worker_are_done_again(monkeypatch: pytest.MonkeyPatc
     rows = [row.run for batch in in_order(local(Job(STUDY, "."), batches, 2, False)) for row in batch]
     assert (tmp_path / "mark").exists()
     assert rows == list(range(9))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes learn of their parent's end on Linux alone")
+def test_a_worker_whose_study_ended_before_it_began_ends_too() -> None:
+    """Forked a moment before a signal ended the study, it waited for work for ever."""
+    worker = multiprocessing.get_context("fork").Process(target=end_with_parent, args=(os.getpid() + 1,))
+    worker.start()
+    worker.join(20.0)
+    assert worker.exitcode == 1
+    ours = multiprocessing.get_context("fork").Process(target=end_with_parent, args=(os.getpid(),))
+    ours.start()
+    ours.join(20.0)
+    assert ours.exitcode == 0
 
 
 @pytest.fixture
