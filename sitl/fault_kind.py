@@ -78,8 +78,9 @@ class Kind(NamedTuple):
     that the engine reaches, of that which is asked for and that of the start. motors: what the left and the right
     thruster of two run at, -1 to 1. push: what acts on the boat, of its heading [rad]. reads: what an instrument shows.
     latency: when [s] it is heard of. attitude: the heading [rad] that ATTITUDE carries. charge: the per cent that
-    SYS_STATUS says of the battery. happens: what is done to the firmware, when it begins. sticks: where a
-    hand has the radio's channels [us]. line: how bad the lines are; to_boat: on the way to the boat alone.
+    SYS_STATUS says of the battery. variance: what EKF_STATUS_REPORT says of the compass. happens: what is done to the
+    firmware, when it begins. sticks: where a hand has the radio's channels [us]. line: how bad the lines are; to_boat:
+    on the way to the boat alone.
     """
 
     what: str
@@ -98,6 +99,7 @@ class Kind(NamedTuple):
     latency: Callable[[Acting, float], float] | None = None
     attitude: Callable[[Acting, float], float] | None = None
     charge: Callable[[Acting, float], float] | None = None
+    variance: Callable[[Acting, float], float] | None = None
     happens: Callable[[Acting, Firmware], None] | None = None
     sticks: Callable[[Acting, Firmware], dict[int, int]] | None = None
     line: Callable[[Acting, Damage], Damage] | None = None

@@ -320,7 +320,7 @@ def receiver_low(fault: Acting, firmware: Firmware) -> dict[int, int]:
 
 
 def left(fault: Acting, per_cent: float) -> float:
-    """Return what is left of the battery's charge."""
+    """Return the size: what is left of the battery's charge, or what the filter says of the compass."""
     return fault.size
 
 
@@ -463,6 +463,14 @@ KINDS = {
         100.0,
         happens=battery_low,
         charge=left,
+    ),
+    "compass_variance": Kind(
+        "the compass does not go with gyro and GPS, EKF_STATUS_REPORT says so",
+        "of what its filter lets pass",
+        1.2,
+        0.0,
+        10.0,
+        variance=left,
     ),
     "geofence": Kind("STATUSTEXT: Polygon fence breached", happens=geofence),
     "shallow": Kind("STATUSTEXT: Shallow water", "m", 1.0, 0.0, 100.0, happens=shallow),

@@ -211,6 +211,28 @@ def sys_status(firmware: Firmware, time: float, reading: Reading) -> Any:
     )
 
 
+FILTER_RUNS = (
+    dialect.EKF_ATTITUDE
+    | dialect.EKF_VELOCITY_HORIZ
+    | dialect.EKF_VELOCITY_VERT
+    | dialect.EKF_POS_HORIZ_REL
+    | dialect.EKF_POS_HORIZ_ABS
+    | dialect.EKF_POS_VERT_ABS
+    | dialect.EKF_PRED_POS_HORIZ_REL
+    | dialect.EKF_PRED_POS_HORIZ_ABS
+)
+WELL = 0.05
+"""What a filter says of instruments that nothing ails: their innovations as a share of what it lets pass."""
+
+
+def filter_report(firmware: Firmware, time: float, reading: Reading) -> Any:
+    """EKF_STATUS_REPORT of a filter that runs."""
+    compass = WELL
+    for fault, effect in firmware.world.faults.acting("variance", time):
+        compass = effect(fault, compass)
+    return dialect.MAVLink_ekf_status_report_message(FILTER_RUNS, WELL, WELL, WELL, compass, 0.0, 0.0)
+
+
 def system_time(firmware: Firmware, time: float, reading: Reading) -> Any:
     """SYSTEM_TIME: us since 1970 and ms since boot."""
     unix_us = firmware.world.scenario.start.unix_time_s * 1_000_000 + round(time * 1.0e6)
@@ -267,6 +289,7 @@ BUILDERS: dict[int, Builder] = {
     dialect.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
+    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: filter_report,
     dialect.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
     dialect.MAVLINK_MSG_ID_SIMSTATE: simstate,
@@ -289,7 +312,7 @@ GROUPS: dict[str, tuple[int, ...]] = {
     "SR0_RC_CHAN": (dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, dialect.MAVLINK_MSG_ID_RC_CHANNELS),
     "SR0_EXTRA1": (dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_SIMSTATE),
     "SR0_EXTRA2": (dialect.MAVLINK_MSG_ID_VFR_HUD,),
-    "SR0_EXTRA3": (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,),
+    "SR0_EXTRA3": (dialect.MAVLINK_MSG_ID_SYSTEM_TIME, dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT),
 }
 REQUESTS: dict[int, tuple[str, ...]] = {
     dialect.MAV_DATA_STREAM_ALL: (*GROUPS, "SR0_RAW_SENS", "SR0_RAW_CTRL"),

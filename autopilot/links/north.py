@@ -23,11 +23,17 @@ MOVED = 2.0e-3
 """The field is reckoned anew where the boat has moved by this [rad], about 7 nm."""
 
 
+JUMP = math.radians(2.0)
+"""No boat is soon where the variation is so much another: an instrument that says so has lost its place, its date or
+the sign."""
+
+
 class Variation:
     """The magnetic variation as all links of a run know it: the one that is set, else the one that an instrument sends,
     else that of a model of the earth's field where the boat is.
 
     Of several instruments the first counts as long as it sends one: two that differ would swing the heading to and fro.
+    One whose own jumps is held to what it said before; 0 is what some say before they know.
 
     field: returns the variation [rad] at a latitude and longitude [rad].
     """
@@ -37,6 +43,8 @@ class Variation:
         self._received: float | None = None
         self._source: tuple[object, ...] = ()
         self._received_time = -math.inf
+        self._accepted: dict[tuple[object, ...], float] = {}
+        self._jumps: dict[tuple[object, ...], tuple[float, float]] = {}
         self._reckoned: float | None = None
         self._place: tuple[float, float] | None = None
 
@@ -47,10 +55,29 @@ class Variation:
             return self._configured
         return self._reckoned if self._received is None else self._received
 
-    def receive(self, time: float, variation: float, *source: object) -> None:
-        """Take what an instrument says [rad] at `time` [s]; `source`: what tells it from others."""
+    def receive(self, time: float, variation: float, *source: object) -> float:
+        """Take what an instrument says [rad] at `time` [s]; return what is believed of it.
+
+        source: what tells it from others; the first of these is who asks for the `alarm`.
+        """
+        before = self._accepted.get(source, variation)
+        if source and before != 0.0 and abs(wrap(variation - before)) > JUMP:
+            self._jumps[source] = before, variation
+            variation = before
+        else:
+            self._accepted[source] = variation
+            self._jumps.pop(source, None)
         if source == self._source or time - self._received_time > SILENT_S:
             self._received, self._source, self._received_time = variation, source, time
+        return variation
+
+    def alarm(self, owner: object) -> AlarmEvent | None:
+        """Return the alarm of an instrument of `owner`, as `receive` was given it, whose variation has jumped."""
+        for source, jump in self._jumps.items():
+            if source[0] is owner:
+                said = " to ".join(f"{abs(math.degrees(each)):.1f} {'W' if each < 0.0 else 'E'}" for each in jump)
+                return AlarmEvent("variation_jumped", said)
+        return None
 
     def move(self, latitude: float, longitude: float) -> None:
         """Take where the boat is [rad]."""

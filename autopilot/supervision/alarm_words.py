@@ -16,7 +16,7 @@ class Watcher(Enum):
     PILOT = "the pilot, every tick"
     LINK = "the link to the vehicle or the rudder drive"
     LOOP = "the loop around the pilot"
-    VEHICLE = "the vehicle, in SYS_STATUS, BATTERY_STATUS or STATUSTEXT"
+    VEHICLE = "the vehicle, in what it says of itself"
 
 
 PLAIN = "{text}{bracketed}: {remedy}"
@@ -66,6 +66,13 @@ WORDS = {
         "headings come that take the magnetic variation, and it is not known",
         "set sensors.variation_deg, or sensors.magnetic: true to steer magnetic courses",
         "for 3 s, and no other headings on the same link",
+        key="sensors.variation_deg",
+        watcher=Watcher.LINK,
+    ),
+    "variation_jumped": Words(
+        "an instrument's magnetic variation has jumped; the one before is used on",
+        "check the instrument's place and date; where the new one is right, set sensors.variation_deg and start again",
+        "more than 2 deg from what the same instrument said before; from 0 any is taken",
         key="sensors.variation_deg",
         watcher=Watcher.LINK,
     ),
@@ -300,6 +307,25 @@ WORDS = {
         "the vehicle says that its compass or attitude is not healthy",
         "compare the heading with a compass, and steer by hand where it drifts",
         "the compass or AHRS in SYS_STATUS is enabled and unhealthy",
+        watcher=Watcher.VEHICLE,
+    ),
+    "compass_doubtful": Words(
+        "the vehicle's compass does not go with how it moves",
+        "compare the heading with a compass, and steer by hand where it differs; look for iron, a current or a loose "
+        "compass, and calibrate it anew",
+        "compass_variance in EKF_STATUS_REPORT is 0.8 or more for 3 s, until below 0.5; or its filter has no attitude",
+        watcher=Watcher.VEHICLE,
+    ),
+    "vehicle_failsafe": Words(
+        "the vehicle says that it is in a fail-safe",
+        "read its texts; be ready at the helm, for it may change its mode",
+        "MAV_STATE in its heartbeat is critical",
+        watcher=Watcher.VEHICLE,
+    ),
+    "vehicle_failed": Words(
+        "the vehicle says that it has failed",
+        "take the helm by hand, and stop the engine if it does not obey",
+        "MAV_STATE in its heartbeat is emergency, power off or flight termination",
         watcher=Watcher.VEHICLE,
     ),
     "geofence": Words(

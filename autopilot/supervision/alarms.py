@@ -128,6 +128,7 @@ _KINDS = (
     AlarmKind("heading_jumping", Response.FAILSAFE, Severity.CRITICAL),
     AlarmKind("heading_disagrees", Response.DEGRADE, Severity.WARNING),
     AlarmKind("variation_unknown", Response.NOTIFY, Severity.NOTICE),
+    AlarmKind("variation_jumped", Response.NOTIFY, Severity.WARNING),
     AlarmKind("rate_disagrees", Response.DEGRADE, Severity.WARNING),
     AlarmKind("innovation", Response.DEGRADE, Severity.WARNING, is_borne=True),
     # of the rudder
@@ -169,6 +170,9 @@ _KINDS = (
     AlarmKind("handback_refused", Response.NOTIFY, Severity.ALERT),
     AlarmKind("man_overboard", Response.NOTIFY, Severity.ALERT, is_borne=True),
     AlarmKind("attitude_unhealthy", Response.NOTIFY, Severity.WARNING),
+    AlarmKind("compass_doubtful", Response.NOTIFY, Severity.WARNING),
+    AlarmKind("vehicle_failsafe", Response.NOTIFY, Severity.ERROR),
+    AlarmKind("vehicle_failed", Response.NOTIFY, Severity.ALERT),
     AlarmKind("geofence", Response.NOTIFY, Severity.ERROR),
     AlarmKind("shallow", Response.NOTIFY, Severity.ERROR),
     AlarmKind("battery_low", Response.NOTIFY, Severity.ERROR),

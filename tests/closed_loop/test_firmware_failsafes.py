@@ -13,6 +13,7 @@ from lockstep import STEP, Lockstep
 from autopilot.firmware.file import load_firmware, wanted_parameters
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel
+from sitl.scenario import FaultSection, Scenario
 
 VESSEL = load_vessel("lanxin")
 SHIPPED = {wanted.name: float(wanted.value) for wanted in wanted_parameters(load_firmware("ardurover-boat"))}
@@ -186,3 +187,24 @@ def test_a_servo_that_stops_short_of_what_may_be_ordered_is_not_steered() -> Non
     run.engage(20.0)
     assert not run.run(20.0, run.engaged)
     assert any("is 24 deg of rudder" in alarm for alarm in words_of(run.tick)), words_of(run.tick)
+
+
+def test_a_compass_that_the_vehicle_doubts_is_an_alarm_while_steering_goes_on() -> None:
+    scenario = Scenario(1, "iron", faults=(FaultSection("compass_variance", 20.0, 35.0, size=1.4),))
+    run = Lockstep(VESSEL, parameters=SHIPPED, scenario=scenario)
+    run.engage(20.0)
+    run.run(50.0)
+    shown = [tick.now for tick in run.ticks if "compass_doubtful" in {alarm.name for alarm in tick.alarms}]
+    assert 23.0 <= shown[0] <= 24.6 and 35.0 <= shown[-1] <= 36.5
+    assert {tick.mode for tick in run.ticks if tick.now > 20.0} == {Mode.ENGAGED}
+
+
+def test_a_vehicle_in_its_fail_safe_is_an_alarm_as_long_as_it_is() -> None:
+    run = engaged(FS_ACTION=0.0)
+    run.firmware.failsafe = "battery"
+    run.run(2.0)
+    assert [alarm.name for alarm in run.tick.alarms] == ["vehicle_failsafe"]
+    assert run.tick.mode is Mode.ENGAGED
+    run.firmware.failsafe = ""
+    run.run(2.0)
+    assert words_of(run.tick) == ()

@@ -17,10 +17,10 @@ from autopilot.links.n2k.fields import encoded
 from autopilot.links.n2k.packets import Message
 from autopilot.links.n2k.session import N2kSession, N2kSettings
 from autopilot.links.nmea.link import NmeaSession, NmeaSettings
-from autopilot.links.nmea.sentences import encode_hdm, encode_rmc
+from autopilot.links.nmea.sentences import encode_hdg, encode_hdm, encode_rmc
 from autopilot.links.north import Variation, known_as
 from autopilot.runtime.build_links import variation_of
-from autopilot.signals import HeadingSample, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, Sample
 from autopilot.vessel.file import load_vessel
 
 LANXIN = load_vessel("lanxin")
@@ -90,6 +90,59 @@ def test_two_instruments_with_different_variations_do_not_swing_the_heading() ->
     for second in range(60, 100):
         other.receive(float(second), [encode_rmc(0.0, 3.0, 57.7, 11.8, variation=math.radians(-5.0))])
     assert [round(heading) for heading in headings(boat.receive(100.0, [encode_hdm(1.0)]))] == [52], "silent since 59 s"
+
+
+def jumped(samples: list[Sample]) -> list[str]:
+    events = [each.event for each in samples if isinstance(each, AlarmSample)]
+    return [f"{event.name} {event.detail}" if event else "over" for event in events]
+
+
+def test_a_variation_that_changes_its_sign_turns_no_boat_and_is_an_alarm_while_it_lasts() -> None:
+    twelve = math.radians(12.0)
+    boat = NmeaSession("boat", NmeaSettings(), variation=Variation())
+    rmc = [encode_rmc(0.0, 3.0, 57.7, 11.8, variation=sign * twelve) for sign in (1.0, -1.0)]
+    hdg = [encode_hdg(1.0, 0.0, sign * twelve) for sign in (1.0, -1.0)]
+    assert jumped(boat.receive(0.0, [rmc[0], hdg[0]])) == []
+    said: list[str] = []
+    for step in range(1, 400):
+        samples = boat.receive(0.2 * step, [rmc[1], hdg[1], encode_hdm(1.0)])
+        said += jumped(samples)
+        assert headings(samples) == [pytest.approx(math.degrees(1.0) + 12.0, abs=0.06)] * 2
+    assert said == ["variation_jumped 12.0 E to 12.0 W"]
+    assert jumped(boat.receive(81.0, [rmc[0], hdg[0]])) == ["over"]
+
+
+def test_a_variation_that_changes_its_sign_on_nmea_2000_turns_no_boat() -> None:
+    network = N2kSession("network", N2kSettings(), guide=PlotterGuide(), variation=Variation())
+
+    def heard(now: float, degrees: float) -> list[Sample]:
+        fields = {"heading": 1.0, "reference": "Magnetic", "variation": math.radians(degrees)}
+        return network.receive(now, [Message(127250, encoded(127250, fields), 35)])
+
+    assert jumped(heard(0.0, 12.0)) == []
+    samples = heard(0.1, -12.0)
+    assert jumped(samples) == ["variation_jumped 12.0 E to 12.0 W"]
+    assert headings(samples) == [pytest.approx(math.degrees(1.0) + 12.0, abs=0.01)]
+    assert jumped(heard(0.2, 12.1)) == ["over"]
+
+
+def test_a_variation_goes_with_the_voyage_and_from_0_to_any() -> None:
+    known = Variation()
+    for step in range(200):
+        known.receive(float(step), math.radians(0.1 * step), "gps")
+    assert math.degrees(known.value or 0.0) == pytest.approx(19.9) and known.alarm("gps") is None
+    late = Variation()
+    for degrees in (0.0, 0.0, 14.0):
+        late.receive(0.0, math.radians(degrees), "gps")
+    assert math.degrees(late.value or 0.0) == pytest.approx(14.0) and late.alarm("gps") is None
+    assert late.receive(1.0, 0.0, "gps") == pytest.approx(math.radians(14.0))
+    assert late.alarm("gps") == AlarmEvent("variation_jumped", "14.0 E to 0.0 E")
+
+
+def test_who_steers_by_magnetic_courses_needs_no_word_of_it() -> None:
+    boat = NmeaSession("boat", NmeaSettings(magnetic=True), variation=Variation())
+    for degrees in (12.0, -12.0):
+        assert jumped(boat.receive(0.0, [encode_hdg(1.0, 0.0, math.radians(degrees))])) == []
 
 
 @pytest.mark.parametrize("by_nmea", [True, False])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -255,3 +256,55 @@ def test_a_heartbeat_within_one_and_a_half_seconds_of_the_text_may_be_older() ->
     assert radio.reason(known).endswith("the vehicle is in its radio fail-safe")
     radio.heartbeat(2.51, dialect.MAV_STATE_ACTIVE)
     assert radio.reason(known) == ""
+
+
+def heartbeat(state: int) -> Any:
+    return sent(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, state, 3))
+
+
+def test_a_fail_safe_and_a_failure_in_the_heartbeat_are_reported_as_long_as_they_last() -> None:
+    health = VehicleHealth()
+    assert conditions_of(health.take(0.0, heartbeat(4)) + health.take(1.0, heartbeat(3))) == []
+    assert conditions_of(health.take(2.0, heartbeat(5))) == [("vehicle_failsafe", True)]
+    assert conditions_of(health.take(3.0, heartbeat(5))) == []
+    over, failed = health.take(4.0, heartbeat(6))
+    assert (over.name, over.present) == ("vehicle_failsafe", False)
+    assert (failed.name, failed.present, failed.detail) == ("vehicle_failed", True, "emergency")
+    assert conditions_of(health.take(5.0, heartbeat(4))) == [("vehicle_failed", False)]
+    for state in (7, 8):
+        assert conditions_of(VehicleHealth().take(0.0, heartbeat(state))) == [("vehicle_failed", True)]
+
+
+RUNS = 831
+ALIGNS = 1024
+
+
+def ekf(ratio: float, flags: int = RUNS) -> Any:
+    return sent(dialect.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, ratio, 0.0, 0.0))
+
+
+def test_a_compass_that_its_filter_doubts_for_3_s_is_reported_until_it_is_well_below() -> None:
+    health = VehicleHealth()
+    for now in range(3):
+        assert conditions_of(health.take(float(now), ekf(0.8))) == []
+    (found,) = health.take(3.0, ekf(1.3))
+    assert (found.name, found.present, found.detail) == ("compass_doubtful", True, "1.3 of what its filter lets pass")
+    assert conditions_of(health.take(4.0, ekf(0.6))) == [], "between the limits it stays"
+    assert conditions_of(health.take(5.0, ekf(0.49))) == [("compass_doubtful", False)]
+    for now in range(60):
+        assert conditions_of(health.take(10.0 + now, ekf(0.79 if now % 3 else 2.0))) == [], "shorter than 3 s"
+
+
+def test_a_filter_that_aligns_or_is_not_there_is_no_alarm_and_one_that_loses_the_attitude_is() -> None:
+    health = VehicleHealth()
+    for now in range(60):
+        assert conditions_of(health.take(float(now), ekf(0.0, ALIGNS))) == []
+        assert conditions_of(VehicleHealth().take(float(now), ekf(0.0, 0))) == []
+    found = [condition for now in range(60, 70) for condition in health.take(float(now), ekf(math.nan, RUNS))]
+    assert found == []
+    found = [condition for now in range(70, 80) for condition in health.take(float(now), ekf(0.0, ALIGNS))]
+    assert conditions_of(found) == [("compass_doubtful", True)]
+    health.take(80.0, ekf(0.0))
+    health.restart()
+    found = [condition for now in range(81, 90) for condition in health.take(float(now), ekf(0.0, ALIGNS))]
+    assert conditions_of(found) == []

@@ -52,6 +52,7 @@ HEALTH: dict[int, tuple[str, ...]] = {
         "heading_jumping",
         "heading_disagrees",
         "attitude_unhealthy",
+        "compass_doubtful",
     ),
     int(dialect.MAV_SYS_STATUS_LOGGING): ("disk_full",),
     int(dialect.MAV_SYS_STATUS_GEOFENCE): ("geofence", "shallow"),

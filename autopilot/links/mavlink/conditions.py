@@ -1,7 +1,13 @@
 """What a vehicle and its surroundings say beside its state: battery, fence, shallow water, its radio, another pilot.
 
 SYS_STATUS and BATTERY_STATUS: charge and charge state; SYS_STATUS: fence, compass, AHRS where enabled and unhealthy;
-FENCE_STATUS: breached; STATUSTEXT: "Fence Breached" (ArduPilot, AC_Fence) and what has "shallow" in it.
+FENCE_STATUS: breached; STATUSTEXT: "Fence Breached" (ArduPilot, AC_Fence) and what has "shallow" in it; HEARTBEAT: a
+MAV_STATE of a fail-safe.
+
+EKF_STATUS_REPORT: the heading in ATTITUDE comes from a filter whose compass innovations, as a share of what it lets
+pass, are compass_variance. ArduRover acts from FS_EKF_THRESH (0.8) on, and only where the velocity is as bad, so that a
+disturbed compass alone shows here and nowhere else (Rover/ekf_check.cpp, over_threshold; AP_NavEKF3_Outputs.cpp,
+send_status_report). A vehicle without such a filter sends nothing but zeros.
 
 Whether the hand's radio still reaches the flight controller. While we override the steering, ArduPilot takes our
 messages for radio input: a receiver that just falls silent makes no fail-safe, and RC_CHANNELS goes on showing its last
@@ -48,7 +54,18 @@ BAD_CHARGES = (
 FENCE = dialect.MAV_SYS_STATUS_GEOFENCE
 ATTITUDE = (dialect.MAV_SYS_STATUS_SENSOR_3D_MAG, dialect.MAV_SYS_STATUS_AHRS)
 """What the heading of ATTITUDE rests on: without its compass a vehicle goes on by gyro, and says so here alone."""
+DOUBTED_FROM, TRUSTED_BELOW = 0.8, 0.5
+"""ArduRover's own limit, and where it is over, so that a value that wavers about the limit is one alarm."""
+DOUBTED_FOR_S = 3.0
+"""A turn past a steel pier is over sooner."""
+FAILED = {
+    dialect.MAV_STATE_EMERGENCY: "emergency",
+    dialect.MAV_STATE_POWEROFF: "it shuts down",
+    dialect.MAV_STATE_FLIGHT_TERMINATION: "it ends its own voyage",
+}
 SYSTEM = dialect.MAVLINK_MSG_ID_SYS_STATUS
+HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
+FILTER = dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT
 BATTERY = dialect.MAVLINK_MSG_ID_BATTERY_STATUS
 FENCING = dialect.MAVLINK_MSG_ID_FENCE_STATUS
 TEXT = dialect.MAVLINK_MSG_ID_STATUSTEXT
@@ -67,6 +84,11 @@ class VehicleHealth:
         self._limit = battery_percent
         self.said: dict[str, tuple[str, float]] = {}
         self._present: set[str] = set()
+        self._filter_runs, self._doubted_since = False, math.inf
+
+    def restart(self) -> None:
+        """Take that the vehicle has restarted: its filter aligns itself anew, which is no fault."""
+        self._filter_runs, self._doubted_since = False, math.inf
 
     def take(self, now: float, message: Message) -> list[Sample]:
         """Return the conditions that `message`, come at `now` [s], begins or ends."""
@@ -80,9 +102,29 @@ class VehicleHealth:
             ]
         if kind == BATTERY:
             return self._charge(now, message.battery_remaining, message.charge_state in BAD_CHARGES)
+        if kind == HEARTBEAT:
+            state = message.system_status
+            return [
+                *self._set(now, "vehicle_failsafe", state == dialect.MAV_STATE_CRITICAL, ""),
+                *self._set(now, "vehicle_failed", state in FAILED, FAILED.get(state, "")),
+            ]
+        if kind == FILTER:
+            return self._filter(now, message.flags, message.compass_variance)
         if kind == FENCING:
             return self._set(now, "geofence", bool(message.breach_status), "")
         return self._read(now, message.text) if kind == TEXT else []
+
+    def _filter(self, now: float, flags: int, ratio: float) -> list[Sample]:
+        has_attitude = bool(flags & dialect.EKF_ATTITUDE)
+        self._filter_runs = self._filter_runs or has_attitude
+        lost = self._filter_runs and flags != 0 and not has_attitude
+        limit = TRUSTED_BELOW if "compass_doubtful" in self._present else DOUBTED_FROM
+        if not (lost or ratio >= limit):
+            self._doubted_since = math.inf
+        else:
+            self._doubted_since = min(self._doubted_since, now)
+        words = "its filter has no attitude" if lost else f"{ratio:.1f} of what its filter lets pass"
+        return self._set(now, "compass_doubtful", now - self._doubted_since >= DOUBTED_FOR_S, words)
 
     def pass_time(self, now: float) -> list[Sample]:
         """Return the conditions that nobody has spoken of for long, as over."""

@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import wrap
 from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, OverrideProbe
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.conditions import BATTERY, FENCING, SYSTEM, TEXT, RadioWatch, VehicleHealth
+from autopilot.links.mavlink.conditions import BATTERY, FENCING, FILTER, SYSTEM, TEXT, RadioWatch, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
 from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters, obstacle_of
 from autopilot.links.mavlink.steering import MIXED_US, SteeringOutput, share_from_servo
@@ -239,7 +239,7 @@ class VehicleReader:
         }
         if steers_itself:
             rates_hz[NAVIGATION] = rates_hz[HUD] = 5.0
-        self.streams = MessageStreams(rates_hz, settings.heading_timeout, {WIND: 2.0})
+        self.streams = MessageStreams(rates_hz, settings.heading_timeout, {WIND: 2.0, FILTER: 1.0})
         self._output = output
         self._latency = settings.heading_latency
         self._clock = VehicleClock()
@@ -257,8 +257,9 @@ class VehicleReader:
             PARAMETER: self._parameter,
             SYSTEM: self._system,
             TEXT: self._text,
-            BATTERY: self._battery,
-            FENCING: self._battery,
+            BATTERY: self._condition,
+            FENCING: self._condition,
+            FILTER: self._condition,
             NAMED: self._named,
         }
         self._wind_speed = math.nan
@@ -286,7 +287,7 @@ class VehicleReader:
         self.radio.status(message.onboard_control_sensors_enabled, message.onboard_control_sensors_health)
         samples.extend(self.health.take(now, message))
 
-    def _battery(self, now: float, message: Message, samples: list[Sample]) -> None:
+    def _condition(self, now: float, message: Message, samples: list[Sample]) -> None:
         samples.extend(self.health.take(now, message))
 
     def _text(self, now: float, message: Message, samples: list[Sample]) -> None:
@@ -304,6 +305,7 @@ class VehicleReader:
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self.authority.heartbeat(now, message.custom_mode, armed, message.system_status)
         self.radio.heartbeat(now, message.system_status)
+        samples.extend(self.health.take(now, message))
 
     def _attitude(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[ATTITUDE] += 1
@@ -481,6 +483,7 @@ class VehicleReader:
         self._output.forget()
         self.authority.misfit = self.authority.radio = ""
         self.radio = RadioWatch()
+        self.health.restart()
         self.probe.reset()
         if self.guided is not None:
             self.guided.reset()

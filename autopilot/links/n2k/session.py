@@ -147,6 +147,7 @@ class N2kSession:
         self._variation = variation or known_as(settings.variation)
         self._plotter = PlotterReader(self._variation, settings.magnetic)
         self._unusable, self._unusable_headings = 0, UnusableHeadings(name)
+        self._jumped: AlarmEvent | None = None
         self._follow = RudderFollow(settings.follow)
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._release = UnshownRelease(name, LAPSE)
@@ -165,6 +166,10 @@ class N2kSession:
         for message in messages:
             self._take(now, message, samples)
         samples += self._unusable_headings.news(now, samples, self._unusable)
+        jumped = None if self.settings.magnetic else self._variation.alarm(self)
+        if jumped != self._jumped:
+            self._jumped = jumped
+            samples.append(AlarmSample(now, jumped, f"{self.name}, jumped variation"))
         reason = self._follow.reason(now) or self._barred(now)
         if reason != self._helm_reason and (self.settings.steers or reason or self._helm_reason):
             self._helm_reason = reason
@@ -210,7 +215,7 @@ class N2kSession:
         group = message.group
         fields = decoded(group, message.data)
         if group in (HEADING, VARIATION) and (heard := own_variation(fields)) is not None:
-            self._variation.receive(now, heard, self, group, message.source)
+            fields = {**fields, "variation": self._variation.receive(now, heard, self, group, message.source)}
         is_order = group == RUDDER and rudder_order(fields) is not None
         if is_order and self.node is not None and self.node.is_pilot(message.source):
             self._other_pilot = message.source, now

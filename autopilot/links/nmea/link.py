@@ -93,6 +93,7 @@ class NmeaSession:
         self._framer = NmeaFramer()
         self._reader = NmeaReader(known, Deviation(settings.deviation), guide, settings.talker, settings.magnetic)
         self._unusable = UnusableHeadings(name)
+        self._jumped: AlarmEvent | None = None
         self._guide = guide
         self._guide_alarm: AlarmEvent | None = None
         self._repeater = NmeaRepeater(settings.sends, known, settings.talker, settings.magnetic)
@@ -139,6 +140,9 @@ class NmeaSession:
             self._helm_reason = reason
             samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
         samples += self._unusable.news(now, samples, self._reader.unusable)
+        if self._reader.alarm != self._jumped:
+            self._jumped = self._reader.alarm
+            samples.append(AlarmSample(now, self._jumped, f"{self.name}, jumped variation"))
         if self._guide is not None and self._guide.alarm != self._guide_alarm:
             self._guide_alarm = self._guide.alarm
             samples.append(AlarmSample(now, self._guide_alarm, PLOTTER))

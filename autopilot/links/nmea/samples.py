@@ -63,6 +63,7 @@ from autopilot.links.nmea.sentences import (
 )
 from autopilot.links.north import Variation, known_as, steered
 from autopilot.signals import (
+    AlarmEvent,
     CourseSample,
     HeadingSample,
     PositionSample,
@@ -337,6 +338,11 @@ class NmeaReader:
             return None
         return None if sample is None else sample._replace(source=self._name)
 
+    @property
+    def alarm(self) -> AlarmEvent | None:
+        """A variation that has jumped, where the boat is not steered by magnetic courses."""
+        return None if self._magnetic else self._variation.alarm(self)
+
     def take_others(self) -> list[PositionSample | CourseSample]:
         """Return and forget the position, and the course over the ground, that came with the last sentence."""
         others, self._others = self._others, []
@@ -353,7 +359,7 @@ class NmeaReader:
         deviation = east_west(fields, 1, DEVIATION_LIMIT_DEG)
         variation = east_west(fields, 3, VARIATION_LIMIT_DEG)
         if variation is not None:
-            self._variation.receive(time, variation, self, self._name)
+            variation = self._variation.receive(time, variation, self, self._name)
         magnetic = compass + (self._deviation.at(compass) if deviation is None else deviation)
         return self._from_magnetic(time, magnetic, variation)
 
