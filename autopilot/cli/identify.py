@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from autopilot.errors import ExitCode, InputError
+from autopilot.errors import ExitCode, InputError, RefusedError
 
 if TYPE_CHECKING:
     from autopilot.identification.boat_prior import BoatPrior
@@ -122,6 +122,11 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--out", metavar="VESSEL.yaml", help="write the model into this vessel file")
     parser.add_argument(
+        "--at-least",
+        choices=("start", "good"),
+        help="write nothing, and end with exit code 4, where the model is not good for a start, or not good",
+    )
+    parser.add_argument(
         "--rudder-max-deg",
         action=number(1.0, 90.0),
         metavar="DEG",
@@ -170,6 +175,7 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         return int(ExitCode.OK)
     from autopilot.cli.identify_drive import identified_by_thrust
     from autopilot.cli.log import log_options, print_newer, refuse_twice, vessel_of
+    from autopilot.identification.gear_check import gear_check
     from autopilot.logs.reading import load_run
 
     vessel = vessel_of(arguments)
@@ -199,6 +205,10 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     result = _identify(arguments, steady, _prior(arguments.length_m, vessel, fitted), fitted, held_out, doubt)
     if ordered is not None:
         result = result._replace(rudder_rate=ordered)
+    result = result._replace(gear=gear_check(as_ordered, _filed_rate(vessel, as_ordered), result.rudder_rate))
+    if short := _falls_short(arguments, result):
+        print(report.as_json(result) if arguments.json else report.as_text(result))
+        raise RefusedError(short)
     if arguments.out:
         from autopilot.cli.identify_vessel import write_vessel
 
@@ -217,14 +227,41 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     return int(ExitCode.OK)
 
 
+def _falls_short(arguments: argparse.Namespace, result: Result) -> str:
+    """Return why the model is not as good as --at-least asks; "" where it is, or nothing is asked."""
+    from autopilot.report.identification import verdict_on
+
+    grades = ("not enough", "start", "good")
+    verdict, least = verdict_on(result), arguments.at_least
+    if least is None or grades.index(verdict.grade) >= grades.index(least):
+        return ""
+    return f"{arguments.out or 'the model'} is not written: {verdict.sentence}"
+
+
 def _slower_rudder(vessel: Vessel | None, runs: Sequence[Run]) -> RudderRate | None:
     """Return the rate of a rudder that is known by its orders alone and was slower than the vessel file says."""
-    if any(run.rudder != "ordered" for run in runs):
+    of = _vessel_of(vessel, runs)
+    is_thrust = of is not None and of.drive.kind != "rudder"
+    if any(run.rudder == "measured" or (is_thrust and run.rudder == "estimated") for run in runs):
         return None
     from autopilot.identification.ordered_rudder import slower_rudder
 
-    filed = None if vessel is None else vessel.rudder.rate_max_deg_s
-    return slower_rudder(runs, math.inf if filed is None else math.radians(filed))
+    return slower_rudder(runs, _filed_rate(vessel, runs))
+
+
+def _filed_rate(vessel: Vessel | None, runs: Sequence[Run]) -> float:
+    """Return the slower side's rate [rad/s] by the vessel file, or by that of the pilot that recorded; inf where there
+    is none."""
+    vessel = _vessel_of(vessel, runs)
+    return math.inf if vessel is None else math.radians(min(vessel.rudder.rates_deg_s))
+
+
+def _vessel_of(vessel: Vessel | None, runs: Sequence[Run]) -> Vessel | None:
+    """Return the vessel, or that of the pilot that recorded; None where there is none."""
+    from autopilot.vessel.file import parse_vessel
+
+    text = next((run.vessel for run in runs if run.vessel), "")
+    return parse_vessel(text, f"{runs[0].source} (header)") if vessel is None and text else vessel
 
 
 def _roll(arguments: argparse.Namespace) -> str:
@@ -321,12 +358,9 @@ def _identify(
 def _prior(length: float | None, vessel: Vessel | None, runs: Sequence[Run]) -> BoatPrior | None:
     """Return what other boats say of one of this `length` [m], or of that of `vessel`, or of the pilot that recorded;
     None where none of them knows it."""
-    from autopilot.vessel.file import parse_vessel
     from autopilot.vessel.fleet import boats_prior
 
-    text = next((run.vessel for run in runs if run.vessel), "")
-    if vessel is None and text:
-        vessel = parse_vessel(text, f"{runs[0].source} (header)")
+    vessel = _vessel_of(vessel, runs)
     if length is None and vessel is not None:
         length = vessel.length_m
     return None if length is None else boats_prior(length, (vessel.name,) if vessel is not None else ())

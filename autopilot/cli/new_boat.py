@@ -49,7 +49,8 @@ class Step(NamedTuple):
     """One step.
 
     before: what to do first.  command: the arguments of `autopilot`.  good: what is good enough.  otherwise: what to do
-    where it is not.  question: what only the operator can see, "" where the exit code says all.
+    where it is not.  question: what only the operator can see, "" where the exit code says all.  check: what its log
+    shows to be otherwise than the file says, a clause each.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Step(NamedTuple):
     good: str
     otherwise: str
     question: str = ""
+    check: Callable[[Boat], list[str]] = lambda boat: []
 
 
 def _doctor(boat: Boat) -> list[str]:
@@ -78,6 +80,30 @@ def _rudder(boat: Boat) -> list[str]:
     return ["trial", "turning", str(boat.file), *boat.links, "--unidentified", *options, "--log", boat.log("rudder")]
 
 
+def _rudder_log(boat: Boat) -> list[str]:
+    """Return how the rudder's sensor, where there is one, contradicts the file."""
+    from autopilot.identification.gear_check import angles_against, rate_against, rests_of
+    from autopilot.identification.rudder_path import measured_rate
+    from autopilot.logs.reading import load_recording
+    from autopilot.logs.table import orders_of
+
+    logs = _until_missing(boat.file.with_name(f"{boat.file.stem}-rudder.tlog"))
+    try:
+        seen = orders_of(load_recording(str(logs[-1]))) if logs else None
+    except InputError as error:
+        print(error)
+        seen = None
+    if seen is None:
+        print("No sensor shows the rudder: nothing but your eye has compared its angles with those that you typed.")
+        return []
+    filed = math.radians(min(boat.vessel.rudder.rates_deg_s))
+    rate = measured_rate([(seen.time, seen.angle)])
+    against = [*angles_against(rests_of(seen)), *rate_against(rate, filed, [seen])]
+    if not against:
+        print("The rudder's sensor agrees with the angles and the rate that you typed.")
+    return against
+
+
 def _zigzag(boat: Boat) -> list[str]:
     model = boat.vessel.model
     angle = min(ZIGZAG_DEG, boat.vessel.rudder.angle_max_deg)
@@ -91,7 +117,7 @@ def _identify(boat: Boat) -> list[str]:
     logs = [str(path) for path in _until_missing(place)]
     if not logs:
         raise InputError(f"{place}: not there; sail the zigzag first: autopilot new-boat {boat.file} --redo zigzag")
-    return ["identify", logs[-1], "--vessel", str(boat.file), "--out", str(boat.file)]
+    return ["identify", logs[-1], "--vessel", str(boat.file), "--out", str(boat.file), "--at-least", "start"]
 
 
 def _until_missing(place: Path) -> list[Path]:
@@ -142,6 +168,7 @@ STEPS = (
         "wrong side first: reverse it at the drive or in SERVOn_REVERSED; against a stop: set rudder.angle_max_deg "
         "lower; too little or too much: measure helm.rudder_at_full_pwm_deg and helm.servo_us",
         "Did it go to starboard first, then to port, and stop short of its stops both times?",
+        _rudder_log,
     ),
     Step(
         "zigzag",
@@ -481,6 +508,8 @@ def take(step: Step, boat: Boat, talk: Talk) -> None:
     print(f"== {step.title}\nautopilot {' '.join(command)}")
     talk.ready(step.before)
     code = subprocess.run([sys.executable, "-m", "autopilot", *command], check=False).returncode
+    again = f"then: autopilot new-boat {boat.file}"
+    if code == 0 and (against := step.check(boat)):
+        raise RefusedError(f"{step.title} is not done: {'; '.join(against)}; correct {boat.file} or the gear, {again}")
     if code != 0 or (step.question and not talk.yes(step.question)):
-        again = f"then: autopilot new-boat {boat.file}"
         raise RefusedError(f"{step.title} is not done. Good enough is: {step.good}. If not: {step.otherwise}; {again}")

@@ -79,7 +79,8 @@ def rate_limited(time: FloatArray, rudder: FloatArray, rate_max: float) -> Float
 def slower_rudder(runs: Sequence[Run], filed: float) -> RudderRate | None:
     """Return the rate at which the rudder moved where the runs show that it was slower than `filed` [rad/s].
 
-    runs: their rudder as ordered, moved at the filed rate, which may be inf. None where they do not show it.
+    runs: their rudder as ordered or estimated, moved at the filed rate, which may be inf. None where they do not show
+    it.
     """
     series = [each for run in runs for segment in run.segments if (each := _series(segment)) is not None]
     asked = max((float(np.max(np.abs(np.diff(each.rudder)))) / each.dt for each in series), default=0.0)
@@ -104,6 +105,16 @@ def slower_rudder(runs: Sequence[Run], filed: float) -> RudderRate | None:
     bend = 0.5 * here.independent * (sum(beside) - 2.0 * math.log(here.square)) / (BESIDE * BESIDE)
     error = rate * (1.0 / math.sqrt(bend) if bend > BESIDE**-2 else BESIDE)
     return RudderRate(rate, error, _movements(series, rate), True)
+
+
+def shows_rate(runs: Sequence[Run], filed: float) -> bool:
+    """Return whether the runs would have shown a rudder half as fast as `filed` [rad/s], which `slower_rudder` did not
+    find."""
+    series = [each for run in runs for segment in run.segments if (each := _series(segment)) is not None]
+    if not series:
+        return False
+    as_filed, half = _misfit(series, math.inf, 0.0, 0.0), _at_rate(series, 0.5 * filed)
+    return 0.5 * as_filed.independent * math.log(half.square / as_filed.square) > SURE
 
 
 def with_rudder_of(run: Run, rate: RudderRate) -> Run:

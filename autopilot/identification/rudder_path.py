@@ -177,7 +177,12 @@ def measured_rudder_rate(segments: Sequence[Segment]) -> RudderRate | None:
     segments: rudder [rad] over time [s]. A rudder that gets from one angle to another between two or three samples
     shows no rate: it moved at that rate or any faster one; fewer than FEWEST_MOVEMENTS are none either.
     """
-    slopes = [slope for segment in segments for slope in _slopes(segment.time, segment.rudder)]
+    return measured_rate([(segment.time, segment.rudder) for segment in segments])
+
+
+def measured_rate(records: Sequence[tuple[FloatArray, FloatArray]]) -> RudderRate | None:
+    """Return the same of records of times [s] and rudder angles [rad]."""
+    slopes = [slope for time, rudder in records for slope in _slopes(time, rudder)]
     group = _fastest_group(slopes) if slopes else []
     if len(group) < FEWEST_MOVEMENTS:
         return None

@@ -242,10 +242,20 @@ RudderOrigin = Literal["measured", "estimated", "ordered"]
 """A sensor's angle; a pilot's estimate, which may be its model of the gear; or what was ordered."""
 
 
+class Orders(NamedTuple):
+    """Rudder angles [rad] as ordered, and as a sensor showed them, each at times [s] of its own on one clock."""
+
+    order_time: FloatArray
+    order: FloatArray
+    time: FloatArray
+    angle: FloatArray
+
+
 class Run(NamedTuple):
     """One recording: where it came from, its segments in order of time, and a sentence for each kind of bad sample
     that was left out; what its rudder is, and the text of the vessel file of the pilot that recorded it, if one did.
-    throttle: its mean, share of full, where that was recorded."""
+    throttle: its mean, share of full, where that was recorded. orders: beside a sensor on the rudder, where both were.
+    """
 
     source: str
     segments: tuple[Segment, ...]
@@ -253,6 +263,7 @@ class Run(NamedTuple):
     rudder: RudderOrigin = "measured"
     vessel: str = ""
     throttle: float = math.nan
+    orders: Orders | None = None
 
 
 def has_propeller(runs: Sequence[Run]) -> bool:

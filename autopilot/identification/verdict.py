@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+from autopilot.identification.gear_check import GearCheck
 from autopilot.identification.identified import SURE_OF_IT, Identified
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 
@@ -32,9 +33,13 @@ class Verdict(NamedTuple):
 
 
 def verdict_of(
-    found: Identified, predictions: Sequence[Prediction] = (), tests: Sequence[ResidualTest] = ()
+    found: Identified,
+    predictions: Sequence[Prediction] = (),
+    tests: Sequence[ResidualTest] = (),
+    gear: GearCheck = GearCheck(),  # noqa: B008 - immutable
 ) -> Verdict:
-    """Return what the model is good for; predictions of the runs that were fitted, tests of their residuals."""
+    """Return what the model is good for; predictions of the runs that were fitted, tests of their residuals; gear:
+    whether the rudder is that of the vessel file."""
     again = f"20/20 once more at {found.model.reference_speed / KNOT_M_S:.3g} kn"
     unknown = [symbol for symbol in ("K", "T") if symbol in found.unidentifiable]
     if found.ratios is not None and found.ratios.on_ridge:
@@ -78,7 +83,12 @@ def verdict_of(
             "good for a start: the residuals follow the rudder, so that the model misses part of what it does; check "
             f"the rudder's scale and sail {again}.",
         )
+    if gear.against:
+        return Verdict("start", f"good for a start ({share}, 95 %): {gear.against[0]}.")
+    beside = f"; {gear.beside}" if gear.beside else ""
     if found.train.dead_band > 0.0:
         play = f"{math.degrees(found.train.dead_band):.2g} deg of play to either side"
-        return Verdict("good", f"good, steer with it ({share}, 95 %); but take {play} out of the steering gear.")
-    return Verdict("good", f"good, steer with it ({share}, 95 %).")
+        return Verdict(
+            "good", f"good, steer with it ({share}, 95 %); but take {play} out of the steering gear{beside}."
+        )
+    return Verdict("good", f"good, steer with it ({share}, 95 %){beside}.")

@@ -23,7 +23,7 @@ from autopilot.logs.format import LogFormat
 from autopilot.logs.format import ReadOptions as ReadOptions
 from autopilot.logs.merge import merged, sources_of
 from autopilot.logs.series import ANGLES, THROTTLE, FloatArray, Recording, Series, duration
-from autopilot.logs.table import RudderSettings, Table, table_of
+from autopilot.logs.table import RudderSettings, Table, orders_of, table_of
 from autopilot.logs.unread import LOOK_AT, named, named_by_ending
 
 MODULES = (
@@ -206,7 +206,9 @@ def load_run(
     throttle = table.columns.get(THROTTLE)
     known = throttle is not None and bool(np.any(np.isfinite(throttle)))
     mean = float(np.nanmean(throttle)) if throttle is not None and known else math.nan
-    return run._replace(notes=(*notes, *run.notes), rudder=table.rudder, vessel=recording.vessel, throttle=mean)
+    orders = None if reverse_rudder else orders_of(recording)
+    run = run._replace(notes=(*notes, *run.notes), rudder=table.rudder, orders=orders)
+    return run._replace(vessel=recording.vessel, throttle=mean)
 
 
 def _turned(columns: Mapping[str, FloatArray], reverse_rudder: bool) -> Mapping[str, FloatArray]:

@@ -22,7 +22,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.runs import RudderOrigin, gap_limit
+from autopilot.identification.runs import Orders, RudderOrigin, gap_limit
 from autopilot.links.mavlink.steering import LONGEST_US, SHORTEST_US
 from autopilot.logs.series import (
     ANGLES,
@@ -219,6 +219,13 @@ def _measured(recording: Recording, with_estimate: bool) -> FoundRudder | None:
     if _by_pilot(series):
         return FoundRudder(series, "the pilot's estimate (sensor or steering gear)", origin)
     return FoundRudder(series, f"measured ({series.source})", origin)
+
+
+def orders_of(recording: Recording) -> Orders | None:
+    """Return what was ordered of a rudder beside what its sensor showed; None where the recording lacks one of them."""
+    order, sensors = recording.best(ORDER), tuple(s for s in recording.series if not _by_pilot(s))
+    seen = recording._replace(series=sensors).best(RUDDER)
+    return None if order is None or seen is None else Orders(order.time, order.values, seen.time, seen.values)
 
 
 def _by_pilot(series: Series) -> bool:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from autopilot.files.printable import aligned, fixed
+from autopilot.identification.gear_check import GearCheck
 from autopilot.identification.identified import SURE_OF_IT, Identified, SteadyTurns
 from autopilot.identification.model_choice import Candidate, Choice
 from autopilot.identification.prediction_bands import AHEAD_S, TURNING_RAD, Band, Forecast
@@ -77,7 +78,8 @@ RATIOS = (("K/T", "1/s^2"), ("n1/T", "1/s"), ("n3/T", "s/rad^2"), ("n0/T", "rad/
 class Result(NamedTuple):
     """Everything to tell: the kind of model asked for or chosen, the estimate, stage one, each run with its role and
     prediction, the tests of the residuals, the candidates where the kind was chosen, the rudder's measured rate,
-    remarks on the file that was written, and what the boat will do in manoeuvres that were not sailed."""
+    remarks on the file that was written, what the boat will do in manoeuvres that were not sailed, and whether the
+    rudder is that of the vessel file."""
 
     kind: str
     found: Identified
@@ -88,6 +90,7 @@ class Result(NamedTuple):
     rudder_rate: RudderRate | None = None
     remarks: Sequence[str] = ()
     forecast: Forecast | None = None
+    gear: GearCheck = GearCheck()
 
 
 def document_of(result: Result) -> dict[str, Any]:
@@ -112,6 +115,7 @@ def document_of(result: Result) -> dict[str, Any]:
             "std_deg_s": math.degrees(result.rudder_rate.standard_error),
             "movements": result.rudder_rate.movements,
         },
+        "steering_gear": {"against": list(result.gear.against), "beside": result.gear.beside},
         "notes": notes(result),
         "two_stage": _stages(result),
         "trims_n0_rad_s": dict(found.trims),
@@ -129,7 +133,7 @@ def document_of(result: Result) -> dict[str, Any]:
 def verdict_on(result: Result) -> Verdict:
     """Return what the model is good for."""
     fitted = [prediction for _, role, prediction in result.predictions if role == "fit"]
-    return verdict_of(result.found, fitted, result.residual_tests)
+    return verdict_of(result.found, fitted, result.residual_tests, result.gear)
 
 
 def _sliding(found: Identified) -> dict[str, Any] | None:
@@ -287,7 +291,9 @@ def _parameter(quantity: Quantity, value: float | None, std: float | None) -> di
 
 def notes(result: Result) -> list[str]:
     """Return what was left out of the recordings and what the method has to say, a sentence each."""
-    return [*(note for run, _, _ in result.predictions for note in run.notes), *result.found.notes, *result.remarks]
+    gear = [*(f"{clause[0].upper()}{clause[1:]}." for clause in result.gear.against), *filter(None, [result.gear.note])]
+    runs = (note for run, _, _ in result.predictions for note in run.notes)
+    return [*runs, *result.found.notes, *gear, *result.remarks]
 
 
 def _run(run: Run, role: str, prediction: Prediction) -> dict[str, Any]:
