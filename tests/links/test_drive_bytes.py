@@ -683,8 +683,7 @@ def test_a_drive_link_says_what_it_sees_once() -> None:
     near, far = loopback_pair()
     link = DriveLink(near, PypilotMotor(SETTINGS._replace(current_max=1.0)))
     name = "pypilot motor controller"
-    silent = HelmSample(0.0, False, f"the {name} does not answer; check its power, line and baud rate", "loopback:a")
-    assert link.receive(0.0) == [silent]
+    assert link.receive(0.0) == [HelmSample(0.0, False, f"waiting for the {name} to answer", "loopback:a")]
     assert link.receive(0.1) == []
     far.send(2 * packet(0xB3, 1260) + sensor(0.0) + packet(0x1C, 200))
     assert link.receive(1.0) == [RudderSample(1.0, 0.0, False, name), HelmSample(1.0, True, "", "loopback:a")]
@@ -695,6 +694,16 @@ def test_a_drive_link_says_what_it_sees_once() -> None:
     far.send(packet(0x1C, 100))
     assert link.receive(2.1) == [AlarmSample(2.1, None, "loopback:a")]
     assert (link.fileno(), link.take_packets()) == (-1, [])
+
+
+@pytest.mark.parametrize("kind", [JrkG2, Maestro, PypilotMotor])
+def test_a_drive_that_was_just_spoken_to_may_yet_answer(kind: type[JrkG2 | Maestro | PypilotMotor]) -> None:
+    link = DriveLink(loopback_pair()[0], kind(SETTINGS))
+    (first,) = link.receive(7.0)
+    assert isinstance(first, HelmSample) and first.reason == f"waiting for the {kind.name} to answer"
+    assert not first.available and link.receive(8.5) == []
+    (silent,) = link.receive(8.51)
+    assert isinstance(silent, HelmSample) and "does not answer; check its power" in silent.reason
 
 
 def test_a_release_of_a_drive_is_reported_unconfirmed_or_lost() -> None:

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.links.base import LinkError, SilentLink, Transport
-from autopilot.links.drives.base import Counted, Drive
+from autopilot.links.drives.base import SILENT_S, Counted, Drive
 from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
 from autopilot.links.rudder_follow import RELEASE_SPACING_S, FollowSettings, RudderFollow, StandingOrder
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, RudderCommand, RudderSample, Sample
@@ -36,7 +36,7 @@ class DriveLink(SilentLink):
         self._line_free = -math.inf
         self._helm_reason: str | None = None
         self._warning: AlarmEvent | None = None
-        self._leaving = math.nan
+        self._leaving, self._patient_until = math.nan, math.nan
         self._has_ordered = self._is_gone = False
 
     def fileno(self) -> int:
@@ -53,7 +53,7 @@ class DriveLink(SilentLink):
                     self._follow.measured(now, angle, self.drive.name)
         reason = self._follow.reason(now)
         if self._follow.cause is not HelmCause.STOOD_STILL:  # after which a drive has seemed silent
-            reason = self.drive.fault(now) or reason
+            reason = self._fault(now) or reason
         if reason != self._helm_reason:
             self._helm_reason = reason
             samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
@@ -62,6 +62,15 @@ class DriveLink(SilentLink):
             self._warning = warning
             samples.append(AlarmSample(now, warning, self.name))
         return samples
+
+    def _fault(self, now: float) -> str:
+        """Return why the drive cannot steer; one that has just been spoken to for the first time may yet answer."""
+        if math.isnan(self._patient_until):
+            self._patient_until = now + SILENT_S
+        fault = self.drive.fault(now)
+        if not fault:
+            self._patient_until = -math.inf
+        return f"waiting for the {self.drive.name} to answer" if fault and now <= self._patient_until else fault
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Take the newest command, and send it when the drive's turn has come; not engaged is a release."""
