@@ -126,7 +126,7 @@ def default_parameters() -> list[Parameter]:
         *_stream_rates(),
         *_rows("BATT_MONITOR 4 AHRS_EKF_TYPE 3 EK3_ENABLE 1 COMPASS_USE 1 COMPASS_AUTODEC 1", Kind.INT8),
         *_rows("COMPASS_DEC 0 AHRS_TRIM_X 0 AHRS_TRIM_Y 0 AHRS_TRIM_Z 0", Kind.REAL32),
-        *_rows("GPS1_TYPE 1 GPS_TYPE 1 BRD_SAFETY_DEFLT 0 SYSID_ENFORCE 0", Kind.INT8),
+        *_rows("GPS1_TYPE 1 GPS_TYPE 1 BRD_SAFETY_DEFLT 0 SYSID_ENFORCE 0 WNDVN_TYPE 0 WNDVN_SPEED_TYPE 0", Kind.INT8),
         *_sensors(),
     ]
 

@@ -275,6 +275,31 @@ def simstate(firmware: Firmware, time: float, reading: Reading) -> Any:
     )
 
 
+def wind(firmware: Firmware, time: float, reading: Reading) -> Any | None:
+    """WIND: the true wind, degrees it comes from and m/s; none without a vane (libraries/AP_WindVane, send_wind)."""
+    if not firmware.parameters["WNDVN_TYPE"]:
+        return None
+    speed, course = _felt_speed(firmware, reading), reading.heading + reading.wind_angle + math.pi
+    north = speed * math.cos(course) + reading.north_speed
+    east = speed * math.sin(course) + reading.east_speed
+    come_from = math.degrees(math.atan2(-east, -north)) % 360.0
+    return dialect.MAVLink_wind_message(come_from, math.hypot(north, east), 0.0)
+
+
+def apparent_wind(firmware: Firmware, time: float, reading: Reading) -> tuple[Any, ...]:
+    """The named values that go with WIND: the apparent wind, m/s and degrees clockwise from the bow."""
+    values = {"AppWndSpd": _felt_speed(firmware, reading), "AppWndDir": math.degrees(wrap(reading.wind_angle))}
+    return tuple(
+        dialect.MAVLink_named_value_float_message(boot_ms(firmware, time), name.encode(), value)
+        for name, value in values.items()
+    )
+
+
+def _felt_speed(firmware: Firmware, reading: Reading) -> float:
+    """A vane without an anemometer shows a calm."""
+    return reading.wind_speed if firmware.parameters["WNDVN_SPEED_TYPE"] else 0.0
+
+
 Builder = Callable[[Firmware, float, Reading], Any | None]
 
 BUILDERS: dict[int, Builder] = {
@@ -293,8 +318,11 @@ BUILDERS: dict[int, Builder] = {
     dialect.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
     dialect.MAVLINK_MSG_ID_SIMSTATE: simstate,
+    dialect.MAVLINK_MSG_ID_WIND: wind,
 }
 """Every message that can be streamed or requested."""
+BESIDE: dict[int, Callable[[Firmware, float, Reading], tuple[Any, ...]]] = {dialect.MAVLINK_MSG_ID_WIND: apparent_wind}
+"""What leaves together with a message."""
 
 
 def _int16(value: float) -> int:
@@ -312,7 +340,11 @@ GROUPS: dict[str, tuple[int, ...]] = {
     "SR0_RC_CHAN": (dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, dialect.MAVLINK_MSG_ID_RC_CHANNELS),
     "SR0_EXTRA1": (dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_SIMSTATE),
     "SR0_EXTRA2": (dialect.MAVLINK_MSG_ID_VFR_HUD,),
-    "SR0_EXTRA3": (dialect.MAVLINK_MSG_ID_SYSTEM_TIME, dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT),
+    "SR0_EXTRA3": (
+        dialect.MAVLINK_MSG_ID_WIND,
+        dialect.MAVLINK_MSG_ID_SYSTEM_TIME,
+        dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    ),
 }
 REQUESTS: dict[int, tuple[str, ...]] = {
     dialect.MAV_DATA_STREAM_ALL: (*GROUPS, "SR0_RAW_SENS", "SR0_RAW_CTRL"),

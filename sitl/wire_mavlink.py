@@ -20,7 +20,7 @@ from sitl import firmware_setup
 from sitl.firmware import Firmware
 from sitl.firmware_parameters import Parameter, ParameterTable
 from sitl.guided import Target
-from sitl.telemetry import BUILDERS, REQUESTS, Streams
+from sitl.telemetry import BESIDE, BUILDERS, REQUESTS, Streams
 
 Parameters = tuple[float, ...]
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
@@ -209,7 +209,8 @@ class MavlinkVehicle:
         message = BUILDERS[identity](self.firmware, time, reading)
         if message is None:
             return False
-        self.send(message)
+        for each in (message, *(BESIDE[identity](self.firmware, time, reading) if identity in BESIDE else ())):
+            self.send(each)
         return True
 
     def _after_step(self, time: float) -> None:

@@ -347,8 +347,10 @@ def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-WITH_WIND = frozenset(("nmea", *NETWORKS))
+WITH_VANE = frozenset(("nmea", *NETWORKS))
 WIND_VANE = "a wind vane on an nmea: link (MWV) or an n2k: link (130306)"
+WITH_WIND = WITH_VANE | {"mavlink"}
+"""A flight controller's vane may be held to; it is none for a fail-safe, as its wind is lost with its headings."""
 
 
 class LinkKind(NamedTuple):
@@ -443,7 +445,7 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
         )
     if action == "firmware" and "mavlink" not in protocols:
         needed = "a flight controller that takes modes; add its --link, or choose amidships, hold or release"
-    elif action == "windward" and protocols.isdisjoint(WITH_WIND):
+    elif action == "windward" and protocols.isdisjoint(WITH_VANE):
         needed = f"{WIND_VANE}; add that --link, or choose amidships, hold or release"
     elif action in STEERING_ACTIONS and steers_itself:
         needed = "a rudder that is ours, and with helm.method guided the firmware has it; choose firmware"
@@ -455,7 +457,7 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
 def refuse_wind_hold(urls: Sequence[str]) -> None:
     """Raise RefusedError where no link of `urls` could bring a wind to hold the angle of."""
     if WITH_WIND.isdisjoint(parse_url(url).protocol for url in urls):
-        raise RefusedError(f"--engage wind needs {WIND_VANE}; add that --link")
+        raise RefusedError(f"--engage wind needs {WIND_VANE}, or ArduRover's own (WNDVN_TYPE); add that --link")
 
 
 def alarm_outputs_of(vessel: Vessel, terminal: TextIO | None = None) -> tuple[list[Link], VehicleSounder]:

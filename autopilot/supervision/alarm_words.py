@@ -443,7 +443,7 @@ WORDS = {
     ),
     "wind_awaited": Words(
         "no wind is heard",
-        "engaging when it is; check the wind vane and its link (MWV)",
+        "engaging when it is; check the wind vane and its link (MWV, 130306; ArduRover: WNDVN_TYPE, WNDVN_SPEED_TYPE)",
         "the wind hold is ordered before a wind is known",
         watcher=Watcher.LOOP,
     ),

@@ -295,8 +295,8 @@ def test_over_mavlink_a_ground_station_holds_the_wind_tacks_and_sees_it() -> Non
     assert only(boat.heard, "HEARTBEAT")[-1].custom_mode == 1
 
 
-def test_a_boat_without_an_nmea_link_is_refused_at_once(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "wind"]) == 4
+def test_a_boat_whose_links_bring_no_wind_is_refused_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "lanxin", "--link", "pypilot:/dev/ttyUSB9:38400", "--engage", "wind"]) == 4
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
     assert "wind vane" in lines[0]
