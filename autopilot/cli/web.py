@@ -80,11 +80,12 @@ def run(arguments: argparse.Namespace) -> int:
         sock.close()
         raise
     hub = Hub(station, line)
-    app = build_app(hub, Access(token), logs, steps)
+    access = Access(token)
+    app = build_app(hub, access, logs, steps)
     _announce(shown, sock.getsockname()[1], token, is_secure=secure is not None)
     if secure is not None and (words := doubts(secure, arguments.cert, shown)):
         print(words, flush=True)
-    serve(known_hosts(app, host), sock, hub.close, secure)
+    serve(known_hosts(app, host), access, sock, hub.close, secure)
     return int(ExitCode.OK)
 
 

@@ -27,6 +27,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
 from autopilot import __version__
 from autopilot.errors import InputError, NotYetError
@@ -34,7 +35,7 @@ from autopilot.files.outside import ORDER_MOST, order_object
 from autopilot.interruption import print_end
 from autopilot.web import page_files
 from autopilot.web.codes import is_reachable, svg_of
-from autopilot.web.hub import Access, Hub
+from autopilot.web.hub import Access, Hub, makes_room
 from autopilot.web.journal import words_of
 from autopilot.web.requests import asked_of
 from autopilot.web.view import COLUMNS
@@ -355,9 +356,44 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def serve(app: ASGIApp, sock: socket.socket, leave: Callable[[], None], secure: ssl.SSLContext | None = None) -> None:
+CONNECTIONS_MOST = 256
+"""Open at once, however little each has said: the system lets a process have 1024 files."""
+
+
+def limited(access: Access, most: int = CONNECTIONS_MOST) -> type[asyncio.Protocol]:
+    """Return uvicorn's side of a connection, of which no more than `most` are open: who has not shown the token goes
+    before who has, so that nobody who opens connections and leaves them shuts out the skipper."""
+    opened: dict[Any, str] = {}
+
+    def has_shown(connection: Any) -> bool:
+        headers = dict(connection.headers or ())
+        return access.allows(headers.get(b"authorization", b"").decode("latin-1"))
+
+    class Limited(AutoHTTPProtocol):  # type: ignore[valid-type, misc]
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            goes = None
+            if len(opened) >= most:
+                goes = makes_room({each: address for each, address in opened.items() if not has_shown(each)}) or self
+                goes.transport.abort()
+                opened.pop(goes, None)
+            if goes is not self:
+                opened[self] = self.client[0] if self.client else ""
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            opened.pop(self, None)
+            super().connection_lost(exc)
+
+    return Limited
+
+
+def serve(
+    app: ASGIApp, access: Access, sock: socket.socket, leave: Callable[[], None], secure: ssl.SSLContext | None = None
+) -> None:
     """Serve on a bound socket until a signal comes; `leave` lets go of who follows the boat. secure: over https."""
-    config = uvicorn.Config(app, log_level="warning", access_log=False, timeout_graceful_shutdown=2, ws="none")
+    config = uvicorn.Config(
+        app, http=limited(access), log_level="warning", access_log=False, timeout_graceful_shutdown=2, ws="none"
+    )
     config.load()
     config.ssl = secure
     server = Server(config)

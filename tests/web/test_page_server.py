@@ -9,8 +9,10 @@ import json
 import math
 import os
 import re
+import resource
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -450,6 +452,38 @@ def test_the_process_serves_and_ends_on_a_signal(ending: signal.Signals, tmp_pat
                 web.send_signal(ending)
         assert web.wait(60.0) == 0
     finally:
+        web.kill()
+        web.communicate()
+
+
+def with_few_files() -> None:
+    resource.setrlimit(resource.RLIMIT_NOFILE, (400, 400))
+
+
+def test_connections_that_say_nothing_do_not_shut_out_the_skipper(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "autopilot", "web", "--link", "udpin:127.0.0.1:0", "--listen", "127.0.0.1:0"]
+    web = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path, preexec_fn=with_few_files)
+    silent: list[socket.socket] = []
+    try:
+        assert web.stdout is not None
+        address, token = re.findall(r"(http://127.0.0.1:\d+)/#token=([\w-]{20,})", web.stdout.readline())[0]
+        bearer = {"authorization": f"Bearer {token}"}
+        with (
+            httpx2.Client(base_url=address, timeout=10.0) as client,
+            client.stream("GET", "/api/events", headers=bearer) as events,
+        ):
+            texts = events.iter_text()
+            next(texts)
+            for _ in range(450):
+                silent.append(socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 10.0))
+                silent[-1].sendall(b"POST /api/order HTTP/1.1\r\nX: ")
+            assert client.get("/api/may", headers=bearer).json() == {"may": True}
+            next(texts)
+        web.send_signal(signal.SIGTERM)
+        assert web.wait(60.0) == 0
+    finally:
+        for each in silent:
+            each.close()
         web.kill()
         web.communicate()
 
