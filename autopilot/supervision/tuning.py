@@ -65,9 +65,9 @@ PUSHED_SIGMAS = 2.0  # 30 %: nothing
 SEA_TURNED = math.radians(10.0)  # 30 %: nothing
 """So far [rad] from the headings of the last SEA_KNOWN_S the sea is not the one that is estimated there: a boat meets
 the same waves slower, and from a side that turns it more."""
-SEA_LASTS = 3600.0
+SEA_LASTS = 3600.0  # 30 %: nothing
 """A sea that was met is remembered for this time [s]: courses on which it turns no boat say nothing of it."""
-SEA_UNMET = math.radians(1.0)
+SEA_UNMET = math.radians(1.0)  # 30 %: nothing
 """On a course that is new to the boat a sea is supposed that yaws it by this [rad]."""
 ANSWERS_MOST = 1.6  # 30 %: nothing
 """Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
