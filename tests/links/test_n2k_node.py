@@ -146,10 +146,26 @@ def test_with_every_address_taken_we_say_so_and_fall_silent() -> None:
         ((last),) = made.take(1.0, claim(0, made.address))
     assert taken == [204, *range(128, 204), *range(205, 252)]
     assert last == claim(made.name, 254), "cannot claim"
-    assert (made.is_ready(math.inf), made.due(100.0)) == (False, [])
+    assert (made.is_ready(math.inf), made.due(11.2)) == (False, [])
     asked = Message(59904, b"\x00\xee\x00", 35, 255)
     assert made.take(100.0, asked) == [claim(made.name, 254)]
     assert made.take(100.0, Message(59904, (126996).to_bytes(3, "little"), 35, 255)) == []
+
+
+def test_a_node_that_lost_every_address_gets_one_when_who_took_them_has_gone() -> None:
+    session = ready(N2kSession("bus", N2kSettings()))
+    session.receive(1.0, [claim(0, address) for address in (204, *range(128, 252))])
+    session.due(1.1)
+    helm: list[HelmSample] = []
+    asked: list[float] = []
+    for step in range(400):
+        now = 1.2 + 0.05 * step
+        helm += [each for each in session.receive(now, []) if isinstance(each, HelmSample)]
+        session.poll(now)
+        asked += [now for each in session.due(now) if each.group == 59904]
+    assert len(asked) == 1 and 11.0 <= asked[0] <= 11.7
+    assert session.node is not None and session.node.address == 204 and session.node.is_ready(21.0)
+    assert [each.available for each in helm] == [True], "the helm is free again, for a new order"
 
 
 def test_a_session_without_an_address_says_that_it_cannot_steer() -> None:

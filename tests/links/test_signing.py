@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
 from autopilot.links.mavlink.frames import checksum, identity_of
 from autopilot.links.mavlink.signing import (
+    BEHIND,
     OLD,
     UNSIGNED,
     WRONG_KEY,
@@ -313,3 +314,12 @@ def test_the_message_id_of_a_frame_is_read_whole_in_both_versions(identity: int,
     first = bytes([0xFE, len(payload), 9, 8, 7, identity & 0xFF]) + payload + b"\1\2"
     assert identity_of(first) == identity & 0xFF
     assert checksum(second[1:], 50) == dialect.x25crc(second[1:] + b"\x32").crc.to_bytes(2, "little")
+
+
+def test_a_station_whose_clock_is_behind_is_said_to_be_and_not_to_replay() -> None:
+    signing = Signing(KEY, CountingTimestamps(NOW))
+    late = Signing(KEY, CountingTimestamps(NOW - 2 * MINUTE))
+    for _ in range(2):
+        MavlinkCodec(signing=signing.link()).decode(MavlinkCodec(255, 190, signing=late.link()).encode(ATTITUDE))
+    assert signing.refused == {BEHIND: 2} and signing.last_refusal == BEHIND
+    assert "set the clock of who sends them" in hint_of(signing) and "key" not in hint_of(signing)

@@ -122,3 +122,17 @@ def test_none_is_passed_on_in_either_direction() -> None:
         forward.receive(float(number))
         tapped.receive()
     assert vehicle.receive() == [] and station.receive() == []
+
+
+def test_a_vehicle_whose_key_is_changed_while_we_listen_is_said_to_have_another() -> None:
+    near, far = loopback_pair()
+    link = CompanionLink(near, CompanionSettings(rudder_at_full=0.6), Signing(KEY, CountingTimestamps(NOW)).link())
+    before, after = (
+        MavlinkCodec(1, 1, signing=Signing(key, CountingTimestamps(NOW)).link()) for key in (KEY, OTHER_KEY)
+    )
+    reasons: list[str] = []
+    for second in range(40):
+        far.send((before if second < 20 else after).encode(BEAT))
+        reasons += [each.reason for each in link.receive(float(second)) if isinstance(each, HelmSample)]
+    assert "no heartbeat from the vehicle" in reasons[-1] and "use the same key on both sides" in reasons[-1]
+    assert not any("key" in reason for reason in reasons[: len(reasons) // 3])

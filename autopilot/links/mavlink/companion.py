@@ -33,7 +33,7 @@ from autopilot.links.mavlink.requests import (
     parameter_request,
     station_heartbeat,
 )
-from autopilot.links.mavlink.signing import LinkSigning
+from autopilot.links.mavlink.signing import CURES, LinkSigning
 from autopilot.links.mavlink.status_text import StatusTexts, severity_of
 from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettings, VehicleReader
@@ -101,6 +101,7 @@ class CompanionSession:
         self.is_gone = False
         self._settings = settings
         self._signing = signing
+        self._refused_before = 0
         self._sounder = sounder
         self._codec = MavlinkCodec(settings.vehicle_system or 1, COMPONENT, is_stream, signing)
         self._gcs_codec = MavlinkCodec(
@@ -378,6 +379,11 @@ class CompanionSession:
                 self._gcs_codec.system = reader.parameters.gcs_system or DEFAULT_GCS
             self._steers_as = self._steering_codec.system
         obstacle = authority.reason(now, reader.parameters, self._steers_as)
+        if self._signing is not None and (signing := self._signing.signing).refused:
+            if not obstacle or authority.cause is not HelmCause.SILENT:
+                self._refused_before = signing.refused.total()
+            elif signing.refused.total() > self._refused_before:
+                obstacle += f"; what comes is {signing.last_refusal}: {CURES[signing.last_refusal]}"
         if not obstacle and not authority.steering:
             obstacle = self._other.obstacle(now)
         proof = self._probe if self._guided is None else self._guided

@@ -28,6 +28,14 @@ UNSIGNED_IDS = frozenset({int(dialect.MAVLINK_MSG_ID_RADIO_STATUS)})
 """Taken without a signature: a telemetry radio puts it into the stream itself and has no key."""
 
 UNSIGNED, WRONG_KEY, OLD = "not signed", "signed with another key", "signed, but sent before (replayed)"
+BEHIND = "signed by a clock that is more than a minute behind, or sent long ago"
+SAME_KEY = "use the same key on both sides, or none"
+CURES = {
+    UNSIGNED: SAME_KEY,
+    WRONG_KEY: SAME_KEY,
+    OLD: "somebody repeats what was sent before: look who else is on this line",
+    BEHIND: "set the clock of who sends them, and start it again",
+}
 
 Stream = tuple[int, int, int]
 """Link id, system id, component id: each has timestamps of its own that only grow."""
@@ -71,7 +79,7 @@ class Signing:
         first_link: number of the first link, another one in each process of a machine that shares the key.
 
     Attributes:
-        refused: how many packets were refused, by reason.
+        refused: how many packets were refused, by reason.  last_refusal: the reason of the newest of them.
     """
 
     def __init__(self, key: bytes, timestamps: Timestamps, first_link: int = FIRST_LINK) -> None:
@@ -79,6 +87,7 @@ class Signing:
             raise ValueError(f"a signing key has {KEY_SIZE} bytes, not {len(key)}")
         self.timestamps = timestamps
         self.refused: Counter[str] = Counter()
+        self.last_refusal = ""
         self.streams: dict[Stream, int] = {}
         self._keyed = hashlib.sha256(key)
         self._links = first_link - FIRST_LINK
@@ -130,6 +139,7 @@ class LinkSigning:
         reason = self._reason(frame)
         if reason:
             self.signing.refused[reason] += 1
+            self.signing.last_refusal = reason
         return bool(reason)
 
     def _reason(self, frame: bytes) -> str:
@@ -142,10 +152,12 @@ class LinkSigning:
         timestamp = int.from_bytes(frame[-12:-6], "little")
         last = signing.streams.get(stream)
         if last is None:
-            if timestamp + MINUTE < signing.timestamps.current or len(signing.streams) >= MOST_STREAMS:
+            if timestamp + MINUTE < signing.timestamps.current:
+                return BEHIND
+            if len(signing.streams) >= MOST_STREAMS:
                 return OLD
         elif timestamp <= last:
-            return OLD
+            return BEHIND if timestamp + MINUTE < last else OLD
         if self._remembers:
             signing.streams[stream] = timestamp
             signing.timestamps.saw(timestamp)
@@ -156,7 +168,8 @@ def hint_of(signing: Signing | None) -> str:
     """Return what to add to the message that nothing was heard: '' unless something was refused."""
     if signing is None or not signing.refused:
         return ""
-    return f" ({signing.summary}: use the same key on both sides, or none)"
+    cures = dict.fromkeys(CURES[reason] for reason, _ in signing.refused.most_common())
+    return f" ({signing.summary}: {'; '.join(cures)})"
 
 
 def without_signature(frame: bytes) -> bytes:

@@ -42,6 +42,8 @@ FIRST_ADDRESS, LOWEST, HIGHEST = 204, 128, 251
 """The address claimed first, and those claimed where it is taken: the lowest free one."""
 NO_ADDRESS = 254
 ANSWERS_S = OBJECTIONS_S = 0.25
+AGAIN_S = 10.0
+"""Without an address it is asked so long afterwards who is there now."""
 UNIQUE_MOST = 0x1FFFFF
 NAME = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21
 """Arbitrary address capable, marine, class 40 "steering and control surfaces", function 150 "autopilot", maker 2046
@@ -104,6 +106,12 @@ class Node:
             return [Message(REQUEST, ADDRESS_CLAIM.to_bytes(3, "little"), NO_ADDRESS)]
         if self._ready == math.inf:
             return [self._take_address(now)] if now >= self._began + ANSWERS_S else []
+        if self.address == NO_ADDRESS and now >= self._ready + AGAIN_S:
+            # who had them may be gone, or never was
+            self.known.clear()
+            self._lost.clear()
+            self._began, self._ready = now, math.inf
+            return [Message(REQUEST, ADDRESS_CLAIM.to_bytes(3, "little"), NO_ADDRESS)]
         if now < self._next or not self.is_ready(now):
             return []
         self._next = now + self._period
