@@ -1,4 +1,5 @@
-"""Pages of the reference, written from the code: commands, vessel file, MAVLink messages, exit codes, measurements.
+"""Pages of the reference, written from the code: commands, vessel file, MAVLink messages, links and logs, exit codes,
+measurements.
 
 `python docs/reference_pages.py [FOLDER]` writes them alone; the build of the documentation does it by itself.
 """
@@ -26,6 +27,7 @@ def write(folder: Path, beside: tuple[str, ...] = ()) -> None:
         "commands": commands,
         "vessel_file": vessel_file,
         "mavlink": mavlink,
+        "links_and_logs": links_and_logs,
         "exit_codes": exit_codes,
         "measurements": measurements,
     }
@@ -141,6 +143,37 @@ def exit_codes() -> str:
         name = names.get(int(code))
         page.write(f"| {code} | {f'`{name}`' if name else ''} | {meaning} |\n")
     return page.getvalue()
+
+
+def links_and_logs() -> str:
+    """Return the page of every kind of link, of every format of logs, and of what is known and not read."""
+    from autopilot.links.url import EXAMPLES, FORWARD_OPTIONS, MEDIA, OPTIONS, SCHEMES
+    from autopilot.logs.reading import FORMATS, MODULES
+    from autopilot.logs.unread import BINARY, ENDINGS, TEXT
+
+    page = io.StringIO()
+    page.write("# Links and logs\n\nWhat is opened and read, from the code's own tables. [Links](../links.md) and ")
+    page.write("[logs](../logs.md) say what is in them.\n\n## Links\n\n")
+    page.write(
+        f"With `--forward` a MAVLink link also takes {' and '.join(f'`{name}`' for name in FORWARD_OPTIONS)}.\n\n"
+    )
+    page.write("| URL | speaks | over | options behind `?` |\n|---|---|---|---|\n")
+    for name, (protocol, medium) in SCHEMES.items():
+        options = (*OPTIONS.get(protocol, ()), *(("allow",) if MEDIA[medium].listens else ()))
+        page.write(f"| `{EXAMPLES[name]}` | {protocol} | {medium} | {', '.join(f'`{each}`' for each in options)} |\n")
+    page.write("\n## Logs that are read\n\nA file is asked in this order whether it is of a format.\n\n")
+    page.write("| format | known by | ending that promises it |\n|---|---|---|\n")
+    for module, each in zip(MODULES, FORMATS, strict=True):
+        known = "its text" if each.is_text else "its bytes"
+        page.write(f"| {each.example or OF_A_KIND[module]} | {known} | {each.ending and f'`{each.ending}`'} |\n")
+    page.write("\n## Files that are named and not read\n\n| file | what to do |\n|---|---|\n")
+    for what, advice in [*((kind.what, kind.advice) for kind in (*BINARY, *TEXT)), *ENDINGS.values()]:
+        page.write(f"| {what} | {advice} |\n")
+    return page.getvalue()
+
+
+OF_A_KIND = {"own_log": "Norrbin's own .tlog", "n2k_json": "NMEA 2000 in canboat's JSON"}
+"""Formats whose example is another's."""
 
 
 def measurements() -> str:
