@@ -236,7 +236,8 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
     page.wait_for_selector("#bar.alarm button")
     footer = page.locator("footer").bounding_box()["y"]
     top = page.locator("#bar").bounding_box()
-    for button in ("button[data-turn='-10']", "button[data-turn='10']", "#engage", "#route", "#standby"):
+    turns, modes = ("button[data-turn='-10']", "button[data-turn='10']"), ("#engage", "#route", "#standby")
+    for button in (*turns, *modes, "button[data-dodge='-20']", "#back", "button[data-dodge='20']"):
         box = page.locator(button).bounding_box()
         assert box["y"] >= top["y"] + top["height"] and box["y"] + box["height"] <= footer, button
         assert box["height"] >= 44 and box["width"] >= 44, button
