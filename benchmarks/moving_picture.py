@@ -4,7 +4,8 @@
 
 Three panels, one after another: the zigzag as recorded, the identified model's yaw rate over the recorded one, and the
 turn and hold that follow from it. All lines are ticks of the demo's logs, thinned out; the model's rate is integrated
-here from the recorded rudder. Readers who prefer no motion see the finished picture.
+here from the recorded rudder. It begins with the finished picture, each panel of which stays until it is drawn again.
+Readers who prefer no motion see that alone.
 """
 
 from __future__ import annotations
@@ -100,8 +101,8 @@ def scenes_of(folder: Path) -> tuple[Scene, ...]:
                 trace("heading", "heading", zigzag, unwrapped([tick.state.heading for tick in zigzag])),
                 trace("rudder", "rudder", zigzag, [tick.state.rudder for tick in zigzag]),
             ),
-            0.02,
-            0.28,
+            0.10,
+            0.32,
         ),
         Scene(
             "2  Identify the boat",
@@ -110,8 +111,8 @@ def scenes_of(folder: Path) -> tuple[Scene, ...]:
                 trace("recorded", "rate", zigzag, [tick.state.rate for tick in zigzag]),
                 trace("model", "rate", zigzag, modelled(model, zigzag)),
             ),
-            0.30,
-            0.52,
+            0.36,
+            0.56,
         ),
         Scene(
             "3  Let it steer",
@@ -121,8 +122,8 @@ def scenes_of(folder: Path) -> tuple[Scene, ...]:
                 trace("heading", "heading", turn, unwrapped([tick.state.heading for tick in turn])),
                 trace("rudder", "rudder", turn, [tick.command.angle for tick in turn]),
             ),
-            0.54,
-            0.80,
+            0.60,
+            0.86,
         ),
     )
 
@@ -164,7 +165,8 @@ def picture(scenes: Sequence[Scene]) -> str:
     """Return the whole picture."""
     height = TOP + HEIGHT + 34
     moves = "\n".join(
-        f"@keyframes draw{number} {{ 0%, {100 * scene.begins:.0f}% {{ stroke-dashoffset: 1 }} "
+        f"@keyframes draw{number} {{ 0%, {100 * scene.begins:.0f}% {{ stroke-dashoffset: 0 }} "
+        f"{100 * scene.begins + 0.01:.2f}% {{ stroke-dashoffset: 1 }} "
         f"{100 * scene.ends:.0f}%, 100% {{ stroke-dashoffset: 0 }} }}\n"
         f".s{number} {{ animation: draw{number} {CYCLE_S:.0f}s linear infinite }}"
         for number, scene in enumerate(scenes)
