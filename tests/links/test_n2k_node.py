@@ -179,6 +179,13 @@ def test_a_session_without_an_address_says_that_it_cannot_steer() -> None:
     assert session.due(2.0) == []
 
 
+@pytest.mark.parametrize("group", [0x3FFFF, 0x40000, 0xFFFFFD, 0xFFFFFF])
+def test_a_request_for_a_group_that_cannot_be_ends_nothing(group: int) -> None:
+    session = ready(N2kSession("bus", N2kSettings()))
+    session.receive(1.0, [Message(59904, group.to_bytes(3, "little"), 35, 204)])
+    assert [each.group for each in session.due(1.0)] == ([59392] if group <= 0x3FFFF else [])
+
+
 @settings(max_examples=200, deadline=None)
 @given(
     st.lists(
@@ -424,6 +431,25 @@ def test_every_group_of_the_lists_is_answered_or_heard() -> None:
         session.receive(1.0, [Message(59904, group.to_bytes(3, "little"), 35, 204)])
         assert {each.group for each in session.due(1.0)} == {group}
     assert {127250, 129284, 127237, 60928} <= set(read)
+
+
+def test_rudder_orders_under_our_own_address_that_are_not_ours_bar_the_helm() -> None:
+    """As from a second pilot with the same NAME, or a forger; what a gateway sends back of ours is neither."""
+    session = ready(N2kSession("bus", N2kSettings()))
+    assert session.node is not None and session.node.address == 204
+    helm: list[HelmSample] = []
+    for step in range(60):
+        now = 1.0 + 0.05 * step
+        session.send(now, RudderCommand(now, 0.01 * step, True))
+        echo = [each for each in session.due(now) if each.group == 127245]
+        helm += [each for each in session.receive(now + 0.3, echo) if isinstance(each, HelmSample)]
+    assert all(each.available for each in helm)
+    rudder = struct.pack("<BBhhH", 0, 0xF9, 1000, 0, 0xFFFF)
+    forged = session.receive(5.0, [Message(127245, rudder, 204)])
+    assert [each.reason[:63] for each in forged if isinstance(each, HelmSample)] == [
+        "another autopilot of the NMEA 2000 network, address 204, orders"
+    ]
+    assert [each.available for each in session.receive(7.1, []) if isinstance(each, HelmSample)] == [True]
 
 
 def test_two_autopilots_do_not_order_one_rudder() -> None:

@@ -44,6 +44,8 @@ NO_ADDRESS = 254
 ANSWERS_S = OBJECTIONS_S = 0.25
 AGAIN_S = 10.0
 """Without an address it is asked so long afterwards who is there now."""
+LAST_GROUP = (1 << 18) - 1
+"""Parameter groups are numbered in 18 bits; what is asked for beyond them is nothing that could even be refused."""
 UNIQUE_MOST = 0x1FFFFF
 NAME = 1 << 63 | 4 << 60 | 40 << 49 | 150 << 40 | 2046 << 21
 """Arbitrary address capable, marine, class 40 "steering and control surfaces", function 150 "autopilot", maker 2046
@@ -174,6 +176,8 @@ class Node:
         if group == ADDRESS_CLAIM:
             return [self._claim()]
         if not self.is_ready(now):
+            return []
+        if group > LAST_GROUP:
             return []
         found = self._answers(group)
         if not found and message.destination != EVERYBODY:

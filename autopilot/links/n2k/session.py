@@ -7,6 +7,7 @@ control (127237) leave, and Norrbin is a node like any other, see `autopilot.lin
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple, Protocol
 
 from autopilot.angles import shortest_turn
@@ -74,6 +75,8 @@ ORDER_PERIOD_S = 0.1
 CONTROL_PERIOD_S = 0.25
 WAITING_MOST = 64
 """Messages that wait for a busy bus; of more the oldest go unsent."""
+ORDERS_KEPT = 50
+"""Rudder orders of our own that a gateway may send back: those of five seconds."""
 OTHER_PILOT_S = 2.0
 """An autopilot that has ordered no rudder for so long orders it no more."""
 OFF_HEADING = math.radians(10.0)
@@ -156,6 +159,7 @@ class N2kSession:
         self._tick: Tick | None = None
         self._other_pilot: tuple[int, float] | None = None
         self._sent: dict[int, bytes] = {}
+        self._orders: deque[bytes] = deque(maxlen=ORDERS_KEPT)
         self._waiting: list[Message] = []
 
     def receive(self, now: float, messages: list[Message]) -> list[Sample]:
@@ -198,6 +202,9 @@ class N2kSession:
                 self._waiting += node.take(now, message)
             return
         if node is not None and message.source == node.address:
+            is_echo = group != RUDDER or message.data in self._orders
+            if not is_echo and rudder_order(decoded(group, message.data)) is not None:
+                self._other_pilot = message.source, now  # somebody speaks under our address
             return
         if group in PLOTTER_GROUPS:
             is_pilots = group == CONTROL and node is not None and node.is_pilot(message.source)
@@ -295,6 +302,8 @@ class N2kSession:
 
     def _send(self, now: float, group: int, data: bytes) -> bool:
         self._sent[group] = data
+        if group == RUDDER:
+            self._orders.append(data)
         if self.node is not None and not self.node.is_ready(now):
             return False
         self._waiting.append(Message(group, data, 0 if self.node is None else self.node.address, priority=2))
