@@ -12,7 +12,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from types import FunctionType, MappingProxyType, ModuleType
+from types import CellType, FunctionType, MappingProxyType, ModuleType
 from typing import Any
 
 from autopilot.errors import InputError
@@ -140,10 +140,18 @@ def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
             scope[name] = _compile(value, jit, done)
         elif isinstance(value, ModuleType) and value.__name__.startswith(OURS):
             scope[name] = _module(value, called, jit, done)
-    copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
+    closure = function.__closure__ and tuple(_cell(cell, jit, done) for cell in function.__closure__)
+    copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, closure)
     copy.__qualname__, copy.__module__ = function.__qualname__, function.__module__
     done[function] = jit(copy)
     return done[function]
+
+
+def _cell(cell: CellType, jit: Any, done: dict[Any, Any]) -> CellType:
+    """Return what a function was made with, compiled where it is a function of ours."""
+    value = cell.cell_contents
+    is_ours = isinstance(value, FunctionType) and value.__module__.startswith(OURS)
+    return CellType(_compile(value, jit, done)) if is_ours else cell
 
 
 def _module(module: ModuleType, called: tuple[str, ...], jit: Any, done: dict[Any, Any]) -> ModuleType:

@@ -6,11 +6,13 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from naval_vessel import InverseMass, inverse_mass, motion_step
 
+from autopilot.angles import wrap
 from autopilot.control.rudder_roll import UNPROVEN, Proof, proof_step
 from autopilot.errors import InputError
 from autopilot.models.motion import Motion
@@ -54,6 +56,19 @@ def test_the_compiled_roll_proof_gives_the_plain_numbers() -> None:
     np.testing.assert_allclose(quick.under, plain.under, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(quick.without, plain.without, rtol=1e-9, atol=1e-12)
     assert quick[2:] == pytest.approx(plain[2:])
+
+
+def twice(step: Callable[[float], float]) -> Callable[[float], float]:
+    def both(angle: float) -> float:
+        return step(step(angle))
+
+    return both
+
+
+def test_what_a_function_was_made_with_is_compiled_too() -> None:
+    """A plant's step is made with its own forces."""
+    pytest.importorskip("numba", reason="the extra `fast` is not installed")
+    assert compiled(twice(wrap))(4.0) == pytest.approx(4.0 - math.tau, rel=1e-12)
 
 
 def test_without_numba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
