@@ -14,7 +14,10 @@ frequency raises it below. In stern-quartering seas, met at such frequencies, an
     x_quiet = x_free + (response of the linear model to a rudder under a quiet heading law, through the steering gear)
     x_roll  = x_free + (the same under the roll law)
 
-All go on all the time, whoever steers. The weight rises where the third has rolled less than both others over the last
+All go on all the time, whoever steers. How much of the roll law is used goes with the sea: its `strength` falls until
+the rudder of its shadow works no harder than a budget, which is what it may cost in speed, and within each group of
+waves `RateGain` holds its part to what the gear can follow, since a rudder that its rate limits comes too late. The
+weight rises where the third has rolled less than both others over the last
 minutes and falls to zero where it has not.
 
 All three lean on the model, the rudder and its gear. What the roll itself says stands above them: `Proof` holds the
@@ -130,13 +133,15 @@ def linear_response(step: LinearStep, x: Motion, rudder: float) -> Motion:
 
 class ScheduleSettings(NamedTuple):
     """memory [s] of the two variances; the weight goes to 0 where the shadow's reduction of roll is `none` [-], to 1
-    where it is `full` [-], at most `slew` [1/s]; nothing is decided before `wait` [s]."""
+    where it is `full` [-], at most `slew` [1/s]; nothing is decided before `wait` [s]. budget: rms [rad] that the
+    rudder may have under the roll law."""
 
     memory: float = 120.0
     none: float = 0.05
     full: float = 0.15
     slew: float = 1.0 / 30.0
     wait: float = 60.0
+    budget: float = math.inf
 
 
 class Shadow(NamedTuple):
@@ -147,6 +152,44 @@ class Shadow(NamedTuple):
     rudder: float
     mean: float
     variance: float
+
+
+RATE_SMOOTH = 0.3
+"""Time constant [s] of the order whose rate counts: its noise is small against a gear's rate then, and at a roll's
+frequency little is lost."""
+RATE_FADE = 10.0
+"""Time [s] in which a peak of the rate is forgotten: about two rolls of a ship of 50 m."""
+WORKED = 30.0
+"""Time [s] over which the rudder's mean square is taken."""
+STRENGTH_TIME = 60.0
+"""Time constant [s] of the strength: with WORKED it settles with a damping ratio of a half."""
+WEAKEST = 0.05
+"""The strength falls no lower, so that it finds back."""
+
+
+class RateGain(NamedTuple):
+    """The order [rad], smoothed, and the largest rate [rad/s] that it had of late."""
+
+    order: float = 0.0
+    peak: float = 0.0
+
+
+AT_REST = RateGain()
+
+
+def rate_gain_step(gain: RateGain, order: float, dt: float) -> RateGain:
+    """Return the memory after `dt` [s] more, above 0, in which `order` [rad] was wanted."""
+    smooth = gain.order - (order - gain.order) * math.expm1(-dt / RATE_SMOOTH)
+    return RateGain(smooth, max(abs(smooth - gain.order) / dt, gain.peak * math.exp(-dt / RATE_FADE)))
+
+
+def rate_share(gain: RateGain, rate_max: float) -> float:
+    """Return the share [-] of the order at which its largest rate is `rate_max` [rad/s], no more than 1.
+
+    Automatic gain control: van der Klugt 1987, Rudder roll stabilization. A smaller rudder in time damps; one that its
+    rate holds back comes late, and feeds the roll.
+    """
+    return rate_max / gain.peak if gain.peak > rate_max else 1.0
 
 
 SETTLE = 20.0
@@ -190,7 +233,8 @@ UNPROVEN = Proof()
 
 class RollSchedule(NamedTuple):
     """Memory of the schedule: time [s] it has run, the response to the real rudder, a shadow with the rudder amidships,
-    one under the quiet law and one under the roll law, the weight [-] of the roll law, and what it proved to do."""
+    one under the quiet law and one under the roll law, the weight [-] of the roll law, and what it proved to do; the
+    strength [-] of the roll law in this sea, the mean square [rad^2] of its shadow's rudder, and that rudder's rate."""
 
     time: float
     own: Motion
@@ -199,13 +243,16 @@ class RollSchedule(NamedTuple):
     roll: Shadow
     weight: float
     proof: Proof = UNPROVEN
+    strength: float = 1.0
+    square: float = 0.0
+    gain: RateGain = AT_REST
 
 
 def begin_schedule(proof: Proof = UNPROVEN) -> RollSchedule:
     """Return a schedule that knows nothing of the sea and has the roll law off."""
     rest = Motion(0.0, 0.0, 0.0, 0.0, 0.0)
     shadow = Shadow(rest, 0.0, 0.0, 0.0)
-    return RollSchedule(0.0, rest, shadow, shadow, shadow, 0.0, proof)
+    return RollSchedule(0.0, rest, shadow, shadow, shadow, 0.0, proof, 1.0, 0.0, AT_REST)
 
 
 def _minus(x: Motion, y: Motion) -> Motion:
@@ -304,22 +351,45 @@ def schedule_step(
     quiet = _plus(free, schedule.quiet.response)
     roll = _plus(free, schedule.roll.response)
     quiet_demand = sway_yaw_rudder(parts.quiet, quiet.v, quiet.r, quiet.psi - heading_goal)
+    steady = sway_yaw_rudder(parts.quiet, roll.v, roll.r, roll.psi - heading_goal)
+    wanted = blended_rudder(schedule.strength, steady, roll_rudder(parts.roll, roll, heading_goal))
+    gain = rate_gain_step(schedule.gain, wanted, dt)
+    roll_demand = blended_rudder(rate_share(gain, parts.gear.rate_max), steady, wanted)
     now = RollSchedule(
         time,
         linear_response(parts.step, schedule.own, rudder),
         shadow_step(step, schedule.free, free.phi, 0.0),
         shadow_step(step, schedule.quiet, quiet.phi, quiet_demand),
-        shadow_step(step, schedule.roll, roll.phi, roll_rudder(parts.roll, roll, heading_goal)),
+        shadow_step(step, schedule.roll, roll.phi, roll_demand),
         schedule.weight,
     )
     promise = roll_reduction(now)
     proof = proof_step(schedule.proof, schedule.weight, state.phi, promise, dt)
-    wanted = (promise - settings.none) / (settings.full - settings.none)
+    worth = (promise - settings.none) / (settings.full - settings.none)
     is_open = time > settings.wait and proof.barred <= 0.0
-    goal = clip(wanted, 0.0, 1.0) if is_open else 0.0
+    goal = clip(worth, 0.0, 1.0) if is_open else 0.0
     reach = settings.slew * dt
     weight = now.weight + clip(goal - now.weight, -reach, reach)
-    return RollSchedule(now.time, now.own, now.free, now.quiet, now.roll, weight, proof)
+    square = schedule.square + dt / min(WORKED, time) * (now.roll.rudder * now.roll.rudder - schedule.square)
+    strength = strength_step(schedule.strength, square / (settings.budget * settings.budget), dt)
+    return RollSchedule(now.time, now.own, now.free, now.quiet, now.roll, weight, proof, strength, square, gain)
+
+
+def strength_step(strength: float, spent: float, dt: float) -> float:
+    """Return the strength [-] `dt` [s] later, with so much of the budget `spent` [-], in squares of the rudder."""
+    return clip(strength * math.exp(clip(1.0 - spent, -1.0, 1.0) * dt / STRENGTH_TIME), WEAKEST, 1.0)
+
+
+def damping_rudder(
+    schedule: RollSchedule, gain: RateGain, quiet: float, roll: float, limits: tuple[float, float]
+) -> tuple[float, RateGain]:
+    """Return the rudder demand [rad] between the `quiet` law's and the `roll` law's, by weight, strength and rate, and
+    the memory of its rate; limits: the gear's rate [rad/s] and the time [s] since the last demand."""
+    rate_max, dt = limits
+    wanted = blended_rudder(schedule.strength, quiet, roll)
+    if dt > 0.0:
+        gain = rate_gain_step(gain, wanted, dt)
+    return blended_rudder(schedule.weight * rate_share(gain, rate_max), quiet, wanted), gain
 
 
 def blended_rudder(weight: float, quiet: float, roll: float) -> float:

@@ -5,9 +5,10 @@ The laws of `rudder_roll` and `sliding_heading` on x = (v, p, r, phi, psi) becom
     delta = delta_d + (1 - w) delta_quiet(x - x_d) + w delta_roll(x - x_d) - b
 
 with delta_d the rudder that the identified model asks for in a planned turn, v_d and phi_d those of a steady turn at
-r_d by the linear model, b the rudder angle that wind, current and trim are worth, and w the weight of `RollSchedule`,
-worked out anew at every tick. phi is measured from the boat's list, the mean roll over LIST_TIME. Sway is not measured:
-v counts as v_d (measured: benchmarks/results/liu2017.md). The shadows' gear has the rate that the rudder shows.
+r_d by the linear model, b the rudder angle that wind, current and trim are worth, and w the weight of `RollSchedule`
+times its strength in this sea and the share that the gear's rate allows, worked out anew at every tick. phi is measured
+from the boat's list, the mean roll over LIST_TIME. Sway is not measured: v counts as v_d (measured:
+benchmarks/results/liu2017.md). The shadows' gear has the rate that the rudder shows.
 
 At `ratio` times the reference speed the model has A's columns of v and r times ratio and b times ratio^2; those of p
 and phi stay, since a hull's damping and righting moment in roll hardly know the speed. The gains k go with 1/ratio and
@@ -26,15 +27,17 @@ from autopilot.control.law import Law, LawBoat, LawInput, LoopGains, RollInput
 from autopilot.control.limits import RATE_UNSEEN, ShownRate, seen
 from autopilot.control.roll_damping import OLD
 from autopilot.control.rudder_roll import (
+    AT_REST,
     LinearStep,
     Proof,
+    RateGain,
     RollGains,
     RollLaw,
     RollSchedule,
     ScheduleParts,
     ScheduleSettings,
     begin_schedule,
-    blended_rudder,
+    damping_rudder,
     linear_step_of,
     roll_law,
     roll_rudder,
@@ -60,7 +63,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-SETTINGS = ScheduleSettings()
 STEERING = [0, 2, 4]
 """Places of v, r and psi among the five states."""
 SPEED_STEP = 0.05
@@ -109,6 +111,9 @@ class SlidingRoll:
     reach: Annotated[float, NOW, Bounds(Positive, 1.0e6, "eta: speed towards the surface, for |h| = 1")]
     boundary: Annotated[float, NOW, Bounds(Positive, 1.0e6, "width of the layer where the law is linear")]
     quiet: QuietHeading
+    rudder_rms_deg: Annotated[
+        float, NOW, Bounds(Positive, 90.0, "rms that the rudder may have under this law: what it may cost in speed")
+    ] = 7.5
     source: Annotated[str, NOW] = ""
     date: Annotated[str, NOW] = ""
 
@@ -242,7 +247,8 @@ def _step_at(ratio: float) -> int:
 class RollNumbers(NamedTuple):
     """What the law steers by: the boat, the gains of both laws at the reference speed, the laws made ready speed by
     speed, the laws `here`, at the speed for which these numbers were asked, and the exact steps of the linear model
-    that were worked out so far, by the place of the speed and the time [s]: a table, nothing that is remembered."""
+    that were worked out so far, by the place of the speed and the time [s]: a table, nothing that is remembered; and
+    what the schedule goes by."""
 
     ship: RollShip
     quiet: SwayYawGains
@@ -250,11 +256,12 @@ class RollNumbers(NamedTuple):
     speeds: tuple[AtSpeed, ...]
     here: AtSpeed
     steps: dict[tuple[int, float], LinearStep]
+    settings: ScheduleSettings
 
 
 class RollMemory(NamedTuple):
     """Time [s] of the last tick, the rate that the rudder has shown, the schedule, the part [s] of a step that it is
-    still owed, and the mean roll [rad], over so long [s]."""
+    still owed, the mean roll [rad], over so long [s], and the rate of the roll law's demand."""
 
     time: float
     rate: ShownRate
@@ -262,9 +269,15 @@ class RollMemory(NamedTuple):
     owed: float = 0.0
     list: float = 0.0
     listed: float = 0.0
+    gain: RateGain = AT_REST
 
 
-def roll_numbers(ship: RollShip, quiet: SwayYawGains, roll: RollGains) -> RollNumbers:
+def roll_numbers(
+    ship: RollShip,
+    quiet: SwayYawGains,
+    roll: RollGains,
+    settings: ScheduleSettings = ScheduleSettings(),  # noqa: B008
+) -> RollNumbers:
     """Return what the law steers by.
 
     ValueError for a linear model that is not stable or has no steady turn, for gains that are not stable with it at a
@@ -280,7 +293,7 @@ def roll_numbers(ship: RollShip, quiet: SwayYawGains, roll: RollGains) -> RollNu
         )
     places = range(_step_at(SPEED_RANGE[0]), _step_at(SPEED_RANGE[1]) + 1)
     speeds = tuple(laws_at(ship, quiet, roll, math.exp(SPEED_STEP * place)) for place in places)
-    return RollNumbers(ship, quiet, roll, speeds, speeds[place_of(1.0)], {})
+    return RollNumbers(ship, quiet, roll, speeds, speeds[place_of(1.0)], {}, settings)
 
 
 @lru_cache(maxsize=8)
@@ -295,7 +308,7 @@ def _numbers_of(section: SlidingRoll, boat: LawBoat) -> RollNumbers:
     )
     k = (section.k_v_s_m, section.k_p_s, section.k_r_s, section.k_phi)
     quiet, roll = SwayYawGains(*astuple(section.quiet)), RollGains(*k, section.reach, section.boundary)
-    return roll_numbers(ship, quiet, roll)
+    return roll_numbers(ship, quiet, roll, ScheduleSettings(budget=math.radians(section.rudder_rms_deg)))
 
 
 def place_of(ratio: float) -> int:
@@ -339,15 +352,17 @@ def steered(numbers: RollNumbers, memory: RollMemory, given: LawInput, sway: flo
     owed = clip(memory.owed + given.dt, 0.0, LONGEST_STEP)
     span = round(owed, STEP_PLACES)
     memory = memory._replace(owed=owed - span)
+    rate_max = min(ship.gear.rate_max, shown.rate)
     if span > 0.0:
         # the steering gear of the file with the rate that the rudder has shown
-        gear = ship.gear._replace(rate_max=min(ship.gear.rate_max, shown.rate))
-        parts = ScheduleParts(SETTINGS, at.quiet, at.roll, gear, _step_of(numbers, place, span))
+        gear = ship.gear._replace(rate_max=rate_max)
+        parts = ScheduleParts(numbers.settings, at.quiet, at.roll, gear, _step_of(numbers, place, span))
         beside = state.rudder + state.bias - planned
         memory = memory._replace(schedule=schedule_step(parts, memory.schedule, off, 0.0, beside, span))
     quiet = sway_yaw_rudder(at.quiet, off.v, rate, error)
-    rudder = blended_rudder(memory.schedule.weight, quiet, roll_rudder(at.roll, off, 0.0))
-    return float(planned + rudder - state.bias), memory
+    damped = roll_rudder(at.roll, off, 0.0)
+    rudder, gain = damping_rudder(memory.schedule, memory.gain, quiet, damped, (rate_max, given.dt))
+    return float(planned + rudder - state.bias), memory._replace(gain=gain)
 
 
 def _is_fresh(roll: RollInput) -> bool:

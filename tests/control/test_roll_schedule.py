@@ -12,26 +12,35 @@ from naval_vessel import linear_motion
 from scipy.linalg import expm
 
 from autopilot.control.rudder_roll import (
+    AT_REST,
     PAPER_ROLL,
     PROOF,
+    RATE_SMOOTH,
     SETTLE,
     UNPROVEN,
+    WEAKEST,
+    WORKED,
     Measured,
     Proof,
+    RateGain,
     RollSchedule,
     ScheduleParts,
     ScheduleSettings,
     Shadow,
     begin_schedule,
     blended_rudder,
+    damping_rudder,
     linear_response,
     linear_step_of,
     measured_with,
     proof_step,
+    rate_gain_step,
+    rate_share,
     roll_law,
     roll_reduction,
     roll_rudder,
     schedule_step,
+    strength_step,
 )
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import quiet_at
@@ -317,3 +326,43 @@ def test_the_times_of_a_proof_are_those_of_its_page() -> None:
     assert proof_step(old, 0.0, 0.0, 0.0, 1.0).without.variance == pytest.approx(0.04 * (1.0 - 1.0 / 300.0))
     kept, short = (judged(share, 0.5) for share in (0.749, 0.751))
     assert (kept.span, short.span) == (600.0, 300.0), "half of what was promised"
+
+
+def test_an_order_too_quick_for_the_gear_is_made_smaller_and_keeps_its_time() -> None:
+    """A sine of 20 deg at 1.1 rad/s asks for 22 deg/s: of a gear with half of that it gets half, one that is quick
+    enough gets all of it."""
+    gain, rate, asked = AT_REST, math.radians(11.0), math.radians(20.0)
+    for step in range(600):
+        gain = rate_gain_step(gain, asked * math.sin(1.1 * 0.05 * step), 0.05)
+    smoothed = 1.0 / math.hypot(1.0, 1.1 * RATE_SMOOTH)
+    assert rate_share(gain, rate) == pytest.approx(0.5 / smoothed, rel=0.12)
+    assert rate_share(gain, math.radians(25.0)) == 1.0
+    assert rate_share(gain, math.inf) == 1.0
+    for _ in range(1200):
+        gain = rate_gain_step(gain, 0.0, 0.05)
+    assert rate_share(gain, rate) == 1.0
+
+
+def test_the_strength_falls_to_the_budget_and_comes_back() -> None:
+    def settled(wanted: float, strength: float) -> float:
+        square = 0.0
+        for _ in range(12000):
+            square += DT / WORKED * ((wanted * strength) ** 2 - square)
+            strength = strength_step(strength, square / 0.1**2, DT)
+        return strength
+
+    assert settled(0.2, 1.0) == pytest.approx(0.5, rel=0.01)
+    assert settled(0.2, WEAKEST) == pytest.approx(0.5, rel=0.01)
+    assert settled(0.05, WEAKEST) == 1.0
+    assert settled(1000.0, 1.0) == WEAKEST
+
+
+def test_the_demand_is_the_quiet_law_s_but_for_the_share_of_weight_strength_and_rate() -> None:
+    schedule = begin_schedule()._replace(weight=0.5, strength=0.4)
+    rudder, gain = damping_rudder(schedule, AT_REST, 0.1, 0.3, (math.inf, DT))
+    assert rudder == pytest.approx(0.1 + 0.5 * 0.4 * 0.2)
+    assert gain == pytest.approx(rate_gain_step(AT_REST, 0.1 + 0.4 * 0.2, DT))
+    held, _ = damping_rudder(schedule, RateGain(0.18, 1.0), 0.1, 0.3, (0.25, DT))
+    share = rate_share(rate_gain_step(RateGain(0.18, 1.0), 0.18, DT), 0.25)
+    assert held == pytest.approx(0.1 + share * 0.5 * 0.4 * 0.2)
+    assert damping_rudder(schedule, AT_REST, 0.1, 0.3, (0.25, 0.0))[1] == AT_REST

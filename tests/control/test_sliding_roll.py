@@ -20,7 +20,6 @@ from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import (
     LIST_TIME,
     OLD,
-    SETTINGS,
     AtSpeed,
     QuietHeading,
     RollShip,
@@ -100,7 +99,7 @@ def test_near_the_natural_frequency_it_comes_on_and_lessens_the_roll(law: Steers
     deaf = sailed(law, 140.0, 1.1, hears=False)
     assert law.weight == 0.0
     law.reset(0.0)
-    sailed(law, SETTINGS.wait - 1.0, 1.1)
+    sailed(law, LAW.gains.settings.wait - 1.0, 1.1)
     assert law.weight == 0.0
     law.reset(0.0)
     heard = sailed(law, 140.0, 1.1)
@@ -277,11 +276,11 @@ def test_what_must_not_be_engaged_is_refused_with_the_reason(vessel: Vessel, sen
     [
         ("yaw_row: [-0.0106578, ", "yaw_row: [", "control.sliding_roll.yaw_row has 4 entries, 5 are needed."),
         ("[0.0260555,", "[.nan,", "control.sliding_roll.roll_row[0] is nan, needed is a finite number."),
-        ("    k_phi: 1.83\n", "", "the key control.sliding_roll.k_phi is missing"),
-        ("reach: 0.0242", "reach: 0", "control.sliding_roll.reach is 0, needed is a finite number from 1e-09"),
+        ("    k_phi: 4.442\n", "", "the key control.sliding_roll.k_phi is missing"),
+        ("reach: 0.08", "reach: 0", "control.sliding_roll.reach is 0, needed is a finite number from 1e-09"),
         (
-            "k_p_s: 0.939",
-            "k_p: 0.939",
+            "k_p_s: 2.618",
+            "k_p: 2.618",
             "control.sliding_roll.k_p is not a known key: the unit is in the key, use k_p_s.",
         ),
     ],
@@ -306,13 +305,13 @@ def commanded(kind: OrderKind, seconds: float) -> list[float]:
 
 
 def test_the_pilot_engages_without_a_bump_and_the_law_comes_on_by_itself() -> None:
-    commands = commanded(OrderKind.HEADING, SETTINGS.wait + 20.0)
-    assert max(map(abs, commands[: round(SETTINGS.wait / DT)])) < 1e-9
+    commands = commanded(OrderKind.HEADING, LAW.gains.settings.wait + 20.0)
+    assert max(map(abs, commands[: round(LAW.gains.settings.wait / DT)])) < 1e-9
     assert max(map(abs, commands)) > 0.01
 
 
 def test_trials_keep_the_rudder_they_order() -> None:
-    assert commanded(OrderKind.RUDDER, SETTINGS.wait + 20.0)[-1] == pytest.approx(0.05)
+    assert commanded(OrderKind.RUDDER, LAW.gains.settings.wait + 20.0)[-1] == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize("k", [-0.5, 0.0, 2.0, 20.0])
