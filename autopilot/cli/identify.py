@@ -471,7 +471,7 @@ def _kind(result: Result) -> ModelKind:
 
 
 def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Sequence[Run]) -> Result:
-    from autopilot.identification.prediction_bands import fastest_rudder, forecast, in_the_race
+    from autopilot.identification.prediction_bands import forecast, gear_of, in_the_race
     from autopilot.identification.rudder_path import rudder_rate_of
     from autopilot.identification.two_stage import nomoto_stage
     from autopilot.report.identification import Result, undetermined
@@ -480,7 +480,6 @@ def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Seque
     predictions += [(run, "holdout", found.predict(run)) for run in held_out]
     speed, measured, expected = found.model.reference_speed, rudder_rate_of(fitted), None
     if found.predictor is not None and not undetermined(found):
-        rudder_rate = measured.rate if measured else fastest_rudder(fitted)
-        expected = forecast(found.predictor, *in_the_race(found.around, fitted, speed), rudder_rate)
+        expected = forecast(found.predictor, *in_the_race(found.around, fitted, speed), gear_of(fitted))
     stage_one = nomoto_stage(fitted, speed)
     return Result(kind, found, stage_one, predictions, rudder_rate=measured, forecast=expected)

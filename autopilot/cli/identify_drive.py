@@ -15,6 +15,7 @@ from autopilot.errors import InputError
 
 if TYPE_CHECKING:
     from autopilot.identification.drive_effect import DriveFit, Prediction
+    from autopilot.identification.prediction_bands import Forecast
     from autopilot.identification.runs import Run
     from autopilot.vessel.schema import Vessel
 
@@ -47,19 +48,38 @@ def identified_by_thrust(
     from autopilot.identification.drive_effect import fit_drive, predict_drive
 
     fit = fit_drive(fitted, kind.usual, kind.needs)
+    ahead = _forecast(fitted, fit, vessel)
     rows = [
         (run, role, predict_drive(run, fit)) for role, runs in (("fit", fitted), ("holdout", held_out)) for run in runs
     ]
     if arguments.out:
         _write(arguments.out, vessel, fit, fitted)
     if arguments.json:
-        return json.dumps(_document(fit, rows), indent=2, allow_nan=False)
+        return json.dumps(_document(fit, rows, ahead), indent=2, allow_nan=False)
     return "\n".join(
-        [*_lines(kind.name, fit, rows), *([f"\nWrote the model to {arguments.out}."] if arguments.out else [])]
+        [*_lines(kind.name, fit, rows, ahead), *([f"\nWrote the model to {arguments.out}."] if arguments.out else [])]
     )
 
 
-def _document(fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]]) -> dict[str, Any]:
+def _forecast(runs: Sequence[Run], fit: DriveFit, vessel: Vessel) -> Forecast | None:
+    """Return what the boat will do, at the mean speed and throttle; None where the runs do not tell."""
+    from autopilot.identification.drive_effect import at_one_throttle, likely_drive
+    from autopilot.identification.likelihood_model import ordered
+    from autopilot.identification.prediction_bands import forecast
+    from autopilot.runtime.build import gear_of
+
+    likely = likely_drive(runs, fit)
+    if likely is None:
+        return None
+    gear = gear_of(vessel)
+    # behind orders the gear's lag is fitted with the boat
+    gear = gear._replace(lag=0.0) if ordered(runs) else gear
+    return forecast(likely, at_one_throttle(runs, fit.law), fit.model.reference_speed, gear)
+
+
+def _document(fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]], ahead: Forecast | None) -> dict[str, Any]:
+    from autopilot.report.identification import forecast_document
+
     model, law = fit.model, fit.law
     return {
         "parameters": {
@@ -76,11 +96,15 @@ def _document(fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]]) -> dic
             {"source": run.source, "role": role, "yaw_rate_r2": found.r2, "rms_deg_s": math.degrees(found.rms)}
             for run, role, found in rows
         ],
+        "forecast": forecast_document(ahead),
         "notes": [*fit.sentences, *(note for run, _, _ in rows for note in run.notes)],
     }
 
 
-def _lines(kind: str, fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]]) -> list[str]:
+def _lines(kind: str, fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]], ahead: Forecast | None) -> list[str]:
+    from autopilot.files.printable import aligned
+    from autopilot.report.identification import FORECAST, forecast_rows
+
     model, errors = fit.model, fit.errors
     worst = min(found.r2 for _, _, found in rows)
     verdict = "good" if worst >= GOOD else "doubtful: look over rudder, throttle and speed of the runs"
@@ -102,6 +126,8 @@ def _lines(kind: str, fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]]
         f"  {role:8} R2 {found.r2:.3f}, {math.degrees(found.rms):.2f} deg/s rms  {run.source}"
         for run, role, found in rows
     ]
+    if ahead is not None:
+        lines += ["", f"{FORECAST}:", *aligned(forecast_rows(ahead))]
     return [*lines, *(note for run, _, _ in rows for note in run.notes)]
 
 

@@ -23,8 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from autopilot.identification.likelihood_fit import LikelihoodFit, largest_rate, likelihood_fit
+from autopilot.identification.likelihood_model import SURELY_TURNS, ordered
+from autopilot.identification.likelihood_record import Form
+from autopilot.identification.likelihood_search import SWAY
+from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.runs import FloatArray, Run, Segment, seconds
-from autopilot.models.drive_law import THROTTLE_FLOOR, DriveLaw
+from autopilot.models.drive_law import THROTTLE_FLOOR, DriveLaw, effect_of
 from autopilot.models.drives import Needs
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin
 
@@ -257,6 +262,41 @@ def _mean_speed(run: Run) -> float:
 
 def _span(values: Sequence[float]) -> float:
     return max(values) / min(values) if values and min(values) > 0.0 else 1.0
+
+
+def at_one_throttle(runs: Sequence[Run], law: DriveLaw) -> list[Run]:
+    """Return the runs with the rudder that would do at the reference throttle what theirs does at their own."""
+
+    def times(run: Run) -> float:
+        return effect_of(law._replace(speed_exponent=0.0), 1.0, run.throttle)
+
+    return [
+        run._replace(segments=tuple(part._replace(rudder=times(run) * part.rudder) for part in run.segments))
+        for run in runs
+    ]
+
+
+def likely_drive(runs: Sequence[Run], fit: DriveFit) -> LikelihoodFit | None:
+    """Return what the runs make likely of the boat near `fit`, with gusts, waves and noise apart, for predictions
+    (`prediction_bands`) of runs like `at_one_throttle`; None where they cannot say that the boat follows its rudder.
+
+    A boat that thrust turns without way is turned far: the drag of the flow across its hull goes with r|r|, which n3
+    follows at the rates of the runs alone, and the hull slides (T2 and T3 of Nomoto's second order). How it goes with
+    speed is held at what `fit` found, or is usual.
+    """
+    model, law = fit.model, fit.law
+    if not model.gain > 0.0:
+        return None
+    unit = 1.0 / model.time_constant
+    segments = [part for run in at_one_throttle(runs, law) for part in run.segments]
+    # the drag that slows the largest turn as much as n3 does
+    drag = model.n3 * unit * largest_rate(segments)
+    guess = Rates(model.gain * unit, model.n1 * unit, 0.0, drag, model.n0 * unit)
+    train = ("delay", *SWAY) if ordered(runs) else tuple(SWAY)
+    found = likelihood_fit(segments, model.reference_speed, guess, train, form=Form(law, power=2))
+    if found is None or found.rates.a < SURELY_TURNS * math.sqrt(max(float(found.covariance[0, 0]), 0.0)):
+        return None
+    return found
 
 
 def predict_drive(run: Run, fit: DriveFit) -> Prediction:

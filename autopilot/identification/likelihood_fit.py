@@ -13,7 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.identification.likelihood_record import Record, instruments, record_of, rudder_on, white_noise
+from autopilot.identification.likelihood_record import (
+    NORRBIN,
+    Form,
+    Record,
+    instruments,
+    record_of,
+    rudder_on,
+    white_noise,
+)
 from autopilot.identification.likelihood_search import (
     GUST_TIME_S,
     RATE_NAMES,
@@ -59,7 +67,8 @@ class LikelihoodFit(NamedTuple):
     name; weather: gusts, waves and noise; loss: the negative logarithm of the likelihood with what was known before;
     late_error [s]: standard error of delay and lag together, of which the record tells more than of each; unseen: what
     of the rudder's way was not fitted; motions: of each segment time [s], heading [rad] and rate [rad/s] of the boat,
-    as all of the recording tells them, shape (3, N)."""
+    as all of the recording tells them, shape (3, N); form: which d is meant, and how the boat goes with speed;
+    joint: covariance of a, b, d, e and the logarithms of what `train_errors` names, in that order."""
 
     rates: Rates
     covariance: FloatArray
@@ -70,6 +79,8 @@ class LikelihoodFit(NamedTuple):
     late_error: float = 0.0
     unseen: Unseen = Unseen(0.0, 0.0, 0.0, math.inf)
     motions: tuple[FloatArray, ...] = ()
+    form: Form = NORRBIN
+    joint: FloatArray | None = None
 
 
 def likelihood_fit(
@@ -78,23 +89,25 @@ def likelihood_fit(
     guess: Rates,
     parts: tuple[str, ...] = (),
     progress: Callable[[], None] = lambda: None,
+    form: Form = NORRBIN,
 ) -> LikelihoodFit | None:
     """Return the most likely boat near `guess`, and its covariance; None where the search cannot begin there.
 
-    parts: of the rudder's train, to be fitted too.
+    parts: of the rudder's train, to be fitted too. form: how the terms go with speed and rate.
     """
-    record = record_of(segments, reference_speed, memory_of(guess, segments))
-    scale = scales(segments, guess)
+    memory = memory_of(guess, segments, form.power)
+    record = record_of(segments, reference_speed, memory, form)
+    scale = scales(segments, guess, form.power)
     gyro, compass = instruments(segments)
     gust = scale.a * math.radians(0.3)
     calm = Weather(gust, GUST_TIME_S, 0.3 * gust, gyro, compass)
     # a lag longer than the boat's own would change places with it
-    shortly = min(USUALLY_LATE_S, START_LATE * memory_of(guess, segments))
+    shortly = min(USUALLY_LATE_S, START_LATE * memory)
     train = DIRECT._replace(**{part: PLAYS[1] if part == "dead_band" else shortly for part in parts})
     if set(SWAY) <= set(parts):
-        train = train._replace(**sliding(memory_of(guess, segments)))
+        train = train._replace(**sliding(memory))
     if record.nodes > LONG:
-        part = record_of([_liveliest(segment) for segment in segments], reference_speed, memory_of(guess, segments))
+        part = record_of([_liveliest(segment) for segment in segments], reference_speed, memory, form)
         rough = Space(part, guess, calm, train, parts, scale)
         if math.isfinite(rough.keep(rough.start)):
             nearer, _ = searched(rough, rough.start, first_axes(rough, rough.start), math.inf)
@@ -126,17 +139,19 @@ def likelihood_fit(
     progress()
     known = mixed(found)
     units = np.array([getattr(scale, name) for name in RATE_NAMES])
-    values, spread = known.mean[:4] * units, known.covariance[:4, :4] * np.outer(units, units)
+    units = np.append(units, np.ones(len(parts)))
+    values, joint = known.mean[:4] * units[:4], known.covariance * np.outer(units, units)
     train = train._replace(**{name: math.exp(float(known.mean[4 + k])) for k, name in enumerate(parts)})
     size = np.array([getattr(train, name) for name in parts])
-    way = known.covariance[4:, 4:] * np.outer(size, size)
+    way = joint[4:, 4:] * np.outer(size, size)
     errors = dict(zip(parts, np.sqrt(np.maximum(np.diag(way), 0.0)).tolist(), strict=True))
     boat = Rates(**dict(zip(RATE_NAMES, values.tolist(), strict=True)))
     late = np.array([part != "dead_band" for part in parts], dtype=float)
     late_error = math.sqrt(max(float(late @ way @ late), 0.0))
     noise = max(white_noise(segment.rudder) for segment in segments)
-    unseen = _unseen(space, best, memory_of(guess, segments), PLAY_NOISES * noise)
-    return LikelihoodFit(boat, spread, train, errors, weather, loss, late_error, unseen, _motions(space, best))
+    unseen = _unseen(space, best, memory_of(guess, segments, form.power), PLAY_NOISES * noise)
+    motions = _motions(space, best)
+    return LikelihoodFit(boat, joint[:4, :4], train, errors, weather, loss, late_error, unseen, motions, form, joint)
 
 
 def sliding(memory: float) -> dict[str, float]:
@@ -147,7 +162,7 @@ def sliding(memory: float) -> dict[str, float]:
 def _motions(space: Space, z: FloatArray) -> tuple[FloatArray, ...]:
     """Return `LikelihoodFit.motions` at the vector."""
     states, record = space.found(z).states, space.record
-    substeps = record.ratio.shape[0]
+    substeps = record.substeps
     ends = np.append(record.first[1:], record.nodes)
     return tuple(
         np.stack([edges[::substeps], *states[first:end, :2].T])
@@ -230,8 +245,8 @@ def start_rates(segments: Sequence[Segment], reference_speed: float) -> Start:
     )
     now = record.begin
     r, turning = path.states[now, 1], path.states[now, 2]
-    ratio = record.ratio.mean(axis=0)
-    columns = np.stack([ratio**2 * rudder[0].mean(axis=0), -ratio * r, -(r**3) / ratio, -(ratio**2)], axis=1)
+    steering, linear, higher = (scale.mean(axis=0) for scale in record.scales)
+    columns = np.stack([steering * rudder[0].mean(axis=0), -linear * r, -higher * r**3, -steering], axis=1)
     inside = np.abs(r) < 2.0 * rate
     if np.count_nonzero(inside) < 8 or not math.isfinite(path.loss):
         return Start(Rates(0.0, 1.0), 0.0)
@@ -272,22 +287,23 @@ def _regressed(columns: FloatArray, turning: FloatArray) -> Start:
     return Start(Rates(a, b, 0.0, cubic[0] if cubic else 0.0, e), explained)
 
 
-def memory_of(rates: Rates, segments: Sequence[Segment]) -> float:
+def memory_of(rates: Rates, segments: Sequence[Segment], power: int = 3) -> float:
     """Return the shortest time [s] within which the boat forgets its rate: that of a turn at the largest one."""
-    return 1.0 / max(abs(rates.b) + 3.0 * max(rates.d, 0.0) * largest_rate(segments) ** 2, SLOWEST)
+    slope = power * max(rates.d, 0.0) * largest_rate(segments) ** (power - 1)
+    return 1.0 / max(abs(rates.b) + slope, SLOWEST)
 
 
 SLOWEST = 1.0e-4
 """Slower boats [1/s] are integrated as if they were as quick."""
 
 
-def scales(segments: Sequence[Segment], guess: Rates) -> Rates:
+def scales(segments: Sequence[Segment], guess: Rates, power: int = 3) -> Rates:
     """Return of which size a, b, d and e are where each of them takes the rudder's whole moment at the largest rate."""
     rudder = np.concatenate([np.abs(segment.rudder - np.median(segment.rudder)) for segment in segments])
     largest = float(np.quantile(rudder, 0.98))
     rate = largest_rate(segments)
     a = abs(guess.a)
-    return Rates(a, a * largest / rate, 0.0, a * largest / rate**3, a * largest)
+    return Rates(a, a * largest / rate, 0.0, a * largest / rate**power, a * largest)
 
 
 def largest_rate(segments: Sequence[Segment]) -> float:

@@ -13,8 +13,9 @@ from scipy.fft import dct, idct
 from autopilot.identification.residuals import instrument_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, with_corners
 from autopilot.identification.runs import FloatArray, Segment
+from autopilot.models.drive_law import BEYOND, RUDDER_LAW, DriveLaw
+from autopilot.models.norrbin import SPEED_FLOOR_RATIO
 
-SPEED_FLOOR_RATIO = 0.05
 SUBSTEP = 0.3
 """Steps of the integration, as a share of the time constant at most."""
 NODE_SHARE, LONGEST_NODE_S, MOST_NODES = 0.1, 1.0, 3000
@@ -25,12 +26,47 @@ PIN = 1.0e8
 IntArray = NDArray[np.intp]
 
 
+class Form(NamedTuple):
+    """How the terms of the turning go. law: with speed, at one throttle. power: of the rate with which the damping d
+    goes that is not linear, 3 as Norrbin has it, or 2, r|r|, as the drag of a flow across a hull or past a keel has it.
+    """
+
+    law: DriveLaw = RUDDER_LAW
+    power: int = 3
+
+
+NORRBIN = Form()
+"""A rudder in the flow, and n3."""
+
+
+class Scales(NamedTuple):
+    """How many times what it is at the reference speed each term of the turning is: what steers (and its zero), the
+    linear damping and that of the higher power."""
+
+    steering: FloatArray
+    linear: FloatArray
+    higher: FloatArray
+
+
+def scales_of(form: Form, ratio: FloatArray) -> Scales:
+    """Return the scales at speeds of `ratio` to the reference, elementwise: of a rudder those of `models.norrbin`, of
+    thrust at one throttle those of `models.drive_law`."""
+    law = form.law
+    if law.is_rudder:
+        # the prime system of SNAME: every term is made dimensionless with U and L
+        return Scales(ratio * ratio, ratio, ratio ** (2.0 - form.power))
+    seen = np.clip(ratio, law.slowest, BEYOND * law.fastest)
+    linear = 1.0 + law.damping_share * (seen - 1.0)
+    return Scales(seen**law.speed_exponent, linear, np.ones_like(ratio))
+
+
 class Record(NamedTuple):
     """Segments, one after the other, on N nodes with M steps between them, each of S substeps.
 
     begin: the node at which each step begins, shape (M,). first: of each segment. step [s], shape (M,). rate [rad/s]
-    and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. ratio: speed over
-    the reference speed, shape (S, M). edges: per segment the times [s] of the substeps' ends; paths: its rudder.
+    and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. scales: at the
+    speed of each substep, shape (S, M); power: `Form.power`. edges: per segment the times [s] of the substeps' ends;
+    paths: its rudder.
     """
 
     begin: IntArray
@@ -40,7 +76,8 @@ class Record(NamedTuple):
     heading: FloatArray
     rate_count: FloatArray
     heading_count: FloatArray
-    ratio: FloatArray
+    scales: Scales
+    power: int
     edges: tuple[FloatArray, ...]
     paths: tuple[tuple[FloatArray, FloatArray], ...]
 
@@ -48,6 +85,11 @@ class Record(NamedTuple):
     def nodes(self) -> int:
         """N."""
         return int(self.rate.size)
+
+    @property
+    def substeps(self) -> int:
+        """S."""
+        return int(self.scales.steering.shape[0])
 
     @property
     def pins(self) -> FloatArray:
@@ -66,7 +108,9 @@ class Record(NamedTuple):
         return int(np.count_nonzero(self.heading_count))
 
 
-def record_of(segments: Sequence[Segment], reference_speed: float, time_constant: float) -> Record:
+def record_of(
+    segments: Sequence[Segment], reference_speed: float, time_constant: float, form: Form = NORRBIN
+) -> Record:
     """Return the segments on nodes fit for a boat of about that time constant [s]."""
     total = sum(segment.time.size for segment in segments)
     parts, begins, firsts, at = [], [], [], 0
@@ -104,7 +148,8 @@ def record_of(segments: Sequence[Segment], reference_speed: float, time_constant
         np.nan_to_num(joined[1]),
         joined[2],
         joined[3],
-        np.concatenate(ratios, axis=1),
+        scales_of(form, np.concatenate(ratios, axis=1)),
+        form.power,
         tuple(edges),
         tuple(paths),
     )
@@ -186,7 +231,7 @@ def _averaged(segment: Segment, apart: int, together: int) -> tuple[FloatArray, 
 def rudder_on(record: Record, train: RudderTrain = DIRECT) -> tuple[FloatArray, FloatArray]:
     """Return mean and rise [rad] of the rudder over each substep, shape (S, M) each, behind `train`."""
     means, rises = [], []
-    substeps = record.ratio.shape[0]
+    substeps = record.substeps
     for edges, (time, angle) in zip(record.edges, record.paths, strict=True):
         moments, there = time, angle
         if train != DIRECT:

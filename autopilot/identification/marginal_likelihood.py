@@ -3,7 +3,8 @@
     r' = a delta - b r - c r^2 - d r^3 - e + g + w,    psi' = r,    g' = -g/tau + v
 
 a = K/T, b = n1/T, c = n2/T, d = n3/T, e = n0/T at the reference speed, each scaled with the speed of the moment; b of
-either sign, so that course-stable and course-unstable boats, and those in between, are one model. w is white, as what
+either sign, so that course-stable and course-unstable boats, and those in between, are one model. In place of d r^3
+d r|r| may stand (`likelihood_record.Form`). w is white, as what
 noise on the recorded rudder is worth; g is a gust that lasts. Compass and gyro see psi + x and r + x' with white noise,
 where x is the boat's motion in waves, x'' + 2 z W x' + W^2 x = white noise, if there are any.
 
@@ -59,21 +60,29 @@ def stepped(
     """Return the yaw rate [rad/s] a step after `start`, and the angle turned meanwhile [rad], with a `push` [rad/s^2]
     that stays; start, push: shape (..., M)."""
     a, b, c, d, e = rates
-    S = record.ratio.shape[0]
+    S = record.substeps
     h, r, turned = record.step / S, start, np.zeros_like(start)
     for s in range(S):
-        ratio, mean, rise = record.ratio[s], rudder[0][s], rudder[1][s]
-        square = ratio * ratio
-        drive = square * (a * mean - e) + push
-        half = 0.5 * a * square * rise
-        linear, cubic = b * ratio, d / ratio
-        k1 = drive - half - r * (linear + r * (c + cubic * r))
-        x = r + 0.5 * h * k1
-        k2 = drive - x * (linear + x * (c + cubic * x))
-        x = r + 0.5 * h * k2
-        k3 = drive - x * (linear + x * (c + cubic * x))
-        x = r + h * k3
-        k4 = drive + half - x * (linear + x * (c + cubic * x))
+        steering, mean, rise = record.scales.steering[s], rudder[0][s], rudder[1][s]
+        drive = steering * (a * mean - e) + push
+        half = 0.5 * a * steering * rise
+        linear, higher = b * record.scales.linear[s], d * record.scales.higher[s]
+        if record.power == 3:
+            k1 = drive - half - r * (linear + r * (c + higher * r))
+            x = r + 0.5 * h * k1
+            k2 = drive - x * (linear + x * (c + higher * x))
+            x = r + 0.5 * h * k2
+            k3 = drive - x * (linear + x * (c + higher * x))
+            x = r + h * k3
+            k4 = drive + half - x * (linear + x * (c + higher * x))
+        else:
+            k1 = drive - half - r * (linear + c * r + higher * np.abs(r))
+            x = r + 0.5 * h * k1
+            k2 = drive - x * (linear + c * x + higher * np.abs(x))
+            x = r + 0.5 * h * k2
+            k3 = drive - x * (linear + c * x + higher * np.abs(x))
+            x = r + h * k3
+            k4 = drive + half - x * (linear + c * x + higher * np.abs(x))
         turned = turned + h * (r + h / 6.0 * (k1 + k2 + k3))
         r = r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     return r, turned

@@ -15,8 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.identification.likelihood_fit import LikelihoodFit
-from autopilot.identification.likelihood_record import without_noise
+from autopilot.identification.likelihood_record import scales_of, without_noise
+from autopilot.identification.rudder_path import rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.models.steering_gear import SteeringGear, gear_step, lag_share
 from autopilot.models.wind import RaceAndWind
 
 DRAWS, SEED = 400, 1
@@ -24,6 +26,10 @@ BAND = (0.025, 0.5, 0.975)
 LEAST_RATIO, LEAST_PULL = 0.2, 0.05
 """No boat is drawn slower than this share of the reference speed, nor turned by less of what its rudder is found to
 do."""
+REMEMBERED = 5.0
+"""Lags after which what the rudder did is forgotten."""
+FURTHEST = 2.0
+"""No lag nor lead is drawn by a larger factor's logarithm off the found one."""
 STEPS_PER_MEMORY, SHORTEST_STEP_S, LONGEST_STEP_S = 15.0, 0.02, 0.5
 AHEAD_S, TURNING_RAD = 30.0, math.radians(10.0)
 """The turn that is forecast: so long after the rudder was put so far over, from a straight course."""
@@ -57,14 +63,16 @@ class Forecast(NamedTuple):
 
 
 class Boats(NamedTuple):
-    """Drawn boats, shape (N,) each: rates a, b, d, e and a speed ratio; `fit`, which says how late their rudders and
-    how strong their gusts are; step [s] of the integration."""
+    """Drawn boats, shape (N,) each: rates a, b, d, e, a speed ratio, and lag and lead [s] of the train; `fit`, which
+    says the rest of the train and how strong their gusts are; step [s] of the integration."""
 
     a: FloatArray
     b: FloatArray
     d: FloatArray
     e: FloatArray
     ratio: FloatArray
+    lag: FloatArray
+    lead: FloatArray
     fit: LikelihoodFit
     step: float
 
@@ -80,11 +88,31 @@ def boats_of(fit: LikelihoodFit, ratios: FloatArray, random: np.random.Generator
     values, vectors = np.linalg.eigh(fit.covariance / np.outer(size, size))
     normal = random.normal(size=(draws, 4)) * np.sqrt(np.maximum(values, 0.0))
     a, b, d, e = np.array([rates.a, rates.b, rates.d, rates.e])[:, None] + size[:, None] * (vectors @ normal.T)
-    # at the fastest turn that a large rudder makes the cubic damping forgets quickest
-    forgets = abs(rates.b) + 3.0 * max(rates.d, 0.0) ** (1.0 / 3.0) * (0.35 * rates.a) ** (2.0 / 3.0)
+    # at the fastest turn that a large rudder makes, d r^p = a delta, the damping forgets quickest
+    power = fit.form.power
+    forgets = abs(rates.b) + power * max(rates.d, 0.0) ** (1.0 / power) * (0.35 * rates.a) ** (1.0 - 1.0 / power)
     step = min(max(1.0 / (STEPS_PER_MEMORY * forgets), SHORTEST_STEP_S), LONGEST_STEP_S)
     ratio = np.maximum(random.choice(ratios, size=draws), LEAST_RATIO)
-    return Boats(np.maximum(a, LEAST_PULL * rates.a), b, np.maximum(d, 0.0), e, ratio, fit, step)
+    lag, lead = _ways_of(fit, np.array([a - rates.a, b - rates.b, d - rates.d, e - rates.e]), random)
+    return Boats(np.maximum(a, LEAST_PULL * rates.a), b, np.maximum(d, 0.0), e, ratio, lag, lead, fit, step)
+
+
+def _ways_of(fit: LikelihoodFit, off: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return lag and lead [s], shape (N,) each, of boats whose rates are `off` the estimate by so much, shape (4, N): a
+    boat that turns harder slides less, so that they go together."""
+    train, count = fit.train, off.shape[1]
+    ways = {name: np.full(count, getattr(train, name)) for name in ("lag", "lead")}
+    if fit.joint is not None and fit.train_errors:
+        size = np.sqrt(np.maximum(np.diag(fit.joint), 1.0e-300))
+        alike = fit.joint / np.outer(size, size)
+        follows = alike[4:, :4] @ np.linalg.pinv(alike[:4, :4], hermitian=True)
+        values, vectors = np.linalg.eigh(alike[4:, 4:] - follows @ alike[:4, 4:])
+        own = vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * random.normal(size=(values.size, count)))
+        logs = size[4:, None] * (follows @ (off / size[:4, None]) + own)
+        for name, log in zip(fit.train_errors, logs, strict=True):
+            if name in ways:
+                ways[name] = ways[name] * np.exp(np.clip(log, -FURTHEST, FURTHEST))
+    return ways["lag"], ways["lead"]
 
 
 class _Motion:
@@ -104,19 +132,27 @@ class _Motion:
         self._played = self._lagged = np.zeros(count) + rudder
         self._late = [self._played] * round(boats.fit.train.delay / boats.step)
 
-    def move(self, rudder: FloatArray, ratio: FloatArray) -> None:
-        """Go on by a step, the rudders standing at `rudder` [rad], at these speeds."""
-        boats, weather, h = self.boats, self.boats.fit.weather, self.boats.step
-        play, _, lag, lead = boats.fit.train
+    def behind_train(self, rudder: FloatArray) -> FloatArray:
+        """Go on by a step with the train alone, the rudders standing at `rudder` [rad]; return what turns the boats."""
+        boats, h = self.boats, self.boats.step
+        play, lag, lead = boats.fit.train.dead_band, boats.lag, boats.lead
         self._played = np.clip(self._played, rudder - play, rudder + play)
         self._late.append(self._played)
         rudder = self._late.pop(0)
-        self._lagged = rudder if lag <= 0.0 else rudder + math.exp(-h / lag) * (self._lagged - rudder)
-        effective = self._lagged + (lead / lag * (rudder - self._lagged) if lag > 0.0 else 0.0)
-        drive = ratio * ratio * (boats.a * effective - boats.e) + self.gust
-        linear, cubic = boats.b * ratio, boats.d / ratio
-        middle = self.rate + 0.5 * h * (drive - self.rate * (linear + cubic * self.rate * self.rate))
-        turned = h * (drive - middle * (linear + cubic * middle * middle))
+        if boats.fit.train.lag > 0.0:
+            self._lagged = rudder + np.exp(-h / lag) * (self._lagged - rudder)
+            rudder = self._lagged + lead / lag * (rudder - self._lagged)
+        return rudder
+
+    def move(self, rudder: FloatArray, ratio: FloatArray) -> None:
+        """Go on by a step, the rudders standing at `rudder` [rad], at these speeds."""
+        boats, weather, h = self.boats, self.boats.fit.weather, self.boats.step
+        rudder = self.behind_train(rudder)
+        scales = scales_of(boats.fit.form, ratio)
+        drive = scales.steering * (boats.a * rudder - boats.e) + self.gust
+        linear, higher, beyond = boats.b * scales.linear, boats.d * scales.higher, boats.fit.form.power - 1
+        middle = self.rate + 0.5 * h * (drive - self.rate * (linear + higher * np.abs(self.rate) ** beyond))
+        turned = h * (drive - middle * (linear + higher * np.abs(middle) ** beyond))
         after = self.rate + turned + weather.white * math.sqrt(h) * self.random.normal(size=middle.size)
         self.heading = self.heading + 0.5 * h * (self.rate + after)
         self.rate = after
@@ -124,9 +160,15 @@ class _Motion:
         self.gust = keep * self.gust + weather.gust * math.sqrt(1.0 - keep * keep) * self.random.normal(size=after.size)
 
 
-def turned(boats: Boats, helm: Helm, seconds: float, rate: FloatArray | float = 0.0) -> FloatArray:
-    """Return headings [rad] of all boats after each step of `seconds` [s], shape (steps, N), from a `rate` [rad/s]."""
-    motion = _Motion(boats, np.random.default_rng(SEED), rate, helm(0.5 * boats.step)[0])
+def turned(
+    boats: Boats, helm: Helm, seconds: float, rate: FloatArray | float = 0.0, before: FloatArray | None = None
+) -> FloatArray:
+    """Return headings [rad] of all boats after each step of `seconds` [s], shape (steps, N), from a `rate` [rad/s].
+    before: where the rudders [rad] were in the steps before, shape (M, N): a train remembers."""
+    standing = helm(0.5 * boats.step)[0] if before is None else before[0]
+    motion = _Motion(boats, np.random.default_rng(SEED), rate, standing)
+    for rudder in () if before is None else before:
+        motion.behind_train(rudder)
     rows = []
     for k in range(max(1, round(seconds / boats.step))):
         motion.move(*helm((k + 0.5) * boats.step))
@@ -135,8 +177,8 @@ def turned(boats: Boats, helm: Helm, seconds: float, rate: FloatArray | float = 
 
 
 class Stretch(NamedTuple):
-    """From a moment of a recording on: rudder [rad] and speed [m/s] by time [s], the rate [rad/s] at first, and the
-    angle [rad] turned in the end."""
+    """From a moment of a recording on: rudder [rad] and speed [m/s] by time [s], of which some is before that moment,
+    the rate [rad/s] at first, and the angle [rad] turned in the end."""
 
     time: FloatArray
     rudder: FloatArray
@@ -163,7 +205,9 @@ def stretches_of(segments: Sequence[Segment], motions: Sequence[FloatArray], sec
     found = []
     for segment, (time, heading, rate), length in zip(segments, motions, lengths, strict=True):
         for begin in np.arange(time[0], time[0] + length, apart) if length > 0.0 else ():
-            first, last = np.searchsorted(segment.time, (begin, begin + seconds))
+            last = np.searchsorted(segment.time, begin + seconds)
+            # what the train remembers of the rudder
+            first = np.searchsorted(segment.time, begin - seconds)
             inside = slice(max(first - 1, 0), last + 1)
             turned = np.interp(begin + seconds, time, heading) - np.interp(begin, time, heading)
             found.append(
@@ -183,8 +227,8 @@ def headings_after(fit: LikelihoodFit, stretches: Sequence[Stretch], seconds: fl
     speed alone; speed [m/s]: the reference."""
     count = len(stretches)
     one = boats_of(fit, np.ones(1), np.random.default_rng(SEED), DRAWS)
-    a, b, d, e, ratios = (np.tile(values, count) for values in (one.a, one.b, one.d, one.e, one.ratio))
-    boats = Boats(a, b, d, e, ratios, fit, one.step)
+    a, b, d, e, ratios, lag, lead = (np.tile(values, count) for values in one[:7])
+    boats = Boats(a, b, d, e, ratios, lag, lead, fit, one.step)
     moments = (np.arange(round(seconds / boats.step)) + 0.5) * boats.step
     rudder = np.array([np.interp(moments, each.time, each.rudder) for each in stretches])
     ratio = np.maximum(np.array([np.interp(moments, each.time, each.speed) for each in stretches]) / speed, LEAST_RATIO)
@@ -194,7 +238,11 @@ def headings_after(fit: LikelihoodFit, stretches: Sequence[Stretch], seconds: fl
         return np.repeat(rudder[:, k], DRAWS), np.repeat(ratio[:, k], DRAWS)
 
     rate = np.repeat([each.rate for each in stretches], DRAWS)
-    return np.asarray(turned(boats, helm, moments.size * boats.step, rate)[-1].reshape(count, DRAWS))
+    train = fit.train
+    memory = boats.step * np.arange(-math.ceil((train.delay + REMEMBERED * train.lag) / boats.step), 0)
+    before = np.array([np.repeat([np.interp(at, s.time, s.rudder) for s in stretches], DRAWS) for at in memory])
+    after = turned(boats, helm, moments.size * boats.step, rate, before if memory.size else None)
+    return np.asarray(after[-1].reshape(count, DRAWS))
 
 
 def in_the_race(around: RaceAndWind | None, runs: Sequence[Run], speed: float) -> tuple[list[Run], float]:
@@ -223,48 +271,55 @@ def widened(fit: LikelihoodFit, runs: Sequence[Run], speed: float) -> Likelihood
     weather = fit.weather
     return fit._replace(
         covariance=factor**2 * fit.covariance,
+        joint=None if fit.joint is None else factor**2 * fit.joint,
         weather=weather._replace(gust=factor * weather.gust, white=factor * weather.white),
     )
 
 
-def overshoots(boats: Boats, angle: float, rudder_rate: float) -> FloatArray:
-    """Return the first and second overshoot [rad] of a zigzag with so much rudder and heading [rad], the rudder moving
-    at `rudder_rate` [rad/s], shape (2, N); infinite for boats that do not come back."""
+def overshoots(boats: Boats, angle: float, gear: SteeringGear) -> FloatArray:
+    """Return the first and second overshoot [rad] of a zigzag with so much rudder and heading [rad], moved by `gear`,
+    shape (2, N); infinite for boats that do not come back."""
     motion = _Motion(boats, np.random.default_rng(SEED))
     count, rates = boats.a.size, boats.fit.rates
     side, reversals = np.ones(count), np.zeros(count, dtype=np.intp)
-    rudder, furthest = np.zeros(count), np.zeros((2, count))
-    lasts = LONGEST_ZIGZAG * (math.sqrt(2.0 / rates.a) + max(rates.b, 0.0) / rates.a + 2.0 * angle / rudder_rate)
+    rudder, called, furthest = np.zeros(count), np.zeros(count), np.zeros((2, count))
+    share, travel = lag_share(gear, boats.step), gear.rate_max * boats.step
+    moves = 2.0 * angle / gear.rate_max + gear.lag
+    lasts = LONGEST_ZIGZAG * (math.sqrt(2.0 / rates.a) + max(rates.b, 0.0) / rates.a + moves)
     for _ in range(min(round(lasts / boats.step), MOST_STEPS)):
         across = side * motion.heading >= angle
+        # from where the rudder is called back, which is up to a step beyond the angle
+        called = np.where(across, side * motion.heading, called)
         side = np.where(across, -side, side)
         reversals = reversals + across
         if (reversals > 2).all():
             break
-        travel = rudder_rate * boats.step
-        rudder = rudder + np.clip(side * angle - rudder, -travel, travel)
+        rudder = rudder + np.clip(share * (side * angle - rudder), -travel, travel)
         motion.move(rudder, boats.ratio)
         for number in (0, 1):
-            beyond = -side * motion.heading - angle
+            beyond = -side * motion.heading - called
             furthest[number] = np.where(reversals == number + 1, np.maximum(furthest[number], beyond), furthest[number])
     return np.where(reversals > np.array([[1], [2]]), furthest, np.inf)
 
 
-def forecast(fit: LikelihoodFit, runs: Sequence[Run], speed: float, rudder_rate: float) -> Forecast:
-    """Return what the boat will do at the reference `speed` [m/s] and in weather like the runs', its rudder moving at
-    `rudder_rate` [rad/s]."""
+def forecast(fit: LikelihoodFit, runs: Sequence[Run], speed: float, gear: SteeringGear) -> Forecast:
+    """Return what the boat will do at the reference `speed` [m/s] and in weather like the runs', its rudder moved by
+    `gear`."""
     random = np.random.default_rng(SEED)
     ratios = np.abs(np.concatenate([segment.speed for run in runs for segment in run.segments])) / speed
     boats = boats_of(widened(fit, runs, speed), ratios, random)
+    going = [gear_step(gear, 0.0, TURNING_RAD, 0.5 * boats.step)]
+    for _ in range(round(AHEAD_S / boats.step)):
+        going.append(gear_step(gear, going[-1], TURNING_RAD, boats.step))
 
     def put_over(time: float) -> tuple[FloatArray, FloatArray]:
-        return np.full(DRAWS, min(rudder_rate * time, TURNING_RAD)), boats.ratio
+        return np.full(DRAWS, going[int(time / boats.step)]), boats.ratio
 
     headings = turned(boats, put_over, AHEAD_S)
     time = boats.step * np.arange(1, headings.shape[0] + 1)
     zigzags = {}
     for angle in ZIGZAGS_DEG:
-        first, second = overshoots(boats, math.radians(angle), rudder_rate)
+        first, second = overshoots(boats, math.radians(angle), gear)
         zigzags[angle] = (band_of(first), band_of(second))
     return Forecast(time, np.quantile(headings, BAND, axis=1).T, zigzags)
 
@@ -272,6 +327,13 @@ def forecast(fit: LikelihoodFit, runs: Sequence[Run], speed: float, rudder_rate:
 def band_of(values: FloatArray) -> Band:
     """Return the band of drawn values."""
     return Band(*np.quantile(values, BAND, method="inverted_cdf").tolist())
+
+
+def gear_of(runs: Sequence[Run]) -> SteeringGear:
+    """Return the gear that moved the runs' rudder at the rate that they show. What comes between an ordered rudder and
+    the water is the train's."""
+    measured = rudder_rate_of(runs)
+    return SteeringGear(math.inf, measured.rate if measured else fastest_rudder(runs))
 
 
 def fastest_rudder(runs: Sequence[Run]) -> float:

@@ -120,7 +120,7 @@ def document_of(result: Result) -> dict[str, Any]:
         "two_stage": _stages(result),
         "trims_n0_rad_s": dict(found.trims),
         "sliding": _sliding(found),
-        "forecast": {what: _band_document(band) for what, band in _forecast(result)},
+        "forecast": forecast_document(result.forecast),
         "model_choice": choice_document(result.choice) if result.choice else None,
         "residuals": {
             "yaw_rate_rms_rad_s": _finite(found.noise[0].size),
@@ -170,9 +170,8 @@ def _ratio_rows(found: Identified) -> list[tuple[str, ...]]:
     return rows
 
 
-def _forecast(result: Result) -> list[tuple[str, Band]]:
+def _bands_of(ahead: Forecast | None) -> list[tuple[str, Band]]:
     """Return what the boat will do, by what is asked."""
-    ahead = result.forecast
     if ahead is None:
         return []
     bands = [(f"heading {AHEAD_S:g} s after {math.degrees(TURNING_RAD):g} deg of rudder", ahead.heading)]
@@ -187,10 +186,15 @@ def _band_document(band: Band) -> dict[str, float | None]:
     return {"low_deg": low, "middle_deg": middle, "high_deg": high}
 
 
-def forecast_rows(result: Result) -> list[tuple[str, ...]]:
+def forecast_document(ahead: Forecast | None) -> dict[str, dict[str, float | None]]:
+    """Return what the boat will do for JSON, by what is asked; empty where nothing is forecast."""
+    return {what: _band_document(band) for what, band in _bands_of(ahead)}
+
+
+def forecast_rows(ahead: Forecast | None) -> list[tuple[str, ...]]:
     """Return the table of what the boat will do, with its bands; no rows where nothing is forecast."""
     rows: list[tuple[str, ...]] = [("", "middle", "95 % band", "unit")]
-    for what, band in _forecast(result):
+    for what, band in _bands_of(ahead):
         low, middle, high = (fixed(math.degrees(a), 1) if math.isfinite(a) else "does not come back" for a in band)
         rows.append((what, middle, f"{low} ... {high}", "deg"))
     return rows if len(rows) > 1 else []
@@ -363,7 +367,7 @@ def as_text(result: Result) -> str:
         *(["\n".join(aligned(_ratio_rows(found)))] if found.ratios is not None and found.ratios.on_ridge else []),
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
         "\n".join(aligned(run_rows(result))),
-        *([FORECAST, "\n".join(aligned(forecast_rows(result)))] if result.forecast else []),
+        *([FORECAST, "\n".join(aligned(forecast_rows(result.forecast)))] if result.forecast else []),
         *_trims(found),
         *([f"Rudder rate: {rate_sentence(result.rudder_rate)}."] if result.rudder_rate else []),
         *found.unidentifiable.values(),

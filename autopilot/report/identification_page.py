@@ -148,7 +148,7 @@ def _what_it_will_do(result: Result) -> Section:
         Line("upper end", time, turn[:, 2], True),
     ]
     figure = time_figure([Panel("heading [deg]", lines)], "time since the rudder went over [s]")
-    return Section("Forecast", forecast_rows(result), (f"{FORECAST}.",), figure=figure, caption="95 % band")
+    return Section("Forecast", forecast_rows(result.forecast), (f"{FORECAST}.",), figure=figure, caption="95 % band")
 
 
 def _name(run: Run) -> str:

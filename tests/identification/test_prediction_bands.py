@@ -14,14 +14,15 @@ from autopilot.identification.identify import identify
 from autopilot.identification.prediction_bands import (
     AHEAD_S,
     TURNING_RAD,
-    fastest_rudder,
     forecast,
+    gear_of,
     headings_after,
     motions_of,
     stretches_of,
     widened,
 )
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.report.identification import Result, as_text, document_of
 from autopilot.report.identification_page import identification_page
 
@@ -48,7 +49,7 @@ def first_overshoots(table: dict[str, FloatArray], angle: float) -> list[float]:
 
 def test_overshoots_of_a_zigzag_that_was_not_sailed_lie_in_their_bands(found: Identified) -> None:
     assert found.likely is not None
-    expected = forecast(found.likely, runs_of(300), SPEED_M_S, math.radians(15.0))
+    expected = forecast(found.likely, runs_of(300), SPEED_M_S, SteeringGear(math.inf, math.radians(15.0)))
     angle, inside = math.radians(10.0), []
     truth = zigzags(PLANT, SEA._replace(rudder_deg=0.0, compass_deg=0.0), list(range(400, 420)), 1, 10.0)
     for table in truth:
@@ -88,7 +89,7 @@ def test_a_fit_that_errs_by_more_than_it_says_is_widened(found: Identified) -> N
 def test_the_user_sees_the_bands(found: Identified) -> None:
     assert found.likely is not None
     runs = runs_of(300)
-    expected = forecast(found.likely, runs, SPEED_M_S, fastest_rudder(runs))
+    expected = forecast(found.likely, runs, SPEED_M_S, gear_of(runs))
     result = Result("norrbin", found, None, [(run, "fit", found.predict(run)) for run in runs], forecast=expected)
     text, document = as_text(result), document_of(result)["forecast"]
     assert "first overshoot of a 10/10 zigzag" in text and "second overshoot of a 20/20 zigzag" in text

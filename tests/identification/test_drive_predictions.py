@@ -1,0 +1,143 @@
+"""What is forecast of a boat that steers by thrust, against one that shares nothing with the model.
+
+It is turned by a moment that does not go with its speed, is slowed by a drag that goes with r|r|, and slides:
+
+    r' = A m - B r - C r|r| + D v,   v' = -(v + S r)/tau
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from autopilot.cli.main import main
+from autopilot.identification.drive_effect import DriveFit, at_one_throttle, fit_drive, likely_drive
+from autopilot.identification.likelihood_fit import LikelihoodFit
+from autopilot.identification.prediction_bands import boats_of, forecast, widened
+from autopilot.identification.runs import FloatArray, Run, run_from_columns
+from autopilot.models.drive_law import DriveLaw
+from autopilot.models.drives import DRIVES
+from autopilot.models.steering_gear import SteeringGear
+
+A, B, C, D, S, TAU = 2.6, 1.2, 6.0, 0.8, 1.0, 0.8
+STEP, EVERY, LAG = 0.01, 5, 0.15
+TWO = DRIVES["two_thrusters"]
+GEAR = SteeringGear(math.inf, math.inf, LAG)
+
+
+class Sailed(NamedTuple):
+    columns: dict[str, FloatArray]
+    overshoots: list[float]
+
+
+def sailed(angle_deg: float, side: int, lasts: float, seed: int | None, times: float = 1.0) -> Sailed:
+    """Sail a zigzag at a thrust of so many times the usual one; the overshoots of the true heading [rad]."""
+    random = np.random.default_rng(seed)
+    angle, order = math.radians(angle_deg), math.radians(angle_deg) * side
+    heading = rate = sway = rudder = 0.0
+    rows, beyond = [], list[float]()
+    called = 0.0
+    for k in range(round(lasts / STEP)):
+        if heading * math.copysign(1.0, order) >= angle:
+            order, called = -order, abs(heading)
+            beyond.append(0.0)
+        if beyond:
+            beyond[-1] = max(beyond[-1], -math.copysign(1.0, order) * heading - called)
+        if k % EVERY == 0:
+            noise = np.radians([0.3, 0.2]) * random.standard_normal(2) * (seed is not None)
+            # the faster it turns, the faster it goes: what turns it does not go with that
+            speed = 1.0 + 1.5 * abs(rate)
+            rows.append((k * STEP, rudder, speed, heading + noise[0], rate + noise[1]))
+        rudder += STEP / LAG * (order - rudder)
+        sway -= STEP / TAU * (sway + S * rate)
+        rate += STEP * (times * A * rudder - B * rate - C * rate * abs(rate) + D * sway)
+        heading += STEP * rate
+    names = ("time_s", "rudder_rad", "speed_m_s", "heading_rad", "yaw_rate_rad_s")
+    return Sailed(dict(zip(names, np.array(rows).T, strict=True)), beyond)
+
+
+def runs_of(angle_deg: float = 22.0) -> list[Run]:
+    return [run_from_columns(f"{side:+d}", sailed(angle_deg, side, 50.0, 3 + side).columns) for side in (1, -1)]
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    return runs_of()
+
+
+@pytest.fixture(scope="module")
+def fit(runs: list[Run]) -> DriveFit:
+    return fit_drive(runs, TWO.usual, TWO.needs)
+
+
+@pytest.fixture(scope="module")
+def likely(runs: list[Run], fit: DriveFit) -> LikelihoodFit:
+    found = likely_drive(runs, fit)
+    assert found is not None
+    return found
+
+
+def test_a_zigzag_with_half_the_angle_is_forecast(runs: list[Run], fit: DriveFit, likely: LikelihoodFit) -> None:
+    expected = forecast(likely, runs, fit.model.reference_speed, GEAR).overshoots[10.0]
+    for band, true in zip(expected, sailed(10.0, 1, 20.0, None).overshoots, strict=False):
+        # no skipper sees less
+        assert abs(band.middle - true) < math.radians(0.5)
+        assert band.high - band.low < math.radians(1.5)
+
+
+def test_the_lag_of_what_steers_is_in_the_overshoot(runs: list[Run], fit: DriveFit, likely: LikelihoodFit) -> None:
+    at_once = forecast(likely, runs, fit.model.reference_speed, GEAR._replace(lag=0.0)).overshoots[10.0]
+    true = sailed(10.0, 1, 20.0, None).overshoots[0]
+    assert at_once[0].middle < true - math.radians(0.5)
+
+
+def test_a_boat_that_slides_remembers_its_rudder_where_a_stretch_begins(
+    runs: list[Run], fit: DriveFit, likely: LikelihoodFit
+) -> None:
+    assert likely.train.lead > likely.train.lag > 0.0
+    # its own runs, in calm water, are predicted as well as it says
+    assert widened(likely, runs, fit.model.reference_speed).weather.gust < 3.0 * likely.weather.gust
+
+
+def test_lag_and_lead_are_drawn_as_they_go_together(likely: LikelihoodFit) -> None:
+    assert likely.joint is not None
+    boats = boats_of(likely, np.ones(1), np.random.default_rng(1), draws=4000)
+    drawn = np.cov([boats.a, boats.b, np.log(boats.lag), np.log(boats.lead)])
+    size = np.sqrt(np.diag(drawn))
+    expected = likely.joint[np.ix_([0, 1, 4, 5], [0, 1, 4, 5])]
+    assert drawn / np.outer(size, size) == pytest.approx(expected / np.outer(size, size), abs=0.15)
+
+
+def test_runs_at_other_throttles_are_made_one_throttles() -> None:
+    law = DriveLaw(0.0, 2.0, 0.0, throttle=0.5)
+    columns = sailed(20.0, 1, 20.0, 1, times=4.0).columns
+    (one,) = at_one_throttle([run_from_columns("full", columns)._replace(throttle=1.0)], law)
+    assert one.segments[0].rudder == pytest.approx(4.0 * columns["rudder_rad"])
+
+
+def test_a_boat_that_does_not_follow_is_not_forecast(runs: list[Run], fit: DriveFit) -> None:
+    assert likely_drive(runs, fit._replace(model=fit.model._replace(gain=0.0))) is None
+
+
+def test_identify_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = []
+    for side in (1, -1):
+        columns = sailed(22.0, side, 50.0, 3 + side).columns
+        paths.append(tmp_path / f"zigzag{side}.csv")
+        with paths[-1].open("w", newline="") as file:
+            rows = csv.writer(file)
+            rows.writerow(columns)
+            rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    logs = [str(path) for path in paths]
+    assert main(["identify", *logs, "--vessel", "twin_thruster", "--json"]) == 0
+    bands = json.loads(capsys.readouterr().out)["forecast"]
+    first = bands["first overshoot of a 10/10 zigzag"]
+    assert 0.0 < first["low_deg"] < first["middle_deg"] < first["high_deg"]
+    assert main(["identify", *logs, "--vessel", "twin_thruster"]) == 0
+    assert "second overshoot of a 20/20 zigzag" in capsys.readouterr().out
