@@ -48,10 +48,28 @@ POSTINST = """\
 #!/bin/sh
 set -e
 if [ "$1" = configure ]; then
+    # the service's user cannot write there, and would compile at every start
+    /opt/norrbin/bin/python3 -m compileall -q /opt/norrbin/lib || true
     command -v systemd-sysusers > /dev/null && systemd-sysusers norrbin.conf || true
     [ -d /run/systemd/system ] && systemctl daemon-reload || true
     echo "norrbin: begin with 'autopilot new-boat my-boat.yaml'; steer from power-on: /etc/default/norrbin"
 fi
+"""
+PRERM = """\
+#!/bin/sh
+set -e
+if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
+    systemctl stop norrbin || true
+fi
+if [ "$1" = remove ] && command -v systemctl > /dev/null; then
+    systemctl --quiet disable norrbin || true
+fi
+find /opt/norrbin -type d -name __pycache__ -prune -exec rm -rf {} +
+"""
+POSTRM = """\
+#!/bin/sh
+set -e
+[ -d /run/systemd/system ] && systemctl daemon-reload || true
 """
 DEFAULTS = """\
 # The arguments of `autopilot run` when the service steers: systemctl enable --now norrbin.
@@ -148,8 +166,9 @@ def deb(folder: Path, out: Path, architecture: str, python: str, epoch: int) -> 
     control = CONTROL.format(version=__version__, architecture=architecture, python=python, size=size)
     save(folder / "DEBIAN/control", control.encode())
     save(folder / "DEBIAN/conffiles", b"/etc/default/norrbin\n")
-    save(folder / "DEBIAN/postinst", POSTINST.encode())
-    (folder / "DEBIAN/postinst").chmod(0o755)
+    for name, script in (("postinst", POSTINST), ("prerm", PRERM), ("postrm", POSTRM)):
+        save(folder / "DEBIAN" / name, script.encode())
+        (folder / "DEBIAN" / name).chmod(0o755)
     for path in (folder, *folder.rglob("*")):
         os.utime(path, (epoch, epoch), follow_symlinks=False)
     place = out / f"norrbin_{__version__}_python{python}_{architecture}.deb"
