@@ -60,6 +60,14 @@ class ThrustSample(NamedTuple):
     source: str = ""
 
 
+class ThrusterSample(NamedTuple):
+    """Whether the link can command a bow thruster, and knows that it stops when nobody commands it any more."""
+
+    time: float
+    available: bool
+    source: str = ""
+
+
 class RollSample(NamedTuple):
     """Roll angle [rad] and, where known, roll rate [rad/s]."""
 
@@ -173,6 +181,7 @@ Sample = (
     | RudderSample
     | SpeedSample
     | ThrustSample
+    | ThrusterSample
     | RollSample
     | PositionSample
     | CourseSample
@@ -290,11 +299,15 @@ class AlarmState(IntEnum):
 
 
 class RudderCommand(NamedTuple):
-    """Rudder angle [rad] to be set at `time`; where `engaged` is False the rudder is released instead."""
+    """Rudder angle [rad] to be set at `time`; where `engaged` is False the rudder is released instead.
+
+    thruster: share of a bow thruster's full thrust, -1 to 1, starboard positive; 0: it stands still.
+    """
 
     time: float
     angle: float
     engaged: bool
+    thruster: float = 0.0
 
 
 class Tick(NamedTuple):

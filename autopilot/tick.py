@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from autopilot.angles import PI, wrap
+from autopilot.control.bow_thruster import AT_REST, BowLook, BowState, BowThruster, bow_step
 from autopilot.control.law import NO_ROLL, LawInForce, LawInput, RollInput
 from autopilot.control.limits import Rest, RudderLimits, limited, limited_at_once
 from autopilot.control.roll_damping import RollDamper, RollDamping, damped, rolled
@@ -70,6 +71,7 @@ from autopilot.signals import (
     RudderSample,
     Sample,
     Siren,
+    ThrusterSample,
     Tick,
 )
 from autopilot.steering import (
@@ -106,6 +108,8 @@ CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
 LEAST_REACH = 0.02
 """Share of the rudder that counts as there where thrust leaves none."""
+THRUSTER_HEARD = 3.0
+"""[s]: a link that has not said for so long that it commands the bow thruster does not."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
 EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
@@ -122,7 +126,7 @@ class PilotConfig(NamedTuple):
     for this where steerage_over_ground says so. law: how the model goes with speed and thrust; drive: what it needs to
     steer, and what throttle leaves it. roll: the rudder damps roll too, while that helps; None: it does not.
     dead_band [rad]: on a course the rudder rests until it is wrong by more. loop_delay [s]: so late an order comes to
-    the gear.
+    the gear. thruster: a bow thruster that holds the heading where the rudder waits; None: there is none.
     """
 
     model: Norrbin
@@ -143,6 +147,7 @@ class PilotConfig(NamedTuple):
     law: DriveLaw = RUDDER_LAW
     steers_by: Needs = Needs.WAY
     loop_delay: float = 0.0
+    thruster: BowThruster | None = None
 
 
 class Config(NamedTuple):
@@ -214,6 +219,13 @@ class Rudder(NamedTuple):
 NO_FINDINGS: Mapping[str, AlarmEvent] = {}
 
 
+class Bow(NamedTuple):
+    """What the bow thruster is at, and when [s] a link last said that it can command it."""
+
+    thruster: BowState = AT_REST
+    available: float = -math.inf
+
+
 class State(NamedTuple):
     """All that is remembered from tick to tick.
 
@@ -234,6 +246,7 @@ class State(NamedTuple):
     now: float = math.nan
     findings: Mapping[str, AlarmEvent] = NO_FINDINGS
     thrusters: ThrusterMemory = NOTHING_SEEN
+    bow: Bow = Bow()
 
     @property
     def copied(self) -> State:
@@ -309,6 +322,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     monitors, found = judged(boat.alarms, monitors, view, history)
     if boat.steers_by is Needs.NOTHING:
         thrusters, found = watch_thrusters(boat, state, estimate, view, dt, found)
+    found = with_thruster(state.bow.thruster, found)
     softer = monitors.course.softer
 
     notes = supervisor.memory.notes
@@ -359,6 +373,10 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     command = supervisor.check(now, previous, demand, rest.command, dt, picture(boat, way, order, reference, steady))
     if command.angle != rest.command:
         rest = Rest(command.angle, command.angle)
+    holds = on_course and waits and command.engaged
+    look = bow_look(reference, seen) if holds else None
+    bow = with_bow(boat.thruster, state.bow, (now, gap), samples, look, is_engaged)
+    command = command._replace(thruster=bow.thruster.share) if bow.thruster.share else command
     if command.engaged and boat.rudder_is_ours:
         estimate = with_order(estimate, now, command.angle)
     if is_measured or not (command.engaged and boat.rudder_is_ours):
@@ -404,8 +422,45 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         now,
         found,
         thrusters,
+        bow,
     )
     return after, tick
+
+
+def with_thruster(thruster: BowState, found: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
+    """Return what is found, and what keeps the bow thruster from turning the boat."""
+    if thruster.is_weak:
+        found = {**found, "bow_thruster_weak": AlarmEvent("bow_thruster_weak")}
+    if thruster.is_hot:
+        found = {**found, "bow_thruster_hot": AlarmEvent("bow_thruster_hot")}
+    return found
+
+
+def bow_look(reference: Reference, seen: NavState) -> BowLook:
+    """Return what the bow thruster is asked by: heading and rate with their waves, for which the filter takes what no
+    rudder explains, and so the thruster's own pushes."""
+    return BowLook(wrap(reference.heading - seen.heading), seen.rate, seen.speed)
+
+
+def with_bow(
+    thruster: BowThruster | None,
+    bow: Bow,
+    times: tuple[float, float],
+    samples: tuple[Sample, ...],
+    look: BowLook | None,
+    is_engaged: bool,
+) -> Bow:
+    """Return the bow thruster a tick later. times: now, and since the last tick [s]; look: None where it must stand
+    still, as it must where no link says that it commands it."""
+    if thruster is None:
+        return bow
+    (now, gap), available = times, bow.available
+    for sample in samples:
+        if type(sample) is ThrusterSample:
+            available = sample.time if sample.available else -math.inf
+    if not now - available <= THRUSTER_HEARD:
+        look = None
+    return Bow(bow_step(thruster, bow.thruster, look, gap, is_engaged), available)
 
 
 def limited_by_thrust(config: Config, state: State, now: float) -> Config:

@@ -179,7 +179,7 @@ def run_pilot(
         orders[k % len(orders)] = command
         if k >= given.path:
             order = orders[(k - given.path) % len(orders)]
-        acting = Disturbance(given.pushes[k], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        acting = Disturbance(given.pushes[k], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         state = plant_step(plant, step, state, order, given.speed, acting)
     return score
 
@@ -199,7 +199,7 @@ def run_peer(plant: Any, step: Any, given: Drawn, helm: Any, memory: Any, orders
         orders[k % len(orders)] = command
         if k >= given.path:
             order = orders[(k - given.path) % len(orders)]
-        acting = Disturbance(given.pushes[k], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        acting = Disturbance(given.pushes[k], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         state = plant_step(plant, step, state, order, given.speed, acting)
     return score
 

@@ -59,7 +59,8 @@ class Disturbance(NamedTuple):
     """What sea, wind and current do at one instant.
 
     rudder [rad]: yaw disturbance as an equivalent rudder; yaw_acceleration [rad/s^2]: what waves would give a
-    boat without yaw damping; roll_slope [rad]: effective wave slope athwartships; sway_speed [m/s]: leeway to
+    boat without yaw damping; bow: the share of its full thrust that a bow thruster gives, starboard positive, where the
+    plant has one; roll_slope [rad]: effective wave slope athwartships; sway_speed [m/s]: leeway to
     starboard; current_north, current_east [m/s]; wind_ahead, wind_starboard [m/s]: how much of the apparent wind comes
     from there.
     """
@@ -72,6 +73,7 @@ class Disturbance(NamedTuple):
     current_east: float = 0.0
     wind_ahead: float = 0.0
     wind_starboard: float = 0.0
+    bow: float = 0.0
 
 
 STILL = Disturbance()
@@ -108,18 +110,46 @@ PlantStep = Callable[[Any, Step, BoatState, float, float, Disturbance], BoatStat
 the engine would reach on a straight course, and what sea and wind do."""
 
 
+class BowMotor(NamedTuple):
+    """A bow thruster's motor: dead time and first-order lag [s] from order to revolutions, and whether it knows more
+    than full and nothing, for which an order beyond half is full."""
+
+    delay: float
+    lag: float
+    proportional: bool = False
+
+
+class BowShaft:
+    """The revolutions of a bow thruster, a share of full; its thrust goes with their square."""
+
+    def __init__(self, motor: BowMotor) -> None:
+        self._motor, self._orders = motor, DelayLine(motor.delay, 0.0)
+        self.revolutions = 0.0
+
+    def step(self, now: float, order: float, dt: float) -> float:
+        """Give it an order, -1 to 1, at `now` [s]; return the thrust, a share of full, `dt` [s] later."""
+        if not self._motor.proportional:
+            order = math.copysign(1.0, order) if abs(order) > 0.5 else 0.0
+        self._orders.give(now, order)
+        wanted = self._orders.effective(now)
+        self.revolutions += (wanted - self.revolutions) * -math.expm1(-dt / self._motor.lag)
+        return self.revolutions * abs(self.revolutions)
+
+
 class PlantKind(NamedTuple):
     """A kind of plant.
 
     of: what does not change while it runs, of vessel and scenario: any NamedTuple with the `gear` and the `hull` of
     `Plant`, which the faults of the rudder and the sea go by. step: see `PlantStep`. motors: what its
-    motors make of a flight controller's outputs; None: throttle and speed go together.
+    motors make of a flight controller's outputs; None: throttle and speed go together. bow: its bow thruster's motor;
+    None: it has none.
     """
 
     name: str
     of: Callable[[Vessel, Scenario], Any]
     step: PlantStep
     motors: Propulsion | None = None
+    bow: BowMotor | None = None
 
 
 def step_of(plant: Plant, dt: float) -> Step:

@@ -76,7 +76,8 @@ class Kind(NamedTuple):
     from being sent or, sent to the flight controller, from being obeyed; and COMPASS, GPS, RECEIVER, EVERYTHING.
     order: what the gear is given for an order [rad]. reached: where the rudder [rad] really is. thrust: the speed [m/s]
     that the engine reaches, of that which is asked for and that of the start. motors: what the left and the right
-    thruster of two run at, -1 to 1. push: what acts on the boat, of its heading [rad]. reads: what an instrument shows.
+    thruster of two run at, -1 to 1; bow: what a bow thruster does. push: what acts on the boat, of its heading [rad].
+    reads: what an instrument shows.
     latency: when [s] it is heard of. attitude: the heading [rad] that ATTITUDE carries. charge: the per cent that
     SYS_STATUS says of the battery. variance: what EKF_STATUS_REPORT says of the compass. happens: what is done to the
     firmware, when it begins. sticks: where a hand has the radio's channels [us]. line: how bad the lines are; to_boat:
@@ -94,6 +95,7 @@ class Kind(NamedTuple):
     reached: Callable[[Acting, Moved], float] | None = None
     thrust: Callable[[Acting, float, float], float] | None = None
     motors: Callable[[Acting, tuple[float, float]], tuple[float, float]] | None = None
+    bow: Callable[[Acting, float], float] | None = None
     push: Callable[[Acting, float, Disturbance], Disturbance] | None = None
     reads: Callable[[Acting, Reading, Dice], Reading] | None = None
     latency: Callable[[Acting, float], float] | None = None

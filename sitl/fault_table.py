@@ -111,6 +111,11 @@ def one_dead(fault: Acting, pair: tuple[float, float]) -> tuple[float, float]:
     return (pair[0], 0.0) if fault.size > 0.0 else (0.0, pair[1])
 
 
+def bow_dead(fault: Acting, share: float) -> float:
+    """Return what a bow thruster runs at whose fuse has blown."""
+    return 0.0
+
+
 def one_fouled(fault: Acting, pair: tuple[float, float]) -> tuple[float, float]:
     """Return a pair of thrusters of which the right one, or for a negative size the left one, has weed on it, which
     takes such a share of its thrust."""
@@ -431,6 +436,7 @@ KINDS = {
         1.0,
         motors=one_fouled,
     ),
+    "bow_thruster_dead": Kind("the bow thruster stands still", bow=bow_dead),
     "yaw_push": Kind(
         "something turns the boat: a gust, a line in the water", "deg of rudder", 10.0, -90.0, 90.0, push=turned
     ),

@@ -183,6 +183,12 @@ class BoatFaults:
         left, right = pair
         return 0.5 * (left - right) * motors.full, motors.speed_of(0.5 * (left + right))
 
+    def bow(self, time: float, share: float) -> float:
+        """Return what a bow thruster runs at, -1 to 1, for a `share` of full that is asked of it."""
+        for fault, effect in self._faults.acting("bow", time):
+            share = effect(fault, share)
+        return share
+
     def pushed(self, time: float, heading: float, disturbance: Disturbance) -> Disturbance:
         """Return the `disturbance` of a boat that heads for `heading` [rad], and the pushes on top of it."""
         for fault, effect in self._faults.acting("push", time):

@@ -14,7 +14,9 @@ from sitl.fault_kind import GPS
 from sitl.faults import VehicleFaults
 from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, Parameter, ParameterTable, default_parameters
 from sitl.firmware_setup import (
+    BOW_US,
     CHANNELS,
+    SCALED_FUNCTION,
     SERVO_US,
     STEERING_FULL,
     THROTTLE_FULL,
@@ -26,6 +28,7 @@ from sitl.firmware_setup import (
     by_hand,
     curved,
     input_angle,
+    input_calibration,
     output_pulse,
     setup_of,
     skid_outputs,
@@ -60,6 +63,18 @@ SKID_STEERED = {
     "MOT_THST_ASYM": 1.34,
 }
 """What the owner of a boat with two thrusters has set."""
+
+
+BOW_OUTPUT = 5
+"""The output that a bow thruster is wired to."""
+
+
+def _bow_set_up(channel: int) -> dict[str, float]:
+    """Return what the owner of a boat with a bow thruster on this channel of the radio has set."""
+    return {
+        f"SERVO{BOW_OUTPUT}_FUNCTION": float(SCALED_FUNCTION - 1 + channel),
+        "SERVO_RC_FS_MSK": float(1 << (channel - 1) | 1 << (BOW_OUTPUT - 1)),
+    }
 
 
 class FirmwareMode(IntEnum):
@@ -100,6 +115,9 @@ class Firmware:
             if self._motors.full:
                 for name, value in SKID_STEERED.items():
                     self.parameters.set(name, value)
+        if world.bow is not None and vessel.drive.bow_thruster is not None:
+            for name, value in _bow_set_up(vessel.drive.bow_thruster.channel).items():
+                self.parameters.set(name, value)
         full_deg = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
         # how the servo is linked to the rudder does not change with the parameters
         self._full_rudder = math.radians(-full_deg if vessel.helm.reversed else full_deg)
@@ -261,7 +279,7 @@ class Firmware:
         self.throttle = throttle if self.armed else 0
         self._drive_servos(setup, steering, self.throttle / THROTTLE_FULL)
         speed = self.world.cruise_speed * self.throttle / THROTTLE_FULL / CRUISE_SHARE
-        return Orders(self._rudder_of_servo(), speed)
+        return Orders(self._rudder_of_servo(), speed, self._bow_of_servo())
 
     def _driven(self, time: float, setup: Setup, asked: tuple[float, float], *, is_manual: bool) -> Orders:
         """Orders of a boat with motors of its own: what the outputs give them, a share of full."""
@@ -378,7 +396,28 @@ class Firmware:
             servos[channel - 1] = output_pulse(servo, steering, STEERING_FULL)
         for channel, servo in setup.throttle_outputs:
             servos[channel - 1] = output_pulse(servo, throttle * THROTTLE_FULL, THROTTLE_FULL)
+        for channel, servo, number in setup.passed_outputs:
+            servos[channel - 1] = self._passed(setup, channel, servo, number)
         self.servos = servos
+
+    def _passed(self, setup: Setup, channel: int, servo: Calibration, number: int) -> int:
+        """Pulse [us] of an output that passes channel `number` of the radio on: in the radio's fail-safe its trim where
+        SERVO_RC_FS_MSK says so, else the last. While nothing has come it is at its trim."""
+        if self._radio_failed_since is not None:
+            kept = self.servos[channel - 1] or servo.trim
+            return servo.trim if setup.safe_mask & 1 << (number - 1) else kept
+        if not self._pulse(number):
+            return servo.trim
+        position = input_angle(input_calibration(self.parameters, number), self._pulse(number), STEERING_FULL)
+        return output_pulse(servo, position, STEERING_FULL)
+
+    def _bow_of_servo(self) -> float:
+        """What the bow thruster that is fitted is given, -1 to 1: it knows the end points that its output came with."""
+        if self.world.bow is None:
+            return 0.0
+        bow = self.world.vessel.drive.bow_thruster
+        share = travel(BOW_US, self.servos[BOW_OUTPUT - 1])
+        return -share if bow is not None and bow.reversed else share
 
     def _rudder_of_servo(self) -> float:
         """The servo that is fitted stands on output 1; without pulses it stays amidships."""

@@ -110,6 +110,7 @@ def default_parameters() -> list[Parameter]:
         *_rows("RCMAP_ROLL 1 RCMAP_PITCH 2 RCMAP_THROTTLE 3 RCMAP_YAW 4", Kind.INT8),
         *_channels(),
         *_rows("SERVO_RATE 50", Kind.INT16),
+        *_rows("SERVO_RC_FS_MSK 0", Kind.INT32),
         *_rows("ATC_STR_RAT_P 0.2 ATC_STR_RAT_I 0.2 ATC_STR_RAT_D 0 ATC_STR_RAT_FF 0.2", Kind.REAL32),
         *_rows("ATC_STR_RAT_IMAX 1 ATC_STR_RAT_FLTT 10 ATC_STR_RAT_FLTE 0 ATC_STR_RAT_FLTD 0", Kind.REAL32),
         *_rows("ATC_STR_ANG_P 2 ATC_STR_ACC_MAX 120 ATC_STR_RAT_MAX 120 ATC_STR_DEC_MAX 0", Kind.REAL32),

@@ -290,12 +290,17 @@ OVERRIDE_ENABLE = 46
 STEERING_FUNCTION = 26
 THROTTLE_FUNCTION = 70
 """SERVOn_FUNCTION: GroundSteering and Throttle."""
+SCALED_FUNCTION = 140
+"""SERVOn_FUNCTION: RCIN1Scaled; 15 more follow it (libraries/SRV_Channel/SRV_Channel_aux.cpp, output_ch)."""
+BOW_US = (1100.0, 1500.0, 1900.0)
+"""Pulses of a bow thruster at full to port, at rest and at full to starboard."""
 
 
 class Setup(NamedTuple):
     """Channels count from 1; override_switch is None where no switch allows overrides.
 
     steering_outputs, throttle_outputs: servo channels with their calibrations.
+    passed_outputs: servo channel, calibration, and the radio's channel that it passes on. safe_mask: SERVO_RC_FS_MSK.
     stick_arms: ARMING_RUDDER, 0: neither arms nor disarms, 1: arms, 2: both.
     """
 
@@ -322,6 +327,8 @@ class Setup(NamedTuple):
     motors: MotorSetup
     left_outputs: tuple[tuple[int, Calibration], ...] = ()
     right_outputs: tuple[tuple[int, Calibration], ...] = ()
+    passed_outputs: tuple[tuple[int, Calibration, int], ...] = ()
+    safe_mask: int = 0
 
     @property
     def is_skid(self) -> bool:
@@ -360,6 +367,19 @@ def setup_of(parameters: ParameterTable, version: tuple[int, int]) -> Setup:
         motors=motor_setup(parameters),
         left_outputs=_outputs(parameters, LEFT_FUNCTION),
         right_outputs=_outputs(parameters, RIGHT_FUNCTION),
+        passed_outputs=_passed_outputs(parameters),
+        safe_mask=int(parameters["SERVO_RC_FS_MSK"]),
+    )
+
+
+def _passed_outputs(parameters: ParameterTable) -> tuple[tuple[int, Calibration, int], ...]:
+    numbers = range(1, CHANNELS + 1)
+    wanted = {SCALED_FUNCTION - 1 + number: number for number in numbers}
+    functions = ((channel, parameters[f"SERVO{channel}_FUNCTION"]) for channel in numbers)
+    return tuple(
+        (channel, _calibration(parameters, f"SERVO{channel}_"), wanted[int(function)])
+        for channel, function in functions
+        if function in wanted
     )
 
 

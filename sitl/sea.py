@@ -203,7 +203,7 @@ def acting(water: Water, swell: float, gust: float, yaw: float, slope: float, st
         felt = wind.apparent_wind(speed, water.wind_from, state.heading, state.north_speed, state.east_speed)
         push, leeway = wind.rudder_equivalent(water.load, felt), wind.leeway_speed(water.load, felt)
         ahead, starboard = felt.ahead, felt.starboard
-    return Disturbance(swell + push, yaw, slope, leeway, water.current_north, water.current_east, ahead, starboard)
+    return Disturbance(swell + push, yaw, slope, leeway, water.current_north, water.current_east, ahead, starboard, 0.0)
 
 
 class Sea:

@@ -363,6 +363,8 @@ def world_from(arguments: argparse.Namespace) -> World:
 
 DRIVEN = {"two_thrusters": "twin_thruster", "outboard": "outboard", "jet": "outboard"}
 """Plants that steer by thrust, by the vessel's drive."""
+SHIPPED = {"bow_thruster": "small_craft"}
+"""Plants of shipped vessels that are not called as their plant is."""
 
 
 def afloat(vessel: str, scenario: Scenario, drive: str = "rudder") -> Scenario:
@@ -370,7 +372,7 @@ def afloat(vessel: str, scenario: Scenario, drive: str = "rudder") -> Scenario:
     one that has the vessel's `drive`."""
     if scenario.plant != USUAL:
         return scenario
-    plant = vessel if vessel in PLANTS else DRIVEN.get(drive, USUAL)
+    plant = vessel if vessel in PLANTS else SHIPPED.get(vessel, DRIVEN.get(drive, USUAL))
     return dataclasses.replace(scenario, plant=plant)
 
 

@@ -17,6 +17,9 @@ Source: Skjetne, Smogeli and Fossen 2004, Modeling, Identification and Control 2
 tests in the Marine Cybernetics laboratory. With these numbers the boat is course-unstable (it leaves a straight course
 of 0.5 m/s within seconds) and slides through a turn at a drift angle of 50 deg. The steering gear and the areas in the
 wind are assumed.
+
+At the bow a thruster in a tunnel pushes across:  Y + B,  N + l_b B,  B = B0 s exp(-(|u|/u_b)^2) at a share s of its
+full thrust. That it has one is in the paper; its force, and how the flow along the hull takes it away, are assumed.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
-from sitl.boat import Disturbance, Hull, PlantKind
+from sitl.boat import BowMotor, Disturbance, Hull, PlantKind
 from sitl.craft import (
     WATER_DENSITY,
     Motion,
@@ -56,6 +59,9 @@ L_D, L_DD = 6.43306, 5.83594
 L_D_ASTERN, L_DD_ASTERN = 3.19573, 2.34356
 RACE, RUDDER_DIAMETER, RUDDER_LEVER = 0.5, 0.08, 0.549
 """k, D [m] and how far the rudders are abaft midships [m]."""
+BOW_THRUST, BOW_LEVER, BOW_FADES = 0.6, 0.47, 0.15
+"""B0 [N], how far the thruster is ahead of midships [m], and u_b [m/s]: 2.4 kn of the ship."""
+BOW_MOTOR = BowMotor(delay=0.15, lag=0.15)
 FULL_REVOLUTIONS = 33.0
 """[1/s]."""
 SERVICE_SPEED = 0.5
@@ -111,9 +117,12 @@ def accelerations(craft: SmallCraft, motion: Motion, rudder: float, thrust_speed
     pull = thrust(revolutions_of(thrust_speed), u)
     side = 2.0 * lift(rudder, u, pull)
     wind = wind_force(WINDAGE, acting.wind_ahead, acting.wind_starboard)
+    fade = u / BOW_FADES
+    bow = BOW_THRUST * acting.bow * math.exp(-fade * fade)
+    across, twist = wind.starboard + bow, wind.yaw + BOW_LEVER * bow
     x = (X_U + X_UU * abs(u) + X_UUU * u * u) * u + 2.0 * pull + wind.ahead + (M22 * v + M23 * r) * r
-    y = (Y_V + Y_VV * av + Y_RV * ar) * v + (Y_R + Y_VR * av + Y_RR * ar) * r - side + wind.starboard - M11 * u * r
-    n = (N_V + N_VV * av + N_RV * ar) * v + (N_R + N_VR * av + N_RR * ar) * r + RUDDER_LEVER * side + wind.yaw
+    y = (Y_V + Y_VV * av + Y_RV * ar) * v + (Y_R + Y_VR * av + Y_RR * ar) * r - side + across - M11 * u * r
+    n = (N_V + N_VV * av + N_RV * ar) * v + (N_R + N_VR * av + N_RR * ar) * r + RUDDER_LEVER * side + twist
     n += (M11 - M22) * u * v - M23 * u * r
     divisor = M22 * M33 - M23 * M23
     return Motion(
@@ -132,4 +141,4 @@ def of(vessel: Vessel, scenario: Scenario) -> SmallCraft:
     return craft._replace(push=turning(accelerations, craft, SERVICE_SPEED))
 
 
-PLANT = PlantKind("small_craft", of, step_by(accelerations))
+PLANT = PlantKind("small_craft", of, step_by(accelerations), bow=BOW_MOTOR)

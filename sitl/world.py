@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from autopilot.vessel.schema import Vessel
-from sitl.boat import STILL, Boat, BoatState, Plant
+from sitl.boat import STILL, Boat, BoatState, BowShaft, Plant
 from sitl.faults import BoatFaults, FaultBoard
 from sitl.plants import PLANTS
 from sitl.scenario import Scenario
@@ -21,10 +21,12 @@ STEP = 0.01
 
 
 class Orders(NamedTuple):
-    """What one helm wants: rudder [rad] and engine speed [m/s]; None leaves it to others."""
+    """What one helm wants: rudder [rad] and engine speed [m/s], None leaves it to others; and the bow thruster's share
+    of full, starboard positive."""
 
     rudder: float | None = None
     thrust_speed: float | None = None
+    bow: float = 0.0
 
 
 class Helm(Protocol):
@@ -65,6 +67,9 @@ class World:
         self.faults = FaultBoard(scenario.faults, fault_seed)
         kind = PLANTS[scenario.plant]
         self.motors = kind.motors
+        fitted = vessel.drive.bow_thruster
+        proportional = fitted is not None and fitted.proportional
+        self.bow = None if kind.bow is None else BowShaft(kind.bow._replace(proportional=proportional))
         plant = kind.of(vessel, scenario) if plant is None else plant
         start = scenario.start
         self.cruise_speed = vessel.model.reference_speed_m_s if start.speed_m_s is None else start.speed_m_s
@@ -115,7 +120,7 @@ class World:
     def _step(self) -> None:
         time = self.time
         state = self.boat.state
-        order, thrust = self._orders(time)
+        order, thrust, bow = self._orders(time)
         order = self._boat_faults.order(time, order, state.rudder)
         thrust = self._boat_faults.thrust(time, thrust, self.cruise_speed)
         if self.motors is not None and self.motors.full and self.faults:
@@ -123,6 +128,9 @@ class World:
         if self._steps % self._pace.felt_every == 0:
             self._felt = self._sea.step(time, state)
         disturbance = self._boat_faults.pushed(time, state.heading, self._felt)
+        if self.bow is not None:
+            share = self.bow.step(time, self._boat_faults.bow(time, bow), STEP)
+            disturbance = disturbance._replace(bow=share)
         after = self.boat.step(time, order, thrust, disturbance, STEP)
         rudder = self._boat_faults.reached(time, state.rudder, after.rudder, STEP)
         if rudder != after.rudder:
@@ -132,10 +140,11 @@ class World:
         if self._steps % self._pace.measured_every == 0:
             self.sensors.sample(self.time, state, self._sea.apparent_wind(state))
 
-    def _orders(self, time: float) -> tuple[float, float]:
+    def _orders(self, time: float) -> tuple[float, float, float]:
         """The first helm that wants the rudder has it, and likewise the engine; nobody: as it was at the start."""
         orders = [helm.orders(time) for helm in self.helms]
         return (
             next((order.rudder for order in orders if order.rudder is not None), 0.0),
             next((order.thrust_speed for order in orders if order.thrust_speed is not None), self.cruise_speed),
+            next((order.bow for order in orders if order.bow), 0.0),
         )

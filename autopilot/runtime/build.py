@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from autopilot.control.bow_thruster import BowThruster
 from autopilot.control.design import Verdict, judge
 from autopilot.control.law import LawBoat, LawInForce, LoopGains
 from autopilot.control.limits import RudderLimits
@@ -303,6 +304,27 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         law=drive_law_of(vessel),
         steers_by=DRIVES[vessel.drive.kind].needs,
         loop_delay=vessel.control.loop_delay_s,
+        thruster=bow_thruster_of(vessel),
+    )
+
+
+def bow_thruster_of(vessel: Vessel) -> BowThruster | None:
+    """Return what is known of the vessel's bow thruster, in radians; None where the pilot has none."""
+    bow = vessel.drive.bow_thruster
+    if bow is None:
+        return None
+    return BowThruster(
+        rate=math.radians(bow.rate_at_rest_deg_s),
+        time=bow.rate_time_s,
+        useless_above=bow.useless_above_m_s,
+        delay=bow.delay_s,
+        proportional=bow.proportional,
+        least=bow.least_share,
+        run=bow.run_s,
+        rest=bow.rest_s,
+        least_on=bow.least_on_s,
+        least_off=bow.least_off_s,
+        dead_band=math.radians(bow.dead_band_deg),
     )
 
 

@@ -326,6 +326,8 @@ def companion_settings_of(vessel: Vessel, options: LinkOptions) -> CompanionSett
         drive=vessel.drive.kind,
         thrust_exponent=_or_nan(vessel.drive.thrust_exponent),
         astern_share=_or_nan(vessel.drive.astern_share),
+        bow_channel=None if vessel.drive.bow_thruster is None else vessel.drive.bow_thruster.channel,
+        bow_reversed=vessel.drive.bow_thruster is not None and vessel.drive.bow_thruster.reversed,
         battery_percent=-math.inf if vessel.alarms.battery_percent is None else vessel.alarms.battery_percent,
     )
 

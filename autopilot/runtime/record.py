@@ -28,7 +28,7 @@ from autopilot.links.mavlink.frames import MAGIC_V2, frame_length, identity_of
 from autopilot.links.mavlink.signing import without_signature
 from autopilot.runtime.build import build_pilot, law_of, pilot_config
 from autopilot.runtime.log_files import FileSink, Sink, following_parts
-from autopilot.runtime.tick_codec import HEADER, TICK, VESSEL, decode_header, decode_tick, encode_header, encode_tick
+from autopilot.runtime.tick_codec import HEADER, TICKS, VESSEL, decode_header, decode_tick, encode_header, encode_tick
 from autopilot.signals import AlarmEvent, RudderCommand, Tick
 from autopilot.supervision.alarms import VERBATIM
 from autopilot.vessel.file import parse_vessel
@@ -226,7 +226,7 @@ def is_headless(log: Log) -> bool:
 def _take(logs: list[Log], record: bytes) -> None:
     if record[0] == HEADER:
         _take_header(logs, decode_header(record))
-    elif record[0] == TICK and logs:
+    elif record[0] in TICKS and logs:
         _take_tick(logs[-1].ticks, decode_tick(record))
     elif record[0] == VESSEL and logs:
         logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")
@@ -344,4 +344,4 @@ def _first_difference(path: Path, log: Log) -> tuple[int, str] | None:
 
 
 def _bits(command: RudderCommand) -> bytes:
-    return struct.pack("<dd?", command.time, command.angle, command.engaged)
+    return struct.pack("<dd?d", command.time, command.angle, command.engaged, command.thruster)

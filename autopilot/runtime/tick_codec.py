@@ -39,6 +39,7 @@ from autopilot.signals import (
     Siren,
     SpeedSample,
     SupervisorState,
+    ThrusterSample,
     ThrustSample,
     Tick,
     WindSample,
@@ -53,6 +54,9 @@ VESSEL = 3
 """A vessel file's text, in force from the next tick on."""
 TICK = 7
 """2 and 4 to 6 were ticks before the first release."""
+TICK_WITH_THRUSTER = 8
+"""The same with the share of a bow thruster that runs behind its outputs."""
+TICKS = (TICK, TICK_WITH_THRUSTER)
 
 _INPUTS = struct.Struct("<IdBdddIB")
 """number, now, order kind (with LED where a guide leads), order heading, rudder, heading change, serial, count of
@@ -95,8 +99,9 @@ def decode_header(record: bytes) -> dict[str, Any]:
 def encode_tick(tick: Tick) -> bytes:
     """Return the record of one tick."""
     order, state, reference = tick.order, tick.state, tick.reference
+    thruster = tick.command.thruster
     parts = [
-        bytes([TICK]),
+        bytes([TICK_WITH_THRUSTER if thruster else TICK]),
         _INPUTS.pack(
             tick.number,
             tick.now,
@@ -129,6 +134,8 @@ def encode_tick(tick: Tick) -> bytes:
             tick.siren,
         )
     )
+    if thruster:
+        parts.append(_NUMBER.pack(thruster))
     alarm_states = tick.alarm_states if len(tick.alarm_states) == len(tick.alarms) else (_UNKNOWN,) * len(tick.alarms)
     parts.extend(bytes([state]) + _encode_event(alarm) for state, alarm in zip(alarm_states, tick.alarms, strict=True))
     return b"".join(parts)
@@ -151,6 +158,10 @@ def _decode_tick(record: bytes) -> Tick:
         samples.append(sample)
     out = _OUTPUTS.unpack_from(record, place)
     place += _OUTPUTS.size
+    thruster = 0.0
+    if record[0] == TICK_WITH_THRUSTER:
+        (thruster,) = _NUMBER.unpack_from(record, place)
+        place += _NUMBER.size
     alarms: list[AlarmEvent] = []
     alarm_states: list[int] = []
     while place < len(record):
@@ -165,7 +176,7 @@ def _decode_tick(record: bytes) -> Tick:
         state=NavState(out[6], out[0], out[1], out[2], out[3], out[4], out[5], *out[7:12]),
         reference=Reference(*out[12:15]),
         demand=out[15],
-        command=RudderCommand(now, out[17], out[16]),
+        command=RudderCommand(now, out[17], out[16], thruster),
         mode=Mode(out[18]),
         alarms=tuple(alarms),
         supervisor=SupervisorState(out[19]),
@@ -188,6 +199,7 @@ _KINDS: dict[type[Any], int] = {
     AlarmSample: 11,
     ThrustSample: 12,
     CourseSample: 13,
+    ThrusterSample: 14,
 }
 _TYPES = {number: kind for kind, number in _KINDS.items()}
 
@@ -215,8 +227,8 @@ def _encode_sample(sample: Sample) -> bytes:
         body = _SAMPLE.pack(kind, sample.time, sample.heading) + _optional(sample.rate)
     elif isinstance(sample, RollSample):
         body = _SAMPLE.pack(kind, sample.time, sample.roll) + _optional(sample.rate)
-    elif isinstance(sample, RateSample | CourseSample):
-        body = _SAMPLE.pack(kind, sample.time, sample[1])
+    elif isinstance(sample, RateSample | CourseSample | ThrusterSample):
+        body = _SAMPLE.pack(kind, sample.time, float(sample[1]))
     elif isinstance(sample, RudderSample):
         body = _SAMPLE.pack(kind, sample.time, sample.angle) + bytes([sample.ordered])
     else:
@@ -245,6 +257,9 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     if made is RateSample or made is CourseSample:
         source, place = _read_text(record, place)
         return made(time, value, source), place
+    if made is ThrusterSample:
+        source, place = _read_text(record, place)
+        return ThrusterSample(time, bool(value), source), place
     if made in (PositionSample, WindSample, ThrustSample):
         (second,) = _NUMBER.unpack_from(record, place)
         source, place = _read_text(record, place + _NUMBER.size)

@@ -202,6 +202,24 @@ WORDS = {
         "pushed to its side by 0.3 of that thruster's moment and slowed by a tenth, at the same throttle, for 0.6 s",
         key="drive.kind",
     ),
+    "bow_thruster_off": Words(
+        "the bow thruster is not used",
+        "do what stands behind it; the boat is steered by its rudder alone",
+        "the flight controller's set-up would not stop it, or a hand has its lever",
+        key="drive.bow_thruster",
+    ),
+    "bow_thruster_hot": Words(
+        "the bow thruster has run for as long as it may, and cools",
+        "make way, or let the boat lie; it runs again when it has half cooled",
+        "run at full for so long, less what it has rested",
+        key="drive.bow_thruster.run_s",
+    ),
+    "bow_thruster_weak": Words(
+        "the boat does not turn for its bow thruster",
+        "look for weed, a rope, its fuse or its battery; make way; engage again to have it tried anew",
+        "less than a quarter of the turn that the thruster makes, after its dead time and 3 s or rate_time_s",
+        key="drive.bow_thruster",
+    ),
     "speeds_disagree": Words(
         "the speed log and the speed over ground do not go together",
         "clean or check the log's impeller; the boat is steered as for the mean of both",

@@ -30,6 +30,7 @@ from autopilot.files.strict_yaml import (
     resolve_plain,
 )
 from autopilot.files.typed import Bounds, Shipped, hints_of
+from autopilot.models.drives import DRIVES, Needs
 from autopilot.models.norrbin import Norrbin, folds
 from autopilot.vessel.schema import SCHEMA_VERSION, Model, StandardErrors, Vessel
 
@@ -90,6 +91,7 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
         yield "name", "name is empty; give the boat a name."
     yield from _model_problems(vessel)
     yield from _limit_problems(vessel)
+    yield from _thruster_problems(vessel)
     if LAWS[vessel.control.law].takes_roll and vessel.control.roll is not None:
         yield (
             "control.roll",
@@ -219,6 +221,29 @@ def _model_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
             "model.n2_s_rad",
             f"model.n2_s_rad is {model.n2_s_rad:g} with model.n3_s2_rad2 {model.n3_s2_rad2:g}: the boat would turn "
             f"without end to one side; n2 0, or n3 above n2^2/3 ({least:.3g}), is allowed.",
+        )
+
+
+def _thruster_problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
+    if vessel.drive.bow_thruster is None:
+        return
+    if vessel.helm.method != "rc_override":
+        yield (
+            "drive.bow_thruster",
+            f"drive.bow_thruster needs helm.method rc_override, and it is {vessel.helm.method}: the channel that its "
+            "output passes on is reached by RC_CHANNELS_OVERRIDE alone.",
+        )
+    if vessel.control.steerage_m_s is None and DRIVES[vessel.drive.kind].needs is Needs.WAY:
+        yield (
+            "control.steerage_m_s",
+            "control.steerage_m_s is null, and drive.bow_thruster steers below it: give the speed in m/s below which "
+            "the rudder does not turn the boat. A flight controller's speed over the ground counts for a number alone.",
+        )
+    if DRIVES[vessel.drive.kind].needs is Needs.NOTHING:
+        yield (
+            "drive.bow_thruster",
+            f"drive.bow_thruster has no say where drive.kind is {vessel.drive.kind}, which turns the boat where it "
+            "lies; leave it out.",
         )
 
 

@@ -314,6 +314,28 @@ class Valves:
 
 
 @dataclass(frozen=True)
+class BowThruster:
+    """A bow thruster on an output of the flight controller that passes a channel of the radio on
+    (SERVOn_FUNCTION 139 + channel). The boat that lies still is turned by it at full for the first two numbers."""
+
+    rate_at_rest_deg_s: Annotated[float, RESTART, Bounds(0.1, 90.0, "rate of turn it comes to, lying still")]
+    rate_time_s: Annotated[float, RESTART, Bounds(0.1, 120.0, "time in which 63 % of that rate is there")]
+    useless_above_m_s: Annotated[float, RESTART, Bounds(0.1, 10.0, "speed through the water at which it does nothing")]
+    channel: Annotated[int, RESTART, Bounds(5, 16, "channel of the radio that its output passes on")]
+    proportional: Annotated[bool, RESTART] = False
+    """false: it knows full and nothing."""
+    least_share: Annotated[float, RESTART, Bounds(0.01, 1.0, "proportional: least share of full it turns with")] = 0.2
+    reversed: Annotated[bool, RESTART] = False
+    """true: the longer pulse turns the bow to port."""
+    delay_s: Annotated[float, RESTART, Bounds(0.0, 3.0, "dead time from order to thrust")] = 0.3
+    run_s: Annotated[float, RESTART, Bounds(1.0, 3600.0, "so long it may run at full, cold")] = 60.0
+    rest_s: Annotated[float, RESTART, Bounds(1.0, 36000.0, "so long it takes to cool from there")] = 600.0
+    least_on_s: Annotated[float, RESTART, Bounds(0.1, 10.0, "shortest run")] = 0.5
+    least_off_s: Annotated[float, RESTART, Bounds(0.1, 60.0, "shortest rest, and before it turns the other way")] = 1.0
+    dead_band_deg: Annotated[float, RESTART, Bounds(0.5, 45.0, "it rests this near the course")] = 3.0
+
+
+@dataclass(frozen=True)
 class Drive:
     """What steers the boat; and of a rudder drive on a line of its own (pypilot, Jrk, Maestro) what its scale from -1
     to 1 means."""
@@ -337,6 +359,8 @@ class Drive:
     device: Annotated[int, RESTART, Bounds(0, 127, "Pololu device number; null: compact protocol")] | None = None
     valve: Valves | None = None
     """Of valve:PATH:BAUD; null: the numbers above."""
+    bow_thruster: BowThruster | None = None
+    """null: there is none, or the pilot leaves it alone."""
     rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "how often orders leave")] = 20.0
     source: Annotated[str, RESTART] = ""
     date: Annotated[str, RESTART] = ""

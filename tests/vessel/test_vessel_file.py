@@ -200,6 +200,8 @@ def values_of(hint: typing.Any, bounds: Bounds | None = None) -> st.SearchStrate
         return st.floats(
             bounds.low if bounds else None, bounds.high if bounds else None, allow_nan=False, allow_infinity=False
         )
+    if hint is int and bounds is not None and bounds.low is not None and bounds.high is not None:
+        return st.integers(math.ceil(bounds.low), math.floor(bounds.high))
     return {bool: st.booleans(), int: st.just(schema_module.SCHEMA_VERSION), str: st.text(max_size=20)}[hint]
 
 

@@ -40,7 +40,17 @@ from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettin
 from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
 from autopilot.links.url import let_in
 from autopilot.models.drives.two_thrusters import Mixing
-from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    HelmCause,
+    HelmSample,
+    Mode,
+    RudderCommand,
+    Sample,
+    ThrusterSample,
+    Tick,
+)
 from autopilot.supervision.panel import sentence_of
 from autopilot.supervision.supervisor import waits_to_engage
 
@@ -132,6 +142,8 @@ class CompanionSession:
         self._mode = Mode.STANDBY
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._noted: dict[str, AlarmEvent | None] = {"other pilot": None, "attitude rate": None, "guided": None}
+        if self._reader.bow is not None:
+            self._noted["bow thruster"] = None
         self._leaving: float | None = None
         self._next_release, self._released_at = -math.inf, math.inf
         self._has_steered = self._is_boat = False
@@ -198,7 +210,7 @@ class CompanionSession:
         if self._probe.message is not None or self._guided is not None:
             return []
         output = self._output
-        message = output.steer(now, command.angle) if command.engaged and not self._reason else None
+        message = output.steer(now, command.angle, command.thruster) if command.engaged and not self._reason else None
         if message is not None:
             self._authority.commanded(now, output.commanded_pulse)
             self._release.ordered(now, output.commanded_pulse)
@@ -372,7 +384,7 @@ class CompanionSession:
 
     def _judge(self, now: float, samples: list[Sample]) -> None:
         """Work out whether control is ours, and put word of a change before the other samples, of alarms behind."""
-        reader, authority = self._reader, self._authority
+        reader, authority, is_beat = self._reader, self._authority, self._helm is None
         if self._revision != (reader.parameters.revision, self.vehicle):
             self._revision = reader.parameters.revision, self.vehicle
             if self._settings.as_gcs and self._settings.gcs_system is None:
@@ -405,6 +417,11 @@ class CompanionSession:
             "attitude rate": reader.streams.slow,
             "guided": self._guided.alarm if self._guided is not None else None,
         }
+        if (bow := reader.bow) is not None:
+            off = bow.obstacle
+            found["bow thruster"] = AlarmEvent("bow_thruster_off", off) if off and reader.parameters.complete else None
+            if is_beat or found["bow thruster"] != self._noted["bow thruster"]:
+                samples.append(ThrusterSample(now, not off, self.name))
         if found != self._noted:
             samples += [AlarmSample(now, new, f"{self.name} {n}") for n, new in found.items() if new != self._noted[n]]
             self._noted = found

@@ -150,13 +150,19 @@ SETTINGS = (
 """What the firmware does when somebody falls silent, and what it takes from a stick."""
 WELCOME = (*STICKS, *SETTINGS, *(f"RC{number}_OPTION" for number in range(1, CHANNEL_COUNT + 1)))
 """Asked for too, but steering does not wait for them."""
+SCALED = 139
+"""SERVOn_FUNCTION of an output that passes channel n of the radio on, by the channel's end points, is n more."""
+SAFE_MASK = "SERVO_RC_FS_MSK"
+"""Which of those the radio's fail-safe sends to their trim; old firmware has it not."""
+RADIO_TIMEOUT = "RC_FS_TIMEOUT"
+"""Without any input for so long [s] the radio's fail-safe comes; older firmware has 0.5 s."""
 OVERRIDE_SWITCH = 46
 """RCn_OPTION of a switch on the radio that allows overrides (libraries/RC_Channel/RC_Channel.h, AUX_FUNC)."""
 RC_SUFFIXES = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
 SERVO_SUFFIXES = ("MIN", "TRIM", "MAX", "REVERSED")
 RELEVANT = frozenset(
     (
-        *(*GCS_NAMES, GCS_HIGH, EXPO, OVERRIDE_TIME, "RCMAP_ROLL", *WELCOME, *MIXING),
+        *(*GCS_NAMES, GCS_HIGH, EXPO, OVERRIDE_TIME, SAFE_MASK, RADIO_TIMEOUT, "RCMAP_ROLL", *WELCOME, *MIXING),
         *(f"RC{number}_{suffix}" for number in range(1, CHANNEL_COUNT + 1) for suffix in RC_SUFFIXES),
         *(f"SERVO{n}_{suffix}" for n in range(1, SERVO_COUNT + 1) for suffix in (*SERVO_SUFFIXES, "FUNCTION")),
     )
@@ -184,11 +190,14 @@ class VehicleParameters:
         throttle_failsafe [us]: FS_THR_VALUE, None while unknown.
         throttle_input: number of the throttle's input channel (RCMAP_THROTTLE), ArduPilot's default while unknown.
         override_switch: number of the channel whose switch allows overrides, None where there is none.
+        functions: numbers of the outputs of each SERVOn_FUNCTION that has come.
         free_sticks: channels of the sticks that neither steer nor give throttle: nobody moves them but by intent.
     """
 
-    def __init__(self, throttle: bool = False, drive: DriveKind = DRIVES["rudder"]) -> None:
-        self._throttle = throttle
+    def __init__(
+        self, throttle: bool = False, drive: DriveKind = DRIVES["rudder"], thruster: int | None = None
+    ) -> None:
+        self._throttle, self._thruster = throttle, thruster
         self.drive = drive
         self.revision = 0
         self.reset()
@@ -225,14 +234,16 @@ class VehicleParameters:
         return [
             name
             for name in self._missing
-            if self._asked.get(name, (0.0, 0))[1] >= PATIENCE_TRIES and not self._given_up(name)
+            if self._asked.get(name, (0.0, 0))[1] >= PATIENCE_TRIES
+            and not (self._given_up(name) or name in self._unneeded)
         ]
 
     @property
     def complete(self) -> bool:
         """Whether all that steering needs is known; what old firmware lacks was asked for often enough."""
         return self.gcs_system is not None and all(
-            self._given_up(name) or name in (OVERRIDE_TIME, GCS_HIGH, *WELCOME) for name in self._missing
+            self._given_up(name) or name in self._unneeded or name in (OVERRIDE_TIME, GCS_HIGH, *WELCOME)
+            for name in self._missing
         )
 
     def due(self, now: float) -> list[str]:
@@ -294,11 +305,13 @@ class VehicleParameters:
         self.override_switch: int | None = next(switches, None)
         sticks = (self._mapped(name) for name in STICKS if name != "RCMAP_THROTTLE")
         self.free_sticks = tuple(n for n in sticks if n not in (self.steering_input, throttle) and n in numbers)
-        outputs: dict[int, int] = {}
+        all_outputs: dict[int, tuple[int, ...]] = {}
         for n in range(1, SERVO_COUNT + 1):
             function = values.get(f"SERVO{n}_FUNCTION")
             if function is not None:
-                outputs.setdefault(round(function), n)
+                all_outputs[round(function)] = (*all_outputs.get(round(function), ()), n)
+        outputs = {function: numbers[0] for function, numbers in all_outputs.items()}
+        self.functions = all_outputs
         wanted = [outputs.get(function) for function in self.drive.outputs]
         found = tuple(number for number in wanted if number is not None)
         self.steering_servos: tuple[int, ...] = found if len(found) == len(wanted) else ()
@@ -324,7 +337,26 @@ class VehicleParameters:
             number = self._mapped("RCMAP_THROTTLE")
             names += [f"RC{number}_{suffix}" for suffix in ("TRIM", "DZ")]
         # what steering needs goes first
-        return [name for name in (*names, *WELCOME) if name not in self._values]
+        self._unneeded = frozenset(self._aside()) - frozenset(names)
+        names += [*WELCOME, *(name for name in self._aside() if name in self._unneeded)]
+        return [name for name in names if name not in self._values]
+
+    def _aside(self) -> list[str]:
+        """Names that a bow thruster needs and steering does not wait for."""
+        number = self._thruster
+        if number is None:
+            return []
+        names = [SAFE_MASK, RADIO_TIMEOUT, *(f"RC{number}_{suffix}" for suffix in RC_SUFFIXES)]
+        outputs = self.functions.get(SCALED + number, ())
+        if not outputs:
+            return [*names, *(f"SERVO{n}_FUNCTION" for n in range(1, SERVO_COUNT + 1))]
+        return [*names, *(f"SERVO{n}_{suffix}" for n in outputs for suffix in SERVO_SUFFIXES)]
+
+    @property
+    def has_functions(self) -> bool:
+        """Whether the function of every output has come, or was asked for often enough."""
+        names = (f"SERVO{n}_FUNCTION" for n in range(1, SERVO_COUNT + 1))
+        return all(name in self._values or self._given_up(name) for name in names)
 
     def _given_up(self, name: str) -> bool:
         return self._asked.get(name, (0.0, 0))[1] >= _tries(name)
@@ -333,7 +365,11 @@ class VehicleParameters:
 def _tries(name: str) -> float:
     if name.endswith("_FUNCTION"):
         return FUNCTION_TRIES  # a board with fewer outputs has no SERVO16_FUNCTION
-    return OPTIONAL_TRIES if name in (EXPO, OVERRIDE_TIME, GCS_HIGH, *MIXING, *WELCOME) else math.inf
+    return (
+        OPTIONAL_TRIES
+        if name in (EXPO, OVERRIDE_TIME, GCS_HIGH, SAFE_MASK, RADIO_TIMEOUT, *MIXING, *WELCOME)
+        else math.inf
+    )
 
 
 AUTOPILOT_COMPONENT = 1

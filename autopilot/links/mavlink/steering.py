@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterable
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -239,10 +239,21 @@ def _with_expo(expo: float, steering: int) -> int:
     return int(FULL * ((1.0 - expo) * share + expo * share**3))
 
 
+class BowChannel(Protocol):
+    """What a channel from 1 carries beside the steering, message by message, for a share of full thrust."""
+
+    channel: int
+
+    def value(self, share: float) -> int:
+        """Return what the channel carries in the next message."""
+
+
 LEAVE_ALONE = 65535
 RELEASE_HIGH_CHANNEL = 65534
 NOT_THIS_AXIS = 32767
 REACH_TOLERANCE_DEG = 0.5
+MOST_MADE = 4096
+"""Messages that are kept to be sent again."""
 DISTINCT_US = 3
 """A radio's own noise; further apart than this two pulses are different."""
 
@@ -258,6 +269,7 @@ class SteeringOutput:
         share_per_radian: share of full steering for each radian of rudder, negative where full steering is port.
         mixing: how a skid-steered frame mixes, and what its thrusters do.
         throttle: that beside which a skid-steered frame steers, a share of full; whoever sees it sets it.
+        bow: what the same messages carry for a bow thruster, on a channel of its own; None: there is none.
     """
 
     def __init__(
@@ -268,6 +280,7 @@ class SteeringOutput:
         servo_us: tuple[float, float, float] | None = None,
         angle_max: float = 0.0,
         thrusters: Mixing = PLAIN,
+        bow: BowChannel | None = None,
     ) -> None:
         if not 0.0 < rudder_at_full < math.inf:
             raise ValueError(f"rudder_at_full must be a positive angle in radians, got {rudder_at_full}")
@@ -279,12 +292,13 @@ class SteeringOutput:
         self.share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
         self._scale, self._angle_max = servo_us, angle_max
         self.mixing, self.throttle = thrusters, 0.0
+        self.bow = bow
         self._is_mixed = False
         self._number = 0
         self._held = 0
         """Number of the input that was overridden last, whatever is known of the vehicle since; 0 before."""
         self._table: InputTable | None = None
-        self._made: dict[tuple[int, int, int], Message] = {}
+        self._made: dict[tuple[int, int, int, int], Message] = {}
         self._last: Message | None = None
         self._last_sent = math.nan
         self._given = math.nan
@@ -331,8 +345,9 @@ class SteeringOutput:
         self._number, self.channel, self._table, self._last = 0, None, None, None
         self._made = {}
 
-    def steer(self, now: float, angle: float) -> Message | None:
-        """Return the message for rudder `angle` [rad]; None where the vehicle is not known well enough."""
+    def steer(self, now: float, angle: float, thruster: float = 0.0) -> Message | None:
+        """Return the message for rudder `angle` [rad] and a bow thruster's share of full, -1 to 1; None where the
+        vehicle is not known well enough."""
         if self._table is None or self.channel is None or not math.isfinite(angle):
             return None
         share = angle * self.share_per_radian
@@ -341,7 +356,7 @@ class SteeringOutput:
         value = self._table.nearest(1.0 if share > 1.0 else -1.0 if share < -1.0 else share)
         self.commanded_pulse = value if self._by_pulse else pulse_from_manual(self.channel, value)
         self._held = self._number
-        self._last = self._asking(value)
+        self._last = self._asking(value, thruster)
         self._given = self._last_sent = now
         self._releases_left = RELEASES
         return self._last
@@ -419,15 +434,20 @@ class SteeringOutput:
             return self._asking(NOT_THIS_AXIS)
         return self._asking(0 if self._held <= 8 else RELEASE_HIGH_CHANNEL)
 
-    def _asking(self, value: int) -> Message:
-        """Return the message that asks for an input, made once for each."""
-        key = self.target, self._held, value
+    def _asking(self, value: int, thruster: float = 0.0) -> Message:
+        """Return the message that asks for an input and a bow thruster's share, made once for each."""
+        beside = LEAVE_ALONE if self.bow is None else self.bow.value(thruster)
+        key = self.target, self._held, value, beside
         if key not in self._made:
-            self._made[key] = packed(self._override(value) if self._by_pulse else self._manual(value))
+            if len(self._made) >= MOST_MADE:
+                self._made.clear()
+            self._made[key] = packed(self._override(value, beside) if self._by_pulse else self._manual(value))
         return self._made[key]
 
-    def _override(self, pulse: int) -> Message:
+    def _override(self, pulse: int, beside: int) -> Message:
         channels = [LEAVE_ALONE] * 8 + [0] * 10
+        if self.bow is not None:
+            channels[self.bow.channel - 1] = beside
         channels[self._held - 1] = pulse
         return dialect.MAVLink_rc_channels_override_message(self.target, 1, *channels)
 

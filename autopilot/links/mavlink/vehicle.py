@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, OverrideProbe
+from autopilot.links.mavlink.bow_thruster import BowThrusterOutput
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.conditions import BATTERY, FENCING, FILTER, SYSTEM, TEXT, RadioWatch, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
@@ -178,6 +179,8 @@ class CompanionSettings(NamedTuple):
     servo_us: servo pulses at full rudder to one side, amidships, to the other, where they are not the vehicle's end
     points and trim.  angle_max [rad]: what the rudder can do.
     drive: what steers. thrust_exponent, astern_share: what two thrusters do, nan: as the firmware takes them to.
+    bow_channel: the radio's channel that a bow thruster's output passes on, None: none is commanded; bow_reversed: the
+    longer pulse turns the bow to port.
     with_other_pilot: engage though another pilot steers the boat.  heading_timeout [s]: age at which a heading counts
     as lost; slower ones are not engaged on.
     """
@@ -201,6 +204,8 @@ class CompanionSettings(NamedTuple):
     drive: str = "rudder"
     thrust_exponent: float = math.nan
     astern_share: float = math.nan
+    bow_channel: int | None = None
+    bow_reversed: bool = False
 
 
 class VehicleReader:
@@ -214,6 +219,7 @@ class VehicleReader:
         authority, probe: learn whether the vehicle lets us steer, and takes it.
         guided: who hears the bearing of a vehicle that is given headings rather than rudder angles; None: none is.
         release: learns from the reports whether a release arrived.
+        bow: what is sent to a bow thruster, None where none is commanded.
         lacks_receiver: whether no radio has ever put a pulse on the steering input.
     """
 
@@ -226,7 +232,10 @@ class VehicleReader:
         self.radio = RadioWatch()
         self.release = OverrideRelease()
         self.lacks_receiver = False
-        self.parameters = VehicleParameters(steers_itself, DRIVES[settings.drive])
+        self.parameters = VehicleParameters(steers_itself, DRIVES[settings.drive], settings.bow_channel)
+        channel = settings.bow_channel
+        self.bow = None if channel is None else BowThrusterOutput(channel, is_reversed=settings.bow_reversed)
+        output.bow = self.bow
         self._is_mixed = self.parameters.drive.is_mixed
         rates_hz = {
             ATTITUDE: settings.attitude_rate_hz,
@@ -419,6 +428,8 @@ class VehicleReader:
             authority.switched_off = 0 < switch < SWITCH_LOW_US
         for stick in parameters.free_sticks:
             authority.stick(stick, getattr(message, f"chan{stick}_raw"))
+        if self.bow is not None:
+            self.bow.report(getattr(message, f"chan{self.bow.channel}_raw"))
         pulse = getattr(message, f"chan{number}_raw")
         if self.guided is not None:
             authority.stick(number, pulse)  # nobody overrides it: it shows the hand
@@ -451,6 +462,8 @@ class VehicleReader:
         steered, before = self.parameters.steering_input, self._output.channel
         if self.parameters.take(message.param_id, message.param_value):
             self.authority.misfit = self._output.use(self.parameters)
+            if self.bow is not None:
+                self.bow.use(self.parameters)
             after = self._output.channel
             if before and after and before.servo_reversed != after.servo_reversed and self.authority.steering:
                 # the same input moves the rudder the other way from now on: who meant it, looks at it first
@@ -481,6 +494,8 @@ class VehicleReader:
         self.parameters.reset()
         self.streams.reset()
         self._output.forget()
+        if self.bow is not None:
+            self.bow.forget()
         self.authority.misfit = self.authority.radio = ""
         self.radio = RadioWatch()
         self.health.restart()

@@ -1,0 +1,168 @@
+"""A bow thruster that holds the heading while the boat has no way to steer by: its share of full thrust, by the tick.
+
+It is asked only where the rudder cannot turn the boat, below steerage way. The boat that lies still is taken to turn by
+
+    r' = (R u |u| - r)/T,   R = R0 (1 - U/U1),
+
+with u the thruster's share of full revolutions, -1 to 1, R0 the steady rate at full thrust, T the time to 63 % of it,
+U the speed and U1 the speed at which the thruster does nothing any more. Heading error and rate are carried a dead time
+d ahead, and the rate that is wanted is that from which half of the thrust still stops the boat in time,
+
+    r_w = sgn(e) min(k x, sqrt(2 b (x - b/(2 k^2))), C R),   x = max(|e| - band, 0),   b = (R/T)/2,
+
+linear near the course, so that the dead time is met (k = 1/(4 t), t = 2 d + 0.3 s). The motor starts where the rate is
+off by more than its shortest run is worth, and in a turn by a share of what is wanted; it stops where the rate is
+right. A proportional one runs at what takes the rate there within t. It runs for `least_on` at least and rests for
+`least_off` between two runs, so it cannot chatter.
+
+Heat is what a motor of short rated time allows: h' = |u|/run while it runs, h' = -1/rest while it rests, from 0. At 1
+it rests until h is COOLED: over any time it runs at most `run` + (time at rest) run/rest at full. A boat that does not
+turn for it has a thruster that is dead or overpowered: it is not asked again until the pilot is engaged anew. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+COOLED = 0.5
+"""Share of the heat at which a thruster that was too hot runs again."""
+STOPPED_BY = 0.5
+"""Share of the thrust that a turn is planned to be stopped with: the rest is for wind."""
+FASTEST = 0.8
+"""Share C of the steady rate at full thrust that is wanted at most."""
+SETTLING_S = 0.3
+"""What is added to twice the dead time for the rate to be right in."""
+WORTH = 0.6
+"""Share of the shortest run's rate by which the rate is off before the motor starts."""
+COASTS = 0.3
+"""Share of the wanted rate that a turn may lose before the motor starts again."""
+LEAST_RATE = math.radians(0.3)
+"""[rad/s]: a gyro's noise starts no motor."""
+LEAST_EFFECT = 0.1
+"""Share of its effect at rest below which a thruster is not asked."""
+WEAK = 0.25
+"""Share of the change of rate that must have come."""
+JUDGED_S = 3.0
+"""A push is judged behind the dead time and this, or T where that is longer."""
+MOST_OF_IT = 0.7
+"""Share of the thrust that a push is judged by: with less a thruster may just hold the boat against the wind."""
+
+
+class BowThruster(NamedTuple):
+    """What a thruster does to the boat that lies still, and what it may be asked.
+
+    rate [rad/s]: R0; time [s]: T; useless_above [m/s]: U1; delay [s]: from order to thrust; proportional: else full or
+    nothing; least: share below which it does not turn; run, rest [s]: as long it may run at full, cold, and as long it
+    takes to cool; least_on, least_off [s]; dead_band [rad].
+    """
+
+    rate: float
+    time: float
+    useless_above: float
+    delay: float = 0.3
+    proportional: bool = False
+    least: float = 0.2
+    run: float = 60.0
+    rest: float = 600.0
+    least_on: float = 0.5
+    least_off: float = 1.0
+    dead_band: float = math.radians(3.0)
+
+
+class BowState(NamedTuple):
+    """share: the order, starboard positive; since [s]: for so long it runs, or rests; heat [-]; is_hot: it rests until
+    it has cooled; is_weak: the boat does not turn for it; expected, coast [rad/s]: the rate of this run by the equation
+    above, and without thrust; pushed [s]: for so long it has pushed with most of its thrust."""
+
+    share: float = 0.0
+    since: float = math.inf
+    heat: float = 0.0
+    is_hot: bool = False
+    is_weak: bool = False
+    expected: float = 0.0
+    coast: float = 0.0
+    pushed: float = 0.0
+
+
+AT_REST = BowState()
+
+
+class BowLook(NamedTuple):
+    """What the thruster is asked by: heading error (wanted less actual, wrapped) [rad], rate [rad/s], speed [m/s]."""
+
+    error: float
+    rate: float
+    speed: float
+
+
+def bow_step(thruster: BowThruster, state: BowState, look: BowLook | None, dt: float, engaged: bool = True) -> BowState:
+    """Return the state `dt` [s] later, whose `share` is the order. look: None where the thruster must not run.
+
+    engaged: whether the pilot has the boat; where it has not, a weak thruster is forgiven.
+    """
+    share, since, heat, is_hot, is_weak, expected, coast, pushed = state
+    dt = dt if dt > 0.0 else 0.0
+    heat = min(heat + dt * abs(share) / thruster.run, 1.0) if share else max(heat - dt / thruster.rest, 0.0)
+    is_hot = heat >= 1.0 or (is_hot and heat > COOLED)
+    since, is_weak = since + dt, is_weak and engaged
+    effect = 0.0 if look is None else 1.0 - abs(look.speed) / thruster.useless_above
+    if look is None or not math.isfinite(look.error + look.rate) or not effect > LEAST_EFFECT:
+        return _off(BowState(share, since, heat, is_hot, is_weak))
+    full, thrust = thruster.rate * effect, share * abs(share)
+    if abs(thrust) < MOST_OF_IT:
+        expected, coast, pushed = look.rate, look.rate, 0.0
+    else:
+        pushed += dt
+        if pushed > thruster.delay:
+            kept = math.exp(-dt / thruster.time)
+            expected, coast = thrust * full + (expected - thrust * full) * kept, coast * kept
+        if pushed > thruster.delay + max(thruster.time, JUDGED_S):
+            is_weak = is_weak or (look.rate - coast) * thrust < WEAK * (expected - coast) * thrust
+    now = BowState(share, since, heat, is_hot, is_weak, expected, coast, pushed)
+    if is_hot or is_weak:
+        return _off(now)
+    wanted = wanted_share(thruster, full, share, look)
+    if share:
+        is_over = wanted * share <= 0.0
+        if is_over:
+            return _off(now) if since >= thruster.least_on else now
+        return now._replace(share=math.copysign(max(abs(wanted), thruster.least), share))
+    if not wanted or since < thruster.least_off:
+        return now
+    return now._replace(share=wanted, since=0.0)
+
+
+def wanted_share(thruster: BowThruster, full: float, share: float, look: BowLook) -> float:
+    """Return the share, -1 to 1, that is wanted where the boat turns at `full` [rad/s] at full thrust; 0 where the rate
+    is right. share: at which the thruster runs now."""
+    settling = 2.0 * thruster.delay + SETTLING_S
+    ahead = look.rate + thruster.delay * (share * abs(share) * full - look.rate) / thruster.time
+    error = look.error - 0.5 * thruster.delay * (look.rate + ahead)
+    steady = wanted_rate(thruster, full, error)
+    off = steady - ahead
+    if not share:
+        shortest = thruster.least**2 if thruster.proportional else 1.0
+        worth = WORTH * shortest * full * thruster.least_on / thruster.time
+        if abs(off) <= max(worth, LEAST_RATE, COASTS * abs(steady) if steady * ahead > 0.0 else 0.0):
+            return 0.0
+    elif off * share <= 0.0:
+        return 0.0
+    if not thruster.proportional:
+        return math.copysign(1.0, off)
+    size = abs(off * thruster.time / settling + steady) / full
+    return math.copysign(min(max(math.sqrt(size), thruster.least), 1.0), off)
+
+
+def wanted_rate(thruster: BowThruster, full: float, error: float) -> float:
+    """Return the rate [rad/s] towards a course that is `error` [rad] away."""
+    slope = 0.25 / (2.0 * thruster.delay + SETTLING_S)
+    braking = STOPPED_BY * full / thruster.time
+    away = max(abs(error) - thruster.dead_band, 0.0)
+    bend = braking / (slope * slope)
+    rate = slope * away if away <= bend else math.sqrt(2.0 * braking * (away - 0.5 * bend))
+    return math.copysign(min(rate, FASTEST * full), error)
+
+
+def _off(state: BowState) -> BowState:
+    return state._replace(share=0.0, since=0.0) if state.share else state

@@ -1,0 +1,152 @@
+"""A bow thruster on an output that passes a channel of the radio on, and whether it stops when nobody commands it.
+
+The output has SERVOn_FUNCTION 139 + channel (RCINnScaled): the firmware holds the channel against RCn_MIN, _TRIM, _MAX
+and _DZ and sends as much of SERVOn_MIN, _TRIM, _MAX. The channel's pulse travels in the RC_CHANNELS_OVERRIDE that
+steers. When that stops, for whatever reason,
+
+    a radio is heard      the override lapses after RC_OVERRIDE_TIME, and the channel is the radio's again
+    none is heard         the firmware keeps the last input. Its radio fail-safe (FS_THR_ENABLE) comes after
+                          RC_FS_TIMEOUT, and sends the output to its trim where SERVO_RC_FS_MSK says so
+
+Both must be in order, or the thruster is left alone. The mask counts channels of the radio in some descriptions and
+outputs in others, so both bits are asked for; one too many does nothing. MAV_CMD_DO_SET_SERVO and DO_SET_RELAY have no
+end: with them the thruster of a pilot that has died runs on, so they are not used.
+
+Source: ArduPilot, libraries/SRV_Channel/SRV_Channel_aux.cpp (output_ch), libraries/RC_Channel/RC_Channel.cpp (update,
+has_override), Rover/radio.cpp (read_radio, radio_failsafe_check), libraries/AP_ServoRelayEvents, 4.6. Pure.
+"""
+
+from __future__ import annotations
+
+from autopilot.links.mavlink.requests import (
+    OVERRIDE_TIME,
+    RADIO_TIMEOUT,
+    RC_SUFFIXES,
+    SAFE_MASK,
+    SCALED,
+    SERVO_SUFFIXES,
+    VehicleParameters,
+)
+from autopilot.links.mavlink.steering import InputTable, SteeringChannel, pulse_table
+
+LONGEST_OVERRIDE_S = 3.0
+"""RC_OVERRIDE_TIME, as by default: so long a thruster may run on when its pilot has died."""
+NEUTRALS = 3
+"""Times that the channel is sent to its middle before it is released: without a radio it stays where it was last."""
+LEAVINGS = 3
+AT_REST_US = 20
+"""A lever this near the middle, beyond the dead zone, is not in somebody's hand."""
+LEAVE_ALONE, RELEASE, RELEASE_HIGH, FIRST_HIGH = 65535, 0, 65534, 9
+
+
+class BowThrusterOutput:
+    """What a channel of RC_CHANNELS_OVERRIDE carries for a thruster, message by message.
+
+    Attributes:
+        channel: the radio's, from 1.
+        reason: why the thruster must not be commanded; '' where it may.
+        pulse: what was asked for last [us], 0 where nothing is.
+    """
+
+    def __init__(self, channel: int, *, is_reversed: bool = False) -> None:
+        self.channel = channel
+        self.reason = UNKNOWN
+        self.pulse = 0
+        self._side = -1.0 if is_reversed else 1.0
+        self._way: SteeringChannel | None = None
+        self._table: InputTable | None = None
+        self._neutrals = self._leavings = 0
+        self._is_held = False
+
+    def use(self, parameters: VehicleParameters) -> None:
+        """Take the vehicle's parameters as known so far."""
+        way, self.reason = thruster_way(parameters, self.channel)
+        if way == self._way:
+            return
+        self._way, self._table = way, None
+        if way is not None:
+            try:
+                self._table = pulse_table(way)
+            except ValueError as error:
+                self._way, self.reason = None, f"the thruster's pulses leave no room ({error})"
+
+    def report(self, pulse: int) -> None:
+        """Take what RC_CHANNELS shows of the channel [us]: while it is not ours, where its lever is."""
+        if self._way is None or self._neutrals or self._leavings:
+            return
+        if not self.pulse:
+            reach = self._way.rc_dead_zone + AT_REST_US
+            self._is_held = bool(pulse) and abs(pulse - self._way.rc_trim) > reach
+
+    @property
+    def obstacle(self) -> str:
+        """Why the thruster is not commanded; '' where it is."""
+        return self.reason or (HELD.format(channel=self.channel) if self._is_held else "")
+
+    def forget(self) -> None:
+        """Forget the vehicle's parameters, as after a reboot; not what is to be released."""
+        self.reason = UNKNOWN
+
+    def value(self, share: float) -> int:
+        """Return what the channel carries in the next message: a `share` of full thrust, -1 to 1; with 0 its middle,
+        then its release, then nothing."""
+        if share and self._table is not None and not self.obstacle:
+            self.pulse = self._table.nearest(min(max(share * self._side, -1.0), 1.0))
+            self._neutrals, self._leavings = NEUTRALS, LEAVINGS
+            return self.pulse
+        is_high = self.channel >= FIRST_HIGH
+        if self._neutrals and self._table is not None:
+            self._neutrals -= 1
+            self.pulse = self._table.nearest(0.0)
+            return self.pulse
+        self._neutrals, self.pulse = 0, 0
+        if self._leavings:
+            self._leavings -= 1
+            return RELEASE_HIGH if is_high else RELEASE
+        return RELEASE if is_high else LEAVE_ALONE
+
+
+UNKNOWN = "the flight controller's parameters have not come yet"
+HELD = "the lever of channel {channel} is not in its middle: a hand has the thruster"
+
+
+def thruster_way(parameters: VehicleParameters, channel: int) -> tuple[SteeringChannel | None, str]:
+    """Return the way from the channel's input to the thruster's output, None where it is not known, and why the
+    thruster must not be commanded by it, '' where it may."""
+    found = parameters.functions.get(SCALED + channel, ())
+    if not found:
+        wanted = f"set SERVOn_FUNCTION of the thruster's output to {SCALED + channel}: it passes channel {channel} on"
+        return None, wanted if parameters.has_functions else UNKNOWN
+    if channel in (parameters.steering_input, parameters.throttle_input, *parameters.free_sticks):
+        return None, f"channel {channel} is a stick; give the thruster another one"
+    output = found[0]
+    rc = [parameters.get(f"RC{channel}_{suffix}") for suffix in RC_SUFFIXES]
+    servo = [parameters.get(f"SERVO{output}_{suffix}") for suffix in SERVO_SUFFIXES]
+    low, trim, high, dead_zone, rc_reversed = (None if value is None else round(value) for value in rc)
+    least, middle, most, servo_reversed = (None if value is None else round(value) for value in servo)
+    if low is None or trim is None or high is None or dead_zone is None or rc_reversed is None:
+        return None, UNKNOWN
+    if least is None or middle is None or most is None or servo_reversed is None:
+        return None, UNKNOWN
+    ways = (low, trim, high, dead_zone, bool(rc_reversed), least, middle, most, bool(servo_reversed))
+    return SteeringChannel(*ways), unsafe(parameters, channel, found)
+
+
+def unsafe(parameters: VehicleParameters, channel: int, outputs: tuple[int, ...]) -> str:
+    """Return what keeps the firmware from stopping the thruster when nobody commands it; '' where it does."""
+    lapse, failsafe, mask = (parameters.get(name) for name in (OVERRIDE_TIME, "FS_THR_ENABLE", SAFE_MASK))
+    if lapse is None or failsafe is None or mask is None:
+        return f"{OVERRIDE_TIME}, FS_THR_ENABLE or {SAFE_MASK} has not come: firmware without them would not stop it"
+    if not 0.0 < lapse <= LONGEST_OVERRIDE_S:
+        return f"{OVERRIDE_TIME} is {lapse:g}: a thruster could run on for so long; set it to {LONGEST_OVERRIDE_S:g} s"
+    silence = parameters.get(RADIO_TIMEOUT)
+    if silence is not None and silence > LONGEST_OVERRIDE_S:
+        return f"{RADIO_TIMEOUT} is {silence:g}: a thruster could run on for so long; set it to 1 s"
+    if failsafe == 0.0:
+        return "FS_THR_ENABLE is 0: without a radio nothing would stop the thruster; set it to 1"
+    bits = {number - 1 for number in (channel, *outputs)}
+    wanted = sum(1 << bit for bit in bits)
+    if int(mask) & wanted != wanted:
+        more = int(mask) | wanted
+        return f"{SAFE_MASK} is {mask:g}: the radio's fail-safe would not stop the thruster; set it to {more}"
+    return ""

@@ -1,0 +1,164 @@
+"""A boat with a bow thruster through the simulated ArduRover, in lockstep: turns without way, and every way to stop."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+from lockstep import Lockstep
+
+from autopilot.angles import wrap
+from autopilot.vessel.file import load_vessel
+from sitl.firmware import BOW_OUTPUT
+from sitl.scenario import FaultSection, Scenario, Start, WindSection
+
+REST_US = 1500
+
+
+def lying(
+    *,
+    seed: int = 1,
+    speed: float | None = 0.0,
+    faults: tuple[FaultSection, ...] = (),
+    wind: WindSection | None = None,
+    thruster: dict[str, Any] | None = None,
+    **more: Any,
+) -> Lockstep:
+    """Return the boat, engaged on north: without way or throttle, or with both."""
+    vessel = load_vessel("bow_thruster")
+    fitted = vessel.drive.bow_thruster
+    assert fitted is not None
+    drive = dataclasses.replace(vessel.drive, bow_thruster=dataclasses.replace(fitted, **(thruster or {})))
+    scenario = Scenario(
+        1,
+        "lying",
+        seed=seed,
+        plant="small_craft",
+        start=Start(speed_m_s=speed),
+        faults=faults,
+        wind=wind or WindSection(),
+    )
+    boat = Lockstep(dataclasses.replace(vessel, drive=drive), scenario=scenario, measured_every=2, **more)
+    boat.firmware.sticks[2] = 1500 if speed == 0.0 else boat.ahead_us
+    boat.engage(0.0)
+    assert boat.run(15.0, boat.engaged), boat.tick.alarms
+    boat.run(4.0)
+    return boat
+
+
+def off(boat: Lockstep, course: float) -> float:
+    return math.degrees(wrap(boat.world.boat.state.heading - math.radians(course)))
+
+
+def turning(boat: Lockstep) -> Lockstep:
+    """Return the boat in the midst of a turn, its thruster at work."""
+    boat.engage(120.0)
+    assert boat.run(10.0, lambda tick: tick.command.thruster > 0.0), boat.tick.alarms
+    boat.run(1.0)
+    assert boat.firmware.servos[BOW_OUTPUT - 1] > REST_US
+    return boat
+
+
+def names(boat: Lockstep) -> set[str]:
+    return {alarm.name for alarm in boat.tick.alarms}
+
+
+@pytest.mark.parametrize("proportional", [False, True])
+@pytest.mark.parametrize("course", [70.0, -70.0])
+def test_a_boat_without_way_turns_and_keeps_its_heading(course: float, proportional: bool) -> None:
+    boat = lying(thruster={"proportional": proportional})
+    boat.engage(course)
+    worst = 0.0
+    for _ in range(300):
+        boat.run(0.1)
+        worst = max(worst, off(boat, course) * math.copysign(1.0, course))
+    assert worst < 5.0, "deg past the course"
+    for _ in range(300):
+        boat.run(0.1)
+        assert abs(off(boat, course)) < 6.0
+
+
+def test_under_way_the_rudder_steers_and_the_thruster_rests() -> None:
+    boat = lying(speed=None)
+    boat.engage(30.0)
+    boat.run(5.0)
+    assert not any(tick.command.thruster for tick in boat.ticks)
+    assert any(abs(tick.command.angle) > 0.05 for tick in boat.ticks)
+
+
+@pytest.mark.parametrize("how", ["standby", "mode", "disengaged by silence", "radio lost"])
+def test_it_stops_whoever_falls_silent(how: str) -> None:
+    boat = turning(lying())
+    patience = 1.0
+    if how == "standby":
+        boat.order = type(boat.order)(serial=boat.order.serial + 1)
+    elif how == "mode":
+        assert boat.firmware.set_mode(4)
+    else:
+        patience = 4.0
+        boat.firmware.receiver = how != "radio lost"
+        last = boat.clock.time
+        while boat.firmware.world.time < last + patience:
+            boat.vehicle.advance(boat.firmware.world.time + 0.05)
+        assert boat.firmware.servos[BOW_OUTPUT - 1] == REST_US
+        return
+    boat.run(patience)
+    assert boat.firmware.servos[BOW_OUTPUT - 1] == REST_US
+    assert not boat.tick.command.thruster
+
+
+def test_without_a_radio_it_stops_too() -> None:
+    boat = turning(lying(vehicle={"receiver": False}))
+    last = boat.firmware.world.time
+    while boat.firmware.world.time < last + 2.0:
+        boat.vehicle.advance(boat.firmware.world.time + 0.05)
+    assert boat.firmware.servos[BOW_OUTPUT - 1] == REST_US
+
+
+@pytest.mark.parametrize(
+    ("parameters", "word"),
+    [
+        ({"SERVO_RC_FS_MSK": 0.0}, "SERVO_RC_FS_MSK"),
+        ({"RC_OVERRIDE_TIME": 10.0}, "RC_OVERRIDE_TIME"),
+        ({"RC_FS_TIMEOUT": 8.0}, "RC_FS_TIMEOUT"),
+        ({"FS_THR_ENABLE": 0.0}, "FS_THR_ENABLE"),
+        ({f"SERVO{BOW_OUTPUT}_FUNCTION": 0.0}, "SERVOn_FUNCTION"),
+    ],
+)
+def test_a_set_up_that_would_not_stop_it_is_refused(parameters: dict[str, float], word: str) -> None:
+    boat = lying(parameters=parameters)
+    boat.engage(90.0)
+    boat.run(4.0)
+    assert not any(tick.command.thruster for tick in boat.ticks)
+    details = [alarm.detail for alarm in boat.tick.alarms if alarm.name == "bow_thruster_off"]
+    assert details
+    assert word in details[0]
+
+
+def test_a_hand_on_its_lever_keeps_it() -> None:
+    boat = lying()
+    boat.firmware.sticks[8] = 1700
+    boat.run(2.0)
+    boat.engage(90.0)
+    boat.run(3.0)
+    assert boat.firmware.servos[BOW_OUTPUT - 1] == 1700
+    assert "bow_thruster_off" in names(boat)
+
+
+def test_a_dead_thruster_is_found_and_rests() -> None:
+    boat = lying(faults=(FaultSection("bow_thruster_dead", 0.0),))
+    boat.engage(90.0)
+    boat.run(15.0)
+    assert "bow_thruster_weak" in names(boat)
+    assert boat.firmware.servos[BOW_OUTPUT - 1] == REST_US
+
+
+def test_it_rests_when_it_has_run_for_as_long_as_it_may() -> None:
+    boat = lying(thruster={"run_s": 3.0, "rest_s": 1000.0})
+    boat.engage(150.0)
+    boat.run(30.0)
+    ran = 0.05 * sum(1 for tick in boat.ticks if tick.command.thruster)
+    assert ran < 3.5
+    assert "bow_thruster_hot" in names(boat)
