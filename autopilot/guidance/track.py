@@ -34,6 +34,9 @@ LOOKAHEAD_S = 4.0
 """Delta is as far as the boat goes in this time [s] where the vessel file names none."""
 LEADS_AHEAD = 3.0
 """And no less than the way over the ground in so many `lead`s: the loop about the leg is damped by 0.87 then."""
+LEADS_AHEAD_UNSTABLE = 6.0
+"""The same of a course-unstable boat: its turns are planned for the weakest rudder that is left to doubt, and one that
+is reversed runs two to four leads behind its order. At 3 the loop swings."""
 LOOKAHEAD_LEAST = 1.0
 """Delta is never less than this [m]."""
 SHORTEST_LEG = 1.0
@@ -78,7 +81,7 @@ class TrackSettings(NamedTuple):
     the water, and the `lead` [s] by which an ordered heading has to run ahead of it in a turn; speed [m/s] at work,
     and sway_time [s] in which drift follows a turn; alarm_distance [m] off the track; position_timeout [s] after which
     a lost position is an alarm; magnetic: the boat steers magnetic courses, and no route can lead it; variation [rad],
-    east positive, not a number where the file has none."""
+    east positive, not a number where the file has none; leads_ahead: the look-ahead in leads, at least."""
 
     lookahead: float = LOOKAHEAD_S
     radius: float = 10.0
@@ -90,6 +93,7 @@ class TrackSettings(NamedTuple):
     position_timeout: float = 5.0
     magnetic: bool = False
     variation: float = math.nan
+    leads_ahead: float = LEADS_AHEAD
 
 
 class Leg(NamedTuple):
@@ -232,7 +236,7 @@ class TrackGuide:
     def look_ahead(self, way: float) -> float:
         """Return Delta [m] at `way` [m/s] over the ground."""
         settings = self.settings
-        return max(LOOKAHEAD_LEAST, settings.lookahead * settings.speed, LEADS_AHEAD * settings.lead * way)
+        return max(LOOKAHEAD_LEAST, settings.lookahead * settings.speed, settings.leads_ahead * settings.lead * way)
 
     def _along(self, known: CurrentFilter, heading: float, dt: float) -> float:
         """Return the heading along the path, and go on to the next leg where this one's end is reached."""

@@ -16,7 +16,7 @@ from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
 from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.stop import lag_of_plan, preset_rate, stop_angle, symmetric_of, turn_limits
-from autopilot.guidance.track import TrackSettings
+from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_UNSTABLE, TrackSettings
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.wind_vane import WindSettings
 from autopilot.links.rudder_follow import FollowSettings
@@ -402,6 +402,7 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
         alarm_distance=guidance.off_track_alarm_m,
         magnetic=vessel.sensors.magnetic,
         variation=math.nan if vessel.sensors.variation_deg is None else math.radians(vessel.sensors.variation_deg),
+        leads_ahead=LEADS_AHEAD if model.n1 > 0.0 else LEADS_AHEAD_UNSTABLE,
     )
 
 
