@@ -10,6 +10,8 @@ import pytest
 from lockstep import Lockstep
 
 from autopilot.angles import wrap
+from autopilot.runtime.tick_codec import decode_tick, encode_tick
+from autopilot.signals import ThrusterSample
 from autopilot.vessel.file import load_vessel
 from sitl.firmware import BOW_OUTPUT
 from sitl.scenario import FaultSection, Scenario, Start, WindSection
@@ -162,3 +164,13 @@ def test_it_rests_when_it_has_run_for_as_long_as_it_may() -> None:
     ran = 0.05 * sum(1 for tick in boat.ticks if tick.command.thruster)
     assert ran < 3.5
     assert "bow_thruster_hot" in names(boat)
+
+
+def test_its_orders_survive_the_log() -> None:
+    boat = turning(lying())
+    ran = [tick for tick in boat.ticks if tick.command.thruster]
+    heard = [tick for tick in boat.ticks if any(isinstance(sample, ThrusterSample) for sample in tick.samples)]
+    assert ran
+    assert heard
+    for tick in (*ran, *heard):
+        assert repr(decode_tick(encode_tick(tick))) == repr(tick)
