@@ -34,9 +34,10 @@ LOOKAHEAD_S = 4.0
 """Delta is as far as the boat goes in this time [s] where the vessel file names none."""
 LEADS_AHEAD = 3.0
 """And no less than the way over the ground in so many `lead`s: the loop about the leg is damped by 0.87 then."""
-LEADS_AHEAD_UNSTABLE = 6.0
-"""The same of a course-unstable boat: its turns are planned for the weakest rudder that is left to doubt, and one that
-is reversed runs two to four leads behind its order. At 3 the loop swings."""
+LEADS_AHEAD_SLUGGISH = 6.0
+"""The same of a boat that is not course-stable, or whose T is more than SLUGGISH leads: a turn of such a boat that is
+reversed runs two to four leads behind its order. At 3 the loop swings."""
+SLUGGISH = 3.0
 LOOKAHEAD_LEAST = 1.0
 """Delta is never less than this [m]."""
 SHORTEST_LEG = 1.0

@@ -16,7 +16,7 @@ from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
 from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.stop import lag_of_plan, preset_rate, stop_angle, symmetric_of, turn_limits
-from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_UNSTABLE, TrackSettings
+from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_SLUGGISH, SLUGGISH, TrackSettings
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.wind_vane import WindSettings
 from autopilot.links.rudder_follow import FollowSettings
@@ -392,17 +392,19 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
     symmetric = symmetric_of(model)
     # a turn that goes on at this rate is planned so far behind its order
     behind = lag_of_plan(turn, rate) + stop_angle(symmetric, turn, rate, rudder_for(symmetric, rate, 0.0)) / rate
+    lead = behind + vessel.control.loop_delay_s
+    is_sluggish = model.n1 <= 0.0 or model.time_constant > SLUGGISH * lead
     return TrackSettings(
         lookahead=guidance.lookahead_s,
         radius=guidance.waypoint_radius_m,
         turn_radius=model.reference_speed / rate,
-        lead=behind + vessel.control.loop_delay_s,
+        lead=lead,
         speed=model.reference_speed,
         sway_time=model.time_constant,
         alarm_distance=guidance.off_track_alarm_m,
         magnetic=vessel.sensors.magnetic,
         variation=math.nan if vessel.sensors.variation_deg is None else math.radians(vessel.sensors.variation_deg),
-        leads_ahead=LEADS_AHEAD if model.n1 > 0.0 else LEADS_AHEAD_UNSTABLE,
+        leads_ahead=LEADS_AHEAD_SLUGGISH if is_sluggish else LEADS_AHEAD,
     )
 
 
