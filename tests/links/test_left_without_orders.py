@@ -38,6 +38,7 @@ def test_the_helm_is_given_up_until_the_rudder_is_released(kind: str) -> None:
     link = opened(kind)
     link.receive(0.0)
     link.send(0.0, RudderCommand(0.0, 0.1, True))
+    link.receive(0.6 * PATIENCE_S)  # nobody answers for the drive, which is said once it has been waited for
     assert helms(link.receive(0.9 * PATIENCE_S)) == []
     link.send(1.0, RudderCommand(1.0, 0.1, True))
     gone = 1.0 + 1.1 * PATIENCE_S

@@ -72,7 +72,7 @@ def test_a_small_file_is_filled_with_defaults() -> None:
         (
             "  T_s: 0.3\n",
             "",
-            "line 4, column 3: the key model.T_s is missing; give a finite number from 0.001 to 10000",
+            "line 4, column 3: the key model.T_s is missing; give a finite number from 0.01 to 10000",
         ),
         ("0.7", "seven", "model.K_1_s is the text 'seven', needed is a finite number from 1e-05 to 100"),
         ("0.7", "0.7 1/s", "write the bare number, the unit is in the key."),
