@@ -21,13 +21,19 @@ from __future__ import annotations
 from autopilot.links.mavlink.requests import (
     OVERRIDE_TIME,
     RADIO_TIMEOUT,
-    RC_SUFFIXES,
     SAFE_MASK,
     SCALED,
-    SERVO_SUFFIXES,
     VehicleParameters,
 )
-from autopilot.links.mavlink.steering import InputTable, SteeringChannel, pulse_table
+from autopilot.links.mavlink.steering import (
+    FIRST_HIGH,
+    LEAVE_ALONE,
+    InputTable,
+    SteeringChannel,
+    pulse_table,
+    released,
+    way_through,
+)
 
 LONGEST_OVERRIDE_S = 3.0
 """RC_OVERRIDE_TIME, as by default: so long a thruster may run on when its pilot has died."""
@@ -36,7 +42,6 @@ NEUTRALS = 3
 LEAVINGS = 3
 AT_REST_US = 20
 """A lever this near the middle, beyond the dead zone, is not in somebody's hand."""
-LEAVE_ALONE, RELEASE, RELEASE_HIGH, FIRST_HIGH = 65535, 0, 65534, 9
 
 
 class BowThrusterOutput:
@@ -94,7 +99,6 @@ class BowThrusterOutput:
             self.pulse = self._table.nearest(min(max(share * self._side, -1.0), 1.0))
             self._neutrals, self._leavings = NEUTRALS, LEAVINGS
             return self.pulse
-        is_high = self.channel >= FIRST_HIGH
         if self._neutrals and self._table is not None:
             self._neutrals -= 1
             self.pulse = self._table.nearest(0.0)
@@ -102,8 +106,8 @@ class BowThrusterOutput:
         self._neutrals, self.pulse = 0, 0
         if self._leavings:
             self._leavings -= 1
-            return RELEASE_HIGH if is_high else RELEASE
-        return RELEASE if is_high else LEAVE_ALONE
+            return released(self.channel)
+        return LEAVE_ALONE if self.channel < FIRST_HIGH else 0
 
 
 UNKNOWN = "the flight controller's parameters have not come yet"
@@ -119,17 +123,8 @@ def thruster_way(parameters: VehicleParameters, channel: int) -> tuple[SteeringC
         return None, wanted if parameters.has_functions else UNKNOWN
     if channel in (parameters.steering_input, parameters.throttle_input, *parameters.free_sticks):
         return None, f"channel {channel} is a stick; give the thruster another one"
-    output = found[0]
-    rc = [parameters.get(f"RC{channel}_{suffix}") for suffix in RC_SUFFIXES]
-    servo = [parameters.get(f"SERVO{output}_{suffix}") for suffix in SERVO_SUFFIXES]
-    low, trim, high, dead_zone, rc_reversed = (None if value is None else round(value) for value in rc)
-    least, middle, most, servo_reversed = (None if value is None else round(value) for value in servo)
-    if low is None or trim is None or high is None or dead_zone is None or rc_reversed is None:
-        return None, UNKNOWN
-    if least is None or middle is None or most is None or servo_reversed is None:
-        return None, UNKNOWN
-    ways = (low, trim, high, dead_zone, bool(rc_reversed), least, middle, most, bool(servo_reversed))
-    return SteeringChannel(*ways), unsafe(parameters, channel, found)
+    way = way_through(parameters, channel, found[0])
+    return way, UNKNOWN if way is None else unsafe(parameters, channel, found)
 
 
 def unsafe(parameters: VehicleParameters, channel: int, outputs: tuple[int, ...]) -> str:

@@ -81,6 +81,12 @@ def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
         return SteeringChannel(
             low, trim, high, dead_zone, bool(is_reversed), *MIXED_US, expo=parameters.get(EXPO) or 0.0
         )
+    return way_through(parameters, rc, servo, parameters.get(EXPO) or 0.0)
+
+
+def way_through(parameters: VehicleParameters, rc: int, servo: int, expo: float = 0.0) -> SteeringChannel | None:
+    """Return the way from input channel `rc` to output `servo`, whose share is bent by `expo`; None while a piece of it
+    is unknown."""
     names = [f"RC{rc}_{suffix}" for suffix in RC_SUFFIXES] + [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
     found = [parameters.get(name) for name in names]
     values = [round(value) for value in found if value is not None]
@@ -97,7 +103,7 @@ def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
         servo_trim,
         servo_max,
         bool(servo_reversed),
-        parameters.get(EXPO) or 0.0,
+        expo,
     )
 
 
@@ -248,14 +254,20 @@ class BowChannel(Protocol):
         """Return what the channel carries in the next message."""
 
 
-LEAVE_ALONE = 65535
-RELEASE_HIGH_CHANNEL = 65534
+LEAVE_ALONE, RELEASE = 65535, 0
+RELEASE_HIGH_CHANNEL, FIRST_HIGH = 65534, 9
+"""From this channel of RC_CHANNELS_OVERRIDE on, 0 leaves it alone."""
 NOT_THIS_AXIS = 32767
 REACH_TOLERANCE_DEG = 0.5
 MOST_MADE = 4096
 """Messages that are kept to be sent again."""
 DISTINCT_US = 3
 """A radio's own noise; further apart than this two pulses are different."""
+
+
+def released(channel: int) -> int:
+    """Return what gives a channel from 1 back to the radio."""
+    return RELEASE if channel < FIRST_HIGH else RELEASE_HIGH_CHANNEL
 
 
 class SteeringOutput:
@@ -432,7 +444,7 @@ class SteeringOutput:
     def _release(self) -> Message:
         if not self._by_pulse:
             return self._asking(NOT_THIS_AXIS)
-        return self._asking(0 if self._held <= 8 else RELEASE_HIGH_CHANNEL)
+        return self._asking(released(self._held))
 
     def _asking(self, value: int, thruster: float = 0.0) -> Message:
         """Return the message that asks for an input and a bow thruster's share, made once for each."""
