@@ -149,7 +149,7 @@ def likelihood_fit(
     late = np.array([part != "dead_band" for part in parts], dtype=float)
     late_error = math.sqrt(max(float(late @ way @ late), 0.0))
     noise = max(white_noise(segment.rudder) for segment in segments)
-    unseen = _unseen(space, best, memory_of(guess, segments, form.power), PLAY_NOISES * noise)
+    unseen = _unseen(space, best, memory, PLAY_NOISES * noise)
     motions = _motions(space, best)
     return LikelihoodFit(boat, joint[:4, :4], train, errors, weather, loss, late_error, unseen, motions, form, joint)
 

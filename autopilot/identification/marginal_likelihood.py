@@ -67,25 +67,22 @@ def stepped(
         drive = steering * (a * mean - e) + push
         half = 0.5 * a * steering * rise
         linear, higher = b * record.scales.linear[s], d * record.scales.higher[s]
-        if record.power == 3:
-            k1 = drive - half - r * (linear + r * (c + higher * r))
-            x = r + 0.5 * h * k1
-            k2 = drive - x * (linear + x * (c + higher * x))
-            x = r + 0.5 * h * k2
-            k3 = drive - x * (linear + x * (c + higher * x))
-            x = r + h * k3
-            k4 = drive + half - x * (linear + x * (c + higher * x))
-        else:
-            k1 = drive - half - r * (linear + c * r + higher * np.abs(r))
-            x = r + 0.5 * h * k1
-            k2 = drive - x * (linear + c * x + higher * np.abs(x))
-            x = r + 0.5 * h * k2
-            k3 = drive - x * (linear + c * x + higher * np.abs(x))
-            x = r + h * k3
-            k4 = drive + half - x * (linear + c * x + higher * np.abs(x))
+        terms = linear, c, higher, record.power
+        k1 = drive - half - damped(terms, r)
+        k2 = drive - damped(terms, r + 0.5 * h * k1)
+        k3 = drive - damped(terms, r + 0.5 * h * k2)
+        k4 = drive + half - damped(terms, r + h * k3)
         turned = turned + h * (r + h / 6.0 * (k1 + k2 + k3))
         r = r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     return r, turned
+
+
+def damped(terms: tuple[FloatArray, float, FloatArray, int], rate: FloatArray) -> FloatArray:
+    """Return by how much [rad/s^2] a `rate` [rad/s] is damped; terms: linear, quadratic and of `Form.power`."""
+    linear, quadratic, higher, power = terms
+    if power == 3:
+        return rate * (linear + rate * (quadratic + higher * rate))
+    return rate * (linear + quadratic * rate + higher * np.abs(rate))
 
 
 class Path(NamedTuple):
