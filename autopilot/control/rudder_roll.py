@@ -352,9 +352,9 @@ def schedule_step(
     roll = _plus(free, schedule.roll.response)
     quiet_demand = sway_yaw_rudder(parts.quiet, quiet.v, quiet.r, quiet.psi - heading_goal)
     steady = sway_yaw_rudder(parts.quiet, roll.v, roll.r, roll.psi - heading_goal)
-    wanted = blended_rudder(schedule.strength, steady, roll_rudder(parts.roll, roll, heading_goal))
-    gain = rate_gain_step(schedule.gain, wanted, dt)
-    roll_demand = blended_rudder(rate_share(gain, parts.gear.rate_max), steady, wanted)
+    wanted = roll_rudder(parts.roll, roll, heading_goal)
+    alone = schedule._replace(weight=1.0)
+    roll_demand, gain = damping_rudder(alone, schedule.gain, steady, wanted, (parts.gear.rate_max, dt))
     now = RollSchedule(
         time,
         linear_response(parts.step, schedule.own, rudder),
