@@ -187,7 +187,8 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         [load_run(path, None, arguments.reverse_rudder, options) for path in paths]
         for paths in (arguments.logs, arguments.holdout)
     )
-    ordered, as_ordered = _slower_rudder(vessel, fitted), fitted
+    known = _vessel_of(vessel, fitted)
+    ordered, as_ordered = _slower_rudder(known, fitted), fitted
     if ordered is not None:
         from autopilot.identification.ordered_rudder import with_rudder_of
 
@@ -202,12 +203,13 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         given = Given(vessel, arguments.rudder_max_deg, arguments.rudder_at_full_deg)
         boat = boat_for(arguments.out, fitted, given)
     doubt = None if ordered is None else (as_ordered, ordered)
-    result = _identify(arguments, steady, _prior(arguments.length_m, vessel, fitted), fitted, held_out, doubt)
+    result = _identify(arguments, steady, _prior(arguments.length_m, known), fitted, held_out, doubt)
     if ordered is not None:
         result = result._replace(rudder_rate=ordered)
-    result = result._replace(gear=gear_check(as_ordered, _filed_rate(vessel, as_ordered), result.rudder_rate))
+    result = result._replace(gear=gear_check(as_ordered, _filed_rate(known), result.rudder_rate))
+    shown = report.as_json if arguments.json else report.as_text
     if short := _falls_short(arguments, result):
-        print(report.as_json(result) if arguments.json else report.as_text(result))
+        print(shown(result))
         raise RefusedError(short)
     if arguments.out:
         from autopilot.cli.identify_vessel import write_vessel
@@ -215,9 +217,9 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         try:
             result = result._replace(remarks=tuple(write_vessel(arguments.out, result, boat, given)))
         except InputError:
-            print(report.as_json(result) if arguments.json else report.as_text(result))
+            print(shown(result))
             raise  # a fit of minutes is shown even where its file cannot be
-    print(report.as_json(result) if arguments.json else report.as_text(result))
+    print(shown(result))
     if arguments.report:
         _write_report(arguments, result, steady)
     if arguments.out and not arguments.json:
@@ -240,19 +242,16 @@ def _falls_short(arguments: argparse.Namespace, result: Result) -> str:
 
 def _slower_rudder(vessel: Vessel | None, runs: Sequence[Run]) -> RudderRate | None:
     """Return the rate of a rudder that is known by its orders alone and was slower than the vessel file says."""
-    of = _vessel_of(vessel, runs)
-    is_thrust = of is not None and of.drive.kind != "rudder"
+    is_thrust = vessel is not None and vessel.drive.kind != "rudder"
     if any(run.rudder == "measured" or (is_thrust and run.rudder == "estimated") for run in runs):
         return None
     from autopilot.identification.ordered_rudder import slower_rudder
 
-    return slower_rudder(runs, _filed_rate(vessel, runs))
+    return slower_rudder(runs, _filed_rate(vessel))
 
 
-def _filed_rate(vessel: Vessel | None, runs: Sequence[Run]) -> float:
-    """Return the slower side's rate [rad/s] by the vessel file, or by that of the pilot that recorded; inf where there
-    is none."""
-    vessel = _vessel_of(vessel, runs)
+def _filed_rate(vessel: Vessel | None) -> float:
+    """Return the slower side's rate [rad/s] by the vessel file; inf where there is none."""
     return math.inf if vessel is None else math.radians(min(vessel.rudder.rates_deg_s))
 
 
@@ -355,12 +354,10 @@ def _identify(
     return result._replace(residual_tests=tests, choice=choice)
 
 
-def _prior(length: float | None, vessel: Vessel | None, runs: Sequence[Run]) -> BoatPrior | None:
-    """Return what other boats say of one of this `length` [m], or of that of `vessel`, or of the pilot that recorded;
-    None where none of them knows it."""
+def _prior(length: float | None, vessel: Vessel | None) -> BoatPrior | None:
+    """Return what other boats say of one of this `length` [m], or of that of `vessel`; None where neither is known."""
     from autopilot.vessel.fleet import boats_prior
 
-    vessel = _vessel_of(vessel, runs)
     if length is None and vessel is not None:
         length = vessel.length_m
     return None if length is None else boats_prior(length, (vessel.name,) if vessel is not None else ())
