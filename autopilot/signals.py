@@ -61,11 +61,13 @@ class ThrustSample(NamedTuple):
 
 
 class ThrusterSample(NamedTuple):
-    """Whether the link can command a bow thruster, and knows that it stops when nobody commands it any more."""
+    """Whether the link can command a bow thruster, and knows that it stops when nobody commands it any more; disobeyed:
+    what did not follow its orders, '' where all did."""
 
     time: float
     available: bool
     source: str = ""
+    disobeyed: str = ""
 
 
 class RollSample(NamedTuple):

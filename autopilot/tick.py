@@ -151,17 +151,19 @@ class PilotConfig(NamedTuple):
 
 
 class Config(NamedTuple):
-    """The pilot's config, its law, and what follows from both."""
+    """The pilot's config, its law, and what follows from both. has_thrusters: it turns by two, or by one at the bow."""
 
     boat: PilotConfig
     law: LawInForce
     steering: SteeringConfig
     envelope: Envelope
+    has_thrusters: bool
 
 
 def configured(boat: PilotConfig, law: LawInForce) -> Config:
     """Return what a boat is steered by with a law."""
-    return Config(boat, law, steering_of(boat, law), _envelope_of(boat))
+    has_thrusters = boat.thruster is not None or boat.steers_by is Needs.NOTHING
+    return Config(boat, law, steering_of(boat, law), _envelope_of(boat), has_thrusters)
 
 
 def _envelope_of(config: PilotConfig) -> Envelope:
@@ -220,10 +222,13 @@ NO_FINDINGS: Mapping[str, AlarmEvent] = {}
 
 
 class Bow(NamedTuple):
-    """What the bow thruster is at, and when [s] a link last said that it can command it."""
+    """What the bow thruster is at; when [s] a link last said that it can command it; what does not follow; and whether
+    it is needed."""
 
     thruster: BowState = AT_REST
     available: float = -math.inf
+    disobeyed: str = ""
+    is_needed: bool = False
 
 
 class State(NamedTuple):
@@ -305,7 +310,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     now, samples, order = inputs
     has_all = state.estimate.speeds.reach >= config.boat.limits.angle_max
     config = config if has_all else limited_by_thrust(config, state, now)
-    boat, way, rudder, thrusters = config.boat, state.way, state.rudder, state.thrusters
+    boat, way, rudder, thrusters, bow = config.boat, state.way, state.rudder, state.thrusters, state.bow
     steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
     gap = 0.0 if math.isnan(state.now) else now - state.now
     dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
@@ -320,9 +325,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     times, angles, _, _, _, commands = estimate.memory
     history = History(times, angles, commands, estimate.rudder.ticks)
     monitors, found = judged(boat.alarms, monitors, view, history)
-    if boat.steers_by is Needs.NOTHING:
+    if config.has_thrusters:
         thrusters, found = watch_thrusters(boat, state, estimate, view, dt, found)
-    found = with_thruster(state.bow.thruster, found)
     softer = monitors.course.softer
 
     notes = supervisor.memory.notes
@@ -366,17 +370,14 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         demand += control.roll_rudder
 
     previous = rudder.command.angle if rudder.command.engaged else seen.rudder
-    if steers:
-        rest = limited(steering.limits, boat.dead_band, rudder.rest, (previous, dt), demand)
-    else:
-        rest = limited_at_once(steering.limits, (previous, dt), demand)
+    limits, moved, rest = steering.limits, (previous, dt), rudder.rest
+    rest = limited(limits, boat.dead_band, rest, moved, demand) if steers else limited_at_once(limits, moved, demand)
     command = supervisor.check(now, previous, demand, rest.command, dt, picture(boat, way, order, reference, steady))
     if command.angle != rest.command:
         rest = Rest(command.angle, command.angle)
-    holds = on_course and waits and command.engaged
-    look = bow_look(reference, seen) if holds else None
-    bow = with_bow(boat.thruster, state.bow, (now, gap), samples, look, is_engaged)
-    command = command._replace(thruster=bow.thruster.share) if bow.thruster.share else command
+    if boat.thruster is not None:
+        look = bow_look(reference, seen) if waits else None
+        bow, command = with_bow(boat.thruster, bow, (now, gap), samples, look, command)
     if command.engaged and boat.rudder_is_ours:
         estimate = with_order(estimate, now, command.angle)
     if is_measured or not (command.engaged and boat.rudder_is_ours):
@@ -427,13 +428,18 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     return after, tick
 
 
-def with_thruster(thruster: BowState, found: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
+def with_bow_found(bow: Bow, found: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
     """Return what is found, and what keeps the bow thruster from turning the boat."""
+    thruster, disobeyed = bow.thruster, bow.disobeyed if bow.is_needed else ""
     if thruster.is_weak:
         found = {**found, "bow_thruster_weak": AlarmEvent("bow_thruster_weak")}
     if thruster.is_hot:
         found = {**found, "bow_thruster_hot": AlarmEvent("bow_thruster_hot")}
-    return found
+    return (
+        {**found, "bow_thruster_not_following": AlarmEvent("bow_thruster_not_following", disobeyed)}
+        if disobeyed
+        else found
+    )
 
 
 def bow_look(reference: Reference, seen: NavState) -> BowLook:
@@ -443,24 +449,24 @@ def bow_look(reference: Reference, seen: NavState) -> BowLook:
 
 
 def with_bow(
-    thruster: BowThruster | None,
+    thruster: BowThruster,
     bow: Bow,
     times: tuple[float, float],
     samples: tuple[Sample, ...],
     look: BowLook | None,
-    is_engaged: bool,
-) -> Bow:
-    """Return the bow thruster a tick later. times: now, and since the last tick [s]; look: None where it must stand
-    still, as it must where no link says that it commands it."""
-    if thruster is None:
-        return bow
-    (now, gap), available = times, bow.available
+    command: RudderCommand,
+) -> tuple[Bow, RudderCommand]:
+    """Return the bow thruster a tick later, and the command with its share. times: now, and since the last tick [s];
+    look: None where it is not needed. It stands still where no link says that it commands it."""
+    (now, gap), (state, available, disobeyed, _) = times, bow
     for sample in samples:
         if type(sample) is ThrusterSample:
-            available = sample.time if sample.available else -math.inf
-    if not now - available <= THRUSTER_HEARD:
-        look = None
-    return Bow(bow_step(thruster, bow.thruster, look, gap, is_engaged), available)
+            available, disobeyed = sample.time if sample.available else -math.inf, sample.disobeyed
+    is_needed = look is not None and command.engaged
+    may = is_needed and now - available <= THRUSTER_HEARD
+    state = bow_step(thruster, state, look if may else None, gap, command.engaged)
+    bow = Bow(state, available, disobeyed, is_needed)
+    return bow, command._replace(thruster=state.share) if state.share else command
 
 
 def limited_by_thrust(config: Config, state: State, now: float) -> Config:
@@ -630,7 +636,9 @@ def watch_thrusters(
     dt: float,
     found: Mapping[str, AlarmEvent],
 ) -> tuple[ThrusterMemory, Mapping[str, AlarmEvent]]:
-    """Return what the watch of two thrusters remembers, and what is found, with it."""
+    """Return what the watch of thrusters remembers, and what is found, with what is wrong with them."""
+    if boat.thruster is not None:
+        return NOTHING_SEEN, with_bow_found(state.bow, found)
     seen = view.state
     if not seen.valid:
         return NOTHING_SEEN, found

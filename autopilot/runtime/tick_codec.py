@@ -223,12 +223,12 @@ def _encode_sample(sample: Sample) -> bytes:
         body = _SAMPLE.pack(kind, sample.time, sample.throttle) + _NUMBER.pack(sample.reach)
     elif isinstance(sample, PositionSample):
         body = _SAMPLE.pack(kind, sample.time, sample.latitude) + _NUMBER.pack(sample.longitude)
-    elif isinstance(sample, HeadingSample):
-        body = _SAMPLE.pack(kind, sample.time, sample.heading) + _optional(sample.rate)
-    elif isinstance(sample, RollSample):
-        body = _SAMPLE.pack(kind, sample.time, sample.roll) + _optional(sample.rate)
-    elif isinstance(sample, RateSample | CourseSample | ThrusterSample):
-        body = _SAMPLE.pack(kind, sample.time, float(sample[1]))
+    elif isinstance(sample, HeadingSample | RollSample):
+        body = _SAMPLE.pack(kind, sample.time, sample[1]) + _optional(sample.rate)
+    elif isinstance(sample, RateSample | CourseSample):
+        body = _SAMPLE.pack(kind, sample.time, sample[1])
+    elif isinstance(sample, ThrusterSample):
+        body = _SAMPLE.pack(kind, sample.time, float(sample.available)) + _text(sample.disobeyed)
     elif isinstance(sample, RudderSample):
         body = _SAMPLE.pack(kind, sample.time, sample.angle) + bytes([sample.ordered])
     else:
@@ -258,8 +258,8 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
         source, place = _read_text(record, place)
         return made(time, value, source), place
     if made is ThrusterSample:
-        source, place = _read_text(record, place)
-        return ThrusterSample(time, bool(value), source), place
+        (disobeyed, source), place = _read_texts(record, place, 2)
+        return ThrusterSample(time, bool(value), source, disobeyed), place
     if made in (PositionSample, WindSample, ThrustSample):
         (second,) = _NUMBER.unpack_from(record, place)
         source, place = _read_text(record, place + _NUMBER.size)

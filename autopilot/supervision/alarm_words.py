@@ -208,6 +208,12 @@ WORDS = {
         "the flight controller's set-up would not stop it, or a hand has its lever",
         key="drive.bow_thruster",
     ),
+    "bow_thruster_not_following": Words(
+        "the bow thruster's output does not follow its orders",
+        "stop what else overrides its channel; look at its SERVOn_FUNCTION; engage again to try it anew",
+        "the channel, or the output behind it, shows another pulse than ordered for 1 s; said where it is needed",
+        key="drive.bow_thruster.channel",
+    ),
     "bow_thruster_hot": Words(
         "the bow thruster has run for as long as it may, and cools",
         "make way, or let the boat lie; it runs again when it has half cooled",

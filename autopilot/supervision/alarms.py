@@ -149,6 +149,7 @@ _KINDS = (
     AlarmKind("lively", Response.DEGRADE, Severity.WARNING),
     AlarmKind("thruster_weak", Response.DEGRADE, Severity.WARNING),
     AlarmKind("bow_thruster_off", Response.NOTIFY, Severity.NOTICE),
+    AlarmKind("bow_thruster_not_following", Response.NOTIFY, Severity.WARNING),
     AlarmKind("bow_thruster_hot", Response.NOTIFY, Severity.WARNING),
     AlarmKind("bow_thruster_weak", Response.NOTIFY, Severity.WARNING),
     AlarmKind("rudder_slow", Response.DEGRADE, Severity.WARNING),

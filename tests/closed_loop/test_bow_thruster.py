@@ -10,8 +10,9 @@ import pytest
 from lockstep import Lockstep
 
 from autopilot.angles import wrap
+from autopilot.links.release import ReleaseState
 from autopilot.runtime.tick_codec import decode_tick, encode_tick
-from autopilot.signals import ThrusterSample
+from autopilot.signals import Mode, Order, ThrusterSample
 from autopilot.vessel.file import load_vessel
 from sitl.firmware import BOW_OUTPUT
 from sitl.scenario import FaultSection, Scenario, Start, WindSection
@@ -137,6 +138,71 @@ def test_a_set_up_that_would_not_stop_it_is_refused(parameters: dict[str, float]
     details = [alarm.detail for alarm in boat.tick.alarms if alarm.name == "bow_thruster_off"]
     assert details
     assert word in details[0]
+
+
+@pytest.mark.parametrize(("channel", "what"), [(9, "is at 123"), (BOW_OUTPUT, f"servo {BOW_OUTPUT} is at")])
+def test_an_output_that_does_not_follow_is_said_and_left_alone_until_engaged_anew(channel: int, what: str) -> None:
+    boat = lying()
+    put = boat.firmware.overrides.put
+    if channel == BOW_OUTPUT:
+        boat.firmware.parameters.set(f"SERVO{BOW_OUTPUT}_FUNCTION", 0.0)
+    else:
+        elsewhere = lambda number, pulse, time: put(number, 1234 if number == 9 else pulse, time)  # noqa: E731
+        boat.firmware.overrides.put = elsewhere  # type: ignore[method-assign]
+    boat.engage(90.0)
+    assert boat.run(5.0, lambda tick: "bow_thruster_not_following" in {alarm.name for alarm in tick.alarms}), (
+        boat.tick.alarms
+    )
+    boat.run(1.0)
+    (detail,) = [alarm.detail for alarm in boat.tick.alarms if alarm.name == "bow_thruster_not_following"]
+    assert what in detail
+    assert not boat.tick.command.thruster
+    assert boat.tick.mode is Mode.ENGAGED, "the rudder steers on"
+    for tick in boat.ticks:
+        assert repr(decode_tick(encode_tick(tick))) == repr(tick)
+    boat.firmware.overrides.put = put  # type: ignore[method-assign]
+    boat.firmware.parameters.set(f"SERVO{BOW_OUTPUT}_FUNCTION", 148.0)
+    boat.order = Order(serial=boat.order.serial + 1)
+    boat.run(2.0)
+    turning(boat)
+    assert "bow_thruster_not_following" not in names(boat)
+
+
+def test_with_way_nothing_is_said_of_an_output_that_is_not_needed() -> None:
+    boat = lying(speed=None)
+    boat.hooks.append(lambda boat: boat.firmware.overrides.put(9, 1234, boat.firmware.world.time))
+    boat.engage(30.0)
+    boat.run(5.0)
+    assert "bow_thruster_not_following" not in names(boat)
+
+
+@pytest.mark.parametrize("receiver", [True, False])
+@pytest.mark.parametrize("lost", [0, 20])
+def test_leaving_releases_it_and_says_so_when_it_has_let_go(receiver: bool, lost: int) -> None:
+    boat = turning(lying(vehicle={"receiver": receiver}))
+    held = boat.firmware.overrides.put
+    ignored = iter(range(lost))
+
+    def put(channel: int, pulse: int, time: float) -> None:
+        """The channel's first releases get lost."""
+        if channel != 9 or pulse or next(ignored, None) is None:
+            held(channel, pulse, time)
+
+    boat.firmware.overrides.put = put  # type: ignore[method-assign]
+    boat.link.release(boat.now)
+    found = None
+    for _ in range(250):
+        boat.clock.time = now = round(boat.clock.time + 0.01, 9)
+        boat.carry(now)
+        boat.link.receive(now)
+        found = boat.link.release_result(now)
+        if found is not None:
+            break
+    assert found is not None
+    assert found.state is (ReleaseState.CONFIRMED if receiver else ReleaseState.UNSHOWN), found
+    assert not receiver or 9 not in boat.firmware.overrides.active(boat.firmware.world.time, 3.0)
+    boat.carry(boat.clock.time + 0.02)
+    assert boat.firmware.servos[BOW_OUTPUT - 1] == REST_US
 
 
 def test_a_hand_on_its_lever_keeps_it() -> None:

@@ -20,6 +20,7 @@ from collections import deque
 from enum import Enum
 
 from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.echo import OverrideEcho, agrees_with
 from autopilot.links.mavlink.requests import OVERRIDE_TIME, TWO_PADDLES, VehicleParameters
 from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
 from autopilot.models.drives import DRIVES
@@ -49,16 +50,10 @@ SILENCE_S = 3.0
 """Nothing at all from the vehicle for this long ends our right to steer."""
 HEARTBEAT_TIMEOUT_S = 8.0
 """Heartbeats get lost one by one on a bad line; without any for this long nobody knows the mode."""
-DISOBEDIENCE_S = 1.0
-"""The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
-AGREEMENT_WEIGHT = 0.5
-"""Reports that agree make good half as much: a rudder that follows somebody else every other time is found out too."""
 BLIND_S = 3.0
 """Steering without any report of the rudder is ended after this."""
 FORGIVEN_S = 2.0
 """This long after our last command a rudder that did not obey may be tried again."""
-HISTORY_S = 1.0
-PULSE_TOLERANCE_US = 3
 STRANGE_REPORTS = 3
 STRANGE_S = 10.0
 STRANGE_LASTS_S = 8.0
@@ -97,9 +92,7 @@ class ControlAuthority:
         self.heartbeat_time = self.received_time = -math.inf
         self.steering = False
         self.disobeyed = ""
-        self._sent: dict[int, float] = {}
-        self._doubts: dict[str, tuple[float, float]] = {}
-        self._began = self._report_time = -math.inf
+        self.echo = OverrideEcho()
         self.last_command = -math.inf
         self._strange: deque[float] = deque(maxlen=STRANGE_REPORTS)
         self._strange_until = -math.inf
@@ -127,23 +120,16 @@ class ControlAuthority:
     def commanded(self, now: float, pulse: int | None) -> None:
         """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for a heading."""
         if not self.steering:
-            self.steering, self._doubts = True, {}
-            self._began = self._report_time = now
+            self.steering = True
             self._strange.clear()  # the proof since has shown that they are gone
             self._strange_until = -math.inf
         self.last_command = now
-        if pulse is not None:
-            self._sent.pop(pulse, None)  # its last time orders it
-            self._sent[pulse] = now
-        for oldest in [*self._sent]:
-            if now - self._sent[oldest] <= HISTORY_S:
-                break
-            del self._sent[oldest]
+        self.echo.commanded(now, pulse)
 
     @property
     def recent_pulses(self) -> list[int]:
         """Input pulses [us] commanded in the `HISTORY_S` before the last command, each once, the newest last."""
-        return [*self._sent]
+        return self.echo.pulses
 
     def rebooted(self) -> None:
         """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew."""
@@ -164,7 +150,7 @@ class ControlAuthority:
         """Take note that we no longer steer."""
         if self.steering:
             self.steering = False
-            self._sent.clear()
+            self.echo.released()
 
     @property
     def steers_by_hand(self) -> bool:
@@ -180,32 +166,22 @@ class ControlAuthority:
         return self.steering and now <= self._strange_until
 
     def seen(self, now: float, what: str, pulse: int, expected: list[int], is_input: bool = False) -> None:
-        """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last.
+        """Compare a reported `pulse` [us] with those that the commands of late ask for; `OverrideEcho.shows`.
 
-        It is one of them: between two that lie on either side a pulse that stands still would seem to obey for as long
-        as the rudder swings about it. `what` names the report in the sentence, such as "RC channel 1" or "servo 1".
         `is_input`: it is the input that we override.
         """
-        agrees = False
-        for each in expected:
-            agrees = agrees or -PULSE_TOLERANCE_US <= pulse - each <= PULSE_TOLERANCE_US
+        echo, agrees = self.echo, agrees_with(pulse, expected)
         # what was reported before our first command of all arrived there is nobody else's
-        if is_input and not agrees and now - self._began > PATIENCE_S:
+        if is_input and not agrees and now - echo.began > PATIENCE_S:
             self._strange.append(now)
-        if self.disagrees(now, what, agrees):
+        if disobeyed := echo.shows(now, what, pulse, expected):
             self.disobeyed = (
-                f"the rudder does not obey: {what} is at {pulse} us while {expected[-1]} is commanded "
-                "(radio override switched off, or another ground station steers)"
+                f"the rudder does not obey: {disobeyed} (radio override switched off, or another ground station steers)"
             )
 
     def disagrees(self, now: float, what: str, agrees: bool) -> bool:
         """Take whether the report `what` agrees with what we command; return whether it has not for too long."""
-        self._report_time = now
-        last, doubt = self._doubts.get(what, (self._began, 0.0))
-        passed = now - last if now - last < DISOBEDIENCE_S else DISOBEDIENCE_S
-        doubt += -AGREEMENT_WEIGHT * passed if agrees else passed
-        self._doubts[what] = (now, doubt if doubt > 0.0 else 0.0)
-        return doubt > DISOBEDIENCE_S
+        return self.echo.disagrees(now, what, agrees)
 
     def refuse(self, sentence: str) -> None:
         """Give the helm up for a reason that was found elsewhere."""
@@ -270,8 +246,9 @@ class ControlAuthority:
         if self.disobeyed:
             return self.disobeyed
         # where the heartbeats stay away too, silence is the better word
-        talks = self.received_time > self._report_time + HEARTBEAT_S
-        if self.steering and talks and now - self._report_time > BLIND_S:
+        reported = self.echo.report_time
+        talks = self.received_time > reported + HEARTBEAT_S
+        if self.steering and talks and now - reported > BLIND_S:
             if self._guided:
                 return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"
             return "the vehicle reports neither RC_CHANNELS nor SERVO_OUTPUT_RAW, so nobody can see the rudder obey"

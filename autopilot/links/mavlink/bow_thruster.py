@@ -18,6 +18,7 @@ has_override), Rover/radio.cpp (read_radio, radio_failsafe_check), libraries/AP_
 
 from __future__ import annotations
 
+from autopilot.links.mavlink.echo import OverrideEcho
 from autopilot.links.mavlink.requests import (
     OVERRIDE_TIME,
     RADIO_TIMEOUT,
@@ -29,16 +30,18 @@ from autopilot.links.mavlink.steering import (
     FIRST_HIGH,
     LEAVE_ALONE,
     InputTable,
+    ServoPulses,
     SteeringChannel,
     pulse_table,
     released,
     way_through,
 )
+from autopilot.links.release import OverrideRelease
 
 LONGEST_OVERRIDE_S = 3.0
 """RC_OVERRIDE_TIME, as by default: so long a thruster may run on when its pilot has died."""
 NEUTRALS = 3
-"""Times that the channel is sent to its middle before it is released: without a radio it stays where it was last."""
+"""Times that the channel is sent to its middle before it is released where no radio is heard: there it stays."""
 LEAVINGS = 3
 AT_REST_US = 20
 """A lever this near the middle, beyond the dead zone, is not in somebody's hand."""
@@ -49,19 +52,26 @@ class BowThrusterOutput:
 
     Attributes:
         channel: the radio's, from 1.
+        output: the first that passes it on, from 1; 0 while none is known.
         reason: why the thruster must not be commanded; '' where it may.
         pulse: what was asked for last [us], 0 where nothing is.
+        disobeyed: what does not follow its orders, '' where all does; until the pilot lets the boat go.
+        release: learns from the reports whether a release arrived.
     """
 
     def __init__(self, channel: int, *, is_reversed: bool = False) -> None:
         self.channel = channel
         self.reason = UNKNOWN
-        self.pulse = 0
+        self.pulse = self.output = 0
+        self.disobeyed = ""
+        self.release = OverrideRelease()
+        self._echo = OverrideEcho()
         self._side = -1.0 if is_reversed else 1.0
         self._way: SteeringChannel | None = None
+        self._servo_pulses = ServoPulses(SteeringChannel())
         self._table: InputTable | None = None
         self._neutrals = self._leavings = 0
-        self._is_held = False
+        self._is_held = self._lacks_receiver = False
 
     def use(self, parameters: VehicleParameters) -> None:
         """Take the vehicle's parameters as known so far."""
@@ -70,34 +80,67 @@ class BowThrusterOutput:
             return
         self._way, self._table = way, None
         if way is not None:
+            self.output, self._servo_pulses = parameters.functions[SCALED + self.channel][0], ServoPulses(way)
             try:
                 self._table = pulse_table(way)
             except ValueError as error:
                 self._way, self.reason = None, f"the thruster's pulses leave no room ({error})"
 
-    def report(self, pulse: int) -> None:
+    def report(self, now: float, pulse: int) -> None:
         """Take what RC_CHANNELS shows of the channel [us]: while it is not ours, where its lever is."""
+        # once overridden, a vehicle without a radio goes on to show the last override
+        self._lacks_receiver = pulse == 0 or (self._lacks_receiver and self.release.has_ordered)
+        self.release.report(now, pulse, "RC_CHANNELS")
+        self._compare(now, f"RC channel {self.channel}", pulse, self._echo.pulses)
         if self._way is None or self._neutrals or self._leavings:
             return
         if not self.pulse:
             reach = self._way.rc_dead_zone + AT_REST_US
             self._is_held = bool(pulse) and abs(pulse - self._way.rc_trim) > reach
 
+    def report_output(self, now: float, pulse: int) -> None:
+        """Take what SERVO_OUTPUT_RAW shows of the output [us]."""
+        if pulses := self._echo.pulses:
+            self._compare(now, f"servo {self.output}", pulse, [self._servo_pulses[sent] for sent in pulses])
+
+    def _compare(self, now: float, what: str, pulse: int, expected: list[int]) -> None:
+        if expected and not self.disobeyed:
+            self.disobeyed = self._echo.shows(now, what, pulse, expected)
+
     @property
     def obstacle(self) -> str:
-        """Why the thruster is not commanded; '' where it is."""
+        """Why the thruster is not commanded, but for what does not follow; '' where it is."""
         return self.reason or (HELD.format(channel=self.channel) if self._is_held else "")
 
     def forget(self) -> None:
         """Forget the vehicle's parameters, as after a reboot; not what is to be released."""
-        self.reason = UNKNOWN
+        self.reason, self.disobeyed = UNKNOWN, ""
+
+    def sent(self, now: float) -> None:
+        """Take that the message with the last `value` has left."""
+        if self.pulse:
+            self._echo.commanded(now, self.pulse)
+            self.release.ordered(now, self.pulse)
+        else:
+            self._echo.released()
+            self.release.asked(now)
+
+    def leave(self) -> None:
+        """Say the release again, where nothing has shown yet that it arrived."""
+        if self.release.has_ordered and not self.release.shown_by:
+            self._leavings = LEAVINGS
+
+    def let_go(self, now: float) -> None:
+        """Take that the pilot has let the boat go, and what it said of it: what did not follow is tried anew."""
+        self.sent(now)
+        self.disobeyed = ""
 
     def value(self, share: float) -> int:
-        """Return what the channel carries in the next message: a `share` of full thrust, -1 to 1; with 0 its middle,
-        then its release, then nothing."""
-        if share and self._table is not None and not self.obstacle:
+        """Return what the channel carries in the next message: a `share` of full thrust, -1 to 1; with 0 its release,
+        behind its middle where no radio is heard, and then nothing."""
+        if share and self._table is not None and not (self.obstacle or self.disobeyed):
             self.pulse = self._table.nearest(min(max(share * self._side, -1.0), 1.0))
-            self._neutrals, self._leavings = NEUTRALS, LEAVINGS
+            self._neutrals, self._leavings = NEUTRALS if self._lacks_receiver else 0, LEAVINGS
             return self.pulse
         if self._neutrals and self._table is not None:
             self._neutrals -= 1

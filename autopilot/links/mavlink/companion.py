@@ -37,7 +37,7 @@ from autopilot.links.mavlink.signing import CURES, LinkSigning
 from autopilot.links.mavlink.status_text import StatusTexts, severity_of
 from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettings, VehicleReader
-from autopilot.links.release import LEAVING_S, Release, ReleaseState, not_held
+from autopilot.links.release import LEAVING_S, OverrideRelease, Release, ReleaseState, not_held
 from autopilot.links.url import let_in
 from autopilot.models.drives.two_thrusters import Mixing
 from autopilot.signals import (
@@ -142,6 +142,7 @@ class CompanionSession:
         self._mode = Mode.STANDBY
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._noted: dict[str, AlarmEvent | None] = {"other pilot": None, "attitude rate": None, "guided": None}
+        self._bow = "", ""
         if self._reader.bow is not None:
             self._noted["bow thruster"] = None
         self._leaving: float | None = None
@@ -215,10 +216,12 @@ class CompanionSession:
             self._authority.commanded(now, output.commanded_pulse)
             self._release.ordered(now, output.commanded_pulse)
             self._has_steered = True
+            if self._reader.bow is not None:
+                self._reader.bow.sent(now)
         else:
             self._authority.released()
-            self._release.asked(now)
             message = output.release(now)
+            self._asked(now)
         return [] if message is None else [self._steering_codec.encode(message)]
 
     def on_tick(self, tick: Tick) -> list[bytes]:
@@ -289,7 +292,7 @@ class CompanionSession:
         amidships = self._output.amidships() if self._is_held(now) and self._reader.lacks_receiver else None
         if amidships is None:
             return self._releases(now)
-        self._release.asked(now)
+        self._asked(now)
         self._marking, pulse = amidships
         self._release.mark(now, pulse)
         return self._released_again(now)
@@ -297,7 +300,7 @@ class CompanionSession:
     def release_result(self, now: float) -> Release | list[bytes]:
         """Return what became of the rudder after `release`; while the vehicle's reports may still show it, what is to
         be sent to find out."""
-        shown_by = self._release.shown_by
+        shown_by = self._shown_by
         self._leaving = now if self._leaving is None else self._leaving
         if self._guided is not None:
             return self._guided.release(now, self.name)
@@ -310,7 +313,7 @@ class CompanionSession:
         waited = now - self._leaving
         if self._reader.lacks_receiver and now - self._released_at > LEAVING_S:
             return Release(self.name, ReleaseState.UNSHOWN, lapse=WITHOUT_RECEIVER)
-        if waited > self._release.patience:
+        if waited > max(release.patience for release in self._releases_held):
             return Release(self.name, ReleaseState.UNCONFIRMED, waited=waited, lapse=self._lapse())
         return self._released_again(now)
 
@@ -335,12 +338,32 @@ class CompanionSession:
     def _releases(self, now: float) -> list[bytes]:
         self._next_release = now + RELEASE_AGAIN_S
         self._released_at = min(self._released_at, now)
+        burst = self._output.release_burst()
+        self._asked(now)
+        return [self._steering_codec.encode(message) for message in burst]
+
+    def _asked(self, now: float) -> None:
+        """Take that the release of all that was overridden has been sent."""
         self._release.asked(now)
-        return [self._steering_codec.encode(message) for message in self._output.release_burst()]
+        if self._reader.bow is not None:
+            self._reader.bow.let_go(now)
+
+    @property
+    def _releases_held(self) -> list[OverrideRelease]:
+        """What was overridden at all: the steering, and a bow thruster's channel."""
+        bow = self._reader.bow
+        return [self._release] if bow is None or not bow.release.has_ordered else [self._release, bow.release]
+
+    @property
+    def _shown_by(self) -> str:
+        """What has shown that nothing is overridden any more; '' where something still may be."""
+        shown = [release.shown_by for release in self._releases_held]
+        return shown[0] if all(shown) else ""
 
     def _is_held(self, now: float) -> bool:
         override_time = self._reader.parameters.override_time
-        return self._release.is_held(now, OVERRIDE_TIME_S if override_time is None else override_time)
+        seconds = OVERRIDE_TIME_S if override_time is None else override_time
+        return any(release.is_held(now, seconds) for release in self._releases_held)
 
     def _lapse(self) -> str:
         override_time = self._reader.parameters.override_time
@@ -418,10 +441,11 @@ class CompanionSession:
             "guided": self._guided.alarm if self._guided is not None else None,
         }
         if (bow := reader.bow) is not None:
-            off = bow.obstacle
+            off, disobeyed = bow.obstacle, bow.disobeyed
             found["bow thruster"] = AlarmEvent("bow_thruster_off", off) if off and reader.parameters.complete else None
-            if is_beat or found["bow thruster"] != self._noted["bow thruster"]:
-                samples.append(ThrusterSample(now, not off, self.name))
+            if is_beat or (off, disobeyed) != self._bow:
+                self._bow = off, disobeyed
+                samples.append(ThrusterSample(now, not (off or disobeyed), self.name, disobeyed))
         if found != self._noted:
             samples += [AlarmSample(now, new, f"{self.name} {n}") for n, new in found.items() if new != self._noted[n]]
             self._noted = found

@@ -253,6 +253,9 @@ class BowChannel(Protocol):
     def value(self, share: float) -> int:
         """Return what the channel carries in the next message."""
 
+    def leave(self) -> None:
+        """Say the release again."""
+
 
 LEAVE_ALONE, RELEASE = 65535, 0
 RELEASE_HIGH_CHANNEL, FIRST_HIGH = 65534, 9
@@ -439,6 +442,8 @@ class SteeringOutput:
         """Return all releases at once, for the way out; none where the rudder was never touched."""
         self._last = None
         self._releases_left = 0
+        if self.bow is not None:
+            self.bow.leave()
         return [self._release() for _ in range(RELEASES)] if self._held else []
 
     def _release(self) -> Message:

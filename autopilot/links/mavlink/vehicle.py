@@ -137,6 +137,8 @@ LONG_SILENCE_S = 10.0
 CHANNELS_TIMEOUT_S = 1.0
 """Without RC_CHANNELS for this long the servo must show whether a release arrived."""
 SERVO_SOURCE = "servo_output_raw"
+SHOWN_OUTPUTS = 16
+"""As many outputs has a SERVO_OUTPUT_RAW."""
 FIX_2D = 2
 SWITCH_LOW_US = 1200
 """Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
@@ -367,6 +369,8 @@ class VehicleReader:
     def _servos(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[SERVOS] += 1
         servo, channel = self.parameters.steering_servo, self._output.channel
+        if self.bow is not None and message.port == 0 and 0 < self.bow.output <= SHOWN_OUTPUTS:
+            self.bow.report_output(now, getattr(message, f"servo{self.bow.output}_raw"))
         if servo is None or channel is None or message.port != 0:
             return
         if self._is_mixed:
@@ -429,7 +433,7 @@ class VehicleReader:
         for stick in parameters.free_sticks:
             authority.stick(stick, getattr(message, f"chan{stick}_raw"))
         if self.bow is not None:
-            self.bow.report(getattr(message, f"chan{self.bow.channel}_raw"))
+            self.bow.report(now, getattr(message, f"chan{self.bow.channel}_raw"))
         pulse = getattr(message, f"chan{number}_raw")
         if self.guided is not None:
             authority.stick(number, pulse)  # nobody overrides it: it shows the hand
