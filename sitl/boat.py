@@ -11,9 +11,11 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, at_point
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share, sided
 from autopilot.models.waves import GRAVITY
+from autopilot.vessel.schema import drive_law_of
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel
@@ -48,11 +50,12 @@ class Hull(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """Everything about the boat that does not change while it runs."""
+    """Everything about the boat that does not change while it runs; `drive`: how K and T go with speed and thrust."""
 
     model: Norrbin
     gear: SteeringGear
     hull: Hull = Hull()
+    drive: DriveLaw = RUDDER_LAW
 
 
 class Disturbance(NamedTuple):
@@ -168,10 +171,9 @@ def boat_step(
     hull, dt = plant.hull, step.dt
     rudder = gear_step_by(plant.gear, step.rudder, state.rudder, order, dt)
     rate = state.rate
-    if abs(state.speed) > 1.0e-3:
-        model = at_speed(plant.model, state.speed)
-        # astern the rudder works the other way round
-        steering = rudder if state.speed > 0.0 else -rudder
+    if abs(state.speed) > 1.0e-3 or not plant.drive.is_rudder:
+        model, side = _turned_by(plant, state.speed, thrust_speed)
+        steering = side * rudder
         pushed = disturbance.yaw_acceleration * model.time_constant / model.gain
         rate = rate_step(model, rate, steering + disturbance.rudder + pushed, dt)
     else:
@@ -198,6 +200,19 @@ def boat_step(
     )
 
 
+def _turned_by(plant: Plant, speed: float, thrust_speed: float) -> tuple[Norrbin, float]:
+    """Return the model at `speed` [m/s] and the engine's `thrust_speed`, and -1 where the rudder works the other way
+    round: a rudder astern, and thrust that is turned, where it pulls."""
+    law, model = plant.drive, plant.model
+    if law.is_rudder:
+        return at_speed(model, speed), 1.0 if speed > 0.0 else -1.0
+    # by the same power by which the throttle makes way
+    throttle = law.throttle * (abs(thrust_speed) / model.reference_speed) ** (1.0 / law.way_exponent)
+    backwards = law.throttle_exponent != 0.0 and thrust_speed < 0.0
+    throttle = throttle if throttle > THROTTLE_FLOOR else THROTTLE_FLOOR
+    return at_point(law, model, speed, throttle), -1.0 if backwards else 1.0
+
+
 def _speed_step(hull: Hull, share: float, speed: float, rate: float, thrust_speed: float) -> float:
     """Speed settles, with `speed_time`, where thrust balances resistance and the loss in turning."""
     through = abs(speed)
@@ -218,7 +233,7 @@ def _roll_step(hull: Hull, state: BoatState, speed: float, rate: float, slope: f
 
 def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
     """Return the plant that a vessel and a scenario describe, in radians."""
-    model, rudder, hull = vessel.model, vessel.rudder, scenario.hull
+    model, rudder, hull, drive = vessel.model, vessel.rudder, scenario.hull, drive_law_of(vessel)
     return Plant(
         model=Norrbin(
             gain=model.K_1_s,
@@ -229,6 +244,8 @@ def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
             n0=model.n0_rad_s,
             reference_speed=model.reference_speed_m_s,
         ),
+        # a share of the trial's, where that one is not known
+        drive=drive if drive.throttle > 0.0 else drive._replace(throttle=1.0),
         gear=sided(
             SteeringGear(
                 angle_max=math.radians(rudder.angle_max_deg),

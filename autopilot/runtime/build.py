@@ -20,7 +20,7 @@ from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_SLUGGISH, SLUGGISH
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.wind_vane import WindSettings
 from autopilot.links.rudder_follow import FollowSettings
-from autopilot.models.drive_law import DriveLaw, at_point, quickness
+from autopilot.models.drive_law import at_point, quickness
 from autopilot.models.drives import DRIVES, Needs
 from autopilot.models.drives.two_thrusters import PLAIN, Mixing
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
@@ -31,7 +31,7 @@ from autopilot.supervision.monitor_input import AlarmLimits
 from autopilot.supervision.supervisor import FailsafeAction
 from autopilot.supervision.tuning import LATE_PERIODS
 from autopilot.tick import PilotConfig
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.schema import Vessel, drive_law_of
 
 if TYPE_CHECKING:
     from autopilot.identification.learning import Learner
@@ -48,22 +48,6 @@ def model_of(vessel: Vessel) -> Norrbin:
         n1=model.n1,
         n0=model.n0_rad_s,
         reference_speed=model.reference_speed_m_s,
-    )
-
-
-def drive_law_of(vessel: Vessel) -> DriveLaw:
-    """Return how K and T go with speed and throttle: the file's numbers, or what is usual for the kind of drive."""
-    usual, model = DRIVES[vessel.drive.kind].usual, vessel.model
-    if usual.is_rudder:
-        return usual
-    return DriveLaw(
-        usual.speed_exponent if model.speed_exponent is None else model.speed_exponent,
-        usual.throttle_exponent if model.throttle_exponent is None else model.throttle_exponent,
-        usual.damping_share if model.damping_share is None else model.damping_share,
-        math.nan if model.reference_throttle is None else model.reference_throttle,
-        usual.way_exponent if model.way_exponent is None else model.way_exponent,
-        usual.slowest if model.slowest_m_s is None else model.slowest_m_s / model.reference_speed_m_s,
-        usual.fastest if model.fastest_m_s is None else model.fastest_m_s / model.reference_speed_m_s,
     )
 
 

@@ -16,7 +16,8 @@ from autopilot.files.typed import NOW as NOW
 from autopilot.files.typed import RESTART as RESTART
 from autopilot.files.typed import Bounds as Bounds
 from autopilot.files.typed import Counts as Counts
-from autopilot.models.drives import DriveName
+from autopilot.models.drive_law import DriveLaw
+from autopilot.models.drives import DRIVES, DriveName
 
 SCHEMA_VERSION = 2
 """What this version reads and writes."""
@@ -404,3 +405,19 @@ class Vessel:
     helm: Helm = field(default_factory=Helm)
     drive: Drive = field(default_factory=Drive)
     security: Security = field(default_factory=Security)
+
+
+def drive_law_of(vessel: Vessel) -> DriveLaw:
+    """Return how K and T go with speed and throttle: the file's numbers, or what is usual for the kind of drive."""
+    usual, model = DRIVES[vessel.drive.kind].usual, vessel.model
+    if usual.is_rudder:
+        return usual
+    return DriveLaw(
+        usual.speed_exponent if model.speed_exponent is None else model.speed_exponent,
+        usual.throttle_exponent if model.throttle_exponent is None else model.throttle_exponent,
+        usual.damping_share if model.damping_share is None else model.damping_share,
+        math.nan if model.reference_throttle is None else model.reference_throttle,
+        usual.way_exponent if model.way_exponent is None else model.way_exponent,
+        usual.slowest if model.slowest_m_s is None else model.slowest_m_s / model.reference_speed_m_s,
+        usual.fastest if model.fastest_m_s is None else model.fastest_m_s / model.reference_speed_m_s,
+    )

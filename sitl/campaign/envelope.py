@@ -24,9 +24,8 @@ from autopilot.angles import wrap
 from autopilot.errors import RefusedError
 from autopilot.guidance.stop import turn_limits
 from autopilot.guidance.turn import turning_time
-from autopilot.models.norrbin import at_speed_ratio
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.runtime.build import limits_of, model_of, planned_share, verdict_of
+from autopilot.runtime.build import limits_of, model_at_ratio, planned_share, verdict_of
 from autopilot.signals import Mode
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, plant_of
@@ -34,7 +33,7 @@ from sitl.campaign.compiled_run import figures
 from sitl.campaign.setting import Prepared, campaign_of, course_of, measured_every, sailed, setting_for, workspace_of
 from sitl.campaign.study import Study, TurnSection
 from sitl.campaign.work import compiled_loop
-from sitl.scenario import GearSection, Scenario, SecondOrderSection, Start, WavesSection, WindSection
+from sitl.scenario import GearSection, HullSection, Scenario, SecondOrderSection, Start, WavesSection, WindSection
 from sitl.world import STEP
 
 OFF_DEG = 20.0
@@ -136,7 +135,7 @@ def drawn_of(seed: int, run: int, ranges: tuple[Range, ...]) -> tuple[Drawn, flo
 def study_of(vessel: Vessel, turn_deg: float, speed: float, *, gyro: bool) -> tuple[Study, float]:
     """Return how a run is sailed, and until when [s] the turn may last: as long as the pilot itself gives it by the
     `speed` [share of the trial's] that the log shows."""
-    model, limits = at_speed_ratio(model_of(vessel), min(speed, 1.0)), limits_of(vessel)
+    model, limits = model_at_ratio(vessel, min(speed, 1.0)), limits_of(vessel)
     planned = turn_limits(model, SteeringGear(limits.angle_max, limits.rate_max), planned_share(vessel))
     until = COURSE_S + 2.0 * model.time_constant + turning_time(model, planned, math.radians(turn_deg))
     study = Study(
@@ -151,6 +150,22 @@ def study_of(vessel: Vessel, turn_deg: float, speed: float, *, gyro: bool) -> tu
         laws=(vessel.control.law,),
     )
     return study, until
+
+
+def hull_of(length_m: float | None) -> HullSection:
+    """Return the usual hull, of a length where it is known: by Froude, times go with its root."""
+    usual = HullSection()
+    scale = 1.0 if length_m is None else length_m / usual.length_m
+    return replace(
+        usual,
+        length_m=usual.length_m * scale,
+        beam_m=usual.beam_m * scale,
+        draught_m=usual.draught_m * scale,
+        drift_lever_m=usual.drift_lever_m * scale,
+        speed_time_s=usual.speed_time_s * math.sqrt(scale),
+        sway_time_s=usual.sway_time_s * math.sqrt(scale),
+        roll_period_s=usual.roll_period_s * math.sqrt(scale),
+    )
 
 
 def prepared_for(vessel: Vessel, study: Study, ranges: tuple[Range, ...], drawn: Drawn) -> Prepared:
@@ -188,6 +203,7 @@ def prepared_for(vessel: Vessel, study: Study, ranges: tuple[Range, ...], drawn:
         schema_version=1,
         name=study.name,
         start=Start(speed_m_s=shown),
+        hull=hull_of(vessel.length_m),
         gear=GearSection(play_deg=0.5 * backlash),
         waves=WavesSection(second_order=sea) if waves > 0.0 else WavesSection(),
         wind=wind if gusts > 0.0 else WindSection(),

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from autopilot.models.drive_law import DriveLaw
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.models.steering_gear import SteeringGear
 from sitl.boat import STILL, Boat, BoatState, Disturbance, Hull, Plant
@@ -92,6 +93,15 @@ def test_course_unstable_boat_leaves_its_course_and_ends_in_a_bounded_turn() -> 
 def test_boat_at_rest_stays_and_answers_no_rudder() -> None:
     state = run(Boat(Plant(LANXIN, GEAR)), 10.0, math.radians(30.0), 0.0)
     assert (state.heading, state.rate, state.north, state.east) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_thrust_turns_a_boat_at_rest_and_turned_thrust_only_where_there_is_some() -> None:
+    thrusters = Plant(LANXIN, GEAR, RIGID, DriveLaw(slowest=0.1))
+    assert run(Boat(thrusters), 5.0, math.radians(20.0), 0.0).rate > 0.1, "a pivot turn"
+    motor = Plant(LANXIN, GEAR, RIGID, DriveLaw(throttle_exponent=2.0, throttle=0.5, way_exponent=1.5))
+    coasting, pushed = (run(Boat(motor, BoatState(speed=4.63)), 3.0, math.radians(10.0), way) for way in (0.0, 4.63))
+    assert abs(coasting.rate) < 0.02 < pushed.rate
+    assert run(Boat(motor), 3.0, math.radians(10.0), -4.63).rate < 0.0, "pulling, it works the other way"
 
 
 def test_astern_the_rudder_works_the_other_way() -> None:

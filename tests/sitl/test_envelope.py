@@ -79,6 +79,12 @@ def test_a_boat_that_is_its_file_is_held() -> None:
     assert found.overshoot_deg < 1.0
 
 
+def test_a_hull_is_as_long_as_its_file_says() -> None:
+    long, usual = envelope.hull_of(28.0), envelope.hull_of(None)
+    assert (long.length_m, long.drift_lever_m) == (4.0 * usual.length_m, 4.0 * usual.drift_lever_m)
+    assert long.speed_time_s == 2.0 * usual.speed_time_s
+
+
 def test_a_boat_that_leaves_is_not_one_of_which_nobody_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wind that no rudder holds; the alarms of the pilot's own, and then none of them."""
     blown = (*FILED[:8], 1.0)
