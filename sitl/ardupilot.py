@@ -27,7 +27,7 @@ from autopilot.models.waves import GRAVITY
 from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState
 from sitl.firmware_setup import SERVO_US, travel
-from sitl.plants import PLANTS
+from sitl.plants import kind_of
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.world import STEP
@@ -90,7 +90,7 @@ class ArdupilotPhysics:
         self._begin()
 
     def _begin(self) -> None:
-        kind = PLANTS[self._scenario.plant]
+        kind = kind_of(self._scenario)
         plant, start = kind.of(self._vessel, self._scenario), self._scenario.start
         self._boat = Boat(plant, BoatState(heading=math.radians(start.heading_deg)), kind.step)
         self._sea = Sea(self._scenario, plant.hull, np.random.SeedSequence(self._seed), STEP)

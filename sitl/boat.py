@@ -145,7 +145,7 @@ class PlantKind(NamedTuple):
     of: what does not change while it runs, of vessel and scenario: any NamedTuple with the `gear` and the `hull` of
     `Plant`, which the faults of the rudder and the sea go by. step: see `PlantStep`. motors: what its
     motors make of a flight controller's outputs; None: throttle and speed go together. bow: its bow thruster's motor;
-    None: it has none.
+    None: it has none. knows_depth: shallow water changes it.
     """
 
     name: str
@@ -153,6 +153,7 @@ class PlantKind(NamedTuple):
     step: PlantStep
     motors: Propulsion | None = None
     bow: BowMotor | None = None
+    knows_depth: bool = False
 
 
 def step_of(plant: Plant, dt: float) -> Step:

@@ -180,6 +180,12 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
     serve.add_argument(
         "--speed-m-s", metavar="X", action=number(0.0, 50.0), help="speed at the start, held by the throttle"
     )
+    serve.add_argument(
+        "--depth-draughts",
+        metavar="X",
+        action=number(1.2, 100.0),
+        help="depth of the water in draughts of mmg_tanker (default: the scenario's; deep)",
+    )
     serve.add_argument("--truth", metavar="FILE.csv", type=Path, help="write the true motion of the boat")
     serve.set_defaults(run=run_serve)
 

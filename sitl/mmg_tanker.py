@@ -13,7 +13,21 @@ is smaller, as the paper has it.
 
 Three things go beyond the paper: polynomials in v/U and r L/U are held where a boat turns on the spot; the propeller
 has thrust and drag at any speed, by the same polynomial with signs; a rudder under sternway works the other way round.
-Not modelled: shallow water, sinkage and trim, and a propeller astern that throws the stern to a side.
+Not modelled: sinkage and trim, and a propeller astern that throws the stern to a side.
+
+Shallow water of a depth h at a draught T multiplies the coefficients. Ankudinov, Miller, Jakobsen and Daggett 1990
+(MARSIM), with F = h/T - 1 and b = C_b (B/T) (1 + B/L)^2:
+
+    K0 = 1 + 0.0775/F^2 - 0.0110/F^3 + 0.000068/F^5,   K2 = 0.0342/F
+    K1 = -0.0643/F + 0.0724/F^2 - 0.0113/F^3 + 0.0000767/F^5
+    added mass of sway K0 + 2/3 K1 b + 8/15 K2 b^2,    added inertia K0 + 8/15 K1 b + 40/105 K2 b^2
+    n_r: K0 + 1/2 K1 b + 1/3 K2 b^2,                   y_r: K0 + 2/5 K1 b + 24/105 K2 b^2
+    n_v: K0 + K1 b + K2 b^2,                           y_v: 3/2 that of n_r - 1/2
+
+The wake is 1 + (-4.932 + 0.6425 C_b L/T - 0.0165 (C_b L/T)^2) (T/h)^1.655 times as large (Taimuri et al. 2020, Ocean
+Eng 218), the resistance 1 + 0.388 (T/h)^2 times (Furukawa et al. 2016, MASHCON). Those sources have squares where this
+hull has cubes: here a term takes the factor of the motion that it begins with, y_vrr that of y_v; and surge those of
+y_v, y_r and n_r. Added mass of surge, thrust deduction and the flow's straightening stay as they are in deep water.
 """
 
 from __future__ import annotations
@@ -107,6 +121,8 @@ class Rudder(NamedTuple):
 
 WAKE_OF_THE_SHIP = 0.35
 
+BLOCK = 3.27 / (LENGTH * BEAM * DRAUGHT)
+"""C_b."""
 GEAR = SteeringGear(math.radians(35.0), math.radians(15.8), 0.05)
 """Of the model: 35 deg, and the 2.34 deg/s of the ship; the lag is assumed."""
 
@@ -153,6 +169,68 @@ def revolutions_per_speed(length: float, forces: HullForces, propeller: Propelle
     leading = load - propeller.k2
     advance = (propeller.k1 + math.sqrt(propeller.k1**2 + 4.0 * leading * propeller.k0)) / (2.0 * leading)
     return share / (advance * propeller.diameter * length)
+
+
+class Shallow(NamedTuple):
+    """Factors on added mass and inertia, and on the derivatives of the hull's side force and moment by v and r."""
+
+    mass: float
+    inertia: float
+    y_v: float
+    y_r: float
+    n_v: float
+    n_r: float
+
+
+def shallow_factors(depth: float) -> Shallow:
+    """Return the factors at a `depth` in draughts, 1.2 and more."""
+    f = depth - 1.0
+    k0 = 1.0 + 0.0775 / f**2 - 0.0110 / f**3 + 0.000068 / f**5
+    k1 = -0.0643 / f + 0.0724 / f**2 - 0.0113 / f**3 + 0.0000767 / f**5
+    full = BLOCK * BEAM / DRAUGHT * (1.0 + BEAM / LENGTH) ** 2
+    one, two = k1 * full, 0.0342 / f * full * full
+    n_r = k0 + one / 2.0 + two / 3.0
+    return Shallow(
+        mass=k0 + 2.0 / 3.0 * one + 8.0 / 15.0 * two,
+        inertia=k0 + 8.0 / 15.0 * one + 40.0 / 105.0 * two,
+        y_v=1.5 * n_r - 0.5,
+        y_r=k0 + 2.0 / 5.0 * one + 24.0 / 105.0 * two,
+        n_v=k0 + one + two,
+        n_r=n_r,
+    )
+
+
+def in_shallow_water(tanker: Tanker, depth: float) -> Tanker:
+    """Return the tanker in water of a `depth` in draughts; its engine still reaches the speed that is ordered."""
+    by, h, near = shallow_factors(depth), tanker.forces, 1.0 / depth
+    slender = BLOCK * LENGTH / DRAUGHT
+    wake = 1.0 + (-4.932 + 0.6425 * slender - 0.0165 * slender * slender) * near**1.655
+    propeller = tanker.propeller._replace(wake=tanker.propeller.wake * wake)
+    forces = HullForces(
+        resistance=h.resistance * (1.0 + 0.388 * near * near),
+        x_vv=h.x_vv * by.y_v,
+        x_vr=h.x_vr * by.y_r,
+        x_rr=h.x_rr * by.n_r,
+        x_vvvv=h.x_vvvv * by.y_v,
+        y_v=h.y_v * by.y_v,
+        y_r=h.y_r * by.y_r,
+        y_vvv=h.y_vvv * by.y_v,
+        y_vvr=h.y_vvr * by.y_v,
+        y_vrr=h.y_vrr * by.y_v,
+        y_rrr=h.y_rrr * by.y_r,
+        n_v=h.n_v * by.n_v,
+        n_r=h.n_r * by.n_r,
+        n_vvv=h.n_vvv * by.n_v,
+        n_vvr=h.n_vvr * by.n_v,
+        n_vrr=h.n_vrr * by.n_v,
+        n_rrr=h.n_rrr * by.n_r,
+    )
+    return tanker._replace(
+        forces=forces,
+        propeller=propeller,
+        mass=tanker.mass._replace(sway=tanker.mass.sway * by.mass, yaw=tanker.mass.yaw * by.inertia),
+        revolutions=revolutions_per_speed(tanker.length, forces, propeller),
+    )
 
 
 def accelerations(tanker: Tanker, motion: Motion, rudder: float, thrust_speed: float, acting: Disturbance) -> Motion:
@@ -217,7 +295,7 @@ def accelerations(tanker: Tanker, motion: Motion, rudder: float, thrust_speed: f
 
 
 def of(vessel: Vessel, scenario: Scenario) -> Tanker:
-    """Return the tanker at the scale of a scenario."""
+    """Return the tanker at the scale and in the depth of water of a scenario."""
     scale, section = scenario.scale, scenario.gear
     root = math.sqrt(scale)
     length = LENGTH * scale
@@ -242,7 +320,9 @@ def of(vessel: Vessel, scenario: Scenario) -> Tanker:
         play=math.radians(section.play_deg),
         propeller=propeller,
     )
+    if scenario.depth_draughts is not None:
+        tanker = in_shallow_water(tanker, scenario.depth_draughts)
     return tanker._replace(push=turning(accelerations, tanker, SERVICE_SPEED * root))
 
 
-PLANT = PlantKind("mmg_tanker", of, step_by(accelerations))
+PLANT = PlantKind("mmg_tanker", of, step_by(accelerations), knows_depth=True)

@@ -5,7 +5,11 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Literal
 
+from autopilot.errors import InputError
 from sitl.boat import PlantKind
+
+if TYPE_CHECKING:
+    from sitl.scenario import Scenario
 
 MODULES = (
     "boat",
@@ -24,3 +28,15 @@ if TYPE_CHECKING:
     PlantName = str
 else:
     PlantName = Literal[tuple(PLANTS)]
+
+
+def kind_of(scenario: Scenario) -> PlantKind:
+    """Return the kind of plant that a scenario sails. InputError for shallow water where the plant knows none."""
+    kind = PLANTS[scenario.plant]
+    if scenario.depth_draughts is not None and not kind.knows_depth:
+        known = ", ".join(each.name for each in PLANTS.values() if each.knows_depth)
+        raise InputError(
+            f"plant {kind.name}: depth_draughts is {scenario.depth_draughts:g}, and shallow water does not change this "
+            f"boat here, only {known}: leave it out."
+        )
+    return kind

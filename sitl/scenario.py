@@ -188,6 +188,8 @@ class Scenario:
     their own, and `scale` and `gear`."""
     hull: HullSection = field(default_factory=HullSection)
     scale: Annotated[float, Bounds(0.01, 1000.0, "lengths of a plant that has its own, by Froude's law")] = 1.0
+    depth_draughts: Annotated[float, Bounds(1.2, 100.0, "depth of the water in draughts")] | None = None
+    """Of a plant that knows shallow water; null: deep."""
     gear: GearSection = field(default_factory=GearSection)
     waves: WavesSection = field(default_factory=WavesSection)
     wind: WindSection = field(default_factory=WindSection)

@@ -354,7 +354,8 @@ def world_from(arguments: argparse.Namespace) -> World:
     """Return the world that vessel, scenario and options describe. Raises InputError."""
     vessel = load_vessel(arguments.vessel)
     scenario = afloat(arguments.vessel, load_scenario(arguments.scenario), vessel.drive.kind)
-    scenario = with_options(scenario, arguments.armed, arguments.mode, arguments.speed_m_s)
+    speed, depth = arguments.speed_m_s, arguments.depth_draughts
+    scenario = with_options(scenario, arguments.armed, arguments.mode, speed, depth)
     world = World(vessel, scenario, arguments.seed)
     for fault in chaos_faults(arguments.chaos) if arguments.chaos else ():
         world.faults.add(fault)
@@ -376,7 +377,9 @@ def afloat(vessel: str, scenario: Scenario, drive: str = "rudder") -> Scenario:
     return dataclasses.replace(scenario, plant=plant)
 
 
-def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed: float | None) -> Scenario:
+def with_options(
+    scenario: Scenario, armed: bool | None, mode: str | None, speed: float | None, depth: float | None
+) -> Scenario:
     """Return the scenario with what the command line says instead; None: as the scenario has it."""
     vehicle, start = scenario.vehicle, scenario.start
     if armed is not None:
@@ -385,7 +388,8 @@ def with_options(scenario: Scenario, armed: bool | None, mode: str | None, speed
         vehicle = dataclasses.replace(vehicle, mode=mode)  # type: ignore[arg-type]  # argparse allows no other
     if speed is not None:
         start = dataclasses.replace(start, speed_m_s=speed)
-    return dataclasses.replace(scenario, vehicle=vehicle, start=start)
+    depth = scenario.depth_draughts if depth is None else depth
+    return dataclasses.replace(scenario, vehicle=vehicle, start=start, depth_draughts=depth)
 
 
 class Lines(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState, BowShaft, Plant
 from sitl.faults import BoatFaults, FaultBoard
-from sitl.plants import PLANTS
+from sitl.plants import kind_of
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.sensors import Sensors
@@ -65,7 +65,7 @@ class World:
         seeds = np.random.SeedSequence(scenario.seed if seed is None else seed).spawn(4)
         sea_seed, sensor_seed, fault_seed, self.chaos_seed = seeds
         self.faults = FaultBoard(scenario.faults, fault_seed)
-        kind = PLANTS[scenario.plant]
+        kind = kind_of(scenario)
         self.motors = kind.motors
         fitted = vessel.drive.bow_thruster
         proportional = fitted is not None and fitted.proportional
