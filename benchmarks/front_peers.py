@@ -95,8 +95,17 @@ def ardurover_step(
     stopping = math.sqrt(2.0 * abs(off) * helm.acceleration_max)
     wanted = min(max(helm.angle_p * off, -helm.rate_max), helm.rate_max)
     wanted = min(max(wanted, -stopping), stopping)
+    return ardurover_turns(helm, memory, (heading, seen), wanted, dt)
+
+
+def ardurover_turns(
+    helm: ArduRover, memory: ArduRoverMemory, shown: tuple[float, float], wanted: float, dt: float
+) -> tuple[float, ArduRoverMemory]:
+    """Return the order [rad] for a rate of turn [rad/s] that is wanted, and the memory; `shown`: heading and rate."""
+    heading, seen = shown
     change = helm.acceleration_max * dt
     desired = min(max(wanted, memory.desired - change), memory.desired + change)
+    desired = min(max(desired, -helm.rate_max), helm.rate_max)
     target = memory.target + _share(dt, helm.target_time) * (desired - memory.target)
     error = memory.error + _share(dt, helm.error_time) * (target - seen - memory.error)
     slope = (error - memory.error) / dt

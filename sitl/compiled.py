@@ -17,7 +17,7 @@ from typing import Any
 
 from autopilot.errors import InputError
 
-OURS = ("autopilot.", "sitl.", "benchmarks.", "__main__", "test_", "liu2017", "naval_vessel", "front")
+OURS = ("autopilot.", "sitl.", "benchmarks.", "__main__", "test_", "liu2017", "naval_vessel", "front", "rails")
 
 
 ARITHMETIC = {"arcp", "contract", "reassoc", "nsz"}
