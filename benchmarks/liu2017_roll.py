@@ -56,6 +56,7 @@ from autopilot.control.sliding_roll import STEERING, quiet_at
 from autopilot.errors import InputError
 from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.vessel.file import load_vessel
 from sitl.compiled import compiled
 from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Hull, Load, Rudders, drag_coefficient, rudder_load
 
@@ -69,8 +70,10 @@ FRESH, TRAINING = 9_000, 1_000
 """First seeds of the runs that are shown and of those that gains are tuned on."""
 TRAINING_RUNS = 6
 MODEL = linear_motion(NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED)
-BUDGET = math.radians(7.5)
-"""rms that the rudder may have under the schedule, as in the vessel file."""
+FILED = load_vessel("naval_vessel").control.sliding_roll
+assert FILED is not None
+SETTINGS = ScheduleSettings(budget=math.radians(FILED.rudder_rms_deg), roll_time=-2.0 / FILED.roll_row[1])
+"""The schedule of the vessel file."""
 NOISE_DEG = (0.2, 0.2, 0.3, 0.3)
 """Standard deviation of p, r [deg/s], phi and psi [deg] as instruments show them, white at 20 Hz."""
 
@@ -134,7 +137,8 @@ def sail(ship: Ship, laws: Laws, load: Array, noise: Array, dt: float, keep: int
             quiet = sway_yaw_rudder(laws.parts.quiet, seen.v, seen.r, seen.psi)
             damped = roll_rudder(laws.parts.roll, seen, 0.0)
             if laws.share < 0.0:
-                demand, gain = damping_rudder(schedule, gain, quiet, damped, (laws.parts.gear.rate_max, dt))
+                shares, limits = (weight, schedule.strength), (laws.parts.gear.rate_max, dt)
+                demand, gain = damping_rudder(shares, gain, quiet, damped, limits)
             else:
                 demand = blended_rudder(weight, quiet, damped)
         before = rudder
@@ -176,7 +180,7 @@ def laws_of(case: Case) -> Laws:
     share = -1.0 if case.scheduled else float(case.roll is not None)
     gear = SteeringGear(math.radians(40.0), math.radians(case.rate_deg_s), 0.1)
     roll = roll_law(MODEL, case.roll or PAPER_ROLL)
-    parts = ScheduleParts(ScheduleSettings(budget=BUDGET), quiet, roll, gear, linear_step_of(MODEL, DT))
+    parts = ScheduleParts(SETTINGS, quiet, roll, gear, linear_step_of(MODEL, DT))
     return Laws(parts, share, case.steers)
 
 

@@ -134,7 +134,7 @@ def linear_response(step: LinearStep, x: Motion, rudder: float) -> Motion:
 class ScheduleSettings(NamedTuple):
     """memory [s] of the two variances; the weight goes to 0 where the shadow's reduction of roll is `none` [-], to 1
     where it is `full` [-], at most `slew` [1/s]; nothing is decided before `wait` [s]. budget: rms [rad] that the
-    rudder may have under the roll law."""
+    rudder may have under the roll law. roll_time [s]: 1/(zeta omega), in which the hull's roll is forgotten."""
 
     memory: float = 120.0
     none: float = 0.05
@@ -142,6 +142,7 @@ class ScheduleSettings(NamedTuple):
     slew: float = 1.0 / 30.0
     wait: float = 60.0
     budget: float = math.inf
+    roll_time: float = 10.0
 
 
 class Shadow(NamedTuple):
@@ -202,8 +203,11 @@ STANDS = 600.0
 POOLED = 300.0
 """Memory [s] of the two measurements, over all the times with and without."""
 KEPT_SHARE = 0.5
-"""Share of the promised reduction that must come true. At first it is enough that the roll has not grown: what it
-is held against is less than a minute without the law, in which the sea may have been calmer by a third."""
+"""Share of the promised reduction that must come true, where the chance of the sea does not explain less."""
+SURE = 2.33
+"""In so many standard deviations a law that keeps its promise is found short by chance once in a hundred judgements."""
+GROWN = 1.1
+"""Whatever chance may do, a roll that has grown by more than this is not risked any longer."""
 
 
 class Measured(NamedTuple):
@@ -304,8 +308,21 @@ def measured_with(measured: Measured, roll: float, promise: float, memory: float
     )
 
 
-def proof_step(proof: Proof, weight: float, roll: float, promise: float, dt: float) -> Proof:
-    """Return the proof after `dt` [s] under `weight` [-]: `roll` [rad] measured, its reduction `promise` [-]."""
+def short_beyond(proof: Proof, roll_time: float) -> float:
+    """Return the roll under the law over that without it [-] beyond which the law falls short.
+
+    A roll that is forgotten in tau = `roll_time`, 1/(zeta omega), measured over T, has a variance that is tau/T of its
+    square in doubt, so the logarithm of the share has a deviation of half sqrt(tau/T_without + tau/T_under).
+    """
+    under = proof.under
+    doubt = roll_time / min(proof.without.time, POOLED) + roll_time / min(under.time, POOLED)
+    chance = (1.0 - under.promise) * math.exp(0.5 * SURE * math.sqrt(doubt))
+    return max(min(chance, GROWN), 1.0 - KEPT_SHARE * under.promise)
+
+
+def proof_step(proof: Proof, weight: float, roll: float, promise: float, dt: float, roll_time: float) -> Proof:
+    """Return the proof after `dt` [s] under `weight` [-]: `roll` [rad] measured, its reduction `promise` [-], the time
+    [s] in which a roll is forgotten."""
     without, under, so_far, failures, barred, span = proof  # numba knows no _replace
     if weight <= 0.0:
         so_far, barred = so_far + dt, max(barred - dt, 0.0)
@@ -323,7 +340,7 @@ def proof_step(proof: Proof, weight: float, roll: float, promise: float, dt: flo
     share = math.sqrt(under.variance / without.variance) if without.variance > 0.0 else 1.0
     if share <= 1.0 - KEPT_SHARE * under.promise:
         return Proof(without, under, SETTLE, 0, barred, STANDS)
-    if share <= 1.0 and failures == 0 and span == PROOF:
+    if share <= short_beyond(Proof(without, under), roll_time):
         return Proof(without, under, SETTLE, failures, barred, POOLED)
     return Proof(without, under, 0.0, failures + 1, PROOF if failures == 0 else STANDS, PROOF)
 
@@ -353,8 +370,8 @@ def schedule_step(
     quiet_demand = sway_yaw_rudder(parts.quiet, quiet.v, quiet.r, quiet.psi - heading_goal)
     steady = sway_yaw_rudder(parts.quiet, roll.v, roll.r, roll.psi - heading_goal)
     wanted = roll_rudder(parts.roll, roll, heading_goal)
-    alone = schedule._replace(weight=1.0)
-    roll_demand, gain = damping_rudder(alone, schedule.gain, steady, wanted, (parts.gear.rate_max, dt))
+    limits = parts.gear.rate_max, dt
+    roll_demand, gain = damping_rudder((1.0, schedule.strength), schedule.gain, steady, wanted, limits)
     now = RollSchedule(
         time,
         linear_response(parts.step, schedule.own, rudder),
@@ -364,7 +381,7 @@ def schedule_step(
         schedule.weight,
     )
     promise = roll_reduction(now)
-    proof = proof_step(schedule.proof, schedule.weight, state.phi, promise, dt)
+    proof = proof_step(schedule.proof, schedule.weight, state.phi, promise, dt, settings.roll_time)
     worth = (promise - settings.none) / (settings.full - settings.none)
     is_open = time > settings.wait and proof.barred <= 0.0
     goal = clip(worth, 0.0, 1.0) if is_open else 0.0
@@ -381,15 +398,15 @@ def strength_step(strength: float, spent: float, dt: float) -> float:
 
 
 def damping_rudder(
-    schedule: RollSchedule, gain: RateGain, quiet: float, roll: float, limits: tuple[float, float]
+    shares: tuple[float, float], gain: RateGain, quiet: float, roll: float, limits: tuple[float, float]
 ) -> tuple[float, RateGain]:
-    """Return the rudder demand [rad] between the `quiet` law's and the `roll` law's, by weight, strength and rate, and
-    the memory of its rate; limits: the gear's rate [rad/s] and the time [s] since the last demand."""
-    rate_max, dt = limits
-    wanted = blended_rudder(schedule.strength, quiet, roll)
+    """Return the rudder demand [rad] between the `quiet` law's and the `roll` law's, by rate and the shares, weight and
+    strength, and the memory of its rate; limits: the gear's rate [rad/s] and the time [s] since the last demand."""
+    (rate_max, dt), (weight, strength) = limits, shares
+    wanted = blended_rudder(strength, quiet, roll)
     if dt > 0.0:
         gain = rate_gain_step(gain, wanted, dt)
-    return blended_rudder(schedule.weight * rate_share(gain, rate_max), quiet, wanted), gain
+    return blended_rudder(weight * rate_share(gain, rate_max), quiet, wanted), gain
 
 
 def blended_rudder(weight: float, quiet: float, roll: float) -> float:

@@ -308,7 +308,8 @@ def _numbers_of(section: SlidingRoll, boat: LawBoat) -> RollNumbers:
     )
     k = (section.k_v_s_m, section.k_p_s, section.k_r_s, section.k_phi)
     quiet, roll = SwayYawGains(*astuple(section.quiet)), RollGains(*k, section.reach, section.boundary)
-    return roll_numbers(ship, quiet, roll, ScheduleSettings(budget=math.radians(section.rudder_rms_deg)))
+    budget = math.radians(section.rudder_rms_deg)
+    return roll_numbers(ship, quiet, roll, ScheduleSettings(budget=budget, roll_time=-2.0 / section.roll_row[1]))
 
 
 def place_of(ratio: float) -> int:
@@ -361,7 +362,8 @@ def steered(numbers: RollNumbers, memory: RollMemory, given: LawInput, sway: flo
         memory = memory._replace(schedule=schedule_step(parts, memory.schedule, off, 0.0, beside, span))
     quiet = sway_yaw_rudder(at.quiet, off.v, rate, error)
     damped = roll_rudder(at.roll, off, 0.0)
-    rudder, gain = damping_rudder(memory.schedule, memory.gain, quiet, damped, (rate_max, given.dt))
+    shares = memory.schedule.weight, memory.schedule.strength
+    rudder, gain = damping_rudder(shares, memory.gain, quiet, damped, (rate_max, given.dt))
     return float(planned + rudder - state.bias), memory._replace(gain=gain)
 
 

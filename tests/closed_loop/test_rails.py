@@ -40,7 +40,7 @@ POSITION_PEER = PositionControl(0.3, 0.5, 0.7, 0.05, 0.1, 1.0, 2.5, 2.0, 1.0, ST
 
 @pytest.mark.parametrize(("helm", "step"), [(L1_PEER, l1_step), (POSITION_PEER, position_step)])
 def test_the_peers_come_to_their_path_in_a_current_and_end_the_route(helm: Any, step: Callable[..., Any]) -> None:
-    """A boat of 2 m/s that turns as it is told, in a current of 0.6 m/s across the first leg."""
+    """A boat of 2 m/s that turns at the rate of its order, in a current of 0.6 m/s across the first leg."""
     route = Route(np.array([0.0, 100.0, 100.0]), np.array([0.0, 0.0, 100.0]), 2.0, 5.0)
     memory, north, east, heading, rate, way = begins(2.0), 0.0, 0.0, 0.0, 0.0, planned(helm, route)
     offs = []

@@ -40,6 +40,7 @@ from autopilot.control.rudder_roll import (
     roll_reduction,
     roll_rudder,
     schedule_step,
+    short_beyond,
     strength_step,
 )
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
@@ -124,16 +125,19 @@ def test_the_weight_blends() -> None:
     assert blended_rudder(0.25, 0.1, 0.5) == pytest.approx(0.2)
 
 
+ROLL_TIME = 10.0
+
+
 def looked_on(proof: Proof, weight: float, seconds: float, roll: float, promise: float = 0.0) -> Proof:
     """The proof after so long under one weight, the boat lying over by `roll` [rad] to either side in turn."""
     for index in range(round(seconds)):
-        proof = proof_step(proof, weight, roll if index % 2 else -roll, promise, 1.0)
+        proof = proof_step(proof, weight, roll if index % 2 else -roll, promise, 1.0, ROLL_TIME)
     return proof
 
 
-def judged(share: float, promise: float, proof: Proof = UNPROVEN) -> Proof:
-    """The proof after two minutes without the law and the time it takes to judge it, at `share` of the roll."""
-    without = looked_on(proof, 0.0, SETTLE + PROOF, 0.1)
+def judged(share: float, promise: float, proof: Proof = UNPROVEN, seconds: float = PROOF) -> Proof:
+    """The proof after so long without the law and the time it takes to judge it, at `share` of the roll."""
+    without = looked_on(proof, 0.0, SETTLE + seconds, 0.1)
     return with_law(without, SETTLE + without.span, 0.1 * share, promise)
 
 
@@ -184,15 +188,24 @@ def test_a_law_that_keeps_half_its_promise_stands_for_ten_minutes(share: float) 
     assert looked_on(again, 1.0, 1.0, 0.2, 0.5).failures == 1, "and then is judged by what it did meanwhile"
 
 
-def test_a_law_that_only_does_no_harm_is_given_five_minutes_more_and_no_third_time() -> None:
-    first = judged(0.9, 0.5)
-    assert (first.failures, first.barred, first.span) == (0, 0.0, 300.0)
-    almost = looked_on(first, 1.0, 299.0, 0.09, 0.5)
-    assert almost.failures == 0
-    second = looked_on(almost, 1.0, 1.0, 0.09, 0.5)
-    assert (second.failures, second.barred, second.so_far) == (1, 120.0, 0.0)
-    kept = looked_on(first, 1.0, 300.0, 0.02, 0.5)
+def test_a_shortfall_that_the_chance_of_the_sea_explains_is_no_shortfall() -> None:
+    """Forty seconds without the law are four times the 10 s in which a roll is forgotten: a law that halves the roll
+    shows 0.5 exp(2.33/2 sqrt(10/40 + 10/120)) = 0.98 of it once in a hundred times. After two minutes 0.81 are."""
+    assert judged(0.96, 0.5, seconds=40.0)[3:] == (0, 0.0, 300.0)
+    assert judged(1.0, 0.5, seconds=40.0)[3:] == (1, 120.0, PROOF)
+    assert judged(0.8, 0.5)[3:] == (0, 0.0, 300.0)
+    assert judged(0.82, 0.5)[3:] == (1, 120.0, PROOF)
+    doubtful = judged(0.9, 0.5, seconds=40.0)
+    assert looked_on(doubtful, 1.0, 300.0, 0.09, 0.5)[3:] == (0, 0.0, 300.0), "what was short stays short"
+    kept = looked_on(doubtful, 1.0, 300.0, 0.02, 0.5)
     assert (kept.failures, kept.span) == (0, 600.0)
+    assert judged(1.09, 0.1, seconds=40.0).failures == 0 and judged(1.11, 0.1, seconds=40.0).failures == 1
+    small = proof_of(without=4000.0, under=4000.0)
+    assert short_beyond(small, ROLL_TIME) == pytest.approx(0.75), "half of what was promised, where chance has no say"
+
+
+def proof_of(without: float, under: float) -> Proof:
+    return Proof(Measured(without, 0.0, 0.01, 0.0), Measured(under, 0.0, 0.0025, 0.5))
 
 
 def test_a_law_that_makes_the_roll_grow_is_barred_for_two_minutes_and_then_for_ten() -> None:
@@ -205,8 +218,6 @@ def test_a_law_that_makes_the_roll_grow_is_barred_for_two_minutes_and_then_for_t
     assert rested.barred == 0.0
     second = with_law(rested, SETTLE + PROOF, 0.2, 0.5)
     assert (second.failures, second.barred) == (2, 600.0)
-    harmless = with_law(rested, SETTLE + PROOF, 0.08, 0.5)
-    assert harmless.failures == 2, "after it fell short once no harm is not enough"
     better = judged(0.1, 0.5, looked_on(judged(1.01, 0.5), 0.0, 150.0, 0.1))
     assert (better.failures, better.span) == (0, 600.0), "over both times it kept its promise"
 
@@ -316,14 +327,16 @@ def test_the_times_of_a_proof_are_those_of_its_page() -> None:
     """20 s after a switch nothing is measured, then for two minutes; at 5 minutes of memory."""
     without = looked_on(UNPROVEN, 0.0, 20.0, 0.1)
     assert without.without.time == 0.0
-    assert proof_step(without, 0.0, 0.1, 0.4, 1.0).without == Measured(1.0, 0.1, 0.0, 0.0), "no law, no promise"
+    assert proof_step(without, 0.0, 0.1, 0.4, 1.0, ROLL_TIME).without == Measured(1.0, 0.1, 0.0, 0.0), (
+        "no law, no promise"
+    )
     assert looked_on(without, 0.0, 120.0, 0.1).without.time == 120.0
     started = looked_on(looked_on(without, 0.0, 120.0, 0.1), 0.5, 1.0, 0.1)
     assert looked_on(started, 1.0, 20.0, 0.05).under.time == 0.0
     assert looked_on(started, 1.0, 139.0, 0.05, 0.4).span == 120.0
     assert looked_on(started, 1.0, 140.0, 0.05, 0.4).span == 600.0
     old = UNPROVEN._replace(so_far=99.0, without=Measured(1000.0, 0.0, 0.04, 0.0))
-    assert proof_step(old, 0.0, 0.0, 0.0, 1.0).without.variance == pytest.approx(0.04 * (1.0 - 1.0 / 300.0))
+    assert proof_step(old, 0.0, 0.0, 0.0, 1.0, ROLL_TIME).without.variance == pytest.approx(0.04 * (1.0 - 1.0 / 300.0))
     kept, short = (judged(share, 0.5) for share in (0.749, 0.751))
     assert (kept.span, short.span) == (600.0, 300.0), "half of what was promised"
 
@@ -358,11 +371,11 @@ def test_the_strength_falls_to_the_budget_and_comes_back() -> None:
 
 
 def test_the_demand_is_the_quiet_law_s_but_for_the_share_of_weight_strength_and_rate() -> None:
-    schedule = begin_schedule()._replace(weight=0.5, strength=0.4)
-    rudder, gain = damping_rudder(schedule, AT_REST, 0.1, 0.3, (math.inf, DT))
+    shares = 0.5, 0.4
+    rudder, gain = damping_rudder(shares, AT_REST, 0.1, 0.3, (math.inf, DT))
     assert rudder == pytest.approx(0.1 + 0.5 * 0.4 * 0.2)
     assert gain == pytest.approx(rate_gain_step(AT_REST, 0.1 + 0.4 * 0.2, DT))
-    held, _ = damping_rudder(schedule, RateGain(0.18, 1.0), 0.1, 0.3, (0.25, DT))
+    held, _ = damping_rudder(shares, RateGain(0.18, 1.0), 0.1, 0.3, (0.25, DT))
     share = rate_share(rate_gain_step(RateGain(0.18, 1.0), 0.18, DT), 0.25)
     assert held == pytest.approx(0.1 + share * 0.5 * 0.4 * 0.2)
-    assert damping_rudder(schedule, AT_REST, 0.1, 0.3, (0.25, 0.0))[1] == AT_REST
+    assert damping_rudder(shares, AT_REST, 0.1, 0.3, (0.25, 0.0))[1] == AT_REST

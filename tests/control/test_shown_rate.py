@@ -40,19 +40,19 @@ def proven(without: float, under: float) -> Proof:
     """Two minutes without the law, then until the first judgement, rolling by so much [rad]; a third is promised."""
     proof, dt = UNPROVEN, 0.1
     for index in range(1200):
-        proof = proof_step(proof, 0.0, without * math.sin(index * dt), 0.3, dt)
-    proof = proof_step(proof, 0.5, 0.0, 0.3, dt)
+        proof = proof_step(proof, 0.0, without * math.sin(index * dt), 0.3, dt, 10.0)
+    proof = proof_step(proof, 0.5, 0.0, 0.3, dt, 10.0)
     for index in range(round((SETTLE + PROOF) / dt) + 1):
-        proof = proof_step(proof, 1.0, under * math.sin(index * dt), 0.3, dt)
+        proof = proof_step(proof, 1.0, under * math.sin(index * dt), 0.3, dt, 10.0)
     return proof
 
 
 def test_a_law_under_which_the_roll_has_grown_is_barred_and_comes_back() -> None:
-    proof = proven(0.1, 0.108)
+    proof = proven(0.1, 0.112)
     assert proof.failures == 1
     assert proof.barred > 0.0
     for _ in range(round(PROOF / 0.1) + 1):
-        proof = proof_step(proof, 0.0, 0.0, 0.3, 0.1)
+        proof = proof_step(proof, 0.0, 0.0, 0.3, 0.1, 10.0)
     assert proof.barred == 0.0
 
 

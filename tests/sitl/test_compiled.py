@@ -13,10 +13,22 @@ import pytest
 from naval_vessel import InverseMass, inverse_mass, motion_step
 
 from autopilot.angles import wrap
-from autopilot.control.rudder_roll import UNPROVEN, Proof, proof_step
+from autopilot.control.rudder_roll import (
+    UNPROVEN,
+    Proof,
+    RollSchedule,
+    ScheduleParts,
+    begin_schedule,
+    linear_step_of,
+    proof_step,
+    schedule_step,
+)
+from autopilot.control.sliding_roll import RollNumbers
 from autopilot.errors import InputError
 from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.runtime.build import law_of
+from autopilot.vessel.file import load_vessel
 from sitl.compiled import compiled
 from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Hull, Load, Rudders, rudder_load
 
@@ -45,8 +57,30 @@ def proved(proof: Proof, steps: int) -> Proof:
     """The roll law weighed, proved, and barred where it falls short, by a roll that does not lessen."""
     for index in range(steps):
         weight = 1.0 if index > steps // 3 else 0.0
-        proof = proof_step(proof, weight, 0.1 * math.sin(0.4 * index), 0.5, 1.0)
+        proof = proof_step(proof, weight, 0.1 * math.sin(0.4 * index), 0.5, 1.0, 10.0)
     return proof
+
+
+def scheduled(parts: ScheduleParts, schedule: RollSchedule, steps: int) -> RollSchedule:
+    """A ship that rolls by itself, and the schedule that weighs the roll law meanwhile."""
+    for index in range(steps):
+        rolling = Motion(0.0, 0.11 * math.cos(1.1 * 0.05 * index), 0.0, 0.1 * math.sin(1.1 * 0.05 * index), 0.0)
+        schedule = schedule_step(parts, schedule, rolling, 0.0, 0.0, 0.05)
+    return schedule
+
+
+def test_the_compiled_roll_schedule_gives_the_plain_numbers() -> None:
+    pytest.importorskip("numba", reason="the extra `fast` is not installed")
+    _, numbers = law_of(load_vessel("naval_vessel"))
+    assert isinstance(numbers, RollNumbers)
+    gear = SteeringGear(math.radians(40.0), math.radians(20.0), 0.1)
+    parts = ScheduleParts(
+        numbers.settings, numbers.here.quiet, numbers.here.roll, gear, linear_step_of(numbers.here.model, 0.05)
+    )
+    plain, quick = (one(parts, begin_schedule(), 2400) for one in (scheduled, compiled(scheduled)))
+    assert plain.weight > 0.0
+    np.testing.assert_allclose(quick.roll.response, plain.roll.response, rtol=1e-9, atol=1e-12)
+    assert quick.strength == pytest.approx(plain.strength) and quick.weight == pytest.approx(plain.weight)
 
 
 def test_the_compiled_roll_proof_gives_the_plain_numbers() -> None:
