@@ -77,10 +77,9 @@ from autopilot.vessel.parameters import parameters_of, value_of, with_value
 from autopilot.vessel.schema import Vessel
 from autopilot.web.alarm_board import alarms_from
 from autopilot.web.hub import Hub
-from autopilot.web.parameter_service import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
-from autopilot.web.station import BoatLine, Station
+from autopilot.web.station import BoatLine, Station, descriptions_from
 from autopilot.web.view import NAMED
 from sitl.fault_service import obey
 from sitl.scenario import load_scenario, scenario_from

@@ -22,9 +22,9 @@ from typing import Any, TypeVar
 from autopilot.errors import InputError
 from autopilot.files.outside import is_same_token, read_regular
 from autopilot.files.saving import replace_file
+from autopilot.web.journal import Track
 from autopilot.web.orders import Answer, Asked
 from autopilot.web.station import BoatLine, Station
-from autopilot.web.track import Track
 
 TOKEN_BYTES = 18
 SHORTEST = 16

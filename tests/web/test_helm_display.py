@@ -28,12 +28,11 @@ from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.signalk.messages import Deltas, line_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Siren
 from autopilot.web.alarm_board import LIST_MOST, AlarmBoard, alarms_from
+from autopilot.web.journal import Track, route_from
 from autopilot.web.orders import ENGAGE, Command, Orders, turn_to
-from autopilot.web.parameter_service import descriptions_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
-from autopilot.web.station import Station
-from autopilot.web.track import Track, route_from
+from autopilot.web.station import Station, descriptions_from
 from autopilot.web.view import TextPieces
 
 

@@ -1,14 +1,17 @@
-"""The certificate that the page is served with over https: read strictly, and tried as a browser would.
+"""Where the page is opened: the certificate it is served with over https, and the QR code of its address.
 
-A browser keeps the screen on and installs a page only in a secure context: https, or the boat's own computer.
+A browser keeps the screen on and installs a page only in a secure context: https, or the boat's own computer. The
+certificate is read strictly, and tried as a browser would.
 """
 
 from __future__ import annotations
 
+import io
 import ipaddress
 import ssl
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from autopilot.errors import InputError
 
@@ -92,3 +95,35 @@ def _objection(server: ssl.SSLContext, host: str, trusted: Iterable[Path]) -> st
             except ssl.SSLCertVerificationError as error:
                 return error.verify_message.rstrip(".")
     return ""
+
+
+def svg_of(address: str) -> str:
+    """Return the code of an address as SVG, "" where the package segno is missing."""
+    code = _code(address)
+    return "" if code is None else str(code.svg_inline(border=2, light="#fff", omitsize=True))
+
+
+def text_of(address: str) -> str:
+    """Return the code of an address in half blocks for a terminal, "" where the package segno is missing."""
+    code = _code(address)
+    if code is None:
+        return ""
+    lines = io.StringIO()
+    code.terminal(out=lines, border=1, compact=True)
+    return lines.getvalue()
+
+
+def is_reachable(host: str) -> bool:
+    """Return whether another machine can open a page at this host: an address or a name."""
+    try:
+        return not ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host not in ("", "localhost")
+
+
+def _code(address: str) -> Any:
+    try:
+        import segno
+    except ImportError:
+        return None
+    return segno.make(address, micro=False)
