@@ -24,7 +24,7 @@ from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
 from autopilot.links.n2k.fields import encoded
-from autopilot.links.n2k.forms import FORMS, framed
+from autopilot.links.n2k.link import FORMS, framed
 from autopilot.links.n2k.packets import Message
 from autopilot.links.n2k.samples import INSTRUMENTS, Compass, sample_of
 from autopilot.links.n2k.session import N2kSession, N2kSettings

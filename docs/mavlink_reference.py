@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.messages import EXTRA_MESSAGES
+from autopilot.links.mavlink.frames import EXTRA_MESSAGES
 
 AUTOPILOT = Path(__file__).parent.parent / "autopilot"
 ROOMS = ("links", "firmware", "vessel", "web", "runtime", "logs")

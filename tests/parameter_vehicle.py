@@ -14,7 +14,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.frames import ComponentInformation, ComponentMetadata
 
 INTEGER_FORMATS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 

@@ -57,7 +57,7 @@ from autopilot.links.ground_station.file_server import (
     checksum,
 )
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.frames import ComponentInformation, ComponentMetadata
 
 NUMBER = re.compile(r"([0-9]+)")
 

@@ -1,22 +1,76 @@
-"""Where alarms are heard: the terminal's bell, a pin or relay behind a file, the vehicle's buzzer or relay.
+"""Where alarms are heard and read: the terminal's bell, a pin or relay behind a file, the vehicle's buzzer, texts.
 
-Each is a `Link` to nobody that is shown every tick; none may ever end steering. The vehicle's are sent by the link to
-it, which asks `VehicleSounder` what is due. Links to nobody, too, bring the skipper's acknowledgement and the alarms of
-a guide into the pilot, and so into the log and on to other links.
+Each but the texts is a `Link` to nobody that is shown every tick; none may ever end steering. The vehicle's are sent by
+the link to it, which asks `VehicleSounder` what is due. Links to nobody, too, bring the skipper's acknowledgement and
+the alarms of a guide into the pilot, and so into the log and on to other links.
+
+`StatusTexts`: STATUSTEXT in pieces of 50 characters, never faster than a radio can bear.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from pathlib import Path
 from typing import Protocol, TextIO
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.base import SilentLink
+from autopilot.links.base import AlarmNews, SilentLink
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
-from autopilot.signals import AcknowledgeSample, AlarmEvent, AlarmSample, Sample, Siren, Tick
+from autopilot.signals import AcknowledgeSample, AlarmEvent, Sample, Siren, Tick
+from autopilot.supervision.alarms import kind_of
+
+PIECE = 50
+SPACING_S = 0.2
+WAITING_LIMIT = 40
+REPEAT_S = 10.0
+"""The same text is sent again only after this."""
+
+
+def severity_of(alarm: AlarmEvent, usual: int) -> int:
+    """Return the MAV_SEVERITY of an alarm: its own in the table or `usual`, whichever is worse, and the worst but one
+    for what nobody has acknowledged."""
+    own = dialect.MAV_SEVERITY_ALERT if alarm.is_escalated else kind_of(alarm).severity
+    return min(usual, int(own))
+
+
+class StatusTexts:
+    """A short queue of texts, the pieces that wait in `waiting`; when it is full the newest are dropped and counted."""
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self.waiting: deque[Message] = deque()
+        self._next = -math.inf
+        self._identity = 0
+        self._last = ("", math.nan)
+
+    def send_text(self, now: float, severity: int, text: str) -> None:
+        """Queue `text` with MAV_SEVERITY `severity` (0 emergency to 7 debug)."""
+        if text == self._last[0] and now - self._last[1] < REPEAT_S:
+            return
+        raw = text.encode("ascii", errors="replace")
+        pieces = [raw[start : start + PIECE] for start in range(0, len(raw), PIECE)]
+        if not pieces or len(self.waiting) + len(pieces) > WAITING_LIMIT:
+            self.dropped += bool(pieces)
+            return
+        self._last = (text, now)
+        identity = 0
+        if len(pieces) > 1:
+            # Pieces of one text share an id; 0 is for texts of one piece.
+            self._identity = self._identity % 65535 + 1
+            identity = self._identity
+        for number, piece in enumerate(pieces):
+            self.waiting.append(dialect.MAVLink_statustext_message(severity, piece, identity, number))
+
+    def due(self, now: float) -> list[Message]:
+        """Return the piece whose turn it is at `now` [s], or none."""
+        if not self.waiting or now < self._next:
+            return []
+        self._next = now + SPACING_S
+        return [self.waiting.popleft()]
+
 
 BELL_S = {Siren.SOUNDING: 2.0, Siren.ESCALATED: 0.5}
 TUNE_S = {Siren.SOUNDING: 4.0, Siren.ESCALATED: 1.5}
@@ -61,15 +115,11 @@ class GuideAlarms(SilentLink):
     def __init__(self, guide: Guide, name: str) -> None:
         self.name = name
         self._guide = guide
-        self._said: AlarmEvent | None = None
+        self._news = AlarmNews(name)
 
     def receive(self, now: float) -> list[Sample]:
         """Return what is new."""
-        alarm = self._guide.alarm
-        if alarm == self._said:
-            return []
-        self._said = alarm
-        return [AlarmSample(now, alarm, self.name)]
+        return self._news.of(now, self._guide.alarm)
 
 
 class Bell(SilentLink):
@@ -103,14 +153,11 @@ class SwitchFile(SilentLink):
         self._path = path
         self._is_on: bool | None = None
         self._failed: AlarmEvent | None = None
-        self._said: AlarmEvent | None = None
+        self._news = AlarmNews(self.name)
 
     def receive(self, now: float) -> list[Sample]:
         """Return an alarm where the file could not be written."""
-        if self._failed == self._said:
-            return []
-        self._said = self._failed
-        return [AlarmSample(now, self._failed, self.name)]
+        return self._news.of(now, self._failed)
 
     def publish_tick(self, tick: Tick) -> None:
         """Switch."""

@@ -110,7 +110,7 @@ def message_names(data: bytes, is_stream: bool = True) -> Counter[str]:
 
 def group_names(data: bytes, form: str) -> Counter[str]:
     """Return the groups of NMEA 2000 in `data`, of those that are read."""
-    from autopilot.links.n2k.forms import FORMS
+    from autopilot.links.n2k.link import FORMS
 
     return Counter(str(message.group) for message in FORMS[form]().feed(0.0, data))
 

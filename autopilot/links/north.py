@@ -1,12 +1,24 @@
-"""Which north headings and courses count from: true north, or magnetic where the vessel file says so."""
+"""Which north headings and courses count from: true north, or magnetic where the vessel file says so.
+
+`EarthField`: the variation by a model of the earth's field, the World Magnetic Model, at a place and a date.
+
+Needs the extra `field`: the package pygeomag has the model's equations and coefficients. Source: NOAA and BGS, "The
+US/UK World Magnetic Model for 2025-2030"; each edition serves five years. What is local, iron in the ground and on
+board, is not in it.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from datetime import date
+from typing import Any
 
 from autopilot.angles import wrap
-from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, Sample
+from autopilot.errors import InputError
+from autopilot.links.base import AlarmNews
+from autopilot.signals import AlarmEvent, HeadingSample, Sample
 
 UNUSABLE_FOR_S = 3.0
 """Headings that take an unknown variation are reported after this long without others on the same link."""
@@ -112,10 +124,9 @@ class UnusableHeadings:
     """Notices that a link brings headings, and none that can be steered by. `name`: the link's."""
 
     def __init__(self, name: str) -> None:
-        self._source = f"{name}, variation"
+        self._news = AlarmNews(f"{name}, variation")
         self._count = 0
         self._since: float | None = None
-        self._is_reported = False
 
     def news(self, now: float, samples: Iterable[Sample], count: int) -> list[Sample]:
         """Return what is to be said at `now` [s]. count: how many headings have been unusable so far."""
@@ -125,7 +136,44 @@ class UnusableHeadings:
             self._since = now
         self._count = count
         is_due = self._since is not None and now - self._since >= UNUSABLE_FOR_S
-        if is_due == self._is_reported:
-            return []
-        self._is_reported = is_due
-        return [AlarmSample(now, AlarmEvent("variation_unknown") if is_due else None, self._source)]
+        return self._news.of(now, AlarmEvent("variation_unknown") if is_due else None)
+
+
+EXTRA = "install Norrbin with its extra field: pip install '.[field]'"
+FIRST_YEAR = 2010
+DAYS_IN_YEAR = 365.25
+
+
+@dataclass(frozen=True)
+class EarthField:
+    """The field at the time `year`, such as 2026.9."""
+
+    year: float
+    model: Any = field(compare=False)
+
+    def __call__(self, latitude: float, longitude: float) -> float:
+        """Return the variation [rad], east positive, at a latitude and longitude [rad], at sea level."""
+        found = self.model.calculate(math.degrees(latitude), math.degrees(longitude), 0.0, self.year)
+        return math.radians(found.d)
+
+
+def earth_field(today: date) -> EarthField:
+    """Return the field of the edition that serves `today`. InputError without the package or an edition."""
+    try:
+        from pygeomag import GeoMag
+    except ImportError as error:
+        raise InputError(
+            f"sensors.earth_field: a model of the earth's field needs the package pygeomag; {EXTRA}"
+        ) from error
+    year = today.year + (today.timetuple().tm_yday - 1) / DAYS_IN_YEAR
+    try:
+        if today.year < FIRST_YEAR:
+            raise ValueError("no edition")
+        model = GeoMag(base_year=year)
+        model.calculate(0.0, 0.0, 0.0, year)
+    except (ValueError, OSError) as error:
+        raise InputError(
+            f"sensors.earth_field: no edition of the model serves {today.isoformat()}, this machine's date; set its "
+            "clock, update the package pygeomag, or set sensors.variation_deg"
+        ) from error
+    return EarthField(year, model)

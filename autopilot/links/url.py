@@ -112,7 +112,7 @@ def _accepts(protocol: str) -> Callable[[bytes], bool]:
     if protocol == "mavlink":
         return is_mavlink
     if protocol in NETWORKS:
-        from autopilot.links.n2k.forms import is_spoken
+        from autopilot.links.n2k.link import is_spoken
 
         return partial(is_spoken, protocol)
     from autopilot.links.nmea.sentences import is_nmea

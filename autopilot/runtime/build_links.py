@@ -89,7 +89,7 @@ def variation_of(vessel: Vessel) -> Variation:
     degrees = vessel.sensors.variation_deg
     if degrees is not None or not vessel.sensors.earth_field:
         return Variation(None if degrees is None else math.radians(degrees))
-    from autopilot.links.earth_field import earth_field
+    from autopilot.links.north import earth_field
 
     return Variation(None, earth_field(datetime.now(UTC).date()))
 
@@ -272,8 +272,7 @@ def _transport(vessel: Vessel, url: LinkUrl, options: LinkOptions) -> Transport:
 
 def _nmea_2000(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
     """Return the link to an NMEA 2000 network: a CAN bus, which is no stream of bytes, or a gateway."""
-    from autopilot.links.n2k.forms import FORMS
-    from autopilot.links.n2k.link import BusLine, GatewayLine, N2kLink, open_bus
+    from autopilot.links.n2k.link import FORMS, BusLine, GatewayLine, N2kLink, open_bus
 
     line: BusLine | GatewayLine
     if url.protocol in FORMS:
@@ -374,8 +373,7 @@ KINDS = {
 def _forwarding(vessel: Vessel, urls: Sequence[LinkUrl], options: LinkOptions) -> tuple[Router, list[_Opening]]:
     """Return what passes MAVLink on, and the links of `options.forward` to ground stations behind us; `urls` are those
     to the boat. Raises InputError where there is nothing to forward."""
-    from autopilot.links.mavlink.outgoing import filter_of
-    from autopilot.links.mavlink.router import ForwardLink, Router, budget_for
+    from autopilot.links.mavlink.router import ForwardLink, Router, budget_for, filter_of
 
     bauds = [url.baud for url in urls if url.protocol == "mavlink"]
     if not bauds:

@@ -40,7 +40,7 @@ from autopilot.links.ground_station.commands import (
 )
 from autopilot.links.ground_station.commands import REVERT as REVERTING
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.messages import CommandCancel
+from autopilot.links.mavlink.frames import CommandCancel
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.web.view import BoatView, TextPieces
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.firmware.session import NORRBIN, Vehicle, vehicle_of
+from autopilot.links.alarm_outputs import PIECE
 from autopilot.links.ground_station.commands import HEADING, MANUAL, TRACK, TRIAL, WIND
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.status_text import PIECE
 
 KEPT = 50
 PIECES_MOST = 20

@@ -15,8 +15,7 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import Link
 from autopilot.links.ground_station.mission import Mission
-from autopilot.links.n2k.forms import FORMS
-from autopilot.links.n2k.link import BusLine, GatewayLine, N2kLink, open_bus
+from autopilot.links.n2k.link import FORMS, BusLine, GatewayLine, N2kLink, open_bus
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.operators.skipper import RouteSkipper

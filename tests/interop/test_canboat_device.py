@@ -16,7 +16,7 @@ import time
 import pytest
 from outside_programs import SIGNALK, WANTED
 
-from autopilot.links.n2k.forms import FORMS
+from autopilot.links.n2k.link import FORMS
 from autopilot.links.n2k.node import Device
 from autopilot.links.n2k.session import N2kSession, N2kSettings
 

@@ -19,7 +19,7 @@ from station_doubles import Skipper
 
 from autopilot.angles import wrap
 from autopilot.guidance.plotter import PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
-from autopilot.links.n2k.forms import FORMS, Form, framed
+from autopilot.links.n2k.link import FORMS, Form, framed
 from autopilot.links.n2k.node import Device
 from autopilot.links.n2k.packets import EVERYBODY, Message
 from autopilot.links.n2k.session import READ, N2kSession, N2kSettings

@@ -28,7 +28,7 @@ from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink import messages as mavlink_layouts
+from autopilot.links.mavlink import frames
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.router import ForwardLink, Router, budget_for
 from autopilot.links.mavlink.signing import CountingTimestamps, Signing
@@ -454,7 +454,7 @@ ORDERED = [
     dialect.MAVLink_mission_clear_all_message(1, 1, 0),
     dialect.MAVLink_mission_set_current_message(1, 1, 1),
     dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 0),
-    mavlink_layouts.CommandCancel(1, 1, dialect.MAV_CMD_USER_1),
+    frames.CommandCancel(1, 1, dialect.MAV_CMD_USER_1),
 ]
 
 

@@ -9,8 +9,15 @@ from typing import Any
 import pytest
 from alarm_texts import other, words
 
-from autopilot.links.alarm_outputs import Acknowledgements, Bell, GuideAlarms, SwitchFile, VehicleSounder
-from autopilot.links.mavlink.status_text import StatusTexts, severity_of
+from autopilot.links.alarm_outputs import (
+    Acknowledgements,
+    Bell,
+    GuideAlarms,
+    StatusTexts,
+    SwitchFile,
+    VehicleSounder,
+    severity_of,
+)
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,

@@ -14,7 +14,7 @@ from boats import BOATS, vessel_of
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.ground_station.mission import from_message
-from autopilot.links.mavlink.messages import CommandCancel
+from autopilot.links.mavlink.frames import CommandCancel
 from autopilot.runtime.record import Recorder, replay
 from autopilot.signals import AlarmSample, HelmSample, Mode, OrderKind
 from autopilot.vessel.file import dump_vessel

@@ -26,7 +26,7 @@ from autopilot.links.ground_station.file_server import (
     metadata_messages,
 )
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.frames import ComponentInformation, ComponentMetadata
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.parameters import parameters_of, value_of
 

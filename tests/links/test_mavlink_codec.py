@@ -13,8 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink import codec as codecs
 from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink, message_id
-from autopilot.links.mavlink.frames import frame_length
-from autopilot.links.mavlink.messages import EXTRA_MESSAGES, CommandCancel, ComponentMetadata
+from autopilot.links.mavlink.frames import EXTRA_MESSAGES, CommandCancel, ComponentMetadata, frame_length
 
 FRAME_MAX = 280
 
@@ -351,7 +350,7 @@ def test_messages_beyond_the_dialect_are_those_of_the_standard() -> None:
 
 def test_messages_beyond_the_dialect_are_packed_byte_for_byte() -> None:
     """Little-endian, the wide fields first; zeros at the end are left out."""
-    from autopilot.links.mavlink.messages import AvailableModes, CurrentMode
+    from autopilot.links.mavlink.frames import AvailableModes, CurrentMode
 
     for message, payload in (
         (CommandCancel(1, 2, 0x7922), "22 79 01 02"),

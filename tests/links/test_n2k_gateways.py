@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
 from autopilot.links.base import LinkError
-from autopilot.links.n2k.forms import FORMS, Form, framed, is_spoken
-from autopilot.links.n2k.link import GatewayLine, N2kLink
+from autopilot.links.n2k.link import FORMS, Form, GatewayLine, N2kLink, framed, is_spoken
 from autopilot.links.n2k.packets import Message
 from autopilot.links.n2k.session import READ, N2kSession, N2kSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair

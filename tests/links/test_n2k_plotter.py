@@ -11,7 +11,7 @@ from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
 from autopilot.links.n2k.fields import encoded, text
 from autopilot.links.n2k.packets import Message
-from autopilot.links.n2k.plotter import PlotterReader, waypoint_names
+from autopilot.links.n2k.samples import PlotterReader, waypoint_names
 from autopilot.links.n2k.session import N2kSession, N2kSettings
 from autopilot.links.north import known_as
 

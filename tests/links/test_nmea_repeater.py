@@ -9,8 +9,7 @@ import operator
 import pynmea2
 import pytest
 
-from autopilot.links.nmea.link import NmeaLink, NmeaSettings
-from autopilot.links.nmea.repeater import NmeaRepeater, heading_control
+from autopilot.links.nmea.link import NmeaLink, NmeaRepeater, NmeaSettings, heading_control
 from autopilot.links.nmea.sentences import format_sentence
 from autopilot.links.transports import loopback_pair
 from autopilot.runtime.build_links import LinkOptions, build_link

@@ -16,8 +16,15 @@ from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.frames import Address, instance_of
-from autopilot.links.mavlink.outgoing import MOST_STREAMS, OutgoingFilter, asks_for_streams, filter_of
-from autopilot.links.mavlink.router import ForwardLink, Router, budget_for
+from autopilot.links.mavlink.router import (
+    MOST_STREAMS,
+    ForwardLink,
+    OutgoingFilter,
+    Router,
+    asks_for_streams,
+    budget_for,
+    filter_of,
+)
 from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.url import FORWARD_OPTIONS, parse_url
 from autopilot.runtime.build_links import LinkOptions, build_links

@@ -14,6 +14,7 @@ from station_doubles import Store
 
 from autopilot.guidance.track import TrackGuide
 from autopilot.guidance.wind_vane import WindGuide
+from autopilot.links.alarm_outputs import StatusTexts
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.ground_station.boat_link import BoatLink
@@ -23,8 +24,7 @@ from autopilot.links.ground_station.mission import Mission, MissionItem
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.messages import CommandCancel
-from autopilot.links.mavlink.status_text import StatusTexts
+from autopilot.links.mavlink.frames import CommandCancel
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import (
     AlarmEvent,

@@ -12,13 +12,12 @@ import pytest
 
 from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.earth_field import earth_field
 from autopilot.links.n2k.fields import encoded
 from autopilot.links.n2k.packets import Message
 from autopilot.links.n2k.session import N2kSession, N2kSettings
 from autopilot.links.nmea.link import NmeaSession, NmeaSettings
 from autopilot.links.nmea.sentences import encode_hdg, encode_hdm, encode_rmc
-from autopilot.links.north import Variation, known_as
+from autopilot.links.north import Variation, earth_field, known_as
 from autopilot.runtime.build_links import variation_of
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, Sample
 from autopilot.vessel.file import load_vessel

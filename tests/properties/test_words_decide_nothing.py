@@ -15,12 +15,12 @@ from fault_cells import ROWS, in_child
 
 from autopilot import tick as one_tick
 from autopilot.guidance.trials import TrialLimits, TrialWatch
+from autopilot.links.alarm_outputs import StatusTexts
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.file_server import alarm_list
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, HelmSample, Sample, Tick
 from autopilot.supervision import alarm_words, panel

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
-from autopilot.links.alarm_outputs import Acknowledgements, Bell, SwitchFile, VehicleSounder
-from autopilot.links.mavlink.status_text import severity_of
+from autopilot.links.alarm_outputs import Acknowledgements, Bell, SwitchFile, VehicleSounder, severity_of
 from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import alarm_outputs_of

@@ -20,11 +20,11 @@ from starlette.responses import JSONResponse
 from autopilot.errors import InputError
 from autopilot.firmware.metadata import FtpClient
 from autopilot.firmware.protocol import Target
+from autopilot.links.alarm_outputs import StatusTexts
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.file_server import ALARMS, PARAMETERS
 from autopilot.links.ground_station.mission import MissionItem
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.status_text import StatusTexts
 from autopilot.signalk.messages import Deltas, line_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Siren
 from autopilot.web.alarm_board import LIST_MOST, AlarmBoard, alarms_from

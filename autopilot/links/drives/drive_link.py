@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.links.base import LinkError, SilentLink, Transport
+from autopilot.links.base import AlarmNews, HelmNews, LinkError, SilentLink, Transport
 from autopilot.links.drives.base import SILENT_S, Counted, Drive
 from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
 from autopilot.links.rudder_follow import RELEASE_SPACING_S, FollowSettings, RudderFollow, StandingOrder
-from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, RudderCommand, RudderSample, Sample
+from autopilot.signals import HelmCause, RudderCommand, RudderSample, Sample
 
 BITS_PER_BYTE = 10
 
@@ -34,8 +34,7 @@ class DriveLink(SilentLink):
         self._follow = RudderFollow(settings.follow)
         self._order = StandingOrder(1.0 / settings.rate, RELEASE_SPACING_S)
         self._line_free = -math.inf
-        self._helm_reason: str | None = None
-        self._warning: AlarmEvent | None = None
+        self._helm, self._warning = HelmNews(self.name), AlarmNews(self.name)
         self._leaving, self._patient_until = math.nan, math.nan
         self._has_ordered = self._is_gone = False
 
@@ -54,14 +53,8 @@ class DriveLink(SilentLink):
         reason = self._follow.reason(now)
         if self._follow.cause is not HelmCause.STOOD_STILL:  # after which a drive has seemed silent
             reason = self._fault(now) or reason
-        if reason != self._helm_reason:
-            self._helm_reason = reason
-            samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
-        warning = self.drive.warning(now)
-        if warning != self._warning:
-            self._warning = warning
-            samples.append(AlarmSample(now, warning, self.name))
-        return samples
+        samples += self._helm.of(now, reason, self._follow.cause)
+        return samples + self._warning.of(now, self.drive.warning(now))
 
     def _fault(self, now: float) -> str:
         """Return why the drive cannot steer; one that has just been spoken to for the first time may yet answer."""

@@ -7,7 +7,8 @@ from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.base import LinkError, SilentLink, Transport
+from autopilot.links.alarm_outputs import StatusTexts, severity_of
+from autopilot.links.base import AlarmNews, LinkError, SilentLink, Transport
 from autopilot.links.ground_station.access import (
     AccessPolicy,
     LinkAccess,
@@ -24,7 +25,6 @@ from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import STATES
 from autopilot.links.mavlink.signing import LinkSigning
-from autopilot.links.mavlink.status_text import StatusTexts, severity_of
 from autopilot.links.transports.sockets import peer_of
 from autopilot.links.url import accept_signed
 from autopilot.signals import (
@@ -58,7 +58,7 @@ class _Notice:
     """An alarm of a link's own: it begins when something happens, and ends a while after that has happened last."""
 
     def __init__(self, name: str, link: str) -> None:
-        self._name, self._source = name, f"{link} {name}"
+        self._name, self._news = name, AlarmNews(f"{link} {name}")
         self._last = -math.inf
         self._event = AlarmEvent(name)
         self._is_on = False
@@ -73,10 +73,8 @@ class _Notice:
         """Return the alarm where it begins, and its end; `until_acknowledged`: none before somebody has acknowledged
         it."""
         is_on = now - self._last < STOPPED_S or (self._is_on and until_acknowledged and not self._is_acknowledged(tick))
-        if is_on == self._is_on:
-            return []
         self._is_on = is_on
-        return [AlarmSample(now, self._event if is_on else None, self._source)]
+        return self._news.of(now, self._event if is_on else None)
 
     def _is_acknowledged(self, tick: Tick | None) -> bool:
         shown = () if tick is None else zip(tick.alarms, tick.alarm_states, strict=False)

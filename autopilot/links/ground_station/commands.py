@@ -27,7 +27,7 @@ from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
 from autopilot.links.ground_station.access import MANUAL as MANUAL
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.messages import AvailableModes, CurrentMode
+from autopilot.links.mavlink.frames import AvailableModes, CurrentMode
 from autopilot.links.north import MAGNETIC_LEADS
 from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.alarms import BY_NUMBER

@@ -30,7 +30,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.guidance.track import Waypoint
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.messages import ComponentInformation, ComponentMetadata
+from autopilot.links.mavlink.frames import ComponentInformation, ComponentMetadata
 from autopilot.signals import AlarmEvent, AlarmState
 from autopilot.supervision.alarms import OTHER, kind_of
 from autopilot.supervision.panel import sentence_of

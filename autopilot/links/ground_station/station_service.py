@@ -18,6 +18,7 @@ from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.alarm_outputs import StatusTexts
 from autopilot.links.ground_station.commands import (
     ACCEPTED,
     CANCELLED,
@@ -33,8 +34,7 @@ from autopilot.links.ground_station.file_server import GENERAL, NO_FILES, Conten
 from autopilot.links.ground_station.mission import FRAMES, MissionServer
 from autopilot.links.ground_station.telemetry import Telemetry, version
 from autopilot.links.mavlink.codec import Message, message_id
-from autopilot.links.mavlink.messages import AvailableModes, ComponentInformation, ComponentMetadata
-from autopilot.links.mavlink.status_text import StatusTexts
+from autopilot.links.mavlink.frames import AvailableModes, ComponentInformation, ComponentMetadata
 
 PER_TURN = 4
 """Parameters of a list that leave in one turn of the loop."""

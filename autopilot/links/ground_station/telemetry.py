@@ -19,7 +19,7 @@ from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.ground_station.commands import Tuner, current_mode, mode_of
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.messages import CurrentMode
+from autopilot.links.mavlink.frames import CurrentMode
 from autopilot.signals import AlarmState, Mode, OrderKind, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0

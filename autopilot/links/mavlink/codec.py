@@ -15,8 +15,16 @@ from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.frames import MAGIC_V2, SIGNATURE, TRIES, checksum, frame_length, next_magic
-from autopilot.links.mavlink.messages import EXTRA_MESSAGES, KNOWN
+from autopilot.links.mavlink.frames import (
+    EXTRA_MESSAGES,
+    KNOWN,
+    MAGIC_V2,
+    SIGNATURE,
+    TRIES,
+    checksum,
+    frame_length,
+    next_magic,
+)
 from autopilot.links.mavlink.signing import LinkSigning
 
 Message: TypeAlias = Any

@@ -14,7 +14,7 @@ from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.alarm_outputs import VehicleSounder
+from autopilot.links.alarm_outputs import StatusTexts, VehicleSounder, severity_of
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S, Stage
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
@@ -34,7 +34,6 @@ from autopilot.links.mavlink.requests import (
     station_heartbeat,
 )
 from autopilot.links.mavlink.signing import CURES, LinkSigning
-from autopilot.links.mavlink.status_text import StatusTexts, severity_of
 from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettings, VehicleReader
 from autopilot.links.release import LEAVING_S, OverrideRelease, Release, ReleaseState, not_held

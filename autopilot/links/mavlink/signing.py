@@ -13,8 +13,7 @@ from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.frames import SIGNATURE, SIGNED, checksum, identity_of, is_signed
-from autopilot.links.mavlink.messages import KNOWN
+from autopilot.links.mavlink.frames import KNOWN, SIGNATURE, SIGNED, checksum, identity_of, is_signed
 
 MINUTE = 6_000_000
 """A stream not heard before may be this far behind what has been seen."""

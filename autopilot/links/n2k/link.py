@@ -1,17 +1,220 @@
-"""The link to an NMEA 2000 network: a session carried over a CAN bus (python-can, extra `n2k`) or through a gateway."""
+"""The link to an NMEA 2000 network: a session carried over a CAN bus (python-can, extra `n2k`) or through a gateway.
+
+How gateways write the messages: one class a form, one line in FORMS.
+
+    ydwg       17:33:21.107 R 19F51323 01 2F 30 70       Yacht Devices RAW: frames; sent without time and direction
+    actisense  DLE STX 93 length data checksum DLE ETX   NGT-1 and its like: messages received (93) and to be sent (94)
+    n2k-ascii  A173321.107 23FF7 1F513 012F3070002F30709F   Actisense W2K-1, N2K ASCII: source, destination, priority
+
+A gateway of the first kind passes on the addresses that it is given, so that Norrbin is the node. One of the others is
+the node itself: it has the address, claims it and answers for it.
+
+Sources: Yacht Devices, manual of the YDWG-02, appendix E; canboat, actisense-serial (framing, start-up message);
+Actisense, "NMEA 2000 ASCII output format" of the W2K-1.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import re
+from typing import Any, Protocol
 
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import LinkError, Transport
+from autopilot.links.base import LinkError, SessionLink, Transport
 from autopilot.links.n2k.fields import FAST
-from autopilot.links.n2k.forms import LINE_END, Form
-from autopilot.links.n2k.packets import Frame, Framing, Message
+from autopilot.links.n2k.packets import EVERYBODY, IDENTIFIER_MOST, Frame, Framing, Message, is_addressed
 from autopilot.links.n2k.session import READ, Helm, N2kSession, N2kSettings
 from autopilot.links.north import Variation
-from autopilot.links.session_link import SessionLink
+
+LINE_END = b"\r\n"
+LINE_MOST = 512
+"""Characters of a line; the longest packet has 223 bytes."""
+PAIRS = r"(?:[0-9A-Fa-f]{2})"
+RAW_LINE = re.compile(rf"\d\d:\d\d:\d\d\.\d{{1,6}} ([RT]) ([0-9A-Fa-f]{{8}})((?: {PAIRS}){{0,8}})", re.ASCII)
+ASCII_LINE = re.compile(
+    rf"A\d{{6}}\.\d{{1,6}} ({PAIRS})({PAIRS})([0-9A-Fa-f]) ([0-9A-Fa-f]{{4,6}}) ({PAIRS}{{0,223}})", re.ASCII
+)
+
+
+class Form(Protocol):
+    """A way of writing messages. is_node: whether Norrbin is the node; damaged: lines or packets that were none."""
+
+    is_node: bool
+    damaged: int
+
+    def begin(self) -> bytes:
+        """Return what is sent at the beginning."""
+
+    def feed(self, now: float, data: bytes) -> list[Message]:
+        """Return the messages that `data`, which came at `now` [s] and may be cut anywhere, completes. Never raises."""
+
+    def encode(self, message: Message) -> bytes:
+        """Return a message as it is sent."""
+
+
+class _Lines:
+    """Cuts a stream of characters into lines; of one without end no more than `LINE_MOST` characters are kept."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def take(self, data: bytes) -> list[str]:
+        *lines, rest = (self._rest + data).split(b"\n")
+        self._rest = rest if len(rest) <= LINE_MOST else b""
+        return [line.decode("ascii", "replace").strip() for line in lines if len(line) <= LINE_MOST and line.strip()]
+
+
+class YachtDevices:
+    """RAW text. What comes back with a T is what we, or another program, have sent: it is not heard."""
+
+    is_node = True
+
+    def __init__(self) -> None:
+        self.damaged = 0
+        self._lines = _Lines()
+        self._framing = Framing(FAST, READ)
+
+    def begin(self) -> bytes:
+        """Return nothing."""
+        return b""
+
+    def feed(self, now: float, data: bytes) -> list[Message]:
+        """Return the messages that `data` completes."""
+        found: list[Message] = []
+        for line in self._lines.take(data):
+            parts = RAW_LINE.fullmatch(line)
+            if parts is None or int(parts[2], 16) > IDENTIFIER_MOST:
+                self.damaged += 1
+            elif parts[1] == "R":
+                message = self._framing.take(now, Frame(int(parts[2], 16), bytes.fromhex(parts[3])))
+                found += [] if message is None else [message]
+        return found
+
+    def encode(self, message: Message) -> bytes:
+        """Return its frames, a line each."""
+        frames = self._framing.frames(message)
+        return b"".join(f"{each.identifier:08X} {each.data.hex(' ').upper()}\r\n".encode() for each in frames)
+
+
+DLE, STX, ETX = 0x10, 0x02, 0x03
+RECEIVED, TO_SEND, TO_GATEWAY = 0x93, 0x94, 0xA1
+ALL_MESSAGES = bytes((0x11, 0x02, 0x00))
+"""Operating mode of the NGT-1: every message is passed on."""
+PACKET_BYTES = 260
+
+
+class Actisense:
+    """The binary packets of the NGT-1; a byte DLE in a packet is sent twice, and all its bytes add up to 0."""
+
+    is_node = False
+
+    def __init__(self) -> None:
+        self.damaged = 0
+        self._packet: bytearray | None = None
+        self._is_escaped = False
+
+    def begin(self) -> bytes:
+        """Return what has every message passed on."""
+        return framed(TO_GATEWAY, ALL_MESSAGES)
+
+    def feed(self, now: float, data: bytes) -> list[Message]:
+        """Return the messages that `data` completes."""
+        found: list[Message] = []
+        for byte in data:
+            if not self._is_escaped:
+                self._is_escaped = byte == DLE
+                if self._packet is not None and not self._is_escaped:
+                    self._packet.append(byte)
+                    if len(self._packet) > PACKET_BYTES:
+                        self._packet, self.damaged = None, self.damaged + 1
+                continue
+            self._is_escaped = False
+            if byte == STX:
+                self.damaged += self._packet is not None
+                self._packet = bytearray()
+            elif byte == DLE and self._packet is not None:
+                self._packet.append(byte)
+            elif self._packet is not None:
+                packet, self._packet = bytes(self._packet), None
+                if byte == ETX and len(packet) >= 3 and sum(packet) & 0xFF == 0 and packet[1] == len(packet) - 3:
+                    message = _received(packet[0], packet[2:-1])
+                    found += [] if message is None else [message]
+                else:
+                    self.damaged += 1
+        return found
+
+    def encode(self, message: Message) -> bytes:
+        """Return the packet; the gateway puts its own address in."""
+        group = message.group.to_bytes(3, "little")
+        head = bytes((message.priority,)) + group + bytes((message.destination, len(message.data)))
+        return framed(TO_SEND, head + message.data)
+
+
+def framed(command: int, data: bytes) -> bytes:
+    """Return the packet of a command with its data."""
+    body = bytes((command, len(data))) + data
+    body += bytes((-sum(body) & 0xFF,))
+    return bytes((DLE, STX)) + body.replace(b"\x10", b"\x10\x10") + bytes((DLE, ETX))
+
+
+def _received(command: int, data: bytes) -> Message | None:
+    """Return the message in a packet; None where it is another: priority, group, addresses, time, length, data."""
+    if command != RECEIVED or len(data) < 11 or data[10] != len(data) - 11:
+        return None
+    group = int.from_bytes(data[1:4], "little")
+    return _addressed(group, data[11:], data[5], data[4], data[0] & 7)
+
+
+def _addressed(group: int, data: bytes, source: int, destination: int, priority: int) -> Message | None:
+    if group not in READ:
+        return None
+    return Message(group, data, source, destination if is_addressed(group) else EVERYBODY, priority)
+
+
+class ActisenseAscii:
+    """N2K ASCII."""
+
+    is_node = False
+
+    def __init__(self) -> None:
+        self.damaged = 0
+        self._lines = _Lines()
+
+    def begin(self) -> bytes:
+        """Return nothing."""
+        return b""
+
+    def feed(self, now: float, data: bytes) -> list[Message]:
+        """Return the messages that `data` completes."""
+        found: list[Message] = []
+        for line in self._lines.take(data):
+            parts = ASCII_LINE.fullmatch(line)
+            if parts is None:
+                self.damaged += 1
+                continue
+            source, destination, priority, group = (int(parts[number], 16) for number in range(1, 5))
+            message = _addressed(group, bytes.fromhex(parts[5]), source, destination, priority & 7)
+            found += [] if message is None else [message]
+        return found
+
+    def encode(self, message: Message) -> bytes:
+        """Return its line; the time is the gateway's own affair."""
+        head = f"A000000.000 {message.source:02X}{message.destination:02X}{message.priority:X}"
+        return f"{head} {message.group:05X} {message.data.hex().upper()}\r\n".encode()
+
+
+FORMS: dict[str, type[YachtDevices] | type[Actisense] | type[ActisenseAscii]] = {
+    "ydwg": YachtDevices,
+    "actisense": Actisense,
+    "n2k-ascii": ActisenseAscii,
+}
+"""By what is spoken on a link."""
+
+
+def is_spoken(form: str, datagram: bytes) -> bool:
+    """Return whether a datagram is of a form: some of it is a message, or nothing of it is damaged."""
+    reader = FORMS[form]()
+    return bool(reader.feed(0.0, datagram + LINE_END)) or (reader.damaged == 0 and bool(datagram.strip()))
+
 
 FRAMES_MOST = 500
 """Frames taken in one `receive`, so that a busy bus cannot hold the loop."""
@@ -92,7 +295,7 @@ class BusLine:
 
 
 class GatewayLine:
-    """A gateway on a transport, in one of `autopilot.links.n2k.forms.FORMS`."""
+    """A gateway on a transport, in one of `autopilot.links.n2k.link.FORMS`."""
 
     def __init__(self, transport: Transport, form: Form) -> None:
         self.name, self.is_node = transport.name, form.is_node

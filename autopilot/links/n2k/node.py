@@ -8,16 +8,20 @@
 Source: address claim after SAE J1939-81; fields of the NAME and of the messages after canboat's canboat.json. A node
 that has claimed waits 250 ms for objections before it says anything else; before that it asks who is there, and waits
 as long for their answers, so that it wants no address that is taken.
+
+Group function: what one node asks of another, and how it is acknowledged.
+
+    0 request: send a group, at an interval     1 command: set fields of a group    2 acknowledge
+    3 read fields    4 its reply    5 write fields    6 its reply
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from autopilot.links.n2k import group_function as gf
 from autopilot.links.n2k.fields import (
     ACKNOWLEDGEMENT,
     ADDRESS_CLAIM,
@@ -29,6 +33,7 @@ from autopilot.links.n2k.fields import (
     GROUP_FUNCTION,
     GROUPS,
     HEARTBEAT,
+    LAYOUTS,
     PRODUCT,
     REQUEST,
     RUDDER,
@@ -37,6 +42,69 @@ from autopilot.links.n2k.fields import (
     text,
 )
 from autopilot.links.n2k.packets import EVERYBODY, Message
+
+ASK, COMMAND, ACKNOWLEDGE, READ, WRITE = 0, 1, 2, 3, 5
+DONE, UNKNOWN_GROUP, NOT_NOW, DENIED, UNSUPPORTED, NO_READ_OR_WRITE = 0, 1, 2, 3, 4, 6
+"""Codes of the group as a whole."""
+FIXED_INTERVAL, FIXED_PRIORITY, TOO_OFTEN = 1, 1, 2
+"""Codes of the interval, or of the priority, that is asked for."""
+NO_SUCH_FIELD, TEMPORARY, OUT_OF_RANGE, FIELD_DENIED, FIELD_UNSUPPORTED = 1, 2, 3, 4, 5
+"""Codes of a field."""
+AS_IS, AS_BY_DEFAULT = 0xFFFFFFFF, 0xFFFFFFFE
+"""Intervals that ask for no change, or for the usual one."""
+PRIORITIES_AS_IS = (8, 9, 15)
+"""Leave unchanged, the usual one, none given."""
+
+
+class GroupFunction(NamedTuple):
+    """What is asked: kind, group, interval [ms] of a request, priority of a command, number of the fields named.
+
+    pairs: index and bits of the fields of a command whose group is in LAYOUTS; None where they do not fit the data.
+    """
+
+    kind: int
+    group: int
+    interval: int = AS_IS
+    priority: int = 8
+    named: int = 0
+    pairs: tuple[tuple[int, int], ...] | None = None
+
+
+def group_function(data: bytes) -> GroupFunction | None:
+    """Return what a message asks; None where it is too short."""
+    if len(data) < 5:
+        return None
+    kind, group = data[0], int.from_bytes(data[1:4], "little")
+    if kind == ASK and len(data) >= 11:
+        return GroupFunction(kind, group, int.from_bytes(data[4:8], "little"), named=data[10])
+    if kind == COMMAND and len(data) >= 6:
+        return GroupFunction(kind, group, priority=data[4] & 15, named=data[5], pairs=_pairs(group, data[5], data[6:]))
+    return GroupFunction(kind, group) if kind in (READ, WRITE) else None
+
+
+def _pairs(group: int, count: int, data: bytes) -> tuple[tuple[int, int], ...] | None:
+    """Return index and bits of each field; what is behind one that the group has not cannot be taken apart."""
+    layout, found, at = LAYOUTS.get(group), [], 0
+    if layout is None:
+        return None
+    for _ in range(count):
+        if at >= len(data) or not 0 < data[at] <= len(layout):
+            return None
+        bits = layout[data[at] - 1].bits
+        end = at + 1 + (bits + 7) // 8
+        if end > len(data):
+            return None
+        found.append((data[at], int.from_bytes(data[at + 1 : end], "little") & (1 << bits) - 1))
+        at = end
+    return tuple(found)
+
+
+def acknowledgement(group: int, code: int, other: int = DONE, fields: Sequence[int] = ()) -> bytes:
+    """Return the data of an acknowledgement: codes of the group, of interval or priority, and of each field."""
+    nibbles = [*fields, *([15] if len(fields) % 2 else [])]
+    packed = bytes(low | high << 4 for low, high in zip(nibbles[::2], nibbles[1::2], strict=True))
+    return bytes((ACKNOWLEDGE,)) + group.to_bytes(3, "little") + bytes((code | other << 4, len(fields))) + packed
+
 
 FIRST_ADDRESS, LOWEST, HIGHEST = 204, 128, 251
 """The address claimed first, and those claimed where it is taken: the lowest free one."""
@@ -214,49 +282,49 @@ class Node:
 
     def _asked(self, now: float, message: Message) -> list[Message]:
         """Answer a group function. What everybody is asked is answered by who has it, and acknowledged by nobody."""
-        asked = gf.group_function(message.data)
+        asked = group_function(message.data)
         if asked is None:
             return []
         group, is_for_all = asked.group, message.destination == EVERYBODY
-        code, other, fields, said = gf.DONE, gf.DONE, [gf.DONE] * asked.named, list[Message]()
-        if asked.kind == gf.ASK:
+        code, other, fields, said = DONE, DONE, [DONE] * asked.named, list[Message]()
+        if asked.kind == ASK:
             said = self._answers(group) if group != ADDRESS_CLAIM else [self._claim()]
             other = self._paced(group, asked.interval)
             if not said:
-                code, fields = gf.UNKNOWN_GROUP, [gf.FIELD_UNSUPPORTED] * asked.named
+                code, fields = UNKNOWN_GROUP, [FIELD_UNSUPPORTED] * asked.named
             elif asked.named:
                 # nobody here has several of a group to choose from
-                code, fields, said = gf.UNSUPPORTED, [gf.FIELD_UNSUPPORTED] * asked.named, []
+                code, fields, said = UNSUPPORTED, [FIELD_UNSUPPORTED] * asked.named, []
         elif is_for_all:
             return []
-        elif asked.kind != gf.COMMAND:
-            code = gf.NO_READ_OR_WRITE
+        elif asked.kind != COMMAND:
+            code = NO_READ_OR_WRITE
         elif group != CONTROL:
-            code, fields = gf.UNKNOWN_GROUP, [gf.FIELD_UNSUPPORTED] * asked.named
+            code, fields = UNKNOWN_GROUP, [FIELD_UNSUPPORTED] * asked.named
         elif asked.pairs is None:
-            code, fields = gf.UNSUPPORTED, [gf.NO_SUCH_FIELD] * asked.named
+            code, fields = UNSUPPORTED, [NO_SUCH_FIELD] * asked.named
         else:
             code, fields = self._commanded(now, asked.pairs)
-            other = gf.DONE if asked.priority in gf.PRIORITIES_AS_IS else gf.FIXED_PRIORITY
+            other = DONE if asked.priority in PRIORITIES_AS_IS else FIXED_PRIORITY
         if is_for_all:
             return said
-        answer = gf.acknowledgement(group, code, other, fields)
+        answer = acknowledgement(group, code, other, fields)
         return [self._compose(GROUP_FUNCTION, answer, 3, message.source), *said]
 
     def _paced(self, group: int, interval: int) -> int:
         """Take the interval [ms] asked for, of heartbeats alone; return the code of its acknowledgement."""
-        if interval in (gf.AS_IS, gf.AS_BY_DEFAULT):
-            if group == HEARTBEAT and interval == gf.AS_BY_DEFAULT:
+        if interval in (AS_IS, AS_BY_DEFAULT):
+            if group == HEARTBEAT and interval == AS_BY_DEFAULT:
                 self._period = HEARTBEAT_S
-            return gf.DONE
+            return DONE
         if group != HEARTBEAT:
-            return gf.FIXED_INTERVAL
+            return FIXED_INTERVAL
         seconds = interval / 1000.0
         if not HEARTBEAT_LEAST_S <= seconds <= HEARTBEAT_S:
-            return gf.TOO_OFTEN if 0.0 < seconds < HEARTBEAT_LEAST_S else gf.FIXED_INTERVAL
+            return TOO_OFTEN if 0.0 < seconds < HEARTBEAT_LEAST_S else FIXED_INTERVAL
         self._period = seconds
         self._next = -math.inf
-        return gf.DONE
+        return DONE
 
     def _compose(self, group: int, data: bytes, priority: int = 6, destination: int = EVERYBODY) -> Message:
         return Message(group, data, self.address, destination, priority)

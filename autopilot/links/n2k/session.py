@@ -2,21 +2,32 @@
 
 Heading, rate, roll, rudder, speed, position, wind and a plotter's legs come in; rudder order (127245) and heading/track
 control (127237) leave, and Norrbin is a node like any other, see `autopilot.links.n2k.node`.
+
+The pilot's alarms stand on the displays of the network: alert, its text, and a display's acknowledgement.
+
+    126983 alert: kind, priority, state, who has it        126985 its text        126984 the answer of a display
+
+The kinds are those of IEC 62923: emergency alarm, alarm, warning, caution. An alarm has a number by its name, always
+the same; every time that it comes anew counts as one more occurrence.
+
+Source: fields and words as in canboat's canboat.json.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from collections import deque
 from typing import NamedTuple, Protocol
 
 from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.n2k import group_function as gf
-from autopilot.links.n2k.alerts import Alerts
+from autopilot.links.base import AlarmNews, HelmNews
 from autopilot.links.n2k.fields import (
     ADDRESS_CLAIM,
+    ALERT,
     ALERT_RESPONSE,
+    ALERT_TEXT,
     COMMANDED_ADDRESS,
     CONTROL,
     FOLLOW_UP,
@@ -35,14 +46,28 @@ from autopilot.links.n2k.fields import (
     YES_NO,
     decoded,
     encoded,
+    text,
     value_of,
 )
-from autopilot.links.n2k.node import NO_ADDRESS, Device, Node
+from autopilot.links.n2k.node import (
+    DENIED,
+    DONE,
+    FIELD_DENIED,
+    FIELD_UNSUPPORTED,
+    NO_ADDRESS,
+    NOT_NOW,
+    OUT_OF_RANGE,
+    TEMPORARY,
+    UNSUPPORTED,
+    Device,
+    Node,
+)
 from autopilot.links.n2k.packets import Message
-from autopilot.links.n2k.plotter import PLOTTER_GROUPS, PlotterReader
 from autopilot.links.n2k.samples import (
     INSTRUMENTS,
+    PLOTTER_GROUPS,
     Compass,
+    PlotterReader,
     course_of,
     is_heading,
     own_variation,
@@ -55,10 +80,8 @@ from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow, StandingOrder
 from autopilot.signals import (
     AcknowledgeSample,
-    AlarmEvent,
-    AlarmSample,
+    AlarmState,
     HeadingSample,
-    HelmSample,
     Mode,
     OrderKind,
     PositionSample,
@@ -67,6 +90,86 @@ from autopilot.signals import (
     Sample,
     Tick,
 )
+from autopilot.supervision.alarms import CATALOGUE, Priority, kind_of
+from autopilot.supervision.panel import sentence_of
+
+KINDS = {Priority.EMERGENCY: 1, Priority.ALARM: 2, Priority.WARNING: 5, Priority.CAUTION: 8}
+NAVIGATIONAL = 0
+NORMAL, ACTIVE, ACKNOWLEDGED, AWAITING = 1, 2, 4, 5
+"""States of an alert; the last: it is over, and nobody has acknowledged it."""
+CAN_BE_ACKNOWLEDGED, IS_ACKNOWLEDGED = 1 << 4, 1 << 1
+AUTOMATIC, EXCEEDED, WITHIN = 1, 1, 0
+ENGLISH = 1
+NOBODY = 0xFFFFFFFFFFFFFFFF
+HEAD = struct.Struct("<BBBHQBBB")
+REPEATED_S = 5.0
+OCCURRENCES = 250
+TEXT_MOST = 120
+
+
+class _Alert(NamedTuple):
+    """One alarm as it was sent last: its kind and words, occurrence, state, and when [s]."""
+
+    kind: int
+    words: str
+    occurrence: int
+    state: int
+    sent: float
+
+
+class Alerts:
+    """What is said of the alarms, under the NAME of our node."""
+
+    def __init__(self, name: int) -> None:
+        self._name = name
+        self._alerts: dict[str, _Alert] = {}
+
+    def due(self, tick: Tick) -> list[tuple[int, bytes]]:
+        """Return groups and data that fall due with `tick`: at every change at once, and again while an alarm lasts."""
+        said: list[tuple[int, bytes]] = []
+        states = dict(zip((each.name for each in tick.alarms), tick.alarm_states, strict=False))
+        present = {each.name: each for each in tick.alarms}
+        for name, event in present.items():
+            before = self._alerts.get(name)
+            is_new = before is None or before.state == NORMAL
+            is_heard = states.get(name) is AlarmState.ACKNOWLEDGED
+            state = ACKNOWLEDGED if is_heard else AWAITING if event.is_past else ACTIVE
+            if before is not None and before.state == state and tick.now - before.sent < REPEATED_S:
+                continue
+            occurrence = 1 if before is None else before.occurrence % OCCURRENCES + is_new
+            alert = _Alert(KINDS[kind_of(event).priority], sentence_of(event), occurrence, state, tick.now)
+            self._alerts[name] = alert
+            said.append((ALERT, self._alert(name, alert)))
+            if is_new:
+                words = text(alert.words[:TEXT_MOST]) + text("")
+                said.append((ALERT_TEXT, self._head(name, alert) + bytes((ENGLISH,)) + words))
+        for name, alert in self._alerts.items():
+            if name not in present and alert.state != NORMAL:
+                self._alerts[name] = over = alert._replace(state=NORMAL, sent=tick.now)
+                said.append((ALERT, self._alert(name, over)))
+        return said
+
+    def acknowledged(self, data: bytes) -> str:
+        """Return the name of the alarm that a response acknowledges or silences; "" where it is none of ours."""
+        if len(data) < HEAD.size + 9 or data[HEAD.size + 8] & 3 > 1:
+            return ""
+        number, owner = HEAD.unpack_from(data)[3:5]
+        return next((each for each in self._alerts if owner == self._name and number_of(each) == number), "")
+
+    def _head(self, name: str, alert: _Alert) -> bytes:
+        return HEAD.pack(alert.kind | NAVIGATIONAL << 4, 0, 0, number_of(name), self._name, 0, 0, alert.occurrence)
+
+    def _alert(self, name: str, alert: _Alert) -> bytes:
+        flags = 0xC0 | CAN_BE_ACKNOWLEDGED | (IS_ACKNOWLEDGED if alert.state == ACKNOWLEDGED else 0)
+        threshold = WITHIN if alert.state in (NORMAL, AWAITING) else EXCEEDED
+        tail = struct.pack("<BQBBB", flags, NOBODY, AUTOMATIC | threshold << 4, 100, alert.state)
+        return self._head(name, alert) + tail
+
+
+def number_of(name: str) -> int:
+    """Return the number of an alarm in 16 bits, from 1 to 65000."""
+    return CATALOGUE[name].number % 65000 + 1
+
 
 NETWORK = (ADDRESS_CLAIM, COMMANDED_ADDRESS, REQUEST, GROUP_FUNCTION)
 READ = frozenset((*INSTRUMENTS, *PLOTTER_GROUPS, *NETWORK, ALERT_RESPONSE))
@@ -146,15 +249,15 @@ class N2kSession:
         )
         self._alerts = Alerts(self.node.name) if self.node is not None else None
         self._guide, self._helm = guide, helm
-        self._guide_alarm: AlarmEvent | None = None
+        self._guide_alarm = AlarmNews(PLOTTER)
         self._variation = variation or known_as(settings.variation)
         self._plotter = PlotterReader(self._variation, settings.magnetic)
         self._unusable, self._unusable_headings = 0, UnusableHeadings(name)
-        self._jumped: AlarmEvent | None = None
+        self._jumped = AlarmNews(f"{name}, jumped variation")
         self._follow = RudderFollow(settings.follow)
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._release = UnshownRelease(name, LAPSE)
-        self._helm_reason: str | None = None
+        self._helm_news = HelmNews(name, settings.steers)
         self._next_control = -math.inf
         self._tick: Tick | None = None
         self._other_pilot: tuple[int, float] | None = None
@@ -170,17 +273,10 @@ class N2kSession:
         for message in messages:
             self._take(now, message, samples)
         samples += self._unusable_headings.news(now, samples, self._unusable)
-        jumped = None if self.settings.magnetic else self._variation.alarm(self)
-        if jumped != self._jumped:
-            self._jumped = jumped
-            samples.append(AlarmSample(now, jumped, f"{self.name}, jumped variation"))
-        reason = self._follow.reason(now) or self._barred(now)
-        if reason != self._helm_reason and (self.settings.steers or reason or self._helm_reason):
-            self._helm_reason = reason
-            samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
-        if self._guide is not None and self._guide.alarm != self._guide_alarm:
-            self._guide_alarm = self._guide.alarm
-            samples.append(AlarmSample(now, self._guide_alarm, PLOTTER))
+        samples += self._jumped.of(now, None if self.settings.magnetic else self._variation.alarm(self))
+        samples += self._helm_news.of(now, self._follow.reason(now) or self._barred(now), self._follow.cause)
+        if self._guide is not None:
+            samples += self._guide_alarm.of(now, self._guide.alarm)
         return samples
 
     def _barred(self, now: float) -> str:
@@ -343,19 +439,19 @@ class N2kSession:
         for index, raw in pairs:
             name = COMMANDS.get(index)
             value = None if name is None else value_of(LAYOUTS[CONTROL][index - 1], raw)
-            codes.append(gf.FIELD_UNSUPPORTED if name is None else gf.OUT_OF_RANGE if value is None else gf.DONE)
+            codes.append(FIELD_UNSUPPORTED if name is None else OUT_OF_RANGE if value is None else DONE)
             if name is not None and value is not None:
                 asked[name] = value
         helm, mode = self._helm, asked.get("steeringMode")
         if helm is not None and mode == MAIN:
             helm.stand_by()
-            return gf.DONE, codes
+            return DONE, codes
         if helm is None or not self.settings.takes_orders:
-            return gf.DENIED, [gf.FIELD_DENIED] * len(pairs)
+            return DENIED, [FIELD_DENIED] * len(pairs)
         if any(codes) or not asked:
-            return gf.UNSUPPORTED, codes
+            return UNSUPPORTED, codes
         if mode in STEERING[1:3]:
-            return gf.UNSUPPORTED, [gf.OUT_OF_RANGE if index == 5 else gf.DONE for index, _ in pairs]
+            return UNSUPPORTED, [OUT_OF_RANGE if index == 5 else DONE for index, _ in pairs]
         tick, course = self._tick, asked.get("headingToSteerCourse")
         reference = asked.get("headingReference", "Magnetic" if self.settings.magnetic else "True")
         if isinstance(course, float):
@@ -368,7 +464,7 @@ class N2kSession:
         heads = tick is not None and tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
         is_blind = tick is None or not tick.state.valid
         if is_blind or (course is None and "headingToSteerCourse" in asked) or (mode is None and not heads):
-            return gf.NOT_NOW, [gf.TEMPORARY] * len(pairs)
+            return NOT_NOW, [TEMPORARY] * len(pairs)
         if mode == TRACK_CONTROL:
             helm.follow()
         elif isinstance(course, float) and heads:
@@ -377,7 +473,7 @@ class N2kSession:
             mode is not None and not (heads and tick is not None and not tick.order.is_led)
         ):
             helm.engage(course if isinstance(course, float) else None)
-        return gf.DONE, codes
+        return DONE, codes
 
 
 def _side(angle: float) -> str:

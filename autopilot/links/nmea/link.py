@@ -4,33 +4,160 @@ A sentence is as old as its first byte: at 4800 baud a heading of 20 characters 
 time it ends. So the time of a sample is reckoned back from its arrival:
 
     time = arrival - (bytes of this batch from the sentence's `$` on) * 10 / baud - latency of the instrument
+
+The repeater: what the pilot knows as sentences, each at its rate, for plotters and displays.
+
+HDT true heading; HDG magnetic heading with the variation, where one is known; ROT yaw rate; RSA measured rudder;
+HTD heading control data; XDR rudder order and bias, and heel where something measures it. A value nobody has measured
+for `FRESH_S` is not sent, or sent with status V.
+
+Source: IEC 61162-1 field layouts as tabulated in E. S. Raymond, "NMEA Revealed", https://gpsd.gitlab.io/gpsd/NMEA.html.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
+from autopilot.angles import compass_deg, shortest_turn
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import Transport
-from autopilot.links.nmea.repeater import NmeaRepeater
+from autopilot.links.base import AlarmNews, HelmNews, SessionLink, Transport
 from autopilot.links.nmea.samples import OWN_TALKER, Deviation, NmeaReader
-from autopilot.links.nmea.sentences import Counts, NmeaFramer, encode_ror
-from autopilot.links.north import UnusableHeadings, Variation, known_as
+from autopilot.links.nmea.sentences import (
+    Counts,
+    NmeaFramer,
+    encode_hdg,
+    encode_hdt,
+    encode_ror,
+    encode_rot,
+    encode_rsa,
+    format_sentence,
+)
+from autopilot.links.north import UnusableHeadings, Variation, known_as, steered
 from autopilot.links.release import Release, UnshownRelease
 from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES, FollowSettings, RudderFollow
-from autopilot.links.session_link import SessionLink
 from autopilot.signals import (
-    AlarmEvent,
-    AlarmSample,
     HeadingSample,
-    HelmSample,
+    Mode,
+    OrderKind,
+    RollSample,
     RudderCommand,
     RudderSample,
     Sample,
     Tick,
 )
+
+TALKER = "AG"
+"""General autopilot; the reader drops it, so that our own words never come back as a compass."""
+FRESH_S = 2.0
+OFF_HEADING = math.radians(10.0)
+Sentences = Callable[[Tick], list[bytes]]
+
+
+class NmeaRepeater:
+    """Gives the sentences whose turn has come. `sends`: (type, rate [Hz]); variation [rad]: None where unknown.
+
+    talker: the two letters that begin each sentence.  magnetic: whether the headings of the ticks are.
+    """
+
+    def __init__(
+        self,
+        sends: tuple[tuple[str, float], ...],
+        variation: Variation | float | None = None,
+        talker: str = TALKER,
+        magnetic: bool = False,
+    ) -> None:
+        self._magnetic = magnetic
+        self._talker = talker
+        self._period = {name: 1.0 / rate for name, rate in sends}
+        self._due = dict.fromkeys(self._period, -math.inf)
+        self._variation = known_as(variation)
+        self._rudder: RudderSample | None = None
+        self._roll: RollSample | None = None
+        self._make: dict[str, Sentences] = {
+            "HDT": self._hdt,
+            "HDG": self._hdg,
+            "ROT": lambda tick: [encode_rot(tick.state.rate, True, talker)],
+            "RSA": self._rsa,
+            "HTD": lambda tick: [heading_control(tick, talker, magnetic)],
+            "XDR": self._xdr,
+        }
+
+    def due(self, tick: Tick) -> list[bytes]:
+        """Return the sentences that fall due with `tick`; none while no heading is fresh."""
+        for sample in tick.samples:
+            if isinstance(sample, RudderSample) and not sample.ordered:
+                self._rudder = sample
+            elif isinstance(sample, RollSample):
+                self._roll = sample
+        sentences: list[bytes] = []
+        for name, due in self._due.items():
+            if tick.now < due:
+                continue
+            following = due + self._period[name]
+            self._due[name] = following if following > tick.now else tick.now + self._period[name]
+            if tick.state.valid and tick.state.heading_age <= FRESH_S:
+                sentences += self._make[name](tick)
+        return sentences
+
+    def _hdt(self, tick: Tick) -> list[bytes]:
+        true = self._heading(tick, is_magnetic=False)
+        return [] if true is None else [encode_hdt(true, self._talker)]
+
+    def _hdg(self, tick: Tick) -> list[bytes]:
+        magnetic = self._heading(tick, is_magnetic=True)
+        return [] if magnetic is None else [encode_hdg(magnetic, 0.0, self._variation.value, self._talker)]
+
+    def _heading(self, tick: Tick, *, is_magnetic: bool) -> float | None:
+        heading = tick.state.heading
+        return steered(heading, is_magnetic=self._magnetic, by_compass=is_magnetic, variation=self._variation.value)
+
+    def _rsa(self, tick: Tick) -> list[bytes]:
+        rudder = self._rudder
+        is_fresh = rudder is not None and tick.now - rudder.time <= FRESH_S
+        return [encode_rsa(rudder.angle if rudder is not None else 0.0, is_fresh, talker=self._talker)]
+
+    def _xdr(self, tick: Tick) -> list[bytes]:
+        fields = [*_angle(tick.command.angle, "RUDDER_ORDER"), *_angle(tick.state.bias, "RUDDER_BIAS")]
+        if self._roll is not None and tick.now - self._roll.time <= FRESH_S:
+            fields += _angle(self._roll.roll, "ROLL")
+        return [format_sentence(self._talker, "XDR", fields)]
+
+
+def heading_control(tick: Tick, talker: str = TALKER, magnetic: bool = False) -> bytes:
+    """Return HTD: what is steered, how, and whether the boat is on it. Standby says manual steering."""
+    engaged = tick.mode is Mode.ENGAGED
+    heads = engaged and tick.order.kind is OrderKind.HEADING
+    steering = ("H" if heads else "R") if engaged else "M"
+    rudder = tick.command.angle
+    off = abs(shortest_turn(tick.reference.heading, tick.state.heading)) > OFF_HEADING
+    fields = [
+        "V",
+        f"{abs(math.degrees(rudder)):.1f}" if engaged else "",
+        ("R" if rudder >= 0.0 else "L") if engaged else "",
+        steering,
+        "N",
+        *("", "", "", ""),
+        _compass(tick.order.heading) if heads and math.isfinite(tick.order.heading) else "",
+        *("", ""),
+        "M" if magnetic else "T",
+        "A" if engaged else "V",
+        "V" if heads and off else "A",
+        "V",
+        _compass(tick.state.heading),
+    ]
+    return format_sentence(talker, "HTD", fields)
+
+
+def _angle(angle: float, name: str) -> tuple[str, str, str, str]:
+    return ("A", f"{math.degrees(angle) + 0.0:.1f}", "D", name)
+
+
+def _compass(heading: float) -> str:
+    return f"{round(compass_deg(heading), 1) % 360.0:05.1f}"
+
 
 BITS_PER_BYTE = 10
 """Start bit, eight data bits, stop bit."""
@@ -93,9 +220,9 @@ class NmeaSession:
         self._framer = NmeaFramer()
         self._reader = NmeaReader(known, Deviation(settings.deviation), guide, settings.talker, settings.magnetic)
         self._unusable = UnusableHeadings(name)
-        self._jumped: AlarmEvent | None = None
+        self._jumped = AlarmNews(f"{name}, jumped variation")
         self._guide = guide
-        self._guide_alarm: AlarmEvent | None = None
+        self._guide_alarm = AlarmNews(PLOTTER)
         self._repeater = NmeaRepeater(settings.sends, known, settings.talker, settings.magnetic)
         self._repeated: deque[bytes] = deque(maxlen=REPEATED_WAITING)
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud if settings.baud else 0.0
@@ -108,7 +235,7 @@ class NmeaSession:
         self._orders_in_row = 0
         self._offered = 0
         self._follow = RudderFollow(settings.follow)
-        self._helm_reason: str | None = None
+        self._helm = HelmNews(name, settings.steers)
         self._release = UnshownRelease(name, LAPSE)
 
     @property
@@ -135,17 +262,11 @@ class NmeaSession:
             self._read(now, chunks, samples)
             if (self._framer.counts.sentences, self._framer.counts.ignored) != (known.sentences, known.ignored):
                 self.received_time = now
-        reason = self._follow.reason(now)
-        if reason != self._helm_reason and (self.settings.steers or reason or self._helm_reason):
-            self._helm_reason = reason
-            samples.append(HelmSample(now, not reason, reason, self.name, self._follow.cause))
+        samples += self._helm.of(now, self._follow.reason(now), self._follow.cause)
         samples += self._unusable.news(now, samples, self._reader.unusable)
-        if self._reader.alarm != self._jumped:
-            self._jumped = self._reader.alarm
-            samples.append(AlarmSample(now, self._jumped, f"{self.name}, jumped variation"))
-        if self._guide is not None and self._guide.alarm != self._guide_alarm:
-            self._guide_alarm = self._guide.alarm
-            samples.append(AlarmSample(now, self._guide_alarm, PLOTTER))
+        samples += self._jumped.of(now, self._reader.alarm)
+        if self._guide is not None:
+            samples += self._guide_alarm.of(now, self._guide.alarm)
         return samples
 
     def _read(self, now: float, chunks: list[bytes], samples: list[Sample]) -> None:
