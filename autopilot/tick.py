@@ -58,6 +58,7 @@ from autopilot.signals import (
     AlarmSample,
     AlarmState,
     ConditionSample,
+    CourseSample,
     HeadingSample,
     HelmCause,
     HelmSample,
@@ -110,6 +111,8 @@ LEAST_REACH = 0.02
 """Share of the rudder that counts as there where thrust leaves none."""
 THRUSTER_HEARD = 3.0
 """[s]: a link that has not said for so long that it commands the bow thruster does not."""
+COURSE_SHARE = 0.2
+"""Weight of each new course over the ground: GPS has it of a drifting boat with some noise, five times a second."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
 EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
@@ -222,13 +225,16 @@ NO_FINDINGS: Mapping[str, AlarmEvent] = {}
 
 
 class Bow(NamedTuple):
-    """What the bow thruster is at; when [s] a link last said that it can command it; what does not follow; and whether
-    it is needed."""
+    """What the bow thruster is at; when [s] a link last said that it can command it; what does not follow; whether the
+    boat lacks way, and needs it. ahead: the share of the speed over the ground that is ahead rather than drift, as the
+    course over the ground of course_time [s] has it; 1 where there is none."""
 
     thruster: BowState = AT_REST
     available: float = -math.inf
     disobeyed: str = ""
     is_needed: bool = False
+    ahead: float = 1.0
+    course_time: float = -math.inf
 
 
 class State(NamedTuple):
@@ -345,7 +351,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         # against that keeps it swinging
         steady = steady._replace(bias=mean_bias)
     on_course = is_engaged and order.kind is OrderKind.HEADING
-    waits = on_course and lacks_way(boat, way, estimate, steady.speed)
+    waits = on_course and lacks_way(boat, way, estimate, steady.speed * bow.ahead)
     if is_engaged and (is_other_boat or waits != way.waits):
         # the turn that was planned is another boat's, or not from where the boat has drifted to
         way = planned_anew(steering, way, model, steady)
@@ -376,8 +382,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     if command.angle != rest.command:
         rest = Rest(command.angle, command.angle)
     if boat.thruster is not None:
-        look = bow_look(reference, seen) if waits else None
-        bow, command = with_bow(boat.thruster, bow, (now, gap), samples, look, command)
+        look = bow_look(reference, seen, bow.ahead, None if waits else (model, demand, limits.angle_max))
+        bow, command = with_bow(boat.thruster, bow, (gap, seen), samples, look if on_course else None, command)
     if command.engaged and boat.rudder_is_ours:
         estimate = with_order(estimate, now, command.angle)
     if is_measured or not (command.engaged and boat.rudder_is_ours):
@@ -442,30 +448,43 @@ def with_bow_found(bow: Bow, found: Mapping[str, AlarmEvent]) -> Mapping[str, Al
     )
 
 
-def bow_look(reference: Reference, seen: NavState) -> BowLook:
+def bow_look(
+    reference: Reference, seen: NavState, ahead: float, steered: tuple[Norrbin, float, float] | None
+) -> BowLook:
     """Return what the bow thruster is asked by: heading and rate with their waves, for which the filter takes what no
-    rudder explains, and so the thruster's own pushes."""
-    return BowLook(wrap(reference.heading - seen.heading), seen.rate, seen.speed)
+    rudder explains, and so the thruster's own pushes. ahead: see `Bow`; steered: the boat's model, the law's demand and
+    the rudder's stop [rad], None where there is no way."""
+    look = BowLook(wrap(reference.heading - seen.heading), seen.rate, seen.speed * ahead)
+    if steered is None:
+        return look
+    model, demand, stop = steered
+    effect = model.gain / model.time_constant
+    return look._replace(wanted=effect * demand, reach=effect * stop)
 
 
 def with_bow(
     thruster: BowThruster,
     bow: Bow,
-    times: tuple[float, float],
+    moved: tuple[float, NavState],
     samples: tuple[Sample, ...],
     look: BowLook | None,
     command: RudderCommand,
 ) -> tuple[Bow, RudderCommand]:
-    """Return the bow thruster a tick later, and the command with its share. times: now, and since the last tick [s];
-    look: None where it is not needed. It stands still where no link says that it commands it."""
-    (now, gap), (state, available, disobeyed, _) = times, bow
+    """Return the bow thruster a tick later, and the command with its share. moved: the time since the last tick [s],
+    and the boat now; look: None where no heading is held. It stands still where no link says that it commands it."""
+    (gap, seen), (state, available, disobeyed, _, ahead, course_time) = moved, bow
     for sample in samples:
         if type(sample) is ThrusterSample:
             available, disobeyed = sample.time if sample.available else -math.inf, sample.disobeyed
-    is_needed = look is not None and command.engaged
-    may = is_needed and now - available <= THRUSTER_HEARD
+        elif type(sample) is CourseSample and math.isfinite(sample.course):
+            ahead += COURSE_SHARE * (math.cos(sample.course - seen.heading) - ahead)
+            course_time = sample.time
+    if not seen.time - course_time <= THRUSTER_HEARD:
+        ahead = 1.0
+    may = command.engaged and seen.time - available <= THRUSTER_HEARD
     state = bow_step(thruster, state, look if may else None, gap, command.engaged)
-    bow = Bow(state, available, disobeyed, is_needed)
+    is_needed = look is not None and command.engaged and not look.helps
+    bow = Bow(state, available, disobeyed, is_needed, ahead, course_time)
     return bow, command._replace(thruster=state.share) if state.share else command
 
 

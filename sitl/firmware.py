@@ -74,6 +74,7 @@ def _bow_set_up(channel: int) -> dict[str, float]:
     return {
         f"SERVO{BOW_OUTPUT}_FUNCTION": float(SCALED_FUNCTION - 1 + channel),
         "SERVO_RC_FS_MSK": float(1 << (channel - 1) | 1 << (BOW_OUTPUT - 1)),
+        "ARMING_RUDDER": 0.0,
     }
 
 

@@ -1,6 +1,6 @@
-"""A bow thruster that holds the heading while the boat has no way to steer by: its share of full thrust, by the tick.
+"""A bow thruster beside a rudder that cannot turn the boat: its share of full thrust, by the tick.
 
-It is asked only where the rudder cannot turn the boat, below steerage way. The boat that lies still is taken to turn by
+It holds the heading where there is no way to steer by. The boat that lies still is taken to turn by
 
     r' = (R u |u| - r)/T,   R = R0 (1 - U/U1),
 
@@ -15,9 +15,18 @@ off by more than its shortest run is worth, and in a turn by a share of what is 
 right. A proportional one runs at what takes the rate there within t. It runs for `least_on` at least and rests for
 `least_off` between two runs, so it cannot chatter.
 
+With way it takes what a rudder at its stop cannot. The law wants a yaw acceleration a, of which the rudder has A; what
+is lacking, as a share l of the thruster's R/T, is learnt as the law goes on to ask for more, or for less,
+
+    l' = (|a| - A)/R, held to -1/T..1/T,   0 <= l <= 1.
+
+One that knows full and nothing starts at LACKS and stops at SUFFICES, so that a turn that is short of rudder for a
+moment starts nothing; a proportional one runs at sqrt(l).
+
 Heat is what a motor of short rated time allows: h' = |u|/run while it runs, h' = -1/rest while it rests, from 0. At 1
-it rests until h is COOLED: over any time it runs at most `run` + (time at rest) run/rest at full. A boat that does not
-turn for it has a thruster that is dead or overpowered: it is not asked again until the pilot is engaged anew. Pure.
+it rests until h is COOLED: over any time it runs at most `run` + (time at rest) run/rest at full. Where the boat does
+not turn for it the thruster is dead, or the wind is as strong: it is stopped for T, in which a boat that it held falls
+back. Where that does not happen the thruster is dead, and not asked again until the pilot is engaged anew. Pure.
 """
 
 from __future__ import annotations
@@ -41,10 +50,17 @@ LEAST_RATE = math.radians(0.3)
 """[rad/s]: a gyro's noise starts no motor."""
 LEAST_EFFECT = 0.1
 """Share of its effect at rest below which a thruster is not asked."""
+FALLEN = -math.expm1(-1.0)
+"""Share of the rate at full thrust that is lost in T without it."""
 WEAK = 0.25
 """Share of the change of rate that must have come."""
+LACKS = 0.6
+SUFFICES = 0.2
+"""Shares of full thrust that the rudder lacks at which help begins and ends."""
 JUDGED_S = 3.0
 """A push is judged behind the dead time and this, or T where that is longer."""
+PROVEN_S = 60.0
+"""A thruster that has held the boat is not doubted again for so long."""
 MOST_OF_IT = 0.7
 """Share of the thrust that a push is judged by: with less a thruster may just hold the boat against the wind."""
 
@@ -73,7 +89,9 @@ class BowThruster(NamedTuple):
 class BowState(NamedTuple):
     """share: the order, starboard positive; since [s]: for so long it runs, or rests; heat [-]; is_hot: it rests until
     it has cooled; is_weak: the boat does not turn for it; expected, coast [rad/s]: the rate of this run by the equation
-    above, and without thrust; pushed [s]: for so long it has pushed with most of its thrust."""
+    above, and without thrust; pushed [s]: for so long it has pushed with most of its thrust; lack [-]: the share of it
+    that a rudder at its stop lacks; doubt [-]: the side of the push that it was stopped in to see what it does, else 0;
+    doubted_rate [rad/s]: of then; proven [s]: for so long it is not doubted."""
 
     share: float = 0.0
     since: float = math.inf
@@ -83,17 +101,29 @@ class BowState(NamedTuple):
     expected: float = 0.0
     coast: float = 0.0
     pushed: float = 0.0
+    lack: float = 0.0
+    doubt: float = 0.0
+    doubted_rate: float = 0.0
+    proven: float = 0.0
 
 
 AT_REST = BowState()
 
 
 class BowLook(NamedTuple):
-    """What the thruster is asked by: heading error (wanted less actual, wrapped) [rad], rate [rad/s], speed [m/s]."""
+    """What the thruster is asked by: heading error (wanted less actual, wrapped) [rad], rate [rad/s], speed [m/s]; and
+    where the rudder steers what the law wants of it and what it has at its stop [rad/s^2], nan: it does not."""
 
     error: float
     rate: float
     speed: float
+    wanted: float = math.nan
+    reach: float = 0.0
+
+    @property
+    def helps(self) -> bool:
+        """Whether the rudder steers, and the thruster takes no more than what is lacking."""
+        return not math.isnan(self.wanted)
 
 
 def bow_step(thruster: BowThruster, state: BowState, look: BowLook | None, dt: float, engaged: bool = True) -> BowState:
@@ -101,28 +131,34 @@ def bow_step(thruster: BowThruster, state: BowState, look: BowLook | None, dt: f
 
     engaged: whether the pilot has the boat; where it has not, a weak thruster is forgiven.
     """
-    share, since, heat, is_hot, is_weak, expected, coast, pushed = state
+    share, since, heat, is_hot, is_weak, expected, coast, pushed, lack, doubt, doubted_rate, proven = state
     dt = dt if dt > 0.0 else 0.0
     heat = min(heat + dt * abs(share) / thruster.run, 1.0) if share else max(heat - dt / thruster.rest, 0.0)
     is_hot = heat >= 1.0 or (is_hot and heat > COOLED)
-    since, is_weak = since + dt, is_weak and engaged
+    since, is_weak, proven = since + dt, is_weak and engaged, max(proven - dt, 0.0)
     effect = 0.0 if look is None else 1.0 - abs(look.speed) / thruster.useless_above
     if look is None or not math.isfinite(look.error + look.rate) or not effect > LEAST_EFFECT:
-        return _off(BowState(share, since, heat, is_hot, is_weak))
+        return _off(BowState(share, since, heat, is_hot, is_weak, proven=proven))
     full, thrust = thruster.rate * effect, share * abs(share)
-    if abs(thrust) < MOST_OF_IT:
+    lack = lacking(thruster, full, lack, look, dt) if look.helps else 0.0
+    # beside a rudder at its stop it may just hold the boat
+    if abs(thrust) < MOST_OF_IT or look.helps:
         expected, coast, pushed = look.rate, look.rate, 0.0
     else:
         pushed += dt
         if pushed > thruster.delay:
             kept = math.exp(-dt / thruster.time)
             expected, coast = thrust * full + (expected - thrust * full) * kept, coast * kept
-        if pushed > thruster.delay + max(thruster.time, JUDGED_S):
-            is_weak = is_weak or (look.rate - coast) * thrust < WEAK * (expected - coast) * thrust
-    now = BowState(share, since, heat, is_hot, is_weak, expected, coast, pushed)
-    if is_hot or is_weak:
+        is_judged = not proven and pushed > thruster.delay + max(thruster.time, JUDGED_S)
+        if is_judged and (look.rate - coast) * thrust < WEAK * (expected - coast) * thrust:
+            doubt, doubted_rate = math.copysign(1.0, share), look.rate
+    if doubt and not share and since > thruster.delay + thruster.time:
+        is_weak = (doubted_rate - look.rate) * doubt < WEAK * FALLEN * full
+        doubt, proven = 0.0, PROVEN_S
+    now = BowState(share, since, heat, is_hot, is_weak, expected, coast, pushed, lack, doubt, doubted_rate, proven)
+    if is_hot or is_weak or doubt:
         return _off(now)
-    wanted = wanted_share(thruster, full, share, look)
+    wanted = helping_share(thruster, share, lack) if look.helps else wanted_share(thruster, full, share, look)
     if share:
         is_over = wanted * share <= 0.0
         if is_over:
@@ -131,6 +167,23 @@ def bow_step(thruster: BowThruster, state: BowState, look: BowLook | None, dt: f
     if not wanted or since < thruster.least_off:
         return now
     return now._replace(share=wanted, since=0.0)
+
+
+def lacking(thruster: BowThruster, full: float, lack: float, look: BowLook, dt: float) -> float:
+    """Return the share of full thrust that the rudder lacks, `dt` [s] later; full [rad/s]: the rate at full thrust."""
+    side = math.copysign(1.0, lack if lack else look.wanted)
+    more = (side * look.wanted - look.reach) / full
+    more = min(max(more, -1.0 / thruster.time), 1.0 / thruster.time)
+    return side * min(max(abs(lack) + dt * more, 0.0), 1.0)
+
+
+def helping_share(thruster: BowThruster, share: float, lack: float) -> float:
+    """Return the share, -1 to 1, that takes what the rudder lacks. share: at which the thruster runs now."""
+    size = abs(lack)
+    if thruster.proportional:
+        size = math.sqrt(size)
+        return math.copysign(size, lack) if size >= thruster.least else 0.0
+    return math.copysign(1.0, lack) if size > (SUFFICES if share * lack > 0.0 else LACKS) else 0.0
 
 
 def wanted_share(thruster: BowThruster, full: float, share: float, look: BowLook) -> float:
@@ -165,4 +218,4 @@ def wanted_rate(thruster: BowThruster, full: float, error: float) -> float:
 
 
 def _off(state: BowState) -> BowState:
-    return state._replace(share=0.0, since=0.0) if state.share else state
+    return state._replace(share=0.0, since=0.0, lack=0.0) if state.share else state

@@ -223,7 +223,8 @@ WORDS = {
     "bow_thruster_weak": Words(
         "the boat does not turn for its bow thruster",
         "look for weed, a rope, its fuse or its battery; make way; engage again to have it tried anew",
-        "less than a quarter of the turn that the thruster makes, after its dead time and 3 s or rate_time_s",
+        "less than a quarter of the turn that the thruster makes, after its dead time and 3 s or rate_time_s, and no "
+        "falling back when it is stopped then",
         key="drive.bow_thruster",
     ),
     "speeds_disagree": Words(

@@ -127,6 +127,7 @@ def test_without_a_radio_it_stops_too() -> None:
         ({"RC_OVERRIDE_TIME": 10.0}, "RC_OVERRIDE_TIME"),
         ({"RC_FS_TIMEOUT": 8.0}, "RC_FS_TIMEOUT"),
         ({"FS_THR_ENABLE": 0.0}, "FS_THR_ENABLE"),
+        ({"ARMING_RUDDER": 2.0}, "ARMING_RUDDER"),
         ({f"SERVO{BOW_OUTPUT}_FUNCTION": 0.0}, "SERVOn_FUNCTION"),
     ],
 )
@@ -213,6 +214,25 @@ def test_a_hand_on_its_lever_keeps_it() -> None:
     boat.run(3.0)
     assert boat.firmware.servos[BOW_OUTPUT - 1] == 1700
     assert "bow_thruster_off" in names(boat)
+
+
+def test_a_boat_that_drifts_has_no_way() -> None:
+    boat = lying(seed=41, wind=WindSection(speed_m_s=3.0, from_deg=90.0))
+    boat.run(10.0)
+    assert boat.tick.state.speed > 0.1, "over the ground it goes faster than its rudder needs"
+    assert boat.tick.command.angle == 0.0, "the rudder waits amidships"
+
+
+@pytest.mark.parametrize(("seed", "wind_from"), [(42, 45.0), (43, 90.0), (44, 180.0), (45, 300.0)])
+def test_in_wind_that_drives_the_boat_away_it_comes_to_its_course_and_stays(seed: int, wind_from: float) -> None:
+    wind = WindSection(speed_m_s=2.0, from_deg=wind_from, gust_m_s=0.4)
+    boat = lying(seed=seed, wind=wind)
+    boat.engage(90.0)
+    boat.run(60.0)
+    for _ in range(300):
+        boat.run(0.1)
+        assert abs(off(boat, 90.0)) < 15.0
+    assert not {"bow_thruster_weak", "human_override"} & names(boat)
 
 
 def test_a_dead_thruster_is_found_and_rests() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -126,3 +127,49 @@ def test_a_dead_thruster_is_found_and_left_alone() -> None:
     assert ran_for < 4.0
     forgiven = bow_step(BOAT, seen[-1][1], None, DT, engaged=False)
     assert not forgiven.is_weak
+
+
+def test_a_thruster_that_just_holds_the_boat_against_the_wind_is_no_dead_one() -> None:
+    for side in (1.0, -1.0):
+        seen = sailed(BOAT, push=side * -1.02 * BOAT.rate, seconds=40.0)
+        assert not any(state.is_weak for _, state in seen)
+    assert any(state.doubt for _, state in sailed(BOAT, push=-1.02 * BOAT.rate, seconds=40.0))
+
+
+def helped(thruster: BowThruster, *, push: float, seconds: float = 60.0) -> list[tuple[float, BowState]]:
+    """Hold a course against a `push` [rad/s^2] with a rudder of half the thruster's strength."""
+    heading, rate, thrust, state, learnt = 0.0, 0.0, 0.0, AT_REST, 0.0
+    full = thruster.rate / thruster.time
+    orders, seen = [0.0] * 6, []
+    for _ in range(round(seconds / DT)):
+        wanted = -0.3 * heading - 1.0 * rate - learnt
+        rudder = min(max(wanted, -0.5 * full), 0.5 * full)
+        state = bow_step(thruster, state, BowLook(-heading, rate, 0.0, wanted, 0.5 * full), DT)
+        orders.append(state.share)
+        thrust += (orders.pop(0) - thrust) * DT / 0.2
+        acting = thrust * abs(thrust) * full + push - rate / thruster.time
+        learnt += DT / 4.0 * (acting + rate / thruster.time - learnt)
+        rate += DT * (rudder + acting)
+        heading += DT * rate
+        seen.append((heading, state))
+    return seen
+
+
+def test_it_takes_what_a_rudder_at_its_stop_cannot_and_no_more() -> None:
+    full = BOAT.rate / BOAT.time
+    for thruster in (BOAT, BOAT._replace(proportional=True)):
+        for side in (1.0, -1.0):
+            enough = helped(thruster, push=side * 0.4 * full)
+            assert not any(state.share for _, state in enough), "the rudder can"
+            short = helped(thruster, push=side * 0.9 * full)
+            assert all(state.share * side <= 0.0 for _, state in short), "against the push alone"
+            assert max(abs(heading) for heading, _ in short[-400:]) < 10.0 * DEGREE
+            starts = sum(1 for (_, a), (_, b) in pairwise(short) if b.share and not a.share)
+            assert starts < 20, "in a minute"
+
+
+def test_a_turn_that_is_short_of_rudder_for_a_moment_starts_nothing() -> None:
+    state, most = AT_REST, 0.5 * BOAT.rate / BOAT.time
+    for step in range(200):
+        state = bow_step(BOAT, state, BowLook(0.5, 0.0, 0.0, (3.0 if step < 20 else 0.5) * most, most), DT)
+        assert not state.share

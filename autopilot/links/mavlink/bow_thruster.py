@@ -38,6 +38,8 @@ from autopilot.links.mavlink.steering import (
 )
 from autopilot.links.release import OverrideRelease
 
+STICK_DISARMS = 2.0
+"""ARMING_RUDDER: the steering held hard to port without throttle disarms the boat, ours too."""
 LONGEST_OVERRIDE_S = 3.0
 """RC_OVERRIDE_TIME, as by default: so long a thruster may run on when its pilot has died."""
 NEUTRALS = 3
@@ -182,6 +184,10 @@ def unsafe(parameters: VehicleParameters, channel: int, outputs: tuple[int, ...]
         return f"{RADIO_TIMEOUT} is {silence:g}: a thruster could run on for so long; set it to 1 s"
     if failsafe == 0.0:
         return "FS_THR_ENABLE is 0: without a radio nothing would stop the thruster; set it to 1"
+    if parameters.get("ARMING_RUDDER") == STICK_DISARMS:
+        return (
+            "ARMING_RUDDER is 2: hard port rudder without throttle would disarm the boat that lies still; set it to 0"
+        )
     bits = {number - 1 for number in (channel, *outputs)}
     wanted = sum(1 << bit for bit in bits)
     if int(mask) & wanted != wanted:
