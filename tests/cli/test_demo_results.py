@@ -11,15 +11,18 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from autopilot.cli import demo_legs
 from autopilot.cli.demo_legs import (
     DemoResult,
     Hold,
+    Leg,
     TurnMeasures,
     as_json,
     heading_rms,
     travel_rate,
     turn_measures,
 )
+from autopilot.errors import RefusedError
 from autopilot.identification.identified import Identified
 from autopilot.identification.residuals import Noise
 from autopilot.models.norrbin import Norrbin
@@ -46,6 +49,21 @@ def turned() -> list[Tick]:
         tick(float(second), math.radians(degrees), math.radians(rudder))
         for second, (degrees, rudder) in enumerate(zip(headings, rudders, strict=True))
     ]
+
+
+def test_a_leg_that_a_busy_machine_disturbs_is_sailed_slower_and_slower(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The machine stands still for 4 s, once a leg; the vehicle waits for 3 s of its own time."""
+
+    def held_up(leg: Leg, vessel: object, out: Path, seed: int, pace: float) -> float:
+        if 4.0 * pace > 3.0:
+            raise RefusedError("stood still")
+        return pace
+
+    monkeypatch.setattr(demo_legs, "_sail_once", held_up)
+    assert demo_legs.sail(Leg("turn", "pid", ()), load_vessel("lanxin"), tmp_path, 1) == 0.5  # type: ignore[comparison-overlap]
+    assert capsys.readouterr().err.count("busy: turn is sailed again, slower\n") == 3
 
 
 def test_a_turn_is_measured() -> None:
