@@ -72,7 +72,10 @@ def _head(shown: dict[str, Any], trouble: str, station: Station) -> list[Line]:
         return [Line(" another kind of autopilot: only looking", "alarm")]
     mode = STATES.get(shown["status"], shown["mode"].upper())
     steers = shown["mode"] != "standby"
-    back = f"   back to {station.course.before:03.0f}°: b" if station.course.before is not None else ""
+    before, back = station.course.before, ""
+    if before is not None:
+        angle = f"{abs(before):.0f}°{'P' if before < 0.0 else 'S'}" if shown["mode"] == "wind" else f"{before:03.0f}°"
+        back = f"   back to {angle}: b"
     style: Style = "bad" if shown["status"] in STATES else "on" if steers else "strong"
     return [Line(f" {mode} {'' if steers else ' you steer'}{back}", style)]
 

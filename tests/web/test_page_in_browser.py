@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from monitored_boat import Watched, noted
+from boat_at_sea import Vane
+from monitored_boat import BothAlarms, Watched, noted
 from page_server import TOKEN, SailingHub, chromium, served
 
 from autopilot.signals import AlarmEvent, AlarmSample
@@ -24,8 +25,8 @@ PAGES = ("helm", "chart", "plots", "alarms", "learning", "trials", "parameters",
 class Helm:
     """One browser window on the page; `errors` is what the page complained of."""
 
-    def __init__(self, browser: Any, address: str, hub: SailingHub) -> None:
-        self.browser, self.address, self.hub, self.sea = browser, address, hub, hub.sea
+    def __init__(self, browser: Any, address: str, hub: SailingHub, vane: Vane) -> None:
+        self.browser, self.address, self.hub, self.sea, self.vane = browser, address, hub, hub.sea, vane
         self.errors: list[str] = []
         self.asked: list[str] = []
 
@@ -44,9 +45,12 @@ def helm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Helm]:
     folder = tmp_path_factory.mktemp("sea")
     (folder / "one.tlog").write_bytes(b"\xfd" * 5000)
     sea = Watched(folder, learns=True)
+    vane = Vane(sea)
+    vane.is_acknowledged = False
+    sea.alarms = BothAlarms(vane, sea.alarms)
     sea.watch(3.0)
     with chromium() as browser, served(sea, folder) as (address, hub):
-        helm = Helm(browser, address, hub)
+        helm = Helm(browser, address, hub, vane)
         yield helm
         assert helm.errors == []
 
@@ -229,18 +233,38 @@ def test_nothing_is_covered_cut_off_or_too_small_even_under_an_alarm(
     page.context.close()
 
 
-@SIZES
-def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm, size: tuple[int, int]) -> None:
-    page = helm.open(size={"width": size[0], "height": size[1]})
-    alarm(helm, AlarmEvent("battery_low", "11.2 V"), "battery")
+ALL_THAT_STEERS = ["button[data-turn='-10']", "button[data-turn='10']", "#engage", "#route", "#standby"]
+ALL_THAT_STEERS += ["button[data-dodge='-20']", "#back", "button[data-dodge='20']"]
+
+
+@pytest.mark.parametrize("mode", ["standby", "wind"])
+def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm, mode: str) -> None:
+    page, wanted = helm.open(), [*ALL_THAT_STEERS]
+    alarm(helm, AlarmEvent("battery_low", "11.2 V") if mode == "standby" else AlarmEvent("shallow"), "battery")
     page.wait_for_selector("#bar.alarm button")
-    footer = page.locator("footer").bounding_box()["y"]
-    top = page.locator("#bar").bounding_box()
-    turns, modes = ("button[data-turn='-10']", "button[data-turn='10']"), ("#engage", "#route", "#standby")
-    for button in (*turns, *modes, "button[data-dodge='-20']", "#back", "button[data-dodge='20']"):
-        box = page.locator(button).bounding_box()
-        assert box["y"] >= top["y"] + top["height"] and box["y"] + box["height"] <= footer, button
-        assert box["height"] >= 44 and box["width"] >= 44, button
+    if mode == "wind":
+        helm.vane.is_acknowledged = True
+        until(page, "!document.getElementById('hold-wind').hidden && !document.getElementById('hold-wind').disabled")
+        page.click("#hold-wind")
+        word(page, "mode-word", "Wind")
+        page.wait_for_selector("#tack")
+        wanted += ["#hold-wind", "#tack", "#gybe"]
+    for width, height in ((320, 568), (667, 375), (390, 844), (1280, 800)):
+        page.set_viewport_size({"width": width, "height": height})
+        footer = page.locator("footer").bounding_box()["y"]
+        top = page.locator("#bar").bounding_box()
+        for button in wanted:
+            box = page.locator(button).bounding_box()
+            assert box["y"] >= top["y"] + top["height"] and box["y"] + box["height"] <= footer, (button, width)
+            assert box["height"] >= 44 and box["width"] >= 44, (button, width)
+            inside = page.locator(button).evaluate("(at) => at.scrollWidth <= at.clientWidth")
+            assert inside, f"{button} at {width}: its words stand out of it"
+    if mode == "wind":
+        page.click("button[data-dodge='20']")
+        until(page, "/^Back to \\d+° (port|stb)$/.test(document.getElementById('back').textContent)")
+        page.click("#standby")
+        word(page, "mode-word", "Standby")
+        helm.vane.is_acknowledged = False
     alarm(helm, None, "battery")
     page.context.close()
 

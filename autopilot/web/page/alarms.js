@@ -13,8 +13,8 @@ export function setUpAlarms(order) {
 }
 
 /* What is wrong stands before the colon, what to do behind it. */
-function split({ words }) {
-  const at = words.indexOf(": ");
+function split({ words: all }) {
+  const words = all.charAt(0).toUpperCase() + all.slice(1), at = words.indexOf(": ");
   return at < 0 ? [words, ""] : [words.slice(0, at), words.slice(at + 2)];
 }
 

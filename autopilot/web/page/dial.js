@@ -37,7 +37,7 @@ function drawRose() {
 }
 
 /* Turns an element the short way round: 359 to 1 is two degrees, not 358. */
-function turn(id, degrees) {
+export function turn(id, degrees) {
   const element = byId(id);
   const known = typeof degrees === "number";
   element.style.visibility = known ? "" : "hidden";
@@ -48,11 +48,13 @@ function turn(id, degrees) {
   element.style.transform = `rotate(${angle.toFixed(2)}deg)`;
 }
 
+/* An angle to the wind: negative is the wind from port. */
+export const sided = (angle) => `${Math.abs(Math.round(angle))}°${Math.round(angle) % 180 ? angle < 0 ? " port" : " stb" : ""}`;
 export const compass = (degrees) => String(Math.round(degrees) % 360).padStart(3, "0") + "°";
 const side = (value, digits) => `${Math.abs(value).toFixed(digits)}°${Math.abs(value) < 0.05 ? "" : value < 0 ? " port" : " stbd"}`;
-const sideOf = (value) => typeof value !== "number" || Math.abs(value) < 0.05 ? "" : value < 0 ? "port" : "stb";
+export const sideOf = (value) => typeof value !== "number" || Math.abs(value) < 0.05 ? "" : value < 0 ? "port" : "stb";
 const put = (id, words) => { const element = byId(id); if (element.textContent !== words) element.textContent = words; };
-const tile = (id, value, unit) => {
+export const tile = (id, value, unit) => {
   const element = byId(id);
   const words = value === null || value === undefined ? "--" : value;
   if (element.dataset.words === words + unit) return;
@@ -79,11 +81,15 @@ export function drawDial() {
   put("heading-sign", isMagnetic() ? "°M" : "°");
   byId("heading-sign").style.visibility = known ? "" : "hidden";
   put("north", isMagnetic() ? "heading, magnetic" : "heading, true");
-  put("order", steered ? `order ${compass(order)}` : "no course ordered");
+  const wind = state.mode === "wind" && typeof state.wind_angle === "number" && `${state.wind_true ? "TWA" : "AWA"} ${sided(state.wind_angle)}`;
+  const ordered = wind || (steered ? `order ${compass(order)}` : "no course ordered");
+  put("order", ordered);
+  const now = state[state.wind_true ? "twa" : "awa"];
+  put("steered", wind ? `${wind.slice(0, 3)} ${typeof now === "number" && !boat.isStale("wind") ? sided(now) : "--"}, order ${sided(state.wind_angle)}` : ordered);
   byId("order").classList.toggle("none", !steered);
   const age = boat.age("attitude");
   put("heading-age", age !== null && boat.isStale("attitude") ? `${Math.round(age)} s old` : "");
-  byId("dial").setAttribute("aria-label", known ? `Heading ${Math.round(heading)} degrees${steered ? `, order ${Math.round(order)}` : ""}` : "No heading");
+  byId("dial").setAttribute("aria-label", known ? `Heading ${Math.round(heading)} degrees${steered ? `, ${wind || `order ${Math.round(order)}`}` : ""}` : "No heading");
   drawRudder(state);
   tile("t-rudder", typeof state.rudder === "number" ? Math.abs(state.rudder).toFixed(1) : null, sideOf(state.rudder));
   tile("t-rate", typeof state.rate === "number" ? (Math.abs(state.rate) < 0.05 ? "" : state.rate > 0 ? "+" : "−") + Math.abs(state.rate).toFixed(1) : null, "");

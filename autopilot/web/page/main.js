@@ -2,7 +2,7 @@
 import { drawAlarms, setUpAlarms } from "./alarms.js";
 import { boat, connect, ask, may, learnToken, shift } from "./boat.js";
 import { drawChart, setUpChart } from "./chart.js";
-import { compass, drawDial } from "./dial.js";
+import { compass, drawDial, sided } from "./dial.js";
 import { drawDisplay, setUpDisplay, showCodes } from "./display.js";
 import { Plots } from "./plots.js";
 import { drawPanels, setUpPanels } from "./panels.js";
@@ -132,7 +132,7 @@ function drawMode() {
   }
   const back = byId("back");
   back.disabled = boat.dodge === null || boat.dodge === undefined;
-  back.textContent = back.disabled ? "Back" : `Back to ${compass(boat.dodge + shift() + 360)}`;
+  back.textContent = back.disabled ? "Back" : `Back to ${state?.mode === "wind" ? sided(boat.dodge) : compass(boat.dodge + shift() + 360)}`;
 }
 
 function drawLink() {
