@@ -186,11 +186,11 @@ def _not_kept(path: str, found: Identified) -> list[str]:
 def _train_remarks(path: str, result: Result, vessel: Vessel) -> list[str]:
     """Return what the fitted delay and lag of the rudder mean for a file that has other ones."""
     train = result.found.train
-    found = {"delay_s": train.delay, "lag_s": train.lag}
+    found = {name: getattr(train, name) for name in ("delay", "lag") if name not in result.found.unidentifiable}
     off = [
-        f"rudder.{name} {value:.2g}"
+        f"rudder.{name}_s {value:.2g}"
         for name, value in found.items()
-        if value > 0.0 and abs(getattr(vessel.rudder, name) - value) > 0.5 * value
+        if value > 0.0 and abs(getattr(vessel.rudder, f"{name}_s") - value) > 0.5 * value
     ]
     return (
         [f"Between order and rudder the runs show {' and '.join(off)}; {path} has other ones: look over them."]

@@ -20,7 +20,7 @@ from autopilot.identification.identified import (
     Steps,
     identified_from,
 )
-from autopilot.identification.likelihood_model import ORDERED, likeliest, likeliest_fit, ordered
+from autopilot.identification.likelihood_model import ORDERED, follows_surely, likeliest, likeliest_fit, ordered
 from autopilot.identification.model_extensions import CUBIC, START_N3, extended, may_extend
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
 from autopilot.identification.prediction_bands import in_the_race
@@ -227,6 +227,8 @@ def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:
         fitted = ORDERED if ordered(runs) and not train else train
         likely = likeliest(runs, speed, linear, question._replace(rudder_train=fitted), steps)
         if likely is not None:
+            if not follows_surely(likely):
+                check_response(runs, start)
             return _with_surroundings(fit, likely)
     check_response(runs, start)
     steps.next()
@@ -271,7 +273,8 @@ def _with_surroundings(fit: _Fit, likely: Identified) -> Identified:
     course-stable."""
     if likely.model.n1 < 0.0 or "T" in likely.unidentifiable:
         return likely
-    train = tuple(name for name in ("dead_band", *ORDERED) if getattr(likely.train, name) > 0.0)
+    named = (name for name in ("dead_band", *ORDERED) if name not in likely.unidentifiable)
+    train = tuple(name for name in named if getattr(likely.train, name) > 0.0)
     more = extended(fit.runs, likely, train, fit.steps, CUBIC, fit.trims) if may_extend(fit.runs) else likely
     if more.around is not None:
         runs, speed = in_the_race(more.around, fit.runs, more.model.reference_speed)

@@ -16,7 +16,6 @@ import numpy as np
 from autopilot.identification.likelihood_record import (
     NORRBIN,
     Form,
-    Record,
     instruments,
     record_of,
     rudder_on,
@@ -24,6 +23,7 @@ from autopilot.identification.likelihood_record import (
 )
 from autopilot.identification.likelihood_search import (
     GUST_TIME_S,
+    GUST_TIME_WIDTH,
     RATE_NAMES,
     SWAY,
     Space,
@@ -37,6 +37,8 @@ from autopilot.identification.marginal_likelihood import (
     Weather,
     begin_path,
     best_path,
+    motion_of,
+    probe_of,
 )
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
@@ -46,8 +48,14 @@ USUALLY_LATE_S, START_LATE = 0.15, 0.1
 """Where the search for delay and lag begins, as a share of the boat's time constant at most."""
 DRAWS = 32
 """Of the weather; half of it where the record is long, and says more of it."""
-MAYBE_WAVES = -0.5
-"""By so much at most waves as they are guessed may lower the logarithm of the likelihood, or none are searched for."""
+MAYBE_WAVES = 0.5
+"""So much likelier, in the logarithm, must waves as they are guessed make the record, or none are searched for."""
+HURRIED_S = GUST_TIME_S * math.exp(-2.0 * GUST_TIME_WIDTH)
+"""Gusts that last no longer may be waves, whatever a guess of these is worth beside them."""
+WAVE_SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+"""Waves are guessed at so many times what the strongest frequency shows."""
+NO_PART = 12.0
+"""Weather of which the likelihood's logarithm is lower by so much at its best has no part in what is known."""
 
 
 class Unseen(NamedTuple):
@@ -118,25 +126,16 @@ def likelihood_fit(
     if not math.isfinite(space.found(space.start).loss):
         return None
     draws = DRAWS if record.nodes <= LONG else DRAWS // 2
-    z, loss, curvature = maximised(space, space.start)
-    best = z
+    tried = [(space, *maximised(space, space.start))]
     progress()
-    found = [averaged(space, z, curvature, draws)]
+    tried += [(other, *maximised(other, other.start)) for other in _with_waves(space, *tried[0][1:3])]
     progress()
-    rates, weather, train = space.opened(z)
-    wavy = _wave_start(record, space, z, weather)
-    others = [
-        Space(record, rates, wavy._replace(wave=size * wavy.wave), train, parts, scale) for size in (0.5, 1.0, 2.0)
-    ]
-    other = min(others, key=lambda each: each.found(each.start).loss)
-    if other.found(other.start).loss < loss + MAYBE_WAVES:
-        z, other_loss, curvature = maximised(other, other.start)
-        if other_loss < loss:
-            found.append(averaged(other, z, curvature, draws))
-            if found[1].evidence > found[0].evidence:
-                space, loss, best = other, other_loss, z
-                rates, weather, train = space.opened(z)
+    space, best, loss, _ = min(tried, key=lambda each: each[2])
+    likely = [each for each in tried if each[2] < loss + NO_PART]
+    found = [averaged(*each[:2], each[3], draws) for each in likely]
     progress()
+    space, best, *_ = likely[max(range(len(found)), key=lambda k: found[k].evidence)]
+    _, weather, train = space.opened(best)
     known = mixed(found)
     units = np.array([getattr(scale, name) for name in RATE_NAMES])
     units = np.append(units, np.ones(len(parts)))
@@ -321,9 +320,35 @@ def largest_rate(segments: Sequence[Segment]) -> float:
     return max([1.0e-5, *found])
 
 
-def _wave_start(record: Record, space: Space, z: FloatArray, weather: Weather) -> Weather:
+def _with_waves(space: Space, z: FloatArray, loss: float) -> list[Space]:
+    """Return where to search for a boat in waves, beside the best one found without, `z`; empty where that shows none.
+
+    Gusts that pass as quickly as waves are what waves are taken for where there are none to be found: beside waves they
+    begin at their usual size.
+    """
+    rates, weather, train = space.opened(z)
+    wavy, hurried = _wave_start(space, z), weather.gust_time < HURRIED_S
+    if hurried:
+        wavy = wavy._replace(gust=USUAL_GUST * space.base.gust, gust_time=GUST_TIME_S, white=space.base.white)
+    starts = [
+        Space(space.record, rates, wavy._replace(wave=size * wavy.wave), train, space.parts, space.scale)
+        for size in WAVE_SIZES
+    ]
+    losses = [start.found(start.start).loss for start in starts]
+    least = min(losses)
+    return [starts[losses.index(least)]] if least < loss - MAYBE_WAVES or hurried else []
+
+
+USUAL_GUST = 0.1
+"""Of the gusts that a search begins with: what they are expected to be."""
+
+
+def _wave_start(space: Space, z: FloatArray) -> Weather:
     """Return the weather with waves at the strongest frequency of what pushes the boat and is no lasting gust."""
-    push = space.found(z).states[:, 2]
+    rates, weather, train = space.opened(z)
+    record, states = space.record, space.found(z).states
+    motion = motion_of(rates, record, rudder_on(record, train), states, probe_of(states))
+    push = states[record.begin, 2] + motion.rate / record.step
     spacing = float(np.median(record.step))
     bare = push - np.convolve(np.pad(push, 10, mode="edge"), np.full(21, 1.0 / 21.0), mode="valid")[: push.size]
     spectrum = np.abs(np.fft.rfft(bare * np.hanning(bare.size))) ** 2

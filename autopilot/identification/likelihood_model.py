@@ -119,10 +119,21 @@ def _slides(sliding: Sliding) -> str:
     )
 
 
+def follows_surely(answer: Identified) -> bool:
+    """Return whether the recording shows surely that the boat turns to the side of its rudder."""
+    ratios = answer.ratios
+    return ratios is not None and ratios.values[0] > SURELY_TURNS * ratios.errors[0]
+
+
 def likeliest_fit(
     runs: Sequence[Run], speed: float, linear: Norrbin | None, train: tuple[str, ...], steps: Steps
 ) -> tuple[LikelihoodFit | None, dict[str, str]]:
-    """Return the fit to the recording alone, and why parts of the `train` are left out of it, by name."""
+    """Return the fit to the recording alone, and what of the `train` it cannot tell, by name.
+
+    A rudder that was only ordered comes late, whether the runs show it or not: left out, delay and lag would be taken
+    for a part of T, with the doubt of a T that is known by itself. They stay, with what is usual of them. Of a measured
+    rudder they are left out where the runs do not show them.
+    """
     segments = tuple(segment for run in runs for segment in run.segments)
     regressed = start_rates(segments, speed)
     begin = _begin(segments, speed, regressed, linear)
@@ -131,8 +142,9 @@ def likeliest_fit(
     reasons: dict[str, str] = {}
     found = likelihood_fit(segments, speed, begin, train, steps.next)
     if found is not None and train and not _is_late(found):
-        reasons |= {name: _why_no(name, found) for name in train}
-        found = likelihood_fit(segments, speed, begin, (), steps.next)
+        stays = ordered(runs)
+        reasons |= {name: _why_no(name, found, stays) for name in train}
+        found = found if stays else likelihood_fit(segments, speed, begin, (), steps.next)
     if found is None or not set(train) <= set(ORDERED):
         return found, reasons
     kept = tuple(found.train_errors)
@@ -176,24 +188,25 @@ def _is_late(found: LikelihoodFit) -> bool:
     return found.train.delay + found.train.lag > SURELY_TURNS * found.late_error
 
 
-def _why_no(name: str, found: LikelihoodFit) -> str:
+def _why_no(name: str, found: LikelihoodFit, kept: bool) -> str:
     late = found.train.delay + found.train.lag
+    then = "T, of which they take their part, shares that doubt" if kept else f"so {name} is held at 0"
     return (
         f"{name}: delay and lag together, {late:.3g} s with a standard error of {found.late_error:.2g}, cannot be "
-        f"distinguished from 0, so {name} is held at 0; trials with quick reversals, sampled well within that time, "
-        "would show it."
+        f"distinguished from 0, {then}; trials with quick reversals, sampled well within that time, would show it."
     )
 
 
 def answer_of(
     found: LikelihoodFit, runs: Sequence[Run], speed: float, prior: BoatPrior | None, reasons: Mapping[str, str]
 ) -> Identified | None:
-    """Return a fit in Norrbin's convention, together with what other boats say; None where the boat cannot be known to
-    follow its rudder."""
-    # that the boat turns to the side of its rudder must be in the recording: no other boat can say that
-    if found.rates.a < SURELY_TURNS * math.sqrt(max(float(found.covariance[0, 0]), 0.0)):
+    """Return a fit in Norrbin's convention, together with what other boats say; None where it turns the boat against
+    its rudder."""
+    if found.rates.a <= 0.0:
         return None
-    expected = None if prior is None else prior.at(speed)
+    # that the boat turns to the side of its rudder must be in the recording: no other boat can say that
+    turns = found.rates.a > SURELY_TURNS * math.sqrt(max(float(found.covariance[0, 0]), 0.0))
+    expected = None if prior is None or not turns else prior.at(speed)
     together = None if expected is None else combined(found.rates, found.covariance, expected)
     if together is not None:
         found = found._replace(rates=together.rates, covariance=together.covariance)

@@ -14,6 +14,9 @@ from zigzag_trials import noisy, run_of, zigzag
 from autopilot.cli.main import main
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
+from autopilot.identification.likelihood_fit import LikelihoodFit
+from autopilot.identification.likelihood_model import answer_of, follows_surely
+from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.verdict import verdict_of
@@ -21,6 +24,7 @@ from autopilot.identification.verdict import verdict_of
 TIME = np.arange(0.0, 30.0, 0.05)
 PATH = 0.3 * np.sin(0.8 * TIME) + 0.1 * np.sign(np.sin(0.3 * TIME))
 RATE, HEADING = np.radians(0.1), np.radians(0.2)
+QUESTION = Question(reference_speed=5.0)
 
 
 @pytest.mark.parametrize(("lag", "lead"), [(0.4, 0.0), (2.0, 0.7), (0.05, 0.0)])
@@ -76,6 +80,25 @@ def test_what_is_not_there_is_left_out_with_the_reason() -> None:
     assert found.train == DIRECT
     assert "cannot be distinguished from 0" in found.unidentifiable["lag"]
     assert found.model == identify([run], Question(reference_speed=5.0)).model
+
+
+def test_a_rudder_only_ordered_is_late_though_nothing_shows_it_and_t_holds_that_doubt() -> None:
+    run = run_of(noisy(zigzag(np.radians(15.0), 25.0, 0.25, T=1.0), 5.0 * RATE, 5.0 * HEADING, 3))
+    measured, ordered = (identify([run._replace(rudder=origin)], QUESTION) for origin in ("measured", "ordered"))
+    assert measured.train == DIRECT and ordered.train.delay > 0.0 and ordered.train.lag > 0.0
+    doubts = [found.standard_errors["time_constant"] or 0.0 for found in (measured, ordered)]
+    assert doubts[1] > 1.2 * doubts[0]
+    assert "T, of which they take their part, shares that doubt" in ordered.unidentifiable["delay"]
+
+
+def test_a_boat_that_hardly_shows_its_rudder_is_in_doubt_and_not_fitted_without_gusts() -> None:
+    run = run_of(zigzag(np.radians(15.0), 25.0, 0.25, T=1.0))
+    spread = np.diag([0.94, 1.56, 7.2, 0.004]) ** 2
+    calm = Weather(0.01, 6.0, 0.001, 0.001, 0.001)
+    found = LikelihoodFit(Rates(2.7, 4.1, 0.0, 9.1, 0.007), spread, DIRECT, {}, calm, 0.0)
+    answer = answer_of(found, [run], 5.0, None, {})
+    assert answer is not None and not follows_surely(answer)
+    assert verdict_of(answer).grade == "not enough"
 
 
 @pytest.mark.parametrize(
