@@ -8,22 +8,38 @@ damping that would at the largest rate seen take some twice the rudder's whole m
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
 from autopilot.identification.likelihood_record import Record, rudder_on
 from autopilot.identification.marginal_likelihood import (
+    Motion,
     Path,
     Rates,
+    StepNoise,
     Weather,
     begin_path,
     best_path,
+    gust_noise,
     motion_of,
     noise_of,
+    still_waves,
+    wave_noise,
 )
-from autopilot.identification.marginal_slope import adjoint, driven_moments, held_at, information, moments_of
+from autopilot.identification.marginal_slope import (
+    Held,
+    Moments,
+    driven_moments,
+    driven_worth,
+    gust_worth,
+    held_at,
+    information,
+    moments_of,
+    waves_worth,
+    worth_of,
+)
 from autopilot.identification.rudder_path import RudderTrain
 from autopilot.identification.runs import FloatArray
 
@@ -57,6 +73,10 @@ class _Prior(NamedTuple):
         """Return the negative logarithm of the density of a `value`, but for a constant."""
         return 0.5 * ((value - self.middle) / self.width) ** 2
 
+    def slope(self, value: float) -> float:
+        """Return its derivative."""
+        return (value - self.middle) / self.width**2
+
 
 def _usual(part: str, train: RudderTrain, parts: tuple[str, ...]) -> float:
     """Return what is usual of a part of the rudder's way: a steering gear's, or what the boat is supposed to slide
@@ -64,6 +84,21 @@ def _usual(part: str, train: RudderTrain, parts: tuple[str, ...]) -> float:
     if "lead" in parts and part in SWAY:
         return float(getattr(train, part))
     return PLAY_RAD if part == "dead_band" else LATE_S
+
+
+def _lasting(name: str, weather: Weather, record: Record, moments: Moments) -> float:
+    """Return what of the loss a time of gusts, or the shape of waves, has to do with."""
+    if name == "gust_time":
+        keep, gust = gust_noise(weather, record.step)
+        return 0.5 * (gust_worth(moments, keep, gust) - float(np.log(gust).sum()))
+    wave, log = wave_noise(weather, record.step)
+    still = still_waves(weather)
+    first = float((moments.first[:, 3:] / still).sum()) + record.first.size * float(np.log(still).sum())
+    return 0.5 * (waves_worth(moments, wave) + log + first)
+
+
+Slope = tuple[float, FloatArray, FloatArray]
+"""Loss, its derivatives, and the information about the boat."""
 
 
 class Space:
@@ -129,10 +164,10 @@ class Space:
         path = best_path(rates, weather, self.record, rudder, self.path, rounds)
         return path._replace(loss=path.loss + self.before(z))
 
-    def slope(self, z: FloatArray, boat_only: bool = False) -> tuple[float, FloatArray, FloatArray]:
+    def slope(self, z: FloatArray, boat_only: bool = False, informed: bool = True) -> Slope:
         """Return the loss at the vector, its derivatives, and the information about what moves the boat, rates and
         train, had the path to be found anew for each; a loss of inf where no path is found. Later searches begin at
-        this path. boat_only: the weather's derivatives are left at 0."""
+        this path. boat_only: the weather's derivatives are left at 0; informed: False leaves the information out."""
         path = self.found(z)
         slope = np.zeros_like(z)
         if path.factor is None:
@@ -145,28 +180,71 @@ class Space:
             held = held_at(path, rates, self.record, rudder, noise)
         except np.linalg.LinAlgError:
             return math.inf, slope, np.eye(len(self.boat))
-        here = moments_of(held)
-        changes = []
-        for i, name in enumerate(self.names):
-            if i not in self.boat and boat_only:
-                continue
-            beside, motions = [], []
+        motions = self._beside(z, held)
+        worth = driven_worth(driven_moments(held, motions), noise)
+        slope[self.boat] = (worth[0::2] - worth[1::2]) / (4.0 * NEXT)
+        slope[2] += z[2] / LARGEST_CUBIC**2
+        if not boat_only:
+            slope[[i for i in range(z.size) if i not in self.boat]] = self._by_weather(z, held, noise)
+        slope[4:] += [
+            self.priors[name].slope(value) for name, value in zip(self.names[4:], z[4:].tolist(), strict=True)
+        ]
+        if boat_only:
+            slope[[i for i in range(z.size) if i not in self.boat]] = 0.0
+        if not informed:
+            return path.loss, slope, np.eye(len(self.boat))
+        changes = np.stack([(e[0::2] - e[1::2]) / (2.0 * NEXT) for e in (motions.heading, motions.rate)], axis=1)
+        known = information(path.factor, held, noise, changes)
+        return path.loss, slope, known + np.diag([self.curvature_before(i) for i in self.boat])
+
+    def _beside(self, z: FloatArray, held: Held) -> Motion:
+        """Return how the steps go on with each number of the boat a little larger, and smaller, shape (2 P, M)."""
+        rates, rudders = [], []
+        here = self.opened(z)
+        level = rudder_on(self.record, here[2]) if self.parts else self.rudder
+        for i in self.boat:
             for by in (NEXT, -NEXT):
                 at = z.copy()
                 at[i] += by
-                rates, weather, train = self.opened(at)
-                if i in self.boat:
-                    there = rudder_on(self.record, train) if name in self.parts else rudder
-                    motions.append(motion_of(rates, self.record, there, held.states, held.probe))
-                    worth = adjoint(here._replace(driven=driven_moments(held, motions[-1])), noise)
-                else:
-                    worth = adjoint(here, noise_of(weather, self.record))
-                beside.append(worth + self.before(at))
-            slope[i] = (beside[0] - beside[1]) / (2.0 * NEXT)
-            if motions:
-                changes.append([(motions[0][k] - motions[1][k]) / (2.0 * NEXT) for k in (0, 1)])
-        known = information(path.factor, held, noise, np.array(changes))
-        return path.loss, slope, known + np.diag([self.curvature_before(i) for i in self.boat])
+                there = self.opened(at)
+                rates.append(there[0])
+                rudders.append(rudder_on(self.record, there[2]) if self.names[i] in self.parts else level)
+        side_by_side: Any = [np.array(values)[:, None, None] for values in zip(*rates, strict=True)]
+        many = Rates(*side_by_side)
+        if self.parts:
+            mean, rise = (np.stack([each[k] for each in rudders], axis=1)[:, :, None] for k in (0, 1))
+        else:
+            mean, rise = level
+        return motion_of(many, self.record, (mean, rise), held.states, held.probe)
+
+    def _by_weather(self, z: FloatArray, held: Held, noise: StepNoise) -> list[float]:
+        """Return the derivatives by the weather's numbers, what was known of them before left out.
+
+        Inverse covariances go with the sizes' squares, and their determinants too; times and the waves' shape are
+        differenced.
+        """
+        record, moments = self.record, moments_of(held)
+        worth = worth_of(moments, noise)
+        M, segments = record.step.size, record.first.size
+        driven = 2.0 * M - worth.driven
+        slopes = {
+            "gust": M + segments - worth.gust - float(worth.first[2]),
+            "white": driven * (1.0 - noise.kept),
+            "gyro": record.rates_known - worth.gyro,
+            "compass": record.headings_known - worth.compass,
+        }
+        slopes["compass" if record.headings_known else "gyro"] += driven * noise.kept
+        if noise.wave is not None:
+            slopes["wave"] = 2.0 * (M + segments) - waves_worth(moments, noise.wave) - float(worth.first[3:].sum())
+        lasting = ("gust_time", *(name for name in ("wave_frequency", "wave_damping") if name in self.names))
+        for name in lasting:
+            i, beside = self.names.index(name), []
+            for by in (NEXT, -NEXT):
+                at = z.copy()
+                at[i] += by
+                beside.append(_lasting(name, self.opened(at)[1], record, moments))
+            slopes[name] = (beside[0] - beside[1]) / (2.0 * NEXT)
+        return [slopes[name] for i, name in enumerate(self.names) if i not in self.boat]
 
     def curvature_before(self, i: int) -> float:
         """Return the second derivative of `before` by the vector's number i."""
@@ -246,7 +324,7 @@ def searched(space: Space, z: FloatArray, axes: FloatArray, loss: float) -> tupl
     def both(u: FloatArray) -> tuple[float, FloatArray]:
         nonlocal best, least
         at, before = z + axes @ u, space.path
-        found, slope, _ = space.slope(at)
+        found, slope, _ = space.slope(at, informed=False)
         if found < least:
             best, least = at, found
         else:
@@ -260,14 +338,19 @@ def searched(space: Space, z: FloatArray, axes: FloatArray, loss: float) -> tupl
 
 
 def _curvature(space: Space, z: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the second derivatives of the loss, by differences of its slopes, and the slope."""
-    H = np.empty((z.size, z.size))
+    """Return the second derivatives of the loss, and the slope: among the boat's numbers what is known of them, all
+    others by differences of slopes."""
+    H = np.zeros((z.size, z.size))
     space.keep(z)
-    here, before = space.slope(z)[1], space.path
-    for i in range(z.size):
+    _, here, known = space.slope(z)
+    before, sky = space.path, [i for i in range(z.size) if i not in space.boat]
+    for i in sky:
         at = z.copy()
         at[i] += steps[i]
         space.path = before
-        H[i] = (space.slope(at)[1] - here) / steps[i]
+        H[:, i] = (space.slope(at, informed=False)[1] - here) / steps[i]
     space.path = before
-    return np.asarray(np.nan_to_num(0.5 * (H + H.T), nan=1.0e6, posinf=1.0e6, neginf=-1.0e6)), here
+    H[np.ix_(sky, sky)] = 0.5 * (H[np.ix_(sky, sky)] + H[np.ix_(sky, sky)].T)
+    H[np.ix_(sky, space.boat)] = H[np.ix_(space.boat, sky)].T
+    H[np.ix_(space.boat, space.boat)] = known
+    return np.asarray(np.nan_to_num(H, nan=1.0e6, posinf=1.0e6, neginf=-1.0e6)), here

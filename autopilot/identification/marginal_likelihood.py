@@ -58,7 +58,8 @@ def stepped(
     rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray], start: FloatArray, push: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the yaw rate [rad/s] a step after `start`, and the angle turned meanwhile [rad], with a `push` [rad/s^2]
-    that stays; start, push: shape (..., M)."""
+    that stays; start, push: shape (..., M). Of several boats side by side the rates have shape (K, 1, 1), and the
+    rudder (S, K, 1, M)."""
     a, b, c, d, e = rates
     S = record.substeps
     h, r, turned = record.step / S, start, np.zeros_like(start)
@@ -162,6 +163,9 @@ def probe_of(states: FloatArray) -> float:
     return PROBE * max(float(np.std(states[:, 1])), 1.0e-6)
 
 
+WaveNoise = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+
 class StepNoise(NamedTuple):
     """Inverse covariances of what drives each step, by their entries, shape (M,): (heading, heading), (heading, rate),
     (rate, rate), gust. initial: 1/variance of the states where a segment begins, shape (D,). gyro, compass: 1/variance
@@ -176,32 +180,38 @@ class StepNoise(NamedTuple):
     gyro: FloatArray
     compass: FloatArray
     keep: FloatArray
-    wave: tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None
+    wave: WaveNoise | None
     constant: float
+    kept: float
 
 
 def noise_of(weather: Weather, record: Record) -> StepNoise:
     h = record.step
     # of less the curvature would lose the instruments in its last digits
-    q = weather.white**2 + 12.0 * np.median(h) ** -3.0 * _least_seen(weather, record) / WORST_RATIO
-    keep = np.exp(-h / weather.gust_time)
+    least = 12.0 * np.median(h) ** -3.0 * _least_seen(weather, record) / WORST_RATIO
+    q = weather.white**2 + least
     # the inverse of [[h^3/3, h^2/2], [h^2/2, h]] q
     per = 1.0 / (q * h)
-    gust = -1.0 / (weather.gust**2 * np.expm1(-2.0 * h / weather.gust_time))
+    keep, gust = gust_noise(weather, h)
     logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + h.size * 2.0 * math.log(q) - h.size * math.log(12.0)
     segments = record.first.size
     logs += segments * 2.0 * math.log(weather.gust)
     initial, wave = np.array([0.0, 0.0, weather.gust**-2.0]), None
     if weather.wave > 0.0:
-        still = weather.wave**2 * np.array([1.0, weather.wave_frequency**2])
-        wave, log = _wave_noise(weather, h, still)
+        still = still_waves(weather)
+        wave, log = wave_noise(weather, h)
         logs += log + segments * float(np.log(still).sum())
         initial = np.append(initial, 1.0 / still)
     gyro, compass = record.rate_count / weather.gyro**2, record.heading_count / weather.compass**2
     logs += 2.0 * (record.rates_known * math.log(weather.gyro) + record.headings_known * math.log(weather.compass))
     return StepNoise(
-        12.0 * per / (h * h), -6.0 * per / h, 4.0 * per, gust, initial, gyro, compass, keep, wave, 0.5 * logs
+        12.0 * per / (h * h), -6.0 * per / h, 4.0 * per, gust, initial, gyro, compass, keep, wave, 0.5 * logs, least / q
     )
+
+
+def gust_noise(weather: Weather, h: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how much of a gust is left after steps of `h` [s], and the inverse variance of what is new."""
+    return np.exp(-h / weather.gust_time), -1.0 / (weather.gust**2 * np.expm1(-2.0 * h / weather.gust_time))
 
 
 def _least_seen(weather: Weather, record: Record) -> float:
@@ -215,9 +225,12 @@ WORST_RATIO = 1.0e10
 """Weights may differ by no more."""
 
 
-def _wave_noise(
-    weather: Weather, h: FloatArray, still: FloatArray
-) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], float]:
+def still_waves(weather: Weather) -> FloatArray:
+    """Return the variances of the waves' heading and rate."""
+    return weather.wave**2 * np.array([1.0, weather.wave_frequency**2])
+
+
+def wave_noise(weather: Weather, h: FloatArray) -> tuple[WaveNoise, float]:
     """Return `StepNoise.wave` and the logarithm of the determinant of what drives the waves in all steps of `h` [s]."""
     W, z = weather.wave_frequency, min(weather.wave_damping, 0.95)
     own = W * math.sqrt(1.0 - z * z)
@@ -225,7 +238,7 @@ def _wave_noise(
     moved = np.stack(
         [fade * (cosine + z * W * sine), fade * sine, -fade * W * W * sine, fade * (cosine - z * W * sine)]
     )
-    first, second = still
+    first, second = still_waves(weather)
     xx = first - moved[0] ** 2 * first - moved[1] ** 2 * second
     xy = -moved[0] * moved[2] * first - moved[1] * moved[3] * second
     yy = second - moved[2] ** 2 * first - moved[3] ** 2 * second
@@ -245,7 +258,7 @@ def _product(left: FloatArray, right: FloatArray) -> FloatArray:
 
 class Motion(NamedTuple):
     """Of each step: what it leaves of heading [rad] and rate [rad/s] unexplained, without what drives it, and how it
-    goes on with rate and gust: turned by rate, turned by gust, rate by rate, rate by gust; each of shape (M,)."""
+    goes on with rate and gust: turned by rate, turned by gust, rate by rate, rate by gust; each of shape (..., M)."""
 
     heading: FloatArray
     rate: FloatArray
@@ -258,20 +271,23 @@ class Motion(NamedTuple):
 def motion_of(
     rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray], states: FloatArray, probe: float
 ) -> Motion:
-    """Return how the steps go on at `states`."""
+    """Return how the steps go on at `states`, shape (..., N, D)."""
     begin, end = record.begin, record.begin + 1
-    psi, r, pushed = states[:, 0], states[:, 1], states[begin, 2]
-    push_probe, now = probe / record.step[0], r[begin]
-    ahead, turned = stepped(
-        rates, record, rudder, np.stack([now, now + probe, now]), np.stack([pushed, pushed, pushed + push_probe])
-    )
+    psi, r = states[..., 0], states[..., 1]
+    now, pushed = r[..., begin], states[..., begin, 2]
+    push_probe = probe / record.step[0]
+    start, push = (np.repeat(each[..., None, :], 3, axis=-2) for each in (now, pushed))
+    start[..., 1, :] += probe
+    push[..., 2, :] += push_probe
+    ahead, turned = stepped(rates, record, rudder, start, push)
+    still_ahead, still_turned = ahead[..., 0, :], turned[..., 0, :]
     return Motion(
-        psi[end] - psi[begin] - turned[0],
-        r[end] - ahead[0],
-        (turned[1] - turned[0]) / probe,
-        (turned[2] - turned[0]) / push_probe,
-        (ahead[1] - ahead[0]) / probe,
-        (ahead[2] - ahead[0]) / push_probe,
+        psi[..., end] - psi[..., begin] - still_turned,
+        r[..., end] - still_ahead,
+        (turned[..., 1, :] - still_turned) / probe,
+        (turned[..., 2, :] - still_turned) / push_probe,
+        (ahead[..., 1, :] - still_ahead) / probe,
+        (ahead[..., 2, :] - still_ahead) / push_probe,
     )
 
 
@@ -338,7 +354,7 @@ def _assembled(
 
 
 def _add_waves(
-    wave: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    wave: WaveNoise,
     record: Record,
     states: FloatArray,
     slope: FloatArray,

@@ -13,13 +13,21 @@ next one, leaves those two with each other.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from autopilot.identification.likelihood_record import Record
-from autopilot.identification.marginal_likelihood import Motion, Path, Rates, StepNoise, motion_of, probe_of
+from autopilot.identification.marginal_likelihood import (
+    Motion,
+    Path,
+    Rates,
+    StepNoise,
+    WaveNoise,
+    motion_of,
+    probe_of,
+)
 from autopilot.identification.runs import FloatArray
 
 BEND = 1.0e3
@@ -29,7 +37,7 @@ Rudder = tuple[FloatArray, FloatArray]
 
 
 class Held(NamedTuple):
-    """What F holds: the path's states, covariance of each step's two nodes, shape (M, 2 D, 2 D), l, shape (N, D), the
+    """What F holds: the path's states, covariance of each step's two nodes, shape (2 D, 2 D, M), l, shape (N, D), the
     step of differences by rate [rad/s], and how the steps go on."""
 
     record: Record
@@ -42,7 +50,7 @@ class Held(NamedTuple):
     def moment(self, i: int, j: int) -> FloatArray:
         """Return what F takes for the product of two of the states at a step's ends, from D on those at its end."""
         (x, pull), (y, other) = self._end(i), self._end(j)
-        return np.asarray(x * y - x * other - pull * y + self.pairs[:, i, j])
+        return np.asarray(x * y - x * other - pull * y + self.pairs[i, j])
 
     def _end(self, i: int) -> tuple[FloatArray, FloatArray]:
         D = self.states.shape[1]
@@ -72,15 +80,14 @@ def held_at(path: Path, rates: Rates, record: Record, rudder: Rudder, noise: Ste
     pairs = _pairs(path.band, path.factor, record, D)
     motion = motion_of(rates, record, rudder, states, probe)
     held = Held(record, states, pairs, np.zeros_like(states), probe, motion)
-    bent = np.zeros_like(states)
-    for column, size in ((1, BEND * probe), (2, BEND * probe / float(record.step[0]))):
-        traces = []
-        for sign in (1.0, -1.0):
-            moved = states.copy()
-            moved[:, column] += sign * size
-            hh, hr, rr = _spread(held, motion_of(rates, record, rudder, moved, probe))
-            traces.append(0.5 * (noise.angle * hh + noise.rate * rr) + noise.cross * hr)
-        bent[record.begin, column] = (traces[0] - traces[1]) / (2.0 * size)
+    bent, sizes = np.zeros_like(states), (BEND * probe, BEND * probe / float(record.step[0]))
+    moved = np.repeat(states[None, :, :3], 4, axis=0)
+    for k, size in enumerate(sizes):
+        moved[2 * k, :, 1 + k] += size
+        moved[2 * k + 1, :, 1 + k] -= size
+    traces = 0.5 * _weighed(_spread(held, motion_of(rates, record, rudder, moved, probe)), noise)
+    for k, size in enumerate(sizes):
+        bent[record.begin, 1 + k] = (traces[2 * k] - traces[2 * k + 1]) / (2.0 * size)
     pull, _ = dpbtrs(path.factor, bent.ravel(), lower=1)
     return held._replace(pull=pull.reshape(states.shape))
 
@@ -97,39 +104,61 @@ def _pairs(band: FloatArray, factor: FloatArray, record: Record, D: int) -> Floa
     before = _blocks(factor, D)
     behind = _blocks(backward, D)[::-1, ::-1, ::-1]
     begin = record.begin
-    joint = np.empty((begin.size, 2 * D, 2 * D))
-    joint[:, :D, :D] = before[begin]
-    joint[:, D:, D:] = behind[begin + 1]
+    joint = np.empty((2 * D, 2 * D, begin.size))
+    joint[:D, :D] = before[:, :, begin]
+    joint[D:, D:] = behind[:, :, begin + 1]
     columns = band.T.reshape(-1, D, width)
     for column in range(D):
         for row in range(D):
             away = D + row - column
             across = columns[begin, column, away] if away < width else 0.0
-            joint[:, D + row, column] = across
-            joint[:, column, D + row] = across
-    return np.asarray(np.linalg.inv(joint))
+            joint[D + row, column] = joint[column, D + row] = across
+    return _inverted(joint)
+
+
+def _inverted(matrices: FloatArray) -> FloatArray:
+    """Return the inverses of positive matrices side by side, shape (n, n, M), in their place: by sweeps of Gauss and
+    Jordan, each for all of them at once."""
+    for k in range(matrices.shape[0]):
+        pivot, column = 1.0 / matrices[k, k], matrices[:, k].copy()
+        row = matrices[k] * pivot
+        matrices -= column[:, None] * row
+        matrices[k], matrices[:, k] = row, -column * pivot
+        matrices[k, k] = pivot
+    return matrices
 
 
 def _blocks(factor: FloatArray, D: int) -> FloatArray:
-    """Return what each node's states have to do with one another once all before are eliminated, shape (N, D, D)."""
+    """Return what each node's states have to do with one another once all before are eliminated, shape (D, D, N)."""
     columns = factor.T.reshape(-1, D, factor.shape[0])
-    lower = np.zeros((columns.shape[0], D, D))
+    lower = np.zeros((D, D, columns.shape[0]))
     for column in range(D):
         for row in range(column, D):
-            lower[:, row, column] = columns[:, column, row - column]
-    return np.asarray(lower @ lower.transpose(0, 2, 1))
+            lower[row, column] = columns[:, column, row - column]
+    blocks = np.empty_like(lower)
+    for i in range(D):
+        for j in range(i + 1):
+            blocks[i, j] = blocks[j, i] = (lower[i, : j + 1] * lower[j, : j + 1]).sum(axis=0)
+    return blocks
 
 
 def _spread(held: Held, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the covariances of what drives each step, (heading, heading), (heading, rate) and (rate, rate)."""
+    """Return the covariances of what drives each step, (heading, heading), (heading, rate) and (rate, rate), of each
+    motion."""
     P, D = held.pairs, held.states.shape[1]
     _, _, t, u, m, g = motion
-    of_heading = [P[:, D, i] - P[:, 0, i] - t * P[:, 1, i] - u * P[:, 2, i] for i in (0, 1, 2, D, D + 1)]
-    of_rate = [P[:, D + 1, i] - m * P[:, 1, i] - g * P[:, 2, i] for i in (1, 2, D + 1)]
+    of_heading = [P[D, i] - P[0, i] - t * P[1, i] - u * P[2, i] for i in (0, 1, 2, D, D + 1)]
+    of_rate = [P[D + 1, i] - m * P[1, i] - g * P[2, i] for i in (1, 2, D + 1)]
     hh = of_heading[3] - of_heading[0] - t * of_heading[1] - u * of_heading[2]
     hr = of_heading[4] - m * of_heading[1] - g * of_heading[2]
     rr = of_rate[2] - m * of_rate[0] - g * of_rate[1]
     return hh, hr, rr
+
+
+def _weighed(moments: tuple[FloatArray, FloatArray, FloatArray], noise: StepNoise) -> FloatArray:
+    """Return what moments of heading and rate are worth in each step."""
+    hh, hr, rr = moments
+    return noise.angle * hh + 2.0 * noise.cross * hr + noise.rate * rr
 
 
 def driven_moments(held: Held, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -152,18 +181,18 @@ def moments_of(held: Held) -> Moments:
     first, last = record.first, np.append(record.first[1:], record.nodes) - 1
     opening, closing = np.searchsorted(record.begin, first), np.searchsorted(record.begin, last - 1)
     x, pull = held.states[first], held.pull[first]
-    spread = np.diagonal(held.pairs[opening], axis1=1, axis2=2)[:, :D]
+    spread = held.pairs[np.arange(D), np.arange(D)][:, opening].T
     parts = []
     for column, values in ((1, record.rate), (0, record.heading)):
         seen, drawn = held.states[:, column], held.pull[:, column]
-        own = held.pairs[:, column, column]
-        own_last = held.pairs[closing, D + column, D + column]
+        own = held.pairs[column, column]
+        own_last = held.pairs[D + column, D + column, closing]
         if D == 5:
             wave = 3 + column
             seen, drawn = seen + held.states[:, wave], drawn + held.pull[:, wave]
             P = held.pairs
-            own = own + P[:, wave, wave] + 2.0 * P[:, column, wave]
-            own_last = own_last + P[closing, D + wave, D + wave] + 2.0 * P[closing, D + column, D + wave]
+            own = own + P[wave, wave] + 2.0 * P[column, wave]
+            own_last = own_last + P[D + wave, D + wave, closing] + 2.0 * P[D + column, D + wave, closing]
         variance = np.empty(record.nodes)
         variance[record.begin], variance[last] = own, own_last
         off = seen - values
@@ -178,23 +207,49 @@ def moments_of(held: Held) -> Moments:
     )
 
 
-def adjoint(moments: Moments, noise: StepNoise) -> float:
-    """Return F."""
-    hh, hr, rr = moments.driven
+class Worth(NamedTuple):
+    """What the moments are worth in F, twice: of what drives heading and rate, of gusts, gyro and compass, and of the
+    first states, shape (D,)."""
+
+    driven: float
+    gust: float
+    gyro: float
+    compass: float
+    first: FloatArray
+
+
+def worth_of(moments: Moments, noise: StepNoise) -> Worth:
+    """Return what the moments are worth, those of waves left out."""
+    return Worth(
+        driven_worth(moments.driven, noise),
+        gust_worth(moments, noise.keep, noise.gust),
+        float(noise.gyro @ moments.gyro),
+        float(noise.compass @ moments.compass),
+        np.asarray(noise.initial * moments.first.sum(axis=0)),
+    )
+
+
+def driven_worth(driven: tuple[FloatArray, FloatArray, FloatArray], noise: StepNoise) -> Any:
+    """Return what the moments of heading and rate are worth, of each motion, shape (...,)."""
+    hh, hr, rr = driven
+    return hh @ noise.angle + 2.0 * (hr @ noise.cross) + rr @ noise.rate
+
+
+def gust_worth(moments: Moments, keep: FloatArray, gust: FloatArray) -> float:
+    """Return what the gusts' moments are worth."""
     after, between, before = moments.gust
-    keep = noise.keep
-    total = float(noise.angle @ hh + 2.0 * (noise.cross @ hr) + noise.rate @ rr)
-    total += float(noise.gust @ (after - keep * (2.0 * between - keep * before)))
-    total += float(noise.gyro @ moments.gyro + noise.compass @ moments.compass)
-    total += float((noise.initial * moments.first).sum())
-    if noise.wave is not None:
-        _, inverse, ahead, back = noise.wave
-        W = moments.waves
-        for i in (0, 1):
-            for j in (0, 1):
-                at = 2 * i + j
-                total += float(inverse[at] @ W[2 + i, 2 + j] - 2.0 * (ahead[at] @ W[2 + i, j]) + back[at] @ W[i, j])
-    return noise.constant + 0.5 * total
+    return float(gust @ (after - keep * (2.0 * between - keep * before)))
+
+
+def waves_worth(moments: Moments, wave: WaveNoise) -> float:
+    """Return what the waves' moments are worth."""
+    _, inverse, ahead, back = wave
+    W, total = moments.waves, 0.0
+    for i in (0, 1):
+        for j in (0, 1):
+            at = 2 * i + j
+            total += float(inverse[at] @ W[2 + i, 2 + j] - 2.0 * (ahead[at] @ W[2 + i, j]) + back[at] @ W[i, j])
+    return total
 
 
 def information(factor: FloatArray, held: Held, noise: StepNoise, changes: FloatArray) -> FloatArray:
