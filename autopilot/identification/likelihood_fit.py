@@ -323,11 +323,12 @@ def largest_rate(segments: Sequence[Segment]) -> float:
 def _with_waves(space: Space, z: FloatArray, loss: float) -> list[Space]:
     """Return where to search for a boat in waves, beside the best one found without, `z`; empty where that shows none.
 
-    Gusts that pass as quickly as waves are what waves are taken for where there are none to be found: beside waves they
-    begin at their usual size.
+    Gusts that pass as quickly as waves, or white ones of that size, are what waves are taken for where there are none
+    to be found: beside waves they begin at their usual size.
     """
     rates, weather, train = space.opened(z)
-    wavy, hurried = _wave_start(space, z), weather.gust_time < HURRIED_S
+    wavy = _wave_start(space, z)
+    hurried = weather.gust_time < HURRIED_S or weather.white > ROUGH_WHITE * space.base.white
     if hurried:
         wavy = wavy._replace(gust=USUAL_GUST * space.base.gust, gust_time=GUST_TIME_S, white=space.base.white)
     starts = [
@@ -339,6 +340,8 @@ def _with_waves(space: Space, z: FloatArray, loss: float) -> list[Space]:
     return [starts[losses.index(least)]] if least < loss - MAYBE_WAVES or hurried else []
 
 
+ROUGH_WHITE = 3.0
+"""Times what a search begins with: white gusts as large may be waves."""
 USUAL_GUST = 0.1
 """Of the gusts that a search begins with: what they are expected to be."""
 
