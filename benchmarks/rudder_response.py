@@ -25,7 +25,14 @@ from autopilot.estimation import disturbance as waves
 from autopilot.estimation.estimator import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast, tick_at
 from autopilot.runtime.build import alarm_limits_of
-from autopilot.supervision.rudder_response import Rudders, first_response, noise_of, response_step, verdict
+from autopilot.supervision.rudder_response import (
+    Rudders,
+    first_response,
+    noise_of,
+    response_step,
+    slide_step,
+    verdict,
+)
 from autopilot.supervision.tuning import LATE_S
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
@@ -86,7 +93,7 @@ def watched_run(
         noise_of(pilot_state.model, variance, 0.0, 0.0), lag * dt - instruments.noise.latency, wrap(heading)
     )
     alarms, evidence, seen, off, is_reversed, moved = 0, 0.0, math.inf, 0.0, False, math.inf
-    held = math.nan
+    held, slide = math.nan, 0.0
     for step in range(setting.steps):
         now = step * dt
         if step >= lag and (step - lag) % instruments.every == 0:
@@ -103,13 +110,15 @@ def watched_run(
                 sea = pilot_state.fusion.state.sea
                 pace = waves.frequency(sea)
                 middle = 0.5 * (memory.time + measurement.measured.time)
+                since = measurement.measured.time - memory.time if math.isfinite(memory.time) else 0.0
+                slide = slide_step(pilot_state.model, slide, felt.rate, setting.plant.gear.angle_max, since)
                 memory = response_step(
                     memory,
                     pilot_state.model,
                     noise_of(pilot_state.model, variance, math.sqrt(sea.heading), pace),
                     felt.rate,
                     (measurement.measured.time, measurement.measured.heading),
-                    Rudders(rudder_at(past, middle), rudder_at(past, middle - LATE_S), rudder_at(past, middle)),
+                    Rudders(rudder_at(past, middle), rudder_at(past, middle - LATE_S), rudder_at(past, middle), slide),
                 )
                 sure = max(min(memory.stuck, memory.stuck_late), min(memory.reversed, memory.reversed_late))
                 if now < begins:

@@ -11,6 +11,11 @@ gains. The evidence for one share against another is the sum of the logarithms o
 headings, begun anew at zero (Page 1954), so that it needs no window: it grows only where the rudder moves, faster than
 wind and sea would, and the boat does not go along. A straight course with a rudder that rests tells nothing.
 
+A hull also slides: sway, and the way that it loses as it turns, brake it in a long turn by up to a few times what the
+model's damping is worth. So a boat that answers leaves nu - a s - c g: g is the answer to that damping, delayed as the
+slide is (`slide_step`), and its share c, none to SLIDE_MOST, is estimated from the headings before. A boat that turns
+against its rudder, or on with it where the rudder has come back, is none that is braked: that counts in full.
+
 Sources: Willsky and Jones 1976, the generalised likelihood ratio of an additive change, here of a change in a; Page
 1954, the cumulative sum. Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
 """
@@ -53,6 +58,9 @@ from autopilot.supervision.tuning import (
     SEA_SLOWEST,
     SEA_TURNED,
     SEA_UNMET,
+    SLIDE_LASTS,
+    SLIDE_MOST,
+    SLIDE_UNKNOWN,
     SURE,
     SUSPECT,
     UNEXPLAINED,
@@ -115,11 +123,12 @@ Mean = tuple[float, float, float, float]
 
 class Rudders(NamedTuple):
     """Where the rudder was [rad]: in time, or where everything is `LATE_S` late, or the rudder much slower than filed
-    (`in_time` again where that is out of question)."""
+    (`in_time` again where that is out of question); and what a boat that slides is braked by, see `slide_step`."""
 
     in_time: float
     late: float
     slow: float
+    slide: float
 
 
 NOTHING: Mean = (0.0, 0.0, 0.0, 0.0)
@@ -151,9 +160,10 @@ NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0
 
 class ResponseState(NamedTuple):
     """time [s] of the newest heading, nan: nothing is known yet; covariance and mean of a boat without a rudder;
-    answers to the rudder [rad], in time and late; how much likelier it is that the rudder is stuck than that the boat
-    answers, in time and late, and that it is reversed; unexplained: squares that no answer explains; outliers: how
-    many of the last headings were; usual and shown: the share of the model's answer that the boat has had so far is
+    answers to the rudder [rad], in time and late, and to what brakes a boat that slides; slid: sums of what is left
+    over times that, and of its square, over the variance; how much likelier it is that the rudder is stuck than that
+    the boat answers, in time and late, and that it is reversed; unexplained: squares that no answer explains; outliers:
+    how many of the last headings were; usual and shown: the share of the model's answer that the boat has had so far is
     the former over the latter; others: the boat or its rudder may not be the file's; usual_colour: the colour of what
     is left over as long as nothing was suspect."""
 
@@ -162,6 +172,8 @@ class ResponseState(NamedTuple):
     mean: Mean
     answer: Mean
     late: Mean
+    slide: Mean
+    slid: tuple[float, float]
     stuck: float
     stuck_late: float
     reversed: float
@@ -245,6 +257,21 @@ def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> N
     return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace)
 
 
+def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: float) -> float:
+    """Return what brakes a boat that slides [rad of rudder], `dt` [s] after it was braked by `before`; it turns at
+    `rate` [rad/s], its rudder's limit is `most` [rad].
+
+    The model has neither sway nor, without a log, the way that a turn takes: both may brake the boat by as much as its
+    own damping, and more (`SLIDE_MOST`), or take from a course-unstable one what turns it. They build up with about its
+    time constant, last longer than the turn, and turn no boat against its rudder: what a fault does.
+    """
+    own = (abs(model.n1) + abs(model.n2 * rate) + model.n3 * rate * rate) * rate / model.gain
+    own = -most if own > most else most if own < -most else -own
+    fades = own * before >= 0.0 and abs(own) < abs(before)
+    lasts = SLIDE_LASTS * model.time_constant if fades else model.time_constant
+    return before - math.expm1(-dt / lasts) * (own - before)
+
+
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
     """Return what is known after the first heading [rad]."""
     covariance = Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
@@ -256,6 +283,8 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         mean,
         NOTHING,
         NOTHING,
+        NOTHING,
+        (0.0, 0.0),
         stuck=0.0,
         stuck_late=0.0,
         reversed=0.0,
@@ -358,8 +387,18 @@ def response_step(
 ) -> ResponseState:
     """Return what is known after the `newest` heading [rad] at its time [s], the rudder having been at `rudders` since
     the one before; the boat turns at about `rate` [rad/s]."""
-    last, known, mean, answer, late, stuck, stuck_late, wrong, wrong_late, _, outliers, usual, shown, others, _ = before
-    (time, heading), (rudder, rudder_late, rudder_slow) = newest, rudders
+    last, known, mean, answer, late, slide, slid = (
+        before.time,
+        before.covariance,
+        before.mean,
+        before.answer,
+        before.late,
+        before.slide,
+        before.slid,
+    )
+    stuck, stuck_late, wrong, wrong_late = before.stuck, before.stuck_late, before.reversed, before.reversed_late
+    outliers, usual, shown, others = before.outliers, before.usual, before.shown, before.others
+    (time, heading), (rudder, rudder_late, rudder_slow, braked) = newest, rudders
     dt = time - last
     step = transition_of(model, rate, noise.pace, dt)
     unexplained = before.unexplained
@@ -369,6 +408,7 @@ def response_step(
     variance = gains[0]
     mean, answer = moved(step, mean, 0.0), moved(step, answer, rudder)
     late, slow = moved(step, late, rudder_late), moved(step, others.slow, rudder_slow)
+    slide = moved(step, slide, braked)
     off, s, s_late = heading - mean[0], answer[0], late[0]
     off = off if -PI < off <= PI else wrap(off)
     # of the shares of the answer, the opposite one allowed, the one that explains most; a slow rudder is no gust either
@@ -378,7 +418,7 @@ def response_step(
     square = (left * left if left * left < by_slow * by_slow else by_slow * by_slow) / variance
     if square > OUTLIER_SQUARE:
         if outliers < OUTLIERS_MOST:
-            return _without_heading(before, time, Covariance(*covariance), (mean, answer, late, slow))
+            return _without_heading(before, time, Covariance(*covariance), (mean, answer, late, slide, slow))
         square = OUTLIER_SQUARE
     kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
     # while a gust sets in nothing that the rudder does against it is evidence
@@ -387,6 +427,14 @@ def response_step(
     least = least if least > LEAST[0] else LEAST[0]
     least = least if least < LEAST[1] else LEAST[1]
     off_some, off_some_late = off - least * s, off - least * s_late
+    # how much the boat slides is known by what came before, so that no heading explains itself
+    g, (both, squares) = slide[0], slid
+    share = both / (squares + 1.0 / (SLIDE_UNKNOWN * SLIDE_UNKNOWN))
+    share = 0.0 if share < 0.0 else SLIDE_MOST if share > SLIDE_MOST else share
+    changes = model.time_constant if model.time_constant < FADES_TIME else FADES_TIME
+    held = math.exp(-dt / changes)
+    slid = held * both + off_some * g / variance, held * squares + g * g / variance
+    off_some -= share * g
     square_some, square_some_late = off_some * off_some, off_some_late * off_some_late
     stuck = grown(kept * stuck, square_some - off * off, variance, most)
     # what may be a fault is none of the boat's usual ways
@@ -399,6 +447,8 @@ def response_step(
         corrected(gains, mean, off),
         corrected(gains, answer, -s),
         corrected(gains, late, -s_late),
+        corrected(gains, slide, -g),
+        slid,
         stuck,
         grown(kept * stuck_late, square_some_late - off * off, variance, most),
         grown(kept * wrong, square_some - off_wrong * off_wrong, variance, most),
@@ -413,10 +463,10 @@ def response_step(
 
 
 def _without_heading(
-    before: ResponseState, time: float, covariance: Covariance, means: tuple[Mean, Mean, Mean, Mean]
+    before: ResponseState, time: float, covariance: Covariance, means: tuple[Mean, Mean, Mean, Mean, Mean]
 ) -> ResponseState:
     """Return what is known at `time` [s] of a heading that is left out."""
-    mean, answer, late, slow = means
+    mean, answer, late, slide, slow = means
     _, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before.others
     others = Others(slow, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour)
     return ResponseState(
@@ -425,6 +475,8 @@ def _without_heading(
         mean,
         answer,
         late,
+        slide,
+        before.slid,
         before.stuck,
         before.stuck_late,
         before.reversed,
@@ -505,6 +557,8 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
         after.mean,
         after.answer,
         after.late,
+        after.slide,
+        after.slid,
         min(before.stuck, after.stuck),
         min(before.stuck_late, after.stuck_late),
         min(before.reversed, after.reversed),

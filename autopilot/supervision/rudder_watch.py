@@ -45,6 +45,7 @@ from autopilot.supervision.rudder_response import (
     response_step,
     seaway_noise,
     seaway_step,
+    slide_step,
     verdict,
     without_evidence,
 )
@@ -201,6 +202,7 @@ class Evidence(NamedTuple):
     slow_time: float = math.nan
     slow: float = math.nan
     speed: float = math.nan
+    slide: float = 0.0
 
 
 NOTHING_KNOWN = Evidence()
@@ -215,7 +217,7 @@ def evidence_step(
 ) -> Evidence:
     """Return what is known after a tick and a heading [rad] `measured` at its time [s], not numbers where none came.
     rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
-    since, response, seaway, last, same, late_until, slow_time, slow, speed = before
+    since, response, seaway, last, same, late_until, slow_time, slow, speed, slide = before
     (time, heading), state, now, model = measured, seen.state, seen.now, seen.model
     since = now if math.isnan(since) else since
     late_until = now + LATE_LASTS if seen.is_late else late_until
@@ -227,13 +229,13 @@ def evidence_step(
         reach, left = limits.rudder_rate / SLOW * (now - slow_time if now > slow_time else 0.0), seen.rudder - slow
         slow_time, slow = now, slow + (-reach if left < -reach else reach if left > reach else left)
     if math.isnan(heading):
-        return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed)
+        return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
     noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
     noise = seaway_noise(model, noise, seaway, state.heading)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
-        return Evidence(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed)
+        return Evidence(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide)
     known = response.time
     # written so that it holds where nothing is known
     if not time - known <= LONGEST_GAP_S:
@@ -242,11 +244,12 @@ def evidence_step(
         fastest, rate, in_time = 2.0 * model.gain * seen.angle_max, state.rate, rudders[0]
         rate = -fastest if rate < -fastest else fastest if rate > fastest else rate
         speed -= math.expm1(-(time - known) / CHANGED_TIME) * (model.reference_speed - speed)
+        slide = slide_step(model, slide, rate, seen.angle_max, time - known)
         noise = changing_noise(model, noise, rate, speed)
-        at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow)
+        at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow, slide)
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
-    return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed)
+    return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide)
 
 
 class Response(NamedTuple):

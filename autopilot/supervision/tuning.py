@@ -69,6 +69,10 @@ SEA_LASTS = 3600.0  # 30 %: nothing
 """A sea that was met is remembered for this time [s]: courses on which it turns no boat say nothing of it."""
 SEA_UNMET = math.radians(1.0)  # 30 %: nothing
 """On a course that is new to the boat a sea is supposed that yaws it by this [rad]."""
+SLIDE_LASTS = 4.0
+SLIDE_MOST, SLIDE_UNKNOWN = 3.0, 1.0
+"""What brakes a boat that slides outlasts the turn by so many time constants. It is this many times the own damping at
+most; before the boat has shown any, none, give or take so much."""
 ANSWERS_MOST = 1.6  # 30 %: nothing
 """Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
 REVERSED_SHARE = -0.7  # 30 %: nothing

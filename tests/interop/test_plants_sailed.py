@@ -10,13 +10,10 @@ from pathlib import Path
 import pytest
 from two_processes import free_port, simulator
 
-DRIFTS = pytest.mark.xfail(
-    reason="over MAVLink alone, without a log, its drift in a turn is taken for a rudder that is stuck"
-)
 LASTS = [
     ("mmg_tanker", 12.0, 200.0),
     ("roll_ship", 8.0, 80.0),
-    pytest.param("small_craft", 5.0, 60.0, marks=DRIFTS),
+    ("small_craft", 5.0, 60.0),
     ("twin_thruster", 5.0, 50.0),
     ("outboard", 5.0, 50.0),
 ]
