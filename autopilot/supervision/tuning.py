@@ -70,7 +70,7 @@ SEA_LASTS = 3600.0  # 30 %: nothing
 SEA_UNMET = math.radians(1.0)  # 30 %: nothing
 """On a course that is new to the boat a sea is supposed that yaws it by this [rad]."""
 SLIDE_LASTS = 4.0
-SLIDE_MOST, SLIDE_UNKNOWN = 3.0, 1.0
+SLIDE_MOST, SLIDE_UNKNOWN = 3.0, 0.7
 """What brakes a boat that slides outlasts the turn by so many time constants. It is this many times the own damping at
 most; before the boat has shown any, none, give or take so much."""
 ANSWERS_MOST = 1.6  # 30 %: nothing
