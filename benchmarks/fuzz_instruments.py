@@ -224,7 +224,7 @@ def fuzz_gateway(kind: str) -> Fuzzer:
                     impossible += not -math.pi <= sample.heading <= math.pi
             course = guide.course(now, 0.0, 4.0)
             impossible += not -math.pi <= course <= math.pi
-            held = max(held, len((form._packet if kind == "actisense" else form._lines._rest) or b""))
+            held = max(held, len((form._packet if kind == "actisense" else form._rest) or b""))
         return Result(accepted, strangers, impossible, held)
 
     return fuzz

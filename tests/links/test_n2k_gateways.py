@@ -126,7 +126,7 @@ def test_endless_lines_and_packets_take_no_more_room(kind: str) -> None:
     form: Any = FORMS[kind]()
     for _ in range(100):
         form.feed(0.0, b"\x10\x02" + b"7" * 1000)
-    held = form._packet if kind == "actisense" else form._lines._rest
+    held = form._packet if kind == "actisense" else form._rest
     assert len(held or b"") <= 600
 
 

@@ -52,26 +52,13 @@ class Form(Protocol):
 
 
 class _Lines:
-    """Cuts a stream of characters into lines; of one without end no more than `LINE_MOST` characters are kept."""
+    """A form that comes in lines; of one without end no more than `LINE_MOST` characters are kept."""
 
-    def __init__(self) -> None:
-        self._rest = b""
-
-    def take(self, data: bytes) -> list[str]:
-        *lines, rest = (self._rest + data).split(b"\n")
-        self._rest = rest if len(rest) <= LINE_MOST else b""
-        return [line.decode("ascii", "replace").strip() for line in lines if len(line) <= LINE_MOST and line.strip()]
-
-
-class YachtDevices:
-    """RAW text. What comes back with a T is what we, or another program, have sent: it is not heard."""
-
-    is_node = True
+    is_node = False
 
     def __init__(self) -> None:
         self.damaged = 0
-        self._lines = _Lines()
-        self._framing = Framing(FAST, READ)
+        self._rest = b""
 
     def begin(self) -> bytes:
         """Return nothing."""
@@ -79,15 +66,31 @@ class YachtDevices:
 
     def feed(self, now: float, data: bytes) -> list[Message]:
         """Return the messages that `data` completes."""
-        found: list[Message] = []
-        for line in self._lines.take(data):
-            parts = RAW_LINE.fullmatch(line)
-            if parts is None or int(parts[2], 16) > IDENTIFIER_MOST:
-                self.damaged += 1
-            elif parts[1] == "R":
-                message = self._framing.take(now, Frame(int(parts[2], 16), bytes.fromhex(parts[3])))
-                found += [] if message is None else [message]
-        return found
+        *lines, rest = (self._rest + data).split(b"\n")
+        self._rest = rest if len(rest) <= LINE_MOST else b""
+        whole = (line.decode("ascii", "replace").strip() for line in lines if len(line) <= LINE_MOST and line.strip())
+        return [message for line in whole if (message := self._taken(now, line)) is not None]
+
+    def _taken(self, now: float, line: str) -> Message | None:
+        """Return the message that a line completes, None where it completes none; what cannot be read is counted."""
+        raise NotImplementedError
+
+
+class YachtDevices(_Lines):
+    """RAW text. What comes back with a T is what we, or another program, have sent: it is not heard."""
+
+    is_node = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._framing = Framing(FAST, READ)
+
+    def _taken(self, now: float, line: str) -> Message | None:
+        parts = RAW_LINE.fullmatch(line)
+        if parts is None or int(parts[2], 16) > IDENTIFIER_MOST:
+            self.damaged += 1
+            return None
+        return self._framing.take(now, Frame(int(parts[2], 16), bytes.fromhex(parts[3]))) if parts[1] == "R" else None
 
     def encode(self, message: Message) -> bytes:
         """Return its frames, a line each."""
@@ -170,31 +173,16 @@ def _addressed(group: int, data: bytes, source: int, destination: int, priority:
     return Message(group, data, source, destination if is_addressed(group) else EVERYBODY, priority)
 
 
-class ActisenseAscii:
+class ActisenseAscii(_Lines):
     """N2K ASCII."""
 
-    is_node = False
-
-    def __init__(self) -> None:
-        self.damaged = 0
-        self._lines = _Lines()
-
-    def begin(self) -> bytes:
-        """Return nothing."""
-        return b""
-
-    def feed(self, now: float, data: bytes) -> list[Message]:
-        """Return the messages that `data` completes."""
-        found: list[Message] = []
-        for line in self._lines.take(data):
-            parts = ASCII_LINE.fullmatch(line)
-            if parts is None:
-                self.damaged += 1
-                continue
-            source, destination, priority, group = (int(parts[number], 16) for number in range(1, 5))
-            message = _addressed(group, bytes.fromhex(parts[5]), source, destination, priority & 7)
-            found += [] if message is None else [message]
-        return found
+    def _taken(self, now: float, line: str) -> Message | None:
+        parts = ASCII_LINE.fullmatch(line)
+        if parts is None:
+            self.damaged += 1
+            return None
+        source, destination, priority, group = (int(parts[number], 16) for number in range(1, 5))
+        return _addressed(group, bytes.fromhex(parts[5]), source, destination, priority & 7)
 
     def encode(self, message: Message) -> bytes:
         """Return its line; the time is the gateway's own affair."""
