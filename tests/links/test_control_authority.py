@@ -170,7 +170,7 @@ def disobeyed_at(agreeing: int, of: int, away: int = 0) -> float:
         now = 0.1 * step
         found.commanded(now, 1600)
         pulse = 1600 if step % of < agreeing else 1500 + away
-        found.seen(now, "RC channel 1", pulse, found.recent_pulses)
+        found.seen(now, "RC channel 1", pulse, found.echo.pulses)
         if found.disobeyed:
             return now
     return math.inf
@@ -204,9 +204,9 @@ def test_what_was_commanded_within_a_second_may_be_reported() -> None:
     found = watch()
     for step, pulse in enumerate((1500, 1510, 1500, 1520)):
         found.commanded(0.5 * step, pulse)
-    assert found.recent_pulses == [1510, 1500, 1520]
+    assert found.echo.pulses == [1510, 1500, 1520]
     found.commanded(10.0, None)
-    assert found.recent_pulses == [] and found.steering
+    assert found.echo.pulses == [] and found.steering
     found.released()
     assert not found.steering
 
@@ -229,7 +229,7 @@ def test_who_steers_and_sees_no_report_for_three_seconds_is_blind(guided: bool) 
         found.received_time, found.heartbeat_time = talking, talking
         assert bool(found.reason(now, parameters(), 255)) is blind, (now, talking)
     assert ("NAV_CONTROLLER_OUTPUT" in found.reason(3.1, parameters(), 255)) is guided
-    assert not found.disagrees(3.0, "any", True)
+    assert not found.echo.disagrees(3.0, "any", True)
     assert found.reason(3.1, parameters(), 255) == ""
     found.released()
     found.received_time = found.heartbeat_time = 60.0

@@ -20,7 +20,7 @@ from collections import deque
 from enum import Enum
 
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.echo import OverrideEcho, agrees_with
+from autopilot.links.mavlink.echo import OverrideEcho, agrees_with, differing
 from autopilot.links.mavlink.requests import OVERRIDE_TIME, TWO_PADDLES, VehicleParameters
 from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
 from autopilot.models.drives import DRIVES
@@ -126,11 +126,6 @@ class ControlAuthority:
         self.last_command = now
         self.echo.commanded(now, pulse)
 
-    @property
-    def recent_pulses(self) -> list[int]:
-        """Input pulses [us] commanded in the `HISTORY_S` before the last command, each once, the newest last."""
-        return self.echo.pulses
-
     def rebooted(self) -> None:
         """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew."""
         self._rebooted = True
@@ -174,14 +169,11 @@ class ControlAuthority:
         # what was reported before our first command of all arrived there is nobody else's
         if is_input and not agrees and now - echo.began > PATIENCE_S:
             self._strange.append(now)
-        if disobeyed := echo.shows(now, what, pulse, expected):
+        if echo.disagrees(now, what, agrees):
             self.disobeyed = (
-                f"the rudder does not obey: {disobeyed} (radio override switched off, or another ground station steers)"
+                f"the rudder does not obey: {differing(what, pulse, expected)} "
+                "(radio override switched off, or another ground station steers)"
             )
-
-    def disagrees(self, now: float, what: str, agrees: bool) -> bool:
-        """Take whether the report `what` agrees with what we command; return whether it has not for too long."""
-        return self.echo.disagrees(now, what, agrees)
 
     def refuse(self, sentence: str) -> None:
         """Give the helm up for a reason that was found elsewhere."""

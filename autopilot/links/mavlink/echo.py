@@ -58,9 +58,7 @@ class OverrideEcho:
         It is one of them: between two that lie on either side a pulse that stands still would seem to obey for as long
         as the order swings about it. `what` names the report, such as "RC channel 1" or "servo 1".
         """
-        if not self.disagrees(now, what, agrees_with(pulse, expected)):
-            return ""
-        return f"{what} is at {pulse} us while {expected[-1]} is commanded"
+        return differing(what, pulse, expected) if self.disagrees(now, what, agrees_with(pulse, expected)) else ""
 
     def disagrees(self, now: float, what: str, agrees: bool) -> bool:
         """Take whether the report `what` agrees with what is commanded; return whether it has not for too long."""
@@ -75,3 +73,8 @@ class OverrideEcho:
 def agrees_with(pulse: int, expected: list[int]) -> bool:
     """Return whether a reported `pulse` [us] is one of those that are expected."""
     return any(-PULSE_TOLERANCE_US <= pulse - each <= PULSE_TOLERANCE_US for each in expected)
+
+
+def differing(what: str, pulse: int, expected: list[int]) -> str:
+    """Return what is said of a reported `pulse` [us] that is none of those that are expected."""
+    return f"{what} is at {pulse} us while {expected[-1]} is commanded"

@@ -293,7 +293,7 @@ class GuidedTargets:
                     f"the vehicle does not follow our headings: it steers {compass_deg(bearing):.0f} deg while "
                     f"{wanted:.0f} is sent (another companion or ground station guides it)"
                 )
-            if self._authority.disagrees(now, "NAV_CONTROLLER_OUTPUT", agrees):
+            if self._authority.echo.disagrees(now, "NAV_CONTROLLER_OUTPUT", agrees):
                 self._authority.refuse(sentence)
 
     def rudder(self, now: float, share: float) -> None:

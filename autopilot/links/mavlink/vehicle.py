@@ -386,7 +386,7 @@ class VehicleReader:
         output = self._output
         if now - self._channels_time > CHANNELS_TIMEOUT_S:
             self.release.report(now, pulse, "SERVO_OUTPUT_RAW", output.servo_pulses)
-        if recent := self.authority.recent_pulses:
+        if recent := self.authority.echo.pulses:
             asked = [output.servo_pulses[sent] for sent in recent]
             self.authority.seen(now, f"servo {servo}", pulse, asked)
         angle = share_from_servo(channel, pulse) / output.share_per_radian
@@ -404,12 +404,12 @@ class VehicleReader:
         shown = shown_by(parameters, output, message)
         if shown is None:
             return
-        asked = output.steerings(authority.recent_pulses)
+        asked = output.steerings(authority.echo.pulses)
         if now - self._channels_time > CHANNELS_TIMEOUT_S:
             pulse = round(MIXED_US[1] + (MIXED_US[2] - MIXED_US[1]) * shown.steering)
             self.release.report(now, pulse, "SERVO_OUTPUT_RAW", output.servo_pulses)
         left, right = parameters.steering_servos
-        if asked and authority.disagrees(now, "thrusters", is_taken(shown, asked)):
+        if asked and authority.echo.disagrees(now, "thrusters", is_taken(shown, asked)):
             authority.refuse(
                 f"the thrusters do not obey: servos {left} and {right} show {100.0 * shown.steering:.0f} % of steering "
                 f"while {100.0 * asked[-1]:.0f} % is commanded (radio override switched off, or another ground station "
@@ -444,7 +444,7 @@ class VehicleReader:
         self._channels_time = now
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
-        if recent := authority.recent_pulses:
+        if recent := authority.echo.pulses:
             authority.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
