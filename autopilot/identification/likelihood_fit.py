@@ -54,6 +54,10 @@ HURRIED_S = GUST_TIME_S * math.exp(-2.0 * GUST_TIME_WIDTH)
 """Gusts that last no longer may be waves, whatever a guess of these is worth beside them."""
 WAVE_SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Waves are guessed at so many times what the strongest frequency shows."""
+ROUGH_WHITE = 3.0
+"""Times what a search begins with: white gusts as large may be waves."""
+USUAL_GUST = 0.1
+"""Of the gusts that a search begins with: what they are expected to be."""
 NO_PART = 12.0
 """Weather of which the likelihood's logarithm is lower by so much at its best has no part in what is known."""
 
@@ -338,12 +342,6 @@ def _with_waves(space: Space, z: FloatArray, loss: float) -> list[Space]:
     losses = [start.found(start.start).loss for start in starts]
     least = min(losses)
     return [starts[losses.index(least)]] if least < loss - MAYBE_WAVES or hurried else []
-
-
-ROUGH_WHITE = 3.0
-"""Times what a search begins with: white gusts as large may be waves."""
-USUAL_GUST = 0.1
-"""Of the gusts that a search begins with: what they are expected to be."""
 
 
 def _wave_start(space: Space, z: FloatArray) -> Weather:

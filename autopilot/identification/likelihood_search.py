@@ -118,6 +118,7 @@ class Space:
         self.names += parts
         gust = scale.a * math.radians(0.3)
         self.boat = [i for i, name in enumerate(self.names) if name in RATE_NAMES or name in parts]
+        self.sky = [i for i in range(len(self.names)) if i not in self.boat]
         self.priors = {
             "gust": _Prior(math.log(0.1 * gust), 2.5),
             "gust_time": _Prior(math.log(GUST_TIME_S), GUST_TIME_WIDTH),
@@ -182,15 +183,10 @@ class Space:
             return math.inf, slope, np.eye(len(self.boat))
         motions = self._beside(z, held)
         worth = driven_worth(driven_moments(held, motions), noise)
-        slope[self.boat] = (worth[0::2] - worth[1::2]) / (4.0 * NEXT)
-        slope[2] += z[2] / LARGEST_CUBIC**2
+        before = self.slope_before(z)
+        slope[self.boat] = (worth[0::2] - worth[1::2]) / (4.0 * NEXT) + before[self.boat]
         if not boat_only:
-            slope[[i for i in range(z.size) if i not in self.boat]] = self._by_weather(z, held, noise)
-        slope[4:] += [
-            self.priors[name].slope(value) for name, value in zip(self.names[4:], z[4:].tolist(), strict=True)
-        ]
-        if boat_only:
-            slope[[i for i in range(z.size) if i not in self.boat]] = 0.0
+            slope[self.sky] = self._by_weather(z, held, noise) + before[self.sky]
         if not informed:
             return path.loss, slope, np.eye(len(self.boat))
         changes = np.stack([(e[0::2] - e[1::2]) / (2.0 * NEXT) for e in (motions.heading, motions.rate)], axis=1)
@@ -244,7 +240,12 @@ class Space:
                 at[i] += by
                 beside.append(_lasting(name, self.opened(at)[1], record, moments))
             slopes[name] = (beside[0] - beside[1]) / (2.0 * NEXT)
-        return [slopes[name] for i, name in enumerate(self.names) if i not in self.boat]
+        return [slopes[self.names[i]] for i in self.sky]
+
+    def slope_before(self, z: FloatArray) -> FloatArray:
+        """Return the derivatives of `before` by the vector's numbers."""
+        rest = [self.priors[name].slope(value) for name, value in zip(self.names[4:], z[4:].tolist(), strict=True)]
+        return np.array([0.0, 0.0, z[2] / LARGEST_CUBIC**2, 0.0, *rest])
 
     def curvature_before(self, i: int) -> float:
         """Return the second derivative of `before` by the vector's number i."""
@@ -343,7 +344,7 @@ def _curvature(space: Space, z: FloatArray, steps: FloatArray) -> tuple[FloatArr
     H = np.zeros((z.size, z.size))
     space.keep(z)
     _, here, known = space.slope(z)
-    before, sky = space.path, [i for i in range(z.size) if i not in space.boat]
+    before, sky = space.path, space.sky
     for i in sky:
         at = z.copy()
         at[i] += steps[i]

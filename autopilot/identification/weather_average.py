@@ -62,7 +62,7 @@ def averaged(space: Space, z: FloatArray, curvature: FloatArray, draws: int) -> 
     result.
     """
     boat = np.array(space.boat)
-    sky = np.array([i for i in range(z.size) if i not in space.boat])
+    sky = np.array(space.sky)
     width = np.array([space.priors[space.names[i]].width for i in sky])
     space.keep(z)
     follows = -inverse(space.slope(z, boat_only=True)[2]) @ curvature[np.ix_(boat, sky)]
