@@ -441,11 +441,9 @@ def with_bow_found(bow: Bow, found: Mapping[str, AlarmEvent]) -> Mapping[str, Al
         found = {**found, "bow_thruster_weak": AlarmEvent("bow_thruster_weak")}
     if thruster.is_hot:
         found = {**found, "bow_thruster_hot": AlarmEvent("bow_thruster_hot")}
-    return (
-        {**found, "bow_thruster_not_following": AlarmEvent("bow_thruster_not_following", disobeyed)}
-        if disobeyed
-        else found
-    )
+    if disobeyed:
+        found = {**found, "bow_thruster_not_following": AlarmEvent("bow_thruster_not_following", disobeyed)}
+    return found
 
 
 def bow_look(

@@ -387,15 +387,7 @@ def response_step(
 ) -> ResponseState:
     """Return what is known after the `newest` heading [rad] at its time [s], the rudder having been at `rudders` since
     the one before; the boat turns at about `rate` [rad/s]."""
-    last, known, mean, answer, late, slide, slid = (
-        before.time,
-        before.covariance,
-        before.mean,
-        before.answer,
-        before.late,
-        before.slide,
-        before.slid,
-    )
+    last, known, mean, answer, late, slide, slid = before[:7]
     stuck, stuck_late, wrong, wrong_late = before.stuck, before.stuck_late, before.reversed, before.reversed_late
     outliers, usual, shown, others = before.outliers, before.usual, before.shown, before.others
     (time, heading), (rudder, rudder_late, rudder_slow, braked) = newest, rudders
