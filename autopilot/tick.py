@@ -48,8 +48,7 @@ from autopilot.estimation.rudder_observer import (
 from autopilot.estimation.speeds import speeds_apart
 from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
-from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, quickness
-from autopilot.models.drives import Needs
+from autopilot.models.drives import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, Needs, quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.signals import (

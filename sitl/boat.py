@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from autopilot.models.drive_law import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, at_point
+from autopilot.models.drives import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, at_point
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share, sided
 from autopilot.models.waves import GRAVITY

@@ -67,7 +67,7 @@ from autopilot.estimation.tuning import (
     SPEED_MOST,
     WAVE_MEMORY,
 )
-from autopilot.models.drive_law import RUDDER_LAW, DriveLaw, way_of
+from autopilot.models.drives import RUDDER_LAW, DriveLaw, way_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample, ThrustSample

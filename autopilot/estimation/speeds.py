@@ -23,7 +23,7 @@ from autopilot.estimation.tuning import (
     STREAM_LEAST,
     STREAM_MOST,
 )
-from autopilot.models.drive_law import RUDDER_LAW, DriveLaw, at_point
+from autopilot.models.drives import RUDDER_LAW, DriveLaw, at_point
 from autopilot.models.norrbin import Norrbin, at_speed
 from autopilot.models.steering_gear import clip
 from autopilot.signals import SpeedSample, ThrustSample

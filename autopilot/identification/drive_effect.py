@@ -1,6 +1,6 @@
 """The model of a boat that steers by thrust, and how it goes with speed and throttle, from runs at several of them.
 
-All runs are simulated at once from their rudder, speed and throttle by the equation of `autopilot.models.drive_law`,
+All runs are simulated at once from their rudder, speed and throttle by the equation of `autopilot.models.drives`,
 
     r' = beta s^p t^q delta - (a + c (s - 1)) r - d r^3 + e,     s = U/U0,   t = n/n0,
 
@@ -29,8 +29,7 @@ from autopilot.identification.likelihood_record import Form
 from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.runs import FloatArray, Run, Segment, seconds
-from autopilot.models.drive_law import THROTTLE_FLOOR, DriveLaw, effect_of
-from autopilot.models.drives import Needs
+from autopilot.models.drives import THROTTLE_FLOOR, DriveLaw, Needs, effect_of
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin
 
 SPACING_S = 0.1

@@ -13,7 +13,7 @@ from scipy.fft import dct, idct
 from autopilot.identification.residuals import instrument_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, with_corners
 from autopilot.identification.runs import FloatArray, Segment
-from autopilot.models.drive_law import BEYOND, RUDDER_LAW, DriveLaw
+from autopilot.models.drives import BEYOND, RUDDER_LAW, DriveLaw
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO
 
 SUBSTEP = 0.3
@@ -50,7 +50,7 @@ class Scales(NamedTuple):
 
 def scales_of(form: Form, ratio: FloatArray) -> Scales:
     """Return the scales at speeds of `ratio` to the reference, elementwise: of a rudder those of `models.norrbin`, of
-    thrust at one throttle those of `models.drive_law`."""
+    thrust at one throttle those of `models.drives`."""
     law = form.law
     if law.is_rudder:
         # the prime system of SNAME: every term is made dimensionless with U and L

@@ -16,8 +16,7 @@ from autopilot.files.typed import NOW as NOW
 from autopilot.files.typed import RESTART as RESTART
 from autopilot.files.typed import Bounds as Bounds
 from autopilot.files.typed import Counts as Counts
-from autopilot.models.drive_law import DriveLaw
-from autopilot.models.drives import DRIVES, DriveName
+from autopilot.models.drives import DRIVES, DriveLaw, DriveName
 
 SCHEMA_VERSION = 2
 """What this version reads and writes."""

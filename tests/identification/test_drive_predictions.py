@@ -21,8 +21,7 @@ from autopilot.identification.drive_effect import DriveFit, at_one_throttle, fit
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.prediction_bands import boats_of, forecast, widened
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
-from autopilot.models.drive_law import DriveLaw
-from autopilot.models.drives import DRIVES
+from autopilot.models.drives import DRIVES, DriveLaw
 from autopilot.models.steering_gear import SteeringGear
 
 A, B, C, D, S, TAU = 2.6, 1.2, 6.0, 0.8, 1.0, 0.8

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from autopilot.models.drive_law import DriveLaw
+from autopilot.models.drives import DriveLaw
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.models.steering_gear import SteeringGear
 from sitl.boat import STILL, Boat, BoatState, Disturbance, Hull, Plant

@@ -1,6 +1,6 @@
 """What SERVO_OUTPUT_RAW shows of the thrust: the two outputs of a skid-steered frame, or the one throttle. Pure.
 
-The firmware mixes steering and throttle (`autopilot.models.drives.two_thrusters`), and the throttle is not ours. From
+The firmware mixes steering and throttle (`autopilot.models.two_thrusters`), and the throttle is not ours. From
 the two outputs both are worked out again: steering that was taken as it was asked for shows as it was sent. Where an
 output is at its limit less of it was taken: then it must be of the same sign, and no more than was asked for.
 """
@@ -13,7 +13,7 @@ from typing import NamedTuple
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.requests import SERVO_SUFFIXES, VehicleParameters
 from autopilot.links.mavlink.steering import SteeringChannel, SteeringOutput, share_from_servo
-from autopilot.models.drives.two_thrusters import moment, reach, unmixed
+from autopilot.models.two_thrusters import moment, reach, unmixed
 
 STEERING_TOLERANCE = 0.02
 """Of full steering: pulses are whole microseconds, and each output is rounded by itself."""

@@ -24,9 +24,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.models.drive_law import DriveLaw
-from autopilot.models.drives.kind import DriveKind, Needs
-
 LEFT, RIGHT = 73, 74
 """SERVOn_FUNCTION: ThrottleLeft and ThrottleRight."""
 HALVINGS = 12
@@ -35,16 +32,6 @@ LEAST_EXPO = 1.0e-6
 """Less is none to the firmware, which works in single precision."""
 AT_LIMIT = 0.985
 """An output beyond this share of full is held there."""
-
-DRIVES = (
-    DriveKind(
-        "two_thrusters",
-        Needs.NOTHING,
-        DriveLaw(speed_exponent=0.0, throttle_exponent=0.0, damping_share=0.0),
-        (LEFT, RIGHT),
-        "set SERVOn_FUNCTION of the left thruster to 73 and of the right one to 74",
-    ),
-)
 
 
 class Mixing(NamedTuple):

@@ -1,4 +1,4 @@
-"""How a yaw model goes with speed and thrust where the boat is not steered by a rudder alone.
+"""What steers the boat: the kinds of drive, by name, and how a yaw model goes with speed and thrust under each.
 
 A rudder's force goes with the square of the flow past it, so K ~ U and T ~ 1/U (`autopilot.models.norrbin`). Thrust
 that is turned, or differs between two sides, turns the boat whatever its speed. The hull damps yaw at rest, too, and
@@ -11,15 +11,21 @@ with the speed U, the throttle n as a share of full, and the trial's U0 and n0: 
 trim as an angle, n0/K, does not change. The loop is kept as quick as rudder or thrust can follow: a bandwidth that
 goes with sqrt(K/T) asks for the same angle at each heading error.
 
-p, q and w are identified (`autopilot.identification.drive_effect`). Pure; numba compiles it.
+p, q and w are identified (`autopilot.identification.drive_effect`). Until then a kind's usual ones stand: thrust of a
+propeller or a jet goes with the square of its revolutions, q = 2, unless the flight controller or the motor's own
+control makes it linear. In MANUAL mode ArduRover does with a vectored frame (MOT_VEC_ANGLEMAX) what it does with a
+rudder: the servo follows the stick. Only its own modes reckon with the thrust (libraries/AR_Motors/AP_MotorsUGV.cpp,
+output_regular). Pure; numba compiles it.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from enum import Enum
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin
+from autopilot.models.two_thrusters import LEFT, RIGHT
 
 THROTTLE_FLOOR = 0.05
 """Throttle [share of full] below which thrust that is turned does not steer: the scaling is held there."""
@@ -101,3 +107,57 @@ def quickness(law: DriveLaw, reference: Norrbin, model: Norrbin) -> float:
     if law.is_rudder:
         return model.reference_speed / reference.reference_speed
     return math.sqrt(model.gain / model.time_constant / (reference.gain / reference.time_constant))
+
+
+class Needs(Enum):
+    """What must be there before the boat can be steered."""
+
+    WAY = "way through the water"
+    THRUST = "thrust"
+    NOTHING = "nothing: it turns where it lies"
+
+
+class DriveKind(NamedTuple):
+    """A kind of drive.
+
+    name: the value of `drive.kind` in the vessel file. needs: what it steers by. usual: how K and T go with speed and
+    throttle where no trial has shown it. outputs: the servo functions (SERVOn_FUNCTION) of an ArduRover that carry the
+    steering, in the order in which they are read. advice: what to set where they are not there.
+    """
+
+    name: str
+    needs: Needs
+    usual: DriveLaw
+    outputs: tuple[int, ...]
+    advice: str
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether the flight controller mixes steering and throttle into the same outputs."""
+        return len(self.outputs) > 1
+
+
+GROUND_STEERING = 26
+THRUST_LAW = DriveLaw(speed_exponent=0.0, throttle_exponent=2.0, damping_share=0.0)
+TURN_THE_THRUST = "set SERVOn_FUNCTION of what turns the thrust to 26"
+DRIVES = {
+    kind.name: kind
+    for kind in (
+        DriveKind("rudder", Needs.WAY, RUDDER_LAW, (GROUND_STEERING,), "set SERVOn_FUNCTION of the rudder to 26"),
+        DriveKind("outboard", Needs.THRUST, THRUST_LAW, (GROUND_STEERING,), TURN_THE_THRUST),
+        DriveKind("jet", Needs.THRUST, THRUST_LAW, (GROUND_STEERING,), TURN_THE_THRUST),
+        DriveKind("vectored", Needs.THRUST, THRUST_LAW, (GROUND_STEERING,), TURN_THE_THRUST),
+        DriveKind(
+            "two_thrusters",
+            Needs.NOTHING,
+            DriveLaw(speed_exponent=0.0, throttle_exponent=0.0, damping_share=0.0),
+            (LEFT, RIGHT),
+            "set SERVOn_FUNCTION of the left thruster to 73 and of the right one to 74",
+        ),
+    )
+}
+"""Every kind there is, the usual one first; nobody else asks its name."""
+if TYPE_CHECKING:
+    DriveName = str
+else:
+    DriveName = Literal[tuple(DRIVES)]
