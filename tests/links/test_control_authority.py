@@ -204,9 +204,9 @@ def test_what_was_commanded_within_a_second_may_be_reported() -> None:
     found = watch()
     for step, pulse in enumerate((1500, 1510, 1500, 1520)):
         found.commanded(0.5 * step, pulse)
-    assert found.echo.pulses == [1510, 1500, 1520]
+    assert [*found.echo.pulses] == [1510, 1500, 1520]
     found.commanded(10.0, None)
-    assert found.echo.pulses == [] and found.steering
+    assert not found.echo.pulses and found.steering
     found.released()
     assert not found.steering
 

@@ -1,7 +1,8 @@
 """Control authority: whether the vehicle lets us steer, and if not, the one sentence that says why. Pure.
 
 Only what the vehicle shows counts: mode and arming from its heartbeat, the ground-station id from its parameters, and,
-while we steer, our own pulse seen again in RC_CHANNELS or the servo moving in SERVO_OUTPUT_RAW.
+while we steer, the echo of our override: our own pulse seen again in RC_CHANNELS or the servo moving in
+SERVO_OUTPUT_RAW. A bow thruster's channel has an echo of its own.
 
 The override probe finds out, before the pilot may engage and without moving the rudder, that our steering is taken.
 ArduPilot ignores overrides in silence: from a system id that is not its ground station's, while the pilot's override
@@ -17,14 +18,84 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Collection
 from enum import Enum
 
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.echo import OverrideEcho, agrees_with, differing
 from autopilot.links.mavlink.requests import OVERRIDE_TIME, TWO_PADDLES, VehicleParameters
 from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
 from autopilot.models.drives import DRIVES
 from autopilot.signals import HelmCause
+
+DISOBEDIENCE_S = 1.0
+"""The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
+AGREEMENT_WEIGHT = 0.5
+"""Reports that agree make good half as much: a rudder that follows somebody else every other time is found out too."""
+PULSE_TOLERANCE_US = 3
+HISTORY_S = 1.0
+
+
+class OverrideEcho:
+    """Whether an override shows in what the vehicle reports: one for each channel that is overridden. Times in seconds.
+
+    Attributes:
+        began: when the overriding began.  report_time: when something was reported last, -inf before.
+        pulses: the input pulses [us] commanded in the `HISTORY_S` before the last command, each once with its last
+            time, the newest last.
+    """
+
+    def __init__(self) -> None:
+        self.began = self.report_time = -math.inf
+        self.pulses: dict[int, float] = {}
+        self._is_held = False
+        self._doubts: dict[str, tuple[float, float]] = {}
+
+    def commanded(self, now: float, pulse: int | None) -> None:
+        """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for something else."""
+        if not self._is_held:
+            self._is_held, self._doubts = True, {}
+            self.began = self.report_time = now
+        if pulse is not None:
+            self.pulses.pop(pulse, None)  # its last time orders it
+            self.pulses[pulse] = now
+        for oldest in [*self.pulses]:
+            if now - self.pulses[oldest] <= HISTORY_S:
+                break
+            del self.pulses[oldest]
+
+    def released(self) -> None:
+        """Take note that nothing is overridden any more."""
+        self._is_held = False
+        self.pulses.clear()
+
+    def shows(self, now: float, what: str, pulse: int, expected: Collection[int]) -> str:
+        """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last; return what it
+        is that has differed for too long, '' where nothing has.
+
+        It is one of them: between two that lie on either side a pulse that stands still would seem to obey for as long
+        as the order swings about it. `what` names the report, such as "RC channel 1" or "servo 1".
+        """
+        return differing(what, pulse, expected) if self.disagrees(now, what, agrees_with(pulse, expected)) else ""
+
+    def disagrees(self, now: float, what: str, agrees: bool) -> bool:
+        """Take whether the report `what` agrees with what is commanded; return whether it has not for too long."""
+        self.report_time = now
+        last, doubt = self._doubts.get(what, (self.began, 0.0))
+        passed = now - last if now - last < DISOBEDIENCE_S else DISOBEDIENCE_S
+        doubt += -AGREEMENT_WEIGHT * passed if agrees else passed
+        self._doubts[what] = (now, doubt if doubt > 0.0 else 0.0)
+        return doubt > DISOBEDIENCE_S
+
+
+def agrees_with(pulse: int, expected: Collection[int]) -> bool:
+    """Return whether a reported `pulse` [us] is one of those that are expected."""
+    return pulse in expected or any(-PULSE_TOLERANCE_US <= pulse - each <= PULSE_TOLERANCE_US for each in expected)
+
+
+def differing(what: str, pulse: int, expected: Collection[int]) -> str:
+    """Return what is said of a reported `pulse` [us] that is none of those that are expected."""
+    return f"{what} is at {pulse} us while {[*expected][-1]} is commanded"
+
 
 MANUAL_MODE = 0
 GUIDED_MODE = 15
@@ -160,7 +231,7 @@ class ControlAuthority:
             self._strange_until = self._strange[-1] + STRANGE_LASTS_S
         return self.steering and now <= self._strange_until
 
-    def seen(self, now: float, what: str, pulse: int, expected: list[int], is_input: bool = False) -> None:
+    def seen(self, now: float, what: str, pulse: int, expected: Collection[int], is_input: bool = False) -> None:
         """Compare a reported `pulse` [us] with those that the commands of late ask for; `OverrideEcho.shows`.
 
         `is_input`: it is the input that we override.

@@ -19,13 +19,19 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, OverrideProbe
-from autopilot.links.mavlink.bow_thruster import BowThrusterOutput
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.conditions import BATTERY, FENCING, FILTER, SYSTEM, TEXT, RadioWatch, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
 from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters, obstacle_of
 from autopilot.links.mavlink.steering import MIXED_US, SteeringOutput, share_from_servo
-from autopilot.links.mavlink.thrusters import asked_throttle, is_taken, reach_of, share_of_output, shown_by
+from autopilot.links.mavlink.thrusters import (
+    BowThrusterOutput,
+    asked_throttle,
+    is_taken,
+    reach_of,
+    share_of_output,
+    shown_by,
+)
 from autopilot.links.release import OverrideRelease
 from autopilot.models.drives import DRIVES
 from autopilot.signals import (
