@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from datetime import date
-from typing import Any
+from typing import Any, NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
@@ -37,7 +37,18 @@ MOVED = 2.0e-3
 
 JUMP = math.radians(2.0)
 """No boat is soon where the variation is so much another: an instrument that says so has lost its place, its date or
-the sign."""
+the sign, or had not found them before."""
+SETTLED_S = 10.0
+"""What an instrument says for so long while nothing is steered by it is taken."""
+
+
+class Jump(NamedTuple):
+    """What a variation was and what is said now [rad], since when while nothing is steered, and when last [s]."""
+
+    before: float
+    said: float
+    since: float
+    last: float
 
 
 class Variation:
@@ -45,7 +56,8 @@ class Variation:
     else that of a model of the earth's field where the boat is.
 
     Of several instruments the first counts as long as it sends one: two that differ would swing the heading to and fro.
-    One whose own jumps is held to what it said before; 0 is what some say before they know.
+    One whose own jumps is held to what it said before while the boat is steered: no boat turns for it, and what was
+    wrong at first is not kept for the whole run. 0 is what some say before they know.
 
     field: returns the variation [rad] at a latitude and longitude [rad].
     """
@@ -56,7 +68,8 @@ class Variation:
         self._source: tuple[object, ...] = ()
         self._received_time = -math.inf
         self._accepted: dict[tuple[object, ...], float] = {}
-        self._jumps: dict[tuple[object, ...], tuple[float, float]] = {}
+        self._jumps: dict[tuple[object, ...], Jump] = {}
+        self._steers: bool | None = None
         self._reckoned: float | None = None
         self._place: tuple[float, float] | None = None
 
@@ -72,10 +85,8 @@ class Variation:
 
         source: what tells it from others; the first of these is who asks for the `alarm`.
         """
-        before = self._accepted.get(source, variation)
-        if source and before != 0.0 and abs(wrap(variation - before)) > JUMP:
-            self._jumps[source] = before, variation
-            variation = before
+        if source and self._jumps_to(time, variation, source):
+            variation = self._accepted[source]
         else:
             self._accepted[source] = variation
             self._jumps.pop(source, None)
@@ -83,11 +94,29 @@ class Variation:
             self._received, self._source, self._received_time = variation, source, time
         return variation
 
+    def _jumps_to(self, time: float, variation: float, source: tuple[object, ...]) -> bool:
+        """Return whether what an instrument says is not to be taken."""
+        before = self._accepted.get(source, variation)
+        if not abs(wrap(variation - before)) > JUMP or (before == 0.0 and not self._steers):
+            return False
+        jump = self._jumps.get(source)
+        lasts = jump is not None and self._steers is False and abs(wrap(variation - jump.said)) <= JUMP
+        since = jump.since if jump is not None and lasts else time
+        self._jumps[source] = Jump(before, variation, since, time)
+        return variation == 0.0 or time - since < SETTLED_S
+
+    def on_tick(self, now: float, steers: bool) -> None:
+        """Take at `now` [s] whether the boat is steered, and forget the jumps of instruments that are silent."""
+        self._steers = steers
+        for source in [each for each, jump in self._jumps.items() if now - jump.last > SILENT_S]:
+            del self._jumps[source]
+
     def alarm(self, owner: object) -> AlarmEvent | None:
         """Return the alarm of an instrument of `owner`, as `receive` was given it, whose variation has jumped."""
         for source, jump in self._jumps.items():
             if source[0] is owner:
-                said = " to ".join(f"{abs(math.degrees(each)):.1f} {'W' if each < 0.0 else 'E'}" for each in jump)
+                both = jump.before, jump.said
+                said = " to ".join(f"{abs(math.degrees(each)):.1f} {'W' if each < 0.0 else 'E'}" for each in both)
                 return AlarmEvent("variation_jumped", said)
         return None
 

@@ -356,6 +356,19 @@ def test_pulses_of_another_are_said_after_three_in_ten_seconds_for_eight() -> No
         assert not found.others_override(times[2] + 2.0), "the proof in between has shown that they are gone"
 
 
+def test_an_echo_that_a_jittery_line_brings_late_is_nobody_else_s() -> None:
+    found = watch()
+    for step in range(101):
+        now = 0.1 * step
+        found.commanded(now, 1500 + 5 * step)
+        late = 1500 + 5 * max(step - 10 - step % 14, 0)
+        found.seen(now, "RC channel 1", late, found.echo.pulses, is_input=True)
+    assert not found.others_override(10.0)
+    for _ in range(3):
+        found.seen(10.0, "RC channel 1", 1500 + 5 * 100 - 145, found.echo.pulses, is_input=True)
+    assert found.others_override(10.0), "2.9 s ago"
+
+
 def test_a_proof_that_fails_is_tried_again_after_four_seconds_and_stays_said_meanwhile() -> None:
     proof = probe()
     proof.due(0.0)

@@ -125,6 +125,45 @@ def test_a_variation_that_changes_its_sign_on_nmea_2000_turns_no_boat() -> None:
     assert jumped(heard(0.2, 12.1)) == ["over"]
 
 
+def test_a_right_variation_after_a_wrong_one_is_taken_when_the_boat_is_not_steered() -> None:
+    """A GPS that had kept the last port's place: no restart is needed, and no steered boat turns for it."""
+    known = Variation()
+
+    def said(now: float, degrees: float) -> float:
+        return math.degrees(known.receive(now, math.radians(degrees), "gps"))
+
+    known.on_tick(0.0, False)
+    assert said(0.0, -3.0) == pytest.approx(-3.0)
+    known.on_tick(1.0, True)
+    assert {round(said(1.0 + second, 14.0)) for second in range(60)} == {-3}, "while it is steered"
+    known.on_tick(61.0, False)
+    assert [round(said(61.0 + second, 14.0)) for second in range(12)] == [-3] * 9 + [14] * 3
+    assert known.alarm("gps") is None and math.degrees(known.value or 0.0) == pytest.approx(14.0)
+    assert {round(said(80.0 + second, 0.0)) for second in range(60)} == {14}, "some say 0 that have lost their place"
+    assert {round(said(150.0 + second, 40.0 * (second % 2))) for second in range(60)} == {14}, "it does not stand"
+
+
+def test_a_steered_boat_does_not_turn_for_a_variation_that_was_0() -> None:
+    known = Variation()
+    known.receive(0.0, 0.0, "gps")
+    known.on_tick(1.0, True)
+    assert known.receive(2.0, 0.2, "gps") == 0.0
+    assert known.alarm("gps") == AlarmEvent("variation_jumped", "0.0 E to 11.5 E")
+    known.on_tick(3.0, False)
+    assert known.receive(4.0, 0.2, "gps") == 0.2 and known.alarm("gps") is None
+
+
+def test_an_instrument_that_is_silent_is_no_alarm() -> None:
+    known = Variation()
+    known.on_tick(0.0, True)
+    known.receive(0.0, 0.1, "gps")
+    known.receive(1.0, 0.2, "gps")
+    known.on_tick(31.0, True)
+    assert known.alarm("gps") is not None
+    known.on_tick(31.1, True)
+    assert known.alarm("gps") is None
+
+
 def test_a_variation_goes_with_the_voyage_and_from_0_to_any() -> None:
     known = Variation()
     for step in range(200):

@@ -33,6 +33,8 @@ AGREEMENT_WEIGHT = 0.5
 """Reports that agree make good half as much: a rudder that follows somebody else every other time is found out too."""
 PULSE_TOLERANCE_US = 3
 HISTORY_S = 1.0
+PATIENCE_S = 2.5
+"""A slow telemetry radio may take this long from our message to the vehicle's report of it."""
 
 
 class OverrideEcho:
@@ -47,6 +49,7 @@ class OverrideEcho:
     def __init__(self) -> None:
         self.began = self.report_time = -math.inf
         self.pulses: dict[int, float] = {}
+        self._earlier: dict[int, float] = {}
         self._is_held = False
         self._doubts: dict[str, tuple[float, float]] = {}
 
@@ -61,12 +64,22 @@ class OverrideEcho:
         for oldest in [*self.pulses]:
             if now - self.pulses[oldest] <= HISTORY_S:
                 break
-            del self.pulses[oldest]
+            self._earlier.pop(oldest, None)
+            self._earlier[oldest] = self.pulses.pop(oldest)
+        for oldest in [*self._earlier]:
+            if now - self._earlier[oldest] <= PATIENCE_S:
+                break
+            del self._earlier[oldest]
 
     def released(self) -> None:
         """Take note that nothing is overridden any more."""
         self._is_held = False
         self.pulses.clear()
+        self._earlier.clear()
+
+    def is_late(self, pulse: int) -> bool:
+        """Return whether a reported `pulse` [us] was commanded before `pulses`, and not longer ago than a slow line."""
+        return agrees_with(pulse, self._earlier)
 
     def shows(self, now: float, what: str, pulse: int, expected: Collection[int]) -> str:
         """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last; return what it
@@ -130,8 +143,6 @@ STRANGE_S = 10.0
 STRANGE_LASTS_S = 8.0
 """So many reports of the input within this time are somebody else's, who tries every few seconds; the alarm lasts from
 one of their tries to the next."""
-PATIENCE_S = 2.5
-"""A slow telemetry radio may take this long from our message to the vehicle's report of it."""
 STANDBY_STATE = 3
 STICK_MOVED_US = 150
 """A stick that is moved this far is meant."""
@@ -237,8 +248,8 @@ class ControlAuthority:
         `is_input`: it is the input that we override.
         """
         echo, agrees = self.echo, agrees_with(pulse, expected)
-        # what was reported before our first command of all arrived there is nobody else's
-        if is_input and not agrees and now - echo.began > PATIENCE_S:
+        # nobody else's: what was reported before our first command of all arrived there, and an echo that comes late
+        if is_input and not agrees and now - echo.began > PATIENCE_S and not echo.is_late(pulse):
             self._strange.append(now)
         if echo.disagrees(now, what, agrees):
             self.disobeyed = (

@@ -357,6 +357,7 @@ class N2kSession:
     def on_tick(self, tick: Tick) -> None:
         """Say heading/track control at its rate."""
         self._tick = tick
+        self._variation.on_tick(tick.now, tick.command.engaged)
         if self._alerts is not None and self.node is not None and self.node.is_ready(tick.now):
             address = self.node.address
             self._waiting += [Message(group, data, address, priority=7) for group, data in self._alerts.due(tick)]

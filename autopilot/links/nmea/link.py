@@ -211,7 +211,7 @@ class NmeaSession:
         guide: PlotterGuide | None = None,
         variation: Variation | None = None,
     ) -> None:
-        known = variation or known_as(settings.variation)
+        known = self._known = variation or known_as(settings.variation)
         self.name = name
         self.replaced = 0
         self.received_time = -math.inf
@@ -313,6 +313,7 @@ class NmeaSession:
 
     def on_tick(self, tick: Tick) -> None:
         """Queue the sentences that fall due with `tick`; they leave when the line has no rudder order to carry."""
+        self._known.on_tick(tick.now, tick.command.engaged)
         self._repeated.extend(self._repeater.due(tick))
 
     def due(self, now: float) -> list[bytes]:
