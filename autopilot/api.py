@@ -15,9 +15,10 @@ from pathlib import Path
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
+from autopilot.identification.ordered_rudder import slower_rudder, with_doubt_of_rate, with_rudder_of
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run
-from autopilot.identification.verdict import Verdict, verdict_of
+from autopilot.identification.verdict import Verdict, verdict_on_runs
 from autopilot.links.base import LinkError
 from autopilot.logs.reading import load_run
 from autopilot.pilot import Pilot
@@ -29,7 +30,8 @@ from autopilot.runtime.log_files import FileSink
 from autopilot.runtime.record import read_log as _read_own_log
 from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample, RudderSample, SpeedSample, Tick
-from autopilot.vessel.file import dump_vessel, load_vessel, rounded
+from autopilot.vessel.file import dump_vessel, load_vessel, recorded_vessel, rounded
+from autopilot.vessel.fleet import boats_prior
 from autopilot.vessel.schema import Vessel
 
 __all__ = [
@@ -76,26 +78,55 @@ def read_ticks(path: str | Path) -> list[Tick]:
     return _read_own_log(Path(path)).ticks
 
 
-def identify(*logs: Run | str | Path, reference_speed: float | None = None) -> Identified:
-    """Return Norrbin's model of the boat that sailed the `logs`, with its covariance and what the logs cannot tell.
+def identify(*logs: Run | str | Path, vessel: Vessel | None = None, reference_speed: float | None = None) -> Identified:
+    """Return Norrbin's model of the boat that sailed the `logs`, with its covariance and what the logs cannot tell: the
+    answer of the command `identify`.
 
-    reference_speed [m/s]: at which K, T and n3 hold; None: the logs' mean speed. What it is good for says `verdict`.
+    vessel: the boat as its file says, for its length and its rudder's rate; None: the one inside the logs, where there
+    is one. reference_speed [m/s]: at which K, T and n3 hold; None: the logs' mean speed. What it is good for says
+    `verdict`.
     """
+    runs, boat = _recorded(logs, vessel, "identify")
+    method = method_named(None)
+    prior = None if boat is None or boat.length_m is None else boats_prior(boat.length_m, (boat.name,))
+    question = Question(reference_speed=reference_speed, prior=prior)
+    by_thrust = boat is not None and boat.drive.kind != "rudder"
+    rate = slower_rudder(runs, _filed_rate(boat), by_thrust=by_thrust)
+    if rate is None:
+        return method.identify(runs, question)
+    found = method.identify([with_rudder_of(run, rate) for run in runs], question)
+    at_speed = question._replace(reference_speed=found.model.reference_speed)
+    return with_doubt_of_rate(found, runs, rate, lambda moved: method.identify(moved, at_speed))
+
+
+def verdict(found: Identified, *logs: Run | str | Path, vessel: Vessel | None = None) -> Verdict:
+    """Return what a model is good for: a grade ("good", "start", "not enough") and a sentence with what to do next.
+
+    logs, vessel: those that were given to `identify`. No model is called good whose logs were not looked at: how well
+    it predicts them, what is left over, and whether the rudder is the one in the vessel's file.
+    """
+    runs, boat = _recorded(logs, vessel, "verdict")
+    return verdict_on_runs(found, runs, _filed_rate(boat))
+
+
+def _recorded(logs: Sequence[Run | str | Path], vessel: Vessel | None, asks: str) -> tuple[list[Run], Vessel | None]:
+    """Return the runs, and the boat that sailed them where it is known."""
+    if not logs:
+        raise InputError(f"{asks} needs the logs of the boat: {asks}(..., log)")
     runs = [log if isinstance(log, Run) else read_log(log) for log in logs]
-    if not runs:
-        raise InputError("identify needs a log")
-    return method_named(None).identify(runs, Question(reference_speed=reference_speed))
+    return runs, recorded_vessel(runs) if vessel is None else vessel
 
 
-def verdict(found: Identified) -> Verdict:
-    """Return what a model is good for: a grade ("good", "start", "not enough") and a sentence with what to do next. The
-    command `identify` looks at predictions and residuals too, and so can be stricter."""
-    return verdict_of(found)
+def _filed_rate(vessel: Vessel | None) -> float:
+    return math.inf if vessel is None else vessel.rudder.slower_rate
 
 
 def with_model(vessel: Vessel, found: Identified) -> Vessel:
-    """Return the vessel with the identified model and no gains, for those of the old model are another boat's."""
-    model = found.model
+    """Return the vessel with the identified model and no gains, for those of the old model are another boat's. A rudder
+    that turned out to be slower than its file says is so in the vessel too."""
+    model, rudder, rate = found.model, vessel.rudder, found.rudder_rate
+    if rate is not None:
+        rudder = dataclasses.replace(rudder, rate_max_deg_s=rounded(math.degrees(rate.rate)), rate_port_deg_s=None)
     control = dataclasses.replace(vessel.control, backstepping=None, pid=None, sliding=None, sliding_roll=None)  # type: ignore[call-arg]
     filed = dataclasses.replace(
         vessel.model,
@@ -107,7 +138,7 @@ def with_model(vessel: Vessel, found: Identified) -> Vessel:
         n0_rad_s=rounded(model.n0),
         reference_speed_m_s=rounded(model.reference_speed),
     )
-    return dataclasses.replace(vessel, model=filed, control=control)
+    return dataclasses.replace(vessel, model=filed, rudder=rudder, control=control)
 
 
 def design(vessel: Vessel, level: int = 5) -> Vessel:

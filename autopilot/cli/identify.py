@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from autopilot.identification.model_choice import Choice
     from autopilot.identification.rudder_path import RudderRate
     from autopilot.identification.runs import Run
+    from autopilot.identification.verdict import Verdict
     from autopilot.report.identification import Result
     from autopilot.vessel.schema import Vessel
 
@@ -176,7 +177,9 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     from autopilot.cli.identify_drive import identified_by_thrust
     from autopilot.cli.log import log_options, print_newer, refuse_twice, vessel_of
     from autopilot.identification.gear_check import gear_check
+    from autopilot.identification.ordered_rudder import slower_rudder, with_rudder_of
     from autopilot.logs.reading import load_run
+    from autopilot.vessel.file import recorded_vessel
 
     vessel = vessel_of(arguments)
     options = log_options(arguments, vessel)
@@ -187,15 +190,17 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         [load_run(path, None, arguments.reverse_rudder, options) for path in paths]
         for paths in (arguments.logs, arguments.holdout)
     )
-    known = _vessel_of(vessel, fitted)
-    ordered, as_ordered = _slower_rudder(known, fitted), fitted
+    known = recorded_vessel(fitted) if vessel is None else vessel
+    filed = math.inf if known is None else known.rudder.slower_rate
+    by_thrust = known is not None and known.drive.kind != "rudder"
+    ordered, as_ordered = slower_rudder(fitted, filed, by_thrust=by_thrust), fitted
     if ordered is not None:
-        from autopilot.identification.ordered_rudder import with_rudder_of
-
         fitted, held_out = ([with_rudder_of(run, ordered) for run in runs] for runs in (fitted, held_out))
     driven = identified_by_thrust(arguments, vessel, fitted, held_out)
     if driven is not None:
-        print(driven)
+        text, verdict = driven
+        print(text)
+        _refuse_below(arguments, verdict)
         return int(ExitCode.OK)
     if arguments.out:
         from autopilot.cli.identify_vessel import Given, boat_for
@@ -204,13 +209,11 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         boat = boat_for(arguments.out, fitted, given)
     doubt = None if ordered is None else (as_ordered, ordered)
     result = _identify(arguments, steady, _prior(arguments.length_m, known), fitted, held_out, doubt)
-    if ordered is not None:
-        result = result._replace(rudder_rate=ordered)
-    result = result._replace(gear=gear_check(as_ordered, _filed_rate(known), result.rudder_rate))
+    result = result._replace(gear=gear_check(as_ordered, filed, result.rudder_rate))
     shown = report.as_json if arguments.json else report.as_text
-    if short := _falls_short(arguments, result):
+    if not (verdict := report.verdict_on(result)).serves(arguments.at_least):
         print(shown(result))
-        raise RefusedError(short)
+        _refuse_below(arguments, verdict)
     if arguments.out:
         from autopilot.cli.identify_vessel import write_vessel
 
@@ -229,38 +232,10 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     return int(ExitCode.OK)
 
 
-def _falls_short(arguments: argparse.Namespace, result: Result) -> str:
-    """Return why the model is not as good as --at-least asks; "" where it is, or nothing is asked."""
-    from autopilot.report.identification import verdict_on
-
-    grades = ("not enough", "start", "good")
-    verdict, least = verdict_on(result), arguments.at_least
-    if least is None or grades.index(verdict.grade) >= grades.index(least):
-        return ""
-    return f"{arguments.out or 'the model'} is not written: {verdict.sentence}"
-
-
-def _slower_rudder(vessel: Vessel | None, runs: Sequence[Run]) -> RudderRate | None:
-    """Return the rate of a rudder that is known by its orders alone and was slower than the vessel file says."""
-    is_thrust = vessel is not None and vessel.drive.kind != "rudder"
-    if any(run.rudder == "measured" or (is_thrust and run.rudder == "estimated") for run in runs):
-        return None
-    from autopilot.identification.ordered_rudder import slower_rudder
-
-    return slower_rudder(runs, _filed_rate(vessel))
-
-
-def _filed_rate(vessel: Vessel | None) -> float:
-    """Return the slower side's rate [rad/s] by the vessel file; inf where there is none."""
-    return math.inf if vessel is None else math.radians(min(vessel.rudder.rates_deg_s))
-
-
-def _vessel_of(vessel: Vessel | None, runs: Sequence[Run]) -> Vessel | None:
-    """Return the vessel, or that of the pilot that recorded; None where there is none."""
-    from autopilot.vessel.file import parse_vessel
-
-    text = next((run.vessel for run in runs if run.vessel), "")
-    return parse_vessel(text, f"{runs[0].source} (header)") if vessel is None and text else vessel
+def _refuse_below(arguments: argparse.Namespace, verdict: Verdict) -> None:
+    """Raise RefusedError where the model is not as good as --at-least asks."""
+    if not verdict.serves(arguments.at_least):
+        raise RefusedError(f"{arguments.out or 'the model'} is not written: {verdict.sentence}")
 
 
 def _roll(arguments: argparse.Namespace) -> str:
@@ -321,7 +296,6 @@ def _identify(
     """Return the answer; rudder: the runs as they were ordered and a rate found by turning, whose doubt goes in."""
     from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.registry import METHODS, method_named
-    from autopilot.identification.residual_tests import residual_tests
 
     method = method_named(arguments.method)
     with ProgressBar("identifying") as bar:
@@ -346,12 +320,8 @@ def _identify(
 
             at_speed = question._replace(reference_speed=found.model.reference_speed)
             found = with_doubt_of_rate(found, *rudder, lambda runs: method.identify(runs, at_speed))
-    model, train = found.model, found.train
-    if found.sliding is not None and found.around is None:
-        model, train = found.sliding.model, found.sliding.fit.train
-    tests = residual_tests(fitted, model, found.around, train, dict(found.trims))
     result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
-    return result._replace(residual_tests=tests, choice=choice)
+    return result._replace(residual_tests=found.residual_tests(fitted), choice=choice)
 
 
 def _prior(length: float | None, vessel: Vessel | None) -> BoatPrior | None:
@@ -475,8 +445,8 @@ def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Seque
 
     predictions = [(run, "fit", found.predict(run)) for run in fitted]
     predictions += [(run, "holdout", found.predict(run)) for run in held_out]
-    speed, measured, expected = found.model.reference_speed, rudder_rate_of(fitted), None
+    speed, rate, expected = found.model.reference_speed, found.rudder_rate or rudder_rate_of(fitted), None
     if found.predictor is not None and not undetermined(found):
         expected = forecast(found.predictor, *in_the_race(found.around, fitted, speed), gear_of(fitted))
     stage_one = nomoto_stage(fitted, speed)
-    return Result(kind, found, stage_one, predictions, rudder_rate=measured, forecast=expected)
+    return Result(kind, found, stage_one, predictions, rudder_rate=rate, forecast=expected)

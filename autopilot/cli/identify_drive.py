@@ -17,18 +17,20 @@ if TYPE_CHECKING:
     from autopilot.identification.drive_effect import DriveFit, Prediction
     from autopilot.identification.prediction_bands import Forecast
     from autopilot.identification.runs import Run
+    from autopilot.identification.verdict import Verdict
     from autopilot.vessel.schema import Vessel
 
 NOT_HERE = ("steady_turns", "course_unstable", "fit_rudder", "report")
 """Options of the fit for a rudder."""
-GOOD = 0.9
-"""R2 of the yaw rate with which gains may be designed without a word."""
 
 
 def identified_by_thrust(
     arguments: argparse.Namespace, vessel: Vessel | None, fitted: Sequence[Run], held_out: Sequence[Run]
-) -> str | None:
-    """Return what is found, as text or JSON; None for a boat with a rudder, which is another's. Raises InputError."""
+) -> tuple[str, Verdict] | None:
+    """Return what is found, as text or JSON, and what it is good for; None for a boat with a rudder.
+
+    The file is written where the model is as good as --at-least asks. Raises InputError.
+    """
     from autopilot.models.drives import DRIVES
     from autopilot.vessel.file import load_vessel, parse_vessel
 
@@ -46,19 +48,21 @@ def identified_by_thrust(
                 f"--{name.replace('_', '-')} is for a rudder, and drive.kind is {kind.name}; leave it out."
             )
     from autopilot.identification.drive_effect import fit_drive, predict_drive
+    from autopilot.identification.verdict import verdict_by_thrust
 
     fit = fit_drive(fitted, kind.usual, kind.needs)
     ahead = _forecast(fitted, fit, vessel)
     rows = [
         (run, role, predict_drive(run, fit)) for role, runs in (("fit", fitted), ("holdout", held_out)) for run in runs
     ]
-    if arguments.out:
+    verdict = verdict_by_thrust(fit, [found for _, _, found in rows])
+    is_written = arguments.out and verdict.serves(arguments.at_least)
+    if is_written:
         _write(arguments.out, vessel, fit, fitted)
     if arguments.json:
-        return json.dumps(_document(fit, rows, ahead), indent=2, allow_nan=False)
-    return "\n".join(
-        [*_lines(kind.name, fit, rows, ahead), *([f"\nWrote the model to {arguments.out}."] if arguments.out else [])]
-    )
+        return json.dumps(_document(fit, rows, ahead, verdict), indent=2, allow_nan=False), verdict
+    written = [f"\nWrote the model to {arguments.out}."] if is_written else []
+    return "\n".join([*_lines(kind.name, fit, rows, ahead, verdict), *written]), verdict
 
 
 def _forecast(runs: Sequence[Run], fit: DriveFit, vessel: Vessel) -> Forecast | None:
@@ -77,11 +81,14 @@ def _forecast(runs: Sequence[Run], fit: DriveFit, vessel: Vessel) -> Forecast | 
     return forecast(likely, at_one_throttle(runs, fit.law), fit.model.reference_speed, gear)
 
 
-def _document(fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]], ahead: Forecast | None) -> dict[str, Any]:
+def _document(
+    fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]], ahead: Forecast | None, verdict: Verdict
+) -> dict[str, Any]:
     from autopilot.report.identification import forecast_document
 
     model, law = fit.model, fit.law
     return {
+        "verdict": verdict._asdict(),
         "parameters": {
             "K_1_s": model.gain,
             "T_s": model.time_constant,
@@ -101,15 +108,16 @@ def _document(fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]], ahead:
     }
 
 
-def _lines(kind: str, fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]], ahead: Forecast | None) -> list[str]:
+def _lines(
+    kind: str, fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]], ahead: Forecast | None, verdict: Verdict
+) -> list[str]:
     from autopilot.files.printable import aligned
     from autopilot.report.identification import FORECAST, forecast_rows
 
     model, errors = fit.model, fit.errors
-    worst = min(found.r2 for _, _, found in rows)
-    verdict = "good" if worst >= GOOD else "doubtful: look over rudder, throttle and speed of the runs"
     lines = [
-        f"Verdict: {verdict}; the least R2 of the yaw rate is {worst:.3f}.",
+        verdict.sentence[0].upper() + verdict.sentence[1:],
+        "",
         f"Drive {kind}, at {model.reference_speed:.2f} m/s"
         + ("" if math.isnan(fit.law.throttle) else f" and {100.0 * fit.law.throttle:.0f} % throttle")
         + ":",

@@ -22,7 +22,7 @@ from autopilot.identification.model_choice import steering_errors, steering_mode
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.report.identification import Result, undetermined
-from autopilot.vessel.file import doubted, load_vessel, model_section, parse_vessel, rounded, text_for
+from autopilot.vessel.file import doubted, load_vessel, model_section, recorded_vessel, rounded, text_for
 from autopilot.vessel.schema import SCHEMA_VERSION, Alarms, Control, Drive, Model, Rudder, Sensors, Vessel
 
 ASSUMED_RATE_DEG_S = 10.0
@@ -55,9 +55,8 @@ def boat_for(path: str, runs: Sequence[Run], given: Given) -> Vessel | None:
         return load_vessel(path)
     if given.vessel is not None:
         return _for_new_model(given.vessel, path)
-    text = next((run.vessel for run in runs if run.vessel), "")
-    if text:
-        return _for_new_model(parse_vessel(text, f"{runs[0].source} (header)"), path)
+    if (recorded := recorded_vessel(runs)) is not None:
+        return _for_new_model(recorded, path)
     if given.end_stop_deg is None and given.full_deg is None:
         raise InputError(
             f"{path}: a new vessel file needs the rudder's end stop, which no recording shows; give "

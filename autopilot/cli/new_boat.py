@@ -12,7 +12,7 @@ import math
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +21,7 @@ from autopilot.cli.options import SPEEDUP, number
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.outside import parse_json, read_regular
 from autopilot.files.saving import check_folder, numbered, save_text
+from autopilot.models.drives import DRIVES
 from autopilot.vessel.schema import Vessel
 
 MOST_BYTES = 1 << 16
@@ -29,7 +30,11 @@ SWINGS = 20.0
 ZIGZAG_S = (40.0, 1800.0)
 ZIGZAG_DEG = 15.0
 CHECKED_DEG = 10.0
+NEAR_STOP_DEG = 5.0
+"""The last step to an end stop that was only typed: no further is a rudder pressed against one that comes earlier."""
 HELD_S = 60.0
+FULL_STEERING_DEG, THRUSTERS_DEG_S, THRUSTERS_LAG_S = 30.0, 150.0, 0.15
+"""Of two thrusters: what stands for full steering, and what is usual of their motors."""
 
 
 class Boat(NamedTuple):
@@ -50,7 +55,8 @@ class Step(NamedTuple):
 
     before: what to do first.  command: the arguments of `autopilot`.  good: what is good enough.  otherwise: what to do
     where it is not.  question: what only the operator can see, "" where the exit code says all.  check: what its log
-    shows to be otherwise than the file says, a clause each.
+    shows to be otherwise than the file says, a clause each.  again: what a boat that
+    steers by thrust is asked until the answer is no.
     """
 
     name: str
@@ -61,6 +67,7 @@ class Step(NamedTuple):
     otherwise: str
     question: str = ""
     check: Callable[[Boat], list[str]] = lambda boat: []
+    again: str = ""
 
 
 def _doctor(boat: Boat) -> list[str]:
@@ -68,15 +75,15 @@ def _doctor(boat: Boat) -> list[str]:
 
 
 def _rudder(boat: Boat) -> list[str]:
-    most = boat.vessel.rudder.angle_max_deg
-    some = min(CHECKED_DEG, most)
-    angles = f"{some:g},{-some:g},{most:g},{-most:g}"
-    options = [
-        "--rudder-deg",
-        angles,
-        "--each",
-        f"{2.0 + 2.0 * most / (boat.vessel.rudder.rate_max_deg_s or most):.0f}",
-    ]
+    """Order a little to either side, then step by step to each end stop: typed too large, it is touched, not rammed."""
+    rudder = boat.vessel.rudder
+    most, some = rudder.angle_max_deg, min(CHECKED_DEG, rudder.angle_max_deg)
+    angles = [some, -some, 0.0]
+    if not DRIVES[boat.vessel.drive.kind].is_mixed:
+        steps = [step for step in (0.5 * (some + most), most - NEAR_STOP_DEG, most) if step > some]
+        angles += [*steps, 0.0, *(-step for step in steps), 0.0]
+    each = 2.0 + 2.0 * most / (rudder.rate_max_deg_s or most)
+    options = ["--rudder-deg", ",".join(f"{angle:g}" for angle in angles), "--each", f"{each:.0f}"]
     return ["trial", "turning", str(boat.file), *boat.links, "--unidentified", *options, "--log", boat.log("rudder")]
 
 
@@ -96,9 +103,8 @@ def _rudder_log(boat: Boat) -> list[str]:
     if seen is None:
         print("No sensor shows the rudder: nothing but your eye has compared its angles with those that you typed.")
         return []
-    filed = math.radians(min(boat.vessel.rudder.rates_deg_s))
     rate = measured_rate([(seen.time, seen.angle)])
-    against = [*angles_against(rests_of(seen)), *rate_against(rate, filed, [seen])]
+    against = [*angles_against(rests_of(seen)), *rate_against(rate, boat.vessel.rudder.slower_rate, [seen])]
     if not against:
         print("The rudder's sensor agrees with the angles and the rate that you typed.")
     return against
@@ -106,7 +112,9 @@ def _rudder_log(boat: Boat) -> list[str]:
 
 def _zigzag(boat: Boat) -> list[str]:
     model = boat.vessel.model
-    angle = min(ZIGZAG_DEG, boat.vessel.rudder.angle_max_deg)
+    # beside a throttle two thrusters have little steering left
+    most = CHECKED_DEG if DRIVES[boat.vessel.drive.kind].is_mixed else ZIGZAG_DEG
+    angle = min(most, boat.vessel.rudder.angle_max_deg)
     lasts = min(max(SWINGS * (1.0 / model.K_1_s + model.T_s), ZIGZAG_S[0]), ZIGZAG_S[1])
     options = ["--rudder-deg", f"{angle:g}", "--heading-deg", f"{angle:g}", "--duration", f"{math.ceil(lasts)}"]
     return ["trial", "zigzag", str(boat.file), *boat.links, "--unidentified", *options, "--log", boat.log("zigzag")]
@@ -117,7 +125,9 @@ def _identify(boat: Boat) -> list[str]:
     logs = [str(path) for path in _until_missing(place)]
     if not logs:
         raise InputError(f"{place}: not there; sail the zigzag first: autopilot new-boat {boat.file} --redo zigzag")
-    return ["identify", logs[-1], "--vessel", str(boat.file), "--out", str(boat.file), "--at-least", "start"]
+    # how thrust steers goes with the throttle: every zigzag counts
+    used = logs[-1:] if DRIVES[boat.vessel.drive.kind].usual.is_rudder else logs
+    return ["identify", *used, "--vessel", str(boat.file), "--out", str(boat.file), "--at-least", "start"]
 
 
 def _until_missing(place: Path) -> list[Path]:
@@ -156,28 +166,30 @@ STEPS = (
         "Switch the instruments on. With a flight controller: arm it, mode MANUAL, throttle neutral.",
         _doctor,
         "GO, with warnings that you have read",
-        "do what stands behind each arrow, then run this step again",
+        "do what stands behind each arrow",
     ),
     Step(
         "rudder",
         "proof of control, sign and end stops",
-        "At the dock, propeller stopped. The rudder will move: 10 deg to starboard, to port, then to both end stops. "
-        "Keep hands clear and the power switch at hand.",
+        "At the dock, propeller stopped. The rudder moves 10 deg to starboard and to port, then in steps to the "
+        "starboard stop and to the port one. Keep hands clear and the power switch at hand, and press Ctrl-C as soon "
+        "as it touches a stop: that releases it. Two thrusters run, one ahead and one astern: tie the boat up well.",
         _rudder,
-        "the rudder went to starboard first, then to port, and stopped short of its stops both times",
+        "it steered to starboard first, then to port, and no stop was touched",
         "wrong side first: reverse it at the drive or in SERVOn_REVERSED; against a stop: set rudder.angle_max_deg "
         "lower; too little or too much: measure helm.rudder_at_full_pwm_deg and helm.servo_us",
-        "Did it go to starboard first, then to port, and stop short of its stops both times?",
+        "Did it steer to starboard first, then to port, and was no stop touched?",
         _rudder_log,
     ),
     Step(
         "zigzag",
         "the zigzag",
         "Open water, 20 boat lengths to each side, calm. Steady speed, the one that you sail most. Somebody keeps a "
-        "lookout; a mode change, or Ctrl-C, ends it.",
+        "lookout; a mode change, or Ctrl-C, ends it. A boat that steers by thrust needs it at two or three throttles.",
         _zigzag,
         "it was sailed to its end",
-        "more room, or less sea; then run this step again",
+        "more room, or less sea",
+        again="Sail another at another throttle (a quarter, a half, three quarters)?",
     ),
     Step(
         "identify",
@@ -185,7 +197,7 @@ STEPS = (
         "Nothing to do: the log is read.",
         _identify,
         "the first line says good, or good for a start",
-        "sail what the first line asks for: autopilot new-boat FILE --redo zigzag",
+        "sail what the first line asks for, with --redo zigzag",
     ),
     Step(
         "gains",
@@ -331,6 +343,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
         "--link", action="append", default=[], metavar="URL", help="as for `autopilot run` (default: what is found)"
     )
     parser.add_argument("--as-gcs", action="store_true", help="as for `autopilot run`")
+    parser.add_argument("--drive", choices=tuple(DRIVES), help="what steers the boat (rudder)")
     parser.add_argument("--length-m", action=LENGTHS, metavar="L", help="length of the waterline")
     parser.add_argument("--speed-kn", action=SPEEDS_KN, metavar="U", help="the speed that is sailed most")
     parser.add_argument("--rudder-max-deg", action=STOPS, metavar="DEG", help="end stop of the rudder, each side")
@@ -371,7 +384,8 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             take(step, Boat(file, (*checklist.links, *_pace(step, arguments)), load_vessel(file)), talk)
         except KeyboardInterrupt:
-            print(f"\nLeft before {step.title}; autopilot new-boat {file} goes on here.")
+            print(f"\nLeft before {step.title} was done. If it was for a reason: {step.otherwise}.")
+            print(f"autopilot new-boat {file} goes on here.")
             raise
         checklist.tick_off(step, datetime.now())
         checklist.save()
@@ -412,6 +426,17 @@ class Talk:
             else:
                 return value
 
+    def choice(self, words: str, allowed: Sequence[str]) -> str:
+        """Return one of the words that are allowed, the first where nothing is typed or nobody answers."""
+        if self.silent:
+            return allowed[0]
+        while (answer := input(f"{words} ({', '.join(allowed)}) [{allowed[0]}]: ").strip().lower()) not in (
+            "",
+            *allowed,
+        ):
+            print(f"  write one of {', '.join(allowed)}")
+        return answer or allowed[0]
+
     def yes(self, words: str) -> bool:
         """Return whether the answer is yes; without anybody to answer it is, where --yes says so. Else InputError."""
         if self._says_yes:
@@ -442,11 +467,11 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     from autopilot.identification.verdict import KNOT_M_S
     from autopilot.vessel.file import doubted, dump_vessel, rounded
     from autopilot.vessel.fleet import first_model
-    from autopilot.vessel.schema import SCHEMA_VERSION, Helm, Rudder
+    from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Helm, Rudder
 
     file: Path = arguments.file
     check_folder(file)
-    print(f"{file} is not there yet. Four numbers begin it; the zigzag will find the rest.")
+    print(f"{file} is not there yet. A few numbers begin it; the zigzag will find the rest.")
 
     def asked(given: float | None, words: str, option: str, allowed: Any) -> float:
         def check(value: float) -> None:
@@ -455,20 +480,30 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
 
         return given if given is not None else talk.number(words, option, check)
 
+    kind = DRIVES[arguments.drive or talk.choice("What steers it", tuple(DRIVES))]
     length = asked(arguments.length_m, "Length of the waterline in metres", "--length-m", LENGTHS)
     speed = asked(arguments.speed_kn, "Speed that you sail most, in knots", "--speed-kn", SPEEDS_KN)
-    stop = asked(arguments.rudder_max_deg, "End stop of the rudder in degrees, each side", "--rudder-max-deg", STOPS)
-    side = arguments.side_to_side_s
-    if side is None and not talk.silent and talk.yes("Can the rudder be moved from stop to stop now, at full speed?"):
-        side = round(talk.seconds("Move it from one stop to the other."), 2)
-    side = asked(side, "Seconds from one end stop to the other", "--side-to-side-s", SIDES)
+    if kind.is_mixed:
+        stop, source = FULL_STEERING_DEG, "full steering, by definition"
+        rudder = Rudder(stop, THRUSTERS_DEG_S, THRUSTERS_LAG_S, source=f"{source}; rate and lag assumed")
+    else:
+        stop = asked(
+            arguments.rudder_max_deg, "End stop of the rudder in degrees, each side", "--rudder-max-deg", STOPS
+        )
+        side = arguments.side_to_side_s
+        if side is None and not talk.silent and talk.yes("Can it be moved from stop to stop now, at full speed?"):
+            side = round(talk.seconds("Move it from one stop to the other."), 2)
+        side = asked(side, "Seconds from one end stop to the other", "--side-to-side-s", SIDES)
+        source = "assumed to be the end stop; measure it"
+        rudder = Rudder(stop, rounded(2.0 * stop / side), source="stops and time from side to side, measured")
     boat = Vessel(
         schema_version=SCHEMA_VERSION,
         name=file.stem,
         length_m=length,
         model=first_model(length, speed * KNOT_M_S),
-        rudder=Rudder(stop, rounded(2.0 * stop / side), source="stops and time from side to side, measured"),
-        helm=Helm(rudder_at_full_pwm_deg=stop, source="assumed to be the end stop; measure it"),
+        rudder=rudder,
+        drive=Drive(kind=kind.name),
+        helm=Helm(rudder_at_full_pwm_deg=stop, source=source),
     )
     save_text(file, dump_vessel(boat), overwrite=False)
     print("\n".join([f"wrote {file}; its model is {boat.model.source}", *doubted(file, boat)]))
@@ -503,10 +538,17 @@ def links_of(arguments: argparse.Namespace, checklist: Checklist, talk: Talk) ->
 
 
 def take(step: Step, boat: Boat, talk: Talk) -> None:
-    """Run a step. Raises RefusedError where it is not good enough."""
+    """Run a step, as often as it takes. Raises RefusedError where it is not good enough."""
+    print(f"== {step.title}\n{step.before}")
+    _take_once(step, boat, talk)
+    by_thrust = not DRIVES[boat.vessel.drive.kind].usual.is_rudder
+    while step.again and by_thrust and not talk.silent and talk.yes(step.again):
+        _take_once(step, boat, talk)
+
+
+def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
     command = step.command(boat)
-    print(f"== {step.title}\nautopilot {' '.join(command)}")
-    talk.ready(step.before)
+    talk.ready(f"autopilot {' '.join(command)}")
     code = subprocess.run([sys.executable, "-m", "autopilot", *command], check=False).returncode
     again = f"then: autopilot new-boat {boat.file}"
     if code == 0 and (against := step.check(boat)):

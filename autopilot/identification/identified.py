@@ -11,9 +11,9 @@ import numpy as np
 from autopilot.identification.boat_prior import BoatPrior
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.output_error import Solution, Weighting
-from autopilot.identification.residual_tests import Prediction, predict, simulate_run
+from autopilot.identification.residual_tests import Prediction, ResidualTest, predict, residual_tests, simulate_run
 from autopilot.identification.residuals import PREFIX, Noise, Trim
-from autopilot.identification.rudder_path import DIRECT, RudderTrain
+from autopilot.identification.rudder_path import DIRECT, RudderRate, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, has_propeller, has_wind
 from autopilot.identification.two_stage import CubicDamping
 from autopilot.models.norrbin import Norrbin
@@ -128,7 +128,8 @@ class Identified(NamedTuple):
     leans: by symbol K, T and n3 the share of what is known of K/T, n1/T and n3/T that other boats said; empty where
     they said nothing. likely: the likelihood's fit with the weather that it found, where that answered. sliding: the
     boat of second order where the runs show that it slides: predictions are made with it, `model` is what it is steered
-    by."""
+    by. rudder_rate: at which the rudder moved that the runs know by its orders alone, where the boat's turning showed
+    it slower than the vessel file says and the runs were fitted behind it."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -147,6 +148,7 @@ class Identified(NamedTuple):
     leans: Mapping[str, float] = MappingProxyType({})
     likely: LikelihoodFit | None = None
     sliding: Sliding | None = None
+    rudder_rate: RudderRate | None = None
 
     @property
     def predictor(self) -> LikelihoodFit | None:
@@ -160,6 +162,13 @@ class Identified(NamedTuple):
     def simulated(self, run: Run) -> list[FloatArray]:
         """Return the motion predicted for `run`, per segment rate [rad/s] and heading [rad] of shape (N, 2)."""
         return simulate_run(*self._known_to(run))
+
+    def residual_tests(self, runs: Sequence[Run]) -> list[ResidualTest]:
+        """Return the tests of what the model leaves of yaw rate and heading of the runs that were fitted."""
+        model, train = self.model, self.train
+        if self.sliding is not None and self.around is None:
+            model, train = self.sliding.model, self.sliding.fit.train
+        return residual_tests(runs, model, self.around, train, dict(self.trims))
 
     def _known_to(self, run: Run) -> tuple[Norrbin, Run, RaceAndWind | None, RudderTrain]:
         n0 = dict(self.trims).get(run.source, self.model.n0)

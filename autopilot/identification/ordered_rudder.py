@@ -76,12 +76,14 @@ def rate_limited(time: FloatArray, rudder: FloatArray, rate_max: float) -> Float
     return moved
 
 
-def slower_rudder(runs: Sequence[Run], filed: float) -> RudderRate | None:
+def slower_rudder(runs: Sequence[Run], filed: float, *, by_thrust: bool = False) -> RudderRate | None:
     """Return the rate at which the rudder moved where the runs show that it was slower than `filed` [rad/s].
 
-    runs: their rudder as ordered or estimated, moved at the filed rate, which may be inf. None where they do not show
-    it.
+    runs: their rudder as ordered or estimated, moved at the filed rate, which may be inf. by_thrust: the boat has no
+    rudder, and what is estimated is its thrust. None where they do not show it, and where a sensor shows the rudder.
     """
+    if any(run.rudder == "measured" or (by_thrust and run.rudder == "estimated") for run in runs):
+        return None
     series = [each for run in runs for segment in run.segments if (each := _series(segment)) is not None]
     asked = max((float(np.max(np.abs(np.diff(each.rudder)))) / each.dt for each in series), default=0.0)
     quickest = min(filed, asked)
@@ -163,7 +165,9 @@ def with_doubt_of_rate(
         a, b, d, e = (math.hypot(error, share * (high - low)) for error, low, high in pairs)
         ratios = Ratios(ratios.values, (a, b, d, e))
         reasons = {**reasons, **reasons_of(ratios, found.model, errors)}
-    return found._replace(standard_errors=errors, covariance=covariance, ratios=ratios, unidentifiable=reasons)
+    return found._replace(
+        standard_errors=errors, covariance=covariance, ratios=ratios, unidentifiable=reasons, rudder_rate=rate
+    )
 
 
 def _value(found: Identified, name: str) -> float:

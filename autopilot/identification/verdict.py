@@ -10,9 +10,14 @@ import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from autopilot.identification.gear_check import GearCheck
+from autopilot.identification.drive_effect import DriveFit
+from autopilot.identification.drive_effect import Prediction as DrivePrediction
+from autopilot.identification.gear_check import GearCheck, gear_check
 from autopilot.identification.identified import SURE_OF_IT, Identified
+from autopilot.identification.ordered_rudder import with_rudder_of
 from autopilot.identification.residual_tests import Prediction, ResidualTest
+from autopilot.identification.rudder_path import rudder_rate_of
+from autopilot.identification.runs import Run
 
 Grade = Literal["good", "start", "not enough"]
 
@@ -22,6 +27,8 @@ MOST_LEANING = 0.5
 """Share of what is known of K/T or n1/T that other boats may have said of a good model."""
 LEAST_R2 = 0.5
 """Share of the yaw rate that must be predicted open loop from rudder and speed for a good model of a stable boat."""
+LEAST_R2_BY_THRUST = 0.9
+"""The same of a boat that steers by thrust, of each run."""
 KNOT_M_S = 1852.0 / 3600.0
 
 
@@ -30,6 +37,42 @@ class Verdict(NamedTuple):
 
     grade: Grade
     sentence: str
+
+    def serves(self, least: str | None) -> bool:
+        """Return whether the grade is at least that one; None asks for nothing."""
+        grades = ("not enough", "start", "good")
+        return least is None or grades.index(self.grade) >= grades.index(least)
+
+
+def verdict_on_runs(found: Identified, runs: Sequence[Run], filed: float) -> Verdict:
+    """Return what the model is good for, fitted to the `runs`, which are as they were recorded; `filed` is the rudder's
+    rate by the vessel file [rad/s], inf where none is known."""
+    rate = found.rudder_rate
+    fitted = runs if rate is None else [with_rudder_of(run, rate) for run in runs]
+    gear = gear_check(runs, filed, rate or rudder_rate_of(fitted))
+    return verdict_of(found, [found.predict(run) for run in fitted], found.residual_tests(fitted), gear)
+
+
+def verdict_by_thrust(fit: DriveFit, predictions: Sequence[DrivePrediction]) -> Verdict:
+    """Return what the model of a boat that steers by thrust is good for; predictions of all its runs."""
+    values = {"K": (fit.model.gain, fit.errors["gain"]), "T": (fit.model.time_constant, fit.errors["time_constant"])}
+    doubts = {symbol: SURE_OF_IT * error / abs(value) for symbol, (value, error) in values.items()}
+    worst = max(doubts, key=lambda symbol: doubts[symbol])
+    share, least = f"{worst} +- {100.0 * doubts[worst]:.0f} %, 95 %", min(each.r2 for each in predictions)
+    if not doubts[worst] <= ENOUGH or not least >= LEAST_R2:
+        why = share if not doubts[worst] <= ENOUGH else f"of the yaw rate of one run R2 is {least:.2f}"
+        return Verdict("not enough", f"not enough ({why}): sail the zigzags once more, each for twice as long.")
+    if doubts[worst] > GOOD:
+        return Verdict("start", f"good for a start ({share}): sail one more zigzag at each throttle.")
+    if least < LEAST_R2_BY_THRUST:
+        return Verdict(
+            "start",
+            f"good for a start ({share}; of the yaw rate of one run R2 is {least:.2f}): look over rudder, throttle and "
+            "speed of the runs.",
+        )
+    if "exponent" not in fit.errors:
+        return Verdict("start", f"good for a start ({share}): sail zigzags at half and twice the throttle too.")
+    return Verdict("good", f"good, steer with it ({share}).")
 
 
 def verdict_of(

@@ -418,5 +418,4 @@ def follow_of(vessel: Vessel) -> FollowSettings:
     rudder = vessel.rudder
     tolerance = math.radians(rudder.follow_tolerance_deg)
     patience = max(UNATTENDED_S, vessel.failsafe.heading_timeout_s, LATE_PERIODS / vessel.control.rate_hz)
-    rate = math.radians(min(rudder.rates_deg_s))
-    return FollowSettings(tolerance, rate, rudder.delay_s + rudder.lag_s, patience)
+    return FollowSettings(tolerance, rudder.slower_rate, rudder.delay_s + rudder.lag_s, patience)

@@ -12,10 +12,10 @@ import io
 import re
 import typing
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -33,6 +33,9 @@ from autopilot.files.typed import Bounds, Shipped, hints_of
 from autopilot.models.drives import DRIVES, Needs
 from autopilot.models.norrbin import Norrbin, folds
 from autopilot.vessel.schema import SCHEMA_VERSION, Model, StandardErrors, Vessel
+
+if TYPE_CHECKING:
+    from autopilot.identification.runs import Run
 
 VESSELS = Shipped("firmware_params", "vessels", "shipped")
 
@@ -68,6 +71,12 @@ def refuse_bare_name(out: str | Path) -> None:
 def parse_vessel(text: str, file: str = "<text>") -> Vessel:
     """Return the vessel described by YAML `text`; `file` is the name used in messages. Raises InputError."""
     return vessel_from(parse_document(text, file))
+
+
+def recorded_vessel(runs: Iterable[Run]) -> Vessel | None:
+    """Return the boat of the first run whose log holds the file of the pilot that wrote it; None where none does."""
+    run = next((run for run in runs if run.vessel), None)
+    return None if run is None else parse_vessel(run.vessel, f"{run.source} (header)")
 
 
 def shipped_vessels() -> list[str]:

@@ -101,6 +101,11 @@ class Rudder:
         starboard = math.inf if self.rate_max_deg_s is None else self.rate_max_deg_s
         return starboard if self.rate_port_deg_s is None else self.rate_port_deg_s, starboard
 
+    @property
+    def slower_rate(self) -> float:
+        """Slewing rate to the slower side [rad/s], inf where unlimited."""
+        return math.radians(min(self.rates_deg_s))
+
 
 @dataclass(frozen=True)
 class Sensors:

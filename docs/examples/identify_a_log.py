@@ -7,7 +7,7 @@ from autopilot import design, identify, load_vessel, read_log, save_vessel, verd
 log, out = sys.argv[1], sys.argv[2]
 run = read_log(log)
 found = identify(run)
-print(verdict(found).sentence)
+print(verdict(found, run).sentence)
 print(f"K {found.model.gain:.3f} 1/s, T {found.model.time_constant:.3f} s at {found.model.reference_speed:.2f} m/s")
 for name, error in found.standard_errors.items():
     if error is not None:

@@ -89,6 +89,28 @@ def test_the_zigzag_lasts_for_the_boat(tmp_path: Path) -> None:
     assert seconds("lanxin") == 40.0 < seconds("mariner") <= 1800.0
 
 
+def test_at_the_dock_the_stops_that_were_typed_are_come_to_in_steps(tmp_path: Path) -> None:
+    rudder = next(step for step in STEPS if step.name == "rudder")
+
+    def angles(name: str) -> list[float]:
+        command = rudder.command(Boat(tmp_path / "mine.yaml", (), load_vessel(name)))
+        return [float(angle) for angle in command[command.index("--rudder-deg") + 1].split(",")]
+
+    lanxin = angles("lanxin")
+    assert lanxin == [10.0, -10.0, 0.0, 20.0, 25.0, 30.0, 0.0, -20.0, -25.0, -30.0, 0.0]
+    assert angles("twin_thruster") == [10.0, -10.0, 0.0], "two thrusters have no stop, and tear at their lines"
+
+
+def test_a_boat_of_two_thrusters_is_asked_for_no_rudder(tmp_path: Path, commands: list[list[str]]) -> None:
+    file = tmp_path / "mine.yaml"
+    given = ["--drive", "two_thrusters", "--link", "udpin:127.0.0.1:1", "--yes", *NUMBERS[:4]]
+    assert main(["new-boat", str(file), *given]) == 4
+    boat = load_vessel(file)
+    assert boat.drive.kind == "two_thrusters" and boat.rudder.angle_max_deg == 30.0
+    assert boat.helm.rudder_at_full_pwm_deg == 30.0 and "by definition" in boat.helm.source
+    assert [command[0] for command in commands] == ["doctor", "trial", "trial", "identify", "gains"]
+
+
 def test_a_log_never_takes_a_name_that_is_there(tmp_path: Path) -> None:
     boat = Boat(tmp_path / "mine.yaml", (), load_vessel("lanxin"))
     (tmp_path / "mine-hold.tlog").write_text("")
@@ -141,9 +163,9 @@ def test_who_leaves_is_shown_where_it_goes_on(
     monkeypatch.setattr(new_boat.subprocess, "run", left)
     with pytest.raises(KeyboardInterrupt):
         main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"])
-    assert (
-        f"Left before this computer and the links; autopilot new-boat {file} goes on here." in capsys.readouterr().out
-    )
+    said = capsys.readouterr().out
+    assert "Left before this computer and the links was done. If it was for a reason: do what stands" in said
+    assert f"autopilot new-boat {file} goes on here." in said
 
 
 def test_at_its_end_stand_the_commands_of_every_day(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,9 @@ from two_processes import free_port, simulator
 import autopilot
 import autopilot.api
 import sitl
+from autopilot.cli.main import main
+from autopilot.identification.residuals import Noise
+from autopilot.models.norrbin import Norrbin
 from autopilot.signals import Mode
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -43,16 +47,34 @@ def test_a_run_in_lockstep_is_logged_and_replays(tmp_path: Path) -> None:
     assert replayed.returncode == 0
 
 
-def test_a_log_is_identified_and_its_file_written(tmp_path: Path) -> None:
-    from autopilot import Order, OrderKind, load_vessel
+@pytest.fixture(scope="module")
+def zigzag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    log = tmp_path_factory.mktemp("zigzag") / "zigzag.tlog"
+    order = autopilot.Order(autopilot.OrderKind.ZIGZAG, rudder=0.26, heading_change=0.26, serial=1)
+    sitl.simulate(autopilot.load_vessel("lanxin"), lambda now, tick: order, 45.0, log=log)
+    return log
 
-    zigzag = Order(OrderKind.ZIGZAG, rudder=0.26, heading_change=0.26, serial=1)
-    sitl.simulate(load_vessel("lanxin"), lambda now, tick: zigzag, 45.0, log=tmp_path / "zigzag.tlog")
-    text = said("identify_a_log.py", "zigzag.tlog", "boat.yaml", folder=tmp_path)
+
+def test_a_log_is_identified_and_its_file_written(zigzag: Path, tmp_path: Path) -> None:
+    text = said("identify_a_log.py", str(zigzag), "boat.yaml", folder=tmp_path)
     assert text.splitlines()[0] and "wrote boat.yaml" in text
     found, truth = autopilot.load_vessel(tmp_path / "boat.yaml"), autopilot.load_vessel("lanxin")
     assert found.model.K_1_s == pytest.approx(truth.model.K_1_s, rel=0.1)
     assert found.control.backstepping is not None
+
+
+def test_no_model_is_judged_without_its_logs() -> None:
+    model = Norrbin(1.0, 1.0)
+    with pytest.raises(autopilot.InputError, match="verdict needs the logs"):
+        autopilot.verdict(autopilot.Identified(model, {}, {}, (Noise(0.0, 1), Noise(0.0, 1))))
+
+
+def test_a_verdict_is_that_of_the_command(zigzag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = autopilot.identify(zigzag)
+    assert main(["identify", str(zigzag), "--json"]) == 0
+    command = json.loads(capsys.readouterr().out)
+    assert autopilot.verdict(found, zigzag)._asdict() == command["verdict"]
+    assert found.model.gain == command["parameters"]["K"]["value"]
 
 
 def test_a_pilot_steps_around_a_boat_of_your_own(tmp_path: Path) -> None:

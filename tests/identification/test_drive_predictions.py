@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 
 from autopilot.cli.main import main
-from autopilot.identification.drive_effect import DriveFit, at_one_throttle, fit_drive, likely_drive
+from autopilot.identification.drive_effect import DriveFit, Prediction, at_one_throttle, fit_drive, likely_drive
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.prediction_bands import boats_of, forecast, widened
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
+from autopilot.identification.verdict import verdict_by_thrust
 from autopilot.models.drives import DRIVES, DriveLaw
 from autopilot.models.steering_gear import SteeringGear
 
@@ -122,6 +123,26 @@ def test_runs_at_other_throttles_are_made_one_throttles() -> None:
 
 def test_a_boat_that_does_not_follow_is_not_forecast(runs: list[Run], fit: DriveFit) -> None:
     assert likely_drive(runs, fit._replace(model=fit.model._replace(gain=0.0))) is None
+
+
+@pytest.mark.parametrize(
+    ("gain", "r2", "spread", "grade"),
+    [
+        (0.05, 0.95, True, "good"),
+        (0.05, 0.95, False, "start"),
+        (0.05, 0.8, True, "start"),
+        (0.2, 0.95, True, "start"),
+        (0.4, 0.95, True, "not enough"),
+        (0.05, 0.2, True, "not enough"),
+        (math.nan, 0.95, True, "not enough"),
+    ],
+)
+def test_what_is_little_known_is_not_called_good(
+    fit: DriveFit, gain: float, r2: float, spread: bool, grade: str
+) -> None:
+    errors = {"gain": gain * fit.model.gain, "time_constant": 0.0} | ({"exponent": 0.1} if spread else {})
+    verdict = verdict_by_thrust(fit._replace(errors=errors), [Prediction(0.99, 0.0), Prediction(r2, 0.0)])
+    assert verdict.grade == grade and verdict.sentence.endswith(".")
 
 
 def test_identify_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

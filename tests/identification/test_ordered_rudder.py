@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from boat_recordings import zigzag_boat
 
+import autopilot
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question, Ratios
 from autopilot.identification.identify import identify
@@ -152,3 +153,11 @@ def test_fits_beside_the_rate_that_fail_are_made_up_for_or_refused() -> None:
     assert found.standard_errors["time_constant"] == pytest.approx(math.hypot(0.03, 0.04))
     with pytest.raises(InputError, match="record the rudder's angle"):
         with_doubt_of_rate(fitted(5.0), [run], RATE, never)
+
+
+def test_a_rudder_slower_than_its_file_is_noticed_and_taken_over() -> None:
+    run, filed = ordered(3.0, noise_deg=0.2), autopilot.load_vessel("lanxin")
+    assert filed.rudder.rate_max_deg_s == 20.0
+    found = autopilot.identify(run, vessel=filed)
+    assert "its rudder turns out to move at 3" in autopilot.verdict(found, run, vessel=filed).sentence
+    assert autopilot.with_model(filed, found).rudder.rate_max_deg_s == pytest.approx(3.0, rel=0.1)
