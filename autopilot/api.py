@@ -25,8 +25,8 @@ from autopilot.pilot import Pilot
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import LinkOptions
-from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.log_files import FileSink
+from autopilot.runtime.machine import MonotonicClock
 from autopilot.runtime.record import read_log as _read_own_log
 from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample, RudderSample, SpeedSample, Tick

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 from fault_boat import FaultBoat, Injected, Moment, bring_into, deviation_deg, is_engaged
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.control import trial
+from autopilot.control import registry
 from autopilot.control.law import LawInForce
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.signals import Mode, Tick
@@ -73,7 +73,10 @@ def stream(speed_m_s: float) -> Injected:
 
 def constant_demand(rudder: float) -> LawInForce:
     """Return a law that returns nonsense: it says `rudder` [rad] whatever it is given."""
-    return LawInForce(trial.LAW._replace(name="nan", step=lambda _, memory, __: (rudder, memory)), trial.NoGains())
+    return LawInForce(
+        registry.LAWS[registry.TRIAL_LAW]._replace(name="nan", step=lambda _, memory, __: (rudder, memory)),
+        registry.NoGains(),
+    )
 
 
 def law_of_no_numbers(boat: FaultBoat) -> None:

@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.control.trial import TRIAL_LAW
+from autopilot.control.registry import TRIAL_LAW
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import loopback_pair

@@ -25,9 +25,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot.identification.learning import CHANCE, Learner
+from autopilot.identification.learning import AHEAD_LONGEST_S, AHEAD_SHORTEST_S, AHEAD_TIME_CONSTANTS, CHANCE, Learner
 from autopilot.identification.live_filter import moved_on
-from autopilot.identification.prediction_test import AHEAD_LONGEST_S, AHEAD_SHORTEST_S, AHEAD_TIME_CONSTANTS
 from autopilot.models.norrbin import Norrbin
 from autopilot.runtime.build import model_of
 from autopilot.vessel.file import load_vessel

@@ -45,7 +45,7 @@ from rails_peers import (
 )
 
 from autopilot.angles import wrap
-from autopilot.guidance.fix import Place, offset
+from autopilot.guidance.current import Place, offset
 from autopilot.guidance.path import on_arc, swept
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint

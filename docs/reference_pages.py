@@ -148,8 +148,7 @@ def exit_codes() -> str:
 def links_and_logs() -> str:
     """Return the page of every kind of link, of every format of logs, and of what is known and not read."""
     from autopilot.links.url import EXAMPLES, FORWARD_OPTIONS, MEDIA, OPTIONS, SCHEMES
-    from autopilot.logs.reading import FORMATS, MODULES
-    from autopilot.logs.unread import BINARY, ENDINGS, TEXT
+    from autopilot.logs.reading import BINARY, ENDINGS, FORMATS, MODULES, TEXT
 
     page = io.StringIO()
     page.write("# Links and logs\n\nWhat is opened and read, from the code's own tables. [Links](../links.md) and ")

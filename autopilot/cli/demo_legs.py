@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from autopilot.angles import wrap
-from autopilot.control.trial import TRIAL_LAW
+from autopilot.control.registry import TRIAL_LAW
 from autopilot.errors import RefusedError
 from autopilot.files.saving import save_text
 from autopilot.identification.identified import Identified, Question
@@ -36,8 +36,8 @@ from autopilot.operators.trial_script import Step, TrialScript, heading, turning
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import model_of
 from autopilot.runtime.build_links import LinkOptions
-from autopilot.runtime.clock import MonotonicClock
 from autopilot.runtime.log_files import FileSink
+from autopilot.runtime.machine import MonotonicClock
 from autopilot.runtime.tuning import designed
 from autopilot.signals import Tick
 from autopilot.supervision.panel import sentences_of

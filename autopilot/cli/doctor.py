@@ -91,7 +91,7 @@ def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
     from autopilot.doctor.vehicle import examine
     from autopilot.links.arrivals import RecordingTransport, came
     from autopilot.runtime.build_links import LinkOptions, open_links
-    from autopilot.runtime.clock import MonotonicClock
+    from autopilot.runtime.machine import MonotonicClock
 
     arrivals: dict[str, RecordingTransport] = {}
     options = LinkOptions(as_gcs=arguments.as_gcs, arrivals=arrivals, opened=patience_of(arguments))

@@ -62,7 +62,7 @@ def _play(arguments: argparse.Namespace) -> int:
     from autopilot.cli.options import signing_of
     from autopilot.interruption import print_end
     from autopilot.logs.replay_onto import replay_onto
-    from autopilot.runtime.clock import MonotonicClock
+    from autopilot.runtime.machine import MonotonicClock
 
     stopped: list[int] = []
     for each in (signal.SIGINT, signal.SIGTERM):

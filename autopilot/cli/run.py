@@ -181,7 +181,7 @@ def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float |
 
 def law_of_run(vessel: Vessel, law: str | None) -> str | None:
     """Return the law to steer with: none of ours, and so no gains needed, where the firmware steers. InputError."""
-    from autopilot.control.trial import TRIAL_LAW
+    from autopilot.control.registry import TRIAL_LAW
 
     if vessel.helm.method != "guided":
         return law

@@ -40,8 +40,7 @@ from autopilot.links.url import parse_url
 from autopilot.report.steered import Steered, Verdict
 from autopilot.runtime.app import App, Machine, Plan
 from autopilot.runtime.build_links import KINDS, LinkOptions, access_rules_of
-from autopilot.runtime.clock import MonotonicClock
-from autopilot.runtime.machine import RealTime, cpus_of
+from autopilot.runtime.machine import MonotonicClock, RealTime, cpus_of
 from autopilot.runtime.session import Orders
 from autopilot.signals import Mode, Tick
 from autopilot.supervision.panel import sentences_of

@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from autopilot.cli.options import named_vessel
     from autopilot.cli.steering import Voyage, plan_of, steer
-    from autopilot.control.trial import TRIAL_LAW
+    from autopilot.control.registry import TRIAL_LAW
     from autopilot.report.steered import trial_verdict
 
     vessel = named_vessel(arguments.vessel)

@@ -2,22 +2,24 @@
 
 `law_step` is what the tick calls: in plain Python it finds the step by the type of the gains, and `sitl.compiled`
 puts the law's own step in its place.
+
+One law has no module: that of trials, which order rudder angles, and of boats that others steer. It leaves the rudder
+where it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
-from autopilot.control.law import Law, LawInput
+from autopilot.control.law import Law, LawBoat, LawInput, NoMemory
 
 MODULES = (
     "backstepping",
     "pid",
     "sliding_heading",
     "sliding_roll",
-    "trial",
 )
 """Modules of this room with a constant LAW, in the order in which their laws are listed."""
 
@@ -35,6 +37,38 @@ def register(law: Law) -> None:
 
 for _module in MODULES:
     register(import_module(f"autopilot.control.{_module}").LAW)
+
+
+TRIAL_LAW = "trial"
+"""In place of a law's name: trials order rudder angles and need no gains."""
+
+
+class NoGains(NamedTuple):
+    """A law without gains."""
+
+
+def _gains_of(section: object, boat: LawBoat) -> NoGains:
+    """Return no gains."""
+    return NoGains()
+
+
+def _step(gains: NoGains, memory: NoMemory, given: LawInput) -> tuple[float, NoMemory]:
+    """Return the last rudder [rad]."""
+    return given.last_rudder, memory
+
+
+register(
+    Law(
+        name=TRIAL_LAW,
+        title="Trial",
+        prefix="",
+        section=None,
+        numbers=NoGains,
+        gains=_gains_of,
+        step=_step,
+        linear=None,
+    )
+)
 
 
 def law_step(gains: Any, memory: Any, given: LawInput) -> tuple[float, Any]:

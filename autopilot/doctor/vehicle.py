@@ -21,7 +21,7 @@ from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.requests import VehicleParameters
 from autopilot.links.mavlink.steering import REACH_TOLERANCE_DEG, channel_of, share_from_servo
 from autopilot.links.url import open_transport
-from autopilot.runtime.clock import Clock
+from autopilot.runtime.machine import Clock
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample, RateSample
 from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.schema import Vessel

@@ -26,7 +26,7 @@ A course-unstable boat is not steered with another gear's plan: before the rate 
 slow rudder comes, and the monitors end the steering.
 
 Multiple-model estimation: Willsky and Jones 1976; the low-pass in place of a derivative is Young 1981's, as in
-`autopilot.guidance.effectiveness`. Scalar functions over NamedTuples, compiled as they are.
+`autopilot.guidance.turn`. Scalar functions over NamedTuples, compiled as they are.
 """
 
 from __future__ import annotations

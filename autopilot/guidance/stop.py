@@ -6,7 +6,7 @@ the model's is slow to turn then, but the rudder left is enough to stop it in ti
 
 A course-unstable boat whose rudder is weaker than the model's may not be stopped any more from a rate that is easy for
 the model. Its plan is the quickest turn of the weakest boat that the evidence leaves, see
-`autopilot.guidance.effectiveness` (without any, a boat with `share` of the model's K), with PLANNED_SHARE of the
+`autopilot.guidance.turn` (without any, a boat with `share` of the model's K), with PLANNED_SHARE of the
 rudder's angle and rate: every stronger boat can follow it with rudder to spare, and as the doubt goes, the plan goes
 quicker.
 For r > 0 the quickest stop has three parts. The rudder goes across at its rate R; it stands at its stop, where

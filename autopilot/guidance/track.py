@@ -24,8 +24,7 @@ from typing import NamedTuple
 
 from autopilot.angles import compass_deg, wrap
 from autopilot.guidance import current
-from autopilot.guidance.current import CurrentFilter, CurrentSettings
-from autopilot.guidance.fix import Fix, Place, bearing_and_distance, offset
+from autopilot.guidance.current import CurrentFilter, CurrentSettings, Fix, Place, bearing_and_distance, offset
 from autopilot.guidance.path import Corner, Set, Spot, corner_at, on_arc, radius_needed, swept
 from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, CourseSample, PositionSample, SpeedSample

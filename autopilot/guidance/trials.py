@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.guidance.fix import Place, offset
+from autopilot.guidance.current import Place, offset
 from autopilot.signals import AlarmEvent, PositionSample, Tick
 from autopilot.supervision.alarms import kind_of
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.filters.rls import RlsState, rls_start, rls_step
+from autopilot.filters.kalman import RlsState, rls_start, rls_step
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO
 

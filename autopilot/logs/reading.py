@@ -3,12 +3,15 @@
 What a log holds and what identification can use of it.
 
 Logs of any kind as runs for the identification, several of one run merged.
+
+Kinds of files that people have beside readable logs are known by their content, too: what one is, and what to do.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -24,7 +27,157 @@ from autopilot.logs.format import ReadOptions as ReadOptions
 from autopilot.logs.merge import merged, sources_of
 from autopilot.logs.series import ANGLES, THROTTLE, FloatArray, Recording, Series, duration
 from autopilot.logs.table import RudderSettings, Table, orders_of, table_of
-from autopilot.logs.unread import LOOK_AT, named, named_by_ending
+
+LOOK_AT = 4096
+FARTHER = 65536
+
+TABLE = "write time, heading, rudder and speed from it as a CSV table"
+FRAMES = "turn it into candump's text (python-can: python -m can.logconvert FILE FILE.log)"
+RECORD = "record the bus with candump -L, or the instruments' lines as text"
+CANBOAT = "turn it into JSON with canboat (analyzer -json)"
+CONVERT = "turn it into text with the maker's program"
+UNPACK = "unpack it first"
+NO_RUDDER = "it has no rudder and no heading of a compass; give the log of the instruments"
+NO_LOG = "give a log"
+
+
+SENTENCE = re.compile(rb"\$(?!PCDIN|MXPGN)[A-Z]{2,}[A-Z0-9]*,")
+"""A sentence of NMEA 0183 that carries none of NMEA 2000."""
+
+
+class Kind(NamedTuple):
+    """A kind of file: what it is, what to do, and whether bytes are of it."""
+
+    what: str
+    advice: str
+    is_it: Callable[[bytes], bool]
+
+
+def _begins(*beginnings: bytes, at: int = 0) -> Callable[[bytes], bool]:
+    return lambda data: data[at : at + max(map(len, beginnings))].startswith(beginnings)
+
+
+def _matches(pattern: bytes) -> Callable[[bytes], bool]:
+    form = re.compile(pattern, re.IGNORECASE)
+    return lambda data: form.match(data[:LOOK_AT].removeprefix(b"\xef\xbb\xbf").lstrip()) is not None
+
+
+def _lines(beginning: bytes) -> Callable[[bytes], bool]:
+    """Return whether lines begin so and no sentence of NMEA 0183 stands beside them."""
+    form, others = (
+        re.compile(rb"(?m)^[^\r\n$!]{0,64}" + beginning),
+        re.compile(rb"\$(?!PCDIN|MXPGN)[A-Z]{2,}[A-Z0-9]*,"),
+    )
+    return lambda data: form.search(data[:FARTHER]) is not None and others.search(data[:FARTHER]) is None
+
+
+def _is_signalk(data: bytes) -> bool:
+    line = rb"(?:\d{13};\w{1,20};)?\{[^\r\n]{0,4000}\"(?:updates|context)\"\s*:"
+    return re.match(line, data.lstrip()[:LOOK_AT]) is not None and SENTENCE.search(data[:FARTHER]) is None
+
+
+def _is_json(data: bytes) -> bool:
+    return re.match(rb"[{\[]\s*[{\[\"\]}]", data[:LOOK_AT].lstrip()) is not None and not {b'"pgn"', b'"fields"'} <= set(
+        re.findall(rb'"pgn"|"fields"', data[:FARTHER])
+    )
+
+
+def _is_spreadsheet(data: bytes) -> bool:
+    return data.startswith(b"PK\3\4") and re.search(rb"\[Content_Types\]\.xml|opendocument", data[:LOOK_AT]) is not None
+
+
+def _is_rosbag(data: bytes) -> bool:
+    head = data[:FARTHER].lower()
+    return head.startswith(b"sqlite format 3\0") and b"create table topics" in head and b"create table messages" in head
+
+
+PCAP = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"M<\xb2\xa1", b"\xa1\xb2<M")
+BINARY = (
+    Kind(
+        "a packet capture (.pcap)",
+        RECORD,
+        _begins(b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"M<\xb2\xa1", b"\xa1\xb2<M"),
+    ),
+    Kind("a packet capture (.pcapng)", RECORD, _begins(b"\n\r\r\n")),
+    Kind("a ROS 2 bag (.db3)", TABLE, _is_rosbag),
+    Kind("an SQLite database", TABLE, _begins(b"SQLite format 3\0")),
+    Kind("a ROS 1 bag (.bag)", TABLE, _begins(b"#ROSBAG V")),
+    Kind("a Vector CAN log (.blf)", FRAMES, _begins(b"LOGG")),
+    Kind("a CAN log in MDF (.mf4)", FRAMES, _begins(b"MDF     ")),
+    Kind("a Yacht Devices voyage recorder's file (.DAT)", CONVERT, _begins(b"YDVR", at=8)),
+    Kind("a Garmin activity (.fit)", NO_RUDDER, _begins(b".FIT", at=8)),
+    Kind("a Raymarine archive of waypoints and tracks (.fsh)", NO_RUDDER, _begins(b"RL90 FLASH FILE")),
+    Kind("a Parquet table", "export the log as .csv or .mcap instead", _begins(b"PAR1")),
+    Kind("a MATLAB file (.mat)", TABLE, _begins(b"MATLAB 5.0", b"MATLAB 7.3")),
+    Kind("an HDF5 file", TABLE, _begins(b"\x89HDF\r\n\x1a\n")),
+    Kind("a NumPy array", TABLE, _begins(b"\x93NUMPY")),
+    Kind("a spreadsheet (.xlsx, .ods)", "save it as CSV", _is_spreadsheet),
+    Kind("a spreadsheet (.xls)", "save it as CSV", _begins(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")),
+    Kind("packed (gzip)", UNPACK, _begins(b"\x1f\x8b")),
+    Kind("packed (zip)", UNPACK, _begins(b"PK\3\4", b"PK\5\6")),
+    Kind("packed (7z)", UNPACK, _begins(b"7z\xbc\xaf")),
+    Kind("packed (xz)", UNPACK, _begins(b"\xfd7zXZ")),
+    Kind("packed (bzip2)", UNPACK, _begins(*(b"BZh%d1AY&SY" % size for size in range(1, 10)))),
+    Kind("packed (zstd)", UNPACK, _begins(b"\x28\xb5\x2f\xfd")),
+    Kind("packed (rar)", UNPACK, _begins(b"Rar!\x1a\x07")),
+    Kind("a PDF", NO_LOG, _begins(b"%PDF-")),
+    Kind("a picture", NO_LOG, _begins(b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")),
+)
+TEXT = (
+    Kind("a DataFlash log turned into text", "give the .BIN that it was made from", _begins(b"FMT, 128")),
+    Kind("a GPX track", NO_RUDDER, _matches(rb"<(?:[^<]*<){0,9}?gpx\b")),
+    Kind("a KML track", NO_RUDDER, _matches(rb"<(?:[^<]*<){0,9}?kml\b")),
+    Kind("a web page", NO_LOG, _matches(rb"<!doctype html|<html")),
+    Kind("an XML file", NO_RUDDER, _matches(rb"<\?xml")),
+    Kind("an Expedition log", TABLE, _matches(rb"!boat,")),
+    Kind("a Garmin CAN log", CANBOAT, _matches(rb"Sequence #,Timestamp,PGN,")),
+    Kind("python-can's CSV of frames", FRAMES, _matches(rb"timestamp,arbitration_id,")),
+    Kind("SavvyCAN's CSV of frames", "save the frames as candump's text", _matches(rb"Time Stamp,ID,Extended,")),
+    Kind("a PCAN trace (.trc)", FRAMES, _matches(rb";\$FILEVERSION=")),
+    Kind("a Vector CAN log (.asc)", FRAMES, _matches(rb"date [^\n]{1,80}\n\s*base\s+(?:hex|dec)")),
+    Kind("a MOOS log (.alog)", TABLE, _matches(rb"%%+[^\n]*\n?%% LOG FILE|%% LOG FILE")),
+    Kind("an OpenCPN log without NMEA 0183", RECORD, _lines(rb"received_at,protocol,")),
+    Kind("NMEA 2000 inside NMEA 0183 ($PCDIN, $MXPGN)", CANBOAT, _lines(rb"\$(?:PCDIN|MXPGN),")),
+    Kind(
+        "canboat's text for people",
+        CANBOAT,
+        _matches(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d+ \d +\d{1,3} +\d{1,3} +\d{4,6} "),
+    ),
+    Kind("a log of AIS reports", "they tell of other ships; " + NO_RUDDER, _lines(rb"!(?:AI|BS|AB)VD[MO],")),
+    Kind("a Signal K log", "log what the instruments send instead (data logging of the connection)", _is_signalk),
+    Kind("GeoJSON", NO_RUDDER, _matches(rb"\{[^\n]{0,400}\"FeatureCollection\"")),
+    Kind("JSON, but no messages of canboat's", TABLE, _is_json),
+)
+ENDINGS = {
+    ".ebl": ("an Actisense log (.ebl)", CONVERT),
+    ".vdr": ("a voyage data recorder's file (.vdr)", RECORD),
+    ".dat": ("a file (.dat) of a kind that is not known", RECORD),
+    ".adm": ("a Garmin user data file (.adm)", NO_RUDDER),
+    ".sl2": ("a sonar log (.sl2)", NO_RUDDER),
+    ".sl3": ("a sonar log (.sl3)", NO_RUDDER),
+    ".slg": ("a sonar log (.slg)", NO_RUDDER),
+}
+"""What a file is taken for by its name, where its content tells nothing."""
+
+
+def named(path: str, data: bytes) -> str | None:
+    """Return the sentence that refuses a file of a kind known by its content that is not read; None for another."""
+    kinds = BINARY if b"\0" in data[:LOOK_AT] else (*TEXT, *BINARY)
+    found = next((each for each in kinds if each.is_it(data)), None)
+    return None if found is None else _sentence(path, found.what, found.advice)
+
+
+def named_by_ending(path: str) -> str | None:
+    """Return the sentence that refuses a file whose name alone tells its kind; None for another."""
+    found = ENDINGS.get(Path(path).suffix.lower())
+    return None if found is None else _sentence(path, *found)
+
+
+def _sentence(path: str, what: str, advice: str) -> str:
+    if what.startswith("packed"):
+        return f"{path}: is {what}; {advice}."
+    return f"{path}: is {what}, which is not read; {advice}."
+
 
 MODULES = (
     "own_log",

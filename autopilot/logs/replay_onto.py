@@ -26,8 +26,8 @@ from autopilot.logs.own_log import is_own
 from autopilot.logs.reading import bytes_of
 from autopilot.logs.tlog import TlogPackets, is_tlog
 from autopilot.runtime.build_links import nmea_settings_of
-from autopilot.runtime.clock import Clock
 from autopilot.runtime.log_files import following_parts
+from autopilot.runtime.machine import Clock
 from autopilot.runtime.record import Log, read_logs
 from autopilot.signals import Tick
 from autopilot.vessel.file import parse_vessel

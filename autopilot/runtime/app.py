@@ -23,8 +23,7 @@ from autopilot.runtime.build_links import (
     build_station_links,
     refuse_failsafe,
 )
-from autopilot.runtime.clock import Clock
-from autopilot.runtime.machine import LoopHealth, RealTime
+from autopilot.runtime.machine import Clock, LoopHealth, RealTime
 from autopilot.runtime.service import RestartState, ServiceHooks
 from autopilot.runtime.session import Orders, Session
 from autopilot.signals import Tick

@@ -1,7 +1,8 @@
 """What the loop sees of its machine, and asks of it.
 
-Seen: ticks that come late, and a wall clock that somebody has set. Asked for: priority, memory that stays, a core,
-quiet collections. Nothing of it is needed: what cannot be had is one sentence with the way to get it.
+Seen: its clock, a faster one, or a manual one for tests and lockstep; ticks that come late, and a wall clock that
+somebody has set. Asked for: priority, memory that stays, a core, quiet collections. Nothing of it is needed: what
+cannot be had is one sentence with the way to get it.
 """
 
 from __future__ import annotations
@@ -9,17 +10,72 @@ from __future__ import annotations
 import gc
 import os
 import resource
+import select
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from autopilot.errors import InputError
 from autopilot.links.base import SilentLink
-from autopilot.runtime.clock import running_time
 from autopilot.signals import ConditionSample, Sample, Tick
 from autopilot.supervision.tuning import LATE_PERIODS
+
+
+def running_time() -> float:
+    """Return seconds of a clock that never goes backwards, and goes on while the machine is suspended."""
+    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
+
+
+class Clock(Protocol):
+    """Tells the time and waits."""
+
+    def now(self) -> float:
+        """Return seconds of a clock that never goes backwards."""
+
+    def wait(self, descriptors: Sequence[int], until: float) -> None:
+        """Return when a descriptor can be read or `until` [s] has come, whichever is first."""
+
+
+class MonotonicClock:
+    """The machine's `running_time`, from 0 at creation, `speedup` times as fast (for a sped-up simulator)."""
+
+    def __init__(self, speedup: float = 1.0) -> None:
+        self._speedup = speedup
+        self._start = running_time()
+
+    def now(self) -> float:
+        """Return seconds since creation, times the speed-up."""
+        return (running_time() - self._start) * self._speedup
+
+    def wait(self, descriptors: Sequence[int], until: float) -> None:
+        """Wait for bytes or for `until` [s]."""
+        left = (until - self.now()) / self._speedup
+        if left > 0.0:
+            select.select(descriptors, (), (), left)
+
+
+class ManualClock:
+    """A clock that moves when it is ordered to: waiting is arriving."""
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        """Return the time last set."""
+        return self._now
+
+    def advance(self, seconds: float) -> None:
+        """Move on by `seconds` >= 0."""
+        if seconds < 0.0:
+            raise ValueError(f"a clock does not go backwards: {seconds}")
+        self._now += seconds
+
+    def wait(self, descriptors: Sequence[int], until: float) -> None:
+        """Arrive at `until` at once."""
+        self._now = max(self._now, until)
+
 
 LATE_COUNT = 3
 LATE_WITHIN_S = 10.0

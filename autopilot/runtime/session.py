@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from autopilot.links.base import ConfirmsRelease, Link, SilentLink, TickListener
 from autopilot.links.release import LONGEST_S, Release, ReleaseState
 from autopilot.pilot import Pilot
-from autopilot.runtime.clock import Clock
+from autopilot.runtime.machine import Clock
 from autopilot.signals import (
     MOST_SAMPLES,
     AcknowledgeSample,

@@ -39,8 +39,7 @@ from autopilot.estimation.rudder_observer import (
 )
 from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
-from autopilot.guidance.effectiveness import NO_EVIDENCE
-from autopilot.guidance.turn import VirtualBoat, is_turning, reference_of
+from autopilot.guidance.turn import NO_EVIDENCE, VirtualBoat, is_turning, reference_of
 from autopilot.models.drives import quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip

@@ -15,7 +15,7 @@ from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.cli.main import main
-from autopilot.control.trial import TRIAL_LAW
+from autopilot.control.registry import TRIAL_LAW
 from autopilot.guidance.trials import (
     BinaryHelm,
     SteadyRate,

@@ -16,7 +16,7 @@ from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
-from autopilot.control.trial import TRIAL_LAW
+from autopilot.control.registry import TRIAL_LAW
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.signals import HeadingSample, HelmSample, Mode, RudderSample, Tick
 from autopilot.vessel.file import load_vessel

@@ -12,7 +12,7 @@ from alarm_texts import words_of
 from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.control.trial import TRIAL_LAW
+from autopilot.control.registry import TRIAL_LAW
 from autopilot.links.mavlink.authority import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.runtime.record import replay

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from lockstep import STEP, Lockstep, stick_follows
 
-from autopilot.control.trial import TRIAL_LAW
-from autopilot.runtime.clock import MonotonicClock
+from autopilot.control.registry import TRIAL_LAW
+from autopilot.runtime.machine import MonotonicClock
 from autopilot.runtime.record import replay
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel

@@ -9,7 +9,7 @@ import pytest
 from boats import BOATS, vessel_of
 from plant import Plant
 
-from autopilot.guidance.fix import EQUATOR_RADIUS
+from autopilot.guidance.current import EQUATOR_RADIUS
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.runtime.build import build_pilot, gear_of, model_of, track_settings_of
 from autopilot.signals import Order, OrderKind, PositionSample, SpeedSample

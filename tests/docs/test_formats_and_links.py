@@ -18,7 +18,7 @@ from autopilot.links.nmea.samples import NmeaReader, PlotterReader
 from autopilot.links.north import Variation
 from autopilot.links.transports.medium import SENTENCES
 from autopilot.links.url import DEFAULTS, EXAMPLES, OPTIONS, SCHEMES, parse_url, split_scheme
-from autopilot.logs import unread
+from autopilot.logs import reading
 from autopilot.logs.reading import FORMATS, MODULES
 
 ROOT = Path(__file__).parents[2]
@@ -137,12 +137,12 @@ def test_the_page_of_the_reference_has_every_link_every_format_and_every_file_th
     assert len(table(page, "URL")) == len(SCHEMES)
     assert set(urls(table(page, "URL"))) == set(EXAMPLES.values())
     assert len(table(page, "format")) == len(FORMATS)
-    assert len(table(page, "file")) == len(unread.BINARY) + len(unread.TEXT) + len(unread.ENDINGS)
+    assert len(table(page, "file")) == len(reading.BINARY) + len(reading.TEXT) + len(reading.ENDINGS)
 
 
 def test_what_the_page_on_logs_says_is_named_is_named() -> None:
     said = LOGS[LOGS.index("**What is not read is named**") :].split("Of\nan `.mcap`")[0]
-    kinds = " ".join([*(kind.what for kind in (*unread.BINARY, *unread.TEXT)), *unread.ENDINGS])
+    kinds = " ".join([*(kind.what for kind in (*reading.BINARY, *reading.TEXT)), *reading.ENDINGS])
     for ending in re.findall(r"\.[a-z0-9]+\b", said):
         assert ending.lower() in kinds.lower(), ending
     for name in ("$PCDIN", "Expedition", "Signal K", "AIS", "ROS", "GPX", "KML", "MOOS", "SQLite", "MATLAB", "HDF5"):

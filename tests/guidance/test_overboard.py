@@ -10,7 +10,7 @@ from boat_at_sea import Sea, place
 from monitored_boat import BothAlarms, Watched
 
 from autopilot.errors import InputError
-from autopilot.guidance.fix import OLDEST_S, Fix, Overboard
+from autopilot.guidance.current import OLDEST_S, Fix, Overboard
 from autopilot.links.alarm_outputs import GuideAlarms
 from autopilot.signals import Mode, PositionSample
 from autopilot.web.screen import screen

@@ -13,10 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.guidance.effectiveness import NO_EVIDENCE
 from autopilot.guidance.stop import UNSTOPPED, TurnLimits, stop_angle, turn_limits
 from autopilot.guidance.tuning import PLANNED_SHARE
-from autopilot.guidance.turn import VirtualBoat, reference_of, turn_step
+from autopilot.guidance.turn import NO_EVIDENCE, VirtualBoat, reference_of, turn_step
 from autopilot.models.norrbin import Norrbin, rate_step, rudder_for, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear, clip
 from autopilot.runtime.build import planned_share

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.guidance.fix import Place, bearing_and_distance, offset
+from autopilot.guidance.current import Place, bearing_and_distance, offset
 
 A, F = 6378137.0, 1.0 / 298.257223563
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.guidance.effectiveness import NO_EVIDENCE, Effectiveness, rudder_effectiveness, updated_effectiveness
 from autopilot.guidance.tuning import STRONGEST, WEAKEST
+from autopilot.guidance.turn import NO_EVIDENCE, Effectiveness, rudder_effectiveness, updated_effectiveness
 from autopilot.models.norrbin import Norrbin, rate_step
 
 RUDDER, DT = math.radians(20.0), 0.05

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.guidance.fix import Place, bearing_and_distance
+from autopilot.guidance.current import Place, bearing_and_distance
 from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint
 from autopilot.signals import PositionSample
 

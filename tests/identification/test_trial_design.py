@@ -11,7 +11,7 @@ import pytest
 from plant import Plant
 
 from autopilot.cli.main import build_parser, main
-from autopilot.control.trial import TRIAL_LAW
+from autopilot.control.registry import TRIAL_LAW
 from autopilot.identification.runs import run_from_columns
 from autopilot.identification.trial_design import (
     Boat,

@@ -22,7 +22,7 @@ from autopilot.links.transports import loopback_pair
 from autopilot.models.valve import Valve
 from autopilot.runtime.build import follow_of
 from autopilot.runtime.build_links import DRIVES, drive_of, drive_settings_of
-from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.session import Session
 from autopilot.signals import AlarmSample, HelmSample, Order, RudderCommand, RudderSample
 from autopilot.vessel.file import load_vessel

@@ -33,7 +33,7 @@ from autopilot.links.transports import SerialTransport, loopback_pair
 from autopilot.links.transports.serial_line import device_of
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import LinkOptions, build_links
-from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.session import Session
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample, Mode, Order, OrderKind, Sample
 from autopilot.vessel.file import load_vessel

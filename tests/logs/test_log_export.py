@@ -26,7 +26,7 @@ from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.signing import CountingTimestamps, LinkSigning, Signing
 from autopilot.logs.export import message_entries
 from autopilot.logs.replay_onto import replay_onto
-from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import read_log
 from autopilot.vessel.file import load_vessel
 

@@ -15,8 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
-from autopilot.logs.reading import read_recording
-from autopilot.logs.unread import BINARY, TEXT
+from autopilot.logs.reading import BINARY, TEXT, read_recording
 
 GPX = '<?xml version="1.0"?>\n<gpx version="1.1"><trk><trkpt lat="57.1" lon="11.2"><time>2024-05-04T10:00:00Z</time>'
 FILES: dict[str, tuple[bytes | str, str]] = {

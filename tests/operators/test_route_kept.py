@@ -18,7 +18,7 @@ from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.app import App, Plan, mission_file
 from autopilot.runtime.build import limits_of
 from autopilot.runtime.build_links import Stations
-from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.machine import ManualClock
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")

@@ -16,12 +16,11 @@ from hypothesis import strategies as st
 from plant import Plant
 
 from autopilot.errors import InputError, RefusedError
-from autopilot.identification.learning import CHANCE, Learner, Proposal, _Candidate
-from autopilot.identification.prediction_test import Outcome, PredictionTest
+from autopilot.identification.learning import CHANCE, Learner, Outcome, PredictionTest, Proposal, _Candidate
 from autopilot.models.norrbin import Norrbin
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of, learner_of, model_of
-from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import Recorder, read_log, replay
 from autopilot.runtime.session import Session
 from autopilot.runtime.tuning import LearningService, designed, with_learnt

@@ -9,7 +9,7 @@ import pytest
 
 from autopilot.links.base import LinkError
 from autopilot.runtime.build import build_pilot
-from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import Recorder, read_log
 from autopilot.runtime.session import Session, newest
 from autopilot.signals import (

@@ -20,7 +20,7 @@ from autopilot.logs.own_log import read_own
 from autopilot.logs.table import RudderSettings, table_of
 from autopilot.runtime import record
 from autopilot.runtime.build import build_pilot, gear_of, model_of
-from autopilot.runtime.clock import ManualClock
+from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import PAYLOAD_TYPE, Recorder, read_log, read_logs, read_packets, replay
 from autopilot.runtime.session import Session
 from autopilot.runtime.tick_codec import (

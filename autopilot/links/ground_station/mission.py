@@ -25,7 +25,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.guidance.fix import Overboard
+from autopilot.guidance.current import Overboard
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.north import MAGNETIC_LEADS
