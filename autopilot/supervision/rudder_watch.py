@@ -99,7 +99,8 @@ class History(NamedTuple):
 class Following(NamedTuple):
     """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
     how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off;
-    is_slow: it goes to its orders, and much slower than filed; name and shown: what is found, '' for nothing."""
+    is_slow: it goes to its orders, and much slower than filed; name and shown: what is found, '' for nothing;
+    late_until [s]: until then it is not our order that says where it goes."""
 
     seen: RudderSample | None = None
     bucket: float = 0.0
@@ -111,6 +112,7 @@ class Following(NamedTuple):
     is_slow: bool = False
     name: str = ""
     shown: str = ""
+    late_until: float = -math.inf
 
 
 def following_step(
@@ -122,9 +124,10 @@ def following_step(
     time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that has gone
     away from its order further than the gear's delay explains is reversed. An order may leave at any time until the
     next tick begins: an angle that was measured between two ticks is judged by that one of the two orders, the one
-    before and the one of that tick, which explains it better.
+    before and the one of that tick, which explains it better. After a tick that came late it may go on past its order:
+    a motor whose speed is ordered runs until the next one.
     """
-    last, bucket, away, low, high, way, way_time, is_slow, name, shown = before
+    last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until = before
     angle, delay, filed = sample.angle, limits.rudder_delay, limits.rudder_rate
     if last is not None and last.source == sample.source and sample.time <= last.time:
         return before
@@ -143,7 +146,8 @@ def following_step(
         bucket = max(bucket - elapsed, 0.0)
     if bucket == 0.0:
         low, high = math.inf, -math.inf
-    away = max(away - moved, 0.0) if is_off else 0.0
+    astray = max(moved, 0.0) if sample.time <= late_until else moved
+    away = max(away - astray, 0.0) if is_off else 0.0
     if not name:
         if away > limits.rudder_tolerance + delay * min(filed, 4.0 * ASSUMED_RATE):
             name = "rudder_reversed"
@@ -154,7 +158,7 @@ def following_step(
     way, way_time = (way + moved, way_time + elapsed) if is_off and math.isfinite(filed) else (0.0, 0.0)
     timed = way_time - delay
     is_slow = is_slow or (timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed)
-    return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown)
+    return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until)
 
 
 def orders_at(history: History, since: float, time: float) -> tuple[float, ...]:
@@ -491,6 +495,8 @@ def update(
     since, following, response, overpowered, runaway, stop_since, doubted, other, _, rests, doubts = before
     now = seen.now
     since = now if math.isnan(since) else since
+    if seen.is_late:
+        following = following._replace(late_until=now + LATE_LASTS)
     if measured.angles:
         following = _followed(following, limits, measured.angles, history, since)
     if following.name or not limits.rudder_response or is_anothers(history, now, measured.report):

@@ -119,7 +119,8 @@ LATE_S = 0.4
 """An answer that comes this much later [s] than the model's is one, too: links and gears are slow at times."""
 LATE_LASTS = 1.0
 """So long [s] after a tick that came late nothing is evidence against the rudder: what was ordered then has left some
-time between the two ticks, and what the boat did until then hangs after it."""
+time between the two ticks, and what the boat did until then hangs after it. Nor does a rudder go the wrong way where a
+motor whose speed is ordered ran on past its order until the next one came."""
 SLOW = 4.0
 """A slow rudder is so many times slower than it should be: against one that is right on a boat that answers weakly, as
 the model says, or strongly, and against one that is late."""

@@ -101,6 +101,27 @@ def test_a_rudder_of_unknown_rate_is_never_slow() -> None:
     assert not monitor.is_slow
 
 
+@pytest.mark.parametrize(("late", "name"), [(True, ""), (False, "rudder_reversed")])
+def test_a_rudder_that_ran_on_past_its_order_in_a_late_tick_is_not_reversed(late: bool, name: str) -> None:
+    """A motor whose speed is ordered: it runs until the next order comes, and is brought back then."""
+    monitor = Following(LIMITS)
+    for now, angle in [(0.1, 0.0), (0.2, 2.0), (0.3, 4.0), (0.8, 14.0), (0.85, 15.0), (0.95, 13.0), (1.05, 11.0)]:
+        monitor.on_sample(RudderSample(now, math.radians(angle), False, "pypilot"))
+        at = MonitorInput(now, BOAT, STATE, True, True, 0.0, math.radians(2.0), 0.6, True)
+        monitor.update(at._replace(is_late=late and now == 0.8))
+    assert monitor.found == name
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_reversed_rudder_is_found_when_a_late_tick_is_over(side: float) -> None:
+    monitor = Following(LIMITS)
+    for now in (0.1, 0.2, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.0, 2.1):
+        monitor.on_sample(RudderSample(now, -side * math.radians(min(10.0 * now, 30.0)), False, "RSA"))
+        at = MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(30.0), 0.6, True)
+        monitor.update(at._replace(is_late=now == 0.7))
+    assert monitor.found in ("rudder_reversed", "rudder_not_following")
+
+
 def judged(
     rate_deg_s: float, ticks: int, dt: float = 0.125, order_deg: float = 60.0, side: float = 1.0, age: float = 0.0
 ) -> Following:
