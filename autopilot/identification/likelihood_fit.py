@@ -195,7 +195,7 @@ def _unseen(space: Space, z: FloatArray, memory: float, least: float) -> Unseen:
     plays = {0.0: 0.0, **{play: worth(train._replace(dead_band=play)) for play in tried}}
     likeliest = max(plays, key=lambda play: plays[play])
     unlikely = [play for play in plays if play > likeliest and plays[play] < plays[likeliest] - UNLIKELY]
-    slides = worth(train._replace(**sliding(memory))) if train.lag == train.lead == 0.0 else 0.0
+    slides = worth(train._replace(**sliding(memory))) if train.lead == 0.0 else 0.0
     return Unseen(max([0.0, *late]), plays[likeliest], likeliest, min(unlikely, default=math.inf), slides)
 
 

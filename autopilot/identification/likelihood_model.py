@@ -141,10 +141,14 @@ def likeliest_fit(
         return None, {}
     reasons: dict[str, str] = {}
     found = likelihood_fit(segments, speed, begin, train, steps.next)
-    if found is not None and train and not _is_late(found):
+    if found is not None and train:
         stays = ordered(runs)
-        reasons |= {name: _why_no(name, found, stays) for name in train}
-        found = found if stays else likelihood_fit(segments, speed, begin, (), steps.next)
+        direct = None if stays else likelihood_fit(segments, speed, begin, (), steps.next)
+        # neither is ever found to be 0: that they are nearly, a fit without them says
+        is_as_likely = direct is not None and direct.loss < found.loss + SURELY_LATE
+        if is_as_likely or not _is_late(found):
+            reasons |= {name: _why_no(name, found, stays) for name in train}
+            found = found if stays else direct
     if found is None or not set(train) <= set(ORDERED):
         return found, reasons
     kept = tuple(found.train_errors)

@@ -146,8 +146,8 @@ def following_step(
         bucket = max(bucket - elapsed, 0.0)
     if bucket == 0.0:
         low, high = math.inf, -math.inf
-    astray = max(moved, 0.0) if sample.time <= late_until else moved
-    away = max(away - astray, 0.0) if is_off else 0.0
+    nearer = max(moved, 0.0) if sample.time <= late_until else moved
+    away = max(away - nearer, 0.0) if is_off else 0.0
     if not name:
         if away > limits.rudder_tolerance + delay * min(filed, 4.0 * ASSUMED_RATE):
             name = "rudder_reversed"

@@ -75,7 +75,7 @@ def test_a_lag_that_the_record_does_not_show_is_found() -> None:
 
 
 def test_what_is_not_there_is_left_out_with_the_reason() -> None:
-    run = run_of(noisy(zigzag(np.radians(15.0), 60.0, 0.1), RATE, HEADING, 3))
+    run = run_of(noisy(zigzag(np.radians(15.0), 60.0, 0.1), RATE, HEADING, 3))._replace(rudder="measured")
     found = identify([run], Question(reference_speed=5.0, rudder_train=("delay", "lag")))
     assert found.train == DIRECT
     assert "cannot be distinguished from 0" in found.unidentifiable["lag"]

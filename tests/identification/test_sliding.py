@@ -9,7 +9,7 @@ import pytest
 
 from autopilot.identification.identified import Identified
 from autopilot.identification.identify import identify
-from autopilot.identification.runs import Run, run_from_columns
+from autopilot.identification.runs import RudderOrigin, Run, run_from_columns
 
 NAMES = ("time_s", "rudder_rad", "speed_m_s", "heading_rad", "yaw_rate_rad_s")
 DT, SAMPLED = 0.02, 10
@@ -41,8 +41,9 @@ def found(run: Run) -> Identified:
     return identify([run])
 
 
-def test_lag_and_lead_of_a_boat_that_slides_are_found_and_predict_another_run() -> None:
-    answer = found(zigzag(300.0, 3.0, 9.0, gust=math.radians(0.3)))
+@pytest.mark.parametrize("rudder", ["measured", "ordered"])
+def test_lag_and_lead_of_a_boat_that_slides_are_found_and_predict_another_run(rudder: RudderOrigin) -> None:
+    answer = found(zigzag(300.0, 3.0, 9.0, gust=math.radians(0.3))._replace(rudder=rudder))
     assert answer.sliding is not None
     model, fit = answer.sliding
     errors = fit.train_errors
@@ -58,6 +59,9 @@ def test_lag_and_lead_of_a_boat_that_slides_are_found_and_predict_another_run() 
     assert second.yaw_rate_r2 > 0.95 > first.yaw_rate_r2
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_gusts_make_no_boat_slide(seed: int) -> None:
-    assert found(zigzag(200.0, 0.0, 0.0, gust=math.radians(1.0), seed=20261127 + seed)).sliding is None
+@pytest.mark.parametrize(
+    ("rudder", "seed"), [(rudder, seed) for rudder in ("measured", "ordered") for seed in range(3)]
+)
+def test_gusts_make_no_boat_slide(rudder: RudderOrigin, seed: int) -> None:
+    run = zigzag(200.0, 0.0, 0.0, gust=math.radians(1.0), seed=20261127 + seed)
+    assert found(run._replace(rudder=rudder)).sliding is None
