@@ -393,6 +393,18 @@ def test_a_proof_that_fails_is_tried_again_after_four_seconds_and_stays_said_mea
     assert not proof.passed and proof.due(7.2) is None, "it waits for a report"
 
 
+def test_a_line_that_shows_our_steering_too_late_is_said_before_the_boat_is_steered_over_it() -> None:
+    for late, is_slow in ((1.0, False), (1.1, True)):
+        proof = probe()
+        proof.due(0.0)
+        for step in range(1, round(10 * late)):
+            proof.report(0.1 * step, 1, 1500)
+        for step in range(8):
+            proof.report(late + 0.1 * step, 1, proof.pulse)
+        assert proof.passed is not is_slow
+        assert ("shows our steering 1.1 s after it was sent (RC channel 1)" in proof.reason) is is_slow
+
+
 def test_without_reports_for_three_seconds_no_proof_goes_on() -> None:
     proof = probe()
     assert proof.due(3.0) is not None

@@ -56,9 +56,9 @@ class Boat:
     def fix(self, kind: int) -> None:
         self.take(0.0, dialect.MAVLink_gps_raw_int_message(0, kind, 0, 0, 0, 99, 99, 0, 0, 9))
 
-    def channels(self, now: float, **pulses: int) -> list[Sample]:
+    def channels(self, now: float, boot_ms: int = 0, **pulses: int) -> list[Sample]:
         all_ = {f"chan{number}_raw": 1500 for number in range(1, 19)} | pulses
-        return self.take(now, dialect.MAVLink_rc_channels_message(0, 16, **all_, rssi=255))
+        return self.take(now, dialect.MAVLink_rc_channels_message(boot_ms, 16, **all_, rssi=255))
 
     def servos(self, now: float, pulse: int, port: int = 0, time_usec: int = 0) -> list[Sample]:
         return self.take(
@@ -278,3 +278,22 @@ def test_the_servo_shows_a_release_where_the_input_has_been_silent_for_a_second(
     boat.reader.release.report = lambda now, pulse, name, *_: shown.append((now, name))  # type: ignore[method-assign]
     boat.servos(later, 1500)
     assert shown == ([(later, "SERVO_OUTPUT_RAW")] if counts else [])
+
+
+def test_a_report_of_the_input_that_was_overtaken_on_its_way_accuses_nobody() -> None:
+    boat = Boat(**STEERED)
+    probe = boat.reader.probe
+    boat.channels(1.0, 1000)
+    assert probe.due(1.0) is not None
+    boat.channels(1.1, 1100, chan1_raw=probe.pulse)
+    for late in (1050, 1060, 1070):
+        boat.channels(1.15, late)
+    assert "another pilot" not in probe.reason
+    boat.channels(1.2, 1200, chan1_raw=probe.pulse)
+    boat.channels(1.3, 1300, chan1_raw=probe.pulse)
+    boat.channels(1.4, 1400)
+    assert "another pilot" in probe.reason
+    boat.channels(9.0, 4_000_000_000, chan1_raw=1700)
+    boat.channels(9.1, 100, chan1_raw=1710)
+    boat.channels(9.1, 50, chan1_raw=1720)
+    assert probe._reported == 1710, "its clock began anew"

@@ -389,6 +389,10 @@ MOVES = (
     "another pilot or ground station, or a hand, moves the steering input (RC channel {number}) and ours does not "
     "show: hold the stick still, and stop what else steers"
 )
+LATE = (
+    "the vehicle shows our steering {seconds:.1f} s after it was sent (RC channel {number}): over so slow a line no "
+    "boat is steered well; raise its baud rate, or let it carry less"
+)
 REPORT_TIMEOUT_S = 3.0
 CHECKED_ON_ENGAGING = "the steering input is checked anew when an order to engage comes"
 CHECKING = "checking the steering input"
@@ -429,7 +433,7 @@ class OverrideProbe:
         self._report_time = -math.inf  # unheard of for ever is silent
         self.message: Message | None = None
         self.pulse = 0
-        self._began = self._next = -math.inf
+        self._began = self._aimed = self._next = -math.inf
         self._base = self._seen = self._strange = self._moves = 0
         self._has_shown = False
         self._paused: float | None = None
@@ -462,6 +466,10 @@ class OverrideProbe:
             self._judge_pause(now, number, pulse)
             return
         self._seen = self._seen + 1 if pulse == self.pulse else 0
+        if self._seen and not self._has_shown and now - self._aimed > DISOBEDIENCE_S:
+            # the same lateness would end the steering as soon as the order moves
+            self._refuse(now, Stage.NOT_TAKEN, LATE.format(number=number, seconds=now - self._aimed))
+            return
         self._has_shown = self._has_shown or self._seen > 0
         # an override stays for seconds: what shows behind ours is no stick
         self._strange += self._has_shown and pulse != self.pulse
@@ -482,12 +490,13 @@ class OverrideProbe:
             )
         elif not self._has_shown and abs(pulse - self._base) > DISTINCT_US:
             self._moves += 1
-            self._aim(pulse)  # where the rudder was is no place to hold it
+            self._aim(now, pulse)  # where the rudder was is no place to hold it
 
-    def _aim(self, pulse: int) -> None:
+    def _aim(self, now: float, pulse: int) -> None:
         """Have a pulse sent that leaves the servo where an input `pulse` [us] has it."""
         found = self._output.unmoving(pulse)
         if found is not None:
+            self._aimed = now
             self._base = pulse
             self.message, self.pulse = found
 
@@ -520,7 +529,7 @@ class OverrideProbe:
         if self.message is None:
             if self._reported is None:
                 return None
-            self._aim(self._reported)
+            self._aim(now, self._reported)
             if self.message is None:
                 return None
             self._began, self._seen, self._strange, self._moves, self._has_shown = now, 0, 0, 0, False

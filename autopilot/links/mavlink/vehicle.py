@@ -140,6 +140,8 @@ SPEED_PREFERENCE_S = 2.0
 """A lesser source of speed is used only when the better one has been silent this long."""
 LONG_SILENCE_S = 10.0
 """A vehicle back after this much silence may be another one, or have other parameters: it is asked anew."""
+OVERTAKEN_MS = 2500
+"""A report older than the newest by up to this was overtaken by it; by more, the vehicle's clock began anew."""
 CHANNELS_TIMEOUT_S = 1.0
 """Without RC_CHANNELS for this long the servo must show whether a release arrived."""
 SERVO_SOURCE = "servo_output_raw"
@@ -261,6 +263,7 @@ class VehicleReader:
         self._latency = settings.heading_latency
         self._clock = VehicleClock()
         self._position_time = self._channels_time = -math.inf
+        self._channels_boot = 0
         self._has_fix = True
         self.handlers = {
             ATTITUDE: self._attitude,
@@ -429,6 +432,9 @@ class VehicleReader:
     def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
         authority, parameters = self.authority, self.parameters
         self.streams.counts[CHANNELS] += 1
+        if 0 < self._channels_boot - message.time_boot_ms <= OVERTAKEN_MS:
+            return  # what was before is no news
+        self._channels_boot = message.time_boot_ms
         self.radio.channels(now, message, parameters)
         number = parameters.steering_input
         if number is None:
@@ -510,5 +516,6 @@ class VehicleReader:
         self.radio = RadioWatch()
         self.health.restart()
         self.probe.reset()
+        self._channels_boot = 0
         if self.guided is not None:
             self.guided.reset()
