@@ -153,16 +153,16 @@ WORDS = {
     "hunting": Words(
         "the boat swings from side to side by its own rudder",
         "slow down; check the speed log, the rudder's rate and play; stand by and engage again for the full gains",
-        "four like or growing sweeps of the rudder in a row by half its limit, each with 10 deg of heading and the "
-        "rate of turn to 98 % the rudder's, or two of 8 s or more that swing the boat three times as far as its "
-        "model, or twice the rate that the rudder hard over gives; then a quarter of the gain, and a sixteenth if "
-        "need be; a speed below the trial's is doubted first",
+        "four like or growing sweeps of the rudder in a row by half its limit, each with 10 deg of heading, or four "
+        "from stop to stop, the rate of turn to 98 % the rudder's, or two of 8 s or more that swing the boat three "
+        "times as far as its model, or twice the rate that the rudder hard over gives; then a quarter of the gain, "
+        "and a sixteenth if need be; a speed below the trial's is doubted first",
     ),
     "swinging": Words(
         "the boat swings from side to side however softly it is steered",
         "steer by hand; check speed log, rudder rate and rudder angle, then identify the boat anew",
-        "six such sweeps by its whole limit under the soft law, or four with a sixteenth of the gain; at once with "
-        "a course-unstable boat",
+        "six such sweeps from stop to stop under the soft law, or four of any with a sixteenth of the gain; at once "
+        "with a course-unstable boat",
     ),
     "circling": Words(
         "the boat goes round in circles",
@@ -193,7 +193,8 @@ WORDS = {
         "the speed does not go with the way the boat turns",
         "check the speed log; the boat is steered as at the speed of its trial",
         "the answer to the rudder is two and a half times that of the model at this speed, or the rate of turn "
-        "half again what the rudder hard over gives at it, or the answer is missing at a speed above the trial's",
+        "half again what the rudder hard over gives at it, or the boat answers rather as at the trial's speed in three "
+        "sweeps from stop to stop, or the answer is missing at a speed above the trial's",
         key="model.reference_speed_m_s",
     ),
     "thruster_weak": Words(

@@ -2,12 +2,13 @@
 
 No model tells why: the file may have the wrong boat, speed, rudder or delay, and what the loop does is what counts. A
 loop that is unstable by its own rudder ends in a limit cycle: the order goes from one side far to the other, again and
-again, and the heading with it. A heavy sea can look like that. So the pilot is made soft first (SOFTER): it supposes a
-boat that answers so many times as much, which has a quarter of the gain and half the bandwidth and with which a boat of
-up to so many times its model's liveliness is stable again; if need be, softer still (SOFTEST). In a sea the rudder then
-rests more than before, and nothing else comes of it. Swings that the rudder does not account for are a sea's, or
-gusts', however slow the rudder is against them: they are none of steering's. Where the swings by the rudder go on all
-the same, steering makes them, and ends.
+again, and the heading with it. From stop to stop that is a loss of control, however far the boat swings and however
+irregular that is: gusts and a way that comes and goes make it so. A heavy sea can look like that. So the pilot is made
+soft first (SOFTER): it supposes a boat that answers so many times as much, which has a quarter of the gain and half the
+bandwidth and with which a boat of up to so many times its model's liveliness is stable again; if need be, softer still
+(SOFTEST). In a sea the rudder then rests more than before, and nothing else comes of it. Swings that the rudder does
+not account for are a sea's, or gusts', however slow the rudder is against them: they are none of steering's. Where the
+swings by the rudder go on all the same, steering makes them, and ends.
 
 By the model no steady turn is quicker than that with the rudder hard over. One that is SPIN times as quick for a while,
 as if twice the rudder pushed beside it, and to the rudder's side, is another boat's; RUSH times, and the law is made
@@ -29,6 +30,7 @@ from autopilot.supervision.alarms import AT_STOP
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput, is_hard_over, reads_low, speed_ratio
 from autopilot.supervision.tuning import (
     ALIKE,
+    AT_THE_STOP,
     BACK_ON_COURSE,
     BEHIND,
     BEYOND,
@@ -48,17 +50,19 @@ from autopilot.supervision.tuning import (
     PAUSE,
     RUSH,
     SOFTER,
+    SPEED_SWINGS,
     SPIN,
     SPIN_TIME,
     SUSPECT_SWINGS,
     SWEEP,
     SWING,
-    THROW,
     WAY_KEPT,
 )
 
 SOFTEST = SOFTER * SOFTER
 """No law is softer."""
+STOP_TO_STOP = 2.0 * AT_THE_STOP
+"""A sweep of the rudder between both of its stops [rudder's limits]."""
 LONGEST_WAVE_S = math.pi / WAVE_FREQUENCY_LEAST
 """Half the period of the longest wave that is estimated [s]."""
 RATE_MOST = 10.0
@@ -162,8 +166,9 @@ class ByRudder(NamedTuple):
         )
         return ByRudder(time, psi, ordered, added)
 
-    def share(self) -> float:
-        """Return R^2, 0 where nothing has turned: what elimination leaves of the last column's square."""
+    def fit(self) -> tuple[float, float]:
+        """Return R^2, 0 where nothing has turned: what elimination leaves of the last column's square; and a [1/s^2],
+        K/T of a boat that nothing else turns."""
         left = [[0.0] * 5 for _ in range(5)]
         for (row, column), total in zip(combinations_with_replacement(range(5), 2), self.sums, strict=False):
             left[row][column] = left[column][row] = total
@@ -175,7 +180,12 @@ class ByRudder(NamedTuple):
                     part = left[row][pivot] / left[pivot][pivot]
                     left[row] = [one - part * other for one, other in zip(left[row], left[pivot], strict=True)]
             total = total or left[4][4]
-        return 1.0 - left[4][4] / total if total > 0.0 else 0.0
+        answer = left[3][4] / left[3][3] if left[3][3] > NO_MORE * before[3] else 0.0
+        return 1.0 - left[4][4] / total if total > 0.0 else 0.0, answer
+
+    def share(self) -> float:
+        """Return R^2."""
+        return self.fit()[0]
 
 
 class Swings(NamedTuple):
@@ -237,8 +247,10 @@ def turn_since(time: float, heading: float, wanted: float, seen: MonitorInput, q
 
 
 def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) -> Swings:
-    """Return the count after a tick, of sweeps of at least `sweep` [rudder's limits]."""
-    if not seen.follows:
+    """Return the count after a tick, of sweeps of at least `sweep` [rudder's limits]: of less than STOP_TO_STOP those
+    that swing the heading alike, else all."""
+    # a rudder that waits for way a moment is a part of the swing that took it
+    if not (seen.follows or (seen.waits and seen.steers)):
         return NO_SWINGS
     now, order = seen.now, seen.rudder
     swept, side, extreme, turned, low, high, low_before, high_before, swung, lasted, count, by_rudder = before
@@ -258,9 +270,11 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
     elif side * (extreme - order) >= sweep * seen.angle_max:
         # swept from there to the other side: that was a turning point. The heading may trail by half a sweep
         swing, lasts = max(high, high_before) - min(low, low_before), now - swept
-        counts = swing >= SWING and lasts >= LEAST_TIME * turn.quickest.time_constant
-        goes_on = swung < ALIKE * swing and swing < GROWS * swung
-        is_alike = goes_on and lasts < ALIKE * lasted and lasted < ALIKE * lasts
+        counts, is_alike = lasts >= LEAST_TIME * turn.quickest.time_constant, True
+        if sweep < STOP_TO_STOP:
+            goes_on = swung < ALIKE * swing and swing < GROWS * swung
+            is_alike = goes_on and lasts < ALIKE * lasted and lasted < ALIKE * lasts
+            counts = counts and swing >= SWING
         is_beyond_rudder = swing > BEYOND * widest_swing(turn.quickest, seen.angle_max, lasts)
         worth = 2 if is_beyond_rudder and lasts > LONGEST_WAVE_S else 1
         count = 0 if not counts else count + worth if is_alike else 1
@@ -272,6 +286,15 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
         side, extreme, swept, lasted = -side, order, now, lasts
         low_before, high_before, low, high = low, high, turned, turned
     return Swings(swept, side, extreme, turned, low, high, low_before, high_before, swung, lasted, count, by_rudder)
+
+
+def is_quicker(throws: Swings, seen: MonitorInput) -> bool:
+    """Return whether a boat that goes from stop to stop by its own rudder answers rather as at the trial's speed than
+    as at the one, lower, that is read: K/T goes with the square of the speed, and half way is the geometric mean."""
+    if throws.sweeps < SPEED_SWINGS or throws.by_rudder is None:
+        return False
+    share, answer = throws.by_rudder.fit()
+    return share >= BY_RUDDER and answer * speed_ratio(seen) > seen.model.gain / seen.model.time_constant
 
 
 def quickest_model(seen: MonitorInput) -> Norrbin:
@@ -422,7 +445,7 @@ def update(
     elif rudder.asks_less:
         softer = max(softer, SOFTER)
     sweeps = swings_step(sweeps, SWEEP, seen, turn)
-    throws = swings_step(throws, THROW, seen, turn)
+    throws = swings_step(throws, STOP_TO_STOP, seen, turn)
     spin = spin_step(spin, seen, turn)
     # no law is softer, and to try it once more would begin the count of everything anew
     fast = spin.rate if spin.is_fast or (spin.rushes and softer >= SOFTEST) else 0.0
@@ -431,10 +454,10 @@ def update(
     swings = (is_soft and thrown >= HALF_SWINGS) or (softer >= SOFTEST and swept >= SUSPECT_SWINGS)
     if not swings:
         suspect = swept >= SUSPECT_SWINGS or thrown >= SUSPECT_SWINGS or (seen.follows and spin.rushes)
-        contradicts_speed = (suspect or spin.outruns_speed) and reads_low(seen)
+        contradicts_speed = reads_low(seen) and (suspect or spin.outruns_speed or is_quicker(throws, seen))
         if suspect and not contradicts_speed:
             hunts, softer = True, min(SOFTER * softer, SOFTEST) if is_stable else softer
-        if suspect and (contradicts_speed or is_stable):
+        if contradicts_speed or (suspect and is_stable):
             sweeps, throws, spin = NO_SWINGS, NO_SWINGS, Spin()
     circles = circles_step(circles, seen, turn)
     if side == 0.0 or turn.led > NEW_COURSE or turn.led < -NEW_COURSE:

@@ -199,13 +199,15 @@ BACK_ON_COURSE = 0.7
 """An off-course alarm ends when the error is back within this share of its limit."""
 SOFTER = 4.0
 """The law orders as for a boat that answers so many times as much, and once more where that is not enough."""
-SUSPECT_SWINGS, HALF_SWINGS = 4, 6
+SPEED_SWINGS, SUSPECT_SWINGS, HALF_SWINGS = 3, 4, 6
 ALIKE, GROWS = 1.6, 3.0
 LEAST_TIME = 0.25
-"""So many sweeps of the rudder from side to side in a row, each with a swing of the heading, may be a limit cycle, or
-are one: a turn and its counter-rudder are two, and the third is an overshoot. They last as long as each other, and the
-swings are as far, within this factor, or farther while the cycle grows (GROWS); a sea's are not. Sweeps that last less
-than this many time constants are not the boat's, nor those of one that is sixteen times as quick."""
+"""So many sweeps of the rudder from side to side in a row, each with a swing of the heading, or from stop to stop
+whatever the swing, show a speed that reads too low where the boat answers as at a higher one, may be a limit cycle, or
+are one: a turn and its counter-rudder are two, and the third is an overshoot. From stop to stop and of a right speed,
+in seas of up to 8 deg of rudder, 1 of 40 runs of a course-unstable model boat answered so. They last as long as each
+other, and the swings are as far, within this factor, or farther while the cycle grows (GROWS); a sea's are not. Sweeps
+that last less than this many time constants are not the boat's, nor those of one that is sixteen times as quick."""
 BY_RUDDER = 0.98
 """So much of the rate's variance is the rudder's where steering makes the swings. Of boats that differ from their file
 0.995 and more (5 to 40 times as lively); 0.89 to 0.96 in a sea of 6 deg of rudder, which shows them some sweeps later.
@@ -213,9 +215,8 @@ Of boats that are theirs, in gusts and seas that their rudder is too slow for, 0
 BEYOND = 3.0
 """A swing so many times as far as the rudder from stop to stop makes by the model counts for two, where it lasts longer
 than a sea's: seas turn small boats as far beside their rudder."""
-SWEEP, THROW = 0.5, 1.0
-"""Each of them, from turning point to turning point, in units of the rudder's limit to one side: to be steered softly,
-and to be let go of."""
+SWEEP = 0.5
+"""Each of them, from turning point to turning point, in units of the rudder's limit to one side."""
 SWING = math.radians(10.0)
 """And each of the heading's [rad], as far: less is a quick boat in a sea."""
 PAUSE = (10.0, 15.0)

@@ -9,8 +9,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from autopilot.angles import wrap
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import StandardErrors
 from sitl.campaign import envelope
@@ -77,6 +79,23 @@ def test_a_boat_that_is_its_file_is_held() -> None:
     found = sailed(FILED)
     assert found.outcome == HELD
     assert found.overshoot_deg < 1.0
+
+
+@pytest.mark.parametrize("run", [885, 1906])
+def test_a_rudder_that_goes_from_stop_to_stop_by_a_log_that_reads_low_shows_it(run: int) -> None:
+    """A course-unstable model boat; the log reads 0.51 and 0.40 of its speed. It swung, irregularly, for 70 s."""
+    boat, ranges = load_vessel("small_craft"), ranges_of(load_vessel("small_craft"))
+    drawn, turn = drawn_of(992001, run, ranges)
+    study, until = study_of(boat, turn, ranges[6].at(drawn[6]), gyro=True)
+    key = int(np.random.SeedSequence((992001, run)).generate_state(1)[0])
+    said, off = math.inf, 0.0
+    for tick, world, _ in envelope.sailed(prepared_for(boat, study, ranges, drawn), study, key):
+        if any(event.name == "speed_doubtful" for event in tick.alarms):
+            said = min(said, world.time)
+        if world.time > until:
+            off = max(off, abs(math.degrees(wrap(world.boat.state.heading - math.radians(turn)))))
+    assert said < 20.0, "before the turn"
+    assert off < 6.0
 
 
 def test_a_hull_is_as_long_as_its_file_says() -> None:
