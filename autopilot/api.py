@@ -173,7 +173,7 @@ def run(
     vessel: Vessel, links: Sequence[str], orders: Orders, duration: float, log: str | Path | None = None
 ) -> list[Tick]:
     """Steer in real time over `links` (URLs as of `autopilot run`, ArduRover by the ground station's id) for `duration`
-    [s]; return the ticks. On every way out the rudder is released."""
+    [s]; return the ticks. On every way out the rudder is released. LinkError where no heading has come."""
     sink = None if log is None else (lambda: FileSink(Path(log)))
     plan = Plan(vessel, orders, urls=tuple(links), options=LinkOptions(as_gcs=True), log=sink)
     ticks: list[Tick] = []
@@ -184,4 +184,6 @@ def run(
 
     with App(plan, MonotonicClock(1.0)) as app:
         app.run(duration, after)
+    if not any(tick.state.valid for tick in ticks):
+        raise LinkError(f"no heading came over {', '.join(links)} in {duration:g} s: is the boat on, and sends here?")
     return ticks

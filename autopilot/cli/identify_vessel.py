@@ -29,6 +29,8 @@ ASSUMED_RATE_DEG_S = 10.0
 """Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""
 LEAST_NOISE_DEG, LEAST_RATE_NOISE_DEG_S = 0.05, 0.02
 """No heading and no rate aboard is better than this, whatever a quiet recording of them shows."""
+LATE_S = 0.05
+"""Less is no matter to gains."""
 RATE_DISAGREES = 0.15
 """A measured rate off the file's by more than this share, and by three standard errors, is worth a sentence."""
 
@@ -110,8 +112,7 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
         )
     return [
         *remarks,
-        *_train_remarks(path, result, vessel),
-        *([] if fresh else _rudder_remarks(path, runs, vessel, rate)),
+        *([] if fresh else [*_train_remarks(path, result, vessel), *_rudder_remarks(path, runs, vessel, rate)]),
     ]
 
 
@@ -183,19 +184,17 @@ def _not_kept(path: str, found: Identified) -> list[str]:
 
 
 def _train_remarks(path: str, result: Result, vessel: Vessel) -> list[str]:
-    """Return what the fitted delay and lag of the rudder mean for a file that has other ones."""
-    train = result.found.train
-    found = {name: getattr(train, name) for name in ("delay", "lag") if name not in result.found.unidentifiable}
-    off = [
-        f"rudder.{name}_s {value:.2g}"
-        for name, value in found.items()
-        if value > 0.0 and abs(getattr(vessel.rudder, f"{name}_s") - value) > 0.5 * value
+    """Return what delay and lag say that were found beside those of the file, whose gear the orders had passed."""
+    found = result.found
+    late = found.train.delay + found.train.lag
+    doubt = math.hypot(*(found.standard_errors.get(name) or 0.0 for name in ("delay", "lag")))
+    if late < LATE_S or late < SURE_OF_IT * doubt:
+        return []
+    filed = vessel.rudder.delay_s + vessel.rudder.lag_s
+    return [
+        f"The boat follows its rudder {late:.2g} s later than the {filed:.2g} s of rudder.delay_s and rudder.lag_s in "
+        f"{path} explain: look over them."
     ]
-    return (
-        [f"Between order and rudder the runs show {' and '.join(off)}; {path} has other ones: look over them."]
-        if off
-        else []
-    )
 
 
 def _with_scale(vessel: Vessel, given: Given) -> Vessel:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import shlex
 import signal
@@ -362,7 +363,8 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
         with ending.at_signals(), app:
             for notice in [*app.notices, *_about_north(vessel, plan.urls)]:
                 print(notice)
-            line = status = StatusLine(voyage.describe, voyage.typed, vessel.sensors.magnetic)
+            describe = voyage.describe or (lambda tick: _left(voyage.duration - tick.now))
+            line = status = StatusLine(describe, voyage.typed, vessel.sensors.magnetic)
 
             def after(tick: Tick) -> bool:
                 is_over = voyage.watch(app, tick)  # takes the keys before the status line, which would echo them
@@ -393,6 +395,10 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
         print(f"ended in {'fault' if last.mode is Mode.FAULT else 'fail-safe'}{why}", file=sys.stderr)
         return int(ExitCode.FAILSAFE)
     return int(ExitCode.OK)
+
+
+def _left(seconds: float) -> str:
+    return f"{seconds:.0f} s left" if 0.0 <= seconds < math.inf else ""
 
 
 def _access_rules(vessel: Vessel, arguments: argparse.Namespace) -> AccessRules:

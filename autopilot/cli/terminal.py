@@ -271,10 +271,11 @@ def status_text(tick: Tick, is_measured: bool, width: int, ahead: str = "", nort
     shown = (
         f"{rudder:+.1f} {'measured' if is_measured else 'ordered'}" if is_measured or tick.command.engaged else "free"
     )
+    course = course_text(tick)
     parts = [
-        (3, ahead),
+        (0, ahead),
         (0, mode),
-        (0, f"course {course_text(tick)}{north}"),
+        (5 if ahead and course == "---" else 0, f"course {course}{north}"),
         (0, f"heading {degrees_text(state.heading)}{north}"),
         (0, f"rudder {shown}"),
         (1, f"{math.degrees(state.rate):+.1f} deg/s"),

@@ -82,7 +82,7 @@ def verdict_of_demo(summary: dict[str, Any]) -> Verdict:
     hold = next(iter(summary["hold_sea_state_5"].values()))
     settled = turn["settling_s"]
     said = (
-        f"K and T found within {100.0 * off:.0f} %; a turn of 90 deg "
+        f"K and T found within {max(math.ceil(100.0 * off), 1)} %; a turn of 90 deg "
         f"{'does not settle' if settled is None else f'in {settled:.0f} s'}, {turn['overshoot_deg']:.1f} deg past the "
         f"course; held within {hold['heading_rms_deg']:.1f} deg rms in sea state 5"
     )

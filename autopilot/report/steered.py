@@ -208,6 +208,8 @@ class Steered:
 
 
 EXECUTES_ENOUGH = 4
+TURNED_DEG = 5.0
+"""A boat whose heading swings over less than this was held fast, or its rudder does nothing."""
 
 
 def trial_verdict(steered: Steered, reason: str) -> Verdict:
@@ -221,6 +223,10 @@ def trial_verdict(steered: Steered, reason: str) -> Verdict:
     if reason or not steered.trial_seconds:
         early = f"it ended early ({reason}); " if reason else ""
         return Verdict("not enough", f"not enough: {early}{said}; sail it again")
+    if swing < TURNED_DEG:
+        return Verdict(
+            "not enough", f"not enough to identify: {said}; at the dock that is right, and shows the rudder alone"
+        )
     if steered.executes < EXECUTES_ENOUGH:
         return Verdict("start", f"good for a start: {said}; sail it for longer, and identify both together")
     return Verdict("good", f"good: sailed to its end, {said}; next: autopilot identify with this log")

@@ -379,7 +379,7 @@ WORDS = {
         "an order to engage before a heading",
     ),
     "cannot_engage": Words(
-        "cannot engage",
+        "not engaged",
         "put right what is said here; the order waits for it 30 s",
         "an order to engage while the helm is taken or a trouble lasts",
         sentence="{text}: {detail}",

@@ -95,7 +95,7 @@ class Says(Enum):
     OVERRIDDEN = "overridden: who has the helm, and why"
     UNFIT = "not_finite or envelope"
     MONITOR = "the monitor's own alarm"
-    BLOCKED = "cannot engage: what is against it"
+    BLOCKED = "not engaged: what is against it"
     EXPIRED = "the order to engage was dropped: what was against it"
 
 

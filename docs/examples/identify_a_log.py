@@ -4,6 +4,8 @@ import sys
 
 from autopilot import design, identify, load_vessel, read_log, save_vessel, verdict, with_model
 
+if len(sys.argv) != 3:
+    raise SystemExit(__doc__)
 log, out = sys.argv[1], sys.argv[2]
 run = read_log(log)
 found = identify(run)

@@ -8,6 +8,8 @@ import sys
 
 from autopilot import heading_order, load_vessel, read_ticks, run
 
+if len(sys.argv) != 4:
+    raise SystemExit(__doc__)
 link, seconds, log = sys.argv[1], float(sys.argv[2]), sys.argv[3]
 ticks = run(load_vessel("lanxin"), [link], lambda now, tick: heading_order(40.0), seconds, log)
 last = ticks[-1]

@@ -7,6 +7,9 @@ from itertools import pairwise
 from autopilot import Mode, heading_order, load_vessel
 from sitl import simulate
 
+if len(sys.argv) != 2:
+    raise SystemExit(__doc__)
+
 
 def orders(now, tick):
     """Hold 20 deg, and 110 deg from 20 s on: one intention, whose heading changes."""

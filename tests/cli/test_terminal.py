@@ -47,6 +47,8 @@ def test_what_must_be_there_is_there_in_eighty_columns(tick: Tick) -> None:
     wide = status_text(tick, False, 200, "1/2 circle")
     assert wide.startswith("1/2 circle  ENGAGED") and " kn" in wide and "bias" in wide and "deg/s" in wide
     assert status_text(tick, False, 55).count("  ") == 3
+    sailed = status_text(tick._replace(order=Order(OrderKind.ZIGZAG)), True, 79, "2/8 zigzag  133 s left")
+    assert "zigzag  133 s left" in sailed and "rudder" in sailed and "---" not in sailed
 
 
 @pytest.mark.parametrize(("degrees", "shown"), [(359.96, "000"), (0.0, "000"), (359.4, "359"), (-0.2, "000")])

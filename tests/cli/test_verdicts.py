@@ -99,6 +99,9 @@ def test_a_trial_is_good_for_identification_or_not() -> None:
     assert trial_verdict(Steered(), "").grade == "not enough"
     steered.executes = 2
     assert trial_verdict(steered, "").grade == "start"
+    steered.swing = (0.0, 0.02)
+    tied_up = trial_verdict(steered, "")
+    assert tied_up.grade == "not enough" and "at the dock that is right" in tied_up.sentence
 
 
 def test_two_runs_are_compared_by_course_and_rudder() -> None:

@@ -220,7 +220,7 @@ def test_the_mode_counts_as_it_is_after_arming() -> None:
     boat = bench("rc_override", armed=False)
     boat.engage(20.0)
     boat.run(4.0)
-    assert words_of(boat.tick) == ("cannot engage: the vehicle is disarmed; arm it",)
+    assert words_of(boat.tick) == ("not engaged: the vehicle is disarmed; arm it",)
     boat.firmware.set_mode(4)
     boat.firmware.set_armed(True)
     boat.run(4.0)

@@ -111,7 +111,7 @@ def test_mode_and_alarms_are_the_status(manager: Manager) -> None:
     ours.close()
     statuses = [line for line in lines if line.startswith("STATUS=")]
     assert statuses[-1] == "STATUS=ENGAGED"
-    assert any("cannot engage" in status for status in statuses)
+    assert any("not engaged" in status for status in statuses)
 
 
 @pytest.mark.real_time

@@ -99,7 +99,7 @@ def test_it_does_not_engage_against_a_human() -> None:
     tested = supervisor()
     tested.on_sample(HelmSample(0.0, False, "disarmed", "link"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
-    assert sentences_of(tested.alarms()) == ("cannot engage: disarmed",)
+    assert sentences_of(tested.alarms()) == ("not engaged: disarmed",)
 
 
 def test_another_link_cannot_free_the_helm_that_one_has_taken() -> None:
@@ -195,7 +195,7 @@ def test_an_order_that_meets_a_taken_helm_waits_half_a_minute_and_is_dropped() -
     tested.on_sample(HelmSample(0.0, False, "disarmed; arm it", "link"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
     assert tested.decide(29.0, ENGAGE, state(29.0)) is Mode.STANDBY
-    assert sentences_of(tested.alarms()) == ("cannot engage: disarmed; arm it",)
+    assert sentences_of(tested.alarms()) == ("not engaged: disarmed; arm it",)
     tested.decide(30.0, ENGAGE, state(30.0))
     assert sentences_of(tested.alarms()) == ("the order to engage was dropped: disarmed; arm it; order again",)
     tested.on_sample(HelmSample(31.0, True, "", "link"))

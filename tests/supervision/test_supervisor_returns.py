@@ -94,9 +94,9 @@ def test_after_a_reboot_it_reengages_only_if_the_file_allows() -> None:
     tested = rebooted(made(reengage=True))
     assert tested.decide(12.0, COURSE, state()) is Mode.OVERRIDE
     assert tested.decide(15.0, COURSE, state()) is Mode.OVERRIDE
-    assert sentences_of(tested.alarms()) == ("cannot engage: the vehicle is disarmed; arm it",)
+    assert sentences_of(tested.alarms()) == ("not engaged: the vehicle is disarmed; arm it",)
     assert tested.decide(15.0 + ORDER_WAITS, COURSE, state()) is Mode.OVERRIDE
-    assert "cannot engage" in sentences_of(tested.alarms())[0], "what comes back by itself is not dropped"
+    assert "not engaged" in sentences_of(tested.alarms())[0], "what comes back by itself is not dropped"
     tested.on_sample(helm())
     assert tested.decide(60.0, COURSE, state()) is Mode.ENGAGED
     assert tested.alarms() == ()
@@ -249,13 +249,13 @@ def test_the_wait_of_an_order_begins_anew_with_another_and_not_before_a_first_he
     tested.on_sample(helm("disarmed; arm it"))
     tested.decide(101.0, COURSE, state())
     tested.decide(130.9, COURSE, state())
-    assert sentences_of(tested.alarms()) == ("cannot engage: disarmed; arm it",)
+    assert sentences_of(tested.alarms()) == ("not engaged: disarmed; arm it",)
     tested.decide(131.0, COURSE, state())
     assert "dropped" in sentences_of(tested.alarms())[0]
     again = COURSE._replace(serial=2)
     tested.decide(140.0, again, state())
     tested.decide(169.9, again, state())
-    assert sentences_of(tested.alarms()) == ("cannot engage: disarmed; arm it",)
+    assert sentences_of(tested.alarms()) == ("not engaged: disarmed; arm it",)
 
 
 def test_a_trouble_that_keeps_an_order_waiting_is_said_and_the_order_dropped_in_the_end() -> None:
