@@ -19,13 +19,12 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.drives.base import Drive, DriveSettings
+from autopilot.links.drives import Drive, DriveSettings
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
-from autopilot.links.n2k.fields import encoded
 from autopilot.links.n2k.link import FORMS, framed
-from autopilot.links.n2k.packets import Message
+from autopilot.links.n2k.packets import Message, encoded
 from autopilot.links.n2k.samples import INSTRUMENTS, Compass, sample_of
 from autopilot.links.n2k.session import N2kSession, N2kSettings
 from autopilot.links.nmea import sentences as encode

@@ -41,11 +41,11 @@ from naval_vessel import Sea, inverse_mass, linear_motion, motion_step
 
 from autopilot.angles import wrap
 from autopilot.control.law import LawInForce, LawInput
+from autopilot.control.rudder_roll import Motion
 from autopilot.control.sliding_roll import RollMemory, RollNumbers, place_of
 from autopilot.control.sliding_roll import steered as steered_by
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import Run, Segment
-from autopilot.models.motion import Motion
 from autopilot.models.norrbin import rudder_for
 from autopilot.models.steering_gear import gear_step
 from autopilot.pilot import Pilot

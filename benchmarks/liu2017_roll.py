@@ -35,6 +35,7 @@ from scipy.optimize import differential_evolution
 
 from autopilot.control.rudder_roll import (
     PAPER_ROLL,
+    Motion,
     RateGain,
     RollGains,
     ScheduleParts,
@@ -54,7 +55,6 @@ from autopilot.control.sliding_heading import (
 )
 from autopilot.control.sliding_roll import STEERING, quiet_at
 from autopilot.errors import InputError
-from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.vessel.file import load_vessel
 from sitl.compiled import compiled

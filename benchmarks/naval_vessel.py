@@ -49,7 +49,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.models.motion import LinearMotion, Motion
+from autopilot.control.rudder_roll import LinearMotion, Motion
 from autopilot.models.waves import GRAVITY, component_amplitudes, wave_number
 from sitl.roll_ship import (
     CALM_WATER,

@@ -46,9 +46,8 @@ from rails_peers import (
 
 from autopilot.angles import wrap
 from autopilot.guidance.current import Place, offset
-from autopilot.guidance.path import on_arc, swept
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint
+from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint, on_arc, swept
 from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of

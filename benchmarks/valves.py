@@ -19,9 +19,8 @@ from typing import NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.api import design
-from autopilot.links.drives.base import DriveSettings
-from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
-from autopilot.links.drives.valve import ValveDrive
+from autopilot.links.drives import DriveLink, DriveLinkSettings, DriveSettings
+from autopilot.links.drives.maestro import ValveDrive
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url

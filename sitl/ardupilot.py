@@ -22,7 +22,7 @@ import numpy as np
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
-from autopilot.links.transports.sockets import is_everywhere
+from autopilot.links.transports.medium import is_everywhere
 from autopilot.models.waves import GRAVITY
 from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState

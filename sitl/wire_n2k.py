@@ -18,8 +18,7 @@ from collections.abc import Callable
 from typing import Any
 
 from autopilot.angles import wrap_positive
-from autopilot.links.n2k.fields import FAST
-from autopilot.links.n2k.packets import Frame, Framing, Message
+from autopilot.links.n2k.packets import FAST, Frame, Framing, Message
 from sitl.sensors import Reading
 from sitl.wire_nmea import ChartPlotter, RudderDrive, deviation_of_magnetic
 from sitl.world import World

@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def listening_address(text: str) -> tuple[str, int]:
     """Return address and port of `127.0.0.1:8080`, `[::1]:8080` or `wlan0:8080`, an interface. Raises InputError."""
-    from autopilot.links.transports.sockets import interface_address
+    from autopilot.links.transports.medium import interface_address
 
     place, _, digits = text.rpartition(":")
     host = place[1:-1] if place.startswith("[") and place.endswith("]") else interface_address(place) or place
@@ -145,7 +145,7 @@ def _own_address() -> str:
     """Return the first address of this machine that others may reach, "" where there is none."""
     import socket
 
-    from autopilot.links.transports.sockets import interface_address
+    from autopilot.links.transports.medium import interface_address
 
     found = (interface_address(name) for _, name in socket.if_nameindex())
     return next((each for each in found if each and not ipaddress.ip_address(each).is_loopback), "")

@@ -22,16 +22,40 @@ minutes and falls to zero where it has not.
 
 All three lean on the model, the rudder and its gear. What the roll itself says stands above them: `Proof` holds the
 roll measured under the law against that measured before it, and bars the law where too little of the promise came true.
+
+No numpy is loaded, which a running pilot does without.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from autopilot.control.sliding_heading import SMALL, SwayYawLaw, sliding_surface, sway_yaw_rudder
-from autopilot.models.motion import LinearMotion, Motion
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """Sway v [m/s], roll rate p, yaw rate r [rad/s], roll phi and heading psi [rad]; or their derivatives."""
+
+    v: float
+    p: float
+    r: float
+    phi: float
+    psi: float
+
+
+class LinearMotion(NamedTuple):
+    """x' = A x + b delta about straight running, x = (v, p, r, phi, psi), delta [rad] positive to starboard."""
+
+    A: Array
+    b: Array
 
 
 class RollGains(NamedTuple):

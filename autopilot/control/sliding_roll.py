@@ -28,7 +28,9 @@ from autopilot.control.limits import RATE_UNSEEN, ShownRate, seen
 from autopilot.control.roll_damping import OLD
 from autopilot.control.rudder_roll import (
     AT_REST,
+    LinearMotion,
     LinearStep,
+    Motion,
     Proof,
     RateGain,
     RollGains,
@@ -52,7 +54,6 @@ from autopilot.control.sliding_heading import (
     sway_yaw_rudder,
 )
 from autopilot.files.typed import NOW, Bounds, Positive
-from autopilot.models.motion import LinearMotion, Motion
 from autopilot.models.norrbin import Norrbin, liveliness, rudder_for
 from autopilot.models.steering_gear import SteeringGear, clip
 

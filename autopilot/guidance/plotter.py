@@ -22,7 +22,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import compass_deg, shortest_turn, wrap
-from autopilot.guidance.path import Set
+from autopilot.guidance.track import Set
 from autopilot.signals import AlarmEvent
 
 DRIFT_SHARE = 0.3

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from autopilot.links.base import Transport
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import UdpInTransport
-from autopilot.links.transports.sockets import peer_of
+from autopilot.links.transports.medium import peer_of
 from autopilot.links.url import NETWORKS, SCHEMES, split_scheme
 
 KEPT_BYTES = 30_000

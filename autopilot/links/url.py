@@ -16,14 +16,22 @@ from autopilot.links.transports import UdpInTransport
 from autopilot.links.transports.medium import BAUD_MAX as BAUD_MAX
 from autopilot.links.transports.medium import BAUD_MIN as BAUD_MIN
 from autopilot.links.transports.medium import LinkUrl as LinkUrl
-from autopilot.links.transports.medium import Medium, Scheme, UrlOptions, Written, parse_options
-from autopilot.links.transports.sockets import Network, is_everywhere, only_from
+from autopilot.links.transports.medium import (
+    Medium,
+    Network,
+    Scheme,
+    UrlOptions,
+    Written,
+    is_everywhere,
+    only_from,
+    parse_options,
+)
 
 MODULES = (
     "udp",
     "tcp",
     "serial_line",
-    "can_bus",
+    "medium",
 )
 """Modules of `autopilot.links.transports` with a tuple MEDIA: one line for every kind of transport."""
 MEDIA: dict[str, Medium] = {

@@ -18,7 +18,7 @@ from typing import Any
 
 from autopilot.errors import InputError
 from autopilot.files.outside import parse_json
-from autopilot.links.n2k.fields import LAYOUTS
+from autopilot.links.n2k.packets import LAYOUTS
 from autopilot.links.n2k.samples import INSTRUMENTS
 from autopilot.logs.format import LogFormat
 from autopilot.logs.line_times import EPOCH_FROM, stamp_of, stamped, without_outliers

@@ -31,11 +31,13 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.links.n2k.fields import (
+from autopilot.links.n2k.packets import (
     ATTITUDE,
     FAST,
+    FRAME_BYTES,
     GNSS,
     GROUND_SPEED,
+    IDENTIFIER_MOST,
     POSITION,
     RATE_OF_TURN,
     RUDDER,
@@ -43,12 +45,12 @@ from autopilot.links.n2k.fields import (
     VARIATION,
     WATER_SPEED,
     WIND,
+    FastPackets,
     Fields,
     decoded,
     number,
 )
-from autopilot.links.n2k.fields import HEADING as VESSEL_HEADING
-from autopilot.links.n2k.packets import FRAME_BYTES, IDENTIFIER_MOST, FastPackets
+from autopilot.links.n2k.packets import HEADING as VESSEL_HEADING
 from autopilot.links.n2k.packets import group_and_source as addressed
 from autopilot.links.n2k.samples import (
     INSTRUMENTS,

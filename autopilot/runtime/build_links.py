@@ -21,7 +21,7 @@ from autopilot.links.drives import DRIVES, drive_of
 from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.rudder_follow import FollowSettings
-from autopilot.links.transports.sockets import Network, network_of
+from autopilot.links.transports.medium import Network, network_of
 from autopilot.links.url import FORWARD_OPTIONS, NETWORKS, LinkUrl, open_transport, parse_url
 from autopilot.runtime.build import follow_of, radians_or_unlimited
 from autopilot.supervision.supervisor import STEERING_ACTIONS
@@ -29,7 +29,7 @@ from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
     # what speaks one protocol is loaded where a link speaks it: a pilot that has died must steer again soon
-    from autopilot.links.drives.base import DriveSettings
+    from autopilot.links.drives import DriveSettings
     from autopilot.links.ground_station.commands import Commands
     from autopilot.links.ground_station.station_service import ParameterStore
     from autopilot.links.mavlink.router import Router
@@ -123,7 +123,7 @@ def machine_number(path: Path = Path("/etc/machine-id")) -> int:
 
 def drive_settings_of(vessel: Vessel) -> DriveSettings:
     """Return what the scale of the vessel's rudder drive means."""
-    from autopilot.links.drives.base import DriveSettings
+    from autopilot.links.drives import DriveSettings
 
     drive, rudder = vessel.drive, vessel.rudder
     return DriveSettings(
@@ -294,7 +294,7 @@ def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Rou
 
 def _rudder_drive(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
     """Return the link to a rudder drive on a line of its own."""
-    from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
+    from autopilot.links.drives import DriveLink, DriveLinkSettings
 
     settings = DriveLinkSettings(url.baud, vessel.drive.rate_hz, follow_of(vessel))
     drive = drive_of(url.protocol, drive_settings_of(vessel))

@@ -10,7 +10,7 @@ import socket
 from collections.abc import Callable
 from typing import NamedTuple
 
-from autopilot.links.transports.sockets import open_error, resolve
+from autopilot.links.transports.medium import open_error, resolve
 from autopilot.signalk.messages import (
     HEADINGS,
     BadRequestError,

@@ -23,6 +23,7 @@ from naval_vessel import (
 from autopilot.angles import wrap
 from autopilot.control.rudder_roll import (
     PAPER_ROLL,
+    Motion,
     RollGains,
     ScheduleParts,
     ScheduleSettings,
@@ -35,7 +36,6 @@ from autopilot.control.rudder_roll import (
 )
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import RollMemory, quiet_at
-from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Order, OrderKind, RollSample, RudderSample

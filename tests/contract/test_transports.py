@@ -23,8 +23,7 @@ from autopilot.links.transports import (
     UdpOutTransport,
     loopback_pair,
 )
-from autopilot.links.transports.medium import Accepts, LinkUrl, Medium, Scheme, own_address
-from autopilot.links.transports.sockets import Allows
+from autopilot.links.transports.medium import Accepts, Allows, LinkUrl, Medium, Scheme, own_address
 
 HELLO = MavlinkCodec(1, 1).encode(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
 

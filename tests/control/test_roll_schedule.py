@@ -21,6 +21,7 @@ from autopilot.control.rudder_roll import (
     WEAKEST,
     WORKED,
     Measured,
+    Motion,
     Proof,
     RateGain,
     RollSchedule,
@@ -45,7 +46,6 @@ from autopilot.control.rudder_roll import (
 )
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import quiet_at
-from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from naval_vessel import linear_motion
 from steersman import Steersman
 
-from autopilot.control.rudder_roll import RollGains, linear_response, linear_step_of, roll_rudder
+from autopilot.control.rudder_roll import Motion, RollGains, linear_response, linear_step_of, roll_rudder
 from autopilot.control.sliding_heading import SwayYawGains, sway_yaw_rudder
 from autopilot.control.sliding_roll import (
     LIST_TIME,
@@ -31,7 +31,6 @@ from autopilot.control.sliding_roll import (
     slowest,
 )
 from autopilot.errors import InputError, RefusedError
-from autopilot.models.motion import Motion
 from autopilot.models.norrbin import at_speed, rudder_for
 from autopilot.models.steering_gear import gear_step
 from autopilot.runtime.build import build_pilot, law_of, model_of

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from autopilot.links.drives import DRIVES
-from autopilot.links.n2k.fields import LAYOUTS, SYSTEM_TIME
+from autopilot.links.n2k.packets import LAYOUTS, SYSTEM_TIME
 from autopilot.links.nmea.samples import NmeaReader, PlotterReader
 from autopilot.links.north import Variation
 from autopilot.links.transports.medium import SENTENCES

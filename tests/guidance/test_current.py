@@ -10,7 +10,7 @@ import pytest
 from autopilot.angles import wrap
 from autopilot.guidance import current
 from autopilot.guidance.current import CurrentFilter, CurrentSettings, Place, offset
-from autopilot.guidance.path import Set, corner_at, on_arc, radius_needed, swept
+from autopilot.guidance.track import Set, corner_at, on_arc, radius_needed, swept
 
 START = Place(math.radians(57.7), math.radians(11.9))
 M_PER_RAD = 6.3781e6

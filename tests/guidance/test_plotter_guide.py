@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.guidance.path import Set
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg
+from autopilot.guidance.track import Set
 
 SPEED = 4.0
 

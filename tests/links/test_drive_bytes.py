@@ -9,8 +9,7 @@ import pytest
 from alarm_texts import words as shown
 
 from autopilot.links.base import LinkError
-from autopilot.links.drives.base import DriveSettings, JumpGate, StallWatch
-from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
+from autopilot.links.drives import DriveLink, DriveLinkSettings, DriveSettings, JumpGate, StallWatch
 from autopilot.links.drives.jrk import JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor, packet

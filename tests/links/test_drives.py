@@ -12,8 +12,7 @@ from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.drives.base import DriveSettings, JumpGate
-from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
+from autopilot.links.drives import DriveLink, DriveLinkSettings, DriveSettings, JumpGate
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor, crc8, packet

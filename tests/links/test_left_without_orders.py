@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
+from autopilot.links.drives import DriveLink, DriveLinkSettings
 from autopilot.links.drives.pypilot_motor import PypilotMotor
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.rudder_follow import FollowSettings, RudderFollow

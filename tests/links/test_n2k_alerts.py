@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from autopilot.links.n2k.fields import text_of
+from autopilot.links.n2k.packets import text_of
 from autopilot.links.n2k.session import Alerts, number_of
 from autopilot.signals import (
     AlarmEvent,

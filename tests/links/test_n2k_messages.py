@@ -14,8 +14,17 @@ pytest.importorskip("nmea2000", reason="nmea2000 is not installed (extra n2k)")
 
 from n2k_boat import Sent
 
-from autopilot.links.n2k.fields import FAST, LAYOUTS, decoded, encoded
-from autopilot.links.n2k.packets import FastPackets, Frame, Framing, Message, group_and_source
+from autopilot.links.n2k.packets import (
+    FAST,
+    LAYOUTS,
+    FastPackets,
+    Frame,
+    Framing,
+    Message,
+    decoded,
+    encoded,
+    group_and_source,
+)
 from autopilot.links.n2k.samples import INSTRUMENTS, moment, rudder_order, sample_of
 from autopilot.links.n2k.samples import Compass as Variation
 from autopilot.signals import PositionSample, SpeedSample

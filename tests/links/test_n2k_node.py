@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from station_doubles import Skipper
 
 from autopilot.links.n2k import node as nodes
-from autopilot.links.n2k.fields import FAST
 from autopilot.links.n2k.link import BusLine, N2kLink, open_bus
 from autopilot.links.n2k.node import NAME, Device, Node
-from autopilot.links.n2k.packets import Frame, Framing, Message, identifier
+from autopilot.links.n2k.packets import FAST, Frame, Framing, Message, identifier
 from autopilot.links.n2k.session import READ, N2kSession, N2kSettings
 from autopilot.signals import (
     HelmSample,

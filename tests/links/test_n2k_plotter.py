@@ -9,8 +9,7 @@ import pytest
 
 from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
-from autopilot.links.n2k.fields import encoded, text
-from autopilot.links.n2k.packets import Message
+from autopilot.links.n2k.packets import Message, encoded, text
 from autopilot.links.n2k.samples import PlotterReader, waypoint_names
 from autopilot.links.n2k.session import N2kSession, N2kSettings
 from autopilot.links.north import known_as
@@ -191,7 +190,7 @@ def test_at_a_waypoint_the_course_never_goes_the_wrong_way(lag: int, order: tupl
 
 
 def mirrored(message: Message, side: float) -> Message:
-    from autopilot.links.n2k.fields import decoded
+    from autopilot.links.n2k.packets import decoded
 
     if side > 0.0:
         return message

@@ -18,8 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import Link, LinkError, close_all
-from autopilot.links.drives.base import DriveSettings
-from autopilot.links.drives.drive_link import DriveLink
+from autopilot.links.drives import DriveLink, DriveSettings
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands

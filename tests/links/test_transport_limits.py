@@ -26,8 +26,7 @@ from autopilot.links.transports import (
     UdpOutTransport,
     loopback_pair,
 )
-from autopilot.links.transports.serial_line import _open_error
-from autopilot.links.transports.sockets import (
+from autopilot.links.transports.medium import (
     disconnect,
     interface_address,
     is_everywhere,
@@ -38,6 +37,7 @@ from autopilot.links.transports.sockets import (
     peer_of,
     resolve,
 )
+from autopilot.links.transports.serial_line import _open_error
 
 PATIENCE = 5000
 """Milliseconds that the kernel is given to deliver."""

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.api import design
 from autopilot.errors import InputError
-from autopilot.links.drives.base import DriveSettings
-from autopilot.links.drives.drive_link import DriveLink, DriveLinkSettings
-from autopilot.links.drives.valve import ValveDrive
+from autopilot.links.drives import DriveLink, DriveLinkSettings, DriveSettings
+from autopilot.links.drives.maestro import ValveDrive
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.release import ReleaseState
 from autopilot.links.transports import loopback_pair

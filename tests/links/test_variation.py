@@ -12,8 +12,7 @@ import pytest
 
 from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.n2k.fields import encoded
-from autopilot.links.n2k.packets import Message
+from autopilot.links.n2k.packets import Message, encoded
 from autopilot.links.n2k.session import N2kSession, N2kSettings
 from autopilot.links.nmea.link import NmeaSession, NmeaSettings
 from autopilot.links.nmea.sentences import encode_hdg, encode_hdm, encode_rmc

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, linalg
 
-from autopilot.models.motion import Motion
+from autopilot.control.rudder_roll import Motion
 from sitl import roll_ship
 from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Load
 

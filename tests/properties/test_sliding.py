@@ -16,8 +16,8 @@ from autopilot.control import rudder_roll, sliding_heading
 from autopilot.control.backstepping import BacksteppingGains, BoundedGains, backstepping_rudder
 from autopilot.control.law import LawBoat
 from autopilot.control.limits import RudderLimits
+from autopilot.control.rudder_roll import Motion
 from autopilot.control.sliding_heading import PAPER_SWAY_YAW, Sliding, SlidingGains
-from autopilot.models.motion import Motion
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import Reference

@@ -15,6 +15,7 @@ from naval_vessel import InverseMass, inverse_mass, motion_step
 from autopilot.angles import wrap
 from autopilot.control.rudder_roll import (
     UNPROVEN,
+    Motion,
     Proof,
     RollSchedule,
     ScheduleParts,
@@ -25,7 +26,6 @@ from autopilot.control.rudder_roll import (
 )
 from autopilot.control.sliding_roll import RollNumbers
 from autopilot.errors import InputError
-from autopilot.models.motion import Motion
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.runtime.build import law_of
 from autopilot.vessel.file import load_vessel

@@ -18,7 +18,7 @@ import math
 import struct
 from collections import deque
 
-from autopilot.links.drives.base import SILENT_S, DriveSettings, JumpGate, StallWatch
+from autopilot.links.drives import SILENT_S, DriveSettings, JumpGate, StallWatch
 from autopilot.signals import AlarmEvent
 
 SET_TARGET, MOTOR_OFF, GET_VARIABLES = 0xC0, 0xFF, 0xE5

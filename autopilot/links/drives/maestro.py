@@ -1,4 +1,6 @@
-"""Pololu Maestro: a servo on one channel, commanded by pulse width; no feedback of the rudder itself. Pure.
+"""Pololu Maestro: a servo on one channel, or the on/off valves of a hydraulic steering gear on two. Pure.
+
+The servo is commanded by pulse width, and nothing is fed back of the rudder itself.
 
     set target     0x84, channel, lower 7 bits, upper 7 bits     quarter microseconds; 0 stops the pulses
     get position   0x90, channel -> 2 bytes, low first           the pulse given now, not where the rudder is
@@ -8,6 +10,17 @@ In the Pololu protocol 0xAA and the device number go before, and the command byt
 -1 ... 1 is 1000 ... 2000 us.
 
 Source: Pololu, Maestro Servo Controller User's Guide, sections 5.c and 5.e.
+
+Valves are on two digital outputs. Channel n opens the valve to port and n + 1 the one to starboard: 6000 and more is
+on, less is off. A rudder sensor may be wired to an analogue input of the same board, which is asked for with the same
+request:
+
+    get position   0x90, channel -> 2 bytes, low first       0 ... 1023 of an input, the target of an output
+
+When to open and to shut is worked out in `autopilot.models.valve`. Without a sensor the rudder is reckoned from the
+time for which each valve was open; that drifts, and the law's own estimate of a bias takes it up.
+
+Source: Pololu, Maestro Servo Controller User's Guide, sections 4.b, 5.b and 5.e.
 """
 
 from __future__ import annotations
@@ -15,7 +28,9 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from autopilot.links.drives.base import SILENT_S, DriveSettings
+from autopilot.errors import InputError
+from autopilot.links.drives import SILENT_S, DriveSettings, JumpGate
+from autopilot.models.valve import Gate, Reckoned, Swing, corrected, reckoned, switched, swung, zone_in
 from autopilot.signals import AlarmEvent
 
 SET_TARGET, GET_POSITION, GET_ERRORS = 0x84, 0x90, 0xA1
@@ -133,3 +148,177 @@ class Maestro:
     def warning(self, now: float) -> AlarmEvent | None:
         """Return the error it reported last, or None."""
         return self._warning
+
+
+OFF, ON = 4000, 8000
+"""Quarter microseconds: clearly below and above 6000."""
+SWITCHES_AT = 6000
+INPUT_MOST = 1023
+UNSURE_COUNTS = 2.0
+"""Of an analogue input: what the angle that it shows may be wrong by."""
+REST_S = 1.0
+"""A sensor that has not been heard for this long is not reckoned on from."""
+
+
+class ValveDrive:
+    """A `Drive`. Opens and shuts valves; knows the rudder by its sensor, or reckons it."""
+
+    name = "steering valves"
+    lapse = "the valves shut by the Maestro's serial timeout; without one they stay as they are"
+
+    def __init__(self, settings: DriveSettings) -> None:
+        if settings.valve is None:
+            raise InputError(
+                "valve: rudder.rate_max_deg_s is null; valves need the rate at which the pump moves the rudder"
+            )
+        self.rejected = 0
+        self.measures = settings.sensor_channel is not None
+        self.openings = 0
+        self.open_s = 0.0
+        self._settings, self._valve = settings, settings.valve
+        self._turn = 1.0 / settings.order_rate_hz
+        unsure = UNSURE_COUNTS * 2.0 / INPUT_MOST * settings.angle_at_full if self.measures else 0.0
+        self.zone = max(self._valve.zone(self._turn, unsure), settings.dead_band)
+        self._gate, self._rudder, self._swing = Gate(), Reckoned(), Swing()
+        self._engaged_s, self._last = 0.0, math.nan
+        self._buffer = b""
+        self._asked, self._asked_time = -1, math.nan
+        self._turns = 0
+        self._received = self._seen = -math.inf
+        self._warning: AlarmEvent | None = None
+        self._shown = {self._channel(-1): True, self._channel(1): True}
+        self._jumps = JumpGate(settings)
+        port, starboard = self._shown
+        sensor = settings.sensor_channel
+        often = (port, starboard) if sensor is None else (sensor, sensor, port, sensor, sensor, starboard)
+        self._cycle = 2 * often + (GET_ERRORS,)
+
+    def _channel(self, side: int) -> int:
+        is_second = (side > 0) != self._settings.reversed
+        return self._settings.channel + is_second
+
+    def feed(self, now: float, data: bytes) -> list[float]:
+        """Return the rudder angle [rad] that the answer which `data` completes shows, or with which it is reckoned."""
+        if self._asked < 0 or now - self._asked_time > WAIT_S:
+            self.rejected += bool(data)
+            self._buffer = b""
+            return []
+        self._buffer += data
+        if len(self._buffer) < ANSWER:
+            return []
+        answer, self._buffer = self._buffer, b""
+        asked, self._asked = self._asked, -1
+        value = int.from_bytes(answer, "little")
+        if len(answer) > ANSWER or not self._is_possible(asked, value):
+            self.rejected += 1
+            return []
+        self._received = now
+        if asked == GET_ERRORS:
+            bit = (value & -value).bit_length() - 1
+            self._warning = AlarmEvent("drive_warning", f"Maestro servo controller: {ERRORS[bit]}") if value else None
+            return []
+        if asked != self._settings.sensor_channel:
+            self._shown[asked] = value >= SWITCHES_AT
+            return [self._rudder.angle] if not (self.measures or math.isnan(self._last)) else []
+        angle = self._settings.angle(2.0 * value / INPUT_MOST - 1.0)
+        if not self._jumps.passes(now, angle):
+            self.rejected += 1
+            return []
+        self._move_on(now)
+        age = now - self._seen
+        self._rudder = corrected(self._rudder, angle, age if age <= REST_S else math.inf)
+        self._seen = now
+        return [angle]
+
+    def _is_possible(self, asked: int, value: int) -> bool:
+        if asked == GET_ERRORS:
+            return value < 1 << len(ERRORS)
+        return value <= INPUT_MOST if asked == self._settings.sensor_channel else value in (0, OFF, ON)
+
+    def _move_on(self, now: float) -> None:
+        if self._gate.side and self._rudder.time < now:
+            self.open_s += now - self._rudder.time
+        self._rudder = reckoned(self._valve, self._settings.stop, self._gate, self._rudder, now)
+
+    def order(self, now: float, angle: float) -> bytes:
+        """Return the commands that bring the rudder to `angle` [rad]: which valve is open, and that no other is."""
+        dt = 0.0 if math.isnan(self._last) else now - self._last
+        if math.isnan(self._last):
+            self._swing = Swing()
+            if not self.measures:
+                self._rudder = Reckoned(0.0, 0.0, now)  # as a hand leaves it that has steered straight on
+        self._engaged_s += dt
+        self._last = now
+        self._move_on(now)
+        stop = self._settings.stop
+        before = self._gate
+        if self.measures and now - self._seen > REST_S:
+            self._gate = Gate(0, now, before.side)
+        else:
+            wanted = min(max(angle, -stop), stop)
+            self._swing = swung(self._swing, self.zone, wanted, dt)
+            # a reckoned rudder is wrong by more the less often it is moved: there the zone stays what it is
+            zone = zone_in(self._swing, self.zone) if self.measures else self.zone
+            self._gate = switched(self._valve, zone, self._turn, before, self._rudder, wanted)
+        self.openings += self._gate.side != 0 and before.side == 0
+        return self._outputs()
+
+    def _outputs(self) -> bytes:
+        # what shuts goes first: never both at once
+        sides = sorted((-1, 1), key=lambda side: side == self._gate.side)
+        return b"".join(self._output(side, side == self._gate.side) for side in sides)
+
+    def _output(self, side: int, is_on: bool) -> bytes:
+        target = ON if is_on else OFF
+        return self._settings.pololu(SET_TARGET, self._channel(side), target & 0x7F, target >> 7)
+
+    def release(self, now: float) -> bytes:
+        """Return the commands that shut both valves."""
+        self._move_on(now)
+        if self._gate.side:
+            self._gate = Gate(0, now, self._gate.side)
+        self._last = math.nan
+        self._shown = dict.fromkeys(self._shown, True)
+        return self._outputs()
+
+    def has_released(self) -> bool:
+        """Return whether the board has answered since the release that both outputs are off."""
+        return not any(self._shown.values())
+
+    def ask(self, now: float) -> bytes:
+        """Return the next request once the last was answered or is overdue."""
+        if self._asked >= 0 and now - self._asked_time <= WAIT_S + QUIET_S:
+            return b""
+        self.rejected += self._asked >= 0
+        self._buffer = b""
+        self._asked = self._cycle[self._turns % len(self._cycle)]
+        self._asked_time = now
+        self._turns += 1
+        if self._asked == GET_ERRORS:
+            return self._settings.pololu(GET_ERRORS)
+        return self._settings.pololu(GET_POSITION, self._asked)
+
+    def fault(self, now: float) -> str:
+        """Return why the valves cannot turn the rudder; empty where they can."""
+        if now - self._received > SILENT_S:
+            return (
+                "the Maestro of the steering valves does not answer; check its power, line, baud rate and drive.device"
+            )
+        if self.measures and now - self._seen > SILENT_S:
+            return "the rudder sensor on drive.valve.sensor_channel shows no angle; check its wiring"
+        return ""
+
+    def warning(self, now: float) -> AlarmEvent | None:
+        """Return the error that the board reported last, or None."""
+        return self._warning
+
+    def usage(self) -> str:
+        """Return how often and how long the valves were open, a clause; empty before the first order."""
+        if self._engaged_s <= 0.0:
+            return ""
+        hourly = 3600.0 / self._engaged_s
+        return (
+            f"valves opened {self.openings} times in {self._engaged_s / 3600.0:.2f} h ({self.openings * hourly:.0f} an "
+            f"hour), the pump at work for {100.0 * self.open_s / self._engaged_s:.0f} % of it; dead zone "
+            f"{math.degrees(self.zone):.1f} deg"
+        )

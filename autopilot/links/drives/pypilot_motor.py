@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from autopilot.links.drives.base import SILENT_S, DriveSettings, JumpGate, StallWatch
+from autopilot.links.drives import SILENT_S, DriveSettings, JumpGate, StallWatch
 from autopilot.signals import AlarmEvent
 
 COMMAND, RESET, DISENGAGE = 0xC7, 0xE7, 0x68

@@ -25,7 +25,7 @@ from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import STATES
 from autopilot.links.mavlink.signing import LinkSigning
-from autopilot.links.transports.sockets import peer_of
+from autopilot.links.transports.medium import peer_of
 from autopilot.links.url import accept_signed
 from autopilot.signals import (
     AlarmEvent,

@@ -20,8 +20,7 @@ from typing import Any, Protocol
 
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, SessionLink, Transport
-from autopilot.links.n2k.fields import FAST
-from autopilot.links.n2k.packets import EVERYBODY, IDENTIFIER_MOST, Frame, Framing, Message, is_addressed
+from autopilot.links.n2k.packets import EVERYBODY, FAST, IDENTIFIER_MOST, Frame, Framing, Message, is_addressed
 from autopilot.links.n2k.session import READ, Helm, N2kSession, N2kSettings
 from autopilot.links.north import Variation
 

@@ -22,7 +22,7 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from autopilot.links.n2k.fields import (
+from autopilot.links.n2k.packets import (
     ACKNOWLEDGEMENT,
     ADDRESS_CLAIM,
     ALERT,
@@ -30,6 +30,7 @@ from autopilot.links.n2k.fields import (
     COMMANDED_ADDRESS,
     CONFIGURATION,
     CONTROL,
+    EVERYBODY,
     GROUP_FUNCTION,
     GROUPS,
     HEARTBEAT,
@@ -37,11 +38,11 @@ from autopilot.links.n2k.fields import (
     PRODUCT,
     REQUEST,
     RUDDER,
+    Message,
     encoded,
     fixed_text,
     text,
 )
-from autopilot.links.n2k.packets import EVERYBODY, Message
 
 ASK, COMMAND, ACKNOWLEDGE, READ, WRITE = 0, 1, 2, 3, 5
 DONE, UNKNOWN_GROUP, NOT_NOW, DENIED, UNSUPPORTED, NO_READ_OR_WRITE = 0, 1, 2, 3, 4, 6

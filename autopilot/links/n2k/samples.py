@@ -28,7 +28,7 @@ from autopilot.guidance.plotter import (
     PlotterLeg,
     PlotterMessage,
 )
-from autopilot.links.n2k.fields import (
+from autopilot.links.n2k.packets import (
     ANGLE,
     ATTITUDE,
     CONTROL,
@@ -49,11 +49,11 @@ from autopilot.links.n2k.fields import (
     WATER_SPEED,
     WIND,
     Fields,
+    Message,
     decoded,
     number,
     text_of,
 )
-from autopilot.links.n2k.packets import Message
 from autopilot.links.north import Variation, steered
 from autopilot.signals import (
     CourseSample,

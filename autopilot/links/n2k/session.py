@@ -23,7 +23,20 @@ from typing import NamedTuple, Protocol
 from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import AlarmNews, HelmNews
-from autopilot.links.n2k.fields import (
+from autopilot.links.n2k.node import (
+    DENIED,
+    DONE,
+    FIELD_DENIED,
+    FIELD_UNSUPPORTED,
+    NO_ADDRESS,
+    NOT_NOW,
+    OUT_OF_RANGE,
+    TEMPORARY,
+    UNSUPPORTED,
+    Device,
+    Node,
+)
+from autopilot.links.n2k.packets import (
     ADDRESS_CLAIM,
     ALERT,
     ALERT_RESPONSE,
@@ -44,25 +57,12 @@ from autopilot.links.n2k.fields import (
     TRACK_CONTROL,
     VARIATION,
     YES_NO,
+    Message,
     decoded,
     encoded,
     text,
     value_of,
 )
-from autopilot.links.n2k.node import (
-    DENIED,
-    DONE,
-    FIELD_DENIED,
-    FIELD_UNSUPPORTED,
-    NO_ADDRESS,
-    NOT_NOW,
-    OUT_OF_RANGE,
-    TEMPORARY,
-    UNSUPPORTED,
-    Device,
-    Node,
-)
-from autopilot.links.n2k.packets import Message
 from autopilot.links.n2k.samples import (
     INSTRUMENTS,
     PLOTTER_GROUPS,

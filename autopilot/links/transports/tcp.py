@@ -5,8 +5,18 @@ from __future__ import annotations
 import socket
 
 from autopilot.links.base import LinkError
-from autopilot.links.transports.medium import Medium, Scheme, WholeChunks, own_address, peer
-from autopilot.links.transports.sockets import Allows, everyone, is_loopback, open_error, resolve
+from autopilot.links.transports.medium import (
+    Allows,
+    Medium,
+    Scheme,
+    WholeChunks,
+    everyone,
+    is_loopback,
+    open_error,
+    own_address,
+    peer,
+    resolve,
+)
 
 CONNECT_TIMEOUT_S = 3.0
 CHUNK_LIMIT = 65536

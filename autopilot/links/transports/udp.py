@@ -10,14 +10,17 @@ import socket
 from collections.abc import Callable
 
 from autopilot.links.base import LinkError
-from autopilot.links.transports.medium import Medium, Scheme, own_address, peer
-from autopilot.links.transports.sockets import (
+from autopilot.links.transports.medium import (
     Allows,
+    Medium,
+    Scheme,
     disconnect,
     everyone,
     is_everywhere,
     is_loopback,
     open_error,
+    own_address,
+    peer,
     resolve,
 )
 
