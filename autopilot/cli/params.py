@@ -45,12 +45,12 @@ def _call(module: str, function: str) -> Callable[[argparse.Namespace], int]:
 def _add_file_actions(actions: Any) -> None:
     check = actions.add_parser("check", help="read files strictly and list all mistakes")
     check.add_argument("files", nargs="+", metavar="FILE")
-    check.set_defaults(run=_call("params_files", "check"))
+    check.set_defaults(run=_call("params_reading", "check"))
 
     show = actions.add_parser("show", help="print a file with every default filled in and every number explained")
     show.add_argument("file", metavar="FILE")
     show.add_argument("--json", action="store_true", help="print JSON")
-    show.set_defaults(run=_call("params_files", "show"))
+    show.set_defaults(run=_call("params_reading", "show"))
 
     convert = actions.add_parser(
         "convert",
@@ -65,7 +65,7 @@ def _add_file_actions(actions: Any) -> None:
     )
     convert.add_argument("--system", action=SYSTEM_ID, default=1, metavar="N", help="vehicle id in a .params file")
     convert.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
-    convert.set_defaults(run=_call("params_files", "convert"))
+    convert.set_defaults(run=_call("params_reading", "convert"))
 
     schema = actions.add_parser(
         "schema",
@@ -75,7 +75,7 @@ def _add_file_actions(actions: Any) -> None:
     )
     schema.add_argument("kind", choices=("vessel", "firmware"))
     schema.add_argument("--out", metavar="FILE", help="write it to this file (default: print it)")
-    schema.set_defaults(run=_call("params_files", "schema"))
+    schema.set_defaults(run=_call("params_reading", "schema"))
 
 
 def _add_reading_actions(actions: Any) -> None:

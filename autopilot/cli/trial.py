@@ -1,19 +1,31 @@
-"""`autopilot trial`: sail manoeuvres to identify and measure the boat."""
+"""`autopilot trial`: sail manoeuvres to identify and measure the boat.
+
+`autopilot trial design`: the trial that tells most about the boat in the water and the time there is.
+`autopilot trial KIND --predict`: how nearly a trial would tell the boat at best, before it is sailed.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from autopilot.angles import wrap
 from autopilot.cli.options import SECONDS, SEED, NumberOption, number
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.operators.trial_script import HOLDS, LASTING, SPEEDS
+from autopilot.files.outside import typed_number
+from autopilot.operators.trial_script import HOLDS, LASTING, SPEEDS, TrialScript
+from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
 if TYPE_CHECKING:
     from autopilot.guidance.trials import TrialLimits
+    from autopilot.identification.runs import Run
+    from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Helm, InstrumentNoise, Water
+    from autopilot.models.norrbin import Norrbin
     from autopilot.operators.trial_script import TrialScript
-    from autopilot.vessel.schema import Vessel
+    from autopilot.vessel.schema import Sensors, Vessel
 
 DESCRIPTION = """\
 Sail a trial and log it. Take the helm, or press Ctrl-C, to end it: the rudder is released. It also ends when the pilot
@@ -23,9 +35,6 @@ loses the helm or the heading, at an alarm, and outside the limits given.
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand with its manoeuvres."""
-    from autopilot.cli.trial_design import add_options
-    from autopilot.cli.trial_design import run as run_design
-
     parser = subparsers.add_parser(
         "trial", help="sail manoeuvres to identify and measure the boat", description=DESCRIPTION
     )
@@ -62,8 +71,8 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     prbs.add_argument("--seed", action=SEED, default=1, metavar="N", help="where the sequence begins (1)")
     parser.set_defaults(run=run)
     design = kinds.add_parser("design", help="which trial tells most in the water and the time there is")
-    add_options(design)
-    design.set_defaults(run=run_design)
+    add_design_options(design)
+    design.set_defaults(run=design_trial)
 
 
 def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.ArgumentParser:
@@ -125,8 +134,6 @@ def run(arguments: argparse.Namespace) -> int:
         vessel = replace(vessel, alarms=replace(vessel.alarms, reversed_rudder=False))
     script = _script(arguments, vessel)
     if arguments.predict:
-        from autopilot.cli.trial_design import predicted_accuracy
-
         print(predicted_accuracy(script, vessel))
         return int(ExitCode.OK)
     if not arguments.link:
@@ -160,3 +167,231 @@ def _limits(arguments: argparse.Namespace) -> TrialLimits:
         raise InputError(f"--speed-min-m-s {least:g} must be below --speed-max-m-s {most:g}")
     corridor = math.inf if arguments.corridor_deg is None else math.radians(arguments.corridor_deg)
     return TrialLimits(least, most, corridor, arguments.radius_m or math.inf, arguments.time_limit or math.inf)
+
+
+SYMBOLS = {"gain": "K", "time_constant": "T", "n3": "n3"}
+
+
+def add_design_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the design."""
+    parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file with a first guess of the model")
+    parser.add_argument("--water", required=True, metavar="LxW", help="available water, in metres: 300x200")
+    parser.add_argument(
+        "--time", action=number(10.0, 36000.0), required=True, metavar="S", help="available time, in seconds"
+    )
+    parser.add_argument(
+        "--margin-m", action=NumberOption, metavar="M", help="room to keep on every side (a tenth of the width)"
+    )
+    parser.add_argument(
+        "--speed-m-s", action=number(0.05, 100.0), metavar="U", help="speed (the model's reference speed)"
+    )
+    parser.add_argument(
+        "--rate-hz", action=number(0.05, 100.0), default=10.0, metavar="HZ", help="samples a second (10)"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def design_trial(arguments: argparse.Namespace) -> int:
+    """Find the designs and print them; return the exit code."""
+    from autopilot.cli.options import named_vessel
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.identification.trial_design import KINDS, designs
+
+    vessel = named_vessel(arguments.vessel)
+    boat, water = _boat(vessel, arguments), _water(arguments)
+    with ProgressBar("designing") as bar:
+        found = designs(boat, water, KINDS, bar.update)
+    if not found:
+        raise RefusedError(
+            f"--water {arguments.water} does not hold ten seconds of any trial at {boat.speed:.1f} m/s: it needs more "
+            "water or less speed (--speed-m-s)"
+        )
+    print(_as_json(found, boat) if arguments.json else _as_text(found, boat, arguments.vessel))
+    return int(ExitCode.OK)
+
+
+def _noise(sensors: Sensors) -> InstrumentNoise:
+    from autopilot.identification.trial_design import InstrumentNoise
+
+    rate = math.radians(sensors.rate_noise_deg_s) if sensors.gyro else math.inf
+    return InstrumentNoise(rate, math.radians(sensors.heading_noise_deg))
+
+
+def _boat(vessel: Vessel, arguments: argparse.Namespace) -> Boat:
+    from autopilot.identification.trial_design import Boat
+    from autopilot.runtime.build import gear_of, limits_of, model_of
+
+    if vessel.model.n1 < 0.0:
+        raise InputError(f"{arguments.vessel}: model.n1 is -1: trials are designed for course-stable boats only")
+    sensors, model = vessel.sensors, model_of(vessel)
+    noise = _noise(sensors)
+    speed = arguments.speed_m_s or model.reference_speed
+    # n0 costs information, but its guess is no part of the plan
+    plan = model._replace(n0=0.0)
+    return Boat(plan, gear_of(vessel), noise, limits_of(vessel).angle_max, speed, 1.0 / arguments.rate_hz)
+
+
+def _water(arguments: argparse.Namespace) -> Water:
+    from autopilot.identification.trial_design import Water
+
+    parts = arguments.water.lower().split("x")
+    try:
+        sides = sorted((typed_number(part) for part in parts), reverse=True)
+    except InputError:
+        sides = []
+    if len(sides) != 2 or not all(5.0 <= side <= 100_000.0 for side in sides):
+        raise InputError(f"--water {arguments.water!r}: write length and width in metres, 5 to 100000, such as 300x200")
+    margin = 0.1 * sides[1] if arguments.margin_m is None else arguments.margin_m
+    if not 0.0 <= margin < 0.5 * sides[1]:
+        raise InputError(f"--margin-m {margin:g}: allowed is 0 to less than half the width, {0.5 * sides[1]:g}")
+    return Water(sides[0], sides[1], arguments.time, margin)
+
+
+def _as_json(found: list[Design], boat: Boat) -> str:
+    shown = [
+        {
+            **design.candidate._asdict(),
+            "duration": design.duration,
+            "berth": design.berth._asdict(),
+            "standard_errors": {name: _finite(value) for name, value in design.errors.items()},
+            "score": _finite(design.score),
+        }
+        for design in found
+    ]
+    return json.dumps({"speed_m_s": boat.speed, "designs": shown}, indent=2)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _as_text(found: list[Design], boat: Boat, vessel: str) -> str:
+    lines = ["Least standard errors that any estimate can reach (Cramer and Rao), best trial first:", ""]
+    for design in found:
+        accuracy = accuracy_in_words(design.errors, boat.model)
+        lines.append(f"{_words(design.candidate)}, {design.duration:.0f} s: {accuracy}")
+        lines += [f"  {_place(design.berth)}", f"  autopilot trial {_command(design, vessel)}", ""]
+    lines.append("The plan stands on the vessel file's model, without wind and current: keep a lookout and a margin.")
+    return "\n".join(lines)
+
+
+def _place(berth: Berth) -> str:
+    side = "starboard" if berth.course >= 0.0 else "port"
+    return (
+        f"takes {berth.length:.0f} x {berth.width:.0f} m; begin {berth.behind:.0f} m from the short side behind and "
+        f"{berth.to_port:.0f} m from the long side to port, {abs(math.degrees(berth.course)):.0f} deg to {side} of it"
+    )
+
+
+def accuracy_in_words(errors: Mapping[str, float], model: Norrbin) -> str:
+    """Return how nearly K, T and n3 are determined, from their standard errors [SI units], in words."""
+    return ", ".join(
+        f"{symbol} to {100.0 * errors[name] / getattr(model, name):.2g} %"
+        if errors[name] < getattr(model, name)
+        else f"{symbol} not determined"
+        for name, symbol in SYMBOLS.items()
+        if name in errors
+    )
+
+
+def _words(candidate: Candidate) -> str:
+    kind, rudder, second = candidate
+    degrees = math.degrees(rudder)
+    if kind == "zigzag":
+        return f"Zigzag {degrees:.0f}/{math.degrees(second):.0f} deg"
+    if kind == "turning":
+        return f"Turns at {degrees:.0f} and {0.5 * degrees:.0f} deg, {second:.1f} s each"
+    return f"Binary sequence of {degrees:.0f} deg, {second:.1f} s a step"
+
+
+def _command(design: Design, vessel: str) -> str:
+    from autopilot.identification import trial_design
+
+    kind, rudder, second = design.candidate
+    degrees = math.floor(10.0 * math.degrees(rudder) + 1.0e-6) / 10.0
+    if kind == "zigzag":
+        rest = f"--rudder-deg {degrees:g} --heading-deg {math.degrees(second):.1f} --duration {design.duration:.0f}"
+    elif kind == "turning":
+        count = max(1, round(design.duration / second))
+        angles = trial_design.turning_angles(math.radians(degrees))
+        listed = ",".join(f"{math.degrees(angles[k % len(angles)]):g}" for k in range(count))
+        rest = f"--rudder-deg={listed} --each {second:.1f}"
+    else:
+        rest = f"--rudder-deg {degrees:g} --hold {second:.2f} --swing-deg {math.degrees(trial_design.SWING):g} "
+        rest += f"--seed {trial_design.SEED} --duration {design.duration:.0f}"
+    return f"{kind} {vessel} --link URL {rest}"
+
+
+SPACING_S = 0.1
+
+
+def predicted_accuracy(script: TrialScript, vessel: Vessel) -> str:
+    """Return, in words, the least standard errors of K, T and n3 that any estimate from the trial can have, and the
+    time and water that it takes: sailed in thought by the vessel file's model, gear and sensor noise, ten samples a
+    second, at the model's reference speed, without wind and current. The script is used up."""
+    import numpy as np
+
+    from autopilot.identification.trial_design import cramer_rao, track_of
+    from autopilot.runtime.build import model_of
+
+    model, sensors = model_of(vessel)._replace(n0=0.0), vessel.sensors
+    run = sailed(script, vessel)
+    free = ("gain", "time_constant", *(("n3",) if model.n3 > 0.0 else ()), "n0")
+    noise = _noise(sensors)
+    accuracy = accuracy_in_words(cramer_rao([run], model, free, noise), model)
+    segment = run.segments[0]
+    ahead, abeam = (float(np.ptp(axis)) for axis in track_of(segment))
+    return (
+        f"At best (Cramer and Rao) this trial tells {accuracy}: one standard error, with the vessel file's model, gear "
+        f"and sensor noise.\nIt takes {segment.time[-1]:.0f} s and {ahead:.0f} x {abeam:.0f} m, along the course at "
+        "the beginning and across it, without wind and current."
+        + (f"\nIt would end before its time: {script.reason}." if script.reason else "")
+    )
+
+
+def sailed(script: TrialScript, vessel: Vessel) -> Run:
+    """Return the run that a script would be, from rest in yaw to its end."""
+    from autopilot.identification.runs import Run, Segment
+    from autopilot.identification.trial_design import planned
+    from autopilot.runtime.build import gear_of, model_of
+
+    model = model_of(vessel)._replace(n0=0.0)
+    helm = _Helmsman(script, model.reference_speed)
+    run = planned(model, gear_of(vessel), helm, script.left, SPACING_S, model.reference_speed)
+    segment = run.segments[0]
+    rows = max(int(segment.time.searchsorted(helm.ended, side="right")), 2)
+    return Run(run.source, (Segment(*(array[:rows] if array.size else array for array in segment)),))
+
+
+class _Helmsman:
+    """Turns a script's orders into rudder angles for `planned`. Attributes: ended [s], when the script was over."""
+
+    def __init__(self, script: TrialScript, speed: float) -> None:
+        self._script, self._speed, self._before = script, speed, (-SPACING_S, 0.0)
+        self._zigzag: tuple[Order, Helm] | None = None
+        self.ended = math.inf
+
+    def __call__(self, time: float, heading: float) -> float:
+        """Return the order [rad] at a time [s] and heading [rad, unwrapped]."""
+        since, last = self._before
+        rate, self._before = (heading - last) / (time - since), (time, heading)
+        from autopilot.identification.trial_design import zigzag_helm
+
+        order = self._script(time, _tick(time, heading, rate, self._speed))
+        if self._script.is_over:
+            self.ended = min(self.ended, time)
+            return 0.0
+        if order.kind is not OrderKind.ZIGZAG:
+            return order.rudder
+        if self._zigzag is None or not self._zigzag[0].is_same(order):
+            # a zigzag swings about the heading that it begins on
+            swing, begun = zigzag_helm(order.rudder, order.heading_change), heading
+            self._zigzag = order, lambda now, angle: swing(now, angle - begun)
+        return self._zigzag[1](time, heading)
+
+
+def _tick(time: float, heading: float, rate: float, speed: float) -> Tick:
+    """Return as much of a tick as a script looks at."""
+    state = NavState(time, wrap(heading), rate, speed, 0.0, 0.0, 0.0, True)
+    command = RudderCommand(time, 0.0, True)
+    return Tick(0, time, (), Order(), state, Reference(heading), 0.0, command, Mode.ENGAGED, ())

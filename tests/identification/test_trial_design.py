@@ -70,7 +70,7 @@ def test_the_best_of_each_kind_comes_best_first(found: list[Design]) -> None:
 
 @pytest.mark.parametrize("kind", ["zigzag", "turning", "prbs"])
 def test_the_command_sails_it_inside_the_water_and_tells_what_was_predicted(found: list[Design], kind: str) -> None:
-    from autopilot.cli.trial_design import _command
+    from autopilot.cli.trial import _command
 
     design = next(one for one in found if one.candidate.kind == kind)
     command = _command(design, "lanxin").replace("--link URL", "--link udpin:127.0.0.1:0").split()
@@ -168,7 +168,7 @@ def test_what_cannot_be_designed_is_one_sentence(
     ],
 )
 def test_what_a_trial_is_predicted_to_tell_is_what_its_design_says(candidate: Candidate, options: list[str]) -> None:
-    from autopilot.cli.trial_design import predicted_accuracy, sailed
+    from autopilot.cli.trial import predicted_accuracy, sailed
 
     arguments = build_parser().parse_args(["trial", candidate.kind, "lanxin", "--duration=90", *options])
     design = design_of(BOAT._replace(spacing=0.1), Water(2000.0, 2000.0, 90.0), candidate)
