@@ -45,7 +45,7 @@ from autopilot.estimation.rudder_observer import (
     rudder_rate_step,
     write_command,
 )
-from autopilot.estimation.speeds import speeds_apart
+from autopilot.estimation.speeds import Speeds, left_by_drift, speeds_apart, way_ahead
 from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drives import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, Needs, quickness
@@ -57,7 +57,6 @@ from autopilot.signals import (
     AlarmSample,
     AlarmState,
     ConditionSample,
-    CourseSample,
     HeadingSample,
     HelmCause,
     HelmSample,
@@ -110,8 +109,6 @@ LEAST_REACH = 0.02
 """Share of the rudder that counts as there where thrust leaves none."""
 THRUSTER_HEARD = 3.0
 """[s]: a link that has not said for so long that it commands the bow thruster does not."""
-COURSE_SHARE = 0.2
-"""Weight of each new course over the ground: GPS has it of a drifting boat with some noise, five times a second."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
 EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
@@ -225,15 +222,12 @@ NO_FINDINGS: Mapping[str, AlarmEvent] = {}
 
 class Bow(NamedTuple):
     """What the bow thruster is at; when [s] a link last said that it can command it; what does not follow; whether the
-    boat lacks way, and needs it. ahead: the share of the speed over the ground that is ahead rather than drift, as the
-    course over the ground of course_time [s] has it; 1 where there is none."""
+    boat lacks way, and needs it."""
 
     thruster: BowState = AT_REST
     available: float = -math.inf
     disobeyed: str = ""
     is_needed: bool = False
-    ahead: float = 1.0
-    course_time: float = -math.inf
 
 
 class State(NamedTuple):
@@ -350,7 +344,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         # against that keeps it swinging
         steady = steady._replace(bias=mean_bias)
     on_course = is_engaged and order.kind is OrderKind.HEADING
-    waits = on_course and lacks_way(boat, way, estimate, steady.speed * bow.ahead)
+    waits = on_course and lacks_way(boat, way, estimate, steady.speed)
     if is_engaged and (is_other_boat or waits != way.waits):
         # the turn that was planned is another boat's, or not from where the boat has drifted to
         way = planned_anew(steering, way, model, steady)
@@ -381,7 +375,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     if command.angle != rest.command:
         rest = Rest(command.angle, command.angle)
     if boat.thruster is not None:
-        look = bow_look(reference, seen, bow.ahead, None if waits else (model, demand, limits.angle_max))
+        look = bow_look(reference, seen, estimate.speeds, None if waits else (model, demand, limits.angle_max))
         bow, command = with_bow(boat.thruster, bow, (gap, seen), samples, look if on_course else None, command)
     if command.engaged and boat.rudder_is_ours:
         estimate = with_order(estimate, now, command.angle)
@@ -446,12 +440,12 @@ def with_bow_found(bow: Bow, found: Mapping[str, AlarmEvent]) -> Mapping[str, Al
 
 
 def bow_look(
-    reference: Reference, seen: NavState, ahead: float, steered: tuple[Norrbin, float, float] | None
+    reference: Reference, seen: NavState, speeds: Speeds, steered: tuple[Norrbin, float, float] | None
 ) -> BowLook:
     """Return what the bow thruster is asked by: heading and rate with their waves, for which the filter takes what no
-    rudder explains, and so the thruster's own pushes. ahead: see `Bow`; steered: the boat's model, the law's demand and
-    the rudder's stop [rad], None where there is no way."""
-    look = BowLook(wrap(reference.heading - seen.heading), seen.rate, seen.speed * ahead)
+    rudder explains, and so the thruster's own pushes. steered: the boat's model, the law's demand and the rudder's stop
+    [rad], None where there is no way."""
+    look = BowLook(wrap(reference.heading - seen.heading), seen.rate, way_ahead(speeds, seen.speed))
     if steered is None:
         return look
     model, demand, stop = steered
@@ -469,19 +463,14 @@ def with_bow(
 ) -> tuple[Bow, RudderCommand]:
     """Return the bow thruster a tick later, and the command with its share. moved: the time since the last tick [s],
     and the boat now; look: None where no heading is held. It stands still where no link says that it commands it."""
-    (gap, seen), (state, available, disobeyed, _, ahead, course_time) = moved, bow
+    (gap, seen), (state, available, disobeyed, _) = moved, bow
     for sample in samples:
         if type(sample) is ThrusterSample:
             available, disobeyed = sample.time if sample.available else -math.inf, sample.disobeyed
-        elif type(sample) is CourseSample and math.isfinite(sample.course):
-            ahead += COURSE_SHARE * (math.cos(sample.course - seen.heading) - ahead)
-            course_time = sample.time
-    if not seen.time - course_time <= THRUSTER_HEARD:
-        ahead = 1.0
     may = command.engaged and seen.time - available <= THRUSTER_HEARD
     state = bow_step(thruster, state, look if may else None, gap, command.engaged)
     is_needed = look is not None and command.engaged and not look.helps
-    bow = Bow(state, available, disobeyed, is_needed, ahead, course_time)
+    bow = Bow(state, available, disobeyed, is_needed)
     return bow, command._replace(thruster=state.share) if state.share else command
 
 
@@ -635,6 +624,7 @@ def view_of(
         damps_roll,
         state.rudder.rate.is_sure,
         gyro.bias if gyro.p11 < RATE_OFF_KNOWN else 0.0,
+        left_by_drift(speeds) if boat.law.is_rudder else 1.0,
     )
 
 
@@ -710,7 +700,7 @@ def lacks_way(boat: PilotConfig, way: Way, estimate: EstimatorState, speed: floa
         return False
     if boat.steers_by is Needs.THRUST and not math.isnan(throttle):
         return throttle < THROTTLE_FLOOR * (STEERAGE_AGAIN if way.waits else 1.0)
-    is_slow = speed < boat.steerage * (STEERAGE_AGAIN if way.waits else 1.0)
+    is_slow = way_ahead(estimate.speeds, speed) < boat.steerage * (STEERAGE_AGAIN if way.waits else 1.0)
     return is_slow and (boat.steerage_over_ground or not estimate.speeds.is_over_ground)
 
 

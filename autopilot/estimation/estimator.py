@@ -44,6 +44,7 @@ from autopilot.estimation.speeds import (
     model_at,
     scheduled_speed,
     while_fresh,
+    with_course,
     with_speed,
 )
 from autopilot.estimation.tuning import (
@@ -63,14 +64,22 @@ from autopilot.estimation.tuning import (
     RATE_MOST,
     RUDDER_MOST,
     SAMPLES_KEPT,
-    SPEED_FRESH,
     SPEED_MOST,
     WAVE_MEMORY,
 )
 from autopilot.models.drives import RUDDER_LAW, DriveLaw, way_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample, ThrustSample
+from autopilot.signals import (
+    CourseSample,
+    HeadingSample,
+    NavState,
+    RateSample,
+    RudderSample,
+    Sample,
+    SpeedSample,
+    ThrustSample,
+)
 
 
 class Fusion(NamedTuple):
@@ -409,12 +418,12 @@ def estimated(
                 speeds = with_speed(speeds, now, sample)
             else:
                 implausible += 1
+        elif type(sample) is CourseSample and state.has_begun and math.isfinite(sample.course):
+            speeds = with_course(speeds, now, sample.course - state.fusion.state.psi)
     if implausible:
         state = _counted(state, implausible=implausible)
     rudder = advanced(config.gear, rudder, state.memory, now)
-    (_, of_water), (_, of_ground), (_, of_throttle), _ = speeds
-    if now - of_water >= SPEED_FRESH or now - of_ground >= SPEED_FRESH or now - of_throttle >= SPEED_FRESH:
-        speeds = while_fresh(speeds, now)
+    speeds = while_fresh(speeds, now)
     if speeds is not state.speeds:
         state = _scheduled(config, state._replace(speeds=speeds))
     return _with_headings(config, state, rudder, now, headings)

@@ -4,7 +4,8 @@ K ~ U and T ~ 1/U, so a loop designed for the ratio s of the trial's speed has (
 designed for where the boat goes at the ratio U. A loop bears an error of two either way; with a third of the true speed
 it swings for ever. Speed over the ground is the speed through the water and a current that nobody knows. Of two claims,
 that the boat goes as fast as the ground says, s, and that it goes as in the trial, 1, the geometric mean sqrt(s) is
-wrong by sqrt(s) at most, whichever is true. s counts for no less than STREAM_LEAST, so that this is 1.7 against a
+wrong by sqrt(s) at most, whichever is true. A rudder steers by the way ahead: where the course over the ground is known
+too, drift and a stream across are taken out. s counts for no less than STREAM_LEAST, so that this is 1.7 against a
 current of two thirds of the boat's speed, and more. Where log and ground differ by more than SPEEDS_APART, one of them
 is wrong or the current is strong, and the mean of both is taken in the same way. A speed that the boat's own turns have
 proven wrong (`autopilot.supervision.rudder_watch`) is not gone by at all.
@@ -51,12 +52,20 @@ class Speeds(NamedTuple):
     """Speed through the water and over the ground; and what the drive is given, beside which it works.
 
     throttle [share of full] and reach [rad] as the newest ThrustSample has them, not smoothed: thrust follows at once.
+    ahead: the share of the speed over the ground that is ahead rather than across, by the course over the ground.
     """
 
     water: Smoothed = NO_SPEED
     ground: Smoothed = NO_SPEED
     throttle: Smoothed = NO_SPEED
     reach: float = math.inf
+    ahead: Smoothed = NO_SPEED
+
+    @property
+    def ground_ahead(self) -> float:
+        """The speed over the ground [m/s] that is way ahead; all of it where no course is known."""
+        share = self.ahead.value
+        return self.ground.value if math.isnan(share) else self.ground.value * (share if share > 0.0 else 0.0)
 
     @property
     def is_over_ground(self) -> bool:
@@ -67,30 +76,52 @@ class Speeds(NamedTuple):
 def with_speed(speeds: Speeds, now: float, sample: SpeedSample | ThrustSample) -> Speeds:
     """Return the speeds after a sample that came at `now` [s]."""
     if isinstance(sample, ThrustSample):
-        return Speeds(speeds.water, speeds.ground, Smoothed(sample.throttle, now), sample.reach)
+        return Speeds(speeds.water, speeds.ground, Smoothed(sample.throttle, now), sample.reach, speeds.ahead)
     if sample.over_ground:
         return Speeds(speeds.water, smoothed(speeds.ground, now, sample.speed), *speeds[2:])
     return Speeds(smoothed(speeds.water, now, sample.speed), *speeds[1:])
 
 
+def with_course(speeds: Speeds, now: float, drift: float) -> Speeds:
+    """Return the speeds after a course over the ground that came at `now` [s], `drift` [rad] off the heading."""
+    return speeds._replace(ahead=smoothed(speeds.ahead, now, math.cos(drift)))
+
+
 def while_fresh(speeds: Speeds, now: float) -> Speeds:
     """Return the speeds at `now` [s] without what nobody has confirmed for long."""
-    water, ground = speeds.water, speeds.ground
-    if now - water.time >= SPEED_FRESH:
-        water = NO_SPEED
-    if now - ground.time >= SPEED_FRESH:
-        ground = NO_SPEED
-    throttle, reach = speeds.throttle, speeds.reach
-    if now - throttle.time >= SPEED_FRESH:
-        throttle, reach = NO_SPEED, math.inf
-    if water is speeds.water and ground is speeds.ground and throttle is speeds.throttle:
+    water, ground, throttle, reach, ahead = speeds
+    _, of_water = water
+    _, of_ground = ground
+    _, of_throttle = throttle
+    _, of_course = ahead
+    # a time that is nan is of what is not known anyway
+    oldest = now - SPEED_FRESH
+    if not (of_water <= oldest or of_ground <= oldest or of_throttle <= oldest or of_course <= oldest):
         return speeds
-    return Speeds(water, ground, throttle, reach)
+    return Speeds(
+        NO_SPEED if of_water <= oldest else water,
+        NO_SPEED if of_ground <= oldest else ground,
+        NO_SPEED if of_throttle <= oldest else throttle,
+        math.inf if of_throttle <= oldest else reach,
+        NO_SPEED if of_course <= oldest else ahead,
+    )
 
 
 def measured_speed(speeds: Speeds) -> float:
     """Return the speed [m/s] to be shown: through the water, else over the ground; nan where there is none."""
     return speeds.ground.value if math.isnan(speeds.water.value) else speeds.water.value
+
+
+def way_ahead(speeds: Speeds, speed: float) -> float:
+    """Return how much of the `speed` [m/s] that is shown is way ahead: of one over the ground, what is no drift."""
+    return speeds.ground_ahead if speeds.is_over_ground else speed
+
+
+def left_by_drift(speeds: Speeds) -> float:
+    """Return the share of the model's K/T that drift leaves a rudder where only the ground tells the speed, 1 without
+    it: the model is for half way from the way ahead, s cos b, to the trial's speed, K/T ~ U^2, and b turns boats."""
+    share = speeds.ahead.value
+    return share if speeds.is_over_ground and 0.0 < share < 1.0 else 1.0
 
 
 def speeds_apart(speeds: Speeds) -> float:
@@ -111,7 +142,7 @@ def scheduled_speed(speeds: Speeds, reference_speed: float) -> float:
     """
     if not reference_speed > 0.0:
         raise ValueError("the reference speed must be positive")
-    water, ground = speeds.water.value, speeds.ground.value
+    water, ground = speeds.water.value, speeds.ground_ahead
     if math.isnan(water):
         return ground if math.isnan(ground) else _half_way(ground, reference_speed)
     # astern and at a standstill the ground says nothing about a log

@@ -46,7 +46,8 @@ class MonitorInput(NamedTuple):
     apart without a stream that explains it. trial_speed [m/s]: of the vessel file's trial, 0 where the model is the
     trial's. rudder_is_measured: there is a sensor of its angle. damps_roll: the rudder works against roll too.
     rudder_is_slow: it has turned out to be slower than filed, and turns are planned with that. rate_bias [rad/s]: the
-    standing error of the rate sensor, 0 where it is not known.
+    standing error of the rate sensor, 0 where it is not known. weaker: the share of the model's answer that
+    drift leaves, where only the ground tells the speed.
     """
 
     now: float
@@ -70,6 +71,7 @@ class MonitorInput(NamedTuple):
     damps_roll: bool = False
     rudder_is_slow: bool = False
     rate_bias: float = 0.0
+    weaker: float = 1.0
 
 
 class Measured(NamedTuple):

@@ -123,12 +123,14 @@ Mean = tuple[float, float, float, float]
 
 class Rudders(NamedTuple):
     """Where the rudder was [rad]: in time, or where everything is `LATE_S` late, or the rudder much slower than filed
-    (`in_time` again where that is out of question); and what a boat that slides is braked by, see `slide_step`."""
+    (`in_time` again where that is out of question); what a boat that slides is braked by, see `slide_step`; and the
+    share of the answer that drift leaves."""
 
     in_time: float
     late: float
     slow: float
     slide: float
+    weaker: float
 
 
 NOTHING: Mean = (0.0, 0.0, 0.0, 0.0)
@@ -390,7 +392,7 @@ def response_step(
     last, known, mean, answer, late, slide, slid = before[:7]
     stuck, stuck_late, wrong, wrong_late = before.stuck, before.stuck_late, before.reversed, before.reversed_late
     outliers, usual, shown, others = before.outliers, before.usual, before.shown, before.others
-    (time, heading), (rudder, rudder_late, rudder_slow, braked) = newest, rudders
+    (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
     dt = time - last
     step = transition_of(model, rate, noise.pace, dt)
     unexplained = before.unexplained
@@ -417,7 +419,7 @@ def response_step(
     most = 0.0 if is_gust else MOST_AT_ONCE
     least = LEAST_SHARE * usual / shown
     least = least if least > LEAST[0] else LEAST[0]
-    least = least if least < LEAST[1] else LEAST[1]
+    least = weaker * (least if least < LEAST[1] else LEAST[1])
     off_some, off_some_late = off - least * s, off - least * s_late
     # how much the boat slides is known by what came before, so that no heading explains itself
     g, (both, squares) = slide[0], slid

@@ -250,7 +250,7 @@ def evidence_step(
         speed -= math.expm1(-(time - known) / CHANGED_TIME) * (model.reference_speed - speed)
         slide = slide_step(model, slide, rate, seen.angle_max, time - known)
         noise = changing_noise(model, noise, rate, speed)
-        at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow, slide)
+        at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow, slide, seen.weaker)
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
     return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide)
@@ -499,8 +499,9 @@ def update(
         following = following._replace(late_until=now + LATE_LASTS)
     if measured.angles:
         following = _followed(following, limits, measured.angles, history, since)
-    if following.name or not limits.rudder_response or is_anothers(history, now, measured.report):
-        # a boat that follows somebody else proves nothing; the link finds out who has the helm
+    if following.name or seen.waits or not limits.rudder_response or is_anothers(history, now, measured.report):
+        # a rudder that waits for way proves nothing, nor does a boat that follows somebody else; the link finds out who
+        # has the helm
         response, overpowered = UNJUDGED, NOT_OVERPOWERED
     else:
         response = judge_response(response, limits, seen, measured.headings, history)

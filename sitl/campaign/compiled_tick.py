@@ -257,6 +257,8 @@ def _answer(
         rudder_is_measured=False,
         damps_roll=False,
         rudder_is_slow=False,
+        rate_bias=0.0,
+        weaker=1.0,
     )
     since = now if math.isnan(evidence.since) else evidence.since
     middle = 0.5 * (evidence.response.time + measured.time)

@@ -235,6 +235,24 @@ def test_in_wind_that_drives_the_boat_away_it_comes_to_its_course_and_stays(seed
     assert not {"bow_thruster_weak", "human_override"} & names(boat)
 
 
+@pytest.mark.parametrize(
+    ("seed", "wind", "wind_from", "course"),
+    [(8101, 3.0, 67.0, 69.0), (8102, 2.0, 71.0, -18.0), (8108, 2.0, 70.0, 58.0), (8104, 3.0, 339.0, -85.0)],
+)
+def test_a_slow_boat_that_drifts_keeps_its_healthy_rudder(
+    seed: int, wind: float, wind_from: float, course: float
+) -> None:
+    """At half the trial's speed, set across by as much as it goes ahead."""
+    section = WindSection(speed_m_s=wind, from_deg=wind_from, gust_m_s=0.2 * wind)
+    boat = lying(seed=seed, speed=0.16, wind=section)
+    boat.run(10.0)
+    boat.engage(course)
+    boat.run(60.0)
+    said = {alarm.name for tick in boat.ticks for alarm in tick.alarms}
+    assert not {"rudder_stuck", "rudder_reversed", "rudder_not_following", "trial_doubtful"} & said
+    assert boat.tick.mode is Mode.ENGAGED
+
+
 def test_a_dead_thruster_is_found_and_rests() -> None:
     boat = lying(faults=(FaultSection("bow_thruster_dead", 0.0),))
     boat.engage(90.0)

@@ -162,7 +162,7 @@ def sailed(share: float, slowness: float, usual: float, seconds: float = 40.0) -
             rate += 0.1 * DT * (0.3 * share * moves - rate - rate**3) / 4.0
             heading += 0.1 * DT * rate
         shown = heading + 0.005 * random.standard_normal()
-        memory = response_step(memory, BOAT, NOISE, rate, (now, shown), Rudders(order, late, trail, 0.0))
+        memory = response_step(memory, BOAT, NOISE, rate, (now, shown), Rudders(order, late, trail, 0.0, 1.0))
         judge.on_sample(shown, rate, {"in time": order, "late": late, "slow": trail})
         found.append((memory, judge_copy(judge)))
     return found
@@ -200,9 +200,9 @@ def test_the_evidence_is_the_difference_of_log_likelihoods(share: float, slownes
 def test_a_wild_heading_is_left_out_four_times_in_a_row(wild_so_far: int, side: float) -> None:
     before = first_response(NOISE, 0.0, 0.0)
     for tick in range(1, 50):
-        before = response_step(before, BOAT, NOISE, 0.0, (DT * tick, 0.0), Rudders(0.0, 0.0, 0.0, 0.0))
+        before = response_step(before, BOAT, NOISE, 0.0, (DT * tick, 0.0), Rudders(0.0, 0.0, 0.0, 0.0, 1.0))
     before = before._replace(outliers=wild_so_far, stuck=3.0, usual=50.0)
-    after = response_step(before, BOAT, NOISE, 0.0, (before.time + DT, side * 1.0), Rudders(0.1, 0.1, 0.1, 0.0))
+    after = response_step(before, BOAT, NOISE, 0.0, (before.time + DT, side * 1.0), Rudders(0.1, 0.1, 0.1, 0.0, 1.0))
     if wild_so_far < 4:
         assert after.outliers == wild_so_far + 1
         assert after.mean == pytest.approx((before.mean[0], 0.0, 0.0, 0.0), abs=1e-3)
@@ -285,7 +285,7 @@ def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() ->
     for opposite, learns in ((0.0, True), (5.0, False)):
         memory = first_response(NOISE, 0.0, 0.0)._replace(reversed=opposite)
         memory = memory._replace(others=NO_OTHERS._replace(left=8.0, colour=8.0))
-        after = response_step(memory, BOAT, NOISE, 0.0, (DT, 0.0), Rudders(0.1, 0.1, 0.1, 0.0))
+        after = response_step(memory, BOAT, NOISE, 0.0, (DT, 0.0), Rudders(0.1, 0.1, 0.1, 0.0, 1.0))
         assert after.usual_colour == (after.others.colour if learns else 1.0)
         assert after.others.colour > 7.0
 
@@ -394,7 +394,7 @@ def test_the_prediction_uses_the_rudder_midway_and_0_4_s_before(
     for number in range(41):
         looks.update(0.01 * number, heard=number % 2 == 0)
     assert len(looks.taken) == 20
-    for number, (model, noise, _, heard, (rudder, late, slow, _)) in enumerate(looks.taken, 1):
+    for number, (model, noise, _, heard, (rudder, late, slow, *_)) in enumerate(looks.taken, 1):
         assert (model, slow) == (BOAT, rudder), "a slow rudder is out of question"
         assert noise == noise_of(BOAT, 2.0e-4, 0.03, 0.9)
         assert heard == (2 * number * TICK, 2.0e-3 * number)
@@ -482,7 +482,9 @@ def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypa
 
 def test_a_second_heading_of_the_same_instant_says_nothing_of_colour() -> None:
     before = sailed(1.0, 0.0, 0.75, 5.0)[-1][0]
-    after = response_step(before, BOAT, NOISE, 0.0, (before.time, before.mean[0] + 0.01), Rudders(0.1, 0.1, 0.1, 0.0))
+    after = response_step(
+        before, BOAT, NOISE, 0.0, (before.time, before.mean[0] + 0.01), Rudders(0.1, 0.1, 0.1, 0.0, 1.0)
+    )
     assert (after.others.fit, after.others.left, after.others.colour) == (
         before.others.fit,
         before.others.left,
@@ -499,7 +501,7 @@ def stepped(share: float, seen: float, **change: Any) -> tuple[ResponseState, Re
     step = transition_of(BOAT, 0.1, NOISE.pace, DT)
     answer, mean = moved(step, before.answer, 0.3)[0], moved(step, before.mean, 0.0)[0]
     after = response_step(
-        before, BOAT, NOISE, 0.1, (before.time + DT, mean + share * answer), Rudders(0.3, 0.3, 0.3, 0.0)
+        before, BOAT, NOISE, 0.1, (before.time + DT, mean + share * answer), Rudders(0.3, 0.3, 0.3, 0.0, 1.0)
     )
     return before, after
 
@@ -517,7 +519,7 @@ def test_six_deviations_beyond_every_answer_are_wild(sigmas: float, is_wild: boo
     memory = first_response(NOISE, 0.0, 0.1)
     covariance = predicted(transition_of(BOAT, 0.0, NOISE.pace, DT), memory.covariance, NOISE, NOISE.push, DT)
     off = sigmas * math.sqrt(covariance[0] + NOISE.heading)
-    after = response_step(memory, BOAT, NOISE, 0.0, (DT, 0.1 + off), Rudders(0.0, 0.0, 0.0, 0.0))
+    after = response_step(memory, BOAT, NOISE, 0.0, (DT, 0.1 + off), Rudders(0.0, 0.0, 0.0, 0.0, 1.0))
     assert after.outliers == is_wild
 
 
@@ -547,7 +549,9 @@ def evidence_after(number: int) -> tuple[float, float, float]:
         now = DT * tick
         heading, rudder = 0.1 + 0.3 * math.sin(now) + (2.0 if tick % 50 == 0 else 0.0), 0.1 * math.sin(now)
         noise = noise_of(BOAT, 1.0e-4, 0.01, 0.6)
-        memory = response_step(memory, BOAT, noise, 0.01, (now, heading), Rudders(rudder, 0.9 * rudder, rudder, 0.0))
+        memory = response_step(
+            memory, BOAT, noise, 0.01, (now, heading), Rudders(rudder, 0.9 * rudder, rudder, 0.0, 1.0)
+        )
     return memory.stuck, memory.reversed, memory.others.colour
 
 
@@ -574,7 +578,7 @@ def judged_turn(share: float, drag: float, slides: bool) -> tuple[int, float]:
             heading += 0.1 * DT * rate
         slide = slide_step(BOAT, slide, rate, 0.6, DT) if slides else 0.0
         shown = heading + 0.005 * random.standard_normal()
-        memory = response_step(memory, BOAT, NOISE, rate, (now, shown), Rudders(rudder, late, rudder, slide))
+        memory = response_step(memory, BOAT, NOISE, rate, (now, shown), Rudders(rudder, late, rudder, slide, 1.0))
         if verdict(memory):
             return verdict(memory), now
     return 0, math.inf
