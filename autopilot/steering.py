@@ -15,8 +15,8 @@ from autopilot.control.limits import RudderLimits
 from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED
 from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.estimation.tuning import WAVE_SHARPNESS, WAVE_STIFFENING
+from autopilot.guidance.manoeuvres import zigzag_side
 from autopilot.guidance.stop import TurnLimits, preset_rate, turn_limits
-from autopilot.guidance.trials import zigzag_side
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.turn import (
     NO_EVIDENCE,

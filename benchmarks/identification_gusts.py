@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 from identification_accuracy import BOATS, GEAR, HEADING_NOISE, RATE_NOISE, SPACING, SPEED
 
-from autopilot.guidance.trials import zigzag_side
+from autopilot.guidance.manoeuvres import zigzag_side
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.output_error import Weighting

@@ -2,12 +2,12 @@
 
     python benchmarks/valves.py [--seeds 2] [--seconds 160] [--boat yacht]
 
-In lockstep: compass and rate gyro over NMEA, valves on a simulated Maestro (`sitl.drives.ValveController`, whose oil
-is not that of `autopilot.models.valve`), gains designed for each boat. The peer is a plain three-point controller
-behind the same pilot: a valve opens where the rudder is wrong by more than a dead band and shuts within half of it.
-Its band is tuned on each boat and sea: of all BANDS those whose heading is within a twentieth of Norrbin's or better,
-and of these the one with the fewest openings; where none is, the one with the best heading. A third row gives it
-Norrbin's zone of a still order.
+In lockstep: compass and rate gyro over NMEA, valves on a simulated Maestro (`sitl.drives.ValveController`, whose oil is
+not that of `autopilot.models.steering_gear`), gains designed for each boat. The peer is a plain three-point controller
+behind the same pilot: a valve opens where the rudder is wrong by more than a dead band and shuts within half of it. Its
+band is tuned on each boat and sea: of all BANDS those whose heading is within a twentieth of Norrbin's or better, and
+of these the one with the fewest openings; where none is, the one with the best heading. A third row gives it Norrbin's
+zone of a still order.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from autopilot.links.drives.maestro import ValveDrive
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.models.valve import Gate, Valve
+from autopilot.models.steering_gear import Gate, Valve
 from autopilot.runtime.build import build_pilot, follow_of
 from autopilot.runtime.build_links import drive_settings_of, nmea_settings_of
 from autopilot.signals import Order, OrderKind

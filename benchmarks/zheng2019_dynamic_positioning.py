@@ -23,14 +23,14 @@ from zheng2019_ship import (
     trial_steps,
 )
 
-from autopilot.filters.kalman import FloatArray, Gaussian, ekf_predict, ekf_update
-from autopilot.identification.augmented_state import (
+from autopilot.filters.feedback_particle import (
     Case,
     Found,
     Steps,
     by_kalman_filter,
     by_particle_filter,
 )
+from autopilot.filters.kalman import FloatArray, Gaussian, ekf_predict, ekf_update
 
 PARTICLES = 500
 NEAR = 0.05

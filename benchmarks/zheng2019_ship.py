@@ -31,8 +31,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from autopilot.filters.feedback_particle import Case, Steps
 from autopilot.filters.kalman import FloatArray, Gaussian, midpoint_step, observed
-from autopilot.identification.augmented_state import Case, Steps
 
 GRAVITY_M_S2 = 9.81
 

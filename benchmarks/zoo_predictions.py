@@ -37,9 +37,8 @@ from autopilot.identification.prediction_bands import (
     widened,
 )
 from autopilot.identification.runs import Run, run_from_columns
-from autopilot.models.drives import DRIVES
+from autopilot.models.drives import DRIVES, Mixing, mixed, moment, steering_for
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.models.two_thrusters import Mixing, mixed, moment, steering_for
 from autopilot.runtime.build import gear_of as steering_gear_of
 from autopilot.vessel.file import load_vessel
 from sitl.plants import PLANTS

@@ -106,7 +106,7 @@ def log_options(arguments: argparse.Namespace, vessel: Vessel | None) -> LogOpti
     from autopilot.logs.csv_log import load_column_map
     from autopilot.logs.reading import LogOptions, ReadOptions
     from autopilot.logs.table import RudderSettings, Servo, ServoScale, servo_from_text
-    from autopilot.models.two_thrusters import PLAIN
+    from autopilot.models.drives import PLAIN
     from autopilot.runtime.build import gear_of, thrusters_of
 
     variation = arguments.variation_deg

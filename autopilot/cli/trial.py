@@ -20,7 +20,7 @@ from autopilot.operators.trial_script import HOLDS, LASTING, SPEEDS, TrialScript
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
 if TYPE_CHECKING:
-    from autopilot.guidance.trials import TrialLimits
+    from autopilot.guidance.manoeuvres import TrialLimits
     from autopilot.identification.runs import Run
     from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Helm, InstrumentNoise, Water
     from autopilot.models.norrbin import Norrbin
@@ -160,7 +160,7 @@ def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:
 
 
 def _limits(arguments: argparse.Namespace) -> TrialLimits:
-    from autopilot.guidance.trials import TrialLimits
+    from autopilot.guidance.manoeuvres import TrialLimits
 
     least, most = arguments.speed_min_m_s or -math.inf, arguments.speed_max_m_s or math.inf
     if least >= most:

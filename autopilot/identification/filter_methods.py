@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.filters.feedback_particle import GAINS
+from autopilot.filters.feedback_particle import GAINS, Case, Found, Steps, by_particle_filter
 from autopilot.filters.kalman import Gaussian
-from autopilot.identification.augmented_state import Case, Found, Steps, by_particle_filter
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified, Question
 from autopilot.identification.identified import Steps as ProgressSteps
 from autopilot.identification.identify import sources_of

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.guidance.trials import BinaryHelm, zigzag_side
+from autopilot.guidance.manoeuvres import BinaryHelm, zigzag_side
 from autopilot.identification.output_error import fit_steps
 from autopilot.identification.residuals import Fitted, Problem, initial_state, typical_rate, units
 from autopilot.identification.rudder_path import DIRECT, RudderTrain

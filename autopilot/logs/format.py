@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from autopilot.logs.series import FloatArray, Recording
 from autopilot.logs.table import Servo, ServoScale
-from autopilot.models.two_thrusters import PLAIN, Mixing
+from autopilot.models.drives import PLAIN, Mixing
 
 
 class ReadOptions(NamedTuple):

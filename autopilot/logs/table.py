@@ -45,8 +45,8 @@ from autopilot.logs.series import (
     Series,
     series_of,
 )
+from autopilot.models.drives import LEFT, RIGHT, Mixing, moment, unmixed
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
-from autopilot.models.two_thrusters import LEFT, RIGHT, Mixing, moment, unmixed
 
 GROUND_STEERING = 26
 FIRST_SERVO = 201

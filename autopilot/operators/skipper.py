@@ -22,10 +22,9 @@ from autopilot.angles import compass_deg, wrap
 from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, typed_number
 from autopilot.files.printable import printable
-from autopilot.guidance import patterns
-from autopilot.guidance.patterns import Pattern, PatternGuide
+from autopilot.guidance import manoeuvres
+from autopilot.guidance.manoeuvres import Pattern, PatternGuide, TrialLimits
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.guidance.trials import TrialLimits
 from autopilot.guidance.wind_vane import CONFIRM_S, Manoeuvre, WindGuide
 from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.trial_script import Step, TrialScript, turning, zigzag
@@ -162,12 +161,12 @@ ANGLE = Size("angle", "deg", 1.0, 90.0)
 LEG = Size("leg", "m", 1.0, 100000.0)
 
 KINDS: dict[str, tuple[tuple[Size, ...], Callable[..., Pattern]]] = {
-    "u": ((), patterns.u_turn),
-    "circle": ((RADIUS,), patterns.circle),
-    "spiral": ((RADIUS, GROWTH), patterns.spiral),
-    "zigzag": ((ANGLE, LEG), patterns.zigzag),
-    "square": ((LEG,), patterns.square),
-    "s": ((ANGLE, RADIUS), patterns.s_curve),
+    "u": ((), manoeuvres.u_turn),
+    "circle": ((RADIUS,), manoeuvres.circle),
+    "spiral": ((RADIUS, GROWTH), manoeuvres.spiral),
+    "zigzag": ((ANGLE, LEG), manoeuvres.zigzag),
+    "square": ((LEG,), manoeuvres.square),
+    "s": ((ANGLE, RADIUS), manoeuvres.s_curve),
 }
 """In the order of their numbers over MAVLink, from 0."""
 

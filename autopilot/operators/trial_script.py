@@ -13,7 +13,7 @@ from typing import NamedTuple
 from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.files.outside import typed_number
-from autopilot.guidance.trials import BinaryHelm, SteadyRate, TrialLimits, TrialWatch, Turned, spiral_angles
+from autopilot.guidance.manoeuvres import BinaryHelm, SteadyRate, TrialLimits, TrialWatch, Turned, spiral_angles
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import Mode, Order, OrderKind, Tick
 from autopilot.supervision.panel import sentence_of, sentences_of

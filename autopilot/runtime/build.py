@@ -20,10 +20,9 @@ from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_SLUGGISH, SLUGGISH
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.wind_vane import WindSettings
 from autopilot.links.rudder_follow import FollowSettings
-from autopilot.models.drives import DRIVES, Needs, at_point, quickness
+from autopilot.models.drives import DRIVES, PLAIN, Mixing, Needs, at_point, quickness
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
 from autopilot.models.steering_gear import SteeringGear, sided
-from autopilot.models.two_thrusters import PLAIN, Mixing
 from autopilot.pilot import Pilot
 from autopilot.steering import CornerFrequencies
 from autopilot.supervision.monitor_input import AlarmLimits

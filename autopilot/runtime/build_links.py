@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from autopilot.links.n2k.session import Helm, N2kSettings
     from autopilot.links.nmea.link import NmeaSettings
     from autopilot.links.north import Variation
-    from autopilot.models.valve import Valve
+    from autopilot.models.steering_gear import Valve
 
 HEADING_STALE_SHARE = 0.6
 """Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
@@ -144,7 +144,7 @@ def drive_settings_of(vessel: Vessel) -> DriveSettings:
 
 def valve_of(vessel: Vessel) -> Valve | None:
     """Return the on/off valves of the vessel's steering gear; None where its rate is unlimited, which no pump's is."""
-    from autopilot.models.valve import Valve
+    from autopilot.models.steering_gear import Valve
     from autopilot.vessel.schema import Valves
 
     valves, (port, starboard) = vessel.drive.valve or Valves(), vessel.rudder.rates_deg_s

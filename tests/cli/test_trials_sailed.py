@@ -16,7 +16,7 @@ from plant import Plant
 from autopilot.angles import wrap
 from autopilot.cli.main import main
 from autopilot.control.registry import TRIAL_LAW
-from autopilot.guidance.trials import (
+from autopilot.guidance.manoeuvres import (
     BinaryHelm,
     SteadyRate,
     TrialLimits,

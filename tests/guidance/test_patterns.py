@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.guidance import patterns
-from autopilot.guidance.patterns import LEAD, Pattern, PatternGuide, Progress
+from autopilot.guidance import manoeuvres
+from autopilot.guidance.manoeuvres import LEAD, Pattern, PatternGuide, Progress
 
 SPEED = 4.0
 
@@ -41,7 +41,7 @@ class Boat:
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("heading", [0.0, 3.0, -2.0])
 def test_a_u_turn_goes_to_its_side_and_ends_on_the_opposite_heading(side: int, heading: float) -> None:
-    boat = Boat(patterns.u_turn(side), heading)
+    boat = Boat(manoeuvres.u_turn(side), heading)
     boat.sail(30.0)
     assert boat.turned == pytest.approx(side * math.pi)
     assert abs(shortest_turn(boat.heading, heading + math.pi)) < 1.0e-9
@@ -49,7 +49,7 @@ def test_a_u_turn_goes_to_its_side_and_ends_on_the_opposite_heading(side: int, h
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_circle_has_its_radius_and_does_not_end(side: int) -> None:
-    boat = Boat(patterns.circle(side, 60.0))
+    boat = Boat(manoeuvres.circle(side, 60.0))
     boat.sail(5.0 * 2.0 * math.pi * 60.0 / SPEED)
     assert boat.turned == pytest.approx(side * 10.0 * math.pi, rel=0.02)
     once = boat.places[-round(2.0 * math.pi * 60.0 / SPEED * 10) :]
@@ -58,14 +58,14 @@ def test_a_circle_has_its_radius_and_does_not_end(side: int) -> None:
 
 
 def test_a_circle_too_tight_for_the_boat_is_turned_as_tightly_as_it_can() -> None:
-    boat = Boat(patterns.circle(1, 2.0), rate_deg_s=5.0)
+    boat = Boat(manoeuvres.circle(1, 2.0), rate_deg_s=5.0)
     boat.sail(100.0)
     assert boat.turned == pytest.approx(math.radians(500.0), rel=0.02)
 
 
 @pytest.mark.parametrize(("growth", "faster"), [(20.0, False), (-20.0, True)])
 def test_a_spiral_changes_its_radius_with_each_turn(growth: float, faster: bool) -> None:
-    boat = Boat(patterns.spiral(1, 100.0, growth))
+    boat = Boat(manoeuvres.spiral(1, 100.0, growth))
     times = []
     while len(times) < 3:
         boat.sail(0.1)
@@ -78,7 +78,7 @@ def test_a_spiral_changes_its_radius_with_each_turn(growth: float, faster: bool)
 
 
 def test_a_spiral_inwards_ends_straight() -> None:
-    boat = Boat(patterns.spiral(1, 50.0, -20.0))
+    boat = Boat(manoeuvres.spiral(1, 50.0, -20.0))
     boat.sail(300.0)
     heading = boat.heading
     boat.sail(20.0)
@@ -86,12 +86,12 @@ def test_a_spiral_inwards_ends_straight() -> None:
 
 
 def test_a_zigzag_swings_about_where_it_began_and_a_square_comes_round() -> None:
-    boat = Boat(patterns.zigzag(-1, math.radians(30.0), 100.0), heading=1.0)
+    boat = Boat(manoeuvres.zigzag(-1, math.radians(30.0), 100.0), heading=1.0)
     boat.sail(24.0)
     assert boat.heading == pytest.approx(1.0 - math.radians(30.0))
     boat.sail(25.0)
     assert boat.heading == pytest.approx(1.0 + math.radians(30.0))
-    boat = Boat(patterns.square(1, 100.0))
+    boat = Boat(manoeuvres.square(1, 100.0))
     boat.sail(24.0)
     assert boat.heading == pytest.approx(0.0)
     boat.sail(100.0)
@@ -101,7 +101,7 @@ def test_a_zigzag_swings_about_where_it_began_and_a_square_comes_round() -> None
 
 def test_an_s_swings_to_both_sides_and_back() -> None:
     angle, radius = math.radians(40.0), 60.0
-    boat = Boat(patterns.s_curve(1, angle, radius))
+    boat = Boat(manoeuvres.s_curve(1, angle, radius))
     headings = []
     for _ in range(round(4.0 * angle * radius / SPEED * 10)):
         boat.sail(0.1)
@@ -113,12 +113,12 @@ def test_an_s_swings_to_both_sides_and_back() -> None:
 
 SIDES = st.sampled_from([1, -1])
 ANY = st.one_of(
-    st.builds(patterns.u_turn, SIDES),
-    st.builds(patterns.circle, SIDES, st.floats(1.0, 500.0)),
-    st.builds(patterns.spiral, SIDES, st.floats(1.0, 500.0), st.floats(-50.0, 50.0)),
-    st.builds(patterns.zigzag, SIDES, st.floats(0.01, 1.5), st.floats(1.0, 500.0)),
-    st.builds(patterns.square, SIDES, st.floats(1.0, 500.0)),
-    st.builds(patterns.s_curve, SIDES, st.floats(0.01, 1.5), st.floats(1.0, 500.0)),
+    st.builds(manoeuvres.u_turn, SIDES),
+    st.builds(manoeuvres.circle, SIDES, st.floats(1.0, 500.0)),
+    st.builds(manoeuvres.spiral, SIDES, st.floats(1.0, 500.0), st.floats(-50.0, 50.0)),
+    st.builds(manoeuvres.zigzag, SIDES, st.floats(0.01, 1.5), st.floats(1.0, 500.0)),
+    st.builds(manoeuvres.square, SIDES, st.floats(1.0, 500.0)),
+    st.builds(manoeuvres.s_curve, SIDES, st.floats(0.01, 1.5), st.floats(1.0, 500.0)),
 )
 
 

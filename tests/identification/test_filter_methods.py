@@ -7,8 +7,8 @@ import pytest
 from zigzag_trials import zigzag
 
 from autopilot.cli.main import main
+from autopilot.filters.feedback_particle import by_kalman_filter
 from autopilot.filters.kalman import Gaussian
-from autopilot.identification.augmented_state import by_kalman_filter
 from autopilot.identification.filter_methods import kalman_filter
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.norrbin_filter import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from autopilot.cli.main import main
-from autopilot.guidance.trials import zigzag_side
+from autopilot.guidance.manoeuvres import zigzag_side
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.output_error import Weighting

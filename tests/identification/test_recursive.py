@@ -14,7 +14,7 @@ from zheng2019_ship import (
     trial_steps,
 )
 
-from autopilot.identification.augmented_state import (
+from autopilot.filters.feedback_particle import (
     Found,
     Steps,
     by_kalman_filter,

@@ -18,7 +18,7 @@ from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor, crc8, packet
 from autopilot.links.release import Release, ReleaseState
 from autopilot.links.transports import loopback_pair
-from autopilot.models.valve import Valve
+from autopilot.models.steering_gear import Valve
 from autopilot.runtime.build import follow_of
 from autopilot.runtime.build_links import DRIVES, drive_of, drive_settings_of
 from autopilot.runtime.machine import ManualClock

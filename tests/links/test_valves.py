@@ -18,7 +18,7 @@ from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.release import ReleaseState
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.models.valve import Gate, Reckoned, Swing, Valve, reckoned, switched, swung, zone_in
+from autopilot.models.steering_gear import Gate, Reckoned, Swing, Valve, reckoned, switched, swung, zone_in
 from autopilot.runtime.build import build_pilot, follow_of, gear_of, limits_of
 from autopilot.runtime.build_links import drive_settings_of, nmea_settings_of
 from autopilot.signals import HelmSample, Mode, Order, OrderKind, RudderCommand, RudderSample

@@ -8,9 +8,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.models.drives import BEYOND, DRIVES, RUDDER_LAW, DriveLaw, at_point, effect_of, quickness, way_of
+from autopilot.models.drives import (
+    BEYOND,
+    DRIVES,
+    RUDDER_LAW,
+    DriveLaw,
+    Mixing,
+    at_point,
+    effect_of,
+    mixed,
+    moment,
+    quickness,
+    reach,
+    steering_for,
+    thrust,
+    unmixed,
+    way_of,
+)
 from autopilot.models.norrbin import Norrbin, at_speed
-from autopilot.models.two_thrusters import Mixing, mixed, moment, reach, steering_for, thrust, unmixed
 from sitl.firmware_setup import MotorSetup, by_hand, skid_outputs
 
 BOAT = Norrbin(2.0, 0.5, n3=4.0, n0=0.01, reference_speed=1.0)

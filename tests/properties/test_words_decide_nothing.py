@@ -14,7 +14,7 @@ from fault_boat import FaultBoat, bring_into
 from fault_cells import ROWS, in_child
 
 from autopilot import tick as one_tick
-from autopilot.guidance.trials import TrialLimits, TrialWatch
+from autopilot.guidance.manoeuvres import TrialLimits, TrialWatch
 from autopilot.links.alarm_outputs import StatusTexts
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol, cast, runtime_checkable
 from autopilot.links.base import AlarmNews, HelmNews, LinkError, SilentLink, Transport
 from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
 from autopilot.links.rudder_follow import RELEASE_SPACING_S, FollowSettings, RudderFollow, StandingOrder
-from autopilot.models.valve import Valve
+from autopilot.models.steering_gear import Valve
 from autopilot.signals import AlarmEvent, HelmCause, RudderCommand, RudderSample, Sample
 
 SILENT_S = 1.5

@@ -17,8 +17,8 @@ request:
 
     get position   0x90, channel -> 2 bytes, low first       0 ... 1023 of an input, the target of an output
 
-When to open and to shut is worked out in `autopilot.models.valve`. Without a sensor the rudder is reckoned from the
-time for which each valve was open; that drifts, and the law's own estimate of a bias takes it up.
+When to open and to shut is worked out in `autopilot.models.steering_gear`. Without a sensor the rudder is reckoned from
+the time for which each valve was open; that drifts, and the law's own estimate of a bias takes it up.
 
 Source: Pololu, Maestro Servo Controller User's Guide, sections 4.b, 5.b and 5.e.
 """
@@ -30,7 +30,7 @@ from collections import deque
 
 from autopilot.errors import InputError
 from autopilot.links.drives import SILENT_S, DriveSettings, JumpGate
-from autopilot.models.valve import Gate, Reckoned, Swing, corrected, reckoned, switched, swung, zone_in
+from autopilot.models.steering_gear import Gate, Reckoned, Swing, corrected, reckoned, switched, swung, zone_in
 from autopilot.signals import AlarmEvent
 
 SET_TARGET, GET_POSITION, GET_ERRORS = 0x84, 0x90, 0xA1

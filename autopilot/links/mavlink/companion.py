@@ -38,7 +38,7 @@ from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettings, VehicleReader
 from autopilot.links.release import LEAVING_S, OverrideRelease, Release, ReleaseState, not_held
 from autopilot.links.url import let_in
-from autopilot.models.two_thrusters import Mixing
+from autopilot.models.drives import Mixing
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,

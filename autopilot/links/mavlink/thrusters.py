@@ -1,7 +1,7 @@
 """Thrusters of an ArduRover boat: what the two outputs of a skid-steered frame, or the one throttle, show in
 SERVO_OUTPUT_RAW; and a bow thruster, and whether it stops when nobody commands it. Pure.
 
-The firmware mixes steering and throttle (`autopilot.models.two_thrusters`), and the throttle is not ours. From
+The firmware mixes steering and throttle (`autopilot.models.drives`), and the throttle is not ours. From
 the two outputs both are worked out again: steering that was taken as it was asked for shows as it was sent. Where an
 output is at its limit less of it was taken: then it must be of the same sign, and no more than was asked for.
 
@@ -49,7 +49,7 @@ from autopilot.links.mavlink.steering import (
     way_through,
 )
 from autopilot.links.release import OverrideRelease
-from autopilot.models.two_thrusters import moment, reach, unmixed
+from autopilot.models.drives import moment, reach, unmixed
 
 STEERING_TOLERANCE = 0.02
 """Of full steering: pulses are whole microseconds, and each output is rounded by itself."""
