@@ -259,6 +259,8 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
             assert box["height"] >= 44 and box["width"] >= 44, (button, width)
             inside = page.locator(button).evaluate("(at) => at.scrollWidth <= at.clientWidth")
             assert inside, f"{button} at {width}: its words stand out of it"
+            letters = page.locator(button).evaluate("(at) => parseFloat(getComputedStyle(at).fontSize)")
+            assert letters >= 13.5, f"{button} at {width}: {letters:.1f} px"
     if mode == "wind":
         page.click("button[data-dodge='20']")
         until(page, "/^Back to \\d+° (port|stb)$/.test(document.getElementById('back').textContent)")
@@ -266,6 +268,33 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
         word(page, "mode-word", "Standby")
         helm.vane.is_acknowledged = False
     alarm(helm, None, "battery")
+    page.context.close()
+
+
+def test_what_no_boat_sends_is_not_drawn_and_what_is_old_promises_nothing(helm: Helm) -> None:
+    bare = helm.browser.new_context(java_script_enabled=False).new_page()
+    bare.goto(helm.address)
+    for mark in ("awa-mark", "twa-mark"):
+        assert bare.get_attribute(f"#{mark}", "visibility") == "hidden", "no wind has been heard"
+    bare.context.close()
+    page, sea = helm.open(), helm.sea
+    page.set_viewport_size({"width": 844, "height": 390})
+    links = page.locator(".main-nav a").evaluate_all("(all) => all.map((a) => a.clientWidth).filter((w) => w > 0)")
+    assert len(links) == 5 and min(links) >= 44, "on a phone that lies down the others stand under More"
+    page.click("#mob")
+    page.wait_for_selector("#overboard")
+    with helm.hub.lock:
+        before, sea.links = sea.links, []
+    word(page, "stale", "No data from the boat")
+    assert page.inner_text("#who-word") == "" and page.inner_text("#mode-more") == ""
+    page.wait_for_timeout(3000)
+    assert page.is_visible("#overboard"), "the place of a man overboard is kept while nothing comes"
+    with helm.hub.lock:
+        sea.links = before
+    word(page, "who-word", "you may steer")
+    for _ in range(2):
+        page.click("#mob-off")
+    page.wait_for_selector("#overboard", state="hidden")
     page.context.close()
 
 

@@ -40,7 +40,7 @@ function drawRose() {
 export function turn(id, degrees) {
   const element = byId(id);
   const known = typeof degrees === "number";
-  element.style.visibility = known ? "" : "hidden";
+  element.setAttribute("visibility", known ? "visible" : "hidden");
   if (!known) { delete shown[id]; return; }
   const before = shown[id] ?? degrees;
   const angle = before + ((degrees - before) % 360 + 540) % 360 - 180;
@@ -86,7 +86,7 @@ export function drawDial() {
   put("order", ordered);
   const now = state[state.wind_true ? "twa" : "awa"];
   put("steered", wind ? `${wind.slice(0, 3)} ${typeof now === "number" && !boat.isStale("wind") ? sided(now) : "--"}, order ${sided(state.wind_angle)}` : ordered);
-  byId("order").classList.toggle("none", !steered);
+  for (const id of ["order", "steered"]) byId(id).classList.toggle("none", !steered);
   const age = boat.age("attitude");
   put("heading-age", age !== null && boat.isStale("attitude") ? `${Math.round(age)} s old` : "");
   byId("dial").setAttribute("aria-label", known ? `Heading ${Math.round(heading)} degrees${steered ? `, ${wind || `order ${Math.round(order)}`}` : ""}` : "No heading");

@@ -118,7 +118,8 @@ function drawMode() {
     word = state.ours ? MODES[state.mode] ?? state.mode : "Not ours";
     kind = state.mode === "standby" ? "off" : "on";
     if (BAD[state.status]) { word = BAD[state.status]; kind = "bad"; }
-    if (!state.ours) more = "another kind of autopilot: only looking";
+    if (boat.isStale("beat")) more = "";
+    else if (!state.ours) more = "another kind of autopilot: only looking";
     else if (kind === "off") more = state.armed ? "ready, you steer" : "you steer";
     else if (state.mode === "trial" && boat.trial?.result === 5) more = `${boat.trial.percent} %`;
     else if (state.mode === "route" && state.distance !== undefined) more = `waypoint ${state.waypoint ?? "?"} in ${Math.round(state.distance)} m`;
@@ -155,7 +156,8 @@ function drawLink() {
   }
   document.body.dataset.link = word;
   byId("link-word").textContent = word;
-  byId("who-word").textContent = may() ? "you may steer" : "only looking";
+  // what is touched now does not arrive
+  byId("who-word").textContent = !may() ? "only looking" : trouble ? "" : "you may steer";
   byId("looking").hidden = document.body.dataset.may !== "no";
   stale.hidden = !trouble;
   if (stale.textContent !== trouble) stale.textContent = trouble;

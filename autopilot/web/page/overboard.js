@@ -10,10 +10,10 @@ export function setUpOverboard(order, surely) {
 
 export function drawOverboard() {
   const { mob_bearing: bearing, mob_distance: distance, mob_since: since } = boat.state ?? {};
-  const known = typeof bearing === "number" && !boat.isStale("mob");
+  const known = typeof bearing === "number" && (!boat.isStale("mob") || boat.isStale("beat"));
   byId("overboard").hidden = !known;
   if (!known) return;
   const is = (value) => typeof value === "number"; // of three messages one may be lost
   const time = is(since) ? `${Math.floor(since / 60)}:${String(Math.floor(since % 60)).padStart(2, "0")}` : "--";
-  byId("overboard-word").textContent = `Man overboard: ${String(Math.round(bearing) % 360).padStart(3, "0")}°, ${is(distance) ? Math.round(distance) : "--"} m, ${time} ago`;
+  byId("overboard-word").textContent = `Man overboard: ${String(Math.round(bearing) % 360).padStart(3, "0")}°, ${is(distance) ? Math.round(distance) : "--"} m, ${time} ago${boat.isStale("mob") ? ", old" : ""}`;
 }

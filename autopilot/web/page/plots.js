@@ -131,7 +131,7 @@ function makeChart(element, kind, range, zooms = false) {
     scales: { x: { time: false, range: range ?? undefined }, y: { range: limits } },
     axes: [
       { ...axis, size: 30, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
-      { ...axis, values: (_, ticks) => ticks.map((tick) => kind.wraps ? wrap(tick) : tick) },
+      { ...axis, ...(kind.wraps ? { incrs: [1, 2, 5, 10, 15, 30, 45, 90] } : {}), values: (_, ticks) => ticks.map((tick) => kind.wraps ? wrap(tick) : tick) },
     ],
     series: [
       { label: "time", value: (_, value) => value === null ? "--" : `${value.toFixed(0)} s` },
