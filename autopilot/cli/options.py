@@ -239,13 +239,14 @@ class Parser(argparse.ArgumentParser):
         """End the program with one sentence that says what to type instead."""
         choice = CHOICE.match(message)
         unknown = next((word for word in self._given if self._is_stray(word)), None)
+        commands = [each.metavar for each in self._actions if isinstance(each, argparse._SubParsersAction)]
         # what follows a mistyped command are options of the command that was meant
-        if unknown is not None and (choice is None or choice[1] not in ("COMMAND", "ACTION")):
+        if unknown is not None and (choice is None or choice[1] not in commands):
             self._refuse_option(unknown)
         if choice is not None:
             name, typed, listed = choice.groups()
             known = re.findall(r"[^\s',]+", listed)
-            what = f"command of `{self.prog}`" if name in ("COMMAND", "ACTION") else f"choice for {name}"
+            what = f"command of `{self.prog}`" if name in commands else f"choice for {name}"
             self._refuse(f"{typed!r} is no {what}{nearest(typed, known)}")
         self._refuse(message.replace("the following arguments are required", "missing"))
 

@@ -23,6 +23,7 @@ ALL = [command for program in PROGRAMS.values() for command in parsers_of(progra
     ("typed", "answer"),
     [
         ("autopilot rnu", "'rnu' is no command of `autopilot`; did you mean run?"),
+        ("autopilot trial zigzg lanxin --link x", "'zigzg' is no command of `autopilot trial`; did you mean zigzag?"),
         ("autopilot params upload2", "'upload2' is no command of `autopilot params`; did you mean upload?"),
         ("autopilot run lanxin --lnk udpin:127.0.0.1:1", "--lnk is no option of `autopilot run`; did you mean --link?"),
         ("autopilot run lanxin --lnk=udpin:127.0.0.1:1", "--lnk is no option of `autopilot run`; did you mean --link?"),
