@@ -33,6 +33,7 @@ from sitl.firmware_setup import (
     setup_of,
     skid_outputs,
     slewed,
+    to_rudder,
     travel,
 )
 from sitl.guided import GuidedHelm, Target
@@ -277,6 +278,11 @@ class Firmware:
             steering = throttle = 0
         if self._motors is not None:
             return self._driven(time, setup, (steering / STEERING_FULL, throttle / THROTTLE_FULL), is_manual=is_manual)
+        if is_manual:
+            turned, ahead = by_hand(setup.motors, steering / STEERING_FULL, throttle / THROTTLE_FULL, is_skid=False)
+            if self.armed:
+                turned = to_rudder(setup.motors, turned, ahead, self.world.boat.state.speed)
+            steering, throttle = round(turned * STEERING_FULL), round(ahead * THROTTLE_FULL)
         self.throttle = throttle if self.armed else 0
         self._drive_servos(setup, steering, self.throttle / THROTTLE_FULL)
         speed = self.world.cruise_speed * self.throttle / THROTTLE_FULL / CRUISE_SHARE
@@ -288,8 +294,8 @@ class Firmware:
         motors, (steering, throttle) = setup.motors, asked
         if is_manual:
             steering, throttle = by_hand(motors, steering, throttle, is_skid=setup.is_skid)
-            if not setup.is_skid and throttle < 0.0:
-                steering = -steering
+            if not setup.is_skid and self.armed:
+                steering = to_rudder(motors, steering, throttle, self.world.boat.state.speed)
         throttle = throttle if self.armed else 0.0
         # a boat that is armed from the start is under way: its throttle was there before
         dt = math.inf if self._is_new_thrust else time - self._loop_time

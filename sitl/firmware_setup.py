@@ -3,8 +3,8 @@
 RC inputs with dead zone, servo outputs, overrides: integers are truncated where the firmware truncates (ArduPilot,
 libraries/RC_Channel and libraries/SRV_Channel): with 1000/1500/2000 and a dead zone of 30, an input of 1560 us leaves
 the servo at 1531 us. Steering and throttle of a skid-steered frame, and the thrust curve: libraries/AR_Motors/
-AP_MotorsUGV.cpp (output_skid_steering, get_scaled_throttle, get_slew_limited_throttle) and Rover/mode.cpp
-(get_pilot_input, get_pilot_desired_steering_and_throttle), 4.6.
+AP_MotorsUGV.cpp (output_regular, output_skid_steering, get_scaled_throttle, get_slew_limited_throttle), Rover/mode.cpp
+(get_pilot_input, get_pilot_desired_steering_and_throttle) and mode_manual.cpp, 4.6.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ LEFT_FUNCTION, RIGHT_FUNCTION = 73, 74
 """SERVOn_FUNCTION: ThrottleLeft and ThrottleRight."""
 TWO_PADDLES, DIRECTION_UNCHANGED = 1, 3
 """PILOT_STEER_TYPE."""
+EXPO_MOST = 0.95
+"""From here on MANUAL_STR_EXPO bends nothing (AP_Math/control.cpp, input_expo)."""
 
 
 class Propulsion(NamedTuple):
@@ -36,7 +38,10 @@ class Propulsion(NamedTuple):
 
 
 class MotorSetup(NamedTuple):
-    """MOT_THST_ASYM, MOT_THST_EXPO, MOT_STR_THR_MIX, MOT_THR_MIN and _MAX [%], MOT_SLEWRATE [%/s], PILOT_STEER_TYPE."""
+    """MOT_THST_ASYM, MOT_THST_EXPO, MOT_STR_THR_MIX, MOT_THR_MIN and _MAX [%], MOT_SLEWRATE [%/s], PILOT_STEER_TYPE.
+
+    manual_expo, is_scaled, base_speed: MANUAL_STR_EXPO, bit 0 of MANUAL_OPTIONS, MOT_SPD_SCA_BASE [m/s].
+    """
 
     asymmetry: float
     expo: float
@@ -45,6 +50,9 @@ class MotorSetup(NamedTuple):
     most: float
     slew: float
     stick: int
+    manual_expo: float
+    is_scaled: bool
+    base_speed: float
 
 
 def motor_setup(parameters: ParameterTable) -> MotorSetup:
@@ -57,6 +65,9 @@ def motor_setup(parameters: ParameterTable) -> MotorSetup:
         min(max(parameters["MOT_THR_MAX"], 30.0), 100.0),
         parameters["MOT_SLEWRATE"],
         int(parameters["PILOT_STEER_TYPE"]),
+        parameters["MANUAL_STR_EXPO"],
+        bool(int(parameters["MANUAL_OPTIONS"]) & 1),
+        parameters["MOT_SPD_SCA_BASE"],
     )
 
 
@@ -67,7 +78,21 @@ def by_hand(setup: MotorSetup, steering: float, throttle: float, *, is_skid: boo
     elif setup.stick != DIRECTION_UNCHANGED and throttle < 0.0:
         steering = -steering
     total = abs(steering) + abs(throttle)
-    return (steering / total, throttle / total) if is_skid and total > 1.0 else (steering, throttle)
+    if is_skid and total > 1.0:
+        steering, throttle = steering / total, throttle / total
+    expo = setup.manual_expo
+    if expo < EXPO_MOST:
+        steering = (1.0 - expo) * steering / (1.0 - expo * abs(steering))
+    return steering, throttle
+
+
+def to_rudder(setup: MotorSetup, steering: float, throttle: float, speed: float) -> float:
+    """Return the steering, -1 to 1, that a rudder's outputs get in MANUAL while armed; speed [m/s]: over ground."""
+    if not setup.is_scaled:
+        return -steering if throttle < 0.0 else steering
+    if 0.0 < setup.base_speed < abs(speed):
+        steering *= setup.base_speed / abs(speed)
+    return -steering if speed < 0.0 else steering
 
 
 def slewed(setup: MotorSetup, before: float, throttle: float, dt: float) -> float:
@@ -282,8 +307,9 @@ class StickArming:
         return False if setup.stick_arms == STICK_ARMS_AND_DISARMS else None
 
 
-CHECK_THROTTLE, CLEAR_BY_STICK = 1 << 5, 1 << 14
-"""RC_OPTIONS: no arming by the stick with throttle; a stick that moves ends overrides (from 4.8 on)."""
+IGNORE_OVERRIDES, CHECK_THROTTLE, CLEAR_BY_STICK = 1 << 1, 1 << 5, 1 << 14
+"""RC_OPTIONS: overrides are ignored; no arming by the stick with throttle; a stick that moves ends overrides (from 4.8
+on)."""
 CLEARS_SINCE = (4, 8)
 OVERRIDE_ENABLE = 46
 """RCn_OPTION "RC Override Enable" (libraries/RC_Channel/RC_Channel.h)."""
@@ -349,7 +375,7 @@ def setup_of(parameters: ParameterTable, version: tuple[int, int]) -> Setup:
         throttle_input=input_calibration(parameters, throttle),
         steering_outputs=_outputs(parameters, STEERING_FUNCTION),
         throttle_outputs=_outputs(parameters, THROTTLE_FUNCTION),
-        override_time=parameters["RC_OVERRIDE_TIME"],
+        override_time=0.0 if options & IGNORE_OVERRIDES else parameters["RC_OVERRIDE_TIME"],
         radio_failsafe=parameters["FS_THR_ENABLE"] != 0.0,
         radio_failsafe_pulse=parameters["FS_THR_VALUE"],
         radio_timeout=parameters["RC_FS_TIMEOUT"],

@@ -18,7 +18,7 @@ from autopilot.doctor.machine import Finding, Verdict, serial_devices, share_bel
 from autopilot.links.arrivals import HEADING_SENTENCES, MAVLINK_HEADING, message_names, sentence_names
 from autopilot.links.base import Link, LinkError, parted
 from autopilot.links.mavlink.companion import CompanionLink
-from autopilot.links.mavlink.requests import VehicleParameters
+from autopilot.links.mavlink.requests import SPEED_SCALING, TWO_PADDLES, VehicleParameters
 from autopilot.links.mavlink.steering import REACH_TOLERANCE_DEG, channel_of, share_from_servo
 from autopilot.links.url import open_transport
 from autopilot.runtime.machine import Clock
@@ -39,7 +39,7 @@ def firmware_findings(parameters: VehicleParameters, vessel: Vessel | None = Non
     """Return what the parameters that have come mean for steering this vessel; nothing of those that have not."""
     looked = [_arming(parameters), _radio(parameters), _station(parameters), _action(parameters), _takeover(parameters)]
     if vessel is not None and vessel.helm.method != "guided":
-        looked.append(_servo(parameters, vessel))
+        looked += [_servo(parameters, vessel), _stick(parameters)]
     return [finding for finding in looked if finding is not None]
 
 
@@ -141,21 +141,35 @@ def _servo(parameters: VehicleParameters, vessel: Vessel) -> Finding | None:
     return Finding("servo", Verdict.GO, f"{ends}, taken for {full:g} deg to each side; helm.servo_us would pin it")
 
 
-TWO_PADDLES, DIRECTION_UNCHANGED = 1.0, 3.0
+DIRECTION_UNCHANGED = 3.0
 """PILOT_STEER_TYPE (Rover/Parameters.cpp)."""
+
+
+def _stick(parameters: VehicleParameters) -> Finding | None:
+    """What the firmware makes of the steering input beside its curve; a rudder is turned round once more than thrust
+    where the throttle is astern (AP_MotorsUGV.cpp, output_regular)."""
+    stick, options = parameters.get("PILOT_STEER_TYPE"), parameters.get("MANUAL_OPTIONS")
+    if stick is None:
+        return None
+    is_mixed = parameters.drive.is_mixed
+    found, usual = f"PILOT_STEER_TYPE is {stick:g}", DIRECTION_UNCHANGED if is_mixed else 0.0
+    if stick == TWO_PADDLES:
+        cure = f"set it to {usual:g}: with 1 the steering channel is the left paddle, and takes no steering"
+        return Finding("stick", Verdict.NO_GO, found, cure)
+    if int(options or 0.0) & SPEED_SCALING:
+        found = "MANUAL_OPTIONS bit 0: the firmware steers by less the faster the boat is"
+        return Finding("stick", Verdict.NO_GO, found, "take bit 0 (1) out of MANUAL_OPTIONS")
+    if (stick == DIRECTION_UNCHANGED) is not is_mixed:
+        cure = f"set it to {usual:g}, or steering turns round where the throttle is astern"
+        return Finding("stick", Verdict.WARN, found, cure)
+    return Finding("stick", Verdict.GO, found)
 
 
 def _thrusters(parameters: VehicleParameters, vessel: Vessel) -> Finding:
     """What two thrusters are set up as."""
     left, right = parameters.steering_servos
-    asymmetry, stick = parameters.get("MOT_THST_ASYM"), parameters.get("PILOT_STEER_TYPE")
+    asymmetry = parameters.get("MOT_THST_ASYM")
     found = f"two thrusters: left on SERVO{left}, right on SERVO{right}"
-    if stick == TWO_PADDLES:
-        cure = "set PILOT_STEER_TYPE to 3: with 1 the steering channel is the left paddle, and takes no steering"
-        return Finding("thrusters", Verdict.NO_GO, found, cure)
-    if stick is not None and stick != DIRECTION_UNCHANGED:
-        cure = "set PILOT_STEER_TYPE to 3, or steering turns round where the throttle is astern"
-        return Finding("thrusters", Verdict.WARN, found, cure)
     if asymmetry == 1.0 and vessel.drive.astern_share is None:
         cure = "set MOT_THST_ASYM to thrust ahead over thrust astern, or a turn without throttle drives the boat ahead"
         return Finding("thrusters", Verdict.WARN, found, cure)

@@ -216,13 +216,17 @@ SHIPPED = {wanted.name: float(wanted.value) for wanted in wanted_parameters(load
         ({"RC_OPTIONS": 1 << 14, "RC7_OPTION": 46}, "taking over", Verdict.GO, "channel 7"),
         ({"RC_OPTIONS": 1}, "taking over", Verdict.WARN, "bit 0"),
         ({"RC_OPTIONS": 2}, "taking over", Verdict.NO_GO, "bit 1"),
+        ({}, "stick", Verdict.GO, "PILOT_STEER_TYPE is 0"),
+        ({"PILOT_STEER_TYPE": 1}, "stick", Verdict.NO_GO, "PILOT_STEER_TYPE is 1"),
+        ({"PILOT_STEER_TYPE": 3}, "stick", Verdict.WARN, "PILOT_STEER_TYPE is 3"),
+        ({"MANUAL_OPTIONS": 1}, "stick", Verdict.NO_GO, "MANUAL_OPTIONS bit 0"),
     ],
 )
 def test_parameters_of_the_firmware_that_fight_us_are_named(
     parameters: dict[str, float], name: str, verdict: Verdict, word: str
 ) -> None:
     run = Lockstep(VESSEL, parameters=parameters)
-    findings = examine(lambda: [run.link], Listening(run), 12.0, VESSEL.failsafe.heading_timeout_s)
+    findings = examine(lambda: [run.link], Listening(run), 12.0, VESSEL.failsafe.heading_timeout_s, VESSEL)
     (finding,) = [finding for finding in findings if finding.name == name]
     assert finding.verdict is verdict, finding
     assert word in finding.found

@@ -102,7 +102,22 @@ def test_arming_and_the_switch_for_overrides(guided: bool) -> None:
         ("", {"RCMAP_ROLL": 17.0}, "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it", False),
         ("", {"RC_OVERRIDE_TIME": 0.0}, "the vehicle's RC_OVERRIDE_TIME is 0, which forbids overrides", False),
         ("", {"RC_OVERRIDE_TIME": -1.0}, "the vehicle's RC_OVERRIDE_TIME is -1, which would keep the rudder", False),
+        ("", {"RC_OVERRIDE_TIME": 0.4}, "the vehicle's RC_OVERRIDE_TIME is 0.4, which takes the rudder back", False),
+        (
+            "",
+            {"RC_OVERRIDE_TIME": 60.0},
+            "the vehicle's RC_OVERRIDE_TIME is 60, which would keep the rudder",
+            False,
+        ),
         ("", {"RC_OVERRIDE_TIME": 3.0}, "", False),
+        ("", {"RC_OVERRIDE_TIME": 10.0, "PILOT_STEER_TYPE": 3.0, "MANUAL_OPTIONS": 6.0}, "", False),
+        (
+            "",
+            {"PILOT_STEER_TYPE": 1.0},
+            "PILOT_STEER_TYPE is 1 (two paddles), which takes no steering",
+            False,
+        ),
+        ("", {"MANUAL_OPTIONS": 3.0}, "MANUAL_OPTIONS has bit 0 set, so the firmware steers by less the faster", False),
     ],
 )
 def test_parameters_that_forbid_steering(

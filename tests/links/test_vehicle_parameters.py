@@ -37,7 +37,7 @@ def test_what_steering_needs_is_asked_for_first_and_eight_at_a_time() -> None:
     assert parameters.due(0.21) == [*(f"SERVO{number}_FUNCTION" for number in range(11, 17)), "RCMAP_PITCH",
                                     "RCMAP_THROTTLE"]  # fmt: skip
     missing = parameters.missing
-    assert len(missing) == 2 + 4 + 16 + 3 + 7 + 16 == len(set(missing))
+    assert len(missing) == 2 + 4 + 16 + 3 + 9 + 16 == len(set(missing))
     assert missing[-1] == "RC16_OPTION" and "RC1_OPTION" in missing
 
 

@@ -258,6 +258,32 @@ def test_parameter_names_fit_and_are_unique() -> None:
     assert all(len(name) <= 16 and name.replace("_", "").isalnum() and name.isupper() for name in names)
 
 
+@pytest.mark.parametrize(
+    ("set_to", "throttle", "servo"),
+    [
+        ({}, 1750, 1733),
+        ({"MANUAL_STR_EXPO": 0.5}, 1750, 1651),
+        ({"MANUAL_STR_EXPO": 0.96}, 1750, 1733),
+        ({"MANUAL_OPTIONS": 1, "MOT_SPD_SCA_BASE": 2.0}, 1750, 1601),
+        ({}, 1250, 1733),
+        ({"PILOT_STEER_TYPE": 3}, 1750, 1733),
+        ({"PILOT_STEER_TYPE": 3}, 1250, 1268),
+        ({"RC_OPTIONS": 2}, 1750, 1500),
+    ],
+)
+def test_what_a_stick_becomes_on_its_way_to_the_rudder(
+    bench: MakeBench, set_to: dict[str, float], throttle: int, servo: int
+) -> None:
+    """Source: Rover/mode.cpp, mode_manual.cpp; AP_Math/control.cpp input_expo; AP_MotorsUGV.cpp output_regular."""
+    boat = bench()
+    for name, value in set_to.items():
+        boat.firmware.parameters.set(name, value)
+    boat.firmware.sticks[2] = throttle
+    boat.override(1749)
+    boat.run(0.1)
+    assert boat.firmware.servos[0] == pytest.approx(servo, abs=2)
+
+
 def test_servo_parameters_move_the_servo_but_not_its_linkage(bench: MakeBench) -> None:
     boat = bench()
     boat.parameter_set("SERVO1_REVERSED", 1)

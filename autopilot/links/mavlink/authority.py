@@ -22,7 +22,7 @@ from collections.abc import Collection
 from enum import Enum
 
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.requests import OVERRIDE_TIME, TWO_PADDLES, VehicleParameters
+from autopilot.links.mavlink.requests import OVERRIDE_TIME, SPEED_SCALING, TWO_PADDLES, VehicleParameters
 from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
 from autopilot.models.drives import DRIVES
 from autopilot.signals import HelmCause
@@ -349,11 +349,28 @@ def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) 
         return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
     if parameters.steering_servo is None:
         return _without_outputs(parameters)
-    if parameters.drive.is_mixed and parameters.get("PILOT_STEER_TYPE") == TWO_PADDLES:
-        return "PILOT_STEER_TYPE is 1 (two paddles), which takes no steering; set it to 3"
-    if (seconds := parameters.get(OVERRIDE_TIME)) is not None and seconds <= 0.0:
-        what = "forbids overrides" if seconds == 0.0 else "would keep the rudder for good where this line breaks"
+    if parameters.get("PILOT_STEER_TYPE") == TWO_PADDLES:
+        usual = 3 if parameters.drive.is_mixed else 0
+        return f"PILOT_STEER_TYPE is 1 (two paddles), which takes no steering; set it to {usual}"
+    if int(parameters.get("MANUAL_OPTIONS") or 0.0) & SPEED_SCALING:
+        return "MANUAL_OPTIONS has bit 0 set, so the firmware steers by less the faster the boat is; set it to 0"
+    if (seconds := parameters.get(OVERRIDE_TIME)) is not None and (what := _wrong_lapse(seconds)):
         return f"the vehicle's RC_OVERRIDE_TIME is {seconds:g}, which {what}; set it to 3"
+    return ""
+
+
+SHORTEST_LAPSE_S, LONGEST_LAPSE_S = 0.5, 10.0
+"""Orders may be so far apart on a line that loses some; a rudder that its pilot has left is not to stand for longer."""
+
+
+def _wrong_lapse(seconds: float) -> str:
+    """Return what is wrong with an RC_OVERRIDE_TIME [s], '' where nothing is."""
+    if seconds == 0.0:
+        return "forbids overrides"
+    if 0.0 < seconds < SHORTEST_LAPSE_S:
+        return "takes the rudder back between two orders"
+    if seconds < 0.0 or seconds > LONGEST_LAPSE_S:
+        return f"would keep the rudder for {'good' if seconds < 0.0 else f'{seconds:g} s'} where this line breaks"
     return ""
 
 

@@ -133,6 +133,8 @@ GCS_NAMES = ("SYSID_MYGCS", "MAV_GCS_SYSID")
 GCS_HIGH = "MAV_GCS_SYSID_HI"
 EXPO = "MANUAL_STR_EXPO"
 OVERRIDE_TIME = "RC_OVERRIDE_TIME"
+SPEED_SCALING = 1
+"""MANUAL_OPTIONS: steering is made less with the speed."""
 OVERRIDE_TIME_S = 3.0
 """Where the vehicle has not reported it."""
 CHANNEL_COUNT = 16
@@ -146,6 +148,8 @@ SETTINGS = (
     "FS_ACTION",
     "ARMING_RUDDER",
     "RC_OPTIONS",
+    "PILOT_STEER_TYPE",
+    "MANUAL_OPTIONS",
 )
 """What the firmware does when somebody falls silent, and what it takes from a stick."""
 WELCOME = (*STICKS, *SETTINGS, *(f"RC{number}_OPTION" for number in range(1, CHANNEL_COUNT + 1)))
@@ -242,7 +246,9 @@ class VehicleParameters:
     def complete(self) -> bool:
         """Whether all that steering needs is known; what old firmware lacks was asked for often enough."""
         return self.gcs_system is not None and all(
-            self._given_up(name) or name in self._unneeded or name in (OVERRIDE_TIME, GCS_HIGH, *WELCOME)
+            self._given_up(name)
+            or name in self._unneeded
+            or (name in (OVERRIDE_TIME, GCS_HIGH, *WELCOME) and not (self.drive.is_mixed and name in MIXING))
             for name in self._missing
         )
 
@@ -338,7 +344,10 @@ class VehicleParameters:
             names += [f"RC{number}_{suffix}" for suffix in ("TRIM", "DZ")]
         # what steering needs goes first
         self._unneeded = frozenset(self._aside()) - frozenset(names)
-        names += [*WELCOME, *(name for name in self._aside() if name in self._unneeded)]
+        names += [
+            *(name for name in WELCOME if name not in names),
+            *(name for name in self._aside() if name in self._unneeded),
+        ]
         return [name for name in names if name not in self._values]
 
     def _aside(self) -> list[str]:

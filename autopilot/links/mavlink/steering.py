@@ -58,14 +58,16 @@ class SteeringChannel(NamedTuple):
         """Raise ValueError where the end points are no pulse widths, or leave no room to steer."""
         pulses = (self.rc_min, self.rc_trim, self.rc_max, self.servo_min, self.servo_trim, self.servo_max)
         if not all(SHORTEST_US <= pulse <= LONGEST_US for pulse in pulses) or not 0 <= self.rc_dead_zone <= LONGEST_US:
-            raise ValueError(f"pulses go from {SHORTEST_US} to {LONGEST_US} us: {self}")
+            given = ", ".join(map(str, (*pulses, self.rc_dead_zone)))
+            raise ValueError(f"pulses go from {SHORTEST_US} to {LONGEST_US} us, not {given}")
+        left, right = self.rc_min + self.rc_dead_zone, self.rc_max - self.rc_dead_zone
         for name, low, trim, high in (
-            ("steering input", self.rc_min + self.rc_dead_zone, self.rc_trim, self.rc_max - self.rc_dead_zone),
+            ("steering input less its dead zone", left, self.rc_trim, right),
             ("steering servo", self.servo_min, self.servo_trim, self.servo_max),
             ("helm.servo_us", *(self.scale or (SHORTEST_US, SHORTEST_US + 1, LONGEST_US))),
         ):
             if not low < trim < high:
-                raise ValueError(f"{name}: minimum, trim and maximum must rise with room for the dead zone: {self}")
+                raise ValueError(f"{name}: minimum, trim and maximum do not rise: {low:g}, {trim:g}, {high:g} us")
 
 
 def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
@@ -239,10 +241,12 @@ def _middle(values: list[int], neutral: int) -> int:
 
 
 def _with_expo(expo: float, steering: int) -> int:
+    """Return the steering as the firmware bends it: s -> (1 - e) s / (1 - e |s|) (ArduPilot, AP_Math/control.cpp,
+    input_expo)."""
     if expo == 0.0 or expo >= EXPO_LIMIT:
         return steering
     share = steering / FULL
-    return int(FULL * ((1.0 - expo) * share + expo * share**3))
+    return int(FULL * (1.0 - expo) * share / (1.0 - expo * abs(share)))
 
 
 class BowChannel(Protocol):
