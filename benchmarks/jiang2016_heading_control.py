@@ -25,7 +25,7 @@ from autopilot.control.pid import step as pid_step
 from autopilot.identification.two_stage import cubic_damping_stage
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.models.steering_gear import DelayLine, SteeringGear, clip, gear_step
-from autopilot.models.waves import JIANG_DEG, discretise, stationary_state, wave_step
+from autopilot.models.weather import JIANG_DEG, discretise, stationary_state, wave_step
 from autopilot.runtime.build import gear_of, model_of
 from autopilot.signals import NavState, Reference
 from autopilot.vessel.file import load_vessel

@@ -50,7 +50,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.control.rudder_roll import LinearMotion, Motion
-from autopilot.models.waves import GRAVITY, component_amplitudes, wave_number
+from autopilot.models.weather import GRAVITY, component_amplitudes, wave_number
 from sitl.roll_ship import (
     CALM_WATER,
     DENSITY,

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from roll_in_the_loop import CASES, FILED_RATE_DEG_S, FRESH, LASTS_S, SETTLED_S, Case, SlowHelm, scenario_of
 from scipy.linalg import expm
 
-from autopilot.models import waves
+from autopilot.models import weather
 from autopilot.vessel.file import load_vessel
 from sitl.roll_ship import GEAR, NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED
 from sitl.sea import IttcWaves, wave_forces
@@ -57,9 +57,9 @@ def sea_of(case: Case) -> tuple[Array, Array, Array]:
     # the middles of the bands in which the simulator draws its own
     peak = 2.0 * math.pi / section.peak_period_s
     frequency = 0.5 * peak + 2.5 * peak / COMPONENTS * (np.arange(COMPONENTS) + 0.5)
-    number = waves.wave_number(frequency)
-    period = waves.mean_period_of(section.peak_period_s)
-    slope = waves.component_amplitudes(frequency, section.significant_height_m, period) * number
+    number = weather.wave_number(frequency)
+    period = weather.mean_period_of(section.peak_period_s)
+    slope = weather.component_amplitudes(frequency, section.significant_height_m, period) * number
     slope = slope * np.exp(-0.5 * number * NAVAL_HULL.draught)
     towards = math.radians(section.from_deg) + math.pi
     hull = IttcWaves(frequency, number, slope, 0.0 * slope, towards, NAVAL_HULL.length, NAVAL_HULL.beam)

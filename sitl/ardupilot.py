@@ -23,7 +23,7 @@ from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.links.base import LinkError
 from autopilot.links.transports.medium import is_everywhere
-from autopilot.models.waves import GRAVITY
+from autopilot.models.weather import GRAVITY
 from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState
 from sitl.firmware_setup import SERVO_US, travel

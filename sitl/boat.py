@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from autopilot.models.drives import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, at_point
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share, sided
-from autopilot.models.waves import GRAVITY
-from autopilot.vessel.schema import drive_law_of
+from autopilot.models.weather import GRAVITY
+from autopilot.vessel.schema import drive_law_of, model_of
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel
@@ -234,17 +234,9 @@ def _roll_step(hull: Hull, state: BoatState, speed: float, rate: float, slope: f
 
 def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
     """Return the plant that a vessel and a scenario describe, in radians."""
-    model, rudder, hull, drive = vessel.model, vessel.rudder, scenario.hull, drive_law_of(vessel)
+    rudder, hull, drive = vessel.rudder, scenario.hull, drive_law_of(vessel)
     return Plant(
-        model=Norrbin(
-            gain=model.K_1_s,
-            time_constant=model.T_s,
-            n3=model.n3_s2_rad2,
-            n2=model.n2_s_rad,
-            n1=model.n1,
-            n0=model.n0_rad_s,
-            reference_speed=model.reference_speed_m_s,
-        ),
+        model=model_of(vessel),
         # a share of the trial's, where that one is not known
         drive=drive if drive.throttle > 0.0 else drive._replace(throttle=1.0),
         gear=sided(

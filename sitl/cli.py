@@ -25,7 +25,6 @@ from autopilot.cli.options import (
 from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import print_end
 from sitl.campaign import command as campaign
-from sitl.campaign import envelope_command as envelope
 from sitl.scenario import shipped_scenarios
 
 DEFAULT_SERVICE = "127.0.0.1:14599"
@@ -74,7 +73,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_fault_command(commands)
     campaign.add_parser(commands)
     campaign.add_tune_parser(commands)
-    envelope.add_parser(commands)
+    campaign.add_envelope_parser(commands)
     add_completion_parser(commands, "sitl").set_defaults(run=run_completion)
     return parser
 

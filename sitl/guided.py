@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.models.waves import GRAVITY
+from autopilot.models.weather import GRAVITY
 from sitl.firmware_parameters import ParameterTable
 
 TIMEOUT_S = 3.0

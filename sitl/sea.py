@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.models import waves, wind
-from autopilot.models.waves import GRAVITY, SecondOrderWaves, WaveState, WaveTransition
+from autopilot.models import weather
+from autopilot.models.weather import GRAVITY, SecondOrderWaves, WaveState, WaveTransition
 from sitl.boat import BoatState, Disturbance, Hull
 from sitl.scenario import CurrentSection, IttcSection, Scenario, SecondOrderSection
 
@@ -51,10 +51,10 @@ class IttcWaves(NamedTuple):
     along their way.
     """
 
-    frequency: waves.Array
-    number: waves.Array
-    slope: waves.Array
-    phase: waves.Array
+    frequency: weather.Array
+    number: weather.Array
+    slope: weather.Array
+    phase: weather.Array
     towards: float
     length: float
     beam: float
@@ -73,9 +73,9 @@ def ittc_waves(
     band = 2.5 * peak / section.components
     edges = 0.5 * peak + band * np.arange(section.components)
     frequency = edges + band * generator.uniform(0.0, 1.0, section.components)
-    number = waves.wave_number(frequency)
-    period = waves.mean_period_of(section.peak_period_s)
-    amplitude = waves.component_amplitudes(frequency, section.significant_height_m, period)
+    number = weather.wave_number(frequency)
+    period = weather.mean_period_of(section.peak_period_s)
+    amplitude = weather.component_amplitudes(frequency, section.significant_height_m, period)
     slope = amplitude * number * np.exp(-0.5 * number * hull.draught)
     phase = generator.uniform(0.0, 2.0 * math.pi, section.components)
     towards = math.radians(section.from_deg) + math.pi
@@ -89,7 +89,7 @@ def way_along(components: IttcWaves, time: float, state: BoatState) -> float:
     return along - components.drift * time
 
 
-def wave_forces(components: IttcWaves, heading: float) -> tuple[waves.Array, waves.Array]:
+def wave_forces(components: IttcWaves, heading: float) -> tuple[weather.Array, weather.Array]:
     """Return the amplitudes of yaw acceleration [rad/s^2] and effective roll slope [rad] (n,) at `heading` [rad]."""
     beta = components.towards - heading
     half = 0.5 * components.number * components.length * math.cos(beta)
@@ -129,12 +129,12 @@ class IttcSea:
             self._yaw_amplitude, self._roll_amplitude = wave_forces(self._waves, math.radians(degree))
         along = way_along(self._waves, time, state)
         theta = self._waves.number * along - self._waves.frequency * time + self._waves.phase
-        yaw = waves.component_sum(self._yaw_amplitude, theta)
+        yaw = weather.component_sum(self._yaw_amplitude, theta)
         slope = float(np.dot(self._roll_amplitude, np.sin(theta)))
         return yaw, slope
 
 
-def _spherical_bessel_1(argument: waves.Array) -> waves.Array:
+def _spherical_bessel_1(argument: weather.Array) -> weather.Array:
     """(sin u - u cos u)/u^2, by its series u/3 (1 - u^2/10) where the difference would cancel."""
     small = np.abs(argument) < 1.0e-2
     safe = np.where(small, 1.0, argument)
@@ -160,12 +160,12 @@ class Water(NamedTuple):
     has_wind: bool
     wind_speed: float
     wind_from: float
-    gust: wind.Gust
-    load: wind.WindLoad
+    gust: weather.Gust
+    load: weather.WindLoad
     current_north: float
     current_east: float
-    swell_noise: waves.Array = NO_NOISE
-    wind_noise: waves.Array = NO_NOISE
+    swell_noise: weather.Array = NO_NOISE
+    wind_noise: weather.Array = NO_NOISE
 
 
 def water_of(scenario: Scenario, hull: Hull, seed: np.random.SeedSequence, dt: float) -> Water:
@@ -175,14 +175,16 @@ def water_of(scenario: Scenario, hull: Hull, seed: np.random.SeedSequence, dt: f
     generator = np.random.default_rng(seed)
     return Water(
         has_swell=section is not None,
-        swell=waves.discretise(second_order_waves(section), dt) if section else NO_SWELL,
+        swell=weather.discretise(second_order_waves(section), dt) if section else NO_SWELL,
         has_waves=ittc is not None,
         waves=ittc_waves(ittc, hull, generator, scenario.current) if ittc else NO_WAVES,
         has_wind=gusts.speed_m_s > 0.0 or gusts.gust_m_s > 0.0,
         wind_speed=gusts.speed_m_s,
         wind_from=math.radians(gusts.from_deg),
-        gust=wind.Gust(gusts.gust_m_s, gusts.gust_time_s),
-        load=wind.WindLoad() if hull.windage else wind.WindLoad(math.radians(gusts.rudder_deg_per_m2_s2), gusts.leeway),
+        gust=weather.Gust(gusts.gust_m_s, gusts.gust_time_s),
+        load=weather.WindLoad()
+        if hull.windage
+        else weather.WindLoad(math.radians(gusts.rudder_deg_per_m2_s2), gusts.leeway),
         current_north=scenario.current.speed_m_s * math.cos(towards),
         current_east=scenario.current.speed_m_s * math.sin(towards),
     )
@@ -191,7 +193,7 @@ def water_of(scenario: Scenario, hull: Hull, seed: np.random.SeedSequence, dt: f
 def swell_at_start(scenario: Scenario, first: float, second: float) -> WaveState:
     """Return the swell before the first step, from two deviates."""
     section = scenario.waves.second_order
-    return waves.stationary_state(second_order_waves(section), first, second) if section else WaveState()
+    return weather.stationary_state(second_order_waves(section), first, second) if section else WaveState()
 
 
 def acting(water: Water, swell: float, gust: float, yaw: float, slope: float, state: BoatState) -> Disturbance:
@@ -200,8 +202,8 @@ def acting(water: Water, swell: float, gust: float, yaw: float, slope: float, st
     push, leeway, ahead, starboard = 0.0, 0.0, 0.0, 0.0
     if water.has_wind:
         speed = max(water.wind_speed + gust, 0.0)
-        felt = wind.apparent_wind(speed, water.wind_from, state.heading, state.north_speed, state.east_speed)
-        push, leeway = wind.rudder_equivalent(water.load, felt), wind.leeway_speed(water.load, felt)
+        felt = weather.apparent_wind(speed, water.wind_from, state.heading, state.north_speed, state.east_speed)
+        push, leeway = weather.rudder_equivalent(water.load, felt), weather.leeway_speed(water.load, felt)
         ahead, starboard = felt.ahead, felt.starboard
     return Disturbance(swell + push, yaw, slope, leeway, water.current_north, water.current_east, ahead, starboard, 0.0)
 
@@ -219,17 +221,17 @@ class Sea:
         if self._water.has_swell:
             self._swell = swell_at_start(scenario, self._swell_noise.next(), self._swell_noise.next())
 
-    def apparent_wind(self, state: BoatState) -> wind.ApparentWind:
+    def apparent_wind(self, state: BoatState) -> weather.ApparentWind:
         """Return the wind over the boat; in a calm it is that of its way."""
         speed = max(self._water.wind_speed + self._gust, 0.0)
-        return wind.apparent_wind(speed, self._water.wind_from, state.heading, state.north_speed, state.east_speed)
+        return weather.apparent_wind(speed, self._water.wind_from, state.heading, state.north_speed, state.east_speed)
 
     def step(self, time: float, state: BoatState) -> Disturbance:
         """Return what acts on the boat at `time` [s] since the start; to be called once a step."""
         water, swell_noise = self._water, self._swell_noise
         if water.has_swell:
-            self._swell = waves.wave_step(water.swell, self._swell, swell_noise.next(), swell_noise.next())
+            self._swell = weather.wave_step(water.swell, self._swell, swell_noise.next(), swell_noise.next())
         if water.has_wind:
-            self._gust = wind.gust_step(water.gust, self._gust, self._dt, self._wind_noise.next())
+            self._gust = weather.gust_step(water.gust, self._gust, self._dt, self._wind_noise.next())
         yaw, slope = self._components.at(time, state) if self._components else (0.0, 0.0)
         return acting(water, self._swell.value, self._gust, yaw, slope, state)

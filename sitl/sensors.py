@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap, wrap_positive
-from autopilot.models.wind import ApparentWind
+from autopilot.models.weather import ApparentWind
 from autopilot.vessel.schema import Vessel
 from sitl.boat import EARTH_RADIUS, BoatState
 from sitl.fault_kind import COMPASS, EVERYTHING, Dice

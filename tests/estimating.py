@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from autopilot.estimation.estimator import (
     Beliefs,
     Counters,
@@ -19,17 +21,25 @@ from autopilot.estimation.rudder_observer import (
     RudderPast,
     advanced,
     all_effective,
-    held,
     is_fed_back,
     newest_angle,
     ordered,
     rudder_memory,
+    stretch,
     tick_at,
     with_feedback,
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState, Sample
+
+
+def held(past: RudderPast, start: float, end: float, grain: float) -> Iterator[tuple[float, float]]:
+    """Yield (until [s], angle [rad]) from `start` to `end` [s], oldest first; stretch by stretch."""
+    at, tick = start, tick_at(past, start)
+    while at < end:
+        at, angle, tick = stretch(past, tick, at, end, grain)
+        yield at, angle
 
 
 class OutputFeedbackLoop:

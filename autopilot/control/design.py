@@ -273,18 +273,6 @@ def _quickest(steered: Steered, worst: float, least_error: float) -> float:
     return good[-1]
 
 
-def placed(bandwidth: float, damping: float) -> BacksteppingGains:
-    """Return the gains that make z1'' + 2 zeta w z1' + w^2 z1 = 0, w = `bandwidth` [rad/s], zeta = `damping` [-].
-
-    k1 = k2 = zeta w and gamma = w^2 (1 - zeta^2), so that zeta must lie between 0 and 1; ValueError otherwise. What the
-    rudder's lag, rate and delay make of it is for `judge` to say.
-    """
-    if not 0.0 < bandwidth < math.inf or not 0.0 < damping < 1.0:
-        raise ValueError("bandwidth must be positive, and damping above 0 and below 1")
-    k = damping * bandwidth
-    return BacksteppingGains(k, k, bandwidth * bandwidth * (1.0 - damping * damping))
-
-
 def bandwidths_of(model: Norrbin) -> tuple[float, float]:
     """Return the least and the largest bandwidth [rad/s] that is looked at for a boat."""
     low, high = BANDWIDTHS

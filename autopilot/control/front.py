@@ -265,13 +265,14 @@ def _law(afloat: Afloat, gains: BacksteppingGains, frequency: float) -> Floats:
     bounded = BoundedGains(gains, math.inf, afloat.gear.delay + afloat.gear.lag)
     waves = frequency if afloat.noise.waves else 0.0
 
-    def order(psi: float, r: float, b: float, h: float, s: float, rudder: float, last: float) -> float:
+    def order(probed: Floats) -> float:
+        psi, r, b, h, s, rudder, last = probed.tolist()
         state = NavState(0.0, psi + h, r + s, model.reference_speed, rudder, b, 0.0, True, h, s, 1.0, waves)
         given = LawInput(model, 1.0, Reference(0.0), state, NO_ROLL, last, math.inf, afloat.dt)
         return backstepping.in_proportion(bounded, given) / PROBE
 
     rows = np.eye(7) * PROBE
-    psi, r, b, h, s, rudder, last = (order(*row) for row in rows)
+    psi, r, b, h, s, rudder, last = (order(row) for row in rows)
     return np.array([psi, r, b, h, s, 0.0, rudder, last])
 
 

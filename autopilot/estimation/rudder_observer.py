@@ -32,7 +32,6 @@ Multiple-model estimation: Willsky and Jones 1976; the low-pass in place of a de
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 from autopilot.estimation.tuning import (
@@ -80,14 +79,6 @@ class RudderPast(NamedTuple):
     times: Ring
     angles: Ring
     ticks: int
-
-
-def held(past: RudderPast, start: float, end: float, grain: float) -> Iterator[tuple[float, float]]:
-    """Yield (until [s], angle [rad]) from `start` to `end` [s], oldest first; see `stretch`."""
-    at, tick = start, tick_at(past, start)
-    while at < end:
-        at, angle, tick = stretch(past, tick, at, end, grain)
-        yield at, angle
 
 
 def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float) -> tuple[float, float, int]:

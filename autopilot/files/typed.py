@@ -111,11 +111,6 @@ class _Mistakes:
             raise self._found[0] if len(self._found) == 1 else SeveralInputError(self._found)
 
 
-def describe(hint: Any) -> str:
-    """Return what a type hint allows, in a few words: 'a number from 1 to 90, or null'."""
-    return _describe(hint, None)
-
-
 def _convert(node: Node, hint: Any, bounds: Bounds | None) -> Any:
     origin = typing.get_origin(hint)
     if origin is typing.Annotated:

@@ -17,7 +17,7 @@ from autopilot.identification.rudder_path import DIRECT, RudderRate, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, has_propeller, has_wind
 from autopilot.identification.two_stage import CubicDamping
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.wind import RaceAndWind
+from autopilot.models.weather import RaceAndWind
 
 ModelKind = Literal["nomoto", "norrbin"]
 Progress = Callable[[int, int], None]

@@ -27,7 +27,7 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.runs import SHORTEST_SEGMENT_SAMPLES, FloatArray, Run, Segment
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.wind import RaceAndWind, without_drift
+from autopilot.models.weather import RaceAndWind, without_drift
 
 BLOCKS = 4
 """Into so many parts of one length a run that is alone is cut."""

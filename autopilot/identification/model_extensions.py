@@ -12,7 +12,7 @@ from autopilot.identification.residuals import NO_TRIMS, Fitted, RunTrims, typic
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import Run, Segment, has_propeller, has_wind
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.wind import RaceAndWind, without_drift
+from autopilot.models.weather import RaceAndWind, without_drift
 
 CUBIC = ("gain", "time_constant", "n3", "n0")
 DAMPING = ("n3", "n2")

@@ -38,7 +38,7 @@ from autopilot.identification.residuals import (
 from autopilot.identification.runs import FloatArray, Run, Segment, shortest_time_constant
 from autopilot.identification.simulation import Forcing, forcing
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.wind import RaceAndWind
+from autopilot.models.weather import RaceAndWind
 
 STEPS_PER_TIME_CONSTANT = 4.0
 """Integration steps per time constant, at least, during the fit: Runge-Kutta is then exact to some 3e-5."""

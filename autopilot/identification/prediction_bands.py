@@ -19,7 +19,7 @@ from autopilot.identification.likelihood_record import scales_of, without_noise
 from autopilot.identification.rudder_path import rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.models.steering_gear import SteeringGear, gear_step, lag_share
-from autopilot.models.wind import RaceAndWind
+from autopilot.models.weather import RaceAndWind
 
 DRAWS, SEED = 400, 1
 BAND = (0.025, 0.5, 0.975)
@@ -247,7 +247,7 @@ def headings_after(fit: LikelihoodFit, stretches: Sequence[Stretch], seconds: fl
 
 def in_the_race(around: RaceAndWind | None, runs: Sequence[Run], speed: float) -> tuple[list[Run], float]:
     """Return the runs and the reference speed [m/s] with the flow past the rudder in place of the boat's speed, where a
-    race of revolutions that nobody recorded was found: the model goes with that flow (`models.wind`)."""
+    race of revolutions that nobody recorded was found: the model goes with that flow (`models.weather`)."""
     race = 0.0 if around is None else around.steady_race
     flows = [
         run._replace(segments=tuple(s._replace(speed=np.sqrt(s.speed**2 + race)) for s in run.segments)) for run in runs

@@ -21,7 +21,7 @@ from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment, seconds
 from autopilot.identification.simulation import at_samples, forcing, rudder_behind, simulate
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.wind import RaceAndWind
+from autopilot.models.weather import RaceAndWind
 
 STEPS_PER_TIME_CONSTANT = 20.0
 LONGEST_STEP_S = 0.5

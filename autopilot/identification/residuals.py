@@ -39,7 +39,7 @@ from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.simulation import Forcing, Trajectory, at_samples, rudder_behind, simulate, slopes
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.wind import RaceAndWind
+from autopilot.models.weather import RaceAndWind
 
 LONGEST_MEMORY = 0.9999
 """Lag-one correlations are held below this: at one, the weight would vanish altogether."""

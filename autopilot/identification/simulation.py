@@ -23,7 +23,7 @@ from scipy.linalg.blas import dtbsv
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, corners, with_corners
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
-from autopilot.models.wind import RaceAndWind, inflow_ratio, wind_acceleration
+from autopilot.models.weather import RaceAndWind, inflow_ratio, wind_acceleration
 
 INPUTS_BESIDE_RUDDER = ("speed", "propeller", "beam_wind", "quarter_wind")
 

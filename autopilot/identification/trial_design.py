@@ -30,7 +30,7 @@ from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
 from autopilot.models.steering_gear import SteeringGear, gear_step
-from autopilot.models.wind import RaceAndWind
+from autopilot.models.weather import RaceAndWind
 
 Helm = Callable[[float, float], float]
 """Rudder order [rad] at a time [s] and heading [rad]."""

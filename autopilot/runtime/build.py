@@ -30,23 +30,10 @@ from autopilot.supervision.supervisor import FailsafeAction
 from autopilot.supervision.tuning import LATE_PERIODS
 from autopilot.tick import PilotConfig
 from autopilot.vessel.schema import Vessel, drive_law_of
+from autopilot.vessel.schema import model_of as model_of
 
 if TYPE_CHECKING:
     from autopilot.identification.learning import Learner
-
-
-def model_of(vessel: Vessel) -> Norrbin:
-    """Return the identified model of the vessel file."""
-    model = vessel.model
-    return Norrbin(
-        gain=model.K_1_s,
-        time_constant=model.T_s,
-        n3=model.n3_s2_rad2,
-        n2=model.n2_s_rad,
-        n1=model.n1,
-        n0=model.n0_rad_s,
-        reference_speed=model.reference_speed_m_s,
-    )
 
 
 def thrusters_of(vessel: Vessel) -> Mixing:

@@ -17,6 +17,7 @@ from autopilot.files.typed import RESTART as RESTART
 from autopilot.files.typed import Bounds as Bounds
 from autopilot.files.typed import Counts as Counts
 from autopilot.models.drives import DRIVES, DriveLaw, DriveName
+from autopilot.models.norrbin import Norrbin
 
 SCHEMA_VERSION = 2
 """What this version reads and writes."""
@@ -409,6 +410,20 @@ class Vessel:
     helm: Helm = field(default_factory=Helm)
     drive: Drive = field(default_factory=Drive)
     security: Security = field(default_factory=Security)
+
+
+def model_of(vessel: Vessel) -> Norrbin:
+    """Return the identified model of the vessel file."""
+    model = vessel.model
+    return Norrbin(
+        gain=model.K_1_s,
+        time_constant=model.T_s,
+        n3=model.n3_s2_rad2,
+        n2=model.n2_s_rad,
+        n1=model.n1,
+        n0=model.n0_rad_s,
+        reference_speed=model.reference_speed_m_s,
+    )
 
 
 def drive_law_of(vessel: Vessel) -> DriveLaw:

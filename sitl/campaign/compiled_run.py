@@ -17,7 +17,7 @@ from autopilot.angles import wrap
 from autopilot.estimation.estimator import Measured
 from autopilot.estimation.heading_ekf import FilterState
 from autopilot.estimation.rudder_observer import RudderMemory
-from autopilot.models.waves import WaveState
+from autopilot.models.weather import WaveState
 from sitl.boat import BoatState, Disturbance, Plant, Step, boat_step
 from sitl.campaign.compiled_tick import CampaignConfig, Measurement, initial_state, tick
 from sitl.campaign.environment import Surface, WaterState, water_step

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.models import waves, wind
-from autopilot.models.waves import WaveState
+from autopilot.models import weather
+from autopilot.models.weather import WaveState
 from sitl.boat import BoatState, Disturbance
 from sitl.sea import IttcWaves, Water, acting, wave_forces, way_along, whole_degree
 
@@ -65,7 +65,7 @@ def water_step(
     """Return the sea after step number `step`, and what it does to a boat at `state`."""
     swell, rudder = before.swell, 0.0
     if water.has_swell:
-        swell = waves.wave_step(
+        swell = weather.wave_step(
             water.swell, swell, float(water.swell_noise[2 * step]), float(water.swell_noise[2 * step + 1])
         )
         rudder = swell.value
@@ -79,7 +79,7 @@ def water_step(
         yaw, slope = summed(surface.yaw[degree], surface.roll[degree], surface.cosine, surface.sine)
     gust = before.gust
     if water.has_wind:
-        gust = wind.gust_step(water.gust, gust, dt, float(water.wind_noise[step]))
+        gust = weather.gust_step(water.gust, gust, dt, float(water.wind_noise[step]))
     return WaterState(swell, gust, along, degree), acting(water, rudder, gust, yaw, slope, state)
 
 

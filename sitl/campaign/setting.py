@@ -16,7 +16,7 @@ from autopilot.angles import wrap
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import initial
 from autopilot.estimation.rudder_observer import RudderMemory
-from autopilot.models.waves import WaveState
+from autopilot.models.weather import WaveState
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample, Tick
 from autopilot.tick import steering_of

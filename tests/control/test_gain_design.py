@@ -24,7 +24,6 @@ from autopilot.control.design import (
     judge,
     loop,
     margins,
-    placed,
     worst_margins,
 )
 from autopilot.control.front import AS_MODELLED, CALM, SLOW_WORST, cost
@@ -172,7 +171,7 @@ def room(model: Norrbin, gear: SteeringGear, level: int) -> tuple[float, float, 
 
 
 def spare_room(model: Norrbin, gear: SteeringGear, k: float) -> tuple[float, float, float]:
-    gains = placed(k / math.sqrt(0.8), math.sqrt(0.8))
+    gains = BacksteppingGains(k, k, 0.25 * k * k)
     found = margins(model, gear.lag, gear.delay + 0.05, gear.rate_max, linear_gains_backstepping(model, gains))
     return k, found.sensitivity if found.stable else math.inf, math.degrees(found.saturation)
 
@@ -258,23 +257,6 @@ def test_the_worst_of_the_boats_within_the_spread_is_judged() -> None:
     assert not unstable.stable
     none = worst_margins(model, gear, gear.rate_max, 0.05, gains, Spread(0.0, 0.0))
     assert none == pytest.approx(each[4])
-
-
-@pytest.mark.parametrize(("bandwidth", "damping"), [(0.5, 0.1), (2.0, 0.9), (0.01, 0.999)])
-def test_placed_gains_have_the_bandwidth_and_damping(bandwidth: float, damping: float) -> None:
-    """z'' + (k1 + k2) z' + (gamma + k1 k2) z = 0."""
-    gains = placed(bandwidth, damping)
-    assert gains.k1 == gains.k2
-    assert gains.k1 + gains.k2 == pytest.approx(2.0 * damping * bandwidth)
-    assert gains.gamma + gains.k1 * gains.k2 == pytest.approx(bandwidth**2)
-
-
-@pytest.mark.parametrize(
-    ("bandwidth", "damping"), [(0.0, 0.5), (-1.0, 0.5), (math.inf, 0.5), (math.nan, 0.5), (1.0, 0.0), (1.0, 1.0)]
-)
-def test_a_bandwidth_or_damping_that_cannot_be_is_refused(bandwidth: float, damping: float) -> None:
-    with pytest.raises(ValueError, match="bandwidth must be positive, and damping above 0 and below 1"):
-        placed(bandwidth, damping)
 
 
 @pytest.mark.parametrize("level", [-1, 0, 10, 11])

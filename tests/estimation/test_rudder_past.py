@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from estimating import OutputFeedbackLoop
+from estimating import OutputFeedbackLoop, held
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.estimation.rudder_observer import ORDERS_KEPT, RudderPast, angle_at, held, tick_at
+from autopilot.estimation.rudder_observer import ORDERS_KEPT, RudderPast, angle_at, tick_at
 from autopilot.models.steering_gear import SteeringGear
 
 FEEDBACK_FRESH = 2.0

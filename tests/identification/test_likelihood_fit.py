@@ -27,7 +27,7 @@ from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rat
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
 from autopilot.identification.verdict import verdict_of
 from autopilot.identification.weather_average import Known, mixed, truncated
-from autopilot.models.wind import RaceAndWind, inflow_ratio
+from autopilot.models.weather import RaceAndWind, inflow_ratio
 from autopilot.report.identification import Result, as_text, document_of
 from autopilot.vessel.file import load_vessel
 

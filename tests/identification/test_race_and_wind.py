@@ -13,7 +13,7 @@ from autopilot.identification.identify import identify
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.wind import RaceAndWind, inflow_ratio, without_drift
+from autopilot.models.weather import RaceAndWind, inflow_ratio, without_drift
 
 U0, N0, L2 = 0.25, 10.0, 8.0e-4
 COLUMNS = ("time_s", "heading_rad", "yaw_rate_rad_s", "rudder_rad", "speed_m_s", "propeller_rps")

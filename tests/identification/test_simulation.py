@@ -14,7 +14,7 @@ from autopilot.identification.rudder_path import corners
 from autopilot.identification.runs import FloatArray, Segment, run_from_columns
 from autopilot.identification.simulation import at_samples, forcing, simulate, slopes
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.wind import RaceAndWind
+from autopilot.models.weather import RaceAndWind
 
 DRIFTING = RaceAndWind(0.5, 8.0, 2.0e-4, 1.0e-4, 1.0, 0.4, 1.5, 3.0e-4)
 TRUTH = Norrbin(LANXIN["K"], LANXIN["T"], LANXIN["n3"], reference_speed=5.0)

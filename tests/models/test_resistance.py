@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from naval_vessel import NAVAL_STRIPS, Sea, sea_forces, sections, strip_damping, strip_load, water_acceleration
 
-from autopilot.models.waves import GRAVITY
+from autopilot.models.weather import GRAVITY
 from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, drag_coefficient
 
 FREQUENCY = np.linspace(0.35, 2.2, 60)
@@ -60,7 +60,7 @@ def test_a_realisation_has_the_power_of_its_spectrum_and_its_phases() -> None:
     forces = sea_forces(NAVAL_STRIPS, sea, SERVICE_SPEED, FREQUENCY, phase, time)
     again = sea_forces(NAVAL_STRIPS, sea, SERVICE_SPEED, FREQUENCY, phase, time)
     np.testing.assert_array_equal(forces.load, again.load)
-    from autopilot.models.waves import component_amplitudes
+    from autopilot.models.weather import component_amplitudes
 
     elevation = component_amplitudes(FREQUENCY, 4.0, 7.0)
     lines = strip_load(NAVAL_STRIPS, water_acceleration(NAVAL_STRIPS, FREQUENCY, QUARTER)) * elevation[:, None]
@@ -69,7 +69,7 @@ def test_a_realisation_has_the_power_of_its_spectrum_and_its_phases() -> None:
 
 
 def test_sixty_components_carry_the_significant_height() -> None:
-    from autopilot.models.waves import component_amplitudes
+    from autopilot.models.weather import component_amplitudes
 
     elevation = component_amplitudes(FREQUENCY, 4.0, 7.0)
     assert 4.0 * math.sqrt(0.5 * float(np.sum(elevation**2))) == pytest.approx(4.0, rel=0.03)

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from naval_vessel import encounter_frequency
 from scipy import integrate, linalg, signal
 
-from autopilot.models import waves, wind
+from autopilot.models import weather
 
 
 def test_paper_filter_is_equation_31() -> None:
-    model = waves.JIANG_DEG
+    model = weather.JIANG_DEG
     assert model.frequency**2 == pytest.approx(0.37)
     assert 2.0 * model.damping * model.frequency == pytest.approx(0.36)
     assert model.gain / (2.0 * model.damping * model.frequency) == pytest.approx(1.1667, abs=1e-4)
@@ -28,8 +28,8 @@ def test_discretisation_is_exact(frequency: float, damping: float, dt: float, ga
     The block holds exp(-A dt) as well, which grows by as much as the filter decays: it loses twice those digits.
     """
     assume(damping * frequency * dt < 8.0)
-    model = waves.SecondOrderWaves(frequency, damping, gain, 0.1)
-    step = waves.discretise(model, dt)
+    model = weather.SecondOrderWaves(frequency, damping, gain, 0.1)
+    step = weather.discretise(model, dt)
     a = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
     np.testing.assert_allclose([[step.a11, step.a12], [step.a21, step.a22]], linalg.expm(a * dt), rtol=1e-9, atol=1e-12)
     noise = np.array([[0.0, 0.0], [0.0, gain**2 * 0.1]])
@@ -41,15 +41,15 @@ def test_discretisation_is_exact(frequency: float, damping: float, dt: float, ga
 
 
 def test_realisation_has_the_spectrum_of_the_filter() -> None:
-    model, dt = waves.JIANG_DEG, 0.1
-    step = waves.discretise(model, dt)
+    model, dt = weather.JIANG_DEG, 0.1
+    step = weather.discretise(model, dt)
     generator = np.random.default_rng(5)
-    state = waves.stationary_state(model, *generator.standard_normal(2))
+    state = weather.stationary_state(model, *generator.standard_normal(2))
     values = []
     for first, second in generator.standard_normal((40000, 2)):
-        state = waves.wave_step(step, state, first, second)
+        state = weather.wave_step(step, state, first, second)
         values.append(state.value)
-    assert np.std(values) == pytest.approx(waves.standard_deviation(model), rel=0.05)
+    assert np.std(values) == pytest.approx(weather.standard_deviation(model), rel=0.05)
     frequency, density = signal.welch(np.array(values), 1.0 / dt, nperseg=4096)
     assert 2.0 * math.pi * frequency[np.argmax(density)] == pytest.approx(model.frequency, rel=0.1)
     # one-sided density per hertz: 2 q |L(j w)|^2
@@ -62,31 +62,31 @@ def test_realisation_has_the_spectrum_of_the_filter() -> None:
 @pytest.mark.parametrize("damping", [0.0, 1.0, -0.1])
 def test_damping_outside_its_range_is_refused(damping: float) -> None:
     with pytest.raises(ValueError, match="damping must lie in"):
-        waves.discretise(waves.SecondOrderWaves(1.0, damping, 1.0, 0.1), 0.1)
+        weather.discretise(weather.SecondOrderWaves(1.0, damping, 1.0, 0.1), 0.1)
 
 
 @pytest.mark.parametrize(("height", "peak"), [(3.25, 9.7), (1.0, 4.0)])
 def test_ittc_spectrum_has_its_height_period_and_peak(height: float, peak: float) -> None:
-    period = waves.mean_period_of(peak)
+    period = weather.mean_period_of(peak)
 
     def moment(order: int) -> float:
         def integrand(frequency: float) -> float:
-            return float(frequency**order * waves.ittc_spectrum(np.array([frequency]), height, period)[0])
+            return float(frequency**order * weather.ittc_spectrum(np.array([frequency]), height, period)[0])
 
         return float(integrate.quad(integrand, 0.05, 60.0, limit=400, points=[2.0 * math.pi / peak])[0])
 
     assert 4.0 * math.sqrt(moment(0)) == pytest.approx(height, rel=0.01)
     assert 2.0 * math.pi * moment(0) / moment(1) == pytest.approx(period, rel=0.01)
     grid = np.linspace(0.3, 3.0, 20000) * 2.0 * math.pi / peak
-    assert grid[np.argmax(waves.ittc_spectrum(grid, height, period))] == pytest.approx(2.0 * math.pi / peak, rel=1e-3)
+    assert grid[np.argmax(weather.ittc_spectrum(grid, height, period))] == pytest.approx(2.0 * math.pi / peak, rel=1e-3)
 
 
 def test_component_amplitudes_carry_the_variance_of_the_spectrum() -> None:
     frequency = np.linspace(0.3, 3.0, 300)
-    amplitude = waves.component_amplitudes(frequency, 3.25, 7.5)
+    amplitude = weather.component_amplitudes(frequency, 3.25, 7.5)
     assert 4.0 * math.sqrt(float(np.sum(amplitude**2)) / 2.0) == pytest.approx(3.25, rel=0.03)
     with pytest.raises(ValueError, match="two frequencies"):
-        waves.component_amplitudes(np.array([1.0]), 1.0, 5.0)
+        weather.component_amplitudes(np.array([1.0]), 1.0, 5.0)
 
 
 def test_encounter_frequency_rises_in_head_seas_and_falls_in_following_seas() -> None:
@@ -100,41 +100,43 @@ def test_encounter_frequency_rises_in_head_seas_and_falls_in_following_seas() ->
 
 
 def test_apparent_wind_of_a_boat_under_way() -> None:
-    calm = wind.apparent_wind(0.0, 0.0, math.radians(90.0), 0.0, 5.0)
+    calm = weather.apparent_wind(0.0, 0.0, math.radians(90.0), 0.0, 5.0)
     assert calm.speed == pytest.approx(5.0)
     assert calm.angle == pytest.approx(0.0, abs=1e-12)
     # heading north at rest, wind from the east: on the starboard beam
-    beam = wind.apparent_wind(8.0, math.radians(90.0), 0.0, 0.0, 0.0)
+    beam = weather.apparent_wind(8.0, math.radians(90.0), 0.0, 0.0, 0.0)
     assert (beam.speed, beam.angle) == (pytest.approx(8.0), pytest.approx(math.pi / 2.0))
 
 
-def felt_from(speed: float, angle: float) -> wind.ApparentWind:
-    return wind.ApparentWind(speed * math.cos(angle), speed * math.sin(angle))
+def felt_from(speed: float, angle: float) -> weather.ApparentWind:
+    return weather.ApparentWind(speed * math.cos(angle), speed * math.sin(angle))
 
 
 def test_wind_on_the_starboard_bow_pushes_to_port() -> None:
-    load = wind.WindLoad(rudder_per_speed_squared=1e-3, leeway=0.02)
+    load = weather.WindLoad(rudder_per_speed_squared=1e-3, leeway=0.02)
     felt = felt_from(10.0, math.radians(45.0))
-    assert wind.rudder_equivalent(load, felt) == pytest.approx(-0.1)
-    assert wind.leeway_speed(load, felt) == pytest.approx(-0.2 * math.sin(math.radians(45.0)))
-    assert wind.rudder_equivalent(load, felt_from(10.0, math.pi / 2.0)) == pytest.approx(0.0, abs=1e-12)
+    assert weather.rudder_equivalent(load, felt) == pytest.approx(-0.1)
+    assert weather.leeway_speed(load, felt) == pytest.approx(-0.2 * math.sin(math.radians(45.0)))
+    assert weather.rudder_equivalent(load, felt_from(10.0, math.pi / 2.0)) == pytest.approx(0.0, abs=1e-12)
 
 
 @given(angle=st.floats(-math.pi, math.pi), speed=st.floats(0.0, 40.0))
 def test_wind_load_is_odd_in_its_side(angle: float, speed: float) -> None:
-    load = wind.WindLoad(1e-3, 0.02)
+    load = weather.WindLoad(1e-3, 0.02)
     starboard, port = felt_from(speed, angle), felt_from(speed, -angle)
-    assert wind.rudder_equivalent(load, starboard) == pytest.approx(-1e-3 * speed**2 * math.sin(2.0 * angle), abs=1e-12)
-    assert wind.rudder_equivalent(load, starboard) == -wind.rudder_equivalent(load, port)
-    assert wind.leeway_speed(load, starboard) == -wind.leeway_speed(load, port)
+    assert weather.rudder_equivalent(load, starboard) == pytest.approx(
+        -1e-3 * speed**2 * math.sin(2.0 * angle), abs=1e-12
+    )
+    assert weather.rudder_equivalent(load, starboard) == -weather.rudder_equivalent(load, port)
+    assert weather.leeway_speed(load, starboard) == -weather.leeway_speed(load, port)
 
 
 def test_gusts_keep_their_deviation_and_memory() -> None:
-    gust = wind.Gust(2.0, 5.0)
+    gust = weather.Gust(2.0, 5.0)
     generator = np.random.default_rng(3)
     value, values = 0.0, []
     for deviate in generator.standard_normal(60000):
-        value = wind.gust_step(gust, value, 0.5, deviate)
+        value = weather.gust_step(gust, value, 0.5, deviate)
         values.append(value)
     series = np.array(values[100:])
     assert np.std(series) == pytest.approx(2.0, rel=0.05)

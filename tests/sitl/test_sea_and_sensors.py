@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from naval_vessel import encounter_frequency
 
-from autopilot.models import waves
+from autopilot.models import weather
 from autopilot.vessel.file import load_vessel
 from sitl.boat import STILL, BoatState, Hull
 from sitl.scenario import (
@@ -35,7 +35,7 @@ def test_paper_waves_have_their_standard_deviation() -> None:
     still = BoatState(speed=4.63)
     values = np.degrees([sea.step(step * STEP, still).rudder for step in range(60000)])
     assert np.std(values) == pytest.approx(0.1565, rel=0.15)
-    assert waves.standard_deviation(waves.JIANG_DEG) == pytest.approx(0.1565, abs=1e-4)
+    assert weather.standard_deviation(weather.JIANG_DEG) == pytest.approx(0.1565, abs=1e-4)
 
 
 def test_the_same_seed_gives_the_same_sea() -> None:
@@ -93,8 +93,8 @@ def test_slope_has_the_variance_of_the_spectrum() -> None:
     sea = IttcSea(ittc_waves(section, small, np.random.default_rng(0)))
     slopes = [sea.at(0.3 * step, BoatState())[1] for step in range(8000)]
     frequency = np.linspace(math.pi / 9.0, 6.0 * math.pi / 9.0, 2000)
-    density = waves.ittc_spectrum(frequency, 2.0, waves.mean_period_of(9.0))
-    expected = math.sqrt(float(np.trapezoid(waves.wave_number(frequency) ** 2 * density, frequency)))
+    density = weather.ittc_spectrum(frequency, 2.0, weather.mean_period_of(9.0))
+    expected = math.sqrt(float(np.trapezoid(weather.wave_number(frequency) ** 2 * density, frequency)))
     assert np.std(slopes) == pytest.approx(expected, rel=0.08)
 
 

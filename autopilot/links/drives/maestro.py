@@ -26,6 +26,7 @@ Source: Pololu, Maestro Servo Controller User's Guide, sections 4.b, 5.b and 5.e
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import deque
 
 from autopilot.errors import InputError
@@ -34,6 +35,7 @@ from autopilot.models.steering_gear import Gate, Reckoned, Swing, corrected, rec
 from autopilot.signals import AlarmEvent
 
 SET_TARGET, GET_POSITION, GET_ERRORS = 0x84, 0x90, 0xA1
+BOARD = "Maestro servo controller"
 MIDDLE_US, SPAN_US, QUARTERS = 1500.0, 500.0, 4
 ANSWER = 2
 WAIT_S = 0.3
@@ -53,29 +55,34 @@ ERRORS = (
 )
 
 
-class Maestro:
-    """A `Drive` that cannot see the rudder: what it returns is the pulse that it gives."""
-
-    name = "Maestro servo controller"
-    lapse = "it holds the last pulse, or stops it after the serial timeout in its settings"
-    measures = False
+class _Board(ABC):
+    """A Maestro: one request at a time, for the value of a channel or for the errors, and what it answers."""
 
     def __init__(self, settings: DriveSettings) -> None:
         self.rejected = 0
         self._settings = settings
-        self._targets: deque[int] = deque(maxlen=TARGETS_KEPT)
         self._buffer = b""
-        self._asked = 0
+        self._asked: int | None = None
+        """The channel whose value was asked for, or GET_ERRORS."""
         self._asked_time = math.nan
-        self._turn = 0
         self._received = -math.inf
         self._warning: AlarmEvent | None = None
-        self._engaged = self._has_released = False
-        self._position = 0
+
+    @abstractmethod
+    def _next(self) -> int:
+        """Return what is asked for next: a channel, or GET_ERRORS."""
+
+    @abstractmethod
+    def _is_possible(self, channel: int, value: int) -> bool:
+        """Return whether a channel can have the value."""
+
+    @abstractmethod
+    def _take(self, now: float, channel: int, value: int) -> list[float]:
+        """Return the rudder angle [rad] that the value of a channel tells, if any."""
 
     def feed(self, now: float, data: bytes) -> list[float]:
-        """Return the angle [rad] of the pulse in the answer that `data` completes."""
-        if not self._asked or now - self._asked_time > WAIT_S:
+        """Return the angle [rad] in the answer that `data` completes."""
+        if self._asked is None or now - self._asked_time > WAIT_S:
             self.rejected += bool(data)
             self._buffer = b""
             return []
@@ -83,26 +90,61 @@ class Maestro:
         if len(self._buffer) < ANSWER:
             return []
         answer, self._buffer = self._buffer, b""
-        asked, self._asked = self._asked, 0
+        asked, self._asked = self._asked, None
         value = int.from_bytes(answer, "little")
-        if len(answer) > ANSWER or not self._is_possible(asked, value):
+        can_be = value < 1 << len(ERRORS) if asked == GET_ERRORS else self._is_possible(asked, value)
+        if len(answer) > ANSWER or not can_be:
             self.rejected += 1
             return []
         self._received = now
-        if asked == GET_POSITION:
-            self._position = value
-            self._has_released = not self._engaged and value == 0
         if asked == GET_ERRORS:
             bit = (value & -value).bit_length() - 1
-            self._warning = AlarmEvent("drive_warning", f"{self.name}: {ERRORS[bit]}") if value else None
+            self._warning = AlarmEvent("drive_warning", f"{BOARD}: {ERRORS[bit]}") if value else None
             return []
+        return self._take(now, asked, value)
+
+    def ask(self, now: float) -> bytes:
+        """Return the next request once the last was answered or is overdue."""
+        if self._asked is not None and now - self._asked_time <= WAIT_S + QUIET_S:
+            return b""
+        self.rejected += self._asked is not None
+        self._buffer = b""
+        self._asked, self._asked_time = self._next(), now
+        if self._asked == GET_ERRORS:
+            return self._settings.pololu(GET_ERRORS)
+        return self._settings.pololu(GET_POSITION, self._asked)
+
+    def warning(self, now: float) -> AlarmEvent | None:
+        """Return the error that the board reported last, or None."""
+        return self._warning
+
+
+class Maestro(_Board):
+    """A `Drive` that cannot see the rudder: what it returns is the pulse that it gives."""
+
+    name = BOARD
+    lapse = "it holds the last pulse, or stops it after the serial timeout in its settings"
+    measures = False
+
+    def __init__(self, settings: DriveSettings) -> None:
+        super().__init__(settings)
+        self._targets: deque[int] = deque(maxlen=TARGETS_KEPT)
+        self._turn = 0
+        self._engaged = self._has_released = False
+        self._position = 0
+
+    def _next(self) -> int:
+        self._turn += 1
+        return GET_ERRORS if self._turn % 8 == 0 else self._settings.channel
+
+    def _take(self, now: float, channel: int, value: int) -> list[float]:
+        self._position = value
+        self._has_released = not self._engaged and value == 0
         if not self._engaged or not value:
             return []
         return [self._settings.angle((value / QUARTERS - MIDDLE_US) / SPAN_US)]
 
-    def _is_possible(self, asked: int, value: int) -> bool:
-        if asked == GET_ERRORS:
-            return value < 1 << len(ERRORS)
+    def _is_possible(self, channel: int, value: int) -> bool:
         if not self._engaged:
             return value == 0 or PULSE_MIN <= value <= PULSE_MAX
         # with speed and acceleration limits it is anywhere between the targets of late
@@ -126,28 +168,11 @@ class Maestro:
         """Return whether the controller has answered since the release that it gives no pulse."""
         return self._has_released
 
-    def ask(self, now: float) -> bytes:
-        """Return the next request once the last was answered or is overdue."""
-        if self._asked and now - self._asked_time <= WAIT_S + QUIET_S:
-            return b""
-        self.rejected += bool(self._asked)
-        self._buffer = b""
-        self._turn += 1
-        self._asked = GET_ERRORS if self._turn % 8 == 0 else GET_POSITION
-        self._asked_time = now
-        if self._asked == GET_ERRORS:
-            return self._settings.pololu(GET_ERRORS)
-        return self._settings.pololu(GET_POSITION, self._settings.channel)
-
     def fault(self, now: float) -> str:
         """Return why the controller cannot move the servo; empty where it can."""
         if now - self._received > SILENT_S:
             return f"the {self.name} does not answer; check its power, line, baud rate and drive.device"
         return ""
-
-    def warning(self, now: float) -> AlarmEvent | None:
-        """Return the error it reported last, or None."""
-        return self._warning
 
 
 OFF, ON = 4000, 8000
@@ -160,7 +185,7 @@ REST_S = 1.0
 """A sensor that has not been heard for this long is not reckoned on from."""
 
 
-class ValveDrive:
+class ValveDrive(_Board):
     """A `Drive`. Opens and shuts valves; knows the rudder by its sensor, or reckons it."""
 
     name = "steering valves"
@@ -171,21 +196,18 @@ class ValveDrive:
             raise InputError(
                 "valve: rudder.rate_max_deg_s is null; valves need the rate at which the pump moves the rudder"
             )
-        self.rejected = 0
+        super().__init__(settings)
         self.measures = settings.sensor_channel is not None
         self.openings = 0
         self.open_s = 0.0
-        self._settings, self._valve = settings, settings.valve
+        self._valve = settings.valve
         self._turn = 1.0 / settings.order_rate_hz
         unsure = UNSURE_COUNTS * 2.0 / INPUT_MOST * settings.angle_at_full if self.measures else 0.0
         self.zone = max(self._valve.zone(self._turn, unsure), settings.dead_band)
         self._gate, self._rudder, self._swing = Gate(), Reckoned(), Swing()
         self._engaged_s, self._last = 0.0, math.nan
-        self._buffer = b""
-        self._asked, self._asked_time = -1, math.nan
         self._turns = 0
-        self._received = self._seen = -math.inf
-        self._warning: AlarmEvent | None = None
+        self._seen = -math.inf
         self._shown = {self._channel(-1): True, self._channel(1): True}
         self._jumps = JumpGate(settings)
         port, starboard = self._shown
@@ -197,28 +219,14 @@ class ValveDrive:
         is_second = (side > 0) != self._settings.reversed
         return self._settings.channel + is_second
 
-    def feed(self, now: float, data: bytes) -> list[float]:
-        """Return the rudder angle [rad] that the answer which `data` completes shows, or with which it is reckoned."""
-        if self._asked < 0 or now - self._asked_time > WAIT_S:
-            self.rejected += bool(data)
-            self._buffer = b""
-            return []
-        self._buffer += data
-        if len(self._buffer) < ANSWER:
-            return []
-        answer, self._buffer = self._buffer, b""
-        asked, self._asked = self._asked, -1
-        value = int.from_bytes(answer, "little")
-        if len(answer) > ANSWER or not self._is_possible(asked, value):
-            self.rejected += 1
-            return []
-        self._received = now
-        if asked == GET_ERRORS:
-            bit = (value & -value).bit_length() - 1
-            self._warning = AlarmEvent("drive_warning", f"Maestro servo controller: {ERRORS[bit]}") if value else None
-            return []
-        if asked != self._settings.sensor_channel:
-            self._shown[asked] = value >= SWITCHES_AT
+    def _next(self) -> int:
+        self._turns += 1
+        return self._cycle[(self._turns - 1) % len(self._cycle)]
+
+    def _take(self, now: float, channel: int, value: int) -> list[float]:
+        """Return the rudder angle [rad] that is measured, or reckoned."""
+        if channel != self._settings.sensor_channel:
+            self._shown[channel] = value >= SWITCHES_AT
             return [self._rudder.angle] if not (self.measures or math.isnan(self._last)) else []
         angle = self._settings.angle(2.0 * value / INPUT_MOST - 1.0)
         if not self._jumps.passes(now, angle):
@@ -230,10 +238,8 @@ class ValveDrive:
         self._seen = now
         return [angle]
 
-    def _is_possible(self, asked: int, value: int) -> bool:
-        if asked == GET_ERRORS:
-            return value < 1 << len(ERRORS)
-        return value <= INPUT_MOST if asked == self._settings.sensor_channel else value in (0, OFF, ON)
+    def _is_possible(self, channel: int, value: int) -> bool:
+        return value <= INPUT_MOST if channel == self._settings.sensor_channel else value in (0, OFF, ON)
 
     def _move_on(self, now: float) -> None:
         if self._gate.side and self._rudder.time < now:
@@ -285,19 +291,6 @@ class ValveDrive:
         """Return whether the board has answered since the release that both outputs are off."""
         return not any(self._shown.values())
 
-    def ask(self, now: float) -> bytes:
-        """Return the next request once the last was answered or is overdue."""
-        if self._asked >= 0 and now - self._asked_time <= WAIT_S + QUIET_S:
-            return b""
-        self.rejected += self._asked >= 0
-        self._buffer = b""
-        self._asked = self._cycle[self._turns % len(self._cycle)]
-        self._asked_time = now
-        self._turns += 1
-        if self._asked == GET_ERRORS:
-            return self._settings.pololu(GET_ERRORS)
-        return self._settings.pololu(GET_POSITION, self._asked)
-
     def fault(self, now: float) -> str:
         """Return why the valves cannot turn the rudder; empty where they can."""
         if now - self._received > SILENT_S:
@@ -307,10 +300,6 @@ class ValveDrive:
         if self.measures and now - self._seen > SILENT_S:
             return "the rudder sensor on drive.valve.sensor_channel shows no angle; check its wiring"
         return ""
-
-    def warning(self, now: float) -> AlarmEvent | None:
-        """Return the error that the board reported last, or None."""
-        return self._warning
 
     def usage(self) -> str:
         """Return how often and how long the valves were open, a clause; empty before the first order."""
