@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from autopilot.control.law import LawInForce
+from autopilot.pilot_state import PilotConfig, configured, first_state, reconfigured
 from autopilot.signals import Mode, Order, RudderCommand, Sample, Tick
 from autopilot.supervision.states import MODES
-from autopilot.tick import Inputs, PilotConfig, configured, first_state, reconfigured, step
+from autopilot.tick import Inputs, step
 
 if TYPE_CHECKING:
     # learning brings numpy along, which a pilot that does not learn need not load

@@ -1,8 +1,7 @@
 """One tick: samples and an order in, a rudder command out. A pure function: `step(config, state, inputs)`.
 
 No clock, file, socket or log here or below: the same inputs give the same outputs, so that a log replays to the same
-commands, bit for bit. All that is remembered is one value, `State`, to be printed, saved, compared and restored; only
-the rings of the rudder observer are written in place (`State.copied` has rings of its own).
+commands, bit for bit. All that is remembered is one value, `autopilot.pilot_state.State`.
 
 The stages that steer are scalar functions (`autopilot.steering`, `autopilot.estimation`, `autopilot.control`), which
 campaigns compile as they are.
@@ -12,45 +11,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
-from autopilot.control.bow_thruster import AT_REST, BowLook, BowState, BowThruster, bow_step
-from autopilot.control.law import NO_ROLL, LawInForce, LawInput, RollInput
-from autopilot.control.limits import Rest, RudderLimits, limited, limited_at_once
-from autopilot.control.roll_damping import RollDamper, RollDamping, damped, rolled
-from autopilot.estimation import estimator
+from autopilot.control.bow_thruster import bow_look, with_bow, with_bow_found
+from autopilot.control.law import NO_ROLL, LawInput, RollInput
+from autopilot.control.limits import Rest, limited, limited_at_once
+from autopilot.control.roll_damping import RollDamping, damped, rolled
 from autopilot.estimation.estimator import (
     Beliefs,
-    EstimatorConfig,
     EstimatorState,
     believing,
     estimated,
     is_rudder,
     nav_state,
-    noises_of,
     with_order,
     without_bias,
     without_disturbances,
 )
-from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.rudder_observer import (
-    AS_FILED,
     RudderRate,
     angle_of,
     begun_at,
-    gone_by,
     is_fed_back,
     pushes_about,
     rudder_rate_step,
     write_command,
 )
-from autopilot.estimation.speeds import Speeds, left_by_drift, speeds_apart, way_ahead
+from autopilot.estimation.speeds import left_by_drift, speeds_apart, way_ahead
 from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
-from autopilot.models.drives import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, Needs, quickness
+from autopilot.models.drives import THROTTLE_FLOOR, Needs, quickness
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear, clip
+from autopilot.models.steering_gear import clip
+from autopilot.pilot_state import Config, Control, PilotConfig, Rudder, State, begun, steering_with
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,
@@ -70,13 +64,10 @@ from autopilot.signals import (
     RudderSample,
     Sample,
     Siren,
-    ThrusterSample,
     Tick,
 )
 from autopilot.steering import (
     LONGEST_STEP,
-    NOT_TURNING,
-    CornerFrequencies,
     Moved,
     SteeringConfig,
     Way,
@@ -89,17 +80,17 @@ from autopilot.steering import (
     with_turning,
     zigzag_divergence,
 )
-from autopilot.supervision import failsafe, panel, supervisor
+from autopilot.supervision import failsafe, panel
 from autopilot.supervision.alarms import kind_of
-from autopilot.supervision.envelope import Envelope, Picture
+from autopilot.supervision.envelope import Picture
 from autopilot.supervision.failsafe import FailsafeSteering
-from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
+from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.monitors import State as MonitorState
 from autopilot.supervision.monitors import judged, on_samples, without_past
 from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
-from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction, Memory, Supervisor
+from autopilot.supervision.supervisor import STEERING_ACTIONS, Memory, Supervisor
 from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, thruster_step
 from autopilot.supervision.tuning import RATE_OFF_KNOWN
 
@@ -115,178 +106,12 @@ EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
 """Samples of what happened: nothing depends on when."""
 
 
-class PilotConfig(NamedTuple):
-    """Everything the pilot knows of the boat; `build` makes it from a vessel file.
-
-    rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
-    where the other side steers by itself to the reference heading, so that only what it reports says where the rudder
-    is. corner_frequencies hold at the model's speed: which waves the law is shown, see
-    `wave_feedforward`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
-    for this where steerage_over_ground says so. law: how the model goes with speed and thrust; drive: what it needs to
-    steer, and what throttle leaves it. roll: the rudder damps roll too, while that helps; None: it does not.
-    dead_band [rad]: on a course the rudder rests until it is wrong by more. loop_delay [s]: so late an order comes to
-    the gear. thruster: a bow thruster that holds the heading where the rudder waits; None: there is none.
-    """
-
-    model: Norrbin
-    gear: SteeringGear
-    noise: FilterNoise
-    limits: RudderLimits
-    failsafe: FailsafeAction
-    rudder_share: float = 0.7
-    turn_rate_max: float = math.inf
-    turn_curvature_max: float = math.inf
-    rudder_is_ours: bool = True
-    corner_frequencies: CornerFrequencies = CornerFrequencies(0.0)
-    steerage: float = 0.0
-    steerage_over_ground: bool = False
-    roll: RollDamping | None = None
-    dead_band: float = 0.0
-    alarms: AlarmLimits = AlarmLimits()
-    law: DriveLaw = RUDDER_LAW
-    steers_by: Needs = Needs.WAY
-    loop_delay: float = 0.0
-    thruster: BowThruster | None = None
-
-
-class Config(NamedTuple):
-    """The pilot's config, its law, and what follows from both. has_thrusters: it turns by two, or by one at the bow."""
-
-    boat: PilotConfig
-    law: LawInForce
-    steering: SteeringConfig
-    envelope: Envelope
-    has_thrusters: bool
-
-
-def configured(boat: PilotConfig, law: LawInForce) -> Config:
-    """Return what a boat is steered by with a law."""
-    has_thrusters = boat.thruster is not None or boat.steers_by is Needs.NOTHING
-    return Config(boat, law, steering_of(boat, law), _envelope_of(boat), has_thrusters)
-
-
-def _envelope_of(config: PilotConfig) -> Envelope:
-    failsafe = config.failsafe
-    reckoned = failsafe.release_after + LONGEST_STEP if failsafe.action in STEERING_ACTIONS else 0.0
-    angle_max, rate_max, to_port, to_starboard = config.limits
-    return Envelope(angle_max, rate_max * max(to_port, to_starboard), failsafe.heading_timeout + reckoned)
-
-
-def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
-    """Return what steering with the `law` goes by, in numbers."""
-    return SteeringConfig(
-        estimator=EstimatorConfig(config.model, config.gear, noises_of(config.noise), config.steerage, config.law),
-        limits=config.limits,
-        dead_band=config.dead_band,
-        rudder_share=config.rudder_share,
-        turn_rate_max=config.turn_rate_max,
-        turn_curvature_max=config.turn_curvature_max,
-        corner_frequencies=config.corner_frequencies,
-        rudder_is_ours=config.rudder_is_ours,
-        uses_bias=law.kind.uses_bias,
-        loop_delay=config.loop_delay,
-    )
-
-
 class Inputs(NamedTuple):
     """What a tick is given: the time [s], the samples that have arrived since the last, and what the skipper wants."""
 
     now: float
     samples: tuple[Sample, ...]
     order: Order
-
-
-class Control(NamedTuple):
-    """What works the demand out: the law's own memory, and the roll that it goes by; the roll damping beside it and its
-    rudder [rad]; damps_roll: whether one of them works against roll."""
-
-    law: Any
-    roll: RollSample | None = None
-    damper: RollDamper = RollDamper()
-    roll_rudder: float = 0.0
-    damps_roll: bool = False
-
-
-class Rudder(NamedTuple):
-    """What the rudder was given: the last command; what the dead band left of it; whether a fail-safe reckons the
-    heading; and how quick the rudder turns out to be."""
-
-    command: RudderCommand = RudderCommand(0.0, 0.0, False)
-    rest: Rest = Rest()
-    is_reckoned: bool = False
-    rate: RudderRate = AS_FILED
-
-
-NO_FINDINGS: Mapping[str, AlarmEvent] = {}
-
-
-class Bow(NamedTuple):
-    """What the bow thruster is at; when [s] a link last said that it can command it; what does not follow; whether the
-    boat lacks way, and needs it."""
-
-    thruster: BowState = AT_REST
-    available: float = -math.inf
-    disobeyed: str = ""
-    is_needed: bool = False
-
-
-class State(NamedTuple):
-    """All that is remembered from tick to tick.
-
-    now [s]: of the last tick, nan before the first, which was the number-th. mean_bias [rad]: the bias of late.
-    findings: of the monitors at the last tick, by their names in the catalogue.
-    """
-
-    estimate: EstimatorState
-    monitors: MonitorState
-    supervisor: supervisor.Memory
-    panel: panel.Memory
-    failsafe: failsafe.Memory
-    control: Control
-    way: Way = Way()
-    rudder: Rudder = Rudder()
-    mean_bias: float = 0.0
-    number: int = 0
-    now: float = math.nan
-    findings: Mapping[str, AlarmEvent] = NO_FINDINGS
-    thrusters: ThrusterMemory = NOTHING_SEEN
-    bow: Bow = Bow()
-
-    @property
-    def copied(self) -> State:
-        """The same with rings of its own: what is kept while another goes on from this one."""
-        estimate = self.estimate
-        return self._replace(estimate=estimate._replace(memory=estimate.memory.copied))
-
-
-def first_state(config: Config) -> State:
-    """Return the state at power-on: nothing is known."""
-    return State(
-        estimate=estimator.first_state(config.steering.estimator),
-        monitors=MonitorState(),
-        supervisor=supervisor.NOTHING_SEEN,
-        panel=panel.QUIET,
-        failsafe=failsafe.NO_MEMORY,
-        control=Control(config.law.first(0.0)),
-    )
-
-
-def reconfigured(before: Config, config: Config, state: State) -> State:
-    """Return the state under other numbers: memory is kept, the law starts at the rudder that was commanded.
-
-    ValueError where that lies outside the new limits: it would have to jump.
-    """
-    angle = state.rudder.command.angle
-    if abs(angle) > config.boat.limits.angle_max:
-        raise ValueError("reconfigure: the rudder stands outside the new limits")
-    control = begun(config, state.control, angle)
-    if config.boat.roll != before.boat.roll:
-        control = control._replace(damper=RollDamper(), roll_rudder=0.0)
-    return state._replace(
-        estimate=estimator.reconfigured(before.steering.estimator, config.steering.estimator, state.estimate),
-        control=control,
-        way=state.way._replace(turning=NOT_TURNING),
-    )
 
 
 def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
@@ -307,36 +132,29 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
-    has_all = state.estimate.speeds.reach >= config.boat.limits.angle_max
-    config = config if has_all else limited_by_thrust(config, state, now)
-    boat, way, rudder, thrusters, bow = config.boat, state.way, state.rudder, state.thrusters, state.bow
-    steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
+    config = limited_by_thrust(config, state, now)
+    boat, rudder, bow = config.boat, state.rudder, state.bow
+    steering = steering_with(config.steering, rudder.rate)
     gap = 0.0 if math.isnan(state.now) else now - state.now
     dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
     supervisor = Supervisor(config.envelope, boat.failsafe, state.supervisor)
     was, timely = MODES[state.supervisor.state], timely_of(now, samples)
 
     monitors, estimate, control, failsafe = select(config, state, supervisor, now, timely)
-    estimate, way, is_other_boat = believe(steering, monitors, estimate, way, now)
+    estimate, way, is_other_boat = believe(steering, monitors, estimate, state.way, now)
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
-    times, angles, _, _, _, commands = estimate.memory
-    history = History(times, angles, commands, estimate.rudder.ticks)
-    monitors, found = judged(boat.alarms, monitors, view, history)
-    if config.has_thrusters:
-        thrusters, found = watch_thrusters(boat, state, estimate, view, dt, found)
-    softer = monitors.course.softer
+    monitors, thrusters, found = monitored(config, state, monitors, estimate, view, dt)
 
-    notes = supervisor.memory.notes
-    mode = supervisor.decide(now, order, seen, with_doubts(found, notes) if notes else found)
+    mode = supervisor.decide(now, order, seen, with_doubts(found, supervisor.memory.notes))
     is_engaged, model = mode is Mode.ENGAGED, estimate.model
     if is_engaged and was is not Mode.ENGAGED:
         estimate, seen = with_known_rudder(estimate, seen, now)
         way, rudder = taken_over(steering, way, rudder, model, seen)
         control = begun(config, control, rudder.command.angle)
 
-    ratio = quickness(boat.law, boat.model, model)
+    ratio, softer = quickness(boat.law, boat.model, model), monitors.course.softer
     steady = steered_by(steering, model, seen, ratio)
     mean_bias = averaged(0.0 if is_other_boat else state.mean_bias, steady.bias, model, dt)
     if softer > 1.0:
@@ -360,118 +178,69 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         failsafe, control, steady, reference, demand = reckon(config, failsafe, control, rudder, (model, steady), dt)
     elif steers:
         way, reference = refer(steering, way, order, model, steady, (rudder.command.angle, dt))
-        control, demand = ask_law(
-            config, control, (answering(boat, model, softer), ratio), reference, steady, (own, dt)
-        )
+        asked = answering(boat, model, softer), ratio
+        control, demand = ask_law(config, control, asked, reference, steady, (own, dt))
         demand += control.roll_rudder
     else:
         way, reference, demand = obey(steering, way, order, model, steady) if is_engaged else idle(way, steady)
         demand += control.roll_rudder
 
-    previous = rudder.command.angle if rudder.command.engaged else seen.rudder
-    limits, moved, rest = steering.limits, (previous, dt), rudder.rest
-    rest = limited(limits, boat.dead_band, rest, moved, demand) if steers else limited_at_once(limits, moved, demand)
-    command = supervisor.check(now, previous, demand, rest.command, dt, picture(boat, way, order, reference, steady))
-    if command.angle != rest.command:
-        rest = Rest(command.angle, command.angle)
+    moved = rudder.command.angle if rudder.command.engaged else seen.rudder, dt
+    rest = held_back(steering, rudder.rest, moved, demand, steers)
+    command = supervisor.check(now, moved[0], demand, rest.command, dt, picture(boat, way, order, reference, steady))
+    rest = rest if command.angle == rest.command else Rest(command.angle, command.angle)
     if boat.thruster is not None:
-        look = bow_look(reference, seen, estimate.speeds, None if waits else (model, demand, limits.angle_max))
-        bow, command = with_bow(boat.thruster, bow, (gap, seen), samples, look if on_course else None, command)
-    if command.engaged and boat.rudder_is_ours:
-        estimate = with_order(estimate, now, command.angle)
-    if is_measured or not (command.engaged and boat.rudder_is_ours):
-        rate = begun_at(steady.rudder)
-    else:
-        is_pushed = "overpowered" in found or not abs(steady.bias) < BIAS_MOST
-        is_new = not estimate.knows_sea and steady.wave_deviation >= WAVE_DEVIATION_FIRST
-        is_new = is_new and model.time_constant > GEAR_SEA
-        is_pushed = is_pushed or (is_new and now >= way.guide.turning_until)
-        rate = without_pushes(rudder.rate, steady) if is_pushed else rudder.rate
-        estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, (previous, dt), steady)
+        law = None if waits else (model, demand, steering.limits.angle_max)
+        look = bow_look(reference, seen, estimate.speeds, law) if on_course else None
+        bow, command = with_bow(boat.thruster, bow, (gap, seen), samples, look, command)
+    is_ours = command.engaged and boat.rudder_is_ours
+    estimate = with_order(estimate, now, command.angle) if is_ours else estimate
+    rate = begun_at(steady.rudder)
+    if is_ours and not is_measured:
+        rate = rate_so_far(estimate, way, rudder.rate, steady, found)
+        estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, moved, steady)
 
     memory = supervisor.memory
     steers_on = boat.rudder_is_ours and memory.state in ENGAGED
     write_command(estimate.rudder, estimate.memory, command.angle if steers_on else math.nan)
-    panel, alarms, siren, alarm_states = update_panel(state.panel, memory, now, samples, order, found)
-    tick = Tick(
-        state.number + 1,
-        now,
-        samples,
-        order,
-        seen,
-        reference,
-        demand,
-        command,
-        MODES[memory.state],
-        alarms,
-        memory.state,
-        siren,
-        alarm_states,
-    )
+    panel, alarms, siren, states = update_panel(state.panel, memory, now, samples, order, found)
+    number, helm, given = state.number + 1, memory.state, Rudder(command, rest, reckons, rate)
+    tick = Tick(number, now, samples, order, seen, reference, demand, command, MODES[helm], alarms, helm, siren, states)
     after = State(
-        estimate,
-        monitors,
-        memory,
-        panel,
-        failsafe,
-        control,
-        way,
-        Rudder(command, rest, reckons, rate),
-        mean_bias,
-        tick.number,
-        now,
-        found,
-        thrusters,
-        bow,
+        estimate, monitors, memory, panel, failsafe, control, way, given, mean_bias, number, now, found, thrusters, bow
     )
     return after, tick
 
 
-def with_bow_found(bow: Bow, found: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
-    """Return what is found, and what keeps the bow thruster from turning the boat."""
-    thruster, disobeyed = bow.thruster, bow.disobeyed if bow.is_needed else ""
-    if thruster.is_weak:
-        found = {**found, "bow_thruster_weak": AlarmEvent("bow_thruster_weak")}
-    if thruster.is_hot:
-        found = {**found, "bow_thruster_hot": AlarmEvent("bow_thruster_hot")}
-    if disobeyed:
-        found = {**found, "bow_thruster_not_following": AlarmEvent("bow_thruster_not_following", disobeyed)}
-    return found
+def monitored(
+    config: Config, state: State, monitors: MonitorState, estimate: EstimatorState, view: MonitorInput, dt: float
+) -> tuple[MonitorState, ThrusterMemory, Mapping[str, AlarmEvent]]:
+    """Return what monitors and the watch of thrusters remember, and what is the case; view: what they are shown."""
+    times, angles, _, _, _, commands = estimate.memory
+    history = History(times, angles, commands, estimate.rudder.ticks)
+    monitors, found = judged(config.boat.alarms, monitors, view, history)
+    if not config.has_thrusters:
+        return monitors, state.thrusters, found
+    return monitors, *watch_thrusters(config.boat, state, estimate, view, dt, found)
 
 
-def bow_look(
-    reference: Reference, seen: NavState, speeds: Speeds, steered: tuple[Norrbin, float, float] | None
-) -> BowLook:
-    """Return what the bow thruster is asked by: heading and rate with their waves, for which the filter takes what no
-    rudder explains, and so the thruster's own pushes. steered: the boat's model, the law's demand and the rudder's stop
-    [rad], None where there is no way."""
-    look = BowLook(wrap(reference.heading - seen.heading), seen.rate, way_ahead(speeds, seen.speed))
-    if steered is None:
-        return look
-    model, demand, stop = steered
-    effect = model.gain / model.time_constant
-    return look._replace(wanted=effect * demand, reach=effect * stop)
+def held_back(steering: SteeringConfig, rest: Rest, moved: Moved, demand: float, steers: bool) -> Rest:
+    """Return what is left of a demand [rad] within the rudder's limits, and on a course by its dead band."""
+    if steers:
+        return limited(steering.limits, steering.dead_band, rest, moved, demand)
+    return limited_at_once(steering.limits, moved, demand)
 
 
-def with_bow(
-    thruster: BowThruster,
-    bow: Bow,
-    moved: tuple[float, NavState],
-    samples: tuple[Sample, ...],
-    look: BowLook | None,
-    command: RudderCommand,
-) -> tuple[Bow, RudderCommand]:
-    """Return the bow thruster a tick later, and the command with its share. moved: the time since the last tick [s],
-    and the boat now; look: None where no heading is held. It stands still where no link says that it commands it."""
-    (gap, seen), (state, available, disobeyed, _) = moved, bow
-    for sample in samples:
-        if type(sample) is ThrusterSample:
-            available, disobeyed = sample.time if sample.available else -math.inf, sample.disobeyed
-    may = command.engaged and seen.time - available <= THRUSTER_HEARD
-    state = bow_step(thruster, state, look if may else None, gap, command.engaged)
-    is_needed = look is not None and command.engaged and not look.helps
-    bow = Bow(state, available, disobeyed, is_needed)
-    return bow, command._replace(thruster=state.share) if state.share else command
+def rate_so_far(
+    estimate: EstimatorState, way: Way, rate: RudderRate, steady: NavState, found: Mapping[str, AlarmEvent]
+) -> RudderRate:
+    """Return what is known of the rudder's rate, nothing that is not sure where something pushes the boat by more than
+    its rudder can hold, which hides what the rudder does, and lets go at once when it is over; or where on its course
+    it is in a sea that is not known yet."""
+    is_new = not estimate.knows_sea and steady.wave_deviation >= WAVE_DEVIATION_FIRST
+    is_new = is_new and estimate.model.time_constant > GEAR_SEA and steady.time >= way.guide.turning_until
+    is_pushed = is_new or "overpowered" in found or not abs(steady.bias) < BIAS_MOST
+    return begun_at(steady.rudder, rate.slower if rate.is_sure else 1.0) if is_pushed else rate
 
 
 def limited_by_thrust(config: Config, state: State, now: float) -> Config:
@@ -481,24 +250,13 @@ def limited_by_thrust(config: Config, state: State, now: float) -> Config:
     rudder's rate.
     """
     limits, reach = config.boat.limits, state.estimate.speeds.reach
+    if reach >= limits.angle_max:
+        return config
     gap = 0.0 if math.isnan(state.now) else min(max(now - state.now, 0.0), LONGEST_STEP)
     moved = limits.rate_max * gap if gap else 0.0
     least = max(LEAST_REACH * limits.angle_max, abs(state.rudder.command.angle) - moved)
     held = limits._replace(angle_max=min(max(reach, least), limits.angle_max))
     return config._replace(boat=config.boat._replace(limits=held), steering=config.steering._replace(limits=held))
-
-
-def steering_with(config: SteeringConfig, rate: RudderRate) -> SteeringConfig:
-    """Return what steering goes by with the rudder that the boat turns out to have."""
-    estimator = config.estimator
-    return config._replace(estimator=estimator._replace(gear=gone_by(estimator.gear, rate)))
-
-
-def without_pushes(rate: RudderRate, steady: NavState) -> RudderRate:
-    """Return what is known of the rudder's rate, nothing that is not sure: something pushes the boat by more than its
-    rudder can hold, which hides what the rudder does, and lets go at once when it is over; or on its course it is in a
-    sea that is not known yet."""
-    return begun_at(steady.rudder, rate.slower if rate.is_sure else 1.0)
 
 
 def with_rudder_rate(
@@ -631,6 +389,8 @@ def view_of(
 def with_doubts(found: Mapping[str, AlarmEvent], noted: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
     """Return what is found, and those of the links' alarms that are doubts: for the supervisor, who decides by names.
     Shown they are once, by who says them."""
+    if not noted:
+        return found
     return {**found, **{event.name: event for event in noted.values() if kind_of(event).is_doubt}}
 
 
@@ -681,11 +441,6 @@ def taken_over(config: SteeringConfig, way: Way, rudder: Rudder, model: Norrbin,
     way = planned_anew(config, way, model, steered_by(config, model, seen, ratio))
     command = RudderCommand(seen.time, start, True)
     return way._replace(order=Order()), rudder._replace(command=command, rest=Rest(start, start))
-
-
-def begun(config: Config, control: Control, angle: float) -> Control:
-    """Return the law begun anew at the rudder `angle` [rad]; of the roll from before nothing counts."""
-    return control._replace(law=config.law.first(angle), roll=None)
 
 
 def averaged(mean_bias: float, bias: float, model: Norrbin, dt: float) -> float:

@@ -32,7 +32,13 @@ back. Where that does not happen the thruster is dead, and not asked again until
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
+
+from autopilot.angles import wrap
+from autopilot.estimation.speeds import Speeds, way_ahead
+from autopilot.models.norrbin import Norrbin
+from autopilot.signals import AlarmEvent, NavState, Reference, RudderCommand, Sample, ThrusterSample
 
 COOLED = 0.5
 """Share of the heat at which a thruster that was too hot runs again."""
@@ -63,6 +69,8 @@ PROVEN_S = 60.0
 """A thruster that has held the boat is not doubted again for so long."""
 MOST_OF_IT = 0.7
 """Share of the thrust that a push is judged by: with less a thruster may just hold the boat against the wind."""
+THRUSTER_HEARD = 3.0
+"""[s]: a link that has not said for so long that it commands the bow thruster does not."""
 
 
 class BowThruster(NamedTuple):
@@ -219,3 +227,60 @@ def wanted_rate(thruster: BowThruster, full: float, error: float) -> float:
 
 def _off(state: BowState) -> BowState:
     return state._replace(share=0.0, since=0.0, lack=0.0) if state.share else state
+
+
+class Bow(NamedTuple):
+    """What the bow thruster is at; when [s] a link last said that it can command it; what does not follow; whether the
+    boat lacks way, and needs it."""
+
+    thruster: BowState = AT_REST
+    available: float = -math.inf
+    disobeyed: str = ""
+    is_needed: bool = False
+
+
+def with_bow_found(bow: Bow, found: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
+    """Return what is found, and what keeps the bow thruster from turning the boat."""
+    thruster, disobeyed = bow.thruster, bow.disobeyed if bow.is_needed else ""
+    if thruster.is_weak:
+        found = {**found, "bow_thruster_weak": AlarmEvent("bow_thruster_weak")}
+    if thruster.is_hot:
+        found = {**found, "bow_thruster_hot": AlarmEvent("bow_thruster_hot")}
+    if disobeyed:
+        found = {**found, "bow_thruster_not_following": AlarmEvent("bow_thruster_not_following", disobeyed)}
+    return found
+
+
+def bow_look(
+    reference: Reference, seen: NavState, speeds: Speeds, steered: tuple[Norrbin, float, float] | None
+) -> BowLook:
+    """Return what the bow thruster is asked by: heading and rate with their waves, for which the filter takes what no
+    rudder explains, and so the thruster's own pushes. steered: the boat's model, the law's demand and the rudder's stop
+    [rad], None where there is no way."""
+    look = BowLook(wrap(reference.heading - seen.heading), seen.rate, way_ahead(speeds, seen.speed))
+    if steered is None:
+        return look
+    model, demand, stop = steered
+    effect = model.gain / model.time_constant
+    return look._replace(wanted=effect * demand, reach=effect * stop)
+
+
+def with_bow(
+    thruster: BowThruster,
+    bow: Bow,
+    moved: tuple[float, NavState],
+    samples: tuple[Sample, ...],
+    look: BowLook | None,
+    command: RudderCommand,
+) -> tuple[Bow, RudderCommand]:
+    """Return the bow thruster a tick later, and the command with its share. moved: the time since the last tick [s],
+    and the boat now; look: None where no heading is held. It stands still where no link says that it commands it."""
+    (gap, seen), (state, available, disobeyed, _) = moved, bow
+    for sample in samples:
+        if type(sample) is ThrusterSample:
+            available, disobeyed = sample.time if sample.available else -math.inf, sample.disobeyed
+    may = command.engaged and seen.time - available <= THRUSTER_HEARD
+    state = bow_step(thruster, state, look if may else None, gap, command.engaged)
+    is_needed = look is not None and command.engaged and not look.helps
+    bow = Bow(state, available, disobeyed, is_needed)
+    return bow, command._replace(thruster=state.share) if state.share else command

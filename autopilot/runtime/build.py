@@ -24,11 +24,11 @@ from autopilot.models.drives import DRIVES, PLAIN, Mixing, Needs, at_point, quic
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
 from autopilot.models.steering_gear import SteeringGear, sided
 from autopilot.pilot import Pilot
+from autopilot.pilot_state import PilotConfig
 from autopilot.steering import CornerFrequencies
 from autopilot.supervision.monitor_input import AlarmLimits
 from autopilot.supervision.supervisor import FailsafeAction
 from autopilot.supervision.tuning import LATE_PERIODS
-from autopilot.tick import PilotConfig
 from autopilot.vessel.schema import Vessel, drive_law_of
 from autopilot.vessel.schema import model_of as model_of
 

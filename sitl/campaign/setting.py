@@ -17,9 +17,9 @@ from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import initial
 from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.weather import WaveState
+from autopilot.pilot_state import steering_of
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, verdict_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample, Tick
-from autopilot.tick import steering_of
 from autopilot.vessel.schema import Vessel
 from sitl.boat import BoatState, Plant, plant_of, step_of
 from sitl.campaign.compiled_run import (

@@ -9,9 +9,10 @@ import pytest
 from plant import Plant
 
 from autopilot.pilot import Pilot
+from autopilot.pilot_state import configured, first_state
 from autopilot.runtime.build import build_pilot, gear_of, law_of, model_of, pilot_config
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
-from autopilot.tick import Inputs, configured, first_state, step
+from autopilot.tick import Inputs, step
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
