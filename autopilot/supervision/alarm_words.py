@@ -70,8 +70,8 @@ WORDS = {
         watcher=Watcher.LINK,
     ),
     "variation_jumped": Words(
-        "an instrument's magnetic variation has jumped; the one before is used while the boat is steered",
-        "check the instrument's place and date; where the new one is right, release for 10 s and engage again",
+        "an instrument's magnetic variation has jumped; the old one is used while we steer",
+        "check the instrument's place and date; if the new one is right, release for 10 s and engage again",
         "more than 2 deg from what the same instrument said; taken after 10 s in standby, at once from 0, 0 never",
         key="sensors.variation_deg",
         watcher=Watcher.LINK,
