@@ -32,6 +32,7 @@ CHROMIUM = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", 
 PHONE = {"width": 390, "height": 844}
 DESKTOP = {"width": 1280, "height": 800}
 PATIENCE_S = 90.0
+CALM_S = 20.0
 COLOURS = 128
 TERMINAL = (84, 24)
 INKS = {
@@ -105,13 +106,25 @@ def opened(browser: Any, address: str, size: dict[str, int], theme: str) -> Any:
     return page
 
 
+def is_calm(page: Any) -> bool:
+    """Return whether no alarm is on; one that comes from a busy machine is waited for."""
+    for _ in range(round(CALM_S)):
+        if page.evaluate("document.getElementById('bar')?.hidden ?? true"):
+            return True
+        page.wait_for_timeout(1000.0)
+    return False
+
+
 def turn_to(page: Any, name: str) -> None:
     """Show one of the pages."""
     page.evaluate(f"location.hash = {name!r}")
 
 
 def keep(page: Any, path: Path) -> None:
-    """Save a small picture of the window: as many colours as such a page has."""
+    """Save a small picture of the window: as many colours as such a page has. Not one of an alarm by a busy machine."""
+    if not is_calm(page):
+        print(f"{path} is left as it is: {page.inner_text('#bar')}", flush=True)
+        return
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     picture.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
     print(f"{path}  {path.stat().st_size / 1000.0:.0f} kB", flush=True)

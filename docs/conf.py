@@ -24,6 +24,7 @@ html_theme = "furo"
 html_title = "Norrbin"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_baseurl = ""
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath", "amsmath"]

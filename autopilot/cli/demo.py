@@ -361,7 +361,7 @@ def _join(out: Path, names: Sequence[str]) -> None:
             joined.write(part.read_bytes())
 
 
-PARAMETERS = (("K", "gain", "1/s"), ("T", "time_constant", "s"), ("n3", "n3", "s2/rad2"), ("n0", "n0", "rad/s"))
+PARAMETERS = (("K", "gain", "1/s"), ("T", "time_constant", "s"), ("n3", "n3", "s^2/rad^2"), ("n0", "n0", "rad/s"))
 TURNS = {
     "turn-backstepping": "backstepping, UDP",
     "turn-pid": "PID, UDP",

@@ -61,7 +61,7 @@ def tables_of(summary: dict[str, Any]) -> tuple[Rows, Rows, Rows]:
     for name, row in summary["parameters"].items():
         error = "-" if row["std"] is None else f"{row['std']:.4f}"
         off = f"{100.0 * (row['identified'] / row['true'] - 1.0):+.1f} %" if row["true"] else "-"
-        parameters.append((name, row["unit"], f"{row['true']:.4f}", f"{row['identified']:.4f}", error, off))
+        parameters.append((name, row["unit"], f"{row['true']:.4f}", f"{row['identified']:z.4f}", error, off))
     turns: Rows = [("turn of 90 deg, calm", "overshoot", "settling to 1 deg", "rudder travel")]
     for name, row in summary["turn_90_deg_calm"].items():
         settling = "never" if row["settling_s"] is None else f"{row['settling_s']:.1f} s"

@@ -29,7 +29,7 @@ from autopilot.report.identification import (
     spread,
     verdict_on,
 )
-from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
+from autopilot.report.page import SPEED_SPAN, Line, Opening, Panel, Section, render, time_figure
 
 LARGEST_RUDDER = math.radians(35.0)
 PROBE = 1.0e-4
@@ -133,7 +133,8 @@ def _run_section(shown: PredictedRun) -> Section:
                 )
             )
     panels.append(Panel("rudder [deg]", [Line("rudder", time, np.degrees(_joined([s.rudder for s in run.segments])))]))
-    panels.append(Panel("speed [m/s]", [Line("speed", time, _joined([s.speed for s in run.segments]))]))
+    speed = _joined([s.speed for s in run.segments])
+    panels.append(Panel("speed [m/s]", [Line("speed", time, speed)], SPEED_SPAN * float(np.nanmean(speed))))
     caption = "used in the fit" if role == "fit" else "held out: the fit never saw it"
     return Section(f"{_name(run)} ({role})", figure=time_figure(panels), caption=caption)
 

@@ -40,11 +40,17 @@ class Line(NamedTuple):
     band: FloatArray | None = None
 
 
+SPEED_SPAN = 0.3
+"""A panel of speed shows at least this share of the mean."""
+
+
 class Panel(NamedTuple):
-    """One diagram: the label of its ordinate, with the unit, and its lines."""
+    """One diagram: the label of its ordinate, with the unit, and its lines; least: a span of the ordinate that is shown
+    at least, so that noise does not fill the panel."""
 
     label: str
     lines: Sequence[Line]
+    least: float = 0.0
 
 
 def plane_figure(panel: Panel, abscissa: str, *, equal: bool = False) -> str:
@@ -109,6 +115,9 @@ def _draw(axis: Any, panel: Panel, colours: dict[str, str]) -> None:
             if line.band is not None:
                 low, high = line.values - line.band, line.values + line.band
                 axis.fill_between(line.time, low, high, color=colour, alpha=0.18, linewidth=0.0)
+    low, high = axis.get_ylim()
+    if (short := 0.5 * (panel.least - (high - low))) > 0.0:
+        axis.set_ylim(low - short, high + short)
     axis.set_ylabel(panel.label)
     axis.grid(True, color="#e3e6ea", linewidth=0.6)
     axis.spines[["top", "right"]].set_visible(False)
@@ -142,7 +151,7 @@ header { border-bottom: 3px solid #0b3d66; }
 header span { color: #4b5563; font-size: .9rem; white-space: nowrap; }
 h1 { font-size: 1.7rem; margin: 0 0 .4rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 .verdict { font-size: 1.15rem; font-weight: 600; padding: .7rem 1rem; background: #f0f2f5; }
-.verdict { border-left: .5rem solid #8a8f98; }
+.verdict { border-left: .5rem solid #8a8f98; } .verdict::first-letter { text-transform: uppercase; }
 .verdict.good { border-color: #2e7d32; } .verdict.start, .verdict.fair, .verdict.doubtful { border-color: #e08700; }
 .verdict.poor, .verdict.refused, .verdict.not-enough { border-color: #b00d1e; }
 table { border-collapse: collapse; margin: 1rem 0; }
@@ -164,7 +173,8 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 @media print {
   body { font-size: 10pt; max-width: none; margin: 0; padding: 0; color: #000; }
   h1 { font-size: 17pt; } h2 { font-size: 12.5pt; margin-top: 1.2rem; break-after: avoid; }
-  figure, tr, .verdict { break-inside: avoid; } thead { display: table-header-group; } p { orphans: 3; widows: 3; }
+  header + figure svg { max-height: 150mm; } /* the verdict stands on the first page too */
+  figure, table, .verdict { break-inside: avoid; } thead { display: table-header-group; } p { orphans: 3; widows: 3; }
   .verdict { font-size: 12pt; print-color-adjust: exact; } .wide { overflow: visible; }
   table { width: 100%; font-size: 8.5pt; } th, td { padding: .15rem .35rem; }
   th button { font-size: inherit; } th button::after { content: "" !important; }

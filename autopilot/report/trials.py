@@ -15,7 +15,17 @@ from autopilot import __version__
 from autopilot.files.printable import fixed
 from autopilot.identification import trial_measures as criteria
 from autopilot.identification.trial_measures import Circle, Measures, PullOut, Spiral, TrialRecord, Zigzag
-from autopilot.report.page import FloatArray, Line, Opening, Panel, Section, plane_figure, render, time_figure
+from autopilot.report.page import (
+    SPEED_SPAN,
+    FloatArray,
+    Line,
+    Opening,
+    Panel,
+    Section,
+    plane_figure,
+    render,
+    time_figure,
+)
 from autopilot.report.steered import Verdict
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
@@ -192,7 +202,8 @@ def _motion(record: TrialRecord) -> str:
     rate = Line("yaw rate", time, np.degrees(_thinned(record.rate)))
     panels = [Panel("heading [deg]", [heading]), Panel("rudder [deg]", [rudder]), Panel("yaw rate [deg/s]", [rate])]
     if np.isfinite(record.speed).any():
-        panels.append(Panel("speed [m/s]", [Line("speed", time, _thinned(record.speed))]))
+        speed = _thinned(record.speed)
+        panels.append(Panel("speed [m/s]", [Line("speed", time, speed)], SPEED_SPAN * float(np.nanmean(speed))))
     return time_figure(panels)
 
 
