@@ -25,12 +25,14 @@ from autopilot.estimation import disturbance as waves
 from autopilot.estimation.estimator import Measured, Moment, seen_at
 from autopilot.estimation.rudder_observer import RudderPast, tick_at
 from autopilot.runtime.build import alarm_limits_of
+from autopilot.supervision.response_filter import (
+    noise_of,
+    slide_step,
+)
 from autopilot.supervision.rudder_response import (
     Rudders,
     first_response,
-    noise_of,
     response_step,
-    slide_step,
     verdict,
 )
 from autopilot.supervision.tuning import LATE_S

@@ -27,6 +27,7 @@ REORDERED = (
     "autopilot.estimation.disturbance",
     "sitl.boat",
     "sitl.campaign.environment",
+    "autopilot.supervision.response_filter",
     "autopilot.supervision.rudder_response",
 )
 """What the quick compilation may do to sums and quotients, another order, one rounding less, and where: in smooth

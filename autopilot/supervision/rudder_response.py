@@ -1,9 +1,6 @@
 """The rudder-response monitor: whether the boat's heading answers its rudder, as a generalised likelihood ratio.
 
-A filter parts the answer to the rudder from what sea and wind do. State (psi, r, p, w): psi' = r,
-T r' = K (a delta + p + w) - lambda r. p [rad of rudder] is wind, trim and a rudder that stands anywhere, a random walk;
-w [rad of rudder] is the sea, w' = -w/tau + white noise. lambda = n1 + n2 r + n3 r^2 at the rate that is, so that the
-answers to the rudder and to all else add up. A compass shows psi.
+A filter parts the answer to the rudder from what sea and wind do (`response_filter`).
 
 By this the innovation of a filter that supposes the share a of the rudder's answer is nu - a s: nu that of a filter
 which knows of no rudder, s the part of the rudder's answer which could not have been p or w. Both come from the same
@@ -11,10 +8,9 @@ gains. The evidence for one share against another is the sum of the logarithms o
 headings, begun anew at zero (Page 1954), so that it needs no window: it grows only where the rudder moves, faster than
 wind and sea would, and the boat does not go along. A straight course with a rudder that rests tells nothing.
 
-A hull also slides: sway, and the way that it loses as it turns, brake it in a long turn by up to a few times what the
-model's damping is worth. So a boat that answers leaves nu - a s - c g: g is the answer to that damping, delayed as the
-slide is (`slide_step`), and its share c, none to SLIDE_MOST, is estimated from the headings before. A boat that turns
-against its rudder, or on with it where the rudder has come back, is none that is braked: that counts in full.
+Of a boat that answers and slides in its turn nu - a s - c g is left: g is the answer to what brakes it, and its share c
+is estimated from the headings before, none where the boat has sailed turns without a slide. A boat that turns against
+its rudder, or on with it where the rudder has come back, is none that is braked: that counts in full.
 
 Sources: Willsky and Jones 1976, the generalised likelihood ratio of an additive change, here of a change in a; Page
 1954, the cumulative sum. Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
@@ -25,13 +21,26 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import PI, shortest_turn, wrap
-from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
+from autopilot.angles import PI, wrap
 from autopilot.models.norrbin import Norrbin
+from autopilot.supervision.response_filter import (
+    NO_SLIDE,
+    NOTHING,
+    Covariance,
+    Gains,
+    Mean,
+    Noise,
+    Slide,
+    corrected,
+    measured,
+    moved,
+    predicted,
+    slide_learnt,
+    slide_share,
+    transition_of,
+)
 from autopilot.supervision.tuning import (
     ANSWERS_MOST,
-    CHANGED_LEAST,
-    CHANGED_TIME,
     COLOUR_KNOWN,
     COLOUR_TIME,
     DOUBTED,
@@ -46,21 +55,9 @@ from autopilot.supervision.tuning import (
     MOST_AT_ONCE,
     OUTLIER,
     OUTLIERS_MOST,
-    OWN_UNKNOWN,
-    PUSH_CHANGE,
     PUSHED_SIGMAS,
     QUICK,
     REVERSED_SHARE,
-    ROUGH,
-    ROUGH_TIME,
-    SEA_LASTS,
-    SEA_LEAST,
-    SEA_SLOWEST,
-    SEA_TURNED,
-    SEA_UNMET,
-    SLIDE_LASTS,
-    SLIDE_MOST,
-    SLIDE_UNKNOWN,
     SURE,
     SUSPECT,
     UNEXPLAINED,
@@ -72,53 +69,10 @@ from autopilot.supervision.tuning import (
 
 WEAK, STRONG = LEAST[0], ANSWERS_MOST
 """The least and the most that a boat answers whose rudder is not slow."""
-SEA_KNOWN_S = 2.0 * math.pi / WAVE_FREQUENCY_LEAST
-"""One period of the longest wave that is estimated [s]: before, how large the sea is is not known, and it looks like a
-push."""
 RATE_UNKNOWN = 0.2**2
 PUSH_UNKNOWN = math.radians(20.0) ** 2
 """Variances of a rate [(rad/s)^2] and a push [rad^2] of which nothing is known."""
 OUTLIER_SQUARE = OUTLIER * OUTLIER
-STEEPEST = 20.0
-"""The growth of a course-unstable boat over one step is cut at exp of this."""
-
-
-Transition = tuple[float, float, float, float, float]
-"""turn, drift, decay, gain, kept: psi += turn r + drift u, r = decay r + gain u, w = kept w; u: rudder, push, sea."""
-Predicted = tuple[float, float, float, float, float, float, float, float, float, float]
-"""A covariance before its heading: as `Covariance`, and quicker to make."""
-Gains = tuple[float, float, float, float, float]
-"""The variance [rad^2] of a heading's innovation, and what psi, r, p and w take of it."""
-
-
-class Noise(NamedTuple):
-    """heading [rad^2]; densities a second of acceleration [(rad/s)^2/s] and push [rad^2/s]; sea [rad^2] about zero,
-    which changes at its pace [1/s]."""
-
-    heading: float
-    acceleration: float
-    push: float
-    sea: float
-    pace: float
-
-
-class Covariance(NamedTuple):
-    """The covariance, common to all suppositions about the rudder; i and j count psi, r, p, w."""
-
-    p00: float
-    p01: float
-    p02: float
-    p03: float
-    p11: float
-    p12: float
-    p13: float
-    p22: float
-    p23: float
-    p33: float
-
-
-Mean = tuple[float, float, float, float]
-"""psi [rad], r [rad/s], p [rad], w [rad]."""
 
 
 class Rudders(NamedTuple):
@@ -131,9 +85,6 @@ class Rudders(NamedTuple):
     slow: float
     slide: float
     weaker: float
-
-
-NOTHING: Mean = (0.0, 0.0, 0.0, 0.0)
 
 
 class Others(NamedTuple):
@@ -162,12 +113,12 @@ NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0
 
 class ResponseState(NamedTuple):
     """time [s] of the newest heading, nan: nothing is known yet; covariance and mean of a boat without a rudder;
-    answers to the rudder [rad], in time and late, and to what brakes a boat that slides; slid: sums of what is left
-    over times that, and of its square, over the variance; how much likelier it is that the rudder is stuck than that
-    the boat answers, in time and late, and that it is reversed; unexplained: squares that no answer explains; outliers:
-    how many of the last headings were; usual and shown: the share of the model's answer that the boat has had so far is
-    the former over the latter; others: the boat or its rudder may not be the file's; usual_colour: the colour of what
-    is left over as long as nothing was suspect."""
+    answers to the rudder [rad], in time and late, and to what brakes a boat that slides; slid: how much this one
+    does; how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it
+    is reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were; usual
+    and shown: the share of the model's answer that the boat has had so far is the former over the latter; others:
+    the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing
+    was suspect."""
 
     time: float
     covariance: Covariance
@@ -175,7 +126,7 @@ class ResponseState(NamedTuple):
     answer: Mean
     late: Mean
     slide: Mean
-    slid: tuple[float, float]
+    slid: Slide
     stuck: float
     stuck_late: float
     reversed: float
@@ -186,92 +137,6 @@ class ResponseState(NamedTuple):
     shown: float
     others: Others
     usual_colour: float
-
-
-class Seaway(NamedTuple):
-    """What a boat has met: at `time` [s], nan: nothing yet, `swing` [rad] the largest yaw by waves of the last
-    SEA_LASTS, `north` and `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
-
-    time: float
-    swing: float
-    north: float
-    east: float
-
-
-NO_SEAWAY = Seaway(math.nan, 0.0, 0.0, 0.0)
-
-
-def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Seaway:
-    """Return what has been met by `time` [s] with waves that yaw the boat by `swing` [rad] on a `heading` [rad]."""
-    north, east = math.cos(heading), math.sin(heading)
-    last, largest, mean_north, mean_east = before
-    if math.isnan(last):
-        return Seaway(time, swing, north, east)
-    kept = math.exp(-(time - last) / SEA_KNOWN_S)
-    largest *= math.exp(-(time - last) / SEA_LASTS)
-    return Seaway(
-        time,
-        largest if largest > swing else swing,
-        north + kept * (mean_north - north),
-        east + kept * (mean_east - east),
-    )
-
-
-def noise_of(model: Norrbin, heading: float, swing: float, frequency: float) -> Noise:
-    """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws by `swing` [rad] at `frequency`."""
-    drive = model.gain / model.time_constant
-    pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
-    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea_of(model, swing, pace), pace)
-
-
-def sea_of(model: Norrbin, swing: float, pace: float) -> float:
-    """Return the sea [rad^2 of rudder] that yaws the boat by `swing` [rad] at its pace [1/s]."""
-    yaw, lag = swing * pace / model.gain, pace * model.time_constant
-    sea = yaw * yaw * (1.0 + lag * lag)
-    return sea if sea > SEA_LEAST else SEA_LEAST
-
-
-def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
-    """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one,
-    the largest that has been met, and one that nobody has met yet, at the slowest pace, the one that pushes hardest.
-    A sea from right ahead or astern turns no boat, until it leaves that course."""
-    swing = seaway.swing if seaway.swing > SEA_UNMET else SEA_UNMET
-    largest = sea_of(model, swing, SEA_SLOWEST)
-    if not largest > noise.sea or not abs(shortest_turn(math.atan2(seaway.east, seaway.north), heading)) > SEA_TURNED:
-        return noise
-    return Noise(noise.heading, noise.acceleration, noise.push, largest, SEA_SLOWEST)
-
-
-def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
-    """Return the noise of a boat that turns at `rate` [rad/s] and goes at another speed than the `speed` [m/s] of late.
-
-    n3 ~ 1/U^2 and n2 ~ 1/U, and a speed that is measured late or seldom is off by what it has changed by: a boat that
-    loses way in a hard turn is braked by more than its rudder, and turns slower against it. What a course-unstable boat
-    does by itself nearly balances its rudder in a slow turn, and a little of it decides which way it goes.
-    """
-    change, own = abs(model.reference_speed / speed - 1.0), 0.0
-    if model.n1 < 0.0:
-        own = OWN_UNKNOWN * abs(model.n1 * rate)
-    elif change < CHANGED_LEAST:
-        return noise
-    unknown = (own + change * abs((2.0 * model.n3 * rate + model.n2) * rate * rate)) / model.time_constant
-    acceleration = noise.acceleration + unknown * unknown * CHANGED_TIME
-    return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace)
-
-
-def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: float) -> float:
-    """Return what brakes a boat that slides [rad of rudder], `dt` [s] after it was braked by `before`; it turns at
-    `rate` [rad/s], its rudder's limit is `most` [rad].
-
-    The model has neither sway nor, without a log, the way that a turn takes: both may brake the boat by as much as its
-    own damping, and more (`SLIDE_MOST`), or take from a course-unstable one what turns it. They build up with about its
-    time constant, last longer than the turn, and turn no boat against its rudder: what a fault does.
-    """
-    own = (abs(model.n1) + abs(model.n2 * rate) + model.n3 * rate * rate) * rate / model.gain
-    own = -most if own > most else most if own < -most else -own
-    fades = own * before >= 0.0 and abs(own) < abs(before)
-    lasts = SLIDE_LASTS * model.time_constant if fades else model.time_constant
-    return before - math.expm1(-dt / lasts) * (own - before)
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
@@ -286,7 +151,7 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         NOTHING,
         NOTHING,
         NOTHING,
-        (0.0, 0.0),
+        NO_SLIDE,
         stuck=0.0,
         stuck_late=0.0,
         reversed=0.0,
@@ -301,78 +166,6 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
 
 
 NO_RESPONSE = first_response(Noise(0.0, 0.0, 0.0, 0.0, 0.0), math.nan, math.nan)
-
-
-def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transition:
-    """Return the transition over `dt` [s] of a boat that turns at about `rate` [rad/s] in a sea of that pace [1/s]."""
-    boat_gain, time_constant, n3, n2, n1, _, _ = model
-    slope = n1 + (n2 + n3 * rate) * rate
-    x = slope * dt / time_constant
-    x = x if x > -STEEPEST else -STEEPEST
-    lost = -math.expm1(-x)
-    once, twice = (1.0 - 0.5 * x, 0.5) if abs(x) < 1.0e-3 else (lost / x, (x - lost) / (x * x))
-    drive = boat_gain * dt / time_constant
-    return dt * once, drive * dt * twice, 1.0 - lost, drive * once, math.exp(-pace * dt)
-
-
-def predicted(step: Transition, covariance: Covariance, noise: Noise, push: float, dt: float) -> Predicted:
-    """Return the covariance `dt` [s] later: F P F' + Q; `push` [rad^2/s] counts, and not the noise's."""
-    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = covariance
-    turn, drift, decay, gain, kept = step
-    push_and_sea, of_sea = p22 + p23, p23 + p33
-    pushes = p12 + p13
-    a01 = p01 + turn * p11 + drift * pushes
-    a02 = p02 + turn * p12 + drift * push_and_sea
-    a03 = p03 + turn * p13 + drift * of_sea
-    a12 = decay * p12 + gain * push_and_sea
-    a13 = decay * p13 + gain * of_sea
-    q = noise.acceleration * dt
-    return (
-        p00 + turn * p01 + drift * (p02 + p03) + turn * a01 + drift * (a02 + a03) + q * dt * dt / 3.0,
-        decay * a01 + gain * (a02 + a03) + 0.5 * q * dt,
-        a02,
-        kept * a03,
-        decay * (decay * p11 + gain * pushes) + gain * (a12 + a13) + q,
-        a12,
-        kept * a13,
-        p22 + push * dt,
-        kept * p23,
-        kept * kept * p33 + (1.0 - kept * kept) * noise.sea,
-    )
-
-
-def measured(before: Predicted, heading: float) -> tuple[Gains, Covariance]:
-    """Return how much a heading of that variance [rad^2] is believed, and the covariance after it."""
-    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = before
-    variance = p00 + heading
-    k0, k1, k2, k3 = p00 / variance, p01 / variance, p02 / variance, p03 / variance
-    return (variance, k0, k1, k2, k3), Covariance(
-        p00 - k0 * p00,
-        p01 - k0 * p01,
-        p02 - k0 * p02,
-        p03 - k0 * p03,
-        p11 - k1 * p01,
-        p12 - k1 * p02,
-        p13 - k1 * p03,
-        p22 - k2 * p02,
-        p23 - k2 * p03,
-        p33 - k3 * p03,
-    )
-
-
-def moved(step: Transition, mean: Mean, rudder: float) -> Mean:
-    """Return the mean a step later under a held `rudder` [rad]."""
-    psi, rate, push, sea = mean
-    turn, drift, decay, gain, kept = step
-    pushed = rudder + push + sea
-    return psi + turn * rate + drift * pushed, decay * rate + gain * pushed, push, kept * sea
-
-
-def corrected(gains: Gains, mean: Mean, innovation: float) -> Mean:
-    """Return the mean after a heading that was `innovation` [rad] off."""
-    psi, rate, push, sea = mean
-    _, k0, k1, k2, k3 = gains
-    return psi + k0 * innovation, rate + k1 * innovation, push + k2 * innovation, sea + k3 * innovation
 
 
 def grown(evidence: float, squares: float, variance: float, most: float) -> float:
@@ -422,17 +215,13 @@ def response_step(
     least = weaker * (least if least < LEAST[1] else LEAST[1])
     off_some, off_some_late = off - least * s, off - least * s_late
     # how much the boat slides is known by what came before, so that no heading explains itself
-    g, (both, squares) = slide[0], slid
-    share = both / (squares + 1.0 / (SLIDE_UNKNOWN * SLIDE_UNKNOWN))
-    share = 0.0 if share < 0.0 else SLIDE_MOST if share > SLIDE_MOST else share
-    changes = model.time_constant if model.time_constant < FADES_TIME else FADES_TIME
-    held = math.exp(-dt / changes)
-    slid = held * both + off_some * g / variance, held * squares + g * g / variance
-    off_some -= share * g
+    g, left_over = slide[0], off_some
+    off_some -= slide_share(slid) * g
     square_some, square_some_late = off_some * off_some, off_some_late * off_some_late
     stuck = grown(kept * stuck, square_some - off * off, variance, most)
     # what may be a fault is none of the boat's usual ways
     learns = 0.0 if stuck >= SUSPECT or wrong >= SUSPECT else 1.0 / variance
+    slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
     others = others_step(others, model.time_constant, gains, dt, (off, s, s_late, slow))
     off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
     return ResponseState(

@@ -16,7 +16,12 @@ from autopilot.supervision.course_watch import Spin, Swings
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.monitors import State
 from autopilot.supervision.panel import sentences_of
-from autopilot.supervision.rudder_response import FILED, LIVELIER, QUICKER, SLOW_RUDDER
+from autopilot.supervision.rudder_response import (
+    FILED,
+    LIVELIER,
+    QUICKER,
+    SLOW_RUDDER,
+)
 from autopilot.supervision.rudder_watch import Response
 from autopilot.supervision.tuning import SWEEP
 

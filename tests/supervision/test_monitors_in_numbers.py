@@ -15,7 +15,13 @@ from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
 from autopilot.supervision.compass_watch import Consistency, consistency_step
 from autopilot.supervision.course_watch import course_step
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
-from autopilot.supervision.rudder_response import NOTHING, Noise, first_response
+from autopilot.supervision.response_filter import (
+    NOTHING,
+    Noise,
+)
+from autopilot.supervision.rudder_response import (
+    first_response,
+)
 
 BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)
 STOP = math.radians(30.0)

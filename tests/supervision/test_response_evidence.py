@@ -15,30 +15,32 @@ from watches import Answering
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, NavState
 from autopilot.supervision.monitor_input import MonitorInput
+from autopilot.supervision.response_filter import (
+    NO_SEAWAY,
+    Noise,
+    moved,
+    noise_of,
+    predicted,
+    seaway_noise,
+    seaway_step,
+    slide_step,
+    transition_of,
+)
 from autopilot.supervision.rudder_response import (
     FILED,
     LIVELIER,
     NO_OTHERS,
-    NO_SEAWAY,
     QUICKER,
     SLOW_RUDDER,
-    Noise,
     Others,
     ResponseState,
     Rudders,
     acquitted,
     first_response,
     is_doubtful,
-    moved,
-    noise_of,
     other_verdict,
-    predicted,
     push_at_least,
     response_step,
-    seaway_noise,
-    seaway_step,
-    slide_step,
-    transition_of,
     verdict,
     without_evidence,
 )

@@ -11,20 +11,27 @@ import pytest
 from scipy.linalg import expm
 
 from autopilot.models.norrbin import Norrbin
-from autopilot.supervision.rudder_response import (
+from autopilot.supervision.response_filter import (
+    NO_SLIDE,
     NOTHING,
-    PUSH_UNKNOWN,
-    RATE_UNKNOWN,
     STEEPEST,
     Covariance,
     Noise,
+    Slide,
     corrected,
-    first_response,
     measured,
     moved,
     predicted,
+    slide_learnt,
+    slide_share,
     transition_of,
 )
+from autopilot.supervision.rudder_response import (
+    PUSH_UNKNOWN,
+    RATE_UNKNOWN,
+    first_response,
+)
+from autopilot.supervision.tuning import SLIDE_MOST
 
 Matrix = npt.NDArray[np.float64]
 NOISE = Noise(heading=2.0e-4, acceleration=3.0e-5, push=4.0e-6, sea=5.0e-3, pace=0.7)
@@ -152,3 +159,46 @@ def test_a_heading_is_taken_in_as_a_kalman_filter_takes_it(seed: int) -> None:
     assert np.allclose(matrix_of(known), after, rtol=1e-9, atol=1e-14)
     mean = (0.1, 0.2, -0.3, 0.4)
     assert np.allclose(corrected(gains, mean, -0.05), np.array(mean) - 0.05 * gain.ravel(), rtol=1e-12)
+
+
+def slid(share: float, seconds: float, before: Slide = NO_SLIDE, learns: bool = True) -> Slide:
+    """What is known of a boat that swings in turns of 20 s and is braked by so much of its own damping."""
+    random, slide = np.random.default_rng(5), before
+    for tick in range(round(seconds / 0.1)):
+        answer = 2.0 * math.sin(0.3 * 0.1 * tick)
+        seen = share * answer + random.standard_normal(), answer, 1.0
+        slide = slide_learnt(slide, BOATS[1], seen, 0.1, learns)
+    return slide
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 2.0])
+def test_what_a_boat_has_shown_of_its_slide_is_its_mean_square(share: float) -> None:
+    slide = slid(share, 2000.0)
+    assert slide.shown / slide.sure == pytest.approx(share * share, abs=0.03 + 0.05 * share)
+
+
+def test_a_boat_that_has_turned_without_a_slide_explains_nothing_by_one() -> None:
+    """Before that it may be any; and what may be a fault teaches nothing."""
+    known, fault = slid(0.0, 60.0), (2.0, 2.0, 1.0)
+    for before, learns, explains in ((NO_SLIDE, True, True), (known, False, False), (slid(1.0, 60.0), False, True)):
+        slide = before
+        for _ in range(20):
+            slide = slide_learnt(slide, BOATS[1], fault, 0.1, learns)
+        assert (slide_share(slide) > 0.7) is explains
+        if not learns:
+            assert slide[2:] == before[2:]
+    assert slide_share(known) < 0.05
+
+
+def test_a_course_in_a_slight_sea_teaches_nothing_of_turns() -> None:
+    slide, random = NO_SLIDE, np.random.default_rng(8)
+    for _ in range(3000):
+        slide = slide_learnt(
+            slide, BOATS[1], (0.1 * random.standard_normal(), 0.1 * random.standard_normal(), 1.0), 0.1, True
+        )
+    both, squares = 20.0, 20.0
+    fresh = slide_share(NO_SLIDE._replace(both=both, squares=squares))
+    assert fresh == pytest.approx(both / (squares + 1.0 / 0.7**2))
+    assert slide_share(slide._replace(both=both, squares=squares)) == pytest.approx(fresh, rel=0.05)
+    assert slide_share(NO_SLIDE._replace(both=1e6, squares=1.0)) <= SLIDE_MOST
+    assert slide_share(NO_SLIDE._replace(both=-1.0, squares=1.0)) == 0.0

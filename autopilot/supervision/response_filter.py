@@ -1,0 +1,298 @@
+"""What the rudder-response monitor supposes of boat, sea and slide: the filter that its evidence comes from.
+
+State (psi, r, p, w): psi' = r, T r' = K (a delta + p + w) - lambda r. p [rad of rudder] is wind, trim and a rudder that
+stands anywhere, a random walk; w [rad of rudder] is the sea, w' = -w/tau + white noise. lambda = n1 + n2 r + n3 r^2 at
+the rate that is, so that the answers to the rudder and to all else add up. A compass shows psi.
+
+A hull also slides: sway, and the way that it loses as it turns, brake it in a long turn by up to a few times what the
+model's damping is worth. That is one more input, the own damping delayed as the slide is (`slide_step`), times a share
+c >= 0. c is estimated over a time constant, with a prior of variance U^2 about zero; and U^2 itself is what the boat
+has shown: of both = sum y g/v and squares = sum g^2/v, y = c g + noise of variance v, E[both^2] = c^2 squares^2 +
+squares, half of it where both > 0. So a boat that has sailed a turn without a slide has no share for one (an empirical
+Bayes estimate, Robbins 1956). A slide comes after the turn has begun: what a turn shows counts SLIDE_LASTS time
+constants later.
+
+Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import shortest_turn
+from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
+from autopilot.models.norrbin import Norrbin
+from autopilot.supervision.tuning import (
+    CHANGED_LEAST,
+    CHANGED_TIME,
+    FADES_TIME,
+    OWN_UNKNOWN,
+    PUSH_CHANGE,
+    ROUGH,
+    ROUGH_TIME,
+    SEA_LASTS,
+    SEA_LEAST,
+    SEA_SLOWEST,
+    SEA_TURNED,
+    SEA_UNMET,
+    SLIDE_LASTS,
+    SLIDE_MOST,
+    SLIDE_SURE,
+    SLIDE_UNKNOWN,
+    USUAL_TIME,
+)
+
+SEA_KNOWN_S = 2.0 * math.pi / WAVE_FREQUENCY_LEAST
+"""One period of the longest wave that is estimated [s]: before, how large the sea is is not known, and it looks like a
+push."""
+STEEPEST = 20.0
+"""The growth of a course-unstable boat over one step is cut at exp of this."""
+
+
+Transition = tuple[float, float, float, float, float]
+"""turn, drift, decay, gain, kept: psi += turn r + drift u, r = decay r + gain u, w = kept w; u: rudder, push, sea."""
+Predicted = tuple[float, float, float, float, float, float, float, float, float, float]
+"""A covariance before its heading: as `Covariance`, and quicker to make."""
+Gains = tuple[float, float, float, float, float]
+"""The variance [rad^2] of a heading's innovation, and what psi, r, p and w take of it."""
+
+
+class Noise(NamedTuple):
+    """heading [rad^2]; densities a second of acceleration [(rad/s)^2/s] and push [rad^2/s]; sea [rad^2] about zero,
+    which changes at its pace [1/s]."""
+
+    heading: float
+    acceleration: float
+    push: float
+    sea: float
+    pace: float
+
+
+class Covariance(NamedTuple):
+    """The covariance, common to all suppositions about the rudder; i and j count psi, r, p, w."""
+
+    p00: float
+    p01: float
+    p02: float
+    p03: float
+    p11: float
+    p12: float
+    p13: float
+    p22: float
+    p23: float
+    p33: float
+
+
+Mean = tuple[float, float, float, float]
+"""psi [rad], r [rad/s], p [rad], w [rad]."""
+
+NOTHING: Mean = (0.0, 0.0, 0.0, 0.0)
+
+
+class Seaway(NamedTuple):
+    """What a boat has met: at `time` [s], nan: nothing yet, `swing` [rad] the largest yaw by waves of the last
+    SEA_LASTS, `north` and `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
+
+    time: float
+    swing: float
+    north: float
+    east: float
+
+
+NO_SEAWAY = Seaway(math.nan, 0.0, 0.0, 0.0)
+
+
+def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Seaway:
+    """Return what has been met by `time` [s] with waves that yaw the boat by `swing` [rad] on a `heading` [rad]."""
+    north, east = math.cos(heading), math.sin(heading)
+    last, largest, mean_north, mean_east = before
+    if math.isnan(last):
+        return Seaway(time, swing, north, east)
+    kept = math.exp(-(time - last) / SEA_KNOWN_S)
+    largest *= math.exp(-(time - last) / SEA_LASTS)
+    return Seaway(
+        time,
+        largest if largest > swing else swing,
+        north + kept * (mean_north - north),
+        east + kept * (mean_east - east),
+    )
+
+
+def noise_of(model: Norrbin, heading: float, swing: float, frequency: float) -> Noise:
+    """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws by `swing` [rad] at `frequency`."""
+    drive = model.gain / model.time_constant
+    pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
+    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea_of(model, swing, pace), pace)
+
+
+def sea_of(model: Norrbin, swing: float, pace: float) -> float:
+    """Return the sea [rad^2 of rudder] that yaws the boat by `swing` [rad] at its pace [1/s]."""
+    yaw, lag = swing * pace / model.gain, pace * model.time_constant
+    sea = yaw * yaw * (1.0 + lag * lag)
+    return sea if sea > SEA_LEAST else SEA_LEAST
+
+
+def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
+    """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one,
+    the largest that has been met, and one that nobody has met yet, at the slowest pace, the one that pushes hardest.
+    A sea from right ahead or astern turns no boat, until it leaves that course."""
+    swing = seaway.swing if seaway.swing > SEA_UNMET else SEA_UNMET
+    largest = sea_of(model, swing, SEA_SLOWEST)
+    if not largest > noise.sea or not abs(shortest_turn(math.atan2(seaway.east, seaway.north), heading)) > SEA_TURNED:
+        return noise
+    return Noise(noise.heading, noise.acceleration, noise.push, largest, SEA_SLOWEST)
+
+
+def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
+    """Return the noise of a boat that turns at `rate` [rad/s] and goes at another speed than the `speed` [m/s] of late.
+
+    n3 ~ 1/U^2 and n2 ~ 1/U, and a speed that is measured late or seldom is off by what it has changed by: a boat that
+    loses way in a hard turn is braked by more than its rudder, and turns slower against it. What a course-unstable boat
+    does by itself nearly balances its rudder in a slow turn, and a little of it decides which way it goes.
+    """
+    change, own = abs(model.reference_speed / speed - 1.0), 0.0
+    if model.n1 < 0.0:
+        own = OWN_UNKNOWN * abs(model.n1 * rate)
+    elif change < CHANGED_LEAST:
+        return noise
+    unknown = (own + change * abs((2.0 * model.n3 * rate + model.n2) * rate * rate)) / model.time_constant
+    acceleration = noise.acceleration + unknown * unknown * CHANGED_TIME
+    return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace)
+
+
+def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: float) -> float:
+    """Return what brakes a boat that slides [rad of rudder], `dt` [s] after it was braked by `before`; it turns at
+    `rate` [rad/s], its rudder's limit is `most` [rad].
+
+    The model has neither sway nor, without a log, the way that a turn takes: both may brake the boat by as much as its
+    own damping, and more (`SLIDE_MOST`), or take from a course-unstable one what turns it. They build up with about its
+    time constant, last longer than the turn, and turn no boat against its rudder: what a fault does.
+    """
+    own = (abs(model.n1) + abs(model.n2 * rate) + model.n3 * rate * rate) * rate / model.gain
+    own = -most if own > most else most if own < -most else -own
+    fades = own * before >= 0.0 and abs(own) < abs(before)
+    lasts = SLIDE_LASTS * model.time_constant if fades else model.time_constant
+    return before - math.expm1(-dt / lasts) * (own - before)
+
+
+class Slide(NamedTuple):
+    """What a boat has shown of its slide. both and squares: sums of what is left over times the slide's answer, and of
+    the answer's square, over the variance, of a time constant; lately and lately_sure: sums for the share's mean square
+    and its weight, of a turn that may be going on; shown and sure: of those before."""
+
+    both: float
+    squares: float
+    lately: float
+    lately_sure: float
+    shown: float
+    sure: float
+
+
+NO_SLIDE = Slide(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def slide_share(slide: Slide) -> float:
+    """Return how many times its own damping the boat is braked by, 0 to SLIDE_MOST."""
+    prior = SLIDE_SURE * SLIDE_SURE
+    usual = (slide.shown + SLIDE_UNKNOWN * SLIDE_UNKNOWN * prior) / (slide.sure + prior)
+    if usual <= 0.0 or slide.both <= 0.0:
+        return 0.0
+    share = slide.both * usual / (slide.squares * usual + 1.0)
+    return share if share < SLIDE_MOST else SLIDE_MOST
+
+
+def slide_learnt(before: Slide, model: Norrbin, seen: tuple[float, float, float], dt: float, learns: bool) -> Slide:
+    """Return what is known after a heading of which the answers but the slide's leave so much [rad], the slide's own
+    answer being so large [rad], with a variance [rad^2] of the innovation: `seen`. learns: nothing is suspect."""
+    left, answer, variance = seen
+    both, squares, lately, lately_sure, shown, sure = before
+    changes = model.time_constant if model.time_constant < FADES_TIME else FADES_TIME
+    fresh = -math.expm1(-dt / changes)
+    both += left * answer / variance - fresh * both
+    squares += answer * answer / variance - fresh * squares
+    if not learns:
+        return Slide(both, squares, lately, lately_sure, shown, sure)
+    # half of white noise lies to the side that is no slide
+    square = both * both if both > 0.0 else 0.0
+    passed, remembered = -math.expm1(-dt / (SLIDE_LASTS * model.time_constant)), math.exp(-dt / USUAL_TIME)
+    return Slide(
+        both,
+        squares,
+        lately - passed * lately + fresh * (square - 0.5 * squares),
+        lately_sure - passed * lately_sure + fresh * squares * squares,
+        remembered * shown + passed * lately,
+        remembered * sure + passed * lately_sure,
+    )
+
+
+def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transition:
+    """Return the transition over `dt` [s] of a boat that turns at about `rate` [rad/s] in a sea of that pace [1/s]."""
+    boat_gain, time_constant, n3, n2, n1, _, _ = model
+    slope = n1 + (n2 + n3 * rate) * rate
+    x = slope * dt / time_constant
+    x = x if x > -STEEPEST else -STEEPEST
+    lost = -math.expm1(-x)
+    once, twice = (1.0 - 0.5 * x, 0.5) if abs(x) < 1.0e-3 else (lost / x, (x - lost) / (x * x))
+    drive = boat_gain * dt / time_constant
+    return dt * once, drive * dt * twice, 1.0 - lost, drive * once, math.exp(-pace * dt)
+
+
+def predicted(step: Transition, covariance: Covariance, noise: Noise, push: float, dt: float) -> Predicted:
+    """Return the covariance `dt` [s] later: F P F' + Q; `push` [rad^2/s] counts, and not the noise's."""
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = covariance
+    turn, drift, decay, gain, kept = step
+    push_and_sea, of_sea = p22 + p23, p23 + p33
+    pushes = p12 + p13
+    a01 = p01 + turn * p11 + drift * pushes
+    a02 = p02 + turn * p12 + drift * push_and_sea
+    a03 = p03 + turn * p13 + drift * of_sea
+    a12 = decay * p12 + gain * push_and_sea
+    a13 = decay * p13 + gain * of_sea
+    q = noise.acceleration * dt
+    return (
+        p00 + turn * p01 + drift * (p02 + p03) + turn * a01 + drift * (a02 + a03) + q * dt * dt / 3.0,
+        decay * a01 + gain * (a02 + a03) + 0.5 * q * dt,
+        a02,
+        kept * a03,
+        decay * (decay * p11 + gain * pushes) + gain * (a12 + a13) + q,
+        a12,
+        kept * a13,
+        p22 + push * dt,
+        kept * p23,
+        kept * kept * p33 + (1.0 - kept * kept) * noise.sea,
+    )
+
+
+def measured(before: Predicted, heading: float) -> tuple[Gains, Covariance]:
+    """Return how much a heading of that variance [rad^2] is believed, and the covariance after it."""
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = before
+    variance = p00 + heading
+    k0, k1, k2, k3 = p00 / variance, p01 / variance, p02 / variance, p03 / variance
+    return (variance, k0, k1, k2, k3), Covariance(
+        p00 - k0 * p00,
+        p01 - k0 * p01,
+        p02 - k0 * p02,
+        p03 - k0 * p03,
+        p11 - k1 * p01,
+        p12 - k1 * p02,
+        p13 - k1 * p03,
+        p22 - k2 * p02,
+        p23 - k2 * p03,
+        p33 - k3 * p03,
+    )
+
+
+def moved(step: Transition, mean: Mean, rudder: float) -> Mean:
+    """Return the mean a step later under a held `rudder` [rad]."""
+    psi, rate, push, sea = mean
+    turn, drift, decay, gain, kept = step
+    pushed = rudder + push + sea
+    return psi + turn * rate + drift * pushed, decay * rate + gain * pushed, push, kept * sea
+
+
+def corrected(gains: Gains, mean: Mean, innovation: float) -> Mean:
+    """Return the mean after a heading that was `innovation` [rad] off."""
+    psi, rate, push, sea = mean
+    _, k0, k1, k2, k3 = gains
+    return psi + k0 * innovation, rate + k1 * innovation, push + k2 * innovation, sea + k3 * innovation
