@@ -11,7 +11,7 @@ Source: Zheng et al. 2019, eqs (1)-(5), (12), (13), with X_u u where (12) prints
 positive; it has no units, and in no standard scaling do all five numbers of D belong to one ship: in this one Nr
 would make the yaw time constant 18 900 s. `TABLE_1` is as published; `REALISTIC` beside it steadies within a minute.
 
-Trials of Zheng's dredger stand below, the paper's 60 s and the length that it takes, as cases for `augmented_state`;
+Trials of Zheng's dredger stand below, the paper's 60 s and the length that it takes, as cases for `feedback_particle`;
 and their batch fit: for fixed parameters a Kalman filter follows the state alone, and its innovations e_k with
 covariances S_k are white where the parameters are right. Minimised is
 

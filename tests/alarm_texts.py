@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from autopilot.signals import AlarmEvent, Tick
+from autopilot.signals import AlarmEvent, Mode, NavState, Order, Reference, RudderCommand, Tick
 from autopilot.supervision.panel import sentence_of, sentences_of
 
 
@@ -24,3 +24,10 @@ def other(words: str) -> AlarmEvent:
 def words(event: AlarmEvent | None) -> str:
     """Return what is said of an alarm, '' of none."""
     return "" if event is None else sentence_of(event)
+
+
+def shown(now: float, mode: Mode = Mode.STANDBY, alarms: tuple[AlarmEvent, ...] = ()) -> Tick:
+    """Return a tick that shows who has the rudder and what is wrong, of a boat that nothing is known of."""
+    state = NavState(now, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+    command = RudderCommand(now, 0.0, mode is Mode.ENGAGED)
+    return Tick(1, now, (), Order(), state, Reference(0.0), 0.0, command, mode, alarms)

@@ -81,9 +81,8 @@ class Sea:
             self.ticks.append(self.tick)
             self.pilot.learn(self.tick)
             for link in self.links:
-                link.publish_status(now, self.tick.mode, self.tick.alarms)
-                link.poll(now)
                 link.publish_tick(self.tick)
+                link.poll(now)
             self.box.step(self.tick.command.angle if self.tick.command.engaged else 0.0, STEP)
             self.north += STEP * (SPEED * math.cos(self.box.heading) + self.current[0])
             self.east += STEP * (SPEED * math.sin(self.box.heading) + self.current[1])

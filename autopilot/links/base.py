@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 from autopilot.files.printable import brief
 from autopilot.links.release import Release
-from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, RudderCommand, Sample, Tick
 
 
 class LinkError(Exception):
@@ -69,14 +69,6 @@ class Transport(Protocol):
 
 
 @runtime_checkable
-class TickListener(Protocol):
-    """A link that can pass on what the pilot knows, beside what every `Link` does."""
-
-    def publish_tick(self, tick: Tick) -> None:
-        """Send on what falls due with `tick`; called after the command has left."""
-
-
-@runtime_checkable
 class ConfirmsRelease(Protocol):
     """A link to a rudder, which knows what became of it after `release`, beside what every `Link` does."""
 
@@ -104,8 +96,11 @@ class Link(Protocol):
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command, or the release where it is not engaged. The command leaves first."""
 
-    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Pass on who has the rudder and what is wrong, where the link has a way to say it."""
+    def publish_tick(self, tick: Tick) -> None:
+        """Pass on who has the rudder, what is wrong, and what else falls due, where the link has a way to say it.
+
+        Called after the command has left.
+        """
 
     def poll(self, now: float) -> None:
         """Do what falls due in the slack: heartbeats, stream and parameter requests, reconnection."""
@@ -136,7 +131,7 @@ class SilentLink:
     def send(self, now: float, command: RudderCommand) -> None:
         """Do nothing."""
 
-    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Do nothing."""
 
     def poll(self, now: float) -> None:

@@ -13,9 +13,9 @@ import threading
 from collections.abc import Callable
 
 from autopilot.estimation.sensor_selection import SensorSelection
-from autopilot.links.base import ConfirmsRelease, Link, LinkError, TickListener, parted
+from autopilot.links.base import ConfirmsRelease, Link, LinkError, parted
 from autopilot.links.release import Release, ReleaseState, not_held
-from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, RudderCommand, Sample, Tick
 from autopilot.supervision.panel import sentence_of
 
 RETRY_S = 1.0
@@ -88,17 +88,13 @@ class ReconnectingLink:
         """Pass on."""
         self._do(now, lambda link: link.send(now, command))
 
-    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Pass on."""
-        self._do(now, lambda link: link.publish_status(now, mode, alarms))
-
     def poll(self, now: float) -> None:
         """Pass on."""
         self._do(now, lambda link: link.poll(now))
 
     def publish_tick(self, tick: Tick) -> None:
-        """Pass on where the link inside shows anything."""
-        self._do(tick.now, lambda link: link.publish_tick(tick) if isinstance(link, TickListener) else None)
+        """Pass on."""
+        self._do(tick.now, lambda link: link.publish_tick(tick))
 
     def release(self, now: float) -> None:
         """Pass on; never raises."""
@@ -199,9 +195,8 @@ class SelectingLink:
         self.name = link.name
         self.inside = link
         self._selection = selection
-        self.fileno, self.send, self.publish_status, self.poll = link.fileno, link.send, link.publish_status, link.poll
+        self.fileno, self.send, self.publish_tick, self.poll = link.fileno, link.send, link.publish_tick, link.poll
         self.release, self.take_packets, self.close = link.release, link.take_packets, link.close
-        self.publish_tick = link.publish_tick if isinstance(link, TickListener) else lambda tick: None
         moves = link.release_result if isinstance(link, ConfirmsRelease) else None
         self.release_result = moves or (lambda now: not_held(link.name))
 

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide
-from autopilot.links.base import Link, TickListener, Transport
+from autopilot.links.base import Link, Transport
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import DENIED, Commands
 from autopilot.links.ground_station.mission import Mission
@@ -111,7 +111,6 @@ def _play_ticks(
     try:
         for url in urls:
             links.append(_shown_on(vessel, url, signing))  # noqa: PERF401 - what is open must be closed on error
-        showing = [link for link in links if isinstance(link, TickListener)]
         ahead = log.ticks[0].now - clock.now() if log.ticks else 0.0
         for tick in log.ticks:
             while (left := tick.now - ahead - clock.now()) > 0.0 and not stop():
@@ -121,10 +120,8 @@ def _play_ticks(
                 _turn(links, clock.now() + ahead)
             if stop():
                 break
-            for each in showing:
-                each.publish_tick(tick)
             for link in links:
-                link.publish_status(tick.now, tick.mode, tick.alarms)
+                link.publish_tick(tick)
             _turn(links, tick.now)
             count += 1
     finally:

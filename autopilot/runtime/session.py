@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from autopilot.links.base import ConfirmsRelease, Link, SilentLink, TickListener
+from autopilot.links.base import ConfirmsRelease, Link, SilentLink
 from autopilot.links.release import LONGEST_S, Release, ReleaseState
 from autopilot.pilot import Pilot
 from autopilot.runtime.machine import Clock
@@ -102,8 +102,7 @@ class Session:
 
         self._links = tuple(links)
         self._waiting, self._receiving, self._sending = doing("fileno"), doing("receive"), doing("send")
-        self._served, self._carrying = doing("publish_status", "poll"), doing("take_packets")
-        self._showing = tuple(link for link in links if isinstance(link, TickListener))
+        self._served, self._carrying = doing("publish_tick", "poll"), doing("take_packets")
 
     def __enter__(self) -> Session:
         return self
@@ -198,10 +197,8 @@ class Session:
         try:
             for link in self._sending:
                 link.send(now, tick.command)
-            for showing in self._showing:
-                showing.publish_tick(tick)
             for link in self._served:
-                link.publish_status(now, tick.mode, tick.alarms)
+                link.publish_tick(tick)
                 link.poll(now)
         finally:
             # the tick whose command met a broken link is the one worth reading afterwards

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from alarm_texts import words
+from alarm_texts import shown, words
 from boat_at_sea import STEP
 from hypothesis import given
 from hypothesis import strategies as st
@@ -127,7 +127,7 @@ def test_a_flood_is_cut_off_unseen_and_wakes_nobody_until_the_next_tick(monkeypa
     bench.boat.receive(0.0)
     assert len(bench.boat.take_packets()) <= BYTES_AT_ONCE / 21
     assert bench.boat.fileno() == -1
-    bench.boat.publish_status(0.05, Mode.STANDBY, ())
+    bench.boat.publish_tick(shown(0.05))
     assert bench.boat.fileno() == 7
     assert any("beyond what one link may bring" in reason for reason in bench.policy.refused)
 

@@ -7,7 +7,7 @@ from random import Random
 from typing import Any
 
 import pytest
-from alarm_texts import words
+from alarm_texts import shown, words
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -281,8 +281,13 @@ def blank(kind: Any, random: Random) -> bytearray:
 
 def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:
     bench = Bench()
-    for _ in range(1000):
-        bench.far.send(bench.station.encode(dialect.MAVLink_param_request_read_message(7, 1, b"ONE", -1)))
+    request = bench.station.encode(dialect.MAVLink_param_request_read_message(7, 1, b"ONE", -1))
+
+    def flood() -> None:
+        for _ in range(1000):
+            bench.far.send(request)
+
+    flood()
     answers = bench.run(0.05)
     assert sum(m.get_type() == "PARAM_VALUE" for m in answers) == 100
     assert 100 < bench.link.dropped < 900  # the rest was not even looked at
@@ -290,9 +295,11 @@ def test_a_flood_is_heeded_in_part_and_a_lost_station_ends_nothing() -> None:
     def gone() -> list[bytes]:
         raise LinkError("tcpin:x: the other side is gone")
 
+    flood()
+    bench.link.receive(8.8)
     bench.link._transport.receive = gone  # type: ignore[method-assign]
     assert bench.link.receive(8.9) == []  # crowded: not looked at before the next command has left
-    bench.link.publish_status(8.9, Mode.STANDBY, ())
+    bench.link.publish_tick(shown(8.9))
     (alarm,) = bench.link.receive(9.0)
     assert isinstance(alarm, AlarmSample) and "steering goes on" in words(alarm.event)
     assert bench.link.receive(9.1) == []

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 import pytest
-from alarm_texts import other
+from alarm_texts import other, shown
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
@@ -137,7 +137,7 @@ def test_a_line_that_is_gone_is_reported_by_who_carries_the_bytes() -> None:
 
 def test_alarms_leave_as_texts_and_the_state_in_the_heartbeat() -> None:
     vehicle = steering()
-    vehicle.session.on_status(vehicle.now, Mode.FAILSAFE, (other("the compass is silent"),))
+    vehicle.session.on_tick(shown(vehicle.now, Mode.FAILSAFE, (other("the compass is silent"),)))
     heard = [message for _ in range(25) for message in vehicle.turn()[1]]
     assert "the compass is silent" in [message.text for message in heard if message.get_type() == "STATUSTEXT"]
     states = {message.system_status for message in heard if message.get_type() == "HEARTBEAT" and message.type == 18}

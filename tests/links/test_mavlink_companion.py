@@ -7,7 +7,7 @@ from itertools import pairwise
 from random import Random
 
 import pytest
-from alarm_texts import other, words
+from alarm_texts import other, shown, words
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
@@ -480,7 +480,7 @@ def test_px4_is_refused_with_a_sentence() -> None:
 
 def test_long_texts_leave_in_pieces() -> None:
     bench = ready()
-    bench.link.publish_status(bench.now, Mode.ENGAGED, (other("x" * 70),))
+    bench.link.publish_tick(shown(bench.now, Mode.ENGAGED, (other("x" * 70),)))
     bench.run(1.0)
     texts = [m for m in bench.rover.received if m.get_type() == "STATUSTEXT"]
     assert [len(m.text) for m in texts] == [50, 20]
@@ -670,8 +670,8 @@ def test_the_heartbeat_and_the_texts_say_how_bad_it_is(mode: Mode, state: int, s
     bench = Bench()
     bench.rover.heartbeat()
     bench.link.receive(0.0)
-    bench.link.publish_status(0.0, mode, (other("words in no catalogue"),))
-    bench.link.publish_status(0.1, mode, (other("words in no catalogue"),))
+    bench.link.publish_tick(shown(0.0, mode, (other("words in no catalogue"),)))
+    bench.link.publish_tick(shown(0.1, mode, (other("words in no catalogue"),)))
     bench.link.poll(0.2)
     bench.rover.listen()
     said = [m for m in bench.rover.received if m.get_type() == "STATUSTEXT"]

@@ -441,11 +441,11 @@ class Recorded:
     def send(self, now: float, command: Any) -> None:
         self._note("send", now, command)
 
-    def publish_status(self, now: float, mode: Any, alarms: Any) -> None:
-        self._note("publish_status", now, mode, alarms)
-
     def poll(self, now: float) -> None:
         self._note("poll", now)
+
+    def publish_tick(self, tick: Any) -> None:
+        self._note("publish_tick", tick)
 
     def release(self, now: float) -> None:
         self.asked.append(("release", now))
@@ -459,12 +459,9 @@ class Recorded:
 
 
 class Mover(Recorded):
-    """One that moves a rudder and shows what it is shown."""
+    """One that moves a rudder."""
 
     result: Release | None = None
-
-    def publish_tick(self, tick: Any) -> None:
-        self._note("publish_tick", tick)
 
     def release_result(self, now: float) -> Release | None:
         self.asked.append(("release_result", now))
@@ -488,23 +485,20 @@ def test_a_link_round_another_passes_on_every_word(wrapper: str, kind: type[Reco
     inside.packets = [(1.0, b"a")]
     assert (link.name, link.fileno(), link.receive(1.0)) == ("line", 17, inside.brings)
     link.send(2.0, command)
-    link.publish_status(3.0, Mode.ENGAGED, (other("one"),))
     link.poll(4.0)
     link.publish_tick(tick)
     link.release(5.0)
     found = link.release_result(6.0)
     assert (link.take_packets(), link.take_packets()) == ([(1.0, b"a")], [])
     link.close()
-    shown = [("publish_tick", tick)] if kind is Mover else []
     asked = [("release_result", 6.0)] if kind is Mover else []
     assert inside.asked == [
         *(
             ("receive", 1.0),
             ("send", 2.0, command),
-            ("publish_status", 3.0, Mode.ENGAGED, (other("one"),)),
             ("poll", 4.0),
         ),
-        *(*shown, ("release", 5.0), *asked, ("close",)),
+        *(("publish_tick", tick), ("release", 5.0), *asked, ("close",)),
     ]
     assert found == (None if kind is Mover else Release("line", ReleaseState.NOT_HELD))
     if kind is Mover:
@@ -524,7 +518,7 @@ def test_of_two_links_only_the_selected_instrument_passes() -> None:
     assert links[1].receive(1.0) == second.brings[1:]
 
 
-@pytest.mark.parametrize("call", ["receive", "send", "publish_status", "poll", "publish_tick"])
+@pytest.mark.parametrize("call", ["receive", "send", "poll", "publish_tick"])
 def test_a_line_that_breaks_in_any_call_is_left_released_and_said_once(call: str) -> None:
     inside = Mover()
     ends = [inside]
@@ -539,7 +533,6 @@ def test_a_line_that_breaks_in_any_call_is_left_released_and_said_once(call: str
     inside.fails = LinkError("line: pulled; plug it in and start again")
     arguments = {
         "send": (2.0, None),
-        "publish_status": (2.0, Mode.ENGAGED, ()),
         "publish_tick": (SimpleNamespace(now=2.0),),
     }
     found = getattr(kept, call)(*arguments.get(call, (2.0,)))

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 import pytest
-from alarm_texts import other, words
+from alarm_texts import other, shown, words
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -304,7 +304,7 @@ def test_a_station_sees_vehicle_and_companion_and_its_words_arrive_unchanged() -
     assert companion.session.vehicle == 1
     assert station.receive() == frames
     companion.poll(0.2)
-    companion.publish_status(0.2, Mode.STANDBY, (other("hello"),))
+    companion.publish_tick(shown(0.2, Mode.STANDBY, (other("hello"),)))
     companion.poll(0.3)
     assert sorted(kinds(station)) == ["HEARTBEAT", "NAMED_VALUE_INT", "STATUSTEXT"]
     vehicle.receive()
@@ -431,7 +431,7 @@ def test_a_station_that_floods_us_is_looked_away_from_until_the_next_tick() -> N
     assert forward.fileno() == 17
     forward._access.crowded = True
     assert forward.fileno() == -1 and forward.receive(0.1) == []
-    forward.publish_status(0.2, Mode.STANDBY, ())
+    forward.publish_tick(shown(0.2))
     assert forward.fileno() == 17
 
 

@@ -36,7 +36,6 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "send": lambda run: (run.link, "send"),
     "transport send": lambda run: (run.near, "send"),
     "publish_tick": lambda run: (run.link, "publish_tick"),
-    "publish_status": lambda run: (run.link, "publish_status"),
     "poll": lambda run: (run.link, "poll"),
     "packets": lambda run: (run.link, "take_packets"),
     "record": lambda run: (run.session._recorder, "record"),

@@ -131,7 +131,6 @@ class Watcher:
 
     def see(self, tick: Tick) -> Seen:
         self._link.publish_tick(tick)
-        self._link.publish_status(tick.now, tick.mode, tick.alarms)
         self._far.receive()
         status = self._link._telemetry._status(tick)[0]
         content = alarm_list(tick.alarms, tick.alarm_states)

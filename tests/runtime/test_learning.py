@@ -26,7 +26,6 @@ from autopilot.runtime.session import Session
 from autopilot.runtime.tuning import LearningService, designed, with_learnt
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
-    AlarmEvent,
     HeadingSample,
     NavState,
     Order,
@@ -83,7 +82,7 @@ class Boat:
     def send(self, now: float, command: RudderCommand) -> None:
         self.commands.append(command)
 
-    def publish_status(self, now: float, mode: PilotMode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         pass
 
     def poll(self, now: float) -> None:

@@ -14,14 +14,13 @@ from autopilot.runtime.record import Recorder, read_log
 from autopilot.runtime.session import Session, newest
 from autopilot.signals import (
     MOST_SAMPLES,
-    AlarmEvent,
     HeadingSample,
     HelmSample,
-    Mode,
     Order,
     OrderKind,
     RudderCommand,
     Sample,
+    Tick,
 )
 from autopilot.vessel.file import load_vessel
 
@@ -52,7 +51,7 @@ class FakeLink:
             raise LinkError("fake: unplugged; plug it in")
         self.sent.append(command)
 
-    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         pass
 
     def poll(self, now: float) -> None:

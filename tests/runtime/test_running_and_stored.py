@@ -112,7 +112,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Any:
         "mavlink.companion.CompanionLink",
         "nmea.link.NmeaLink",
         "n2k.link.N2kLink",
-        "drives.drive_link.DriveLink",
+        "drives.DriveLink",
     ):
         monkeypatch.setattr(f"autopilot.links.{name}", lambda *given: given)
     monkeypatch.setattr(build_links, "drive_of", lambda _, given: given)

@@ -88,7 +88,7 @@ class BoatLink:
     def send(self, now: float, command: RudderCommand) -> None:
         self.commands.append(command)
 
-    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         pass
 
     def poll(self, now: float) -> None:

@@ -223,19 +223,19 @@ class BoatLink(SilentLink):
         self._heartbeat(now, dialect.MAV_STATE_POWEROFF)
 
     def publish_tick(self, tick: Tick) -> None:
-        """Send the telemetry that falls due with `tick`."""
+        """Send the telemetry that falls due with `tick`, and say every new alarm as STATUSTEXT.
+
+        A flood that was looked away from may wake the loop again.
+        """
         self._access.stops.ticked(tick.now, tick.order.kind is not OrderKind.STANDBY)
         self._telemetry.take(tick)
         self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
-
-    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Say every new alarm as STATUSTEXT. A flood that was looked away from may wake the loop again."""
         self._access.crowded = False
-        for alarm in alarms:
+        for alarm in tick.alarms:
             if alarm not in self._alarms:
-                severity = severity_of(alarm, SEVERITIES.get(mode, dialect.MAV_SEVERITY_WARNING))
-                self._texts.send_text(now, severity, sentence_of(alarm))
-        self._alarms = alarms
+                severity = severity_of(alarm, SEVERITIES.get(tick.mode, dialect.MAV_SEVERITY_WARNING))
+                self._texts.send_text(tick.now, severity, sentence_of(alarm))
+        self._alarms = tick.alarms
 
     def poll(self, now: float) -> None:
         """Send heartbeat, texts and the next of a parameter list."""

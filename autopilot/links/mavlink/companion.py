@@ -224,7 +224,11 @@ class CompanionSession:
         return [] if message is None else [self._steering_codec.encode(message)]
 
     def on_tick(self, tick: Tick) -> list[bytes]:
-        """Return the heading target that is due behind `tick` where the vehicle steers itself."""
+        """Return the heading target that is due behind `tick` where the vehicle steers itself.
+
+        Keeps the state in our heartbeat honest, and queues every new alarm as STATUSTEXT.
+        """
+        self._show(tick.now, tick.mode, tick.alarms)
         if self._sounder is not None:
             self._sounder.publish_tick(tick)
         if tick.mode is not Mode.ENGAGED and not self._authority.steering:
@@ -232,8 +236,7 @@ class CompanionSession:
         target = self._guided.next_target(tick, self._may_prove) if self._guided is not None else None
         return [] if target is None else [self._steering_codec.encode(target)]
 
-    def on_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Keep the state in our heartbeat honest, and queue every new alarm as STATUSTEXT."""
+    def _show(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
         if mode is not self._mode or alarms != self._alarms:
             self._mode, self.state = mode, STATES[mode]
             self._other.publish_status(now, mode, alarms)
@@ -494,13 +497,10 @@ class CompanionLink:
                 self.dropped += 1
 
     def publish_tick(self, tick: Tick) -> None:
-        """Send the heading target that is due where the vehicle steers itself. LinkError when the transport is gone."""
+        """Take who has the rudder and what is wrong; send the heading target that is due where the vehicle steers
+        itself. LinkError when the transport is gone."""
         if packets := self.session.on_tick(tick):
             self._write(tick.now, packets)
-
-    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
-        """Take who has the rudder and what is wrong, for heartbeat and texts."""
-        self.session.on_status(now, mode, alarms)
 
     def poll(self, now: float) -> None:
         """Send what falls due; let go of a peer without a word of the vehicle. LinkError when the transport is gone."""

@@ -41,7 +41,7 @@ from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
 from autopilot.links.mavlink.signing import LinkSigning
 from autopilot.links.transports.medium import LinkUrl
 from autopilot.links.url import accept_signed
-from autopilot.signals import AlarmEvent, AlarmSample, Mode, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, Sample, Tick
 
 OTHERS = "others"
 """Stands for every stream that is not named."""
@@ -437,7 +437,7 @@ class ForwardLink(SilentLink):
         self._access.crowded = self._access.crowded or taken > FRAMES_PER_TURN or not room
         return self._presence.update(now)
 
-    def publish_status(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+    def publish_tick(self, tick: Tick) -> None:
         """Say nothing: what is wrong goes out as STATUSTEXT over the flight controller's link, which is shown here.
 
         A station that floods us has been looked away from since; a tick has passed, it may wake the loop again.
