@@ -35,13 +35,20 @@ def is_own(data: bytes) -> bool:
 
 
 def read_own(path: str) -> Recording:
-    """Return the first log in a file that `--log` wrote. Raises InputError."""
+    """Return the first run in a file that `--log` wrote, over the gaps that a full disk left. Raises InputError."""
     logs = read_logs(Path(path))
     log: Log = logs[0]
     began = began_of(path, log)
-    notes = () if len(logs) == 1 else (f"{path}: holds {len(logs)} logs; the first is read.",)
-    series = (*_estimates(log.ticks), *_samples(log.ticks))
-    return on_one_clock(Recording(path, "Norrbin log", series, began, notes, log.header.get("vessel", "")))
+    run = log.header.get("run")
+    parts = [each for each in logs if run is not None and each.header.get("run") == run] or [log]
+    notes = []
+    if len(parts) > 1:
+        notes.append(f"{path}: the disk did not take all of it; there are {len(parts)} pieces of the run.")
+    if len(parts) < len(logs):
+        notes.append(f"{path}: holds other runs too; the first is read.")
+    ticks = [tick for part in parts for tick in part.ticks]
+    series = (*_estimates(ticks), *_samples(ticks))
+    return on_one_clock(Recording(path, "Norrbin log", series, began, tuple(notes), log.header.get("vessel", "")))
 
 
 def began_of(path: str, log: Log) -> float | None:

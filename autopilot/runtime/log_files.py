@@ -91,6 +91,8 @@ class _OpenFile:
         self.trouble = self._opened() or appended(self._file, data)
         if self.trouble:
             self.lost, self.dropped = self.lost + 1, self.dropped + ticks
+        else:
+            self._size += len(data)
 
     def sync(self) -> None:
         """Have what was written on the disk itself. A file that somebody has removed or cut is left, with trouble."""
@@ -102,8 +104,6 @@ class _OpenFile:
         if stat.S_ISREG(about.st_mode) and (about.st_nlink == 0 or about.st_size < self._size):
             self._end_part()
             self.trouble = REMOVED
-            return
-        self._size = about.st_size
 
     def close(self) -> None:
         """Close the file."""

@@ -13,6 +13,8 @@ import pytest
 from lockstep import Lockstep
 
 from autopilot.errors import InputError
+from autopilot.logs.own_log import read_own
+from autopilot.logs.series import ORDER
 from autopilot.runtime import log_files
 from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink, ThreadedSink, appended, following_parts
 from autopilot.runtime.record import Recorder, is_headless, read_log, read_logs, replay
@@ -131,6 +133,10 @@ def test_when_the_disk_has_room_again_the_log_goes_on(
     assert recorder.dropped == len(run.ticks) - len(numbers) > 25
     assert after.header["first"] == after.ticks[0].number == before.ticks[-1].number + recorder.dropped + 1
     assert replay(path)[:2] == (len(before.ticks), True)
+    whole = read_own(str(path))
+    (order,) = [each for each in whole.series if each.quantity == ORDER]
+    assert order.time[0] < 2.0 and order.time[-1] > 8.9, "a log with a gap is read whole"
+    assert order.longest_gap > 2.0 and "2 pieces" in whole.notes[0]
 
 
 def test_a_record_that_fits_only_in_part_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -260,6 +266,15 @@ def test_a_log_that_is_removed_or_cut_while_steering_is_said_and_begun_anew(
     assert in_parts or sink.path == (begun if harm is Path.unlink else tmp_path / "a-2.tlog")
     log = read_log(sink.path)
     assert log.header["vessel"] == HEADER["vessel"] and log.ticks[-1].now > 3.9
+
+
+def test_a_log_that_grows_beyond_its_size_after_it_was_cut_is_found_out(tmp_path: Path) -> None:
+    sink = FileSink(tmp_path / "a.tlog")
+    sink.write(bytes(1000))
+    os.truncate(sink.path, 0)
+    sink.write(bytes(900))
+    sink.sync()
+    assert sink.trouble == log_files.REMOVED
 
 
 def test_a_part_that_no_memory_was_left_for_leaves_no_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
