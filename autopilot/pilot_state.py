@@ -106,8 +106,6 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
 
 def steering_with(config: SteeringConfig, rate: RudderRate) -> SteeringConfig:
     """Return what steering goes by with the rudder that the boat turns out to have."""
-    if rate.slower == 1.0:
-        return config
     estimator = config.estimator
     return config._replace(estimator=estimator._replace(gear=gone_by(estimator.gear, rate)))
 
