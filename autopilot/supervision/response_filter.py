@@ -144,6 +144,13 @@ def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -
     return Noise(noise.heading, noise.acceleration, noise.push, largest, SEA_SLOWEST)
 
 
+def against_waves(noise: Noise, worked: float) -> Noise:
+    """Return the noise of a sea that the rudder works against, its mean square there being `worked` [rad^2]: the yaw
+    that is left is less than the sea is worth, and the rudder of a boat that is quicker than the waves makes up for it.
+    """
+    return Noise(noise.heading, noise.acceleration, noise.push, noise.sea + worked, noise.pace)
+
+
 def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
     """Return the noise of a boat that turns at `rate` [rad/s] and goes at another speed than the `speed` [m/s] of late.
 

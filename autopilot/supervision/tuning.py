@@ -67,6 +67,9 @@ SEA_TURNED = math.radians(10.0)  # 30 %: nothing
 the same waves slower, and from a side that turns it more."""
 SEA_LASTS = 3600.0  # 30 %: nothing
 """A sea that was met is remembered for this time [s]: courses on which it turns no boat say nothing of it."""
+WORKED_TIME = 30.0
+"""What the rudder does against the waves is averaged for so long [s]: with 16 s a stuck rudder on a course is found
+later."""
 SEA_UNMET = math.radians(1.0)  # 30 %: nothing
 """On a course that is new to the boat a sea is supposed that yaws it by this [rad]."""
 SLIDE_LASTS = 4.0

@@ -241,7 +241,7 @@ def _answer(
         model=model,
         state=state,
         steers=True,
-        holds_course=True,
+        holds_course=now >= before.guide.turning_until,
         wanted=before.guide.heading,
         rudder=before.command,
         angle_max=most,

@@ -32,6 +32,7 @@ from sitl.campaign.envelope import (
 )
 
 LANXIN = load_vessel("lanxin")
+THRUSTERS = load_vessel("twin_thruster")
 FILED = (0.0,) * 9
 
 
@@ -139,3 +140,13 @@ def test_the_command_prints_bounds_and_a_page(tmp_path: Path) -> None:
     assert found["runs"] == 6
     assert set(found["bounds"]) == {each.name for each in ranges_of(LANXIN)}
     assert "<svg" in page.read_text()
+
+
+@pytest.mark.parametrize("run", [118, 228, 497])
+def test_thrusters_that_work_against_waves_are_not_called_stuck(run: int) -> None:
+    ranges = ranges_of(THRUSTERS)
+    drawn, turn = drawn_of(771001, run, ranges)
+    study, until = study_of(THRUSTERS, turn, ranges[envelope.SPEED].at(drawn[envelope.SPEED]), gyro=True)
+    key = int(np.random.SeedSequence((771001, run)).generate_state(1)[0])
+    found = watched(THRUSTERS, prepared_for(THRUSTERS, study, ranges, drawn), study, (run, key, until), drawn)
+    assert found.outcome == HELD

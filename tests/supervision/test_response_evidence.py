@@ -44,6 +44,7 @@ from autopilot.supervision.rudder_response import (
     verdict,
     without_evidence,
 )
+from autopilot.supervision.tuning import WORKED_TIME
 from sitl.compiled import compiled
 
 Matrix = npt.NDArray[np.float64]
@@ -394,7 +395,7 @@ def test_the_prediction_uses_the_rudder_midway_and_0_4_s_before(
     """Of headings at every other tick the middle is the tick between; 0.4 s before that the later of two counts."""
     looks = Looks(monkeypatch)
     for number in range(41):
-        looks.update(0.01 * number, heard=number % 2 == 0)
+        looks.update(0.01 * number, heard=number % 2 == 0, holds_course=False)
     assert len(looks.taken) == 20
     for number, (model, noise, _, heard, (rudder, late, slow, *_)) in enumerate(looks.taken, 1):
         assert (model, slow) == (BOAT, rudder), "a slow rudder is out of question"
@@ -450,6 +451,28 @@ def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.
     looks = Looks(monkeypatch, reversed=99.0, reversed_late=99.0)
     looks.update(0.1, is_late=True)
     assert [looks.update(0.1) for _ in range(10)] == [""] * 8 + ["rudder_reversed"] * 2
+
+
+@pytest.mark.parametrize(
+    ("learns", "change", "memory"),
+    [
+        (True, {}, {}),
+        (False, {"holds_course": False}, {}),
+        (False, {}, {"stuck": 3.0}),
+        (False, {}, {"reversed": 3.0}),
+    ],
+)
+def test_a_sea_that_the_rudder_works_against_is_larger_than_what_it_leaves(
+    monkeypatch: pytest.MonkeyPatch, learns: bool, change: dict[str, Any], memory: dict[str, float]
+) -> None:
+    """By the rudder's own mean square, learnt on a course, while nothing is suspect."""
+    looks = Looks(monkeypatch, **memory)
+    for number in range(400):
+        looks.update(0.1 * math.sin(0.9 * TICK * number), **change)
+    noise = looks.taken[-1][1]
+    worked = noise.sea - noise_of(BOAT, 2.0e-4, 0.03, 0.9).sea
+    share = -math.expm1(-400 * TICK / WORKED_TIME)
+    assert worked == pytest.approx(0.5 * 0.1**2 * share if learns else 0.0, rel=0.15, abs=1e-6)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
