@@ -135,11 +135,11 @@ def measured_sensors(runs: Sequence[Run]) -> Sensors:
 
 def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
     """Raise InputError, with what to sail next, where no gains can be designed for the model; where course stability
-    is not determined, for that at either end of its interval."""
+    is not determined, for those at either end of its interval either."""
     models = [vessel.model]
     if found.ratios is not None and found.ratios.on_ridge:
         (a, b, d, e), (_, error, _, _) = found.ratios
-        models = [
+        models += [
             dataclasses.replace(
                 vessel.model,
                 K_1_s=a / abs(end),

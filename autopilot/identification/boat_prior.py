@@ -153,7 +153,7 @@ def combined(rates: Rates, covariance: FloatArray, expected: Expected) -> Combin
     shares = np.clip(1.0 - np.diag(spread)[:3] / np.maximum(alone, 1.0e-300), 0.0, 1.0)
     if shares.max() < MATTERS:
         return Combined(rates, covariance, nothing)
-    new = Rates(float(x[0]), float(x[1]), rates.c, float(x[2]), float(x[3]))
+    new = Rates(float(x[0]), float(x[1]), float(x[2]), float(x[3]))
     return Combined(new, together, (float(shares[0]), float(shares[1]), float(shares[2])))
 
 

@@ -290,7 +290,7 @@ def likely_drive(runs: Sequence[Run], fit: DriveFit) -> LikelihoodFit | None:
     segments = [part for run in at_one_throttle(runs, law) for part in run.segments]
     # the drag that slows the largest turn as much as n3 does
     drag = model.n3 * unit * largest_rate(segments)
-    guess = Rates(model.gain * unit, model.n1 * unit, 0.0, drag, model.n0 * unit)
+    guess = Rates(model.gain * unit, model.n1 * unit, drag, model.n0 * unit)
     train = ("delay", *SWAY) if ordered(runs) else tuple(SWAY)
     found = likelihood_fit(segments, model.reference_speed, guess, train, form=Form(law, power=2))
     if found is None or found.rates.a < SURELY_TURNS * math.sqrt(max(float(found.covariance[0, 0]), 0.0)):

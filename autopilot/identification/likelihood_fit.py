@@ -27,10 +27,9 @@ from autopilot.identification.likelihood_search import (
     RATE_NAMES,
     SWAY,
     Space,
-    first_axes,
+    approached,
     inverse,
     maximised,
-    searched,
 )
 from autopilot.identification.marginal_likelihood import (
     Rates,
@@ -38,7 +37,6 @@ from autopilot.identification.marginal_likelihood import (
     begin_path,
     best_path,
     motion_of,
-    probe_of,
 )
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
@@ -48,8 +46,9 @@ USUALLY_LATE_S, START_LATE = 0.15, 0.1
 """Where the search for delay and lag begins, as a share of the boat's time constant at most."""
 DRAWS = 32
 """Of the weather; half of it where the record is long, and says more of it."""
-MAYBE_WAVES = 0.5
-"""So much likelier, in the logarithm, must waves as they are guessed make the record, or none are searched for."""
+MAYBE_WAVES, MAYBE_LONG = 0.5, 3.0
+"""So much likelier, in the logarithm, must waves as they are guessed make the record, or none are searched for. In a
+long record chance shows some that make it likelier by one or two, and real ones do by tens."""
 HURRIED_S = GUST_TIME_S * math.exp(-2.0 * GUST_TIME_WIDTH)
 """Gusts that last no longer may be waves, whatever a guess of these is worth beside them."""
 WAVE_SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -112,18 +111,21 @@ def likelihood_fit(
     scale = scales(segments, guess, form.power)
     gyro, compass = instruments(segments)
     gust = scale.a * math.radians(0.3)
-    calm = Weather(gust, GUST_TIME_S, 0.3 * gust, gyro, compass)
+    calm = usual = Weather(gust, GUST_TIME_S, 0.3 * gust, gyro, compass)
     # a lag longer than the boat's own would change places with it
     shortly = min(USUALLY_LATE_S, START_LATE * memory)
     train = DIRECT._replace(**{part: PLAYS[1] if part == "dead_band" else shortly for part in parts})
+    starts = [(guess, train)]
     if set(SWAY) <= set(parts):
-        train = train._replace(**sliding(memory))
-    if record.nodes > LONG:
-        part = record_of([_liveliest(segment) for segment in segments], reference_speed, memory, form)
-        rough = Space(part, guess, calm, train, parts, scale)
-        if math.isfinite(rough.keep(rough.start)):
-            nearer, _ = searched(rough, rough.start, first_axes(rough, rough.start), math.inf)
-            guess, weather, train = rough.opened(nearer)
+        starts = [(guess, train._replace(**sliding(memory))), _as_slow(guess, train, memory)]
+    if record.nodes > LONG or len(starts) > 1:
+        parted = [_liveliest(segment) for segment in segments] if record.nodes > LONG else segments
+        part = record_of(parted, reference_speed, memory, form) if record.nodes > LONG else record
+        rough = [Space(part, rates, calm, behind, parts, scale) for rates, behind in starts]
+        ends = [approached(each, each.start) for each in rough if math.isfinite(each.keep(each.start))]
+        if ends:
+            nearest, _ = min(ends, key=lambda end: end[1])
+            guess, weather, train = rough[0].opened(nearest)
             # gusts that are over within a step are none to begin a search with
             calm = weather if weather.gust_time > float(record.step[0]) else calm
     space = Space(record, guess, calm, train, parts, scale)
@@ -132,7 +134,7 @@ def likelihood_fit(
     draws = DRAWS if record.nodes <= LONG else DRAWS // 2
     tried = [(space, *maximised(space, space.start))]
     progress()
-    tried += [(other, *maximised(other, other.start)) for other in _with_waves(space, *tried[0][1:3])]
+    tried += [(other, *maximised(other, other.start)) for other in _with_waves(space, *tried[0][1:3], usual)]
     progress()
     space, best, loss, _ = min(tried, key=lambda each: each[2])
     likely = [each for each in tried if each[2] < loss + NO_PART]
@@ -151,8 +153,7 @@ def likelihood_fit(
     boat = Rates(**dict(zip(RATE_NAMES, values.tolist(), strict=True)))
     late = np.array([part != "dead_band" for part in parts], dtype=float)
     late_error = math.sqrt(max(float(late @ way @ late), 0.0))
-    noise = max(white_noise(segment.rudder) for segment in segments)
-    unseen = _unseen(space, best, memory, PLAY_NOISES * noise)
+    unseen = _unseen(space, best, memory, least_play(segments))
     motions = _motions(space, best)
     return LikelihoodFit(boat, joint[:4, :4], train, errors, weather, loss, late_error, unseen, motions, form, joint)
 
@@ -160,6 +161,18 @@ def likelihood_fit(
 def sliding(memory: float) -> dict[str, float]:
     """Return the usual lag and lead [s] of a boat that slides and forgets its rate in so long a time [s]."""
     return {part: share * memory for part, share in SWAY.items()}
+
+
+def _as_slow(guess: Rates, train: RudderTrain, memory: float) -> tuple[Rates, RudderTrain]:
+    """Return a boat that slides as slowly as it turns, and answers its rudder as a boat near `guess` does that does not
+    slide: at first, and for good."""
+    lag = min(1.0 / max(abs(guess.b), SLOWEST), SLOWLY * memory)
+    rates = Rates(*(value / SLIDES for value in guess))
+    return rates, train._replace(lag=lag, lead=SLIDES * lag)
+
+
+SLIDES, SLOWLY = 1.6, 10.0
+"""Lead over lag of such a boat, and its lag at most, as a multiple of the time in which it forgets its rate."""
 
 
 def _motions(space: Space, z: FloatArray) -> tuple[FloatArray, ...]:
@@ -203,13 +216,23 @@ LATE_SHARES = (0.03, 0.1)
 """Delays that are tried, as shares of the boat's time constant."""
 PLAYS = tuple(math.radians(each) for each in (0.25, 0.5, 1.0, 2.0))
 """Plays of the rudder that are tried, to either side."""
-PLAY_NOISES = 4.0
-"""Deviations of the recorded rudder's noise that a play must be larger than."""
+PLAY_NOISES, PLAY_JUMPS = 4.0, 1.0 / 6.0
+"""Deviations of the recorded rudder's noise that a play must be larger than, and the share of a jump between samples:
+its moment is unknown by a sample, and a lag behind it makes of that an angle that may pass for play."""
+
+
+def least_play(segments: Sequence[Segment]) -> float:
+    """Return the play [rad] below which the recorded rudder, with its noise and its jumps, tells none."""
+    noise = max(white_noise(segment.rudder) for segment in segments)
+    jump = max(float(np.max(np.abs(np.diff(segment.rudder, 2)), initial=0.0)) for segment in segments)
+    return max(PLAY_NOISES * noise, PLAY_JUMPS * jump)
+
+
 UNLIKELY = 1.92
 """What is so much less likely, in the logarithm, lies outside of a 95 % interval."""
 
 
-LONG, PART = 1500, 0.2
+LONG, PART = 1500, 0.1
 """A record of more nodes is first searched in a part of each segment, this share of it."""
 
 
@@ -287,7 +310,7 @@ def _regressed(columns: FloatArray, turning: FloatArray) -> Start:
     rest, whole = turning - columns @ values, turning - np.mean(turning)
     explained = 1.0 - float(rest @ rest) / max(float(whole @ whole), 1.0e-300)
     a, b, *cubic, e = values.tolist()
-    return Start(Rates(a, b, 0.0, cubic[0] if cubic else 0.0, e), explained)
+    return Start(Rates(a, b, cubic[0] if cubic else 0.0, e), explained)
 
 
 def memory_of(rates: Rates, segments: Sequence[Segment], power: int = 3) -> float:
@@ -306,7 +329,7 @@ def scales(segments: Sequence[Segment], guess: Rates, power: int = 3) -> Rates:
     largest = float(np.quantile(rudder, 0.98))
     rate = largest_rate(segments)
     a = abs(guess.a)
-    return Rates(a, a * largest / rate, 0.0, a * largest / rate**power, a * largest)
+    return Rates(a, a * largest / rate, a * largest / rate**power, a * largest)
 
 
 def largest_rate(segments: Sequence[Segment]) -> float:
@@ -324,31 +347,36 @@ def largest_rate(segments: Sequence[Segment]) -> float:
     return max([1.0e-5, *found])
 
 
-def _with_waves(space: Space, z: FloatArray, loss: float) -> list[Space]:
+def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> list[Space]:
     """Return where to search for a boat in waves, beside the best one found without, `z`; empty where that shows none.
+
+    usual: the weather that a search begins with where none is known.
 
     Gusts that pass as quickly as waves, or white ones of that size, are what waves are taken for where there are none
     to be found: beside waves they begin at their usual size.
     """
     rates, weather, train = space.opened(z)
     wavy = _wave_start(space, z)
-    hurried = weather.gust_time < HURRIED_S or weather.white > ROUGH_WHITE * space.base.white
+    hurried = weather.gust_time < HURRIED_S or weather.white > ROUGH_WHITE * usual.white
     if hurried:
-        wavy = wavy._replace(gust=USUAL_GUST * space.base.gust, gust_time=GUST_TIME_S, white=space.base.white)
+        wavy = wavy._replace(gust=USUAL_GUST * usual.gust, gust_time=GUST_TIME_S, white=usual.white)
     starts = [
         Space(space.record, rates, wavy._replace(wave=size * wavy.wave), train, space.parts, space.scale)
         for size in WAVE_SIZES
     ]
+    for start in starts:
+        # the boat's own path is near, whatever the waves
+        start.path[:, :3] = space.path
     losses = [start.found(start.start).loss for start in starts]
-    least = min(losses)
-    return [starts[losses.index(least)]] if least < loss - MAYBE_WAVES or hurried else []
+    least, maybe = min(losses), MAYBE_WAVES if space.record.nodes <= LONG else MAYBE_LONG
+    return [starts[losses.index(least)]] if least < loss - maybe or hurried else []
 
 
 def _wave_start(space: Space, z: FloatArray) -> Weather:
     """Return the weather with waves at the strongest frequency of what pushes the boat and is no lasting gust."""
     rates, weather, train = space.opened(z)
     record, states = space.record, space.found(z).states
-    motion = motion_of(rates, record, rudder_on(record, train), states, probe_of(states))
+    motion = motion_of(rates, record, rudder_on(record, train), states)
     push = states[record.begin, 2] + motion.rate / record.step
     spacing = float(np.median(record.step))
     bare = push - np.convolve(np.pad(push, 10, mode="edge"), np.full(21, 1.0 / 21.0), mode="valid")[: push.size]

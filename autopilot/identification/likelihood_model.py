@@ -23,15 +23,14 @@ from autopilot.identification.identified import (
     Steps,
 )
 from autopilot.identification.likelihood_fit import (
-    PLAY_NOISES,
     LikelihoodFit,
     Start,
     Unseen,
     better_start,
+    least_play,
     likelihood_fit,
     start_rates,
 )
-from autopilot.identification.likelihood_record import white_noise
 from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.residual_tests import predict, simulate_run
@@ -157,8 +156,8 @@ def likeliest_fit(
         if behind is None:
             continue
         if part == "dead_band":
-            least = max(white_noise(segment.rudder) for segment in segments) * PLAY_NOISES
-            shown = behind.train.dead_band > max(SURELY_TURNS * behind.train_errors["dead_band"], least)
+            sure = SURELY_TURNS * behind.train_errors["dead_band"]
+            shown = behind.train.dead_band > max(sure, least_play(segments))
         else:
             spacing = shortest_time_constant(segments) / SHORTEST_SHARE
             shown = _is_late(behind) and behind.train.delay > 0.5 * spacing
@@ -177,7 +176,7 @@ def _begin(segments: Sequence[Segment], speed: float, regressed: Start, linear: 
     starts = []
     if linear is not None:
         T = linear.time_constant
-        starts.append(Rates(linear.gain / T, 1.0 / T, 0.0, 0.0, linear.n0 / T))
+        starts.append(Rates(linear.gain / T, 1.0 / T, 0.0, linear.n0 / T))
     if regressed.rates.a > 0.0 and regressed.explained > LEAST_EXPLAINED:
         starts.append(regressed.rates)
     return better_start(segments, speed, starts) if starts else None
@@ -214,7 +213,7 @@ def answer_of(
     together = None if expected is None else combined(found.rates, found.covariance, expected)
     if together is not None:
         found = found._replace(rates=together.rates, covariance=together.covariance)
-    a, b, _, d, e = found.rates
+    a, b, d, e = found.rates
     spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     ratios = Ratios((a, b, d, e), (spread[0], spread[1], spread[2], spread[3]))
     model, covariance = _in_norrbin(found, speed)
@@ -312,7 +311,7 @@ def _noises(model: Norrbin, runs: Sequence[Run], train: RudderTrain) -> tuple[No
 
 def _in_norrbin(found: LikelihoodFit, speed: float) -> tuple[Norrbin, FloatArray]:
     """Return the model and the covariance of K, T, n3 and n0."""
-    a, b, _, d, e = found.rates
+    a, b, d, e = found.rates
     b = math.copysign(max(abs(b), SMALLEST_B), b)
     T, sign = 1.0 / abs(b), math.copysign(1.0, b)
     slope = np.zeros((4, 4))

@@ -8,14 +8,13 @@ damping that would at the largest rate seen take some twice the rudder's whole m
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
 from autopilot.identification.likelihood_record import Record, rudder_on
 from autopilot.identification.marginal_likelihood import (
-    Motion,
     Path,
     Rates,
     StepNoise,
@@ -23,7 +22,6 @@ from autopilot.identification.marginal_likelihood import (
     begin_path,
     best_path,
     gust_noise,
-    motion_of,
     noise_of,
     still_waves,
     wave_noise,
@@ -31,13 +29,14 @@ from autopilot.identification.marginal_likelihood import (
 from autopilot.identification.marginal_slope import (
     Held,
     Moments,
-    driven_moments,
-    driven_worth,
+    adjoint_of,
+    end_worth,
     gust_worth,
     held_at,
     information,
     moments_of,
     waves_worth,
+    worth_by_boat,
     worth_of,
 )
 from autopilot.identification.rudder_path import RudderTrain
@@ -49,8 +48,9 @@ LARGEST_CUBIC = 2.0
 BESIDE, FIRST_STEP, NEXT = 0.1, 1.0e-4, 1.0e-5
 """Steps of the differences of slopes, in standard errors, and where those are not known; and of those that give slopes.
 """
-STAGES, STAYS = 4, 0.05
-"""How often the search begins anew at most, and what a step of Newton's may still gain where it ends."""
+STAGES, STAYS, ITERATIONS = 4, 0.05, 40
+"""How often the search begins anew at most, what a step of Newton's may still gain where it ends, and its iterations.
+"""
 FLATTEST, LEAST_CURVED = 1.0e-5, 0.16
 """The least curvature of the search's axes, as a share, and of a number: that of what was known of a gust's size."""
 GUST_TIME_S, GUST_TIME_WIDTH = 6.0, 0.6
@@ -178,40 +178,33 @@ class Space:
         rudder = rudder_on(self.record, train) if self.parts else self.rudder
         noise = noise_of(weather, self.record)
         try:
-            held = held_at(path, rates, self.record, rudder, noise)
+            held = held_at(path, rates, self.record, noise)
         except np.linalg.LinAlgError:
             return math.inf, slope, np.eye(len(self.boat))
-        motions = self._beside(z, held)
-        worth = driven_worth(driven_moments(held, motions), noise)
+        rudders = self._rudders_beside(z)
+        size = np.array([*(getattr(self.scale, name) for name in RATE_NAMES), *(1.0 for _ in rudders)])
+        adjoint = adjoint_of(held, rates, end_worth(held, noise))
         before = self.slope_before(z)
-        slope[self.boat] = (worth[0::2] - worth[1::2]) / (4.0 * NEXT) + before[self.boat]
+        slope[self.boat] = size * worth_by_boat(held, rates, rudder, rudders, adjoint).sum(axis=1) + before[self.boat]
         if not boat_only:
             slope[self.sky] = self._by_weather(z, held, noise) + before[self.sky]
         if not informed:
             return path.loss, slope, np.eye(len(self.boat))
-        changes = np.stack([(e[0::2] - e[1::2]) / (2.0 * NEXT) for e in (motions.heading, motions.rate)], axis=1)
-        known = information(path.factor, held, noise, changes)
+        known = np.outer(size, size) * information(path.factor, held, rates, rudder, rudders, noise)
         return path.loss, slope, known + np.diag([self.curvature_before(i) for i in self.boat])
 
-    def _beside(self, z: FloatArray, held: Held) -> Motion:
-        """Return how the steps go on with each number of the boat a little larger, and smaller, shape (2 P, M)."""
-        rates, rudders = [], []
-        here = self.opened(z)
-        level = rudder_on(self.record, here[2]) if self.parts else self.rudder
-        for i in self.boat:
+    def _rudders_beside(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Return how mean and rise of the rudder change with each part of its way that is searched for."""
+        changes = []
+        for name in self.parts:
+            beside = []
             for by in (NEXT, -NEXT):
                 at = z.copy()
-                at[i] += by
-                there = self.opened(at)
-                rates.append(there[0])
-                rudders.append(rudder_on(self.record, there[2]) if self.names[i] in self.parts else level)
-        side_by_side: Any = [np.array(values)[:, None, None] for values in zip(*rates, strict=True)]
-        many = Rates(*side_by_side)
-        if self.parts:
-            mean, rise = (np.stack([each[k] for each in rudders], axis=1)[:, :, None] for k in (0, 1))
-        else:
-            mean, rise = level
-        return motion_of(many, self.record, (mean, rise), held.states, held.probe)
+                at[self.names.index(name)] += by
+                beside.append(rudder_on(self.record, self.opened(at)[2]))
+            mean, rise = ((more - less) / (2.0 * NEXT) for more, less in zip(*beside, strict=True))
+            changes.append((mean, rise))
+        return changes
 
     def _by_weather(self, z: FloatArray, held: Held, noise: StepNoise) -> list[float]:
         """Return the derivatives by the weather's numbers, what was known of them before left out.
@@ -268,8 +261,7 @@ def maximised(space: Space, start: FloatArray) -> tuple[FloatArray, float, Float
     A quasi-Newton search in coordinates in which the curvature is about one; begun anew, with the curvature where it
     ended, until it stays.
     """
-    z, loss = start, space.keep(start)
-    z, loss = searched(space, z, first_axes(space, z), loss)
+    z, loss = approached(space, start)
     steps = np.full(z.size, FIRST_STEP)
     for _ in range(STAGES):
         curvature, slope = _curvature(space, z, steps)
@@ -281,16 +273,44 @@ def maximised(space: Space, start: FloatArray) -> tuple[FloatArray, float, Float
     return z, loss, curvature
 
 
-def first_axes(space: Space, z: FloatArray) -> FloatArray:
+def approached(space: Space, start: FloatArray) -> tuple[FloatArray, float]:
+    """Return a vector near the one of the least loss, and the loss there.
+
+    What the record tells of the boat goes with the weather, by orders of magnitude in a calm: by turns a step of
+    Newton's to the boat in the weather so far, and some of a quasi-Newton search with axes that suit that boat.
+    """
+    z, loss = start, space.keep(start)
+    for _ in range(TURNS):
+        before = loss
+        _, slope, known = space.slope(z, boat_only=True)
+        at, path = z.copy(), space.path
+        at[space.boat] -= inverse(known) @ slope[space.boat]
+        there = space.keep(at)
+        if there < loss:
+            z, loss = at, there
+            known = space.slope(z, boat_only=True)[2]
+        else:
+            space.path = path
+        z, loss = searched(space, z, _first_axes(space, known), loss, A_TURN)
+        if before - loss < A_TURN_GAINS:
+            break
+    return z, loss
+
+
+TURNS, A_TURN, A_TURN_GAINS = 10, 6, 1.0
+"""Turns at most, iterations in each, and what one must gain of the likelihood's logarithm for another to follow."""
+
+
+def _first_axes(space: Space, known: FloatArray) -> FloatArray:
     """Return axes along which the curvature is about one, before it is known: of the boat by what the record tells of
     it in that weather, of instruments by the number of their samples."""
-    scale = np.full(z.size, USUAL_DOUBT)
-    known = {"gyro": space.record.rates_known, "compass": space.record.headings_known}
-    for name, count in known.items():
+    scale = np.full(space.start.size, USUAL_DOUBT)
+    samples = {"gyro": space.record.rates_known, "compass": space.record.headings_known}
+    for name, count in samples.items():
         if name in space.names:
             scale[space.names.index(name)] = (2.0 * count) ** -0.5
     axes = np.diag(scale)
-    axes[np.ix_(space.boat, space.boat)] = _axes(space.slope(z, boat_only=True)[2])
+    axes[np.ix_(space.boat, space.boat)] = _axes(known)
     return axes
 
 
@@ -318,8 +338,10 @@ ROUNDING = 1.0e-10
 """Least share of the largest eigenvalue that is not taken for rounding."""
 
 
-def searched(space: Space, z: FloatArray, axes: FloatArray, loss: float) -> tuple[FloatArray, float]:
-    """Return the vector of the least loss found along `axes` from `z`, and the loss."""
+def searched(
+    space: Space, z: FloatArray, axes: FloatArray, loss: float, most: int = ITERATIONS
+) -> tuple[FloatArray, float]:
+    """Return the vector of the least loss found along `axes` from `z` in so many iterations at `most`, and the loss."""
     best, least = z, loss
 
     def both(u: FloatArray) -> tuple[float, FloatArray]:
@@ -334,7 +356,7 @@ def searched(space: Space, z: FloatArray, axes: FloatArray, loss: float) -> tupl
             return 1.0e10, np.zeros_like(u)
         return found, axes.T @ slope
 
-    minimize(both, np.zeros(z.size), jac=True, method="L-BFGS-B", options={"maxiter": 40, "maxls": 8, "gtol": 0.1})
+    minimize(both, np.zeros(z.size), jac=True, method="L-BFGS-B", options={"maxiter": most, "maxls": 8, "gtol": 0.1})
     return best, least
 
 

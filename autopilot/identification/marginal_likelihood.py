@@ -1,8 +1,8 @@
 """The likelihood of a recording in which gusts, waves and noise push the boat, all possible motions summed over.
 
-    r' = a delta - b r - c r^2 - d r^3 - e + g + w,    psi' = r,    g' = -g/tau + v
+    r' = a delta - b r - d r^3 - e + g + w,    psi' = r,    g' = -g/tau + v
 
-a = K/T, b = n1/T, c = n2/T, d = n3/T, e = n0/T at the reference speed, each scaled with the speed of the moment; b of
+a = K/T, b = n1/T, d = n3/T, e = n0/T at the reference speed, each scaled with the speed of the moment; b of
 either sign, so that course-stable and course-unstable boats, and those in between, are one model. In place of d r^3
 d r|r| may stand (`likelihood_record.Form`). w is white, as what
 noise on the recorded rudder is worth; g is a gust that lasts. Compass and gyro see psi + x and r + x' with white noise,
@@ -26,16 +26,13 @@ from autopilot.identification.likelihood_record import Record
 from autopilot.identification.runs import FloatArray
 
 ROUNDS, ARRIVED = 12, 1.0e-6
-PROBE = 1.0e-5
-"""Step of the differences inside one integration step, as a share of the typical rate."""
 
 
 class Rates(NamedTuple):
-    """a [1/s^2], b [1/s], c [1/rad], d [s/rad^2], e [rad/s^2] at the reference speed; see above."""
+    """a [1/s^2], b [1/s], d [s/rad^2], e [rad/s^2] at the reference speed; see above."""
 
     a: float
     b: float
-    c: float = 0.0
     d: float = 0.0
     e: float = 0.0
 
@@ -54,47 +51,33 @@ class Weather(NamedTuple):
     wave_damping: float = 0.1
 
 
-def stepped(
-    rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray], start: FloatArray, push: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the yaw rate [rad/s] a step after `start`, and the angle turned meanwhile [rad], with a `push` [rad/s^2]
-    that stays; start, push: shape (..., M). Of several boats side by side the rates have shape (K, 1, 1), and the
-    rudder (S, K, 1, M)."""
-    a, b, c, d, e = rates
-    S = record.substeps
-    h, r, turned = record.step / S, start, np.zeros_like(start)
-    for s in range(S):
-        steering, mean, rise = record.scales.steering[s], rudder[0][s], rudder[1][s]
-        drive = steering * (a * mean - e) + push
-        half = 0.5 * a * steering * rise
-        linear, higher = b * record.scales.linear[s], d * record.scales.higher[s]
-        terms = linear, c, higher, record.power
-        k1 = drive - half - damped(terms, r)
-        k2 = drive - damped(terms, r + 0.5 * h * k1)
-        k3 = drive - damped(terms, r + 0.5 * h * k2)
-        k4 = drive + half - damped(terms, r + h * k3)
-        turned = turned + h * (r + h / 6.0 * (k1 + k2 + k3))
-        r = r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-    return r, turned
+class Motion(NamedTuple):
+    """Of each step: what it leaves of heading [rad] and rate [rad/s] unexplained, without what drives it, and how it
+    goes on with rate and gust: turned by rate, turned by gust, rate by rate, rate by gust; each of shape (M,).
 
+    inside: the rate, and how it changes with the rate and with the gust at the step's begin, where substeps begin, in
+    their middles and where the last one ends, shape (3, 2 S + 1, M).
+    """
 
-def damped(terms: tuple[FloatArray, float, FloatArray, int], rate: FloatArray) -> FloatArray:
-    """Return by how much [rad/s^2] a `rate` [rad/s] is damped; terms: linear, quadratic and of `Form.power`."""
-    linear, quadratic, higher, power = terms
-    if power == 3:
-        return rate * (linear + rate * (quadratic + higher * rate))
-    return rate * (linear + quadratic * rate + higher * np.abs(rate))
+    heading: FloatArray
+    rate: FloatArray
+    turned_by_rate: FloatArray
+    turned_by_gust: FloatArray
+    rate_by_rate: FloatArray
+    rate_by_gust: FloatArray
+    inside: FloatArray
 
 
 class Path(NamedTuple):
     """The states at the nodes, shape (N, D): heading [rad], rate [rad/s], gust [rad/s^2], wave [rad, rad/s]; the
     negative logarithm of the record's likelihood there, constants left out; and the curvature in rows of the lower
-    band, shape (2 D, N D), with its Cholesky factor, where they were asked for."""
+    band, shape (2 D, N D), with its Cholesky factor, and how the steps go on there, where a path was found."""
 
     states: FloatArray
     loss: float
     band: FloatArray | None = None
     factor: FloatArray | None = None
+    motion: Motion | None = None
 
 
 def begin_path(record: Record) -> FloatArray:
@@ -138,12 +121,12 @@ def best_path(
 ) -> Path:
     """Return the most likely states near `start` and the loss; a loss of inf where the search does not arrive."""
     noise = noise_of(weather, record)
-    states, probe = start, probe_of(start)
+    states = start
     for number in range(rounds):
-        found = _assembled(rates, record, rudder, states, probe, noise)
+        found = _assembled(rates, record, rudder, states, noise)
         if found is None:
             return Path(start, math.inf)
-        band, slope, density = found
+        band, slope, density, motion = found
         factor, failed = dpbtrf(band, lower=1)
         if failed:
             return Path(start, math.inf)
@@ -155,12 +138,7 @@ def best_path(
             break
         states = states + move.reshape(states.shape)
     # half the decrement is what the last step would still have gained
-    return Path(states, density - 0.5 * decrement + float(np.log(factor[0]).sum()), band, factor)
-
-
-def probe_of(states: FloatArray) -> float:
-    """Return the step [rad/s] of the differences by rate."""
-    return PROBE * max(float(np.std(states[:, 1])), 1.0e-6)
+    return Path(states, density - 0.5 * decrement + float(np.log(factor[0]).sum()), band, factor, motion)
 
 
 WaveNoise = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
@@ -256,39 +234,47 @@ def _product(left: FloatArray, right: FloatArray) -> FloatArray:
     return np.stack([a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h])
 
 
-class Motion(NamedTuple):
-    """Of each step: what it leaves of heading [rad] and rate [rad/s] unexplained, without what drives it, and how it
-    goes on with rate and gust: turned by rate, turned by gust, rate by rate, rate by gust; each of shape (..., M)."""
+def motion_of(rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray], states: FloatArray) -> Motion:
+    """Return how the steps go on at `states`, shape (N, D): Runge and Kutta's steps and their own derivatives."""
+    begin, end, S = record.begin, record.begin + 1, record.substeps
+    a, b, d, e = rates
+    h, r, push = record.step / S, states[begin, 1], states[begin, 2]
+    # how the rate changes with the rate at the step's begin, and with the gust
+    by = np.stack([np.ones_like(r), np.zeros_like(r)])
+    turned, turned_by = np.zeros_like(r), np.zeros_like(by)
+    points = np.empty((3, 2 * S + 1, r.size))
+    for s in range(S):
+        steering = record.scales.steering[s]
+        drive = steering * (a * rudder[0][s] - e) + push
+        half = (0.5 * a) * steering * rudder[1][s]
+        terms = b * record.scales.linear[s], d * record.scales.higher[s], record.power
+        k1, by1 = _turning(terms, drive - half, r, by)
+        k2, by2 = _turning(terms, drive, r + 0.5 * h * k1, by + 0.5 * h * by1)
+        k3, by3 = _turning(terms, drive, r + 0.5 * h * k2, by + 0.5 * h * by2)
+        k4, by4 = _turning(terms, drive + half, r + h * k3, by + h * by3)
+        middle, by_middle = k2 + k3, by2 + by3
+        turned = turned + h * (r + h / 6.0 * (k1 + middle))
+        turned_by = turned_by + h * (by + h / 6.0 * (by1 + by_middle))
+        points[0, 2 * s], points[1:, 2 * s] = r, by
+        points[0, 2 * s + 1] = r + h / 24.0 * (5.0 * k1 + 4.0 * middle - k4)
+        points[1:, 2 * s + 1] = by + h / 24.0 * (5.0 * by1 + 4.0 * by_middle - by4)
+        r = r + h / 6.0 * (k1 + 2.0 * middle + k4)
+        by = by + h / 6.0 * (by1 + 2.0 * by_middle + by4)
+    points[0, 2 * S], points[1:, 2 * S] = r, by
+    psi, rate = states[:, 0], states[:, 1]
+    return Motion(psi[end] - psi[begin] - turned, rate[end] - r, turned_by[0], turned_by[1], by[0], by[1], points)
 
-    heading: FloatArray
-    rate: FloatArray
-    turned_by_rate: FloatArray
-    turned_by_gust: FloatArray
-    rate_by_rate: FloatArray
-    rate_by_gust: FloatArray
 
-
-def motion_of(
-    rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray], states: FloatArray, probe: float
-) -> Motion:
-    """Return how the steps go on at `states`, shape (..., N, D)."""
-    begin, end = record.begin, record.begin + 1
-    psi, r = states[..., 0], states[..., 1]
-    now, pushed = r[..., begin], states[..., begin, 2]
-    push_probe = probe / record.step[0]
-    start, push = (np.repeat(each[..., None, :], 3, axis=-2) for each in (now, pushed))
-    start[..., 1, :] += probe
-    push[..., 2, :] += push_probe
-    ahead, turned = stepped(rates, record, rudder, start, push)
-    still_ahead, still_turned = ahead[..., 0, :], turned[..., 0, :]
-    return Motion(
-        psi[..., end] - psi[..., begin] - still_turned,
-        r[..., end] - still_ahead,
-        (turned[..., 1, :] - still_turned) / probe,
-        (turned[..., 2, :] - still_turned) / push_probe,
-        (ahead[..., 1, :] - still_ahead) / probe,
-        (ahead[..., 2, :] - still_ahead) / push_probe,
-    )
+def _turning(
+    terms: tuple[FloatArray, FloatArray, int], drive: FloatArray, r: FloatArray, by: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the acceleration at a rate `r`, and how it changes with what `by` holds r's changes with; terms: linear
+    damping, that of the higher power, and `Form.power`."""
+    linear, higher, power = terms
+    bent = higher * (r * r if power == 3 else np.abs(r))
+    changes = by * -(linear + power * bent)
+    changes[1] += 1.0
+    return drive - r * (linear + bent), changes
 
 
 def _assembled(
@@ -296,17 +282,18 @@ def _assembled(
     record: Record,
     rudder: tuple[FloatArray, FloatArray],
     states: FloatArray,
-    probe: float,
     noise: StepNoise,
-) -> tuple[FloatArray, FloatArray, float] | None:
-    """Return the lower band of the curvature, the slope and the density at `states`; None where they overflow.
+) -> tuple[FloatArray, FloatArray, float, Motion] | None:
+    """Return the lower band of the curvature, the slope, the density and the motion at `states`; None where they
+    overflow.
 
     Written out by entries: A is the step's derivative, Q^-1 its inverse covariance, and of each step A'Q^-1 A, Q^-1 A
     and Q^-1 are what the states before and after it have to do with themselves and one another.
     """
     N, D = states.shape
     begin, end = record.begin, record.begin + 1
-    e0, e1, t, u, m, g = motion_of(rates, record, rudder, states, probe)
+    motion = motion_of(rates, record, rudder, states)
+    e0, e1, t, u, m, g, _ = motion
     if not math.isfinite(float(e1.sum())):
         return None
     p, q, s, i, keep = noise.angle, noise.cross, noise.rate, noise.gust, noise.keep
@@ -350,7 +337,7 @@ def _assembled(
     band[first, :, 0] += noise.initial + LOOSE
     band[first, 0, 0] += record.pins
     density += 0.5 * float((noise.initial * states[first] ** 2).sum())
-    return band.reshape(N * D, 2 * D).T, slope.ravel(), density
+    return band.reshape(N * D, 2 * D).T, slope.ravel(), density, motion
 
 
 def _add_waves(

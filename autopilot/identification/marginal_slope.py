@@ -9,11 +9,15 @@ has the same derivative with x, Z and l held (the adjoint of the path's own cond
 step or one sample, so that it is a sum of what the second moments of each step's unexplained part are worth. Of Z only
 what a state has to do with itself and the next one is needed: eliminating all states before a node, and all behind the
 next one, leaves those two with each other.
+
+How a step's end changes with the boat is an integral over the step of what changes, times what it is worth for the end
+(the adjoint of the equation of motion, integrated by Simpson's rule over the substeps).
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
@@ -25,26 +29,20 @@ from autopilot.identification.marginal_likelihood import (
     Rates,
     StepNoise,
     WaveNoise,
-    motion_of,
-    probe_of,
 )
 from autopilot.identification.runs import FloatArray
-
-BEND = 1.0e3
-"""Times the probe of first differences: the step of second ones."""
 
 Rudder = tuple[FloatArray, FloatArray]
 
 
 class Held(NamedTuple):
-    """What F holds: the path's states, covariance of each step's two nodes, shape (2 D, 2 D, M), l, shape (N, D), the
-    step of differences by rate [rad/s], and how the steps go on."""
+    """What F holds: the path's states, covariance of each step's two nodes, shape (2 D, 2 D, M), l, shape (N, D), and
+    how the steps go on, what is inside of them too."""
 
     record: Record
     states: FloatArray
     pairs: FloatArray
     pull: FloatArray
-    probe: float
     motion: Motion
 
     def moment(self, i: int, j: int) -> FloatArray:
@@ -72,24 +70,92 @@ class Moments(NamedTuple):
     first: FloatArray
 
 
-def held_at(path: Path, rates: Rates, record: Record, rudder: Rudder, noise: StepNoise) -> Held:
+def held_at(path: Path, rates: Rates, record: Record, noise: StepNoise) -> Held:
     """Return what belongs to the best `path`. LinAlgError where rounding leaves its information not positive."""
-    states, probe = path.states, probe_of(path.states)
-    D = states.shape[1]
-    assert path.band is not None and path.factor is not None
-    pairs = _pairs(path.band, path.factor, record, D)
-    motion = motion_of(rates, record, rudder, states, probe)
-    held = Held(record, states, pairs, np.zeros_like(states), probe, motion)
-    bent, sizes = np.zeros_like(states), (BEND * probe, BEND * probe / float(record.step[0]))
-    moved = np.repeat(states[None, :, :3], 4, axis=0)
-    for k, size in enumerate(sizes):
-        moved[2 * k, :, 1 + k] += size
-        moved[2 * k + 1, :, 1 + k] -= size
-    traces = 0.5 * _weighed(_spread(held, motion_of(rates, record, rudder, moved, probe)), noise)
-    for k, size in enumerate(sizes):
-        bent[record.begin, 1 + k] = (traces[2 * k] - traces[2 * k + 1]) / (2.0 * size)
+    states, begin = path.states, record.begin
+    assert path.band is not None and path.factor is not None and path.motion is not None
+    pairs = _pairs(path.band, path.factor, record, states.shape[1])
+    held = Held(record, states, pairs, np.zeros_like(states), path.motion)
+    adjoint = adjoint_of(held, rates, _spread_worth(held, noise))
+    bent = np.zeros_like(states)
+    bent[begin, 1] = adjoint.rate[0]
+    bent[begin, 2] = _simpson(adjoint.rate, record).sum(axis=0)
     pull, _ = dpbtrs(path.factor, bent.ravel(), lower=1)
     return held._replace(pull=pull.reshape(states.shape))
+
+
+class EndWorth(NamedTuple):
+    """What changes of a step's end are worth, each of shape (M,): of the angle turned, the rate, turned by rate, turned
+    by gust, rate by rate and rate by gust."""
+
+    turned: FloatArray | float
+    rate: FloatArray | float
+    turned_by_rate: FloatArray | float
+    turned_by_gust: FloatArray | float
+    rate_by_rate: FloatArray | float
+    rate_by_gust: FloatArray | float
+
+
+class Adjoint(NamedTuple):
+    """What changes inside the steps are worth, at the points of `Motion.inside`, shape (2 S + 1, M): of the rate, and
+    of how the acceleration changes with the rate, with its sign changed."""
+
+    rate: FloatArray
+    damping: FloatArray
+
+
+def adjoint_of(held: Held, rates: Rates, worth: EndWorth) -> Adjoint:
+    """Return what changes inside are worth where those of the ends are worth so much.
+
+    A change of the rate at s goes on as m(1)/m(s), m(s) being how the rate at s changes with that at the begin.
+    """
+    record, motion = held.record, held.motion
+    r, m, g = motion.inside
+    rest = _behind(m, record)
+    damping = m * (worth.rate_by_rate * motion.rate_by_rate + worth.turned_by_rate * rest)
+    damping += g * (worth.rate_by_gust * motion.rate_by_rate + worth.turned_by_gust * rest)
+    bend = 6.0 * r if record.power == 3 else 2.0 * np.sign(r)
+    whole = worth.rate * motion.rate_by_rate + worth.turned * rest
+    whole = whole - rates.d * _behind(bend * damping, record, record.scales.higher)
+    once = 1.0 / m
+    return Adjoint(whole * once, damping * once)
+
+
+def _simpson(values: FloatArray, record: Record) -> FloatArray:
+    """Return the integrals over the substeps, shape (S, M)."""
+    ends = values[::2]
+    return np.asarray((ends[:-1] + 4.0 * values[1::2] + ends[1:]) * (record.step / (6.0 * record.substeps)))
+
+
+def _behind(values: FloatArray, record: Record, scale: FloatArray | float = 1.0) -> FloatArray:
+    """Return the integral, times the `scale` of each substep, from each point to the step's end, as `values`."""
+    result = np.zeros_like(values)
+    result[:-1:2] = np.cumsum((scale * _simpson(values, record))[::-1], axis=0)[::-1]
+    ends, share = values[::2], record.step / (24.0 * record.substeps)
+    result[1::2] = result[2::2] + scale * share * (8.0 * values[1::2] - ends[:-1] + 5.0 * ends[1:])
+    return result
+
+
+def worth_by_boat(held: Held, rates: Rates, rudder: Rudder, rudders: Sequence[Rudder], adjoint: Adjoint) -> FloatArray:
+    """Return what a, b, d and e, and changes of the rudder, are worth in each step, shape (4 + P, M)."""
+    record, power = held.record, held.record.power
+    steering, linear, higher = record.scales
+    r, whole = held.motion.inside[0], adjoint.rate
+    bent = r * r if power == 3 else np.abs(r)
+    driven = steering * _simpson(whole, record)
+    # what a rudder that moves while it is worth more and more brings beside its mean
+    moving = steering * (whole[2::2] - whole[:-1:2]) * (record.step / (12.0 * record.substeps))
+
+    def drive(mean: FloatArray, rise: FloatArray) -> FloatArray:
+        return np.asarray((driven * mean + moving * rise).sum(axis=0))
+
+    rows = [
+        drive(*rudder),
+        -(linear * _simpson(whole * r + adjoint.damping, record)).sum(axis=0),
+        -(higher * _simpson(bent * (whole * r + power * adjoint.damping), record)).sum(axis=0),
+        -driven.sum(axis=0),
+    ]
+    return np.array([*rows, *(rates.a * drive(*changed) for changed in rudders)])
 
 
 def _pairs(band: FloatArray, factor: FloatArray, record: Record, D: int) -> FloatArray:
@@ -142,33 +208,52 @@ def _blocks(factor: FloatArray, D: int) -> FloatArray:
     return blocks
 
 
-def _spread(held: Held, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the covariances of what drives each step, (heading, heading), (heading, rate) and (rate, rate), of each
-    motion."""
+def _driven_by(held: Held) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return the covariances of what drives each step's heading, and of what drives its rate, with the rate and gust at
+    its begin and with each other: (rate, gust, driven heading, driven rate), and (rate, gust, driven rate)."""
     P, D = held.pairs, held.states.shape[1]
-    _, _, t, u, m, g = motion
-    of_heading = [P[D, i] - P[0, i] - t * P[1, i] - u * P[2, i] for i in (0, 1, 2, D, D + 1)]
-    of_rate = [P[D + 1, i] - m * P[1, i] - g * P[2, i] for i in (1, 2, D + 1)]
-    hh = of_heading[3] - of_heading[0] - t * of_heading[1] - u * of_heading[2]
-    hr = of_heading[4] - m * of_heading[1] - g * of_heading[2]
-    rr = of_rate[2] - m * of_rate[0] - g * of_rate[1]
-    return hh, hr, rr
+    _, _, t, u, m, g, _ = held.motion
+    heading = [P[D, i] - P[0, i] - t * P[1, i] - u * P[2, i] for i in (0, 1, 2, D, D + 1)]
+    rate = [P[D + 1, i] - m * P[1, i] - g * P[2, i] for i in (1, 2, D + 1)]
+    hh = heading[3] - heading[0] - t * heading[1] - u * heading[2]
+    hr = heading[4] - m * heading[1] - g * heading[2]
+    rr = rate[2] - m * rate[0] - g * rate[1]
+    return [heading[1], heading[2], hh, hr], [rate[0], rate[1], rr]
 
 
-def _weighed(moments: tuple[FloatArray, FloatArray, FloatArray], noise: StepNoise) -> FloatArray:
-    """Return what moments of heading and rate are worth in each step."""
-    hh, hr, rr = moments
-    return noise.angle * hh + 2.0 * noise.cross * hr + noise.rate * rr
+def _spread_worth(held: Held, noise: StepNoise) -> EndWorth:
+    """Return what changes of the steps' ends are worth in 1/2 tr(Z H)."""
+    heading, rate = _driven_by(held)
+    p, q, s = noise.angle, noise.cross, noise.rate
+    turned = [-(p * heading[i] + q * rate[i]) for i in (0, 1)]
+    moved = [-(q * heading[i] + s * rate[i]) for i in (0, 1)]
+    return EndWorth(0.0, 0.0, *turned, *moved)
 
 
-def driven_moments(held: Held, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return `Moments.driven`."""
+def end_worth(held: Held, noise: StepNoise) -> EndWorth:
+    """Return what changes of the steps' ends are worth in F."""
+    begin, pull, spread = held.record.begin, held.pull, _spread_worth(held, noise)
+    p, q, s = noise.angle, noise.cross, noise.rate
+    e0, e1 = held.motion.heading, held.motion.rate
+    l0, l1 = _pulled(held)
+    w0, w1 = p * e0 + q * e1, q * e0 + s * e1
+    rate, gust = pull[begin, 1], pull[begin, 2]
+    return EndWorth(
+        -(w0 - p * l0 - q * l1),
+        -(w1 - q * l0 - s * l1),
+        spread.turned_by_rate + w0 * rate,
+        spread.turned_by_gust + w0 * gust,
+        spread.rate_by_rate + w1 * rate,
+        spread.rate_by_gust + w1 * gust,
+    )
+
+
+def _pulled(held: Held) -> tuple[FloatArray, FloatArray]:
+    """Return what l does to what each step leaves of heading and rate."""
     begin, end, pull = held.record.begin, held.record.begin + 1, held.pull
-    e0, e1, t, u, m, g = motion
-    hh, hr, rr = _spread(held, motion)
+    _, _, t, u, m, g, _ = held.motion
     l0 = pull[end, 0] - pull[begin, 0] - t * pull[begin, 1] - u * pull[begin, 2]
-    l1 = pull[end, 1] - m * pull[begin, 1] - g * pull[begin, 2]
-    return hh + e0 * (e0 - 2.0 * l0), hr + e0 * e1 - e0 * l1 - e1 * l0, rr + e1 * (e1 - 2.0 * l1)
+    return l0, pull[end, 1] - m * pull[begin, 1] - g * pull[begin, 2]
 
 
 def moments_of(held: Held) -> Moments:
@@ -197,8 +282,10 @@ def moments_of(held: Held) -> Moments:
         variance[record.begin], variance[last] = own, own_last
         off = seen - values
         parts.append(off * (off - 2.0 * drawn) + variance)
+    e0, e1 = held.motion.heading, held.motion.rate
+    (_, _, hh, hr), (_, _, rr), (l0, l1) = *_driven_by(held), _pulled(held)
     return Moments(
-        driven_moments(held, held.motion),
+        (hh + e0 * (e0 - 2.0 * l0), hr + e0 * e1 - e0 * l1 - e1 * l0, rr + e1 * (e1 - 2.0 * l1)),
         (held.moment(D + 2, D + 2), held.moment(D + 2, 2), held.moment(2, 2)),
         waves,
         parts[0],
@@ -220,19 +307,14 @@ class Worth(NamedTuple):
 
 def worth_of(moments: Moments, noise: StepNoise) -> Worth:
     """Return what the moments are worth, those of waves left out."""
+    hh, hr, rr = moments.driven
     return Worth(
-        driven_worth(moments.driven, noise),
+        float(noise.angle @ hh + 2.0 * (noise.cross @ hr) + noise.rate @ rr),
         gust_worth(moments, noise.keep, noise.gust),
         float(noise.gyro @ moments.gyro),
         float(noise.compass @ moments.compass),
         np.asarray(noise.initial * moments.first.sum(axis=0)),
     )
-
-
-def driven_worth(driven: tuple[FloatArray, FloatArray, FloatArray], noise: StepNoise) -> Any:
-    """Return what the moments of heading and rate are worth, of each motion, shape (...,)."""
-    hh, hr, rr = driven
-    return hh @ noise.angle + 2.0 * (hr @ noise.cross) + rr @ noise.rate
 
 
 def gust_worth(moments: Moments, keep: FloatArray, gust: FloatArray) -> float:
@@ -252,19 +334,21 @@ def waves_worth(moments: Moments, wave: WaveNoise) -> float:
     return total
 
 
-def information(factor: FloatArray, held: Held, noise: StepNoise, changes: FloatArray) -> FloatArray:
-    """Return the information about parameters that change what each step leaves of heading and rate by `changes`, shape
-    (P, 2, M), the path being found anew for each; of Gauss and Newton, shape (P, P)."""
-    begin, end = held.record.begin, held.record.begin + 1
-    N, D = held.states.shape
-    _, _, t, u, m, g = held.motion
-    e0, e1 = changes[:, 0], changes[:, 1]
+def information(
+    factor: FloatArray, held: Held, rates: Rates, rudder: Rudder, rudders: Sequence[Rudder], noise: StepNoise
+) -> FloatArray:
+    """Return the information about what `worth_by_boat` names, the path being found anew for each; of Gauss and Newton,
+    shape (4 + P, 4 + P)."""
+    begin, end, m, none = held.record.begin, held.record.begin + 1, held.motion.inside[1], np.zeros(1)
+    ends = (_behind(m, held.record), held.motion.rate_by_rate)
+    e0, e1 = (worth_by_boat(held, rates, rudder, rudders, Adjoint(each / m, none)) for each in ends)
+    _, _, t, u, by_rate, by_gust, _ = held.motion
     w0, w1 = noise.angle * e0 + noise.cross * e1, noise.cross * e0 + noise.rate * e1
-    slope = np.zeros((changes.shape[0], N, D))
+    slope = np.zeros((e0.shape[0], *held.states.shape))
     slope[:, end, 0], slope[:, end, 1] = w0, w1
     slope[:, begin, 0] -= w0
-    slope[:, begin, 1] -= t * w0 + m * w1
-    slope[:, begin, 2] -= u * w0 + g * w1
-    flat = slope.reshape(changes.shape[0], -1).T
+    slope[:, begin, 1] -= t * w0 + by_rate * w1
+    slope[:, begin, 2] -= u * w0 + by_gust * w1
+    flat = slope.reshape(e0.shape[0], -1).T
     answer, _ = dpbtrs(factor, flat, lower=1)
     return np.asarray(e0 @ w0.T + e1 @ w1.T - flat.T @ answer)

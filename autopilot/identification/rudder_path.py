@@ -118,11 +118,15 @@ def behind_train(train: RudderTrain, time: FloatArray, rudder: FloatArray, momen
 
 def _play(dead_band: float, rudder: FloatArray) -> FloatArray:
     """Return what follows `rudder` only after the play is taken up, to either side."""
-    there, result = float(rudder[0]), []
-    for angle in rudder.tolist():
+    rise = np.diff(rudder)
+    # from where it turns round to where it does again the rudder moves to one side
+    turns = np.concatenate([[0], np.flatnonzero(np.diff(rise > 0.0)) + 1])
+    there, follows = float(rudder[0]), []
+    for angle in rudder[turns].tolist():
         there = min(max(there, angle - dead_band), angle + dead_band)
-        result.append(there)
-    return np.array(result)
+        follows.append(there)
+    begin = np.repeat(follows, np.diff(np.append(turns, rudder.size)))
+    return np.asarray(np.minimum(np.maximum(begin, rudder - dead_band), rudder + dead_band))
 
 
 def _lagged(lag: float, moments: FloatArray, driven: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from autopilot.vessel.file import load_vessel
 from autopilot.vessel.fleet import PUBLISHED, boats_prior, published_boats
 
 EXPECTED = Expected(np.array([math.log(0.2), 0.3, math.log(5.0)]), np.array([0.5, 0.2, 0.6]), 10)
-TRUTH = Rates(0.22, 0.25, 0.0, 6.0, 0.01)
+TRUTH = Rates(0.22, 0.25, 6.0, 0.01)
 SHARP = np.diag([1.0e-4, 1.0e-4, 1.0e-2, 1.0e-6]) ** 2
 VAGUE = np.diag([0.1, 2.0, 60.0, 0.1]) ** 2
 
@@ -42,7 +42,7 @@ def test_a_recording_that_knows_nothing_gives_what_is_expected() -> None:
 
 @given(st.floats(0.05, 0.8), st.floats(-0.5, 1.0), st.floats(0.5, 40.0), st.floats(-3.0, 3.0))
 def test_shares_grow_as_the_recording_knows_less(a: float, b: float, d: float, vaguer: float) -> None:
-    rates, covariance = Rates(a, b, 0.0, d, 0.0), VAGUE * 10.0**vaguer
+    rates, covariance = Rates(a, b, d, 0.0), VAGUE * 10.0**vaguer
     near, far = combined(rates, covariance, EXPECTED), combined(rates, 10.0 * covariance, EXPECTED)
     for each in (near, far):
         assert np.all(np.linalg.eigvalsh(each.covariance) > 0.0)
@@ -53,7 +53,7 @@ def test_shares_grow_as_the_recording_knows_less(a: float, b: float, d: float, v
 
 
 def test_what_contradicts_the_other_boats_is_taken_alone() -> None:
-    unlike = Rates(0.2, -2.0, 0.0, 6.0, 0.0)
+    unlike = Rates(0.2, -2.0, 6.0, 0.0)
     found = combined(unlike, np.diag([0.01, 0.1, 1.0, 0.01]) ** 2, EXPECTED)
     assert found.contradicted
     assert found.rates == unlike

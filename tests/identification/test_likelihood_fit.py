@@ -20,7 +20,7 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_fit import memory_of, scales
-from autopilot.identification.likelihood_record import record_of, rudder_on, without_noise
+from autopilot.identification.likelihood_record import Form, record_of, rudder_on, without_noise
 from autopilot.identification.likelihood_search import Space
 from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rate_of
@@ -193,7 +193,7 @@ def test_the_slope_of_the_loss_is_that_of_its_differences(wave: float) -> None:
     """Of a boat with cubic damping too, where the curvature changes with the path."""
     plant = PLANT["unstable"]
     run = runs_of(plant, SEA["gusts, noise, gyro"], 8)[0]
-    guess = Rates(1.05 * plant.a, 0.9 * plant.b, 0.0, 1.1 * plant.d, plant.e)
+    guess = Rates(1.05 * plant.a, 0.9 * plant.b, 1.1 * plant.d, plant.e)
     record = record_of(run.segments, SPEED_M_S, memory_of(guess, run.segments))
     weather = Weather(0.5 * plant.a, 5.0, 0.1 * plant.a, 0.002, 0.006, wave, 1.2, 0.12)
     train = RudderTrain(delay=0.15, lag=0.15)
@@ -212,10 +212,38 @@ def test_the_slope_of_the_loss_is_that_of_its_differences(wave: float) -> None:
         assert slope[i] == pytest.approx((losses[0] - losses[1]) / (2.0 * by), rel=2.0e-3, abs=0.02), space.names[i]
 
 
+@pytest.mark.parametrize("power", [3, 2])
+def test_the_slope_of_a_calm_is_right_to_a_thousandth_of_a_standard_error(
+    power: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a boat that is quick beside the nodes, and known so well that rounding counts."""
+    plant = PLANT["Lanxin"]
+    segments = [segment for run in runs_of(plant, SEA["calm"], 10) for segment in run.segments]
+    guess = Rates(plant.a, plant.b, plant.d * 0.2 ** (3 - power), plant.e)
+    monkeypatch.setattr("autopilot.identification.likelihood_record.MOST_NODES", 100)
+    record = record_of(segments, SPEED_M_S, memory_of(guess, segments, power), Form(power=power))
+    assert record.substeps > 4
+    weather = Weather(1.0e-5 * plant.a, 5.0, 1.0e-5 * plant.a, 1.0, math.radians(0.3))
+    space = Space(record, guess, weather, DIRECT, (), scales(segments, guess, power))
+    space.keep(space.start)
+    z, path = space.start, space.path
+    _, slope, known = space.slope(z)
+    error = np.diag(known) ** -0.5
+    for i in range(4):
+        losses = []
+        for sign in (1.0, -1.0):
+            at = z.copy()
+            at[i] += sign * 0.03 * error[i]
+            space.path = path
+            losses.append(space.found(at).loss)
+        differences = (losses[0] - losses[1]) / 0.06
+        assert slope[i] * error[i] == pytest.approx(differences, rel=1.0e-3, abs=1.0e-3), space.names[i]
+
+
 def test_what_the_record_tells_of_the_boat_is_the_curvature_of_the_loss() -> None:
     plant = PLANT["unstable"]
     segments = [segment for run in runs_of(plant, SEA["calm"], 9) for segment in run.segments]
-    truth = Rates(plant.a, plant.b, 0.0, plant.d, plant.e)
+    truth = Rates(plant.a, plant.b, plant.d, plant.e)
     record = record_of(segments, SPEED_M_S, memory_of(truth, segments))
     weather = Weather(1.0e-3 * plant.a, 5.0, 1.0e-4 * plant.a, 1.0, math.radians(0.3))
     space = Space(record, truth, weather, DIRECT, (), scales(segments, truth))
