@@ -59,6 +59,8 @@ PRIORITIES = {"emergency": "emergency", "alarm": "alarm", "warning": "warn", "ca
 """Our alarms' priorities in the words of Signal K."""
 NOTIFICATIONS = "notifications.steering.autopilot.norrbin."
 """Before the name of an alarm: each has a notification of its own."""
+MOB, OVERBOARD = "notifications.mob", "man_overboard"
+"""A man overboard stands where Signal K has it for every vessel, so that charts and relays know what it is."""
 OURS_ALONE = {"acknowledgeSupport": "No", "temporarySilenceSupport": "No"}
 """signalk-server lets everybody who reaches it acknowledge by its notifications API, and would show an alarm that comes
 again as acknowledged: with this it leaves both to the boat."""
@@ -118,12 +120,16 @@ def notifications_of(station: Station) -> dict[str, Any]:
 
 def path_of(alarm: dict[str, Any]) -> str:
     """Return the path of an alarm's notification; what is of no kind, as older boats say it, has none but its words."""
+    if alarm["name"] == OVERBOARD:
+        return MOB
     first, *rest = (alarm["name"] or f"other_{zlib.crc32(alarm['words'].encode()):08x}").split("_")
     return NOTIFICATIONS + first + "".join(word.capitalize() for word in rest)
 
 
 def name_of(path: Any) -> str:
     """Return the name of the alarm that a notification is of, "" where there is none of it."""
+    if path == MOB:
+        return OVERBOARD
     if not isinstance(path, str) or not path.startswith(NOTIFICATIONS):
         return ""
     name = re.sub("[A-Z]", lambda capital: f"_{capital[0].lower()}", path.removeprefix(NOTIFICATIONS)).rstrip(

@@ -25,6 +25,7 @@ from autopilot.signalk.messages import (
     BadRequestError,
     Deltas,
     answer,
+    name_of,
     parse,
     path_of,
     state_of,
@@ -196,6 +197,26 @@ def test_each_alarm_has_a_notification_that_sounds_until_it_is_acknowledged_and_
     assert later is not None and not any(
         each["path"].startswith("notifications.") for update in later["updates"] for each in update["values"]
     )
+
+
+def test_a_man_overboard_stands_where_signal_k_has_it_for_every_vessel(rig: Rig) -> None:
+    rig.turn(3)
+    deltas, board = Deltas(), rig.station.alarms
+    deltas.due(rig.station, rig.now)
+    words = "man overboard (59 20.400 N, 018 04.200 E)"
+    for state, method in (("sounding", ["visual", "sound"]), ("acknowledged", ["visual"])):
+        board._take(json.dumps([{"name": "man_overboard", "words": words, "state": state}]).encode())
+        rig.now += 0.1
+        delta = deltas.due(rig.station, rig.now)
+        assert delta is not None
+        (update,) = delta["updates"]
+        value = {"state": "emergency", "method": method, "message": words, **OURS_ALONE}
+        assert update["values"] == [{"path": "notifications.mob", "value": value}]
+    assert name_of("notifications.mob") == "man_overboard"
+    board._take(b"[]")
+    over = deltas.due(rig.station, rig.now + 0.1)
+    assert over is not None
+    assert over["updates"][0]["values"] == [{"path": "notifications.mob", "value": OVER}]
 
 
 def test_orders_reach_the_boat_with_the_token_and_not_without(rig: Rig) -> None:

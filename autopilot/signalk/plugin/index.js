@@ -24,6 +24,7 @@ const TACK = ACTIONS + 'tack'
 const GYBE = ACTIONS + 'gybe'
 const ADVANCE = ACTIONS + 'advanceWaypoint'
 const NOTIFICATIONS = 'notifications.steering.autopilot.norrbin.'
+const MOB = 'notifications.mob'
 const OFF_LINE = 'off-line'
 const STATES = [
   { name: 'auto', engaged: true },
@@ -119,7 +120,7 @@ module.exports = function (app) {
     else if (state().engaged || wasEngaged) chosen = COMPASS
     wasEngaged = state().engaged
     const changes = Object.entries(values).filter(([path]) => !isOurs(path)).map(([path, value]) => ({ path, value }))
-    for (const { path } of changes) if (path.startsWith(NOTIFICATIONS)) watch(path)
+    for (const { path } of changes) if (path.startsWith(NOTIFICATIONS) || path === MOB) watch(path)
     // apart: the server gives all of an update that has a notification in it another source
     for (const apart of [false, true]) {
       const group = changes.filter(({ path }) => path.startsWith('notifications.') === apart)
