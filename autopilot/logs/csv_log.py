@@ -19,8 +19,7 @@ from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 from autopilot.files.printable import printable
 from autopilot.files.strict_yaml import read_document
-from autopilot.logs.format import LogFormat
-from autopilot.logs.series import LARGEST, STEPS_S, Recording, check_steps, clock_of, on_one_clock, series_of
+from autopilot.logs.series import LARGEST, STEPS_S, LogFormat, Recording, check_steps, clock_of, on_one_clock, series_of
 
 KNOT_M_S = 1852.0 / 3600.0
 NAMED_MOST, NAME_MOST, COMPARED_MOST = 30, 40, 1000

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from autopilot.errors import InputError
 from autopilot.links.mavlink.steering import FULL
-from autopilot.logs.format import LogFormat, ReadOptions
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -36,6 +35,8 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
+    LogFormat,
+    ReadOptions,
     Recording,
     Series,
     on_one_clock,

@@ -16,7 +16,6 @@ from autopilot.errors import InputError
 from autopilot.files.outside import parse_json
 from autopilot.files.printable import printable
 from autopilot.logs.export import EXTRA
-from autopilot.logs.format import LogFormat
 from autopilot.logs.line_times import EPOCH_FROM
 from autopilot.logs.series import (
     HEADING,
@@ -31,6 +30,7 @@ from autopilot.logs.series import (
     SPEED,
     WIND_DIRECTION,
     WIND_SPEED,
+    LogFormat,
     Recording,
     Series,
     on_one_clock,

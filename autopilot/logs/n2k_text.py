@@ -63,7 +63,6 @@ from autopilot.links.n2k.samples import (
     sample_of,
     source_name,
 )
-from autopilot.logs.format import LogFormat
 from autopilot.logs.line_times import EPOCH_FROM, spread, stamp_of, stamped, without_outliers
 from autopilot.logs.series import (
     HEADING,
@@ -71,6 +70,7 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
+    LogFormat,
     Recording,
     Series,
     on_one_clock,

@@ -29,7 +29,6 @@ from autopilot.links.nmea.sentences import (
     number,
     status,
 )
-from autopilot.logs.format import LogFormat
 from autopilot.logs.line_times import EPOCH_FROM, of_day, spread, stamp_of, stamped
 from autopilot.logs.series import (
     HEADING,
@@ -39,6 +38,7 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
+    LogFormat,
     Recording,
     Series,
     on_one_clock,

@@ -9,7 +9,6 @@ from pathlib import Path
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.frames import MAGIC_V2
-from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
     ORDER,
@@ -17,6 +16,7 @@ from autopilot.logs.series import (
     RATE,
     RUDDER,
     SPEED,
+    LogFormat,
     Recording,
     Series,
     on_one_clock,

@@ -22,10 +22,9 @@ from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 from autopilot.identification.runs import Run, gap_limit, run_from_columns, seconds
 from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2
-from autopilot.logs.format import LogFormat
-from autopilot.logs.format import ReadOptions as ReadOptions
 from autopilot.logs.merge import merged, sources_of
-from autopilot.logs.series import ANGLES, THROTTLE, FloatArray, Recording, Series, duration
+from autopilot.logs.series import ANGLES, THROTTLE, FloatArray, LogFormat, Recording, Series, duration
+from autopilot.logs.series import ReadOptions as ReadOptions
 from autopilot.logs.table import RudderSettings, Table, orders_of, table_of
 
 LOOK_AT = 4096

@@ -1,15 +1,19 @@
-"""What every log becomes: series of quantities in SI units on one clock."""
+"""What every log becomes: series of quantities in SI units on one clock.
+
+A log format says of itself how it is known by its content, and how such series are read.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
+from autopilot.models.drives import PLAIN, Mixing
 from autopilot.signals import (
     HeadingSample,
     PositionSample,
@@ -20,6 +24,9 @@ from autopilot.signals import (
     SpeedSample,
     ThrustSample,
 )
+
+if TYPE_CHECKING:
+    from autopilot.logs.table import Servo, ServoScale
 
 FloatArray = NDArray[np.float64]
 
@@ -246,3 +253,41 @@ def quantities_of(sample: Sample) -> list[tuple[str, float]]:
         case PositionSample(latitude=latitude, longitude=longitude):
             return [(LATITUDE, latitude), (LONGITUDE, longitude)]
     return []
+
+
+class ReadOptions(NamedTuple):
+    """columns: what a CSV table calls its columns. system: MAVLink system id to read.
+
+    servo: the steering servo, or only its scale.
+    variation [rad], east positive: of magnetic compasses in NMEA sentences. thrusters: what two of them do, beside
+    what the firmware's parameters say.
+    """
+
+    columns: Mapping[str, str] | None = None
+    system: int | None = None
+    servo: Servo | ServoScale | None = None
+    variation: float | None = None
+    thrusters: Mixing = PLAIN
+
+
+class LogFormat(NamedTuple):
+    """A format, as `autopilot.logs.reading` knows it.
+
+    example: one of its files, as a sentence names it; "": another format's says enough.
+    is_it: says of a file's bytes whether they are of this format. read: the recording in a file, of its path, its bytes
+    and the options; InputError where it cannot be used.
+    ending, broken: of the file names that promise it, and what is said where the content is another.
+    is_text: it is looked for after all that is not.
+    packets: it is a row of MAVLink packets; ticks: of the pilot's own ticks, too.
+    run: the columns of a run, and notes, where they stand in the file as they are; None: they are made of the series.
+    """
+
+    example: str
+    is_it: Callable[[bytes], bool]
+    read: Callable[[str, bytes, ReadOptions], Recording]
+    ending: str = ""
+    broken: str = ""
+    is_text: bool = False
+    packets: bool = False
+    ticks: bool = False
+    run: Callable[[str, ReadOptions], tuple[Mapping[str, FloatArray], tuple[str, ...]]] | None = None

@@ -24,7 +24,6 @@ from autopilot.errors import InputError
 from autopilot.firmware.protocol import BYTEWISE_AUTOPILOTS, decode
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
 from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2, SIGNED, next_magic
-from autopilot.logs.format import LogFormat, ReadOptions
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -37,6 +36,8 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
+    LogFormat,
+    ReadOptions,
     Recording,
     Series,
     on_one_clock,

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.logs.format import LogFormat
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -26,6 +25,7 @@ from autopilot.logs.series import (
     SHARE,
     SPEED,
     FloatArray,
+    LogFormat,
     Recording,
     Series,
     on_one_clock,
