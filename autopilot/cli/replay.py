@@ -50,7 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(result._asdict()))
     elif result.identical:
-        print(f"{result.ticks} ticks replayed, every command identical")
+        gap = f"; {result.left_out} behind a gap in the log are left out" if result.left_out else ""
+        print(f"{result.ticks} ticks replayed, every command identical{gap}")
     else:
         print(f"tick {result.first_difference}: {result.detail}")
     return int(ExitCode.OK if result.identical else ExitCode.DIFFERENT)

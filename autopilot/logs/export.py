@@ -24,9 +24,9 @@ import numpy as np
 from autopilot.errors import InputError
 from autopilot.files.saving import write_new
 from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.frames import TlogPackets
 from autopilot.logs.series import FloatArray, Recording
 from autopilot.logs.table import Table
-from autopilot.logs.tlog import TlogPackets
 from autopilot.runtime.record import PAYLOAD_TYPE, Log
 from autopilot.signals import Tick
 from autopilot.supervision.panel import sentences_of

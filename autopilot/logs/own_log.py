@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from itertools import pairwise
 from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -40,10 +41,16 @@ def read_own(path: str) -> Recording:
     log: Log = logs[0]
     began = began_of(path, log)
     run = log.header.get("run")
-    parts = [each for each in logs if run is not None and each.header.get("run") == run] or [log]
+    parts = [log]
+    for each in logs[1:]:
+        before = parts[-1].ticks
+        follows = before and each.ticks and each.ticks[0].number > before[-1].number
+        if run is not None and each.header.get("run") == run and follows:
+            parts.append(each)
     notes = []
     if len(parts) > 1:
-        notes.append(f"{path}: the disk did not take all of it; there are {len(parts)} pieces of the run.")
+        missing = sum(b.ticks[0].number - a.ticks[-1].number - 1 for a, b in pairwise(parts))
+        notes.append(f"{path}: ticks missing in it: {missing}; the disk did not take them, or it is damaged there.")
     if len(parts) < len(logs):
         notes.append(f"{path}: holds other runs too; the first is read.")
     ticks = [tick for part in parts for tick in part.ticks]

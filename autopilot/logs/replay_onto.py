@@ -18,13 +18,13 @@ from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import DENIED, Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
-from autopilot.links.mavlink.frames import EVERYBODY, identity_of, target_of
+from autopilot.links.mavlink.frames import EVERYBODY, TlogPackets, identity_of, target_of
 from autopilot.links.mavlink.signing import Signing
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.url import LinkUrl, open_transport, parse_url
 from autopilot.logs.own_log import is_own
 from autopilot.logs.reading import bytes_of
-from autopilot.logs.tlog import TlogPackets, is_tlog
+from autopilot.logs.tlog import is_tlog
 from autopilot.runtime.build_links import nmea_settings_of
 from autopilot.runtime.log_files import following_parts
 from autopilot.runtime.machine import Clock

@@ -24,7 +24,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 from autopilot.links.mavlink.codec import MavlinkCodec, message_id
-from autopilot.links.mavlink.frames import MAGIC_V2, frame_length, identity_of
+from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2, STAMP, TlogPackets, identity_of
 from autopilot.links.mavlink.signing import without_signature
 from autopilot.runtime.build import build_pilot, law_of, pilot_config
 from autopilot.runtime.log_files import FileSink, Sink, following_parts
@@ -185,20 +185,12 @@ class Log(NamedTuple):
 
 
 def read_packets(path: Path) -> Iterator[tuple[float, bytes]]:
-    """Yield (seconds since 1970, packet) of a .tlog; stops at a torn end. Raises InputError."""
+    """Yield (seconds since 1970, packet) of a .tlog, past what is damaged in it. Raises InputError."""
     data = _bytes_of(path)
-    place = 0
-    while place + 10 <= len(data):
-        (stamp,) = struct.unpack_from(">Q", data, place)
-        length = frame_length(data, place + 8)
-        if length < 0:
-            raise InputError(
-                f"{path}: no MAVLink packet at byte {place + 8}: this is not a .tlog, or it is damaged there"
-            )
-        if length == 0 or place + 8 + length > len(data):
-            return
-        yield stamp * 1.0e-6, data[place + 8 : place + 8 + length]
-        place += 8 + length
+    if len(data) > STAMP and data[STAMP] not in (MAGIC_V1, MAGIC_V2):
+        raise InputError(f"{path}: no MAVLink packet at byte {STAMP}: this is not a .tlog, or it is damaged there")
+    for stamp, _, packet in TlogPackets(data):
+        yield stamp, packet
 
 
 def read_logs(*paths: Path) -> list[Log]:
@@ -227,20 +219,34 @@ def _take(logs: list[Log], record: bytes) -> None:
     if record[0] == HEADER:
         _take_header(logs, decode_header(record))
     elif record[0] in TICKS and logs:
-        _take_tick(logs[-1].ticks, decode_tick(record))
+        _take_tick(logs, decode_tick(record))
     elif record[0] == VESSEL and logs:
         logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")
 
 
-def _take_tick(ticks: list[Tick], tick: Tick) -> None:
-    """Append a tick. Raises InputError where the loop's clock cannot have shown its time."""
+def _take_tick(logs: list[Log], tick: Tick) -> None:
+    """Append a tick; behind missing ones it begins a log without a head.
+
+    Raises InputError where the loop's clock cannot have shown its time.
+    """
+    last = logs[-1]
+    ticks = last.ticks
     before = ticks[-1].now if ticks else tick.now
     if not 0.0 <= tick.now - before <= LONGEST_STEP_S:
         raise InputError(
             f"a tick in the log is damaged: number {tick.number} at {tick.now:.9g} s comes behind {before:.9g} s; give "
             "another log."
         )
-    ticks.append(tick)
+    if ticks and tick.number > ticks[-1].number + 1:
+        header = {**last.header, "vessel": _in_force(last), "part": last.header.get("part", 1) + 1}
+        logs.append(Log({**header, "first": tick.number}, [tick], {}))
+    else:
+        ticks.append(tick)
+
+
+def _in_force(log: Log) -> Any:
+    """Return the text of the vessel file that the last tick was steered by."""
+    return list(log.changes.values())[-1] if log.changes else log.header.get("vessel")
 
 
 def _take_header(logs: list[Log], header: dict[str, Any]) -> None:
@@ -250,7 +256,7 @@ def _take_header(logs: list[Log], header: dict[str, Any]) -> None:
     if last is None or not is_next or not last.ticks or header.get("first") != last.ticks[-1].number + 1:
         logs.append(Log(header, [], {}))
         return
-    in_force = list(last.changes.values())[-1] if last.changes else last.header.get("vessel")
+    in_force = _in_force(last)
     vessel = header.get("vessel", in_force)
     if vessel != in_force:
         last.changes[len(last.ticks)] = str(vessel)
@@ -296,12 +302,14 @@ def _bytes_of(path: Path) -> bytes:
 
 
 class ReplayResult(NamedTuple):
-    """How many ticks were compared, whether all were identical, and where the first difference is."""
+    """How many ticks were compared, whether all were identical, where the first difference is, and how many ticks
+    behind a gap were left out."""
 
     ticks: int
     identical: bool
     first_difference: int | None
     detail: str
+    left_out: int = 0
 
 
 def replay(path: Path) -> ReplayResult:
@@ -321,7 +329,7 @@ def replay(path: Path) -> ReplayResult:
         difference = _first_difference(path, log)
         if difference is not None:
             return ReplayResult(count, False, *difference)
-    return ReplayResult(count, True, None, "")
+    return ReplayResult(count, True, None, "", sum(len(log.ticks) for log in logs if is_headless(log)))
 
 
 def _first_difference(path: Path, log: Log) -> tuple[int, str] | None:

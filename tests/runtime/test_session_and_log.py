@@ -235,6 +235,27 @@ def test_what_is_no_log_is_refused_with_a_sentence(tmp_path: Path, content: byte
         read_log(path)
 
 
+@pytest.mark.parametrize("harm", ["zeros behind", "zeros within", "one bit"])
+def test_what_a_power_cut_or_a_bad_card_leaves_is_read_and_accuses_no_pilot(tmp_path: Path, harm: str) -> None:
+    path = tmp_path / "a.tlog"
+    sail_logged(path, BoatLink(), 5.0)
+    whole, data = read_log(path).ticks, path.read_bytes()
+    half = data.rindex(b"\xfd", 0, len(data) // 2)
+    behind = {
+        "zeros behind": bytes(4096),
+        "zeros within": bytes(4096) + data[half + 4096 :],
+        "one bit": data[half : half + 20] + bytes([data[half + 20] ^ 1]) + data[half + 21 :],
+    }
+    path.write_bytes(data[:half] + behind[harm])
+    logs = read_logs(path)
+    kept = [tick.number for log in logs for tick in log.ticks]
+    assert kept[0] == whole[0].number
+    assert harm == "zeros behind" or kept[-1] == whole[-1].number
+    result = replay(path)
+    assert result.identical and result.ticks >= 0.3 * len(whole)
+    assert result.ticks + result.left_out == len(kept)
+
+
 def test_a_missing_log_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.tlog: No such file"):
         read_log(tmp_path / "nowhere.tlog")
