@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from autopilot.guidance.current import Overboard
+
 
 class Skipper:
     """Writes down what is ordered."""
 
     def __init__(self) -> None:
         self.orders: list[tuple[str, float | None]] = []
+        self.overboard: Overboard | None = Overboard()
 
     @property
     def released(self) -> int:

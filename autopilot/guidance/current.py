@@ -140,12 +140,20 @@ OLDEST_S = 60.0
 """A position of so long ago [s] is still the best there is."""
 
 
+SILENT_S = 60.0
+"""A beacon that was silent for so long [s] and is heard again is of somebody else."""
+MOVED_M = 30.0
+"""A beacon's place is taken anew where it has moved by so much: each new place is said again."""
+
+
 class Overboard:
-    """The place, None where nobody is overboard, and since when [s]."""
+    """The place, None where nobody is overboard, and since when [s]; whose beacon has said so, "": we have."""
 
     def __init__(self) -> None:
         self.place: Place | None = None
         self.since = math.nan
+        self.beacon = ""
+        self._heard: dict[str, float] = {}
 
     def mark(self, now: float, fix: Fix) -> None:
         """Keep where the boat is at `now` [s]; once more changes nothing: the first place is the nearest.
@@ -158,9 +166,19 @@ class Overboard:
             raise InputError("man overboard: no position is known; note the time and the heading")
         self.place, self.since = fix.place, now
 
+    def report(self, now: float, place: Place, beacon: str) -> None:
+        """Take the place that a `beacon` says at `now` [s]; one that has been taken back counts when it begins anew."""
+        begins = not now - self._heard.get(beacon, -math.inf) <= SILENT_S
+        self._heard[beacon] = now
+        if self.place is None and begins:
+            self.place, self.since, self.beacon = place, now, beacon
+        is_its = self.place is not None and self.beacon == beacon
+        if is_its and bearing_and_distance(self.place or place, place)[1] > MOVED_M:
+            self.place = place
+
     def clear(self) -> None:
         """Forget it."""
-        self.place, self.since = None, math.nan
+        self.place, self.since, self.beacon = None, math.nan, ""
 
     def seen_from(self, fix: Fix) -> tuple[float, float] | None:
         """Return true bearing [rad] and distance [m] from the boat, None where either place is not known."""

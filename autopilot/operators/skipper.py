@@ -23,6 +23,7 @@ from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, typed_number
 from autopilot.files.printable import printable
 from autopilot.guidance import manoeuvres
+from autopilot.guidance.current import Overboard
 from autopilot.guidance.manoeuvres import Pattern, PatternGuide, TrialLimits
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.wind_vane import CONFIRM_S, Manoeuvre, WindGuide
@@ -39,6 +40,9 @@ LEARN_HELP = "learn: what was learnt  adopt: steer with it  revert: take it back
 
 class Skipper:
     """Holds the present order. Start with `engage`; `type_line` takes what the skipper types."""
+
+    overboard: Overboard | None = None
+    """Where somebody went overboard, for one who knows where the boat is."""
 
     def __init__(self, rudder_max: float) -> None:
         self._rudder_max = rudder_max
@@ -277,7 +281,7 @@ class RouteSkipper(PlotterSkipper):
 
     def __init__(self, rudder_max: float, plotter: PlotterGuide, mission: Mission) -> None:
         super().__init__(rudder_max, plotter)
-        self.mission = mission
+        self.mission, self.overboard = mission, mission.overboard
         self.track = mission.guide
         self.patterns = PatternGuide()
         self.wind = WindGuide()

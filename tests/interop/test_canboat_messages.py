@@ -18,6 +18,7 @@ from outside_programs import SIGNALK, WANTED
 from station_doubles import Skipper
 
 from autopilot.angles import wrap
+from autopilot.guidance.current import Place
 from autopilot.guidance.plotter import PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
 from autopilot.links.n2k.link import FORMS, Form, framed
 from autopilot.links.n2k.node import Device
@@ -109,12 +110,12 @@ TICK = Tick(
     mode=Mode.ENGAGED,
     alarms=(),
 )
-ASKED = (60928, 126464, 126993, 126996, 126998, 127237, 127245)
+ASKED = (60928, 126464, 126993, 126996, 126998, 127233, 127237, 127245)
 
 
 def all_that_is_said() -> list[Message]:
     """Return every kind of message that Norrbin sends."""
-    made, _, _ = session()
+    made, _, skipper = session()
     said = made.due(0.0)
     ticks = [
         TICK,
@@ -127,6 +128,8 @@ def all_that_is_said() -> list[Message]:
         TICK._replace(alarms=(AlarmEvent("off_course", "13 deg"),), alarm_states=(AlarmState.ACKNOWLEDGED,)),
         TICK,
     ]
+    assert skipper.overboard is not None
+    skipper.overboard.place = Place(1.0, -0.3)
     for number, tick in enumerate(ticks):
         made.on_tick(tick._replace(now=1.0 + number))
     for number, angle in enumerate((0.2, -0.3, 0.0)):
@@ -226,6 +229,15 @@ def test_what_is_said_is_what_is_meant(understood: list[dict[str, Any]]) -> None
     assert control[5]["rudderLimitExceeded"] == "Yes" and "headingToSteerCourse" not in control[1]
     alerts = [(each["alertType"], each["alertState"], each["acknowledgeStatus"]) for each in of(126983)]
     assert alerts == [("Warning", "Active", "No"), ("Warning", "Acknowledged", "Yes"), ("Warning", "Normal", "No")]
+    overboard = of(127233)
+    assert overboard == [overboard[0]] * 3, "at once, five seconds later, and when asked"
+    assert (overboard[0]["mobEmitterId"], overboard[0]["positionSource"]) == (
+        0x12345,
+        "Position estimated by the vessel",
+    )
+    assert overboard[0]["manOverboardStatus"] == "Manual on-board MOB Button Activation"
+    place = math.radians(overboard[0]["latitude"]), math.radians(overboard[0]["longitude"])
+    assert place == pytest.approx((1.0, -0.3), abs=2e-9)
     (words,) = of(126985)
     assert words["alertId"] == of(126983)[0]["alertId"] and words["languageId"] == "English (UK)"
     assert words["alertTextDescription"] == sentence_of(AlarmEvent("off_course", "12 deg"))

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-import pytest
+import math
+import struct
 
-from autopilot.links.n2k.packets import text_of
-from autopilot.links.n2k.session import Alerts, number_of
+import pytest
+from station_doubles import Skipper
+
+from autopilot.guidance.current import Overboard, Place
+from autopilot.links.n2k.node import Device
+from autopilot.links.n2k.packets import Message, text_of
+from autopilot.links.n2k.session import Alerts, N2kSession, N2kSettings, number_of
 from autopilot.signals import (
     AlarmEvent,
     AlarmState,
@@ -77,3 +83,78 @@ def test_only_an_answer_to_ours_acknowledges(change: dict[int, bytes], name: str
         answer[at : at + len(value)] = value
     assert alerts.acknowledged(bytes(answer)) == name
     assert all(alerts.acknowledged(bytes(answer[:size])) == "" for size in range(25))
+
+
+PLACE = Place(math.radians(59.34), math.radians(-18.07))
+BEACON = b"\xff" + (77).to_bytes(4, "little") + b"\xf8" + 4 * b"\xff" + b"\xf9" + 6 * b"\xff"
+"""Of 127233 up to the position: whose, an activated beacon, its own position."""
+HERE = struct.pack("<ii", 593400000, -180700000)
+
+
+def network(overboard: Overboard | None) -> N2kSession:
+    skipper = Skipper()
+    skipper.overboard = overboard
+    made = N2kSession("bus", N2kSettings(device=Device(0x12345)), helm=skipper)
+    for now in (-0.6, -0.3):
+        made.poll(now)
+    made.due(0.0)
+    return made
+
+
+def said(made: N2kSession, now: float) -> list[bytes]:
+    made.on_tick(tick(now))
+    return [each.data for each in made.due(now) if each.group == 127233]
+
+
+def test_a_man_overboard_is_said_at_once_and_ever_again_until_it_is_over() -> None:
+    overboard = Overboard()
+    made = network(overboard)
+    assert said(made, 1.0) == []
+    overboard.place, overboard.since = PLACE, 1.5
+    (data,) = said(made, 2.0)
+    assert len(data) == 35
+    assert data[:6] == b"\xff\x45\x23\x01\x00\xf9", "our own number, by a button on board"
+    assert data[6:17] == b"\xff\xff\xff\xff\xf8" + 6 * b"\xff", "no time is known; a position of the vessel"
+    assert data[17:25] == HERE
+    assert data[25:] == 10 * b"\xff"
+    assert [len(said(made, now)) for now in (2.1, 6.9, 7.0)] == [0, 0, 1]
+    made.receive(8.0, [Message(59904, (127233).to_bytes(3, "little"), 35, 204)])
+    assert [(each.group, each.data) for each in made.due(8.0)] == [(127233, data)]
+    overboard.clear()
+    assert said(made, 20.0) == []
+
+
+@pytest.mark.parametrize(
+    ("data", "is_taken"),
+    [
+        (BEACON + HERE + 10 * b"\xff", True),
+        (BEACON[:5] + b"\xf9" + BEACON[6:] + HERE + 10 * b"\xff", True),
+        (BEACON[:5] + b"\xfa" + BEACON[6:] + HERE + 10 * b"\xff", False),
+        (BEACON + b"\xff\xff\xff\x7f\xff\xff\xff\x7f" + 10 * b"\xff", False),
+        (BEACON + HERE[:7], False),
+    ],
+)
+def test_a_man_overboard_on_the_network_is_one_and_a_test_is_none(data: bytes, is_taken: bool) -> None:
+    overboard = Overboard()
+    made = network(overboard)
+    made.receive(3.0, [Message(127233, data, 9)])
+    assert (overboard.place is not None) is is_taken
+    if overboard.place is not None:
+        assert overboard.place == pytest.approx(PLACE)
+        assert overboard.since == 3.0
+        assert said(made, 4.0) == [], "whose beacon it is says so"
+
+
+def test_a_beacon_that_drifts_is_followed_and_one_taken_back_stays_so_until_it_begins_anew() -> None:
+    overboard = Overboard()
+    made = network(overboard)
+    drifted = struct.pack("<ii", 593410000, -180700000)
+    for now, place in ((1.0, HERE), (30.0, drifted)):
+        made.receive(now, [Message(127233, BEACON + place + 10 * b"\xff", 9)])
+    assert overboard.place is not None and overboard.place.latitude == pytest.approx(math.radians(59.341))
+    assert overboard.since == 1.0
+    overboard.clear()
+    made.receive(60.0, [Message(127233, BEACON + HERE + 10 * b"\xff", 9)])
+    assert overboard.place is None
+    made.receive(121.0, [Message(127233, BEACON + HERE + 10 * b"\xff", 9)])
+    assert overboard.place is not None

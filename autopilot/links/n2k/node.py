@@ -35,6 +35,7 @@ from autopilot.links.n2k.packets import (
     GROUPS,
     HEARTBEAT,
     LAYOUTS,
+    OVERBOARD,
     PRODUCT,
     REQUEST,
     RUDDER,
@@ -262,12 +263,12 @@ class Node:
             texts = ("", "", "Norrbin, an open-source autopilot")
             return [self._compose(CONFIGURATION, b"".join(text(each) for each in texts))]
         if group == GROUPS:
-            lists = (*SENT, ALERT, ALERT_TEXT, CONTROL, RUDDER), self._reads
+            lists = (*SENT, ALERT, ALERT_TEXT, OVERBOARD, CONTROL, RUDDER), self._reads
             packed = [b"".join(each.to_bytes(3, "little") for each in groups) for groups in lists]
             return [self._compose(GROUPS, bytes((kind,)) + each) for kind, each in enumerate(packed)]
         if group == HEARTBEAT:
             return [self._compose(HEARTBEAT, self._heartbeat(), 7)]
-        current = self._current(group) if group in (CONTROL, RUDDER) else None
+        current = self._current(group) if group in (CONTROL, RUDDER, OVERBOARD) else None
         return [] if current is None else [self._compose(group, current, 2)]
 
     def _heartbeat(self) -> bytes:

@@ -37,6 +37,7 @@ ACKNOWLEDGEMENT, REQUEST, ADDRESS_CLAIM, COMMANDED_ADDRESS = 59392, 59904, 60928
 GROUP_FUNCTION, GROUPS, SYSTEM_TIME, HEARTBEAT = 126208, 126464, 126992, 126993
 PRODUCT, CONFIGURATION = 126996, 126998
 ALERT, ALERT_RESPONSE, ALERT_TEXT = 126983, 126984, 126985
+OVERBOARD = 127233
 CONTROL, RUDDER, HEADING, RATE_OF_TURN, ATTITUDE, VARIATION = 127237, 127245, 127250, 127251, 127257, 127258
 WATER_SPEED, POSITION, GROUND_SPEED, GNSS, WIND = 128259, 129025, 129026, 129029, 130306
 CROSS_TRACK, NAVIGATION, ROUTE = 129283, 129284, 129285
@@ -75,6 +76,8 @@ MAIN, FOLLOW_UP, HEADING_CONTROL, TRACK_CONTROL = (
 )
 STEERING = (MAIN, "Non-Follow-Up Device", FOLLOW_UP, "Heading Control Standalone", HEADING_CONTROL, TRACK_CONTROL)
 TURNS = ("Rudder limit controlled", "Turn rate controlled", "Radius controlled")
+BEACON, BUTTON, OVERBOARD_TEST = "MOB Emitter Activated", "Manual on-board MOB Button Activation", "Test mode"
+BY_VESSEL = "Position estimated by the vessel"
 XTE_MODES = ("Autonomous", "Differential enhanced", "Estimated", "Simulator", "Manual")
 
 LAYOUTS: dict[int, tuple[Field, ...]] = {
@@ -106,6 +109,13 @@ LAYOUTS: dict[int, tuple[Field, ...]] = {
         Field("rateOfTurnOrder", 120, 16, 3.125e-5, True),
         Field("offTrackLimit", 136, 16, 1.0, True),
         Field("vesselHeading", 152, 16, ANGLE),
+    ),
+    OVERBOARD: (
+        Field("mobEmitterId", 8, 32),
+        Field("manOverboardStatus", 40, 3, words=(BEACON, BUTTON, OVERBOARD_TEST)),
+        Field("positionSource", 80, 3, words=(BY_VESSEL, "Position reported by MOB emitter")),
+        Field("latitude", 136, 32, PLACE, True),
+        Field("longitude", 168, 32, PLACE, True),
     ),
     RUDDER: (
         Field("instance", 0, 8),
@@ -163,7 +173,7 @@ LAYOUTS: dict[int, tuple[Field, ...]] = {
         Field("reference", 40, 3, words=WINDS),
     ),
 }
-BYTES = {REQUEST: 3, CONTROL: 21, GNSS: 43, NAVIGATION: 34}
+BYTES = {REQUEST: 3, OVERBOARD: 35, CONTROL: 21, GNSS: 43, NAVIGATION: 34}
 """Of a message, where they are not 8."""
 FAST = frozenset(
     (
@@ -178,6 +188,7 @@ FAST = frozenset(
         ALERT,
         ALERT_RESPONSE,
         ALERT_TEXT,
+        OVERBOARD,
     )
 )
 """The groups that travel as fast packets."""

@@ -7,6 +7,10 @@ The pilot's alarms stand on the displays of the network: alert, its text, and a 
 
     126983 alert: kind, priority, state, who has it        126985 its text        126984 the answer of a display
 
+A man overboard is said by all who know of one, and taken from all.
+
+    127233 man overboard: whose, by button or beacon, where
+
 The kinds are those of IEC 62923: emergency alarm, alarm, warning, caution. An alarm has a number by its name, always
 the same; every time that it comes anew counts as one more occurrence.
 
@@ -21,6 +25,7 @@ from collections import deque
 from typing import NamedTuple, Protocol
 
 from autopilot.angles import shortest_turn
+from autopilot.guidance.current import Overboard, Place
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import AlarmNews, HelmNews
 from autopilot.links.n2k.node import (
@@ -41,6 +46,9 @@ from autopilot.links.n2k.packets import (
     ALERT,
     ALERT_RESPONSE,
     ALERT_TEXT,
+    BEACON,
+    BUTTON,
+    BY_VESSEL,
     COMMANDED_ADDRESS,
     CONTROL,
     FOLLOW_UP,
@@ -51,6 +59,7 @@ from autopilot.links.n2k.packets import (
     LAYOUTS,
     MAIN,
     ORDERS,
+    OVERBOARD,
     REQUEST,
     RUDDER,
     STEERING,
@@ -60,6 +69,7 @@ from autopilot.links.n2k.packets import (
     Message,
     decoded,
     encoded,
+    number,
     text,
     value_of,
 )
@@ -171,8 +181,17 @@ def number_of(name: str) -> int:
     return CATALOGUE[name].number % 65000 + 1
 
 
+def overboard_of(data: bytes, source: int) -> tuple[Place, str] | None:
+    """Return place and beacon of a man overboard; None for a test, and where no place is said."""
+    fields = decoded(OVERBOARD, data)
+    latitude, longitude = number(fields, "latitude", 0.5 * math.pi), number(fields, "longitude", math.pi)
+    if fields.get("manOverboardStatus") not in (BEACON, BUTTON) or latitude is None or longitude is None:
+        return None
+    return Place(latitude, longitude), f"{source}.{fields.get('mobEmitterId', '')}"
+
+
 NETWORK = (ADDRESS_CLAIM, COMMANDED_ADDRESS, REQUEST, GROUP_FUNCTION)
-READ = frozenset((*INSTRUMENTS, *PLOTTER_GROUPS, *NETWORK, ALERT_RESPONSE))
+READ = frozenset((*INSTRUMENTS, *PLOTTER_GROUPS, *NETWORK, ALERT_RESPONSE, OVERBOARD))
 """The groups that are listened to."""
 ORDER_PERIOD_S = 0.1
 CONTROL_PERIOD_S = 0.25
@@ -191,7 +210,9 @@ COMMANDS = {5: "steeringMode", 7: "headingReference", 11: "headingToSteerCourse"
 
 
 class Helm(Protocol):
-    """Who carries out what a plotter's user orders."""
+    """Who carries out what a plotter's user orders; overboard: where somebody went overboard."""
+
+    overboard: Overboard | None
 
     def engage(self, heading: float | None) -> None:
         """Order a heading [rad], or the present one."""
@@ -258,7 +279,8 @@ class N2kSession:
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._release = UnshownRelease(name, LAPSE)
         self._helm_news = HelmNews(name, settings.steers)
-        self._next_control = -math.inf
+        self._next_control = self._next_overboard = -math.inf
+        self._overboard = None if helm is None else helm.overboard
         self._tick: Tick | None = None
         self._other_pilot: tuple[int, float] | None = None
         self._sent: dict[int, bytes] = {}
@@ -311,6 +333,10 @@ class N2kSession:
             return
         if group == ALERT_RESPONSE and self._alerts is not None and (alarm := self._alerts.acknowledged(message.data)):
             samples.append(AcknowledgeSample(now, alarm, f"N2K{group}.{message.source}"))
+        elif group == OVERBOARD and self._overboard is not None:
+            found = overboard_of(message.data, message.source)
+            if found is not None:
+                self._overboard.report(now, *found)
         elif group in INSTRUMENTS:
             self._measured(now, message, samples)
 
@@ -361,9 +387,33 @@ class N2kSession:
         if self._alerts is not None and self.node is not None and self.node.is_ready(tick.now):
             address = self.node.address
             self._waiting += [Message(group, data, address, priority=7) for group, data in self._alerts.due(tick)]
+            self._waiting += [Message(OVERBOARD, data, address, priority=3) for data in self._overboard_due(tick.now)]
         if self.settings.steers and tick.now >= self._next_control and tick.state.valid:
             self._next_control = tick.now + CONTROL_PERIOD_S
             self._send(tick.now, CONTROL, encoded(CONTROL, self._control(tick)))
+
+    def _overboard_now(self) -> bytes | None:
+        """Return what the network is to know of a man overboard whom we have marked ourselves; None where none is."""
+        overboard = self._overboard
+        if overboard is None or overboard.place is None or overboard.beacon:
+            return None
+        fields = {
+            "mobEmitterId": self.settings.device.unique,
+            "manOverboardStatus": BUTTON,
+            "positionSource": BY_VESSEL,
+            "latitude": overboard.place.latitude,
+            "longitude": overboard.place.longitude,
+        }
+        return encoded(OVERBOARD, fields)
+
+    def _overboard_due(self, now: float) -> list[bytes]:
+        """Return it at once and every few seconds."""
+        data = self._overboard_now()
+        if data is None or now < self._next_overboard:
+            self._next_overboard = -math.inf if data is None else self._next_overboard
+            return []
+        self._next_overboard = now + REPEATED_S
+        return [data]
 
     def due(self, now: float) -> list[Message]:
         """Return and forget the messages that leave at `now` [s], oldest first."""
@@ -407,7 +457,7 @@ class N2kSession:
         return True
 
     def _current(self, group: int) -> bytes | None:
-        return self._sent.get(group)
+        return self._overboard_now() if group == OVERBOARD else self._sent.get(group)
 
     def _control(self, tick: Tick) -> dict[str, object]:
         engaged = tick.mode is Mode.ENGAGED
