@@ -193,10 +193,11 @@ def tour(browser: Any, address: str, port: int, out: Path) -> None:
         night.click("#theme")
     until(night, "document.querySelectorAll('#learning-rows tr').length >= 3")
     keep(night, out / "helm-learning.png")
-    in_a_terminal(browser, port, out / "helm-terminal.png")
     turn_to(night, "parameters")
     night.wait_for_timeout(3000.0)
     keep(night, out / "helm-parameters.png")
+    # last, for a display that leaves is a caution on the others
+    in_a_terminal(browser, port, out / "helm-terminal.png")
     night.click("#release")
 
 

@@ -204,7 +204,10 @@ def _turning(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin
         raise InputError(f"--rudder-deg {arguments.rudder_deg!r}: write angles like 10,20,-10,-20") from None
     for angle in angles:
         check("--rudder-deg", angle, -angle_max_deg, angle_max_deg)
-    return [_held(math.radians(angle), arguments.each, f"turn {angle:+g} deg") for angle in angles]
+    return [
+        _held(math.radians(angle), arguments.each, f"rudder {angle:+g} deg" if angle else "amidships")
+        for angle in angles
+    ]
 
 
 def _turning_circle(arguments: argparse.Namespace, angle_max_deg: float, model: Norrbin) -> list[Step]:

@@ -54,6 +54,7 @@ export function setUpPanels(order, surely) {
 export function drawPanels() {
   const level = boat.state?.level;
   byId("level").textContent = typeof level === "number" ? String(level) : boat.state && !boat.isStale("loop") ? "file" : "--"; // gains as they are filed
+  byId("level").classList.toggle("filed", typeof level !== "number");
   drawTrialPanel();
   drawLearning();
 }
