@@ -289,7 +289,8 @@ def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Rou
     from autopilot.links.nmea.link import NmeaLink
 
     known = options.variation or variation_of(vessel)
-    return NmeaLink(_transport(vessel, url, options), nmea_settings_of(vessel, url), options.guide, known)
+    settings = nmea_settings_of(vessel, url)._replace(with_other_pilot=options.with_other_pilot)
+    return NmeaLink(_transport(vessel, url, options), settings, options.guide, known)
 
 
 def _rudder_drive(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from autopilot.links.nmea.link import NmeaSession, NmeaSettings
-from autopilot.links.nmea.sentences import format_sentence
+from autopilot.links.nmea.sentences import encode_hdt, encode_ror, format_sentence
 from autopilot.links.release import ReleaseState
 from autopilot.signals import HeadingSample, HelmSample, RudderCommand, RudderSample, Sample
 
@@ -91,3 +91,20 @@ def test_a_rudder_that_does_not_follow_takes_control_away() -> None:
         session.send(now, STEER._replace(angle=math.radians(25.0)))
         said += of(HelmSample, session.receive(now, [RSA]))
     assert [sample.available for sample in said] == [True, False]
+
+
+def test_another_autopilot_that_orders_the_rudder_on_the_line_has_it() -> None:
+    def reasons(session: NmeaSession, now: float, *sentences: bytes) -> list[str]:
+        return [each.reason for each in session.receive(now, [b"".join(sentences)]) if isinstance(each, HelmSample)]
+
+    session = NmeaSession("line", NmeaSettings())
+    assert reasons(session, 0.0, encode_hdt(1.0)) == [""]
+    assert reasons(session, 1.0, encode_ror(0.1, True)) == [], "an echo of our own"
+    assert reasons(session, 1.1, encode_ror(0.0, False, talker="AP")) == [], "it gives the rudder back"
+    (said,) = reasons(session, 1.2, encode_ror(0.1, True, talker="AP"))
+    assert said.startswith("another autopilot on this line orders the rudder (APROR): put it in standby")
+    assert reasons(session, 3.2, encode_hdt(1.0)) == []
+    assert reasons(session, 3.3, encode_hdt(1.0)) == [""]
+    for settings in (NmeaSettings(with_other_pilot=True), NmeaSettings(steers=False)):
+        other = NmeaSession("line", settings)
+        assert not any(reasons(other, 1.0, encode_ror(0.1, True, talker="AP")))

@@ -167,6 +167,8 @@ REPEATED_WAITING = 12
 """Repeated sentences that wait for a slow line; of more, the oldest go unsent."""
 ORDERS_IN_ROW = 3
 """On a line that cannot carry all, a repeated sentence leaves after so many orders."""
+OTHER_PILOT_S = 2.0
+"""Drives let go of the rudder when no order has come for so long."""
 PLOTTER = "chart plotter"
 LAPSE = "no NMEA 0183 sentence confirms it; the drive lets go by itself when no more orders come"
 
@@ -179,6 +181,7 @@ class NmeaSettings(NamedTuple):
     deviation) pairs [rad].  steers: whether a rudder drive listens on this link.  follow: how closely the
     rudder must follow its orders where a sensor on this link shows it.  sends: sentences to repeat, with rates [Hz],
     under the name `talker`, which is then not read on this link.  magnetic: whether magnetic courses are steered.
+    with_other_pilot: steer although another autopilot orders the rudder on this line.
     """
 
     baud: int = 0
@@ -190,6 +193,7 @@ class NmeaSettings(NamedTuple):
     sends: tuple[tuple[str, float], ...] = ()
     talker: str = OWN_TALKER
     magnetic: bool = False
+    with_other_pilot: bool = False
 
 
 class NmeaSession:
@@ -262,12 +266,22 @@ class NmeaSession:
             self._read(now, chunks, samples)
             if (self._framer.counts.sentences, self._framer.counts.ignored) != (known.sentences, known.ignored):
                 self.received_time = now
-        samples += self._helm.of(now, self._follow.reason(now), self._follow.cause)
+        samples += self._helm.of(now, self._follow.reason(now) or self._barred(now), self._follow.cause)
         samples += self._unusable.news(now, samples, self._reader.unusable)
         samples += self._jumped.of(now, self._reader.alarm)
         if self._guide is not None:
             samples += self._guide_alarm.of(now, self._guide.alarm)
         return samples
+
+    def _barred(self, now: float) -> str:
+        """Return why the line does not let us steer; empty where it does."""
+        when, talker = self._reader.other_order
+        if now - when > OTHER_PILOT_S or self.settings.with_other_pilot or not self.settings.steers:
+            return ""
+        return (
+            f"another autopilot on this line orders the rudder ({talker}ROR): put it in standby, or start with "
+            "--with-other-pilot"
+        )
 
     def _read(self, now: float, chunks: list[bytes], samples: list[Sample]) -> None:
         if not self._is_stream:

@@ -1,9 +1,9 @@
 """What NMEA 0183 sentences mean: instruments to samples. Pure.
 
-HDG, HDM, HDT, THS, ROT, RSA, MWV, RMC, VTG and VHW are samples; APB, RMB, BWC, XTE, HTC and HTD go to the guide that
-follows a chart plotter, where there is one; the rest is counted as ignored, and so is what we send ourselves. A field
-that says "not valid" (status V, mode N, an empty field), "manual" or "simulator" (mode M, S) is no data, and a value
-outside its range makes the sentence malformed.
+HDG, HDM, HDT, THS, ROT, RSA, MWV, RMC, VTG and VHW are samples; another's ROR is remembered; APB, RMB, BWC, XTE, HTC
+and HTD go to the guide that follows a chart plotter, where there is one; the rest is counted as ignored, and so is
+what we send ourselves. A field that says "not valid" (status V, mode N, an empty field), "manual" or "simulator" (mode
+M, S) is no data, and a value outside its range makes the sentence malformed.
 
     HDG: true heading = sensor + deviation + variation;  HDM: true heading = magnetic + variation
 
@@ -278,6 +278,7 @@ class NmeaReader:
         invalid: sentences that said of themselves that they hold no data.
         waiting_for_variation: headings and bearings dropped because no variation is known.
         unusable: how many of them were headings.
+        other_order: when another ordered the rudder last [s], -inf before, and its talker.
     """
 
     def __init__(
@@ -296,6 +297,7 @@ class NmeaReader:
         self.ignored = 0
         self.invalid = 0
         self.waiting_for_variation = 0
+        self.other_order: tuple[float, str] = (-math.inf, "")
         self._variation = known_as(variation)
         self._others: list[PositionSample | CourseSample] = []
         self._deviation = deviation or Deviation()
@@ -308,6 +310,7 @@ class NmeaReader:
             "THS": self._ths,
             "ROT": self._rot,
             "RSA": self._rsa,
+            "ROR": self._ror,
             "MWV": self._mwv,
             "RMC": self._rmc,
             "VTG": self._vtg,
@@ -392,6 +395,12 @@ class NmeaReader:
     def _rsa(self, time: float, fields: tuple[str, ...]) -> Sample:
         status(fields, 1)
         return RudderSample(time, math.radians(number(fields, 0, -RUDDER_LIMIT_DEG, RUDDER_LIMIT_DEG)))
+
+    def _ror(self, time: float, fields: tuple[str, ...]) -> None:
+        """What another autopilot orders."""
+        status(fields, 1)
+        number(fields, 0, -RUDDER_LIMIT_DEG, RUDDER_LIMIT_DEG)
+        self.other_order = time, self._name[:2]
 
     def _mwv(self, time: float, fields: tuple[str, ...]) -> Sample:
         """The wind over the bow; true wind, reckoned by another instrument, is none of it."""
