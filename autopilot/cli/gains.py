@@ -89,6 +89,7 @@ def in_hand(vessel: Vessel, request: GainRequest, is_chosen: bool) -> Vessel:
 def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
     from autopilot.cli.options import named_vessel
+    from autopilot.cli.terminal import ProgressBar
     from autopilot.control.design import DESIGNED
     from autopilot.report.gains import (
         as_json,
@@ -116,13 +117,20 @@ def run(arguments: argparse.Namespace) -> int:
     better = (
         designed(vessel, request) if vessel.model.n1 > 0.0 else in_hand(vessel, request, arguments.level is not None)
     )
-    rows = {f"designed {law}": judged(better, law) for law in designed_laws()}
-    asked_for = rows[f"designed {DESIGNED}"].verdict.refusal
-    if request.bandwidth is not None and asked_for:
-        raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
-    rows |= {f"file's {law}": judged(vessel, law) for law in filed_laws() if getattr(vessel.control, law) is not None}
-    front = front_of(vessel)
-    level = level_of(vessel, better, front)
+    of_file = [law for law in filed_laws() if getattr(vessel.control, law) is not None]
+    wanted = [("designed", better, law) for law in designed_laws()] + [("file's", vessel, law) for law in of_file]
+    rows: dict[str, Judged] = {}
+    with ProgressBar("designing") as bar:
+        for whose, of, law in wanted:
+            bar.update(len(rows), len(wanted) + 2)
+            rows[f"{whose} {law}"] = judged(of, law)
+        asked_for = rows[f"designed {DESIGNED}"].verdict.refusal
+        if request.bandwidth is not None and asked_for:
+            raise RefusedError(f"vessel {vessel.name!r}: {asked_for}")
+        bar.update(len(wanted), len(wanted) + 2)
+        front = front_of(vessel)
+        bar.update(len(wanted) + 1, len(wanted) + 2)
+        level = level_of(vessel, better, front)
     cost = next((row for row in front if row.level == level), None)
     verdict = verdict_of_gains(rows[f"designed {DESIGNED}"], cost)
     if arguments.json:
