@@ -37,7 +37,6 @@ from autopilot.supervision.tuning import (
     SEA_TURNED,
     SEA_UNMET,
     SLIDE_LASTS,
-    SLIDE_MOST,
     SLIDE_SURE,
     SLIDE_UNKNOWN,
     USUAL_TIME,
@@ -173,7 +172,7 @@ def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: floa
     `rate` [rad/s], its rudder's limit is `most` [rad].
 
     The model has neither sway nor, without a log, the way that a turn takes: both may brake the boat by as much as its
-    own damping, and more (`SLIDE_MOST`), or take from a course-unstable one what turns it. They build up with about its
+    own damping, and more, or take from a course-unstable one what turns it. They build up with about its
     time constant, last longer than the turn, and turn no boat against its rudder: what a fault does.
     """
     own = (abs(model.n1) + abs(model.n2 * rate) + model.n3 * rate * rate) * rate / model.gain
@@ -200,13 +199,12 @@ NO_SLIDE = Slide(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def slide_share(slide: Slide) -> float:
-    """Return how many times its own damping the boat is braked by, 0 to SLIDE_MOST."""
+    """Return how many times its own damping the boat is braked by."""
     prior = SLIDE_SURE * SLIDE_SURE
     usual = (slide.shown + SLIDE_UNKNOWN * SLIDE_UNKNOWN * prior) / (slide.sure + prior)
     if usual <= 0.0 or slide.both <= 0.0:
         return 0.0
-    share = slide.both * usual / (slide.squares * usual + 1.0)
-    return share if share < SLIDE_MOST else SLIDE_MOST
+    return slide.both * usual / (slide.squares * usual + 1.0)
 
 
 def slide_learnt(before: Slide, model: Norrbin, seen: tuple[float, float, float], dt: float, learns: bool) -> Slide:
