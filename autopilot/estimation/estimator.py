@@ -23,7 +23,14 @@ from autopilot.estimation.heading_ekf import (
     predict,
     predict_mean,
 )
-from autopilot.estimation.rate_bias import NO_RATE_BIAS, RateBias, rate_bias_step
+from autopilot.estimation.instrument_errors import (
+    NO_NOISE,
+    NO_RATE_BIAS,
+    Noise,
+    RateBias,
+    noise_step,
+    rate_bias_step,
+)
 from autopilot.estimation.rudder_observer import (
     RudderMemory,
     RudderObserver,
@@ -59,6 +66,7 @@ from autopilot.estimation.tuning import (
     LEAN_SIGMAS,
     LEARNT,
     LONGEST_SHARE,
+    NOISE_GAP,
     PREDICT_LONGEST,
     RATE_BIAS_FELT,
     RATE_MOST,
@@ -86,7 +94,7 @@ class Fusion(NamedTuple):
     """What the measurements have left: the filter's state, what lies between expectation and measurement on average
     [standard deviations], how many spikes in a row agree, and the newest of them [rad]; lean: the average of the
     headings alone over the time of gusts, and leans [s]: for how long it has been more than white noise leaves; gyro:
-    what is known of the rate sensor's standing error."""
+    what is known of the rate sensor's standing error; headings and rates: how noisy they turn out to be."""
 
     state: FilterState
     innovation_mean: float = 0.0
@@ -95,6 +103,8 @@ class Fusion(NamedTuple):
     lean: float = 0.0
     leans: float = 0.0
     gyro: RateBias = NO_RATE_BIAS
+    headings: Noise = NO_NOISE
+    rates: Noise = NO_NOISE
 
 
 def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
@@ -214,11 +224,15 @@ def fuse_measured(
 ) -> tuple[Fusion, bool]:
     """Return what a measurement leaves, and whether it was fused: a spike is not. measured: see `Measured`."""
     time, heading, rate = measured
-    before, mean, spikes, spike, lean, leans, gyro = fusion
+    before, mean, spikes, spike, lean, leans, gyro, headings, rates = fusion
     noise, dt = noises.usual, time - before.time
+    filed_heading, filed_rate = noise.heading, noise.rate
+    longest = model.time_constant if model.time_constant < NOISE_GAP else NOISE_GAP
+    of_heading = headings.variance if headings.variance > filed_heading else filed_heading
+    of_rate = rates.variance if rates.variance > filed_rate else filed_rate
     rate -= gyro.bias
-    if gyro.p11 > RATE_BIAS_FELT * noise.rate:
-        noise = FilterNoise(noise.heading, noise.rate + gyro.p11, *noise[2:])
+    doubt = gyro.p11 if gyro.p11 > RATE_BIAS_FELT * of_rate else 0.0
+    noise = FilterNoise(of_heading, of_rate + doubt, *noise[2:])
     state = carried(model, noises, fusion, past, time)
     off, innovation, deviation = innovations(state, noise, heading, rate)
     off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
@@ -228,8 +242,11 @@ def fuse_measured(
         gate = gate if gate > GATE_LEAST else GATE_LEAST
         if innovation > gate or innovation < -gate:
             agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
-            return Fusion(before, mean, spikes + 1 if agrees else 1, heading, lean, leans, gyro), False
+            spikes = spikes + 1 if agrees else 1
+            return Fusion(before, mean, spikes, heading, lean, leans, gyro, headings, rates), False
         spikes = 0
+        unknown = deviation * deviation - of_heading
+        headings = noise_step(headings, filed_heading, innovation, unknown, time, longest)
         share = -math.expm1(-dt / noise.gust_time)
         lean += share * (innovation / deviation - lean)
         # the mean of white noise has the variance share/(2 - share)
@@ -240,11 +257,16 @@ def fuse_measured(
             state = FilterState(*state[:-1], raised_intensity(state.intensity, changes, dt))
         elif noise.waves and leans > 0.0:
             state = FilterState(*state[:-1], reset_density(state.intensity))
+    if not math.isnan(rate):
+        unknown = state.p11 + 2.0 * state.p14 + state.p44 + doubt
+        innovation = rate - state.rate - state.wave_rate
+        rates = noise_step(rates, filed_rate, innovation, unknown, time, longest)
     # what lies to one side for seconds is neither sea nor gusts
     learns = noise.waves and -INNOVATION_LASTING < mean < INNOVATION_LASTING
     rudder = angle_at(past, time) if learns else math.nan
-    gyro = rate_bias_step(gyro, measured, (noises.usual.heading, noises.usual.rate))
-    return Fusion(fused(state, noise, heading, rate, rudder, dt), mean, spikes, spike, lean, leans, gyro), True
+    gyro = rate_bias_step(gyro, measured, (of_heading, of_rate))
+    state = fused(state, noise, heading, rate, rudder, dt)
+    return Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates), True
 
 
 MEASURED_AT = attrgetter("time")
@@ -504,7 +526,9 @@ def _begun(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample
     )
     return _counted(
         state._replace(
-            fusion=Fusion(first, before.innovation_mean, gyro=before.gyro),
+            fusion=Fusion(
+                first, before.innovation_mean, gyro=before.gyro, headings=before.headings, rates=before.rates
+            ),
             has_begun=True,
             needs_reinit=False,
             first_time=min(state.first_time, sample.time),

@@ -67,6 +67,15 @@ makes in the turns of that time are begun anew: a wave's deviation of the compas
 RATE_HELD = 2.0
 """A rate holds for so long [s]."""
 
+# the noise of compass and rate sensor: tuned
+
+NOISE_MEMORY = 60.0
+"""Time [s] over which it is averaged."""
+NOISE_MOST = 5.0
+"""It is at most so many times the file's deviation: beyond, it is no noise, and the monitors have a word."""
+NOISE_GAP = 1.5
+"""Measurements that lie further apart [s], or by more than the boat's time constant, differ by what the boat did."""
+
 # what is taken in: gates are derived from the normal distribution, the rest is tuned
 
 GATE_SIGMAS = 6.0  # 30 %: nothing

@@ -24,7 +24,7 @@ from autopilot.estimation.estimator import (
     seen_at,
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
-from autopilot.estimation.rate_bias import NO_RATE_BIAS
+from autopilot.estimation.instrument_errors import NO_NOISE, NO_RATE_BIAS
 from autopilot.estimation.rudder_observer import (
     AS_FILED,
     RudderMemory,
@@ -134,7 +134,7 @@ def initial_state(
     config = campaign.config
     model = model_at(config.estimator.model, measurement.speed, config.estimator.law)
     speed = Smoothed(measurement.speed, now)
-    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, 0.0, NO_RATE_BIAS)
+    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, 0.0, NO_RATE_BIAS, NO_NOISE, NO_NOISE)
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
     history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
@@ -332,8 +332,9 @@ def _listen(
             pilot_state.model, pilot_state.turning.limits, pilot_state.guide.boat
         )
         if is_fused and is_planned:
-            state, mean, spikes, spike, lean, leans, gyro = fusion
-            fusion = Fusion(with_bias_of(before, state), mean, spikes, spike, lean, leans, gyro)
+            state, mean, spikes, spike, lean, leans, gyro, headings, rates = fusion
+            state = with_bias_of(before, state)
+            fusion = Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates)
         heading_time = time if is_fused else heading_time
         gone = gone or fusion.spikes > GATE_PATIENCE
     return State(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
-from autopilot.estimation.rate_bias import NO_RATE_BIAS
+from autopilot.estimation.instrument_errors import NO_RATE_BIAS
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN
 from autopilot.models.norrbin import Norrbin
@@ -155,6 +156,24 @@ def test_the_mean_is_carried_in_steps_of_half_the_time_constant_at_most(now: flo
         one if is_one_step else two, rel=1.0e-12
     )
     assert carried(boat, NOISES, turning, PAST, now).rate == pytest.approx(one if is_one_step else two, rel=1.0e-12)
+
+
+def test_noisier_instruments_count_for_less_and_as_much_as_filed_where_they_are_not() -> None:
+    """Compass and gyro each three times as noisy as filed, in turn: the one is found, the other left."""
+    random = np.random.default_rng(20261130)
+    for times in ((3.0, 1.0), (1.0, 3.0)):
+        now = fusion()
+        for index in range(1, 1500):
+            read = random.standard_normal(2) * times * np.sqrt([NOISE.heading, NOISE.rate])
+            now, is_fused = fuse_measured(BOAT, NOISES, now, PAST, Measured(0.1 * index, *map(float, read)))
+            assert is_fused
+        found = math.sqrt(now.headings.variance / NOISE.heading), math.sqrt(now.rates.variance / NOISE.rate)
+        assert found == pytest.approx(times, rel=0.15)
+        noisy = fusion()._replace(headings=now.headings, rates=now.rates)
+        shown = Measured(0.1, 0.01, 0.05)
+        answers = [fuse_measured(BOAT, NOISES, each, PAST, shown)[0].state for each in (noisy, fusion())]
+        learnt, filed = (state.psi if times[0] > 1.0 else state.rate for state in answers)
+        assert abs(learnt) < 0.9 * abs(filed)
 
 
 def test_at_the_measurement_time_the_mean_is_the_state() -> None:

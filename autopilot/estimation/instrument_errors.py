@@ -1,4 +1,4 @@
-"""The standing error of a rate sensor, found by the headings beside it.
+"""How compass and rate sensor err, learnt on the way: the rate sensor's standing error, and the noise of both.
 
 x = (psi, g): the measured rate w carries the heading, psi' = w - g, and g' = 0 + noise; a compass shows psi. A Kalman
 filter of two states on measurements alone: no model of boat or rudder is in it, so that neither wind nor a wrong model
@@ -6,8 +6,17 @@ is taken for an error of the gyro, nor the other way round. Sensors that lag, de
 lie apart by an angle that goes with the rate of turn, for which a heading counts for less in a turn. Where they drift
 apart all the same, the heading is begun anew and g is looked for again: an angle that stays is none of a gyro's.
 
+Noise is what an instrument's successive innovations v go back and forth by, d(k) = v(k) - v(k-1). With the innovation's
+variance P + R, P what the filter does not know of the boat, white innovations have E[-d(k) d(k-1)] = P + R, so
+
+    R += share (-d(k) d(k-1) - P - R),
+
+and what lies to one side for longer, or comes and stays, wind, a wrong model, a lag, counts for nothing. R is at least
+the file's: an instrument that seems better than that may be damped, and its errors no white noise.
+
 Source: the complementary filter of compass and gyro with the gyro's bias as a state, Farrell 2008, Aided Navigation,
-section 10.3; scalar code over a NamedTuple, which campaigns compile as it is.
+section 10.3; noise by what innovations correlate with those before, Mehra 1970; scalar code over NamedTuples, which
+campaigns compile as it is.
 """
 
 from __future__ import annotations
@@ -17,6 +26,8 @@ from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
 from autopilot.estimation.tuning import (
+    NOISE_MEMORY,
+    NOISE_MOST,
     RATE_BIAS_APART,
     RATE_BIAS_CHANGE,
     RATE_BIAS_UNKNOWN,
@@ -87,3 +98,33 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     psi = psi if -PI < psi <= PI else wrap(psi)
     bias += k1 * off
     return RateBias(time, psi, rate, bias, p00 - k0 * p00, p01 - k0 * p01, p11 - k1 * p01, apart, turning, time)
+
+
+class Noise(NamedTuple):
+    """An instrument's noise: its variance R, 0 before anything is known; the newest innovation, by how much it was more
+    than the one before, nan where none came shortly before, and its time [s]."""
+
+    variance: float
+    innovation: float
+    step: float
+    time: float
+
+
+NO_NOISE = Noise(0.0, 0.0, math.nan, -math.inf)
+"""Before the first measurement."""
+
+
+def noise_step(before: Noise, filed: float, innovation: float, unknown: float, time: float, longest: float) -> Noise:
+    """Return what is known of the noise after an `innovation` at `time` [s], of whose variance `unknown` is the boat's;
+    filed: the variance that the file says. Two innovations further apart than `longest` [s] say nothing of it."""
+    known, last, back, seen = before
+    known, most = known if known > filed else filed, NOISE_MOST * NOISE_MOST * filed
+    gap = time - seen
+    if not 0.0 < gap <= longest:
+        forth = math.nan
+    else:
+        forth = innovation - last
+        if not math.isnan(back):
+            known -= math.expm1(-gap / NOISE_MEMORY) * (-forth * back - unknown - known)
+    known = filed if known < filed else most if known > most else known
+    return Noise(known, innovation, forth, time)

@@ -1,9 +1,11 @@
-"""A rate sensor's standing error is found by compass and gyro alone, and what is no such error is taken for none."""
+"""A rate sensor's standing error is found by compass and gyro alone, the noise of both by what they differ by from one
+measurement to the next; what is neither is taken for none."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from boats import BOATS, vessel_of
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.estimation.rate_bias import NO_RATE_BIAS, RateBias, rate_bias_step
+from autopilot.estimation.instrument_errors import NO_NOISE, NO_RATE_BIAS, RateBias, noise_step, rate_bias_step
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, RateSample, Sample
 
@@ -127,3 +129,62 @@ def test_a_gyro_that_is_off_by_a_degree_a_second_turns_no_boat(name: str, *, is_
         plant.step(tick.command.angle, DT)
     assert farthest < 10.0
     assert late < 1.0
+
+
+def noisy(real: float, shows: Callable[[float], float] = lambda _: 0.0, dt: float = DT) -> list[float]:
+    """Return the deviations that are learnt in 300 s where the file says 1 and white noise is `real` times that; the
+    filter leaves `shows` of the time unexplained."""
+    random, known, found = np.random.default_rng(20261130), NO_NOISE, []
+    for index in range(round(300.0 / dt)):
+        innovation = real * float(random.standard_normal()) + shows(index * dt)
+        known = noise_step(known, 1.0, innovation, 0.0, index * dt, 1.0)
+        found.append(math.sqrt(known.variance))
+    return found
+
+
+@pytest.mark.parametrize(("real", "learnt_as"), [(1.0, 1.0), (3.0, 3.0), (20.0, 5.0), (0.2, 1.0)])
+def test_noise_is_learnt_between_the_files_and_five_times_that(real: float, learnt_as: float) -> None:
+    assert noisy(real)[-1500:] == pytest.approx([learnt_as] * 1500, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "shows",
+    [lambda _: 8.0, lambda now: 0.05 * now, lambda now: 3.0 * math.sin(0.8 * now)],
+    ids=["a constant", "a wind that grows", "waves"],
+)
+def test_what_stays_from_one_measurement_to_the_next_is_no_noise(shows: Callable[[float], float]) -> None:
+    assert max(noisy(1.0, shows)) < 1.15
+
+
+def test_measurements_too_far_apart_say_nothing_of_noise() -> None:
+    assert noisy(3.0, dt=1.5)[-1] == 1.0
+
+
+def test_one_wild_measurement_is_no_noise_for_long() -> None:
+    found = noisy(1.0, lambda now: 30.0 if 100.0 <= now < 100.05 else 0.0)
+    assert max(found) < 2.0
+    assert found[-1] < 1.15
+
+
+@pytest.mark.parametrize(
+    ("real", "of_rate"), [((1.2, 0.2), True), ((0.3, 0.8), True), ((1.2, 0.2), False)], ids=["compass", "gyro", "alone"]
+)
+def test_an_instrument_noisier_than_filed_wears_no_rudder(real: tuple[float, float], of_rate: bool) -> None:
+    """At most twice the travel in calm of a file that says so; it was 2.7 to 5.9 times."""
+
+    def travel(filed: tuple[float, float]) -> float:
+        usual, random = vessel_of(BOATS["lanxin"]), np.random.default_rng(20261130)
+        sensors = replace(usual.sensors, heading_noise_deg=filed[0], rate_noise_deg_s=filed[1])
+        pilot, moved, before = build_pilot(replace(usual, sensors=sensors)), 0.0, 0.0
+        plant = Plant(model_of(usual), gear_of(usual), step_max=0.05)
+        while plant.time < 180.0:
+            noise = random.standard_normal(2) * np.radians(real)
+            heading, rate = wrap(plant.heading + float(noise[0])), plant.rate + float(noise[1])
+            sample = HeadingSample(plant.time, heading, rate if of_rate else None)
+            command = pilot.step(plant.time, (sample,), Order(OrderKind.HEADING, 0.0, serial=1)).command.angle
+            moved += abs(command - before) if plant.time > 60.0 else 0.0
+            before = command
+            plant.step(command, DT)
+        return moved
+
+    assert travel((0.3, 0.2)) < 2.0 * travel(real)
