@@ -19,7 +19,7 @@ from scipy.stats import chi2, norm
 from autopilot.identification.residuals import initial_state
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment, seconds
-from autopilot.identification.simulation import at_samples, forcing, rudder_behind, simulate
+from autopilot.identification.simulation import Forcing, Trajectory, at_samples, forcing, rudder_behind, simulate
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.weather import RaceAndWind
 
@@ -58,11 +58,23 @@ def simulate_run(
     steps = forcing(run.segments, longest)
     steps = steps._replace(rudder=rudder_behind(train, steps))
     states = [initial_state(segment) for segment in run.segments]
-    motion = simulate(model, steps, np.array([rate for rate, _ in states]), around)
+    motion = simulate(model, steps, np.array([rate for rate, _ in states]), around, _as_measured(run, steps))
     return [
         np.stack([at_samples(motion.rate, steps, s), at_samples(motion.turned, steps, s) + heading], axis=1)
         for s, (_, heading) in enumerate(states)
     ]
+
+
+def _as_measured(run: Run, steps: Forcing) -> Trajectory | None:
+    """Return the measured motion at the steps' nodes, for the search to begin with; None where no rate is measured."""
+    rates = []
+    for segment, (begins, _, ends) in zip(run.segments, steps.moments, strict=True):
+        known = np.isfinite(segment.rate)
+        if not known.any():
+            return None
+        rates.append(np.interp(np.append(begins, ends[-1]), segment.time[known], segment.rate[known]))
+    rate = np.concatenate(rates)
+    return Trajectory(rate, np.zeros_like(rate))
 
 
 def _r2(measured: FloatArray, error: FloatArray) -> float | None:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from identification_accuracy import BOATS, clean
+from identification_accuracy import noisy as noisy_boat
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
-from autopilot.identification.residual_tests import ResidualTest, residual_tests
+from autopilot.identification import simulation
+from autopilot.identification.residual_tests import ResidualTest, residual_tests, simulate_run
 from autopilot.models.norrbin import Norrbin
 
 TRUTH = Norrbin(LANXIN["K"], LANXIN["T"], LANXIN["n3"], reference_speed=5.0)
@@ -56,3 +59,10 @@ def test_missing_samples_leave_the_residual_tests_verdict(missing: float) -> Non
     test = of_rate(table)
     assert np.isfinite([test.whiteness, test.memory, test.rudder, test.by_chance]).all()
     assert test.is_white
+
+
+def test_a_course_unstable_boat_is_simulated_all_steps_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    boat = BOATS[3]
+    monkeypatch.setattr(simulation, "_one_by_one", None)
+    (motion,) = simulate_run(boat.model, noisy_boat(boat, 1))
+    assert np.std(motion[:, 0]) == pytest.approx(np.std(clean(boat)["yaw_rate_rad_s"]), rel=0.05)
