@@ -12,7 +12,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from autopilot.angles import PI, wrap
+from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.estimation.rudder_observer import Ring
 from autopilot.models.norrbin import Norrbin, steady_rudder
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
@@ -64,6 +64,7 @@ from autopilot.supervision.tuning import (
     LATE_LASTS,
     LATE_S,
     LONGEST_GAP_S,
+    ON_COURSE,
     PATIENCE_S,
     PROGRESS_SHARE,
     PUSH_LASTS,
@@ -257,7 +258,9 @@ def evidence_step(
         speed -= math.expm1(-(time - known) / CHANGED_TIME) * (model.reference_speed - speed)
         slide = slide_step(model, slide, rate, seen.angle_max, time - known)
         is_usual = response.stuck < SUSPECT and response.reversed < SUSPECT
-        if seen.holds_course and is_usual and state.wave_deviation > 0.0:
+        # a boat that is far off does not answer, or is turned: that is no work against waves
+        is_near = abs(shortest_turn(seen.wanted, state.heading)) < ON_COURSE
+        if seen.holds_course and is_near and is_usual and state.wave_deviation > 0.0:
             off = in_time + state.bias
             worked -= math.expm1(-(time - known) / WORKED_TIME) * (off * off - worked)
         noise = changing_noise(model, noise, rate, speed)

@@ -458,6 +458,8 @@ def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.
     [
         (True, {}, {}),
         (False, {"holds_course": False}, {}),
+        (True, {"wanted": math.radians(9.0)}, {}),
+        (False, {"wanted": math.radians(11.0)}, {}),
         (False, {}, {"stuck": 3.0}),
         (False, {}, {"reversed": 3.0}),
     ],
@@ -465,7 +467,7 @@ def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.
 def test_a_sea_that_the_rudder_works_against_is_larger_than_what_it_leaves(
     monkeypatch: pytest.MonkeyPatch, learns: bool, change: dict[str, Any], memory: dict[str, float]
 ) -> None:
-    """By the rudder's own mean square, learnt on a course, while nothing is suspect."""
+    """By the rudder's own mean square, learnt near a course, while nothing is suspect."""
     looks = Looks(monkeypatch, **memory)
     for number in range(400):
         looks.update(0.1 * math.sin(0.9 * TICK * number), **change)
