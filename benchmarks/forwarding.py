@@ -2,11 +2,12 @@
 
     python benchmarks/forwarding.py [--seconds 20] [--rounds 3] [--mavproxy COMMAND] [--json]
 
-A stand-in for an ArduRover boat sends what a companion's line carries, 50 ATTITUDE a second among it, on loopback UDP.
-Each program has it in turn, several rounds: the whole `autopilot run`, which steers by it at 50 Hz, without
-`--forward`, with it, and with the headings thinned to two a second; MAVProxy with one `--out`, and without. A sink
-counts what comes out. Figures are processor time from /proc as a share of one core. MAVProxy is looked for on the PATH
-(`pip install MAVProxy`); without it its rows are missing. Linux only.
+A stand-in for an ArduRover boat sends what a companion's line carries, 50 ATTITUDE a second among it, on loopback
+UDP. Each program has it in turn, several rounds: the whole `autopilot run`, which steers by it at 50 Hz, without
+`--forward`, with it, and with the headings thinned to two a second; MAVProxy with one `--out`, and without; and both
+forwarding with the boat on a serial line, a pseudo-terminal that names 921600 baud. A sink counts what comes out.
+Figures are processor time from /proc as a share of one core. MAVProxy is looked for on the PATH (`pip install
+MAVProxy`); without it its rows are missing. Linux only.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import pty
 import shlex
 import shutil
 import socket
@@ -22,6 +24,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tty
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -51,10 +54,12 @@ STREAM_HZ = {
 
 
 class Case(NamedTuple):
-    """A program under test: its command, and the port where what it passes on comes out; 0 where nothing does."""
+    """A program under test: its command, the port where what it passes on comes out, 0 where nothing does, and the
+    serial line to the boat as (our end, name), None: UDP."""
 
     command: list[str]
     sink: int
+    line: tuple[int, str] | None = None
 
 
 class Boat(Vehicle):
@@ -102,6 +107,28 @@ def norrbin(port: int, folder: Path, options: str | None) -> Case:
     return Case(command, sink)
 
 
+def on_line(case: Case, port: int) -> Case:
+    """Return the same with the boat on a serial line."""
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    os.set_blocking(ours, False)
+    name = os.ttyname(theirs)
+    named = {f"udpin:127.0.0.1:{port}": f"serial:{name}:921600", f"--master=udpin:127.0.0.1:{port}": f"--master={name}"}
+    command = [named.get(each, each) for each in case.command]
+    return Case([*command, "--baudrate=921600"] if "--daemon" in command else command, case.sink, (ours, name))
+
+
+def carry(ours: int, relay: socket.socket, boat: int) -> None:
+    """Carry what waits between our end of the serial line and the boat."""
+    for data in datagrams(relay):
+        os.write(ours, data)
+    try:
+        while data := os.read(ours, 4096):
+            relay.sendto(data, ("127.0.0.1", boat))
+    except BlockingIOError:
+        return
+
+
 def mavproxy(program: str, port: int, folder: Path, passes_on: bool) -> Case:
     """Return MAVProxy with its log, as it is started aboard: no console, streams left as they are."""
     sink = free_port() if passes_on else 0
@@ -116,6 +143,10 @@ def measure(case: Case, port: int, folder: Path, seconds: float) -> dict[str, fl
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sink, (folder / "output").open("w+") as output:
         sink.bind(("127.0.0.1", case.sink))
         sink.setblocking(False)
+        relay = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        relay.setblocking(False)
+        if case.line is not None:
+            relay.bind(("127.0.0.1", port))
         program = subprocess.Popen(
             case.command, stdout=output, stderr=output, stdin=subprocess.DEVNULL, text=True, cwd=folder
         )
@@ -124,6 +155,8 @@ def measure(case: Case, port: int, folder: Path, seconds: float) -> dict[str, fl
             while not measured_from or time.perf_counter() - measured_from < seconds:
                 boat.stream(tick)
                 tick += 1
+                if case.line is not None:
+                    carry(case.line[0], relay, boat.line.getsockname()[1])
                 boat.answers(started + tick / RATE_HZ)
                 passed = datagrams(sink)
                 if not measured_from and time.perf_counter() - started > SETTLE_S:
@@ -137,6 +170,9 @@ def measure(case: Case, port: int, folder: Path, seconds: float) -> dict[str, fl
             program.terminate()
             program.wait(10.0)
             boat.line.close()
+            relay.close()
+            if case.line is not None:
+                os.close(case.line[0])
     sent = (boat.sent - sent_before)["ATTITUDE"]
     return {
         "cpu_percent": 100.0 * used / span,
@@ -159,12 +195,14 @@ def datagrams(sink: socket.socket) -> list[bytes]:
 
 def cases(program: str | None, port: int, folder: Path) -> dict[str, Case]:
     """Return what is measured, by name."""
-    found = {
+    found: dict[str, Case] = {
         "norrbin, steers": norrbin(port, folder, None),
         "norrbin, steers and forwards": norrbin(port, folder, ""),
         "norrbin, thinned to 2 Hz": norrbin(port, folder, "?rate=ATTITUDE:2,others:1"),
     }
+    found["norrbin, serial, steers and forwards"] = on_line(norrbin(port, folder, ""), port)
     if program is not None:
+        found["MAVProxy, serial, forwards"] = on_line(mavproxy(program, port, folder, True), port)
         found["MAVProxy, no --out"] = mavproxy(program, port, folder, False)
         found["MAVProxy, forwards"] = mavproxy(program, port, folder, True)
     return found
@@ -173,9 +211,9 @@ def cases(program: str | None, port: int, folder: Path) -> dict[str, Case]:
 def table(runs: dict[str, list[dict[str, float]]]) -> list[str]:
     """Return the medians as lines of text."""
     keys = list(next(iter(runs.values()))[0])
-    lines = [f"{'':30s}" + "".join(f"{key:>17s}" for key in keys)]
+    lines = [f"{'':38s}" + "".join(f"{key:>17s}" for key in keys)]
     for name, each in runs.items():
-        lines.append(f"{name:30s}" + "".join(f"{statistics.median(run[key] for run in each):17.2f}" for key in keys))
+        lines.append(f"{name:38s}" + "".join(f"{statistics.median(run[key] for run in each):17.2f}" for key in keys))
     return lines
 
 
