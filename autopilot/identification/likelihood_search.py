@@ -284,7 +284,9 @@ def approached(space: Space, start: FloatArray) -> tuple[FloatArray, float]:
         before = loss
         _, slope, known = space.slope(z, boat_only=True)
         at, path = z.copy(), space.path
-        at[space.boat] -= inverse(known) @ slope[space.boat]
+        step = inverse(known) @ slope[space.boat]
+        # delay and lag are no straight lines, and a boat that turns against its rudder is another one
+        at[space.boat] -= step / max(1.0, float(np.max(np.abs(np.append(step[0], step[4:])))) / LARGEST_CHANGE)
         there = space.keep(at)
         if there < loss:
             z, loss = at, there
@@ -297,6 +299,8 @@ def approached(space: Space, start: FloatArray) -> tuple[FloatArray, float]:
     return z, loss
 
 
+LARGEST_CHANGE = 0.5
+"""Of the logarithms of the rudder's way in a step of Newton's, and of K/T as a share of what is guessed."""
 TURNS, A_TURN, A_TURN_GAINS = 10, 6, 1.0
 """Turns at most, iterations in each, and what one must gain of the likelihood's logarithm for another to follow."""
 
