@@ -131,10 +131,14 @@ def save_unused(path: Path, text: str) -> Path:
 
 def refuse_existing(path: str | Path) -> None:
     """Raise InputError where a file or a folder is at `path`: said before the work, not after it."""
-    if os.path.isdir(path):  # noqa: PTH112 - of what must not be looked at nothing is known here
-        raise InputError(f"{path}: is a folder; give the name of a file.")
+    _refuse_folder(path)
     if os.path.isfile(path) and not is_standard_output(path):  # noqa: PTH113
         raise InputError(f"{path}: exists already; give another name, or --overwrite to replace it.")
+
+
+def _refuse_folder(path: str | Path) -> None:
+    if os.path.isdir(path):  # noqa: PTH112 - of what must not be looked at nothing is known here
+        raise InputError(f"{path}: is a folder; give the name of a file.")
 
 
 def numbered(path: Path) -> Iterator[Path]:
@@ -307,7 +311,8 @@ def refuse_in_use(path: Path) -> None:
 
 
 def check_folder(path: str | Path) -> None:
-    """Raise InputError where `path` names a file in a folder that is not there or takes none: said before the work."""
+    """Raise InputError where `path` is a folder, or in one that is not there or takes none: said before the work."""
+    _refuse_folder(path)
     folder = Path(os.path.realpath(path)).parent
     if not folder.is_dir():
         reason = errno.ENOENT

@@ -122,6 +122,8 @@ def test_a_full_disk_leaves_the_old_file_and_says_that_freeing_it_is_the_cure(
 
 def test_a_folder_that_takes_nothing_is_said_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     check_folder(tmp_path / "new.yaml")
+    with pytest.raises(InputError, match=r"is a folder; give the name of a file"):
+        check_folder(tmp_path)
     monkeypatch.setattr(os, "access", lambda path, _: Path(path) != tmp_path)
     with pytest.raises(InputError, match=r"new\.yaml: cannot be written \(Permission denied\); give another file"):
         check_folder(tmp_path / "new.yaml")
