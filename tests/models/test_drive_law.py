@@ -84,7 +84,7 @@ def test_a_loop_on_thrust_asks_for_the_same_angle_at_every_thrust() -> None:
 
 @given(mixings, shares, shares)
 def test_mixing_is_that_of_the_simulated_firmware(mixing: Mixing, steering: float, throttle: float) -> None:
-    setup = MotorSetup(mixing.asymmetry, mixing.expo, mixing.priority, 0.0, 100.0, 0.0, 3)
+    setup = MotorSetup(mixing.asymmetry, mixing.expo, mixing.priority, 0.0, 100.0, 0.0, 3, 0.0, False, 1.0)
     by_firmware = skid_outputs(setup, *by_hand(setup, steering, throttle, is_skid=True))
     assert mixed(mixing, steering, throttle) == pytest.approx(by_firmware, abs=1.0e-9)
 
