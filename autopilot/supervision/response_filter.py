@@ -87,6 +87,8 @@ Mean = tuple[float, float, float, float]
 """psi [rad], r [rad/s], p [rad], w [rad]."""
 
 NOTHING: Mean = (0.0, 0.0, 0.0, 0.0)
+Means = tuple[Mean, Mean, Mean, Mean, Mean]
+"""Of the heading without a rudder, and of what adds to it: the rudder, a late one, a slide's braking, a slow one."""
 
 
 class Seaway(NamedTuple):
@@ -285,6 +287,32 @@ def measured(before: Predicted, heading: float) -> tuple[Gains, Covariance]:
         p22 - k2 * p02,
         p23 - k2 * p03,
         p33 - k3 * p03,
+    )
+
+
+def all_moved(step: Transition, means: Means, rudders: tuple[float, float, float, float]) -> Means:
+    """Return the means a step later: of the heading without a rudder, and of what each of the `rudders` [rad] adds."""
+    without, answer, late, slide, slow = means
+    rudder, rudder_late, braked, rudder_slow = rudders
+    return (
+        moved(step, without, 0.0),
+        moved(step, answer, rudder),
+        moved(step, late, rudder_late),
+        moved(step, slide, braked),
+        moved(step, slow, rudder_slow),
+    )
+
+
+def all_corrected(gains: Gains, means: Means, innovation: float) -> Means:
+    """Return the means after a heading that was `innovation` [rad] off what it would be without a rudder: the gains are
+    the same for all, and so each answer is the smaller by its own part of what is explained."""
+    without, answer, late, slide, slow = means
+    return (
+        corrected(gains, without, innovation),
+        corrected(gains, answer, -answer[0]),
+        corrected(gains, late, -late[0]),
+        corrected(gains, slide, -slide[0]),
+        corrected(gains, slow, -slow[0]),
     )
 
 

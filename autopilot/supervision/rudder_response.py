@@ -27,13 +27,13 @@ from autopilot.supervision.response_filter import (
     NO_SLIDE,
     NOTHING,
     Covariance,
-    Gains,
     Mean,
+    Means,
     Noise,
     Slide,
-    corrected,
+    all_corrected,
+    all_moved,
     measured,
-    moved,
     predicted,
     slide_learnt,
     slide_share,
@@ -193,9 +193,8 @@ def response_step(
     covariance = predicted(step, known, noise, noise.push + GUST if is_gust else noise.push, dt)
     gains, known = measured(covariance, noise.heading)
     variance = gains[0]
-    mean, answer = moved(step, mean, 0.0), moved(step, answer, rudder)
-    late, slow = moved(step, late, rudder_late), moved(step, others.slow, rudder_slow)
-    slide = moved(step, slide, braked)
+    means = all_moved(step, (mean, answer, late, slide, others.slow), (rudder, rudder_late, braked, rudder_slow))
+    mean, answer, late, slide, slow = means
     off, s, s_late = heading - mean[0], answer[0], late[0]
     off = off if -PI < off <= PI else wrap(off)
     # of the shares of the answer, the opposite one allowed, the one that explains most; a slow rudder is no gust either
@@ -205,7 +204,7 @@ def response_step(
     square = (left * left if left * left < by_slow * by_slow else by_slow * by_slow) / variance
     if square > OUTLIER_SQUARE:
         if outliers < OUTLIERS_MOST:
-            return _without_heading(before, time, Covariance(*covariance), (mean, answer, late, slide, slow))
+            return _without_heading(before, time, Covariance(*covariance), means)
         square = OUTLIER_SQUARE
     kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
     # while a gust sets in nothing that the rudder does against it is evidence
@@ -222,15 +221,16 @@ def response_step(
     # what may be a fault is none of the boat's usual ways
     learns = 0.0 if stuck >= SUSPECT or wrong >= SUSPECT else 1.0 / variance
     slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
-    others = others_step(others, model.time_constant, gains, dt, (off, s, s_late, slow))
+    mean, answer, late, slide, corrected_slow = all_corrected(gains, means, off)
+    others = others_step(others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), corrected_slow)
     off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
     return ResponseState(
         time,
         known,
-        corrected(gains, mean, off),
-        corrected(gains, answer, -s),
-        corrected(gains, late, -s_late),
-        corrected(gains, slide, -g),
+        mean,
+        answer,
+        late,
+        slide,
         slid,
         stuck,
         grown(kept * stuck_late, square_some_late - off * off, variance, most),
@@ -245,9 +245,7 @@ def response_step(
     )
 
 
-def _without_heading(
-    before: ResponseState, time: float, covariance: Covariance, means: tuple[Mean, Mean, Mean, Mean, Mean]
-) -> ResponseState:
+def _without_heading(before: ResponseState, time: float, covariance: Covariance, means: Means) -> ResponseState:
     """Return what is known at `time` [s] of a heading that is left out."""
     mean, answer, late, slide, slow = means
     _, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before.others
@@ -274,14 +272,19 @@ def _without_heading(
 
 
 def others_step(
-    before: Others, time_constant: float, gains: Gains, dt: float, shown: tuple[float, float, float, Mean]
+    before: Others,
+    time_constant: float,
+    variance: float,
+    dt: float,
+    shown: tuple[float, float, float, float],
+    slow: Mean,
 ) -> Others:
     """Return what is known of the other explanations `dt` [s] later; shown: how far the heading is from what it would
-    be without a rudder, the answers to the rudder and to a late one [rad], and to a slow one."""
+    be without a rudder, the answers to the rudder, to a late one and to a slow one [rad]; slow: the mean of that
+    answer after the heading."""
     _, of_lively, of_quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before
     (lively, lively_port), (quick, quick_port) = of_lively, of_quick
-    off, s, s_late, slow = shown
-    variance, s_slow = gains[0], slow[0]
+    off, s, s_late, s_slow = shown
     lasts = FADES_SLOW * time_constant
     kept = math.exp(-dt / (lasts if lasts > FADES_TIME else FADES_TIME))
     share = 1.0 - math.exp(-dt / (time_constant if time_constant > MISFIT_TIME else MISFIT_TIME))
@@ -316,7 +319,7 @@ def others_step(
         colour = square + kept * (colour - square)
     by_weak, by_right, by_strong, by_late = off - WEAK * s, off - s, off - STRONG * s, off - s_late
     return Others(
-        corrected(gains, slow, -s_slow),
+        slow,
         (lively, lively_port),
         (quick, quick_port),
         misfit,
