@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from autopilot.cli import demo
-from autopilot.cli.demo import (
+from autopilot.cli import demo_legs
+from autopilot.cli.demo_legs import (
     DemoResult,
     Hold,
     Leg,
@@ -61,8 +61,8 @@ def test_a_leg_that_a_busy_machine_disturbs_is_sailed_slower_and_slower(
             raise RefusedError("stood still")
         return pace
 
-    monkeypatch.setattr(demo, "_sail_once", held_up)
-    assert demo.sail(Leg("turn", "pid", ()), load_vessel("lanxin"), tmp_path, 1) == 0.5  # type: ignore[comparison-overlap]
+    monkeypatch.setattr(demo_legs, "_sail_once", held_up)
+    assert demo_legs.sail(Leg("turn", "pid", ()), load_vessel("lanxin"), tmp_path, 1) == 0.5  # type: ignore[comparison-overlap]
     assert capsys.readouterr().err.count("busy: turn is sailed again, slower\n") == 3
 
 

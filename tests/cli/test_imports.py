@@ -63,6 +63,10 @@ def test_steering_loads_neither_numpy_nor_what_is_heavier() -> None:
     assert not loaded & {f"autopilot.{name}" for name in NOT_ASKED_FOR}
 
 
+def test_the_demo_explains_itself_before_it_loads_what_it_sails_and_identifies_with() -> None:
+    assert not modules_of("demo", "--help") & HEAVY
+
+
 @pytest.mark.parametrize("command", SUBCOMMANDS)
 def test_the_help_of_all_says_what_the_commands_own_parser_says(command: str) -> None:
     def said(parser_arguments: list[str]) -> str:
