@@ -25,7 +25,7 @@ from autopilot.pilot import Pilot
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import LinkOptions
-from autopilot.runtime.log_files import FileSink
+from autopilot.runtime.log_files import log_file
 from autopilot.runtime.machine import MonotonicClock
 from autopilot.runtime.record import read_log as _read_own_log
 from autopilot.runtime.tuning import GainRequest, designed
@@ -174,7 +174,7 @@ def run(
 ) -> list[Tick]:
     """Steer in real time over `links` (URLs as of `autopilot run`, ArduRover by the ground station's id) for `duration`
     [s]; return the ticks. On every way out the rudder is released. LinkError where no heading has come."""
-    sink = None if log is None else (lambda: FileSink(Path(log)))
+    sink = None if log is None else (lambda: log_file(Path(log)))
     plan = Plan(vessel, orders, urls=tuple(links), options=LinkOptions(as_gcs=True), log=sink)
     ticks: list[Tick] = []
 

@@ -83,7 +83,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 def log_place(arguments: argparse.Namespace) -> Sink:
     """Return where the options want the log, which is written from a thread of its own. Raises InputError."""
-    from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, ThreadedSink
+    from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, ThreadedSink, log_file
 
     total = arguments.log_total_mb
     if arguments.log is not None:
@@ -93,7 +93,7 @@ def log_place(arguments: argparse.Namespace) -> Sink:
                 f"--log {arguments.log}: there is no folder {folder}, perhaps because a disk is not mounted; if it is "
                 f"to be a new one, make it first: mkdir -p {shlex.quote(str(folder))}"
             )
-        sink: FileSink | FolderSink = FileSink(arguments.log)
+        sink: FileSink | FolderSink = log_file(arguments.log)
     else:
         part = min(PART_MB, total / LEAST_PARTS)
         sink = FolderSink(arguments.log_dir, FolderLimits(int(total * MEGABYTE), int(part * MEGABYTE)))

@@ -293,7 +293,8 @@ def write_new(path: Path, write: Callable[[Path], object], *, private: bool = Fa
         write(Path(temporary))
         os.fsync(descriptor)
         # mkstemp's 0600 would lock out the user's other programs
-        os.fchmod(descriptor, 0o600 if private else 0o666 & ~_umask())
+        with _where_it_can_be(not private):
+            os.fchmod(descriptor, 0o600 if private else 0o666 & ~_umask())
         Path(temporary).replace(path)
         sync_folder(path.parent)
     except BaseException:
@@ -340,9 +341,20 @@ def sync_folder(folder: Path) -> None:
     """Flush the folder itself, without which a new or removed name may not outlive a power cut."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(descriptor)
+        with _where_it_can_be():
+            os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _where_it_can_be(able: bool = True) -> Iterator[None]:
+    """Do without what the disk does not know: sticks and shares have no modes of their own, and flush no folders."""
+    try:
+        yield
+    except OSError as error:
+        if not able or error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EPERM):
+            raise
 
 
 def _umask() -> int:

@@ -130,6 +130,15 @@ class _OpenFile:
         raise NotImplementedError
 
 
+def log_file(path: Path) -> FileSink:
+    """Return the sink of a new log. Raises InputError also where its name is that of another kind of file."""
+    if path.suffix[1:].isalpha() and path.suffix.lower() != ".tlog":
+        raise InputError(
+            f"log {path}: a log is a .tlog; name it so, and `autopilot log export` makes other kinds of it."
+        )
+    return FileSink(path)
+
+
 class FileSink(_OpenFile):
     """One new file, written at once, locked as long as it is open; where `path` exists, its next free name.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,9 +13,17 @@ from lockstep import Lockstep
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.files.saving import check_folder, create_unused, save_page, save_text, save_unused, unused_folder
+from autopilot.files.saving import (
+    check_folder,
+    create_unused,
+    replace_file,
+    save_page,
+    save_text,
+    save_unused,
+    unused_folder,
+)
 from autopilot.runtime import log_files
-from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink
+from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink, log_file
 from autopilot.vessel.file import load_vessel
 from sitl.cli import main as sitl
 
@@ -224,3 +233,31 @@ def test_a_log_makes_no_folder_where_a_disk_may_not_be_mounted(
     assert f"there is no folder {log.parent}" in error
     assert f"mkdir -p {log.parent}" in error
     assert not log.parent.exists()
+
+
+@pytest.mark.parametrize("name", ["x.csv", "x.BIN", "boat.yaml"])
+def test_a_log_named_like_a_file_of_another_kind_is_refused(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--wait", "0.5", "--log", str(tmp_path / name)]
+    assert main(command) == 2
+    assert f"{name}: a log is a .tlog; name it so" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+    for name in ("20260504 10.15", "pipe", "RUN.TLOG"):
+        log_file(tmp_path / name).close()
+
+
+@pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOTSUP])
+def test_a_disk_without_modes_or_flushed_folders_takes_a_file(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(descriptor: int, mode: int = 0) -> None:
+        if mode or stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("os.fsync", refuse)
+    monkeypatch.setattr("os.fchmod", refuse)
+    save_text(tmp_path / "boat.yaml", "on a share")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["on a share"]
+    with pytest.raises(OSError, match=os.strerror(number)):  # a key is for its owner alone, or is not written
+        replace_file(tmp_path / "signing.key", "secret", private=True)
