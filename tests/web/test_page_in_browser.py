@@ -233,15 +233,19 @@ def test_nothing_is_covered_cut_off_or_too_small_even_under_an_alarm(
     page.context.close()
 
 
+MEASURE = """(all) => Object.fromEntries(all.map((selector) => {
+  const at = document.querySelector(selector), { top, bottom, width, height } = at.getBoundingClientRect();
+  const letters = parseFloat(getComputedStyle(at).fontSize);
+  return [selector, { top, bottom, width, height, letters, stands_out: at.scrollWidth > at.clientWidth }];
+}))"""
+SMALL = ((320, 568), (568, 320), (667, 375), (390, 844), (1280, 800))
 ALL_THAT_STEERS = ["button[data-turn='-10']", "button[data-turn='10']", "#engage", "#route", "#standby"]
 ALL_THAT_STEERS += ["button[data-dodge='-20']", "#back", "button[data-dodge='20']"]
 
 
 @pytest.mark.parametrize("mode", ["standby", "wind"])
 def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm, mode: str) -> None:
-    page, wanted = helm.open(), [*ALL_THAT_STEERS]
-    alarm(helm, AlarmEvent("battery_low", "11.2 V") if mode == "standby" else AlarmEvent("shallow"), "battery")
-    page.wait_for_selector("#bar.alarm button")
+    page, wanted = helm.open(), [*ALL_THAT_STEERS, "#release", "#mob"]
     if mode == "wind":
         helm.vane.is_acknowledged = True
         until(page, "!document.getElementById('hold-wind').hidden && !document.getElementById('hold-wind').disabled")
@@ -249,25 +253,35 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
         word(page, "mode-word", "Wind")
         page.wait_for_selector("#tack")
         wanted += ["#hold-wind", "#tack", "#gybe"]
-    for width, height in ((320, 568), (667, 375), (390, 844), (1280, 800)):
-        page.set_viewport_size({"width": width, "height": height})
-        footer = page.locator("footer").bounding_box()["y"]
-        top = page.locator("#bar").bounding_box()
-        for button in wanted:
-            box = page.locator(button).bounding_box()
-            assert box["y"] >= top["y"] + top["height"] and box["y"] + box["height"] <= footer, (button, width)
-            assert box["height"] >= 44 and box["width"] >= 44, (button, width)
-            inside = page.locator(button).evaluate("(at) => at.scrollWidth <= at.clientWidth")
-            assert inside, f"{button} at {width}: its words stand out of it"
-            letters = page.locator(button).evaluate("(at) => parseFloat(getComputedStyle(at).fontSize)")
-            assert letters >= 13.5, f"{button} at {width}: {letters:.1f} px"
+    # an order acknowledges what sounds: the alarm comes after it
+    alarm(helm, AlarmEvent("rudder_stuck") if mode == "standby" else AlarmEvent("vehicle_failed"), mode)
+    page.wait_for_selector("#bar:not(.seen) button")
+    for is_overboard in (False, True):
+        if is_overboard:
+            page.click("#mob")
+            page.wait_for_selector("#overboard")
+        tops = ["#bar", "#bar button", *(["#overboard", "#mob-off"] if is_overboard else [])]
+        for width, height in SMALL:
+            page.set_viewport_size({"width": width, "height": height})
+            found = page.evaluate(MEASURE, [*wanted, *tops, "footer"])
+            below, footer = max(found[top]["bottom"] for top in tops), found["footer"]["top"]
+            for button in wanted + tops[1::2]:
+                box, where = found[button], f"{button}, {width}x{height}, {is_overboard=}"
+                if button not in (*tops, "#release", "#mob"):
+                    assert box["top"] >= below and box["bottom"] <= footer, where
+                assert box["bottom"] <= height and box["height"] >= 44 and box["width"] >= 44, where
+                assert not box["stands_out"], f"{where}: its words stand out of it"
+                assert box["letters"] >= 13.5, f"{where}: {box['letters']:.1f} px"
+    for _ in range(2):
+        page.click("#mob-off")
+    page.wait_for_selector("#overboard", state="hidden")
     if mode == "wind":
         page.click("button[data-dodge='20']")
         until(page, "/^Back to \\d+° (port|stb)$/.test(document.getElementById('back').textContent)")
         page.click("#standby")
         word(page, "mode-word", "Standby")
         helm.vane.is_acknowledged = False
-    alarm(helm, None, "battery")
+    alarm(helm, None, mode)
     page.context.close()
 
 

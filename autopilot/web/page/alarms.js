@@ -12,9 +12,10 @@ export function setUpAlarms(order) {
   byId("all-seen").addEventListener("click", () => give({ do: "acknowledge" }, byId("all-seen")));
 }
 
-/* What is wrong stands before the colon, what to do behind it. */
+/* What is wrong stands before the colon, behind the part that it is about; what to do behind it. */
 function split({ words: all }) {
-  const words = all.charAt(0).toUpperCase() + all.slice(1), at = words.indexOf(": ");
+  const words = all.charAt(0).toUpperCase() + all.slice(1);
+  const at = words.indexOf(": ", /^(Steering gear|Heading monitor|Heading frozen|Rudder limit): /.exec(words)?.[0].length);
   return at < 0 ? [words, ""] : [words.slice(0, at), words.slice(at + 2)];
 }
 
