@@ -75,8 +75,8 @@ from autopilot.signals import OrderKind
 from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
 from autopilot.vessel.parameters import parameters_of, value_of, with_value
 from autopilot.vessel.schema import Vessel
-from autopilot.web.alarm_board import alarms_from
 from autopilot.web.hub import Hub
+from autopilot.web.journal import alarms_from
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import BoatLine, Station, descriptions_from

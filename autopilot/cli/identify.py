@@ -176,8 +176,8 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         return int(ExitCode.OK)
     from autopilot.cli.identify_drive import identified_by_thrust
     from autopilot.cli.log import log_options, print_newer, refuse_twice, vessel_of
-    from autopilot.identification.gear_check import gear_check
     from autopilot.identification.ordered_rudder import slower_rudder, with_rudder_of
+    from autopilot.identification.verdict import gear_check
     from autopilot.logs.reading import load_run
     from autopilot.vessel.file import recorded_vessel
 

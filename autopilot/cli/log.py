@@ -24,7 +24,7 @@ from autopilot.files.printable import SENTENCE, escaped, fixed, printable
 from autopilot.files.saving import newer_numbered
 from autopilot.identification import trial_measures as criteria
 from autopilot.identification.trial_measures import Measures
-from autopilot.report.trials import blocks_of, verdict_of_trials
+from autopilot.report.log_pages import blocks_of, verdict_of_trials
 
 if TYPE_CHECKING:
     from autopilot.logs.export import Entry
@@ -276,7 +276,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from autopilot.files.printable import aligned
-    from autopilot.report.comparison import compared, comparison_page, document_of_runs, run_of, table_of_runs
+    from autopilot.report.log_pages import compared, comparison_page, document_of_runs, run_of, table_of_runs
     from autopilot.runtime.record import read_logs
 
     if arguments.report:
@@ -326,7 +326,7 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
     print(shown(arguments.log, measures, length, recording.notes))
     if arguments.report:
         from autopilot.files.saving import save_page
-        from autopilot.report.trials import trials_page
+        from autopilot.report.log_pages import trials_page
 
         page = trials_page(arguments.log, record, measures, length, shlex.join(arguments.typed))
         save_page(arguments.report, page)

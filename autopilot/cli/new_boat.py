@@ -89,8 +89,8 @@ def _rudder(boat: Boat) -> list[str]:
 
 def _rudder_log(boat: Boat) -> list[str]:
     """Return how the rudder's sensor, where there is one, contradicts the file."""
-    from autopilot.identification.gear_check import angles_against, rate_against, rests_of
     from autopilot.identification.rudder_path import measured_rate
+    from autopilot.identification.verdict import angles_against, rate_against, rests_of
     from autopilot.logs.reading import load_recording
     from autopilot.logs.table import orders_of
 

@@ -28,8 +28,7 @@ from autopilot.links.transports.medium import (
 )
 
 MODULES = (
-    "udp",
-    "tcp",
+    "sockets",
     "serial_line",
     "medium",
 )

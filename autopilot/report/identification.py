@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from autopilot.files.printable import aligned, fixed
-from autopilot.identification.gear_check import GearCheck
 from autopilot.identification.identified import SURE_OF_IT, Identified, SteadyTurns
 from autopilot.identification.model_choice import Candidate, Choice
 from autopilot.identification.prediction_bands import AHEAD_S, TURNING_RAD, Band, Forecast
@@ -19,7 +18,7 @@ from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.identification.two_stage import Nomoto, cubic_damping_stage
-from autopilot.identification.verdict import Verdict, verdict_of
+from autopilot.identification.verdict import GearCheck, Verdict, verdict_of
 
 DEG = math.pi / 180.0
 

@@ -27,8 +27,7 @@ from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing
 from autopilot.links.url import accept_signed, open_transport, parse_url
-from autopilot.web.alarm_board import AlarmBoard
-from autopilot.web.journal import Journal, RouteBoard
+from autopilot.web.journal import AlarmBoard, Journal, RouteBoard
 from autopilot.web.orders import NO_ANSWER, Answer, Asked, Course, OnDone, Orders, Reasons
 from autopilot.web.view import BoatView
 

@@ -27,7 +27,7 @@ from autopilot.guidance.manoeuvres import (
 )
 from autopilot.identification.trial_measures import Measures, TrialRecord, measures_of, record_of
 from autopilot.operators.trial_script import TrialScript, steps_of
-from autopilot.report.trials import trials_page
+from autopilot.report.log_pages import trials_page
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
 from autopilot.supervision.alarm_words import WORDS

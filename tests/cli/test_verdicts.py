@@ -11,7 +11,7 @@ import pytest
 from boat_at_sea import Sea
 
 from autopilot.cli.main import main
-from autopilot.report.comparison import compared, measures_of_run, run_of, table_of_runs
+from autopilot.report.log_pages import compared, measures_of_run, run_of, table_of_runs
 from autopilot.report.steered import Steered, Turn, trial_verdict
 from autopilot.signals import Mode, Tick
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from boat_recordings import zigzag_boat
 
-from autopilot.identification.gear_check import UNKNOWN_RATE, GearCheck, angles_against, gear_check, rests_of
 from autopilot.identification.ordered_rudder import rate_limited, slower_rudder
 from autopilot.identification.rudder_path import RudderRate, measured_rate
 from autopilot.identification.runs import Orders, Run, Segment
+from autopilot.identification.verdict import UNKNOWN_RATE, GearCheck, angles_against, gear_check, rests_of
 
 FILED = math.radians(20.0)
 

@@ -27,8 +27,7 @@ from autopilot.links.ground_station.mission import MissionItem
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.signalk.messages import Deltas, line_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Siren
-from autopilot.web.alarm_board import LIST_MOST, AlarmBoard, alarms_from
-from autopilot.web.journal import Track, route_from
+from autopilot.web.journal import LIST_MOST, AlarmBoard, Track, alarms_from, route_from
 from autopilot.web.orders import ENGAGE, Command, Orders, turn_to
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from autopilot.links.transports.memory import LoopbackTransport, ReplayTransport, loopback_pair
 from autopilot.links.transports.serial_line import SerialTransport
-from autopilot.links.transports.tcp import TcpClientTransport, TcpServerTransport
-from autopilot.links.transports.udp import UdpInTransport, UdpOutTransport
+from autopilot.links.transports.sockets import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
 
 __all__ = [
     "LoopbackTransport",
