@@ -25,7 +25,7 @@ from autopilot.links.transports import loopback_pair
 from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, HelmSample, Sample, Tick
 from autopilot.supervision import alarm_words, panel
 from autopilot.supervision.supervisor import waits_to_engage
-from autopilot.web.alarm_board import AlarmBoard
+from autopilot.web.journal import AlarmBoard
 
 WINDOW_S = 9.0
 SCENES = {
