@@ -160,11 +160,8 @@ class Overboard:
 
         Raises InputError where no position is known.
         """
-        if self.place is not None:
-            return
-        if fix.newest is None or not abs(now - fix.newest.time) <= OLDEST_S:
-            raise InputError("man overboard: no position is known; note the time and the heading")
-        self.place, self.since = fix.place, now
+        if self.place is None:
+            self.place, self.since = _here(now, fix), now
 
     def report(self, now: float, place: Place, beacon: str) -> None:
         """Take the place that a `beacon` says at `now` [s]; one that has been taken back counts when it begins anew."""
@@ -175,6 +172,11 @@ class Overboard:
         is_its = self.place is not None and self.beacon == beacon
         if is_its and bearing_and_distance(self.place or place, place)[1] > MOVED_M:
             self.place = place
+
+    def report_here(self, now: float, fix: Fix, beacon: str) -> None:
+        """Take it that a `beacon` says no place: where the boat is when it is first said. Raises as `mark`."""
+        is_its = self.place is not None and self.beacon == beacon
+        self.report(now, self.place if is_its and self.place else _here(now, fix), beacon)
 
     def clear(self) -> None:
         """Forget it."""
@@ -188,6 +190,12 @@ class Overboard:
     def alarm(self) -> AlarmEvent | None:
         """What everybody aboard must know, None while nobody is overboard."""
         return None if self.place is None else AlarmEvent("man_overboard", _written(self.place))
+
+
+def _here(now: float, fix: Fix) -> Place:
+    if fix.newest is None or not abs(now - fix.newest.time) <= OLDEST_S:
+        raise InputError("man overboard: no position is known; note the time and the heading")
+    return fix.place
 
 
 def _written(place: Place) -> str:

@@ -194,7 +194,9 @@ ACTIONS = "steering.autopilot.actions."
 ADJUST, DODGE, ACKNOWLEDGE = ACTIONS + "adjustHeading", ACTIONS + "dodge", ACTIONS + "acknowledge"
 TACK, GYBE, ADVANCE = ACTIONS + "tack", ACTIONS + "gybe", ACTIONS + "advanceWaypoint"
 PATHS = (STATE, MODE, *HEADINGS, TARGET_WIND, TARGET_TRUE_WIND, ADJUST, DODGE, ACKNOWLEDGE, TACK, GYBE, ADVANCE)
-PATHS_SHOWN = f"steering.autopilot. and {', '.join(path.removeprefix('steering.autopilot.') for path in PATHS)}"
+PATHS_SHOWN = (
+    f"{MOB}, and steering.autopilot. and {', '.join(path.removeprefix('steering.autopilot.') for path in PATHS)}"
+)
 STATE_ORDERS: dict[str, dict[str, Any]] = {
     "auto": {"do": "engage"},
     "wind": {"do": "wind"},
@@ -271,6 +273,14 @@ def order_of(id: str, path: Any, value: Any) -> dict[str, Any]:
         return {"do": "dodge", "degrees": _number(id, path, value, -DODGE_MOST_DEG, DODGE_MOST_DEG)}
     if path == ACKNOWLEDGE:
         return {"do": "acknowledge", **({"name": name} if (name := name_of(value)) else {})}
+    if path == MOB:
+        # somebody else's, said again and again while it lasts: over is it on board
+        place = {"latitude": 0.0, "longitude": 0.0} if value is None else value
+        if not isinstance(place, dict):
+            raise BadRequestError(id, 400, f"{path}: a position, or null where none is known, is allowed")
+        latitude = _number(id, f"{path}: latitude", place.get("latitude"), -90.0, 90.0)
+        longitude = _number(id, f"{path}: longitude", place.get("longitude"), -180.0, 180.0)
+        return {"do": "mob_at", "latitude": latitude, "longitude": longitude}
     raise BadRequestError(id, 405, f"{printable(repr(path), SHOWN)}: allowed are {PATHS_SHOWN}")
 
 

@@ -113,6 +113,7 @@ WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "dodge": lambda request: f"dodge {_side(request['degrees'])}",
     "back": lambda _: "back to the course before",
     "mob": lambda _: "MAN OVERBOARD",
+    "mob_at": lambda _: "MAN OVERBOARD",
     "mob_off": lambda _: "nobody is overboard",
     "next": lambda _: "on to the next waypoint",
     "wind": lambda request: f"hold the {'true' if request.get('true') else 'apparent'} wind",

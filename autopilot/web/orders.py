@@ -131,6 +131,11 @@ def overboard(is_so: bool) -> Command:
     return Command(OVERBOARD, (float(is_so),))
 
 
+def overboard_at(latitude_deg: float, longitude_deg: float) -> Command:
+    """Return the command that says on behalf of another system aboard where somebody is; both 0: it knows no place."""
+    return Command(OVERBOARD, (1.0, 1.0, 0.0, 0.0, latitude_deg, longitude_deg))
+
+
 def waypoint(number: int) -> Command:
     """Return the command that goes on to a waypoint of the route, counted from 0."""
     return Command(int(dialect.MAV_CMD_DO_SET_MISSION_CURRENT), (float(number),))

@@ -130,6 +130,11 @@ def _set(station: Station, request: dict[str, Any]) -> Asked:
     return lambda _, on_done: station.parameters.set(name, value, on_done)
 
 
+def _overboard_at(request: dict[str, Any]) -> tuple[orders.Command, ...]:
+    latitude, longitude = _number(request, "latitude", -90.0, 90.0), _number(request, "longitude", -180.0, 180.0)
+    return (orders.overboard_at(latitude, longitude),)
+
+
 def _pattern(request: dict[str, Any]) -> tuple[orders.Command, ...]:
     number, side = _number(request, "number", 0.0, 63.0), _number(request, "side", -1.0, 1.0)
     sizes = request.get("sizes", [])
@@ -145,6 +150,7 @@ _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "route": _commands(lambda _: orders.FOLLOW),
     "next": _next,
     "mob": _commands(lambda _: (orders.overboard(True),)),
+    "mob_at": _commands(_overboard_at),
     "mob_off": _commands(lambda _: (orders.overboard(False),)),
     "wind": _commands(_wind),
     "tack": _commands(_turn_of_the_wind),

@@ -41,6 +41,31 @@ def test_the_place_stays_and_is_seen_from_where_the_boat_is() -> None:
         overboard.mark(41.0 + OLDEST_S + 1.0, fix)
 
 
+def test_a_system_that_knows_no_place_means_where_the_boat_is_when_it_is_first_heard() -> None:
+    fix, overboard = Fix(), Overboard()
+    with pytest.raises(InputError, match="no position"):
+        overboard.report_here(0.0, fix, "chart")
+    for second in range(0, 100, 10):
+        at(fix, float(second), 3.0 * second, 0.0)
+        overboard.report_here(float(second), fix, "chart")
+    seen = overboard.seen_from(fix)
+    assert seen is not None and overboard.since == 0.0 and seen[1] == pytest.approx(270.0, rel=0.01)
+    overboard.clear()
+    overboard.report_here(100.0, fix, "chart")
+    assert overboard.place is None, "ended on board, and still said by the other: it is over"
+
+
+def test_a_place_that_another_system_says_is_kept_and_one_that_is_none_refused(tmp_path: Path) -> None:
+    sea = Watched(tmp_path)
+    sea.watch(2.0)
+    assert sea.order(do="mob_at", latitude=57.5, longitude=-11.25) == (True, "")
+    place = sea.mission.overboard.place
+    assert place is not None and sea.mission.overboard.beacon == "a system aboard"
+    assert math.degrees(place.latitude) == 57.5 and math.degrees(place.longitude) == -11.25
+    with pytest.raises(InputError, match="latitude"):
+        sea.order(do="mob_at", latitude=91.0, longitude=0.0)
+
+
 def test_the_boat_goes_on_as_ordered_and_every_display_has_it(tmp_path: Path) -> None:
     sea = Watched(tmp_path)
     sea.alarms = BothAlarms(GuideAlarms(sea.mission.overboard, "skipper"), sea.alarms)

@@ -146,6 +146,16 @@ def test_alarms_are_acknowledged_on_board_from_signal_k(tmp_path: Path) -> None:
         until("another alarm", lambda: sounds("shallow"))
         assert server.ask(f"{v1}/steering/autopilot/actions/acknowledge", True, "PUT")[0] in (200, 202)
         until("acknowledged on board again", lambda: on_board() and not sounds("shallow"))
+        # a man overboard whom a chart program reports sounds on board, and has the place that it says
+        status, raised = server.send("v2/api/notifications/mob", {"message": "Man overboard"}, "POST")
+        assert status == 200
+
+        def overboard() -> str:
+            return (server.value("notifications/mob") or {}).get("message", "")
+
+        until("the man overboard on board", lambda: "man overboard" in overboard().lower())
+        assert server.send(f"v2/api/notifications/{raised['id']}", None, "DELETE")[0] == 200
+        assert "man overboard" in overboard().lower(), "it is ended on board alone"
 
 
 def test_a_plugin_without_the_token_only_looks_and_a_plain_connection_reads_along(tmp_path: Path) -> None:

@@ -44,6 +44,7 @@ class Boat:
         self.mode, self.commands, self.result = HEADING, [], dialect.MAV_RESULT_ACCEPTED
         self.order_deg = 90.0
         self.magnetic = 0.0
+        self.place = (0.0, 0.0)
 
     def tell(self) -> None:
         messages = [
@@ -64,6 +65,7 @@ class Boat:
                 if message.get_type() == "COMMAND_LONG":
                     if message.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
                         self.commands.append((message.command, message.param1, message.param2))
+                        self.place = (message.param5, message.param6)
                     reply = dialect.MAVLink_command_ack_message(message.command, self.result)
                     self._line.send(self._codec.encode(reply))
 
@@ -321,6 +323,8 @@ NINES = b"9" * 400
             "a number",
         ),
         (b'{"requestId":"1",TOKEN,"put":{"path":"~actions.tack","value":1}}', 400, "port, starboard are"),
+        (b'{"requestId":"1",TOKEN,"put":{"path":"notifications.mob","value":true}}', 400, "a position, or null"),
+        (b'{"requestId":"1",TOKEN,"put":{"path":"notifications.mob","value":{"latitude":1}}}', 400, "longitude"),
         (b'{"requestId":"1",TOKEN,"put":{"path":"~mode","value":"gps"}}', 400, "compass, wind, true wind, route"),
         (b'{"requestId":"1",TOKEN,"put":{"path":"~actions.sail","value":1}}', 405, "allowed are"),
         (b'{"requestId":"1",TOKEN,"put":{"path":["x"],"value":1}}', 405, "allowed are"),
@@ -391,6 +395,19 @@ def test_a_line_of_a_stranger_ends_nothing_and_is_answered(rig: Rig, place: str,
     assert rig.boat.commands == []
     assert rig.ask(friend, "steering.autopilot.actions.adjustHeading", 10)["statusCode"] == 200
     line.close(), friend.close()
+
+
+@pytest.mark.parametrize(
+    ("value", "place"), [({"latitude": 57.5, "longitude": -11.25}, (57.5, -11.25)), (None, (0.0, 0.0))]
+)
+def test_a_man_overboard_whom_signal_k_knows_of_is_said_to_the_pilot(
+    rig: Rig, value: dict[str, float] | None, place: tuple[float, float]
+) -> None:
+    rig.turn(5)
+    line = rig.connect()
+    assert rig.ask(line, "notifications.mob", value)["statusCode"] == 200
+    assert rig.boat.commands == [(dialect.MAV_CMD_SPATIAL_USER_3, 1.0, 1.0)] and rig.boat.place == place
+    line.close()
 
 
 def test_a_boat_that_does_not_answer_is_a_time_out(rig: Rig) -> None:

@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
+from autopilot.guidance.current import Place
 from autopilot.guidance.track import Waypoint
 from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
 from autopilot.links.ground_station.access import MANUAL as MANUAL
@@ -238,7 +239,12 @@ wind from starboard, nan: the present one; 2 tack, 3 gybe, to a side (1 starboar
 1: confirmed already; 4 confirm, 5 do not."""
 HOLD_APPARENT, HOLD_TRUE, TACK, GYBE, CONFIRM, DECLINE = range(6)
 OVERBOARD = int(dialect.MAV_CMD_SPATIAL_USER_3)
-"""SPATIAL_USER_3: man overboard; 1 keeps the place, 0 forgets it. The boat goes on as ordered."""
+"""SPATIAL_USER_3: man overboard; 1 keeps the place, 0 forgets it. The boat goes on as ordered.
+
+Second parameter 1: another system aboard says so, again and again while it is so, at a place [deg] in 5 and 6; both 0:
+where the boat is when it is first said."""
+SYSTEM_ABOARD = "a system aboard"
+"""The beacon that it counts as."""
 LATITUDE_MOST_DEG = 85.0
 ANGLE_MOST_DEG = 360.0
 """Further, an angle is a slip of the hand: wrapped, it would be another heading than the one that was typed."""
@@ -471,11 +477,21 @@ class Commands:
     def _overboard(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         if parameters[0] not in (0.0, 1.0):
             return DENIED
-        mission = self.mission
+        overboard, fix = self.mission.overboard, self.mission.guide.fix
         if parameters[0] == 0.0:
-            mission.overboard.clear()
+            overboard.clear()
             return ACCEPTED
-        return self._tried(lambda: mission.overboard.mark(tick.now if tick else math.inf, mission.guide.fix))
+        now = tick.now if tick else math.inf
+        if parameters[1] != 1.0:
+            return self._tried(lambda: overboard.mark(now, fix))
+        latitude_deg, longitude_deg = parameters[4:6]
+        if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+            return self._refuse(DENIED, "give a latitude of up to 90 and a longitude of up to 180 degrees")
+        place = Place(math.radians(latitude_deg), math.radians(longitude_deg))
+        if latitude_deg == longitude_deg == 0.0:
+            return self._tried(lambda: overboard.report_here(now, fix, SYSTEM_ABOARD))
+        overboard.report(now, place, SYSTEM_ABOARD)
+        return ACCEPTED
 
     def _tried(self, act: Callable[[], None]) -> int:
         try:

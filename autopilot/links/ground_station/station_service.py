@@ -24,6 +24,7 @@ from autopilot.links.ground_station.commands import (
     CANCELLED,
     DENIED,
     IN_PROGRESS,
+    OVERBOARD,
     UNSUPPORTED,
     Commands,
     ProgressReports,
@@ -191,7 +192,7 @@ class StationService:
 
     def _command_int(self, now: float, message: Message) -> list[Message]:
         first = tuple(float(getattr(message, f"param{number}")) for number in range(1, 5))
-        has_place = message.command == dialect.MAV_CMD_DO_REPOSITION
+        has_place = message.command in (dialect.MAV_CMD_DO_REPOSITION, OVERBOARD)
         if has_place and message.frame not in FRAMES:
             self._warn(now, f"a place in frame {message.frame}: use a global one")
             return [acknowledgement(message.command, DENIED, _sender(message))]

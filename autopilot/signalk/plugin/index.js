@@ -6,7 +6,9 @@ const { AsyncLocalStorage } = require('async_hooks')
 const net = require('net')
 
 const DEVICE = 'norrbin'
+const LABEL = 'norrbin' // of what `autopilot signalk` says
 const RETRY_MS = 2000
+const OVERBOARD_MS = 10000 // how often a man overboard is said on board while it is so
 const ANSWER_MS = 10000
 const LONGEST = 1 << 20
 const STATE = 'steering.autopilot.state'
@@ -54,6 +56,9 @@ module.exports = function (app) {
   let known = {}
   const waiting = new Map()
   const alarms = new Set()
+  const overboard = new Map() // where somebody is, by the path of the notification that says so; null: not known
+  const subscriptions = []
+  let saying = null
   const requests = new AsyncLocalStorage()
 
   // ---- the line to `autopilot signalk`
@@ -147,6 +152,34 @@ module.exports = function (app) {
   async function silence(path, method) {
     if (!Array.isArray(method) || method.includes('sound')) throw failure(400, 'method: a list without sound is allowed')
     await put(ACKNOWLEDGE, path)
+  }
+
+  // ---- a man overboard whom another program reports: said on board at once and again and again, and ended there alone
+
+  function hearOverboard(delta) {
+    for (const update of delta.updates || []) {
+      for (const { path, value } of update.values || []) {
+        if (path !== MOB && !path.startsWith(MOB + '.')) continue
+        // what comes back of our own, by us or by a plain connection, is no report of another
+        if (`${update.$source || ''}`.startsWith(plugin.id) || (update.source || {}).label === LABEL) continue
+        if (!value || !['alarm', 'emergency'].includes(value.state)) overboard.delete(path)
+        else if (!overboard.has(path) || placeIn(value)) {
+          const isNew = !overboard.has(path)
+          overboard.set(path, placeIn(value) || placeIn({ position: app.getSelfPath('navigation.position.value') }))
+          if (isNew) sayOverboard()
+        }
+      }
+    }
+  }
+
+  function placeIn(value) {
+    const { latitude, longitude } = value.position || {}
+    return Number.isFinite(latitude) && Number.isFinite(longitude) ? { latitude, longitude } : null
+  }
+
+  function sayOverboard() {
+    const [place] = overboard.values()
+    if (place !== undefined) put(MOB, place).catch((error) => app.setPluginError(`man overboard: ${error.message}`))
   }
 
   // what the autopilot API tells by itself
@@ -326,10 +359,18 @@ module.exports = function (app) {
       for (const path of [TRUE_HEADING, ...Object.values(WIND_ANGLES), ADJUST, TACK, GYBE, ADVANCE, ACKNOWLEDGE]) {
         app.registerPutHandler('vessels.self', path, handler((value) => put(path, value)))
       }
+      const paths = [MOB, MOB + '.*'].map((path) => ({ path, policy: 'instant' }))
+      app.subscriptionmanager.subscribe(
+        { context: 'vessels.self', subscribe: paths }, subscriptions, (error) => app.setPluginError(`${error}`), hearOverboard
+      )
+      saying = setInterval(sayOverboard, OVERBOARD_MS)
       connect()
     },
     stop: () => {
       stopped = true
+      clearInterval(saying)
+      for (const end of subscriptions.splice(0)) end()
+      overboard.clear()
       if (app.server) app.server.removeListener('request', note)
       clearTimeout(retry)
       if (socket) socket.destroy()
