@@ -34,7 +34,7 @@ from autopilot.vessel.schema import Vessel
 from sitl.firmware_parameters import ParameterTable, default_parameters
 from sitl.firmware_setup import motor_setup, skid_outputs
 from sitl.guided import GuidedGains, GuidedHelm, Target, gains_of
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import FaultSection, Scenario, Start
 from sitl.world import Orders, World
 

@@ -33,9 +33,9 @@ from autopilot.runtime.build_links import selection_of
 from autopilot.signals import Mode, Order, OrderKind, SupervisorState, Tick
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
-from sitl.fault_kinds import KINDS, FaultKind, Source
 from sitl.faults import Fault
 from sitl.firmware import Firmware
+from sitl.registry import KINDS, FaultKind, Source
 from sitl.scenario import SecondOrderSection, load_scenario
 from sitl.serve import ChaosPort, Endpoint
 from sitl.wire_mavlink import MavlinkVehicle

@@ -19,7 +19,7 @@ from autopilot.control.law import LawInForce
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.signals import Mode, Tick
 from autopilot.supervision.panel import sentences_of
-from sitl.fault_kinds import FaultKind, Source
+from sitl.registry import FaultKind, Source
 
 STALL_S = 2.0
 WINDOW_S = 16.0

@@ -28,7 +28,7 @@ from sitl.boat import BoatState, Disturbance, Hull, Plant, boat_step, step_of
 from sitl.campaign.compiled_tick import CampaignConfig, Measurement, initial_state, tick
 from sitl.campaign.setting import campaign_of, ring_of
 from sitl.compiled import compiled
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import Scenario
 
 Floats = npt.NDArray[np.float64]

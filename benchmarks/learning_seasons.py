@@ -31,7 +31,7 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.runtime.build import model_of
 from autopilot.vessel.file import load_vessel
 from sitl.boat import BoatState, Disturbance, step_of
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import Scenario
 
 CHANCES = (0.2, 0.1, 0.05, 0.02, 0.01, 0.001)

@@ -53,7 +53,7 @@ from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
 from autopilot.signals import CourseSample, HeadingSample, PositionSample, Sample, SpeedSample, Tick
 from autopilot.vessel.file import load_vessel
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import CurrentSection, Scenario
 from sitl.sensors import EARTH_RADIUS, noise_of
 from sitl.world import Orders, Pace, World

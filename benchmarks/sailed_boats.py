@@ -1,6 +1,6 @@
 """One boat of the simulator with the product's pilot at its helm, without links: what `sensitivity` sails.
 
-The plant is the simulator's own (`sitl.plants`), so its equations are not the pilot's model; sensors, sea and faults
+The plant is the simulator's own (`sitl.registry`), so its equations are not the pilot's model; sensors, sea and faults
 are the simulator's, at a coarser step.
 """
 
@@ -18,9 +18,8 @@ from autopilot.angles import wrap
 from autopilot.runtime.build import build_pilot
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample
 from autopilot.vessel.file import load_vessel
-from sitl.fault_kinds import KINDS
 from sitl.faults import Fault
-from sitl.plants import PLANTS, USUAL
+from sitl.registry import KINDS, PLANTS, USUAL
 from sitl.scenario import Scenario, SecondOrderSection, WavesSection, WindSection
 from sitl.world import Orders, Pace, World
 

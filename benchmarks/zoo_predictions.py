@@ -41,7 +41,7 @@ from autopilot.models.drives import DRIVES, Mixing, mixed, moment, steering_for
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import gear_of as steering_gear_of
 from autopilot.vessel.file import load_vessel
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 
 Helm = Callable[[float, float, float], float]
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from autopilot.angles import wrap
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import Scenario
 from sitl.world import Orders, World
 

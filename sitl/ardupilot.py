@@ -27,7 +27,7 @@ from autopilot.models.weather import GRAVITY
 from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState
 from sitl.firmware_setup import SERVO_US, travel
-from sitl.plants import kind_of
+from sitl.registry import kind_of
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.world import STEP

@@ -1,6 +1,6 @@
 """What a kind of fault says of itself: what it does, how large it is, and where in the simulator it acts.
 
-A kind is a line in the table KINDS of one of the modules that `sitl.fault_kinds` names. It acts by a function at one of
+A kind is a line in the table KINDS of one of the modules that `sitl.registry` names. It acts by a function at one of
 the places below, which is called while it is at work, or by what it silences; nobody else asks its name.
 """
 

@@ -17,8 +17,8 @@ import socket
 from autopilot.errors import InputError
 from autopilot.files.outside import typed_number
 from autopilot.links.base import LinkError, NotThereError
-from sitl.fault_kinds import KINDS, SOURCES, FaultKind, Source, wrong_size, wrong_source
 from sitl.faults import Fault
+from sitl.registry import KINDS, SOURCES, FaultKind, Source, wrong_size, wrong_source
 from sitl.world import World
 
 ANSWER_S = 3.0

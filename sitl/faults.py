@@ -12,7 +12,7 @@ import numpy as np
 from autopilot.models.steering_gear import SteeringGear
 from sitl.boat import Disturbance
 from sitl.fault_kind import RECEIVER, Acting, Moved, Ordered
-from sitl.fault_kinds import KINDS, FaultKind, Source, that_act_at, that_silence
+from sitl.registry import KINDS, FaultKind, Source, that_act_at, that_silence
 from sitl.scenario import FaultSection
 
 if TYPE_CHECKING:

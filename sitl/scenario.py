@@ -12,8 +12,7 @@ from typing import Annotated, Literal
 from autopilot.files import typed
 from autopilot.files.strict_yaml import Node, check_version
 from autopilot.files.typed import Bounds, Shipped
-from sitl.fault_kinds import FaultKind, Source, wrong_size, wrong_source
-from sitl.plants import USUAL, PlantName
+from sitl.registry import USUAL, FaultKind, PlantName, Source, wrong_size, wrong_source
 
 SCHEMA_VERSION = 1
 SCENARIOS = Shipped("sitl", "scenarios", "a shipped scenario")

@@ -18,8 +18,8 @@ from autopilot.models.weather import ApparentWind
 from autopilot.vessel.schema import Vessel
 from sitl.boat import EARTH_RADIUS, BoatState
 from sitl.fault_kind import COMPASS, EVERYTHING, Dice
-from sitl.fault_kinds import Source
 from sitl.faults import FaultBoard
+from sitl.registry import Source
 from sitl.scenario import Scenario
 from sitl.sea import Deviates
 

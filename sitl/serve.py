@@ -34,11 +34,10 @@ from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, par
 from autopilot.vessel.file import load_vessel
 from sitl.drives import DriveLine, JrkController, MaestroController, PypilotController, ValveController
 from sitl.fault_kind import Damage
-from sitl.fault_kinds import KINDS, that_act_at
 from sitl.faults import Fault, FaultBoard
 from sitl.firmware import Firmware
 from sitl.lines import FirmwareTcpServer, PtyTransport
-from sitl.plants import PLANTS, USUAL
+from sitl.registry import KINDS, PLANTS, USUAL, that_act_at
 from sitl.scenario import Scenario, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.wire_nmea import PLOTTER, NmeaInstruments, chosen_rates

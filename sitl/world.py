@@ -11,7 +11,7 @@ import numpy as np
 from autopilot.vessel.schema import Vessel
 from sitl.boat import STILL, Boat, BoatState, BowShaft, Plant
 from sitl.faults import BoatFaults, FaultBoard
-from sitl.plants import kind_of
+from sitl.registry import kind_of
 from sitl.scenario import Scenario
 from sitl.sea import Sea
 from sitl.sensors import Sensors

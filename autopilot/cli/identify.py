@@ -174,7 +174,7 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         assert steady is not None
         print(report.steady_report(steady, arguments.gain_1_s, as_json=arguments.json))
         return int(ExitCode.OK)
-    from autopilot.cli.identify_drive import identified_by_thrust
+    from autopilot.cli.identify_drive_roll import identified_by_thrust
     from autopilot.cli.log import log_options, print_newer, refuse_twice, vessel_of
     from autopilot.identification.ordered_rudder import slower_rudder, with_rudder_of
     from autopilot.identification.verdict import gear_check
@@ -239,7 +239,7 @@ def _refuse_below(arguments: argparse.Namespace, verdict: Verdict) -> None:
 
 
 def _roll(arguments: argparse.Namespace) -> str:
-    from autopilot.cli.identify_roll import identified_roll
+    from autopilot.cli.identify_drive_roll import identified_roll
 
     return identified_roll(arguments)
 

@@ -33,6 +33,8 @@ SUBCOMMANDS = {
     "completion": "print what completes this program's commands and options in a shell",
 }
 """The commands, and what stands beside each in `--help`: as in their own parsers, which are loaded when needed."""
+ADDED_BY = {"signalk": ("web", "add_signalk_parser")}
+"""The module and function that add a command's parser, where it is not `add_parser` in a module of its name."""
 
 GROUPS = {
     "begin": ("demo", "new-boat"),
@@ -72,7 +74,8 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
         if name == "completion":
             add_completion_parser(subparsers, "autopilot").set_defaults(run=_completion)
         elif named is None or name == named:
-            importlib.import_module(f"autopilot.cli.{name.replace('-', '_')}").add_parser(subparsers)
+            module, function = ADDED_BY.get(name, (name.replace("-", "_"), "add_parser"))
+            getattr(importlib.import_module(f"autopilot.cli.{module}"), function)(subparsers)
         else:
             subparsers.add_parser(name, help=summary)
     return parser

@@ -133,7 +133,7 @@ def convert(arguments: argparse.Namespace) -> int:
 
 def schema(arguments: argparse.Namespace) -> int:
     """Print or write the JSON Schema of one kind of file."""
-    from autopilot.firmware.json_schema import schema_text
+    from autopilot.firmware.file import schema_text
 
     text = schema_text(arguments.kind)
     if arguments.out:

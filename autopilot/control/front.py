@@ -41,10 +41,10 @@ from autopilot.control import backstepping
 from autopilot.control.backstepping import BacksteppingGains, BoundedGains, lqr_gains
 from autopilot.control.design import LEAST_ERROR, MIDDLE_LEVEL, bandwidths_of
 from autopilot.control.law import NO_ROLL, LawInput
+from autopilot.control.margins import RUDDER_IN_USE, linear_of, prediction
 from autopilot.estimation.disturbance import Sea as Wavy
 from autopilot.estimation.disturbance import in_balance, wave_step
 from autopilot.estimation.heading_ekf import FilterNoise
-from autopilot.estimation.steady_filter import RUDDER_IN_USE, linear_of, prediction
 from autopilot.estimation.tuning import (
     WAVE_FREQUENCY_LEAST,
     WAVE_FREQUENCY_MOST,

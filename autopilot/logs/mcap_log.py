@@ -16,8 +16,8 @@ from autopilot.errors import InputError
 from autopilot.files.outside import parse_json
 from autopilot.files.printable import printable
 from autopilot.logs.export import EXTRA
-from autopilot.logs.line_times import EPOCH_FROM
 from autopilot.logs.series import (
+    EPOCH_FROM,
     HEADING,
     LATITUDE,
     LONGITUDE,

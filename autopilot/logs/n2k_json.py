@@ -20,9 +20,8 @@ from autopilot.errors import InputError
 from autopilot.files.outside import parse_json
 from autopilot.links.n2k.packets import LAYOUTS
 from autopilot.links.n2k.samples import INSTRUMENTS
-from autopilot.logs.line_times import EPOCH_FROM, stamp_of, stamped, without_outliers
 from autopilot.logs.n2k_text import BAD_SHARE, LOOK_AT, Message, dashed, recording_of
-from autopilot.logs.series import LogFormat, Recording
+from autopilot.logs.series import EPOCH_FROM, LogFormat, Recording, stamp_of, stamped, without_outliers
 
 LINE_MOST = 65536
 GROUP = re.compile(rb'"pgn"\s*:\s*(\d{1,6})\b')

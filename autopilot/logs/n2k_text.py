@@ -63,8 +63,8 @@ from autopilot.links.n2k.samples import (
     sample_of,
     source_name,
 )
-from autopilot.logs.line_times import EPOCH_FROM, spread, stamp_of, stamped, without_outliers
 from autopilot.logs.series import (
+    EPOCH_FROM,
     HEADING,
     ORDER,
     WIND_DIRECTION,
@@ -76,6 +76,10 @@ from autopilot.logs.series import (
     on_one_clock,
     quantities_of,
     series_of,
+    spread,
+    stamp_of,
+    stamped,
+    without_outliers,
 )
 
 YAW_MOST = 3.1416

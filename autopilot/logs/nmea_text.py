@@ -2,7 +2,7 @@
 
 Sentences mean what they mean on a line (`links.nmea_samples`); MWV gives the apparent wind and RPM the propeller.
 
-Without time stamps (`line_times`) the UTC in RMC, GGA, GLL and ZDA marks the times.
+Without time stamps (`autopilot.logs.series`) the UTC in RMC, GGA, GLL and ZDA marks the times.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from autopilot.links.nmea.sentences import (
     number,
     status,
 )
-from autopilot.logs.line_times import EPOCH_FROM, of_day, spread, stamp_of, stamped
 from autopilot.logs.series import (
+    EPOCH_FROM,
     HEADING,
     PROPELLER,
     ROLL,
@@ -41,9 +41,13 @@ from autopilot.logs.series import (
     LogFormat,
     Recording,
     Series,
+    of_day,
     on_one_clock,
     quantities_of,
     series_of,
+    spread,
+    stamp_of,
+    stamped,
 )
 
 UTC_FIELD = {"RMC": 0, "GGA": 0, "GLL": 4, "ZDA": 0}

@@ -9,12 +9,11 @@ from autopilot.control.bow_thruster import BowThruster
 from autopilot.control.design import Verdict, judge
 from autopilot.control.law import LawBoat, LawInForce, LoopGains
 from autopilot.control.limits import RudderLimits
-from autopilot.control.margins import Delays, OutputFeedbackLoop, refusal_of
+from autopilot.control.margins import Delays, OutputFeedbackLoop, refusal_of, steady_filter
 from autopilot.control.registry import LAWS
 from autopilot.control.roll_damping import RollDamping, checked
 from autopilot.errors import RefusedError
 from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
-from autopilot.estimation.steady_filter import steady_filter
 from autopilot.guidance.stop import lag_of_plan, preset_rate, stop_angle, symmetric_of, turn_limits
 from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_SLUGGISH, SLUGGISH, TrackSettings
 from autopilot.guidance.tuning import HARD_OVER

@@ -13,7 +13,7 @@ from autopilot.cli.main import main
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel, shipped_vessels
 from autopilot.vessel.fleet import PUBLISHED
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import load_scenario
 from sitl.serve import afloat
 

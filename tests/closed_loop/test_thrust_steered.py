@@ -13,7 +13,7 @@ from autopilot.angles import wrap
 from autopilot.doctor.vehicle import firmware_findings
 from autopilot.signals import Tick
 from autopilot.vessel.file import load_vessel
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import FaultSection, Scenario, Start
 
 

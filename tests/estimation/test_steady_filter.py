@@ -18,11 +18,13 @@ from autopilot.control.margins import (
     Delays,
     OutputFeedbackLoop,
     OutputFeedbackMargins,
+    linear_of,
     output_feedback_margins,
+    prediction,
     refusal_of,
+    steady_filter,
 )
 from autopilot.estimation.heading_ekf import FilterNoise
-from autopilot.estimation.steady_filter import linear_of, prediction, steady_filter
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 

@@ -23,9 +23,19 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.links.nmea.sentences import checksum
-from autopilot.logs.line_times import stamp_of
 from autopilot.logs.reading import LogOptions, ReadOptions, load_run, read_recording
-from autopilot.logs.series import HEADING, LATITUDE, PROPELLER, RATE, RUDDER, SHARE, SPEED, WIND_DIRECTION, WIND_SPEED
+from autopilot.logs.series import (
+    HEADING,
+    LATITUDE,
+    PROPELLER,
+    RATE,
+    RUDDER,
+    SHARE,
+    SPEED,
+    WIND_DIRECTION,
+    WIND_SPEED,
+    stamp_of,
+)
 from autopilot.logs.table import RudderSettings
 from autopilot.logs.ulog import read_ulog
 from autopilot.models.steering_gear import SteeringGear

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from autopilot.cli.main import main
 from autopilot.files.outside import read_regular
 from autopilot.links.nmea.sentences import checksum
-from autopilot.logs.line_times import MILLISECONDS_FROM, stamp_of
+from autopilot.logs.series import MILLISECONDS_FROM, stamp_of
 
 BINARY = ("telemetry log", "own log", "DataFlash log", "ULog", "MCAP", "MAVLink order")
 EDITS = "CSV numbers"

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from autopilot.control.registry import filed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.typed import hints_of
-from autopilot.firmware.json_schema import schema_text
+from autopilot.firmware.file import schema_text
 from autopilot.links.ground_station.file_server import PARAMETERS, metadata_files
 from autopilot.runtime import build_links
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, track_settings_of, wind_settings_of

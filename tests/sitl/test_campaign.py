@@ -44,7 +44,7 @@ from sitl.campaign.study import (
 )
 from sitl.campaign.work import Row, batches_of, do_runs, done_compiled, end_with_parent, in_order, local
 from sitl.cli import main
-from sitl.fault_kinds import FaultKind
+from sitl.registry import FaultKind
 from sitl.scenario import FaultSection, IttcSection, SecondOrderSection, SensorsSection, WavesSection, WindSection
 from sitl.world import STEP
 

@@ -22,10 +22,10 @@ from autopilot.links.base import LinkError
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.vessel.file import load_vessel
 from sitl.cli import main
-from sitl.fault_kinds import KINDS, FaultKind, Source
 from sitl.fault_service import FaultService, kinds_table, obey
 from sitl.faults import Fault, FaultBoard
 from sitl.firmware import Firmware, FirmwareMode
+from sitl.registry import KINDS, FaultKind, Source
 from sitl.scenario import FaultSection, load_scenario, scenario_from
 from sitl.sensors import Reading
 from sitl.wire_mavlink import MavlinkVehicle

@@ -13,7 +13,7 @@ from autopilot.files.strict_yaml import parse_document
 from autopilot.vessel.file import load_vessel
 from sitl import mmg_tanker as mmg
 from sitl.boat import STILL, Boat, BoatState
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import Scenario, scenario_from
 from sitl.world import World
 

@@ -14,7 +14,7 @@ from autopilot.vessel.file import load_vessel
 from sitl import twin_thruster as otter
 from sitl.boat import STILL, Boat, BoatState
 from sitl.craft import Motion
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import Scenario
 
 DT = 0.01

@@ -19,7 +19,7 @@ from autopilot.vessel.file import load_vessel
 from sitl.ardupilot import ArdupilotPhysics
 from sitl.boat import STILL, Boat, BoatState, Disturbance
 from sitl.cli import main as sitl
-from sitl.plants import MODULES, PLANTS, USUAL
+from sitl.registry import PLANT_MODULES, PLANTS, USUAL
 from sitl.scenario import CurrentSection, GearSection, Scenario, WindSection, load_scenario
 from sitl.serve import afloat
 from sitl.world import World
@@ -57,7 +57,7 @@ def under_way(kind: str) -> BoatState:
     return BoatState(speed=speed, north_speed=speed)
 
 
-@pytest.mark.parametrize("module", [module for module in (*MODULES, "craft") if module != "boat"])
+@pytest.mark.parametrize("module", [module for module in (*PLANT_MODULES, "craft") if module != "boat"])
 def test_no_equation_of_motion_comes_from_the_pilots_models(module: str) -> None:
     tree = ast.parse((Path(__file__).parents[2] / "sitl" / f"{module}.py").read_text(encoding="utf-8"))
     taken = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module}

@@ -14,7 +14,7 @@ from autopilot.vessel.file import load_vessel
 from sitl import roll_ship
 from sitl.boat import STILL, Boat, BoatState
 from sitl.craft import Motion
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, RollShip
 from sitl.scenario import IttcSection, Scenario, WavesSection, load_scenario
 

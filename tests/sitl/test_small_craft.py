@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from autopilot.vessel.file import load_vessel
 from sitl import small_craft as cs
 from sitl.boat import STILL, Boat, BoatState
-from sitl.plants import PLANTS
+from sitl.registry import PLANTS
 from sitl.scenario import Scenario
 
 DT = 0.01

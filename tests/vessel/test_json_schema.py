@@ -13,9 +13,8 @@ import yaml
 from autopilot.cli.params import add_parser
 from autopilot.errors import InputError
 from autopilot.files.strict_yaml import parse_document
-from autopilot.firmware.file import firmware_from, shipped_firmware
+from autopilot.firmware.file import KINDS, firmware_from, schema_text, shipped_firmware
 from autopilot.firmware.foreign_files import load_any
-from autopilot.firmware.json_schema import KINDS, schema_text
 from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel, shipped_vessels
 from autopilot.vessel.schema import Vessel
 

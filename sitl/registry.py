@@ -1,4 +1,4 @@
-"""Every fault the simulator can inject, by name: one line for each module in MODULES (`docs/howto/add_a_fault.md`)."""
+"""Every plant and every fault of the simulator, by name: one line for each module of either (`docs/howto`)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,50 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+from autopilot.errors import InputError
+from sitl.boat import PlantKind
 from sitl.fault_kind import Kind
 
-MODULES = (
+if TYPE_CHECKING:
+    from sitl.scenario import Scenario
+
+PLANT_MODULES = (
+    "boat",
+    "mmg_tanker",
+    "roll_ship",
+    "small_craft",
+    "twin_thruster",
+    "outboard",
+)  # fmt: skip
+"""Modules of `sitl` with a constant PLANT; the one to take unless another is named comes first."""
+PLANTS: dict[str, PlantKind] = {
+    kind.name: kind for kind in (import_module(f"sitl.{module}").PLANT for module in PLANT_MODULES)
+}
+USUAL = next(iter(PLANTS))
+if TYPE_CHECKING:
+    PlantName = str
+else:
+    PlantName = Literal[tuple(PLANTS)]
+
+
+def kind_of(scenario: Scenario) -> PlantKind:
+    """Return the kind of plant that a scenario sails. InputError for shallow water where the plant knows none."""
+    kind = PLANTS[scenario.plant]
+    if scenario.depth_draughts is not None and not kind.knows_depth:
+        known = ", ".join(each.name for each in PLANTS.values() if each.knows_depth)
+        raise InputError(
+            f"plant {kind.name}: depth_draughts is {scenario.depth_draughts:g}, and shallow water does not change this "
+            f"boat here, only {known}: leave it out."
+        )
+    return kind
+
+
+FAULT_MODULES = (
     "fault_table",
 )  # fmt: skip
 """Modules of `sitl` with a table KINDS. Where several faults act at one place, they do in this order."""
 KINDS: dict[str, Kind] = {
-    name: kind for module in MODULES for name, kind in import_module(f"sitl.{module}").KINDS.items()
+    name: kind for module in FAULT_MODULES for name, kind in import_module(f"sitl.{module}").KINDS.items()
 }
 if TYPE_CHECKING:
     FaultKind = str
