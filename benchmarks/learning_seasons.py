@@ -1,6 +1,6 @@
 """Seasons of ordinary sailing with a skipper who adopts the first model that has proved itself; prints a table.
 
-    python benchmarks/learning_seasons.py [--seasons 1000] [--first-seed 0 | --today] [--jobs 1]
+    python benchmarks/learning_seasons.py [--seasons 1000] [--first-seed 0 | --today] [--jobs 1] [--into FILE]
 
 Each season is sailed by one of the simulator's plants (no plant's equation is the model's), in wind, gusts and waves
 of its own, by a hand that leaves harbour and then changes course now and then: LASTS_H lengths at service speed. The
@@ -8,7 +8,8 @@ file's model is the right one in a third of them; in the others K and T are off 
 logarithm) and n3 by 50 %. The model adopted is tried on another day, with other weather, on course changes and on a
 20/20 zigzag in calm water: from the rudder alone, stretch by stretch, as the learner predicts. It is worse where its
 root mean square heading error is larger than that of the model before. The chance is how often a model that is no
-better may be called proved at most (`learning.CHANCE`).
+better may be called proved at most (`learning.CHANCE`). `--into FILE` writes each season as it
+ends and goes on where it was left; `--seasons 0 --into FILE` prints what FILE holds.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from __future__ import annotations
 import argparse
 import datetime
 import itertools
+import json
 import math
 import multiprocessing
-import sys
 from collections.abc import Callable, Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -250,15 +252,40 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--today", action="store_true", help="seeds drawn from today's date")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--into", type=Path, help="a file of seasons, a line each, to go on with")
     given = parser.parse_args()
     first = datetime.date.today().toordinal() * 10000 if given.today else given.first_seed
-    seeds = range(first, first + given.seasons)
-    seasons: list[Season] = []
+    seasons = kept(given.into)
+    begun = {each.seed for each in seasons}
+    seeds = [seed for seed in range(first, first + given.seasons) if seed not in begun]
     with multiprocessing.Pool(given.jobs) as pool:
-        for each in pool.imap_unordered(season, seeds, chunksize=5):
+        for each in pool.imap_unordered(season, seeds):
             seasons.append(each)
-            if len(seasons) % 50 == 0:
-                print(f"{len(seasons)} seasons", file=sys.stderr, flush=True)
+            if given.into:
+                with given.into.open("a") as lines:
+                    lines.write(json.dumps(each) + "\n")
+    show(seasons)
+
+
+def kept(path: Path | None) -> list[Season]:
+    """Return the seasons that a file of `--into` holds."""
+    if path is None or not path.exists():
+        return []
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    return [
+        Season(
+            seed,
+            name,
+            was_right,
+            tuple(Adoption(chance, when, Verdict(tuple(day), tuple(calm))) for chance, when, (day, calm) in adoptions),
+        )
+        for seed, name, was_right, adoptions in rows
+    ]
+
+
+def show(seasons: list[Season]) -> None:
+    """Print the tables of some seasons."""
+    seeds = sorted(each.seed for each in seasons)
     print(f"Seeds {seeds[0]} to {seeds[-1]}; the product's chance is {CHANCE:g}\n")
     print(
         "| chance | seasons | adopted, file right | file off | worse on a day | on a zigzag | on both | before, after |"

@@ -136,6 +136,9 @@ def measured_sensors(runs: Sequence[Run]) -> Sensors:
 def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
     """Raise InputError, with what to sail next, where no gains can be designed for the model; where course stability
     is not determined, for those at either end of its interval either."""
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.runtime.tuning import designed
+
     models = [vessel.model]
     if found.ratios is not None and found.ratios.on_ridge:
         (a, b, d, e), (_, error, _, _) = found.ratios
@@ -150,9 +153,14 @@ def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
             )
             for end in (b - SURE_OF_IT * error, b + SURE_OF_IT * error)
         ]
+    # what needs no simulation first, and the boat that is lost soonest
+    models.sort(key=lambda model: model.n1 / model.T_s)
     try:
-        for model in models:
-            _check_design(dataclasses.replace(vessel, model=model))
+        better = [designed(dataclasses.replace(vessel, model=model)) for model in models]
+        with ProgressBar("trying turns") as bar:
+            for done, each in enumerate(better):
+                bar.update(done, len(better))
+                _check_turns(each)
     except RefusedError as error:
         raise InputError(
             f"{path} is not written, for no gains serve such a boat: {error}; sail a 20/20 zigzag of six reversals or "
@@ -160,16 +168,16 @@ def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
         ) from None
 
 
-def _check_design(vessel: Vessel) -> None:
-    """Raise RefusedError where `autopilot gains` would refuse the vessel."""
+def _check_turns(better: Vessel) -> None:
+    """Raise RefusedError where `autopilot gains` would refuse the vessel for its turns."""
     from autopilot.report.gains import survives
     from autopilot.runtime.tuning import GainRequest, designed
 
     usual = GainRequest()
-    better = designed(vessel, usual)
-    if vessel.model.n1 > 0.0 or survives(better):
+    if better.model.n1 > 0.0 or survives(better):
         return
-    if not any(survives(designed(vessel, usual._replace(level=level))) for level in range(usual.level + 1, 10)):
+    quicker = [designed(better, usual._replace(level=level)) for level in range(usual.level + 1, 10)]
+    if not any(survives(each) for each in dict.fromkeys(quicker) if each != better):
         raise RefusedError("a turn with a rudder 30 % weaker than the model's is lost at every level")
 
 

@@ -16,11 +16,12 @@ from autopilot.cli.main import main
 from autopilot.control.backstepping import Backstepping
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import at_speed_ratio
+from autopilot.pilot import Pilot
 from autopilot.report import gains as weaker_turn
 from autopilot.runtime.build import build_pilot, law_of, model_of, verdict_of
 from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.vessel.file import dump_vessel, load_vessel
-from autopilot.vessel.schema import Control, Vessel
+from autopilot.vessel.schema import Control, Model, Vessel
 
 
 def as_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -329,6 +330,18 @@ def test_too_slow_a_loop_loses_an_unstable_boat_with_a_weaker_rudder(
     """By the pilot itself, simulated: no level is such a loop, a bandwidth that is asked for may be."""
     monkeypatch.setattr(weaker_turn, "SEEDS", (2,))
     assert weaker_turn.survives(designed(vessel_of(BOATS["unstable"]), request_)) is is_in_hand
+
+
+def test_a_turn_that_is_over_is_not_simulated_any_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A boat that is all but neutral settles by its loop: its own time constant is no measure."""
+    ticks = []
+    step = Pilot.step
+    monkeypatch.setattr(Pilot, "step", lambda *given: ticks.append(given[1]) or step(*given))
+    neutral = replace(vessel_of(BOATS["unstable"]), model=Model(8.0, 40.0, 2.0, -1.0, 400.0))
+    assert weaker_turn.survives(designed(neutral))
+    # a turn of 15 s, once
+    assert max(ticks) < 60.0
+    assert len(ticks) < 60.0 * neutral.control.rate_hz
 
 
 def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
