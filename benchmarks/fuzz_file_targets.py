@@ -81,7 +81,7 @@ from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import BoatLine, Station, descriptions_from
 from autopilot.web.view import NAMED
-from sitl.fault_service import obey
+from sitl.faults import obey
 from sitl.scenario import load_scenario, scenario_from
 from sitl.serve import chaos_faults
 from sitl.world import World

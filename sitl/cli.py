@@ -215,7 +215,7 @@ def _add_fault_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
 
 def _run_fault(arguments: argparse.Namespace) -> int:
     """Pass one line to a served boat and print its answer."""
-    from sitl.fault_service import ask, kinds_table
+    from sitl.faults import ask, kinds_table
 
     if arguments.kinds:
         print(kinds_table())
@@ -252,7 +252,7 @@ class _StopOnSignal:
 def run_serve(arguments: argparse.Namespace) -> int:
     """Serve until stopped."""
     from autopilot.links.mavlink.signing_key import open_signing
-    from sitl.fault_service import FaultService
+    from sitl.faults import FaultService
     from sitl.serve import Lines, Pace, TruthFile, open_ports, serve, world_from
 
     should_stop = _StopOnSignal()

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from autopilot.vessel.file import dump_vessel, load_vessel
-from sitl.fault_service import ask
+from sitl.faults import ask
 
 
 def patient_vessel(folder: Path) -> Path:

@@ -23,8 +23,7 @@ from autopilot.runtime.build_links import (
     build_station_links,
     refuse_failsafe,
 )
-from autopilot.runtime.machine import Clock, LoopHealth, RealTime
-from autopilot.runtime.service import RestartState, ServiceHooks
+from autopilot.runtime.machine import Clock, LoopHealth, RealTime, RestartState, ServiceHooks
 from autopilot.runtime.session import Orders, Session
 from autopilot.signals import Tick
 from autopilot.vessel.file import dump_vessel
@@ -35,8 +34,7 @@ if TYPE_CHECKING:
     from autopilot.operators.skipper import RouteSkipper
     from autopilot.runtime.log_files import Sink
     from autopilot.runtime.record import Recorder
-    from autopilot.runtime.tuning import LearningService, TuningService
-    from autopilot.runtime.vessel_store import VesselStore
+    from autopilot.runtime.tuning import LearningService, TuningService, VesselStore
 
 
 class Machine(NamedTuple):
@@ -203,8 +201,7 @@ class App:
 
     def _store(self, skipper: RouteSkipper) -> VesselStore:
         """Let the numbers of the vessel be changed while it runs."""
-        from autopilot.runtime.tuning import LearningService, TuningService
-        from autopilot.runtime.vessel_store import VesselStore, tuned_file
+        from autopilot.runtime.tuning import LearningService, TuningService, VesselStore, tuned_file
 
         plan, kept = self._plan, tuned_file(self._plan.path)
         refuse = partial(refuse_failsafe, urls=plan.urls)

@@ -1,7 +1,7 @@
 """The supervisor as one table: in each state, for each event, the next state, what is done, and what is said.
 
 Nothing here decides: `autopilot.supervision.supervisor` notices events and looks them up. The pictures of
-docs/supervisor.md are drawn from the table (`python -m autopilot.report.supervisor`). Every pair of state and event has
+docs/supervisor.md are drawn from the table (`docs/supervisor_pages.py`). Every pair of state and event has
 its cell.
 """
 

@@ -33,7 +33,7 @@ print(len(os.listdir("/proc/self/task")))
 PLOT_AND_PAGE = {"matplotlib", "jinja2", "starlette", "uvicorn"}
 ENGINES_AND_READERS = {"numba", "distributed", "can", "pyulog", "mcap", "pyarrow", "ruamel"}
 OTHER_LINKS = ("links.n2k.link", "links.nmea.link", "links.drives.maestro", "links.ground_station.boat_link")
-NOT_ASKED_FOR = (*OTHER_LINKS, "links.mavlink.router", "runtime.record", "runtime.tuning", "runtime.vessel_store")
+NOT_ASKED_FOR = (*OTHER_LINKS, "links.mavlink.router", "runtime.record", "runtime.tuning")
 """What speaks other protocols than the links given, serves ground stations, learns or keeps a log."""
 HEAVY = {"numpy", "scipy", *PLOT_AND_PAGE, *ENGINES_AND_READERS}
 

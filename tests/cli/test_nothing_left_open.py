@@ -43,7 +43,7 @@ PLACES = [
         "runtime.record.Recorder",
         "runtime.tuning.TuningService",
     ),
-    *("runtime.service.SlackCollector", *(f"runtime.app.{name}" for name in WIRED)),
+    *("runtime.machine.SlackCollector", *(f"runtime.app.{name}" for name in WIRED)),
 ]
 
 

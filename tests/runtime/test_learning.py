@@ -23,8 +23,7 @@ from autopilot.runtime.build import build_pilot, gear_of, learner_of, model_of
 from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import Recorder, read_log, replay
 from autopilot.runtime.session import Session
-from autopilot.runtime.tuning import LearningService, designed, with_learnt
-from autopilot.runtime.vessel_store import VesselStore
+from autopilot.runtime.tuning import LearningService, VesselStore, designed, with_learnt
 from autopilot.signals import (
     HeadingSample,
     NavState,

@@ -19,8 +19,7 @@ from autopilot.files.saving import save_text
 from autopilot.links.base import LinkError
 from autopilot.runtime.app import App, Machine, Plan
 from autopilot.runtime.build_links import to_stderr
-from autopilot.runtime.machine import ManualClock, RealTime
-from autopilot.runtime.service import BOOT_ID, RestartState, ServiceHooks
+from autopilot.runtime.machine import BOOT_ID, ManualClock, RealTime, RestartState, ServiceHooks
 from autopilot.signals import Order
 from autopilot.vessel.file import load_vessel
 

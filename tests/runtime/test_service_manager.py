@@ -18,8 +18,7 @@ from lockstep import Lockstep
 from two_processes import free_port
 
 from autopilot import tick
-from autopilot.runtime.machine import RealTime
-from autopilot.runtime.service import ServiceHooks, ServiceManager
+from autopilot.runtime.machine import RealTime, ServiceHooks, ServiceManager
 from autopilot.signals import Tick
 from autopilot.vessel.file import load_vessel
 

@@ -22,8 +22,7 @@ from autopilot.links.base import LinkError
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.vessel.file import load_vessel
 from sitl.cli import main
-from sitl.fault_service import FaultService, kinds_table, obey
-from sitl.faults import Fault, FaultBoard
+from sitl.faults import Fault, FaultBoard, FaultService, kinds_table, obey
 from sitl.firmware import Firmware, FirmwareMode
 from sitl.registry import KINDS, FaultKind, Source
 from sitl.scenario import FaultSection, load_scenario, scenario_from

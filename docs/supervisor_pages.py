@@ -1,11 +1,10 @@
 """The pages docs/supervisor.md and docs/alarms.md, from the very tables that the pilot obeys.
 
-python -m autopilot.report.supervisor docs
+python docs/supervisor_pages.py
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from itertools import groupby
 from pathlib import Path
@@ -15,7 +14,7 @@ from autopilot.supervision.alarm_words import WORDS
 from autopilot.supervision.alarms import CATALOGUE, SOUNDS, AlarmKind, Priority, Response
 from autopilot.supervision.states import MEANING, MODES, TABLE, Action, Event, Row, Says
 
-COMMAND = "python -m autopilot.report.supervisor docs"
+COMMAND = "python docs/supervisor_pages.py"
 
 
 def supervisor_page() -> str:
@@ -143,16 +142,6 @@ def _name(state: SupervisorState) -> str:
     return state.name.lower()
 
 
-def main(arguments: list[str]) -> int:
-    """Write both pages into the folder named."""
-    if len(arguments) != 1 or not Path(arguments[0]).is_dir():
-        print(f"name the folder of the pages: {COMMAND}", file=sys.stderr)
-        return 2
-    folder = Path(arguments[0])
-    (folder / "supervisor.md").write_text(supervisor_page(), encoding="utf-8")
-    (folder / "alarms.md").write_text(alarms_page(), encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    for name, page in (("supervisor.md", supervisor_page), ("alarms.md", alarms_page)):
+        Path(__file__).with_name(name).write_text(page(), encoding="utf-8")
