@@ -198,7 +198,7 @@ function setUp() {
   setUpAlarms(order);
   setUpChart();
   setUpDisplay();
-  setUpPanels(order, surely);
+  setUpPanels(order, surely, say);
   setUpParameters(order, say);
   setUpLogs(say);
   setUpWind(order);

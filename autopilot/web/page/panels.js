@@ -23,7 +23,7 @@ function patternSizes() {
   }));
 }
 
-export function setUpPanels(order, surely) {
+export function setUpPanels(order, surely, say) {
   const form = byId("pattern");
   form.elements.number.replaceChildren(...PATTERNS.map(([name], number) => new Option(name, number)));
   form.elements.number.addEventListener("change", patternSizes);
@@ -39,7 +39,9 @@ export function setUpPanels(order, surely) {
       order({ do: "level", level }, byId(id));
     });
   }
-  for (const id of ["adopt", "revert"]) byId(id).addEventListener("click", surely(byId(id), () => order({ do: id }, byId(id))));
+  for (const [id, done] of [["adopt", "Adopted: the learnt model is in force."], ["revert", "Taken back: the model before is in force again."]]) {
+    byId(id).addEventListener("click", surely(byId(id), async () => { if (await order({ do: id }, byId(id))) say(done); }));
+  }
   for (const id of ["zigzag", "turning"]) {
     const trial = byId(id), button = trial.querySelector("button");
     const begin = surely(button, () => {
