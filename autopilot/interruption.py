@@ -12,7 +12,7 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 NAMES = {
     signal.SIGINT: "Ctrl-C",
@@ -111,6 +111,37 @@ def as_exceptions() -> Iterator[None]:
         sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def run_child(command: Sequence[str]) -> int:
+    """Run a command to its own end and return its exit code. Raises Interrupted where a signal came meanwhile.
+
+    Who presses Ctrl-C reaches both: the command lets its rudder go, and this process waits for that.
+    """
+    import subprocess
+
+    came: list[int] = []
+    child: subprocess.Popen[bytes] | None = None
+
+    def take(number: int, _frame: object) -> None:
+        came.append(number)
+        if child is not None and number == signal.SIGTERM:  # no terminal sends it to both
+            child.send_signal(number)
+
+    # handlers, not SIG_IGN, which the command would inherit
+    before = {number: signal.getsignal(number) for number in NAMES} if _owner == os.getpid() else {}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, take)
+    try:
+        child = subprocess.Popen(command)
+        code = child.wait()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        raise Interrupted(came[0])
+    return code
 
 
 def _end(number: int, _frame: object) -> None:

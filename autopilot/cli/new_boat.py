@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -21,6 +20,7 @@ from autopilot.cli.options import SPEEDUP, number
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.outside import parse_json, read_regular
 from autopilot.files.saving import check_folder, numbered, save_text
+from autopilot.interruption import as_exceptions, run_child
 from autopilot.models.drives import DRIVES
 from autopilot.vessel.schema import Vessel
 
@@ -84,7 +84,8 @@ def _rudder(boat: Boat) -> list[str]:
         angles += [*steps, 0.0, *(-step for step in steps), 0.0]
     each = 2.0 + 2.0 * most / (rudder.rate_max_deg_s or most)
     options = ["--rudder-deg", ",".join(f"{angle:g}" for angle in angles), "--each", f"{each:.0f}"]
-    return ["trial", "turning", str(boat.file), *boat.links, "--unidentified", *options, "--log", boat.log("rudder")]
+    options += ["--at-dock", "--unidentified", "--log", boat.log("rudder")]
+    return ["trial", "turning", str(boat.file), *boat.links, *options]
 
 
 def _rudder_log(boat: Boat) -> list[str]:
@@ -117,7 +118,8 @@ def _zigzag(boat: Boat) -> list[str]:
     angle = min(most, boat.vessel.rudder.angle_max_deg)
     lasts = min(max(SWINGS * (1.0 / model.K_1_s + model.T_s), ZIGZAG_S[0]), ZIGZAG_S[1])
     options = ["--rudder-deg", f"{angle:g}", "--heading-deg", f"{angle:g}", "--duration", f"{math.ceil(lasts)}"]
-    return ["trial", "zigzag", str(boat.file), *boat.links, "--unidentified", *options, "--log", boat.log("zigzag")]
+    options += ["--at-least", "start", "--unidentified", "--log", boat.log("zigzag")]
+    return ["trial", "zigzag", str(boat.file), *boat.links, *options]
 
 
 def _identify(boat: Boat) -> list[str]:
@@ -187,8 +189,9 @@ STEPS = (
         "Open water, 20 boat lengths to each side, calm. Steady speed, the one that you sail most. Somebody keeps a "
         "lookout; a mode change, or Ctrl-C, ends it. A boat that steers by thrust needs it at two or three throttles.",
         _zigzag,
-        "it was sailed to its end",
-        "more room, or less sea",
+        "it was sailed to its end, and its last lines say good, or good for a start",
+        "it ended early: more room, or less sea; no way was made: get under way first; the heading hardly swung: look "
+        "whether the rudder moves, with --redo rudder",
         again="Sail another at another throttle (a quarter, a half, three quarters)?",
     ),
     Step(
@@ -382,7 +385,8 @@ def run(arguments: argparse.Namespace) -> int:
     while (step := checklist.next) is not None:
         print("\n".join(["", *checklist.lines(), ""]))
         try:
-            take(step, Boat(file, (*checklist.links, *_pace(step, arguments)), load_vessel(file)), talk)
+            with as_exceptions():
+                take(step, Boat(file, (*checklist.links, *_pace(step, arguments)), load_vessel(file)), talk)
         except KeyboardInterrupt:
             print(f"\nLeft before {step.title} was done. If it was for a reason: {step.otherwise}.")
             print(f"autopilot new-boat {file} goes on here.")
@@ -549,7 +553,7 @@ def take(step: Step, boat: Boat, talk: Talk) -> None:
 def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
     command = step.command(boat)
     talk.ready(f"autopilot {' '.join(command)}")
-    code = subprocess.run([sys.executable, "-m", "autopilot", *command], check=False).returncode
+    code = run_child([sys.executable, "-m", "autopilot", *command])
     again = f"then: autopilot new-boat {boat.file}"
     if code == 0 and (against := step.check(boat)):
         raise RefusedError(f"{step.title} is not done: {'; '.join(against)}; correct {boat.file} or the gear, {again}")

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Helm, InstrumentNoise, Water
     from autopilot.models.norrbin import Norrbin
     from autopilot.operators.trial_script import TrialScript
+    from autopilot.report.steered import Steered, Verdict
     from autopilot.vessel.schema import Sensors, Vessel
 
 DESCRIPTION = """\
@@ -88,6 +89,16 @@ def _kind(kinds: Any, name: str, text: str, approach: float = 0.0) -> argparse.A
         action="store_true",
         help="the model in the file is a guess: the alarms that rest on it (alarms.reversed_rudder) are off",
     )
+    parser.add_argument(
+        "--at-dock",
+        action="store_true",
+        help="tied up, propeller stopped: the rudder alone is proved, no boat identified",
+    )
+    parser.add_argument(
+        "--at-least",
+        choices=("start", "good"),
+        help="end with exit code 4 where the trial is not good for a start, or not good, to identify the boat by",
+    )
     _number(
         parser,
         "--approach",
@@ -125,6 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.options import named_vessel
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.control.registry import TRIAL_LAW
+    from autopilot.models.drives import DRIVES
     from autopilot.report.steered import trial_verdict
 
     vessel = named_vessel(arguments.vessel)
@@ -139,16 +151,29 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.link:
         raise InputError("a trial needs --link URL, the way to the boat; with --predict nothing is sailed")
     plan = plan_of(vessel, arguments, script)._replace(law=TRIAL_LAW)
-    voyage = Voyage(
-        lambda app, tick: script.is_over,
-        math.inf,
-        describe=script.describe,
-        verdict=lambda steered: trial_verdict(steered, script.reason or ("" if script.is_over else "stopped")),
-    )
+    # thrust turns a boat that makes no way
+    by_rudder = DRIVES[vessel.drive.kind].usual.is_rudder
+    least_way = WAY_LEAST * vessel.model.reference_speed_m_s if by_rudder else 0.0
+    grades: list[str] = []
+
+    def judged(steered: Steered) -> Verdict:
+        reason = script.reason or ("" if script.is_over else "stopped")
+        verdict = trial_verdict(steered, reason, at_dock=arguments.at_dock, least_way=least_way)
+        grades.append(verdict.grade)
+        return verdict
+
+    voyage = Voyage(lambda app, tick: script.is_over, math.inf, describe=script.describe, verdict=judged)
     code = steer(arguments, plan, voyage)
     if script.reason and code == ExitCode.OK:
         raise RefusedError(f"the trial ended before its time: {script.reason}")
+    if code == ExitCode.OK and arguments.at_least and grades[-1] not in GRADES[arguments.at_least]:
+        raise RefusedError(f"the trial is not as good as --at-least {arguments.at_least} asks")
     return code
+
+
+WAY_LEAST = 0.2
+"""Of the speed that the model is for: slower, a boat made no way."""
+GRADES = {"start": ("start", "good"), "good": ("good",)}
 
 
 def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:

@@ -56,7 +56,7 @@ class Steered:
         self.lost = self.executes = 0
         self.swing = (0.0, 0.0)
         self.what = ""
-        self._squares = self._travel = 0.0
+        self._squares = self._travel = self._way = 0.0
         self._bins = [0.0] * (BINS + 1)
         self._last: Tick | None = None
         self._course: float | None = None
@@ -105,6 +105,11 @@ class Steered:
     def travel_deg_s(self) -> float:
         """How much the ordered rudder moved [deg/s]; nan where nothing was steered."""
         return self._travel / self.seconds if self.seconds > 0.0 else math.nan
+
+    @property
+    def way(self) -> float:
+        """The mean speed in trials [m/s]: the model's where none was measured; nan without a trial."""
+        return self._way / self.trial_seconds if self.trial_seconds > 0.0 else math.nan
 
     @property
     def past_deg(self) -> float:
@@ -200,6 +205,7 @@ class Steered:
         self._swung += wrap(tick.state.heading - heading)
         self.swing = (min(self.swing[0], self._swung), max(self.swing[1], self._swung))
         self.trial_seconds += step
+        self._way += step * tick.state.speed
         self._trial = (wanted, tick.state.heading)
 
     def _leave(self, now: float) -> None:
@@ -212,8 +218,9 @@ TURNED_DEG = 5.0
 """A boat whose heading swings over less than this was held fast, or its rudder does nothing."""
 
 
-def trial_verdict(steered: Steered, reason: str) -> Verdict:
-    """Return what a trial is good for; reason: why it ended before its time, "" where it did not."""
+def trial_verdict(steered: Steered, reason: str, *, at_dock: bool = False, least_way: float = 0.0) -> Verdict:
+    """Return what a trial is good for. reason: why it ended before its time, "" where it did not. at_dock: the rudder
+    alone was to be proved, by a boat that is tied up. least_way: a boat slower than this [m/s] made no way."""
     swing = math.degrees(steered.swing[1] - steered.swing[0])
     said = (
         f"{steered.executes} rudder orders in {steered.trial_seconds:.0f} s, the heading swung over {swing:.0f} deg"
@@ -223,10 +230,15 @@ def trial_verdict(steered: Steered, reason: str) -> Verdict:
     if reason or not steered.trial_seconds:
         early = f"it ended early ({reason}); " if reason else ""
         return Verdict("not enough", f"not enough: {early}{said}; sail it again")
+    if at_dock:
+        lay = "lay still, as it should" if swing < TURNED_DEG else "did not lie still: tie it up, stop the propeller"
+        return Verdict("start", f"good for the rudder alone: {said}; the boat {lay}")
+    if steered.way < least_way:
+        why = f"the boat made no way ({steered.way:.1f} m/s), and a rudder steers by the water that passes it"
+        return Verdict("not enough", f"not enough to identify: {said}; {why}: get under way, and sail it again")
     if swing < TURNED_DEG:
-        return Verdict(
-            "not enough", f"not enough to identify: {said}; at the dock that is right, and shows the rudder alone"
-        )
+        why = "the boat was held fast, or its rudder does nothing"
+        return Verdict("not enough", f"not enough to identify: {said}; {why}: prove the rudder with --at-dock")
     if steered.executes < EXECUTES_ENOUGH:
         return Verdict("start", f"good for a start: {said}; sail it for longer, and identify both together")
     return Verdict("good", f"good: sailed to its end, {said}; next: autopilot identify with this log")

@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -122,13 +121,13 @@ def commands(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """Commands that are not run but noted; a zigzag leaves its log."""
     noted: list[list[str]] = []
 
-    def noting(command: Sequence[str], check: bool) -> SimpleNamespace:
+    def noting(command: Sequence[str]) -> int:
         noted.append(list(command[3:]))
         if "zigzag" in command:
             Path(command[command.index("--log") + 1]).write_text("")
-        return SimpleNamespace(returncode=int(command[3] == "gains"))
+        return int(command[3] == "gains")
 
-    monkeypatch.setattr(new_boat.subprocess, "run", noting)
+    monkeypatch.setattr(new_boat, "run_child", noting)
     return noted
 
 
@@ -155,12 +154,12 @@ def test_it_goes_on_where_it_was_left(
 def test_who_leaves_is_shown_where_it_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def left(command: Sequence[str], check: bool) -> SimpleNamespace:
+    def left(command: Sequence[str]) -> int:
         raise KeyboardInterrupt
 
     file = tmp_path / "mine.yaml"
     file.write_text(dump_vessel(load_vessel("lanxin")))
-    monkeypatch.setattr(new_boat.subprocess, "run", left)
+    monkeypatch.setattr(new_boat, "run_child", left)
     with pytest.raises(KeyboardInterrupt):
         main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"])
     said = capsys.readouterr().out
@@ -171,14 +170,14 @@ def test_who_leaves_is_shown_where_it_goes_on(
 def test_at_its_end_stand_the_commands_of_every_day(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def well(command: Sequence[str], check: bool) -> SimpleNamespace:
+    def well(command: Sequence[str]) -> int:
         if "--log" in command:
             Path(command[command.index("--log") + 1]).write_text("")
-        return SimpleNamespace(returncode=0)
+        return 0
 
     file = tmp_path / "mine.yaml"
     file.write_text(dump_vessel(load_vessel("lanxin")))
-    monkeypatch.setattr(new_boat.subprocess, "run", well)
+    monkeypatch.setattr(new_boat, "run_child", well)
     assert main(["new-boat", str(file), "--link", "serial:/dev/pixhawk:115200", "--as-gcs", "--yes"]) == 0
     said = capsys.readouterr().out
     assert f"autopilot replay {tmp_path / 'mine-hold.tlog'}" in said

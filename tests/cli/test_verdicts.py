@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from boat_at_sea import Sea
+from boat_at_sea import SPEED, Sea
 
 from autopilot.cli.main import main
 from autopilot.report.log_pages import compared, measures_of_run, run_of, table_of_runs
@@ -101,7 +101,40 @@ def test_a_trial_is_good_for_identification_or_not() -> None:
     assert trial_verdict(steered, "").grade == "start"
     steered.swing = (0.0, 0.02)
     tied_up = trial_verdict(steered, "")
-    assert tied_up.grade == "not enough" and "at the dock that is right" in tied_up.sentence
+    assert tied_up.grade == "not enough" and "--at-dock" in tied_up.sentence
+
+
+def test_at_the_dock_the_rudder_alone_is_proved_and_no_boat_identified() -> None:
+    sea = Sea()
+    sea.skipper.engage(None)
+    sea.sail(3.0)
+    sea.skipper.zigzag(math.radians(10.0), math.radians(10.0), 30.0)
+    sea.sail(31.0)
+    untied = run_of("a", sea.ticks).steered
+    said = trial_verdict(untied, "", at_dock=True)
+    assert said.grade == "start" and "did not lie still: tie it up" in said.sentence
+    assert "identify" not in said.sentence
+    assert untied.way == pytest.approx(SPEED, rel=0.05)
+    drifting = trial_verdict(untied, "", least_way=1.1 * SPEED)
+    assert drifting.grade == "not enough" and "made no way" in drifting.sentence
+    untied.swing = (0.0, 0.02)
+    tied = trial_verdict(untied, "", at_dock=True).sentence
+    assert tied.startswith("good for the rudder alone") and "lay still" in tied
+    assert trial_verdict(untied, "the helm was taken", at_dock=True).grade == "not enough"
+
+
+def test_a_trial_that_is_not_good_enough_is_refused_where_that_is_asked(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def nothing_moved(arguments: Any, plan: Any, voyage: Any) -> int:
+        print(voyage.verdict(Steered()).sentence)
+        return 0
+
+    monkeypatch.setattr("autopilot.cli.steering.steer", nothing_moved)
+    given = ["trial", "zigzag", "lanxin", "--link", "udpin:127.0.0.1:1"]
+    assert main(given) == 0
+    assert main([*given, "--at-least", "start"]) == 4
+    assert "--at-least start" in capsys.readouterr().err
 
 
 def test_two_runs_are_compared_by_course_and_rudder() -> None:

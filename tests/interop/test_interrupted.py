@@ -30,7 +30,7 @@ from autopilot.interruption import REAL_TIME, STRAY
 from autopilot.runtime.app import Plan
 from autopilot.runtime.record import read_log
 from autopilot.signals import Order, OrderKind
-from autopilot.vessel.file import load_vessel
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 pytestmark = pytest.mark.real_time
 
@@ -294,3 +294,18 @@ def test_the_helm_in_a_terminal_gives_it_back(number: signal.Signals, tmp_path: 
     assert termios.tcgetattr(theirs) == before
     os.close(ours)
     os.close(theirs)
+
+
+def test_who_leaves_the_list_of_a_new_boat_learns_where_it_goes_on(tmp_path: Path) -> None:
+    """The step under way ends first, and lets its rudder go; then the list says where it was left."""
+    file = tmp_path / "mine.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")))
+    line = [sys.executable, "-m", "autopilot", "new-boat", str(file), "--link", _udp(), "--yes"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([*line], start_new_session=True, **pipes) as process:
+        time.sleep(4.0)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        said, complained = process.communicate(timeout=40)
+    assert process.returncode == 130, said + complained
+    assert "Left before this computer and the links was done" in said and f"new-boat {file} goes on here." in said
+    assert complained.count("ended by Ctrl-C") == 2 and "Traceback" not in complained
