@@ -132,7 +132,8 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
-    config = limited_by_thrust(config, state, now)
+    if state.estimate.speeds.reach < config.boat.limits.angle_max:
+        config = limited_by_thrust(config, state, now)
     boat, rudder, bow = config.boat, state.rudder, state.bow
     steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
     gap = 0.0 if math.isnan(state.now) else now - state.now
@@ -147,7 +148,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
     monitors, thrusters, found = monitored(config, state, monitors, estimate, view, dt)
 
-    mode = supervisor.decide(now, order, seen, with_doubts(found, supervisor.memory.notes))
+    noted = supervisor.memory.notes
+    mode = supervisor.decide(now, order, seen, with_doubts(found, noted) if noted else found)
     is_engaged, model = mode is Mode.ENGAGED, estimate.model
     if is_engaged and was is not Mode.ENGAGED:
         estimate, seen = with_known_rudder(estimate, seen, now)
@@ -186,7 +188,10 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         demand += control.roll_rudder
 
     moved = rudder.command.angle if rudder.command.engaged else seen.rudder, dt
-    rest = held_back(steering, rudder.rest, moved, demand, steers)
+    if steers:
+        rest = limited(steering.limits, steering.dead_band, rudder.rest, moved, demand)
+    else:
+        rest = limited_at_once(steering.limits, moved, demand)
     command = supervisor.check(now, moved[0], demand, rest.command, dt, picture(boat, way, order, reference, steady))
     rest = rest if command.angle == rest.command else Rest(command.angle, command.angle)
     if boat.thruster is not None:
@@ -195,10 +200,11 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         bow, command = with_bow(boat.thruster, bow, (gap, seen), samples, look, command)
     is_ours = command.engaged and boat.rudder_is_ours
     estimate = with_order(estimate, now, command.angle) if is_ours else estimate
-    rate = begun_at(steady.rudder)
     if is_ours and not is_measured:
         rate = rate_so_far(estimate, way, rudder.rate, steady, found)
         estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, moved, steady)
+    else:
+        rate = begun_at(steady.rudder)
 
     memory = supervisor.memory
     steers_on = boat.rudder_is_ours and memory.state in ENGAGED
@@ -224,20 +230,13 @@ def monitored(
     return monitors, *watch_thrusters(config.boat, state, estimate, view, dt, found)
 
 
-def held_back(steering: SteeringConfig, rest: Rest, moved: Moved, demand: float, steers: bool) -> Rest:
-    """Return what is left of a demand [rad] within the rudder's limits, and on a course by its dead band."""
-    if steers:
-        return limited(steering.limits, steering.dead_band, rest, moved, demand)
-    return limited_at_once(steering.limits, moved, demand)
-
-
 def rate_so_far(
     estimate: EstimatorState, way: Way, rate: RudderRate, steady: NavState, found: Mapping[str, AlarmEvent]
 ) -> RudderRate:
     """Return what is known of the rudder's rate, nothing that is not sure where something pushes the boat by more than
     its rudder can hold, which hides what the rudder does, and lets go at once when it is over; or where on its course
     it is in a sea that is not known yet."""
-    is_new = not estimate.knows_sea and steady.wave_deviation >= WAVE_DEVIATION_FIRST
+    is_new = steady.wave_deviation >= WAVE_DEVIATION_FIRST and not estimate.knows_sea
     is_new = is_new and estimate.model.time_constant > GEAR_SEA and steady.time >= way.guide.turning_until
     is_pushed = is_new or "overpowered" in found or not abs(steady.bias) < BIAS_MOST
     return begun_at(steady.rudder, rate.slower if rate.is_sure else 1.0) if is_pushed else rate
@@ -250,8 +249,6 @@ def limited_by_thrust(config: Config, state: State, now: float) -> Config:
     rudder's rate.
     """
     limits, reach = config.boat.limits, state.estimate.speeds.reach
-    if reach >= limits.angle_max:
-        return config
     gap = 0.0 if math.isnan(state.now) else min(max(now - state.now, 0.0), LONGEST_STEP)
     moved = limits.rate_max * gap if gap else 0.0
     least = max(LEAST_REACH * limits.angle_max, abs(state.rudder.command.angle) - moved)
@@ -389,8 +386,6 @@ def view_of(
 def with_doubts(found: Mapping[str, AlarmEvent], noted: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
     """Return what is found, and those of the links' alarms that are doubts: for the supervisor, who decides by names.
     Shown they are once, by who says them."""
-    if not noted:
-        return found
     return {**found, **{event.name: event for event in noted.values() if kind_of(event).is_doubt}}
 
 

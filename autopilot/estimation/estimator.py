@@ -252,11 +252,11 @@ def fuse_measured(
         # the mean of white noise has the variance share/(2 - share)
         is_off = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share
         leans = leans + dt if is_off else 0.0
-        if noise.waves and does_lean(leans, noise):
+        if noise.waves and leans > 0.0:
             changes = noise.bias, noise.gusty_bias, noise.gust_time
-            state = FilterState(*state[:-1], raised_intensity(state.intensity, changes, dt))
-        elif noise.waves and leans > 0.0:
-            state = FilterState(*state[:-1], reset_density(state.intensity))
+            lasts = does_lean(leans, noise)
+            intensity = raised_intensity(state.intensity, changes, dt) if lasts else reset_density(state.intensity)
+            state = FilterState(*state[:-1], intensity)
     if not math.isnan(rate):
         unknown = state.p11 + 2.0 * state.p14 + state.p44 + doubt
         innovation = rate - state.rate - state.wave_rate

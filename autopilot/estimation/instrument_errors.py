@@ -68,14 +68,15 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     """
     (time, heading, rate), (of_heading, of_rate) = measured, noise
     last, psi, held, bias, p00, p01, p11, apart, turning, seen = before
-    if math.isnan(held) and math.isnan(rate):
+    was_rate, is_rate = not math.isnan(held), not math.isnan(rate)
+    if not (was_rate or is_rate):
         return before
     dt = time - last
-    rate = held if math.isnan(rate) else rate
+    rate = rate if is_rate else held
     if not 0.0 <= dt <= RATE_HELD or math.isnan(psi):
         # g outlasts a gap, and is known as well as before it
         return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time)
-    mean = rate if math.isnan(held) else 0.5 * (held + rate)
+    mean = 0.5 * (held + rate) if was_rate else rate
     psi += dt * (mean - bias)
     turned = mean - bias if mean > bias else bias - mean
     turning -= math.expm1(-dt / RATE_MEAN_TIME) * (turned - turning)

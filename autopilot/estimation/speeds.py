@@ -121,7 +121,7 @@ def left_by_drift(speeds: Speeds) -> float:
     """Return the share of the model's K/T that drift leaves a rudder where only the ground tells the speed, 1 without
     it: the model is for half way from the way ahead, s cos b, to the trial's speed, K/T ~ U^2, and b turns boats."""
     share = speeds.ahead.value
-    return share if speeds.is_over_ground and 0.0 < share < 1.0 else 1.0
+    return share if 0.0 < share < 1.0 and speeds.is_over_ground else 1.0
 
 
 def speeds_apart(speeds: Speeds) -> float:

@@ -167,8 +167,9 @@ class Session:
     def poll(self, now: float) -> bool:
         """Take what has arrived by `now` [s] and tick where it is time to; return whether it ticked."""
         for link in self._receiving:
-            for sample in link.receive(now):
-                self._samples.append(sample)
+            arrived = link.receive(now)
+            self._samples += arrived
+            for sample in arrived:
                 if sample.__class__ is HeadingSample:
                     self._fresh = True
         if now < self._due():
@@ -211,4 +212,7 @@ class Session:
         recorder.keep_packets(self._packets())
 
     def _packets(self) -> list[tuple[float, bytes]]:
-        return [packet for link in self._carrying for packet in link.take_packets()]
+        packets: list[tuple[float, bytes]] = []
+        for link in self._carrying:
+            packets += link.take_packets()
+        return packets

@@ -454,7 +454,7 @@ def update(
     swings = (is_soft and thrown >= HALF_SWINGS) or (softer >= SOFTEST and swept >= SUSPECT_SWINGS)
     if not swings:
         suspect = swept >= SUSPECT_SWINGS or thrown >= SUSPECT_SWINGS or (seen.follows and spin.rushes)
-        contradicts_speed = reads_low(seen) and (suspect or spin.outruns_speed or is_quicker(throws, seen))
+        contradicts_speed = (suspect or spin.outruns_speed or is_quicker(throws, seen)) and reads_low(seen)
         if suspect and not contradicts_speed:
             hunts, softer = True, min(SOFTER * softer, SOFTEST) if is_stable else softer
         if contradicts_speed or (suspect and is_stable):

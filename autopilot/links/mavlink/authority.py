@@ -247,7 +247,7 @@ class ControlAuthority:
 
         `is_input`: it is the input that we override.
         """
-        echo, agrees = self.echo, agrees_with(pulse, expected)
+        echo, agrees = self.echo, pulse in expected or agrees_with(pulse, expected)
         # nobody else's: what was reported before our first command of all arrived there, and an echo that comes late
         if is_input and not agrees and now - echo.began > PATIENCE_S and not echo.is_late(pulse):
             self._strange.append(now)

@@ -22,6 +22,7 @@ from autopilot.links.mavlink.frames import (
     SIGNATURE,
     TRIES,
     checksum,
+    crc_of,
     frame_length,
     next_magic,
 )
@@ -161,7 +162,8 @@ class MavlinkCodec:
         sender = mavlink.seq, mavlink.srcSystem, mavlink.srcComponent
         mavlink.seq = (mavlink.seq + 1) & 0xFF
         packet = HEADER.pack(MAGIC_V2, len(payload), 0, 0, *sender, identity & 0xFFFF, identity >> 16) + payload
-        packet += checksum(packet[1:], kind.crc_extra)
+        crc = crc_of(packet[1:] + bytes((kind.crc_extra,)))
+        packet += bytes((crc & 0xFF, crc >> 8))
         return packet if self._signing is None else self._signing.sign(packet, kind.crc_extra)
 
     def decode(self, data: bytes) -> list[Message]:
@@ -222,7 +224,7 @@ class MavlinkCodec:
         layout = layout_of(identity)
         if layout is None:
             return self._decoded_by_pymavlink(frame, identity, end)
-        crc: int = dialect.mcrf4xx(frame[1:end] + layout.crc_extra)
+        crc = crc_of(frame[1:end] + layout.crc_extra)
         if crc != frame[end] | frame[end + 1] << 8:
             return None
         # zeros at the end are left out on the way; what a newer sender adds is not read

@@ -228,15 +228,7 @@ class CompanionSession:
 
         Keeps the state in our heartbeat honest, and queues every new alarm as STATUSTEXT.
         """
-        self._show(tick.now, tick.mode, tick.alarms)
-        if self._sounder is not None:
-            self._sounder.publish_tick(tick)
-        if tick.mode is not Mode.ENGAGED and not self._authority.steering:
-            self._probe.wanted(waits_to_engage(tick))
-        target = self._guided.next_target(tick, self._may_prove) if self._guided is not None else None
-        return [] if target is None else [self._steering_codec.encode(target)]
-
-    def _show(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None:
+        now, mode, alarms = tick.now, tick.mode, tick.alarms
         if mode is not self._mode or alarms != self._alarms:
             self._mode, self.state = mode, STATES[mode]
             self._other.publish_status(now, mode, alarms)
@@ -247,6 +239,12 @@ class CompanionSession:
                 if alarm not in self._alarms:
                     self._texts.send_text(now, severity_of(alarm, SEVERITIES[mode]), sentence_of(alarm))
             self._alarms = alarms
+        if self._sounder is not None:
+            self._sounder.publish_tick(tick)
+        if mode is not Mode.ENGAGED and not self._authority.steering:
+            self._probe.wanted(waits_to_engage(tick))
+        target = self._guided.next_target(tick, self._may_prove) if self._guided is not None else None
+        return [] if target is None else [self._steering_codec.encode(target)]
 
     def poll(self, now: float) -> list[bytes]:
         """Return what falls due: heartbeats, repeated commands, stream and parameter requests, texts."""
@@ -258,7 +256,8 @@ class CompanionSession:
                 sent.append(self._gcs_codec.encode(station_heartbeat()))
         if not self.vehicle:
             return sent
-        due = self._probe.due(now) if self._may_prove and self._guided is None else None
+        proves = self._may_prove and self._guided is None and self._probe.stage is not Stage.PASSED
+        due = self._probe.due(now) if proves else None
         if due is not None:
             self._release.ordered(now, self._probe.pulse)
         elif self._probe.message is None:

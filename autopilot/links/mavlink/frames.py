@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from typing import Any, ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -165,11 +165,13 @@ def next_magic(buffer: bytes, start: int) -> int:
     return found.start() if found is not None else len(buffer)
 
 
+crc_of: Callable[[bytes], int] = dialect.mcrf4xx or (lambda seeded: int(dialect.x25crc(seeded).crc))
+"""MAVLink's checksum of a frame without its magic, with its message's seed behind it."""
+
+
 def checksum(data: bytes, crc_extra: int) -> bytes:
     """Return MAVLink's checksum of `data`, a frame without its magic, for a message with this seed."""
-    seeded = data + bytes([crc_extra])
-    crc: int = dialect.mcrf4xx(seeded) if dialect.mcrf4xx is not None else dialect.x25crc(seeded).crc
-    return crc.to_bytes(2, "little")
+    return crc_of(data + bytes([crc_extra])).to_bytes(2, "little")
 
 
 def identity_of(frame: bytes) -> int:
