@@ -48,7 +48,7 @@ def compiled(
     """Return `function` compiled, with those it calls. InputError where numba is not installed.
 
     `quick`: with freedom in the order of arithmetic, see ARITHMETIC, without Python's error for a division by zero, and
-    kept on disk for the next time (in NUMBA_CACHE_DIR, or the user's cache folder).
+    kept on disk for the next time (in NUMBA_CACHE_DIR, or the user's cache folder, where there is one).
     `instead`: what is called in place of functions that choose by the type of what they are given, as `law_step` does.
     """
     try:
@@ -64,10 +64,12 @@ def compiled(
     if not quick:
         return ready
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_cache_folder(before) / _fingerprint(done))
     try:
+        numba.config.CACHE_DIR = str(_cache_folder(before) / _fingerprint(done))
         # the outermost function's code holds all the others'
         ready.enable_caching()  # type: ignore[attr-defined]
+    except RuntimeError:
+        pass  # there is no folder to keep it in
     finally:
         numba.config.CACHE_DIR = before
     return ready
@@ -75,8 +77,8 @@ def compiled(
 
 def is_kept(ready: Callable[..., Any]) -> bool:
     """Return whether compiled code of `ready`, which `compiled` made with `quick`, is on disk."""
-    folder = Path(ready.stats.cache_path)  # type: ignore[attr-defined]
-    return any(folder.glob("*.nbc"))
+    folder = ready.stats.cache_path  # type: ignore[attr-defined]
+    return folder is not None and any(Path(folder).glob("*.nbc"))
 
 
 def _quick_jit(function: FunctionType) -> Any:
@@ -98,8 +100,10 @@ def _freedom(function: FunctionType) -> Any:
 
 
 def _cache_folder(asked: str) -> Path:
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(asked) if asked else Path(home) / "norrbin" / "compiled"
+    if asked:
+        return Path(asked)
+    chosen = os.environ.get("XDG_CACHE_HOME")
+    return (Path(chosen) if chosen else Path.home() / ".cache") / "norrbin" / "compiled"
 
 
 def _fingerprint(functions: Iterable[FunctionType]) -> str:

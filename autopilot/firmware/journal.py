@@ -8,6 +8,7 @@ An upload that is wholly done or wholly undone: journal first, set, and the way 
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import json
 import os
@@ -46,11 +47,14 @@ class Journal:
 
 
 def state_folder() -> Path:
-    """Return the folder of journals: NORRBIN_STATE, else norrbin/ in XDG_STATE_HOME or ~/.local/state."""
+    """Return the folder of journals: NORRBIN_STATE, else norrbin/ in XDG_STATE_HOME or ~/.local/state. InputError."""
     if chosen := os.environ.get("NORRBIN_STATE"):
         return Path(chosen)
     base = os.environ.get("XDG_STATE_HOME")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "norrbin"
+    try:
+        return (Path(base) if base else Path.home() / ".local" / "state") / "norrbin"
+    except RuntimeError as error:
+        raise _no_folder(Path("~/.local/state/norrbin"), OSError(errno.ENOENT, str(error))) from None
 
 
 def journal_path(vehicle: Vehicle) -> Path:

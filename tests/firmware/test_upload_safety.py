@@ -293,6 +293,18 @@ def test_a_journal_that_cannot_be_kept_stops_the_upload(
     assert served.vehicle.sets_received == 0
 
 
+def test_without_a_home_an_upload_asks_for_a_folder(served: ServedVehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("NORRBIN_STATE", "XDG_STATE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    with pytest.raises(InputError, match=r"Could not determine home directory.*NORRBIN_STATE"):
+        call(served, "upload", write("new.parm", **ALL_NEW), "--no-backup")
+    assert served.vehicle.sets_received == 0
+
+
 def test_a_journal_on_a_full_disk_says_whose_disk_and_what_to_do(
     served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ from autopilot.errors import InputError
 from autopilot.models.steering_gear import SteeringGear, gear_step
 from autopilot.runtime.build import law_of
 from autopilot.vessel.file import load_vessel
-from sitl.compiled import compiled
+from sitl.compiled import compiled, is_kept
 from sitl.roll_ship import NAVAL_HULL, NAVAL_RUDDERS, SERVICE_SPEED, Hull, Load, Rudders, rudder_load
 
 
@@ -125,3 +126,17 @@ def test_another_process_finds_the_compiled_code_on_disk() -> None:
         for seed in ("1", "2", "3")
     }
     assert len(folders) == 1
+
+
+def test_where_nobody_has_a_home_it_is_compiled_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("numba", reason="the extra `fast` is not installed")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    ready = compiled(wrap, quick=True)
+    assert not is_kept(ready)
+    assert ready(4.0) == pytest.approx(4.0 - math.tau, rel=1e-12)
+
+
+def homeless() -> Path:
+    """What Python does for a user without HOME and without a line in /etc/passwd, as in a container."""
+    raise RuntimeError("Could not determine home directory.")
