@@ -2,10 +2,10 @@
 
     autopilot demo --out demo && python benchmarks/moving_picture.py demo [--out docs/images/demo.svg]
 
-Three panels, one after another: the zigzag as recorded, the identified model's yaw rate over the recorded one, and the
-turn and hold that follow from it. All lines are ticks of the demo's logs, thinned out; the model's rate is integrated
-here from the recorded rudder. It begins with the finished picture, each panel of which stays until it is drawn again.
-Readers who prefer no motion see that alone.
+Three panels, beside one another, and for a phone one below the other in a second picture (demo-narrow.svg): the zigzag
+as recorded, the identified model's yaw rate over the recorded one, and the turn and hold that follow from it. All lines
+are ticks of the demo's logs, thinned out; the model's rate is integrated here from the recorded rudder. It begins with
+the finished picture, each panel of which stays until it is drawn again. Readers who prefer no motion see that alone.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from autopilot.signals import Tick
 from autopilot.vessel.file import load_vessel
 
 PANEL, GAP, TOP, HEIGHT = 300.0, 20.0, 64.0, 150.0
-WIDTH = 3.0 * PANEL + 2.0 * GAP
 SHOWN_S = 40.0
 POINTS = 220
 CYCLE_S = 12.0
@@ -128,8 +127,8 @@ def scenes_of(folder: Path) -> tuple[Scene, ...]:
     )
 
 
-def drawn(scene: Scene, left: float, number: int) -> str:
-    """Return the panel as SVG, its left edge at `left`."""
+def drawn(scene: Scene, place: tuple[float, float], number: int) -> str:
+    """Return the panel as SVG, its corner at `place`."""
     lasts = max(point[0] for each in scene.traces for point in each.points)
     scales = {}
     for unit in {each.unit for each in scene.traces}:
@@ -142,28 +141,27 @@ def drawn(scene: Scene, left: float, number: int) -> str:
             bottom, top = TOP + (0.58 if len({each.unit for each in scene.traces}) > 1 else 0.95) * HEIGHT, TOP
         scales[unit] = (low, (bottom - top) / max(high - low, 1e-6), bottom)
     parts = [
-        f'<text x="{left:.0f}" y="26" class="title">{scene.title}</text>',
-        f'<text x="{left:.0f}" y="46" class="caption">{scene.caption}</text>',
-        f'<rect x="{left:.0f}" y="{TOP - 6:.0f}" width="{PANEL:.0f}" height="{HEIGHT + 12:.0f}" class="panel"/>',
+        f'<text y="26" class="title">{scene.title}</text>',
+        f'<text y="46" class="caption">{scene.caption}</text>',
+        f'<rect y="{TOP - 6:.0f}" width="{PANEL:.0f}" height="{HEIGHT + 12:.0f}" class="panel"/>',
     ]
     for at, each in enumerate(scene.traces):
         low, scale, bottom = scales[each.unit]
         line = " ".join(
-            f"{left + 6 + (PANEL - 12) * time / lasts:.1f},{bottom - scale * (value - low):.1f}"
-            for time, value in each.points
+            f"{6 + (PANEL - 12) * time / lasts:.1f},{bottom - scale * (value - low):.1f}" for time, value in each.points
         )
         colour = COLOURS[each.name]
         parts.append(f'<polyline points="{line}" pathLength="1" class="line s{number}" stroke="{colour}"/>')
         parts.append(
-            f'<text x="{left + 8 + 84 * at:.0f}" y="{TOP + HEIGHT + 24:.0f}" class="name" fill="{colour}">'
-            f"{each.name}</text>"
+            f'<text x="{8 + 84 * at}" y="{TOP + HEIGHT + 24:.0f}" class="name" fill="{colour}">{each.name}</text>'
         )
-    return "\n".join(parts)
+    return "\n".join([f'<g transform="translate({place[0]:.0f} {place[1]:.0f})">', *parts, "</g>"])
 
 
-def picture(scenes: Sequence[Scene]) -> str:
-    """Return the whole picture."""
-    height = TOP + HEIGHT + 34
+def picture(scenes: Sequence[Scene], *, narrow: bool) -> str:
+    """Return the whole picture; narrow: one panel below the other."""
+    step = (0.0, TOP + HEIGHT + 34) if narrow else (PANEL + GAP, 0.0)
+    width, height = PANEL + 2.0 * step[0], TOP + HEIGHT + 34 + 2.0 * step[1]
     moves = "\n".join(
         f"@keyframes draw{number} {{ 0%, {100 * scene.begins:.0f}% {{ stroke-dashoffset: 0 }} "
         f"{100 * scene.begins + 0.01:.2f}% {{ stroke-dashoffset: 1 }} "
@@ -171,8 +169,10 @@ def picture(scenes: Sequence[Scene]) -> str:
         f".s{number} {{ animation: draw{number} {CYCLE_S:.0f}s linear infinite }}"
         for number, scene in enumerate(scenes)
     )
-    panels = "\n".join(drawn(scene, number * (PANEL + GAP), number) for number, scene in enumerate(scenes))
-    return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="-6 0 {WIDTH + 12:.0f} {height:.0f}" role="img"
+    panels = "\n".join(
+        drawn(scene, (number * step[0], number * step[1]), number) for number, scene in enumerate(scenes)
+    )
+    return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="-6 0 {width + 12:.0f} {height:.0f}" role="img"
   aria-label="A zigzag is sailed, the model identified from it, and the boat turned and held">
 <style>
 text {{ font-family: system-ui, "Segoe UI", sans-serif }}
@@ -197,9 +197,12 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="what `autopilot demo --out` wrote")
     parser.add_argument("--out", type=Path, default=Path("docs/images/demo.svg"))
     chosen = parser.parse_args()
-    text = picture(scenes_of(chosen.folder))
-    save_text(chosen.out, text)
-    print(f"wrote {chosen.out}: {len(text) / 1000:.0f} kB")
+    scenes = scenes_of(chosen.folder)
+    narrow_out = chosen.out.with_name(f"{chosen.out.stem}-narrow.svg")
+    for out in (chosen.out, narrow_out):
+        text = picture(scenes, narrow=out is narrow_out)
+        save_text(out, text)
+        print(f"wrote {out}: {len(text) / 1000:.0f} kB")
 
 
 if __name__ == "__main__":
