@@ -58,6 +58,7 @@ class Recorder:
         self._sink = FileSink(place) if isinstance(place, Path) else place
         self._codec = MavlinkCodec(system, COMPONENT)
         self._offset = time.time() - clock_now
+        self._now = clock_now
         self._serial = 0
         self._next_plot = 0.0
         self._stopped = ""
@@ -89,6 +90,7 @@ class Recorder:
 
     def record(self, tick: Tick, packets: list[tuple[float, bytes]]) -> None:
         """Append one tick and the MAVLink packets that went with it. A full disk stops the log, not the boat."""
+        self._now = tick.now
         parts = self._stamped(packets)
         if tick.now >= self._next_plot:
             self._next_plot = tick.now + PLOT_PERIOD
@@ -109,7 +111,7 @@ class Recorder:
     def keep_vessel(self, text: str) -> None:
         """Append the vessel as it is from the next tick on."""
         self._header["vessel"] = text
-        self._write(self._tunnel(time.time() - self._offset, bytes([VESSEL]) + text.encode()))
+        self._write(self._tunnel(self._now, bytes([VESSEL]) + text.encode()))
 
     def close(self) -> None:
         """Close the file; further calls do nothing."""

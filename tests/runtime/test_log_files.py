@@ -17,7 +17,7 @@ from autopilot.logs.own_log import read_own
 from autopilot.logs.series import ORDER
 from autopilot.runtime import log_files
 from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink, ThreadedSink, appended, following_parts
-from autopilot.runtime.record import Recorder, is_headless, read_log, read_logs, replay
+from autopilot.runtime.record import Recorder, is_headless, read_log, read_logs, read_packets, replay
 from autopilot.signals import Mode
 from autopilot.vessel.file import dump_vessel, load_vessel
 
@@ -87,6 +87,23 @@ def test_a_change_of_the_vessel_holds_over_the_parts(tmp_path: Path) -> None:
     assert read_log(parts[-1]).header["vessel"] == changed
     (whole,) = read_logs(*parts)
     assert list(whole.changes.values()) == [changed]
+
+
+@pytest.mark.parametrize("hours", [9.0, -9.0, -480_000.0])
+def test_a_change_of_the_vessel_is_stamped_as_its_ticks_whatever_the_wall_clock_does(
+    hours: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = Recorder(tmp_path / "run.tlog", HEADER, 0.0)
+    clock = time.time
+
+    def change(run: Lockstep) -> None:
+        if run.now == 2.0:
+            monkeypatch.setattr("time.time", lambda: clock() + 3600.0 * hours)
+            recorder.keep_vessel("name: changed\n")
+
+    sail(recorder, 4.0, hook=change)
+    stamps = [stamp for stamp, _ in read_packets(tmp_path / "run.tlog")]
+    assert max(stamps) - min(stamps) < 5.0
 
 
 def test_a_folder_stays_below_its_size_and_other_files_are_left_alone(tmp_path: Path) -> None:
