@@ -30,8 +30,7 @@ from autopilot.runtime.machine import MonotonicClock
 from autopilot.runtime.record import read_log as _read_own_log
 from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample, RudderSample, SpeedSample, Tick
-from autopilot.vessel.file import dump_vessel, load_vessel, recorded_vessel, rounded
-from autopilot.vessel.fleet import boats_prior
+from autopilot.vessel.file import boats_prior, dump_vessel, load_vessel, recorded_vessel, rounded
 from autopilot.vessel.schema import Vessel
 
 __all__ = [

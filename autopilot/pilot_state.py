@@ -26,9 +26,9 @@ from autopilot.steering import LONGEST_STEP, NOT_TURNING, CornerFrequencies, Ste
 from autopilot.supervision import failsafe, panel, supervisor
 from autopilot.supervision.envelope import Envelope
 from autopilot.supervision.monitor_input import AlarmLimits
+from autopilot.supervision.monitors import NO_THRUST_SEEN, ThrusterMemory
 from autopilot.supervision.monitors import State as MonitorState
 from autopilot.supervision.supervisor import STEERING_ACTIONS, FailsafeAction
-from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterMemory
 
 
 class PilotConfig(NamedTuple):
@@ -153,7 +153,7 @@ class State(NamedTuple):
     number: int = 0
     now: float = math.nan
     findings: Mapping[str, AlarmEvent] = NO_FINDINGS
-    thrusters: ThrusterMemory = NOTHING_SEEN
+    thrusters: ThrusterMemory = NO_THRUST_SEEN
     bow: Bow = Bow()
 
     @property

@@ -85,13 +85,20 @@ from autopilot.supervision.alarms import kind_of
 from autopilot.supervision.envelope import Picture
 from autopilot.supervision.failsafe import FailsafeSteering
 from autopilot.supervision.monitor_input import MonitorInput
+from autopilot.supervision.monitors import (
+    NO_THRUST_SEEN,
+    ThrusterLook,
+    ThrusterMemory,
+    judged,
+    on_samples,
+    thruster_step,
+    without_past,
+)
 from autopilot.supervision.monitors import State as MonitorState
-from autopilot.supervision.monitors import judged, on_samples, without_past
 from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, Memory, Supervisor
-from autopilot.supervision.thruster_watch import NOTHING_SEEN, ThrusterLook, ThrusterMemory, thruster_step
 from autopilot.supervision.tuning import RATE_OFF_KNOWN
 
 CALM = 10.0
@@ -399,10 +406,10 @@ def watch_thrusters(
 ) -> tuple[ThrusterMemory, Mapping[str, AlarmEvent]]:
     """Return what the watch of thrusters remembers, and what is found, with what is wrong with them."""
     if boat.thruster is not None:
-        return NOTHING_SEEN, with_bow_found(state.bow, found)
+        return NO_THRUST_SEEN, with_bow_found(state.bow, found)
     seen = view.state
     if not seen.valid:
-        return NOTHING_SEEN, found
+        return NO_THRUST_SEEN, found
     look = ThrusterLook(
         estimate.model,
         seen.rate,

@@ -37,8 +37,7 @@ from latency import Vehicle, cpu_seconds, free_port, percentile
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.signing import CountingTimestamps, LinkSigning, Signing
-from autopilot.links.mavlink.signing_key import clock_timestamp
+from autopilot.links.mavlink.signing import CountingTimestamps, LinkSigning, Signing, clock_timestamp
 
 KEY = bytes(range(32))
 RATE_HZ = 50

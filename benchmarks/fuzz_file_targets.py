@@ -46,11 +46,11 @@ from autopilot.links.ground_station.mission import Mission, parse_items
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.frames import checksum
-from autopilot.links.mavlink.signing_key import key_of
+from autopilot.links.mavlink.signing import key_of
 from autopilot.links.nmea.samples import NmeaReader
 from autopilot.links.nmea.sentences import NmeaFramer
 from autopilot.links.nmea.sentences import checksum as nmea_checksum
-from autopilot.links.transports.memory import loopback_pair
+from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.logs.csv_log import load_column_map
 from autopilot.logs.dataflash import read_dataflash

@@ -34,7 +34,7 @@ from autopilot.identification.identify import LEAST_EXPLAINED, check_excitation,
 from autopilot.identification.likelihood_model import answer_of, likeliest_fit
 from autopilot.identification.runs import Run, run_from_columns
 from autopilot.models.norrbin import Norrbin
-from autopilot.vessel.fleet import PUBLISHED, boats_prior, published_boats
+from autopilot.vessel.file import PUBLISHED, boats_prior, published_boats
 
 FloatArray = NDArray[np.float64]
 LENGTHS_H = (3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 12.5, 16.0, 20.0, 28.0, 40.0, 60.0)

@@ -251,7 +251,7 @@ class _StopOnSignal:
 
 def run_serve(arguments: argparse.Namespace) -> int:
     """Serve until stopped."""
-    from autopilot.links.mavlink.signing_key import open_signing
+    from autopilot.links.mavlink.signing import open_signing
     from sitl.faults import FaultService
     from sitl.serve import Lines, Pace, TruthFile, open_ports, serve, world_from
 

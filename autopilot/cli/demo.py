@@ -33,10 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
         from autopilot.report import require_extra
 
         require_extra()
-    from autopilot.cli.demo_legs import as_json, sail_demo
+    from autopilot.cli.demo_legs import as_json, as_text, sail_demo, verdict_of_demo
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import save_text, unused_folder
-    from autopilot.report.demo import as_text, verdict_of_demo
 
     try:
         out = unused_folder(arguments.out)
@@ -50,8 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     summary["verdict"] = verdict_of_demo(summary)._asdict()
     save_text(out / "demo.json", json.dumps(summary, indent=2) + "\n")
     if not arguments.no_report:
-        from autopilot.cli.demo_legs import HOLDS, TURNS
-        from autopilot.report.demo import DemoFigures, write_demo_report
+        from autopilot.cli.demo_legs import HOLDS, TURNS, DemoFigures, write_demo_report
 
         shown = DemoFigures(
             trial=result.legs["trial"].ticks,

@@ -89,7 +89,7 @@ def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
 
     from autopilot.cli.options import patience_of
     from autopilot.doctor.vehicle import examine
-    from autopilot.links.arrivals import RecordingTransport, came
+    from autopilot.links.url import RecordingTransport, came
     from autopilot.runtime.build_links import LinkOptions, open_links
     from autopilot.runtime.machine import MonotonicClock
 

@@ -326,7 +326,7 @@ def _identify(
 
 def _prior(length: float | None, vessel: Vessel | None) -> BoatPrior | None:
     """Return what other boats say of one of this `length` [m], or of that of `vessel`; None where neither is known."""
-    from autopilot.vessel.fleet import boats_prior
+    from autopilot.vessel.file import boats_prior
 
     if length is None and vessel is not None:
         length = vessel.length_m

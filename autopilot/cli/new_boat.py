@@ -469,8 +469,7 @@ class Talk:
 def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     """Ask what the boat is like and write its file. Raises InputError."""
     from autopilot.identification.verdict import KNOT_M_S
-    from autopilot.vessel.file import doubted, dump_vessel, rounded
-    from autopilot.vessel.fleet import first_model
+    from autopilot.vessel.file import doubted, dump_vessel, first_model, rounded
     from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Helm, Rudder
 
     file: Path = arguments.file

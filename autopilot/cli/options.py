@@ -166,7 +166,7 @@ def signing_of(arguments: argparse.Namespace) -> Signing | None:
     """Return signing with the key that was given, None without one. Raises InputError."""
     if arguments.signing_key is None:
         return None
-    from autopilot.links.mavlink.signing_key import open_signing
+    from autopilot.links.mavlink.signing import open_signing
 
     return open_signing(arguments.signing_key)
 

@@ -32,12 +32,11 @@ from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.printable import terminal_of
 from autopilot.interruption import NAMES, REAL_TIME, STRAY, ended_by
-from autopilot.links.arrivals import came
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.mavlink.signing import hint_of
 from autopilot.links.release import Release, release_sentence
-from autopilot.links.url import parse_url
+from autopilot.links.url import came, parse_url
 from autopilot.report.steered import Steered, Verdict
 from autopilot.runtime.app import App, Machine, Plan
 from autopilot.runtime.build_links import KINDS, LinkOptions, access_rules_of

@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from autopilot.doctor.machine import Finding, Verdict, serial_devices, share_below
-from autopilot.links.arrivals import HEADING_SENTENCES, MAVLINK_HEADING, message_names, sentence_names
 from autopilot.links.base import Link, LinkError, parted
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.requests import SPEED_SCALING, TWO_PADDLES, VehicleParameters
 from autopilot.links.mavlink.steering import REACH_TOLERANCE_DEG, channel_of, share_from_servo
-from autopilot.links.url import open_transport
+from autopilot.links.url import HEADING_SENTENCES, MAVLINK_HEADING, message_names, open_transport, sentence_names
 from autopilot.runtime.machine import Clock
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample, RateSample
 from autopilot.supervision.panel import sentences_of

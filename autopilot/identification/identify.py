@@ -21,7 +21,7 @@ from autopilot.identification.identified import (
     identified_from,
 )
 from autopilot.identification.likelihood_model import ORDERED, follows_surely, likeliest, likeliest_fit, ordered
-from autopilot.identification.model_extensions import CUBIC, START_N3, extended, may_extend
+from autopilot.identification.model_choice import CUBIC, START_N3, extended, may_extend
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
 from autopilot.identification.prediction_bands import in_the_race
 from autopilot.identification.residuals import Fitted, RunTrims, initial_state, own_trims, triangle, typical_rate

@@ -15,14 +15,13 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
-from autopilot.links.arrivals import RecordingTransport
 from autopilot.links.base import Link, Transport, close_all
 from autopilot.links.drives import DRIVES, drive_of
 from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.rudder_follow import FollowSettings
 from autopilot.links.transports.medium import Network, network_of
-from autopilot.links.url import FORWARD_OPTIONS, NETWORKS, LinkUrl, open_transport, parse_url
+from autopilot.links.url import FORWARD_OPTIONS, NETWORKS, LinkUrl, RecordingTransport, open_transport, parse_url
 from autopilot.runtime.build import follow_of, radians_or_unlimited
 from autopilot.supervision.supervisor import STEERING_ACTIONS
 from autopilot.vessel.schema import Vessel

@@ -2,6 +2,8 @@
 
 In a file that is edited, comments, order and everything else stay as they were. This needs ruamel.yaml (the extra
 `edit`). Where a file is exactly what Norrbin writes, nothing would be lost, and it is simply written anew.
+
+The real and published boats among the shipped files say what is expected of a boat before it has sailed.
 """
 
 from __future__ import annotations
@@ -9,10 +11,12 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import io
+import math
 import re
 import typing
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from functools import cache
 from ipaddress import ip_network
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +39,7 @@ from autopilot.models.norrbin import Norrbin, folds
 from autopilot.vessel.schema import SCHEMA_VERSION, Model, StandardErrors, Vessel
 
 if TYPE_CHECKING:
+    from autopilot.identification.boat_prior import BoatPrior, KnownBoat
     from autopilot.identification.runs import Run
 
 VESSELS = Shipped("firmware_params", "vessels", "shipped")
@@ -133,7 +138,7 @@ def problems(vessel: Vessel) -> Iterator[tuple[str, str]]:
 
 
 USUAL_BY_LENGTH = {"K'": (0.1, 30.0), "T'": (0.05, 60.0)}
-"""K L/U and T U/L, which are alike for boats of all sizes: the published boats of `fleet` have 1.1 to 4.5 and 0.3 to
+"""K L/U and T U/L, which are alike for boats of all sizes: the boats of PUBLISHED have 1.1 to 4.5 and 0.3 to
 5, and near course stability both grow together. A number in another unit (degrees, minutes) is far outside."""
 
 
@@ -461,3 +466,70 @@ def _apply(document: Any, old: Mapping[str, Any], new: Mapping[str, Any]) -> Non
     for key in old:
         if key not in new and key in document:
             del document[key]
+
+
+PUBLISHED = (
+    "container_ship",
+    "esso_osaka",
+    "esso_tanker",
+    "frigate",
+    "mariner",
+    "mmg_tanker",
+    "naval_vessel",
+    "small_craft",
+    "twin_thruster",
+    "zeefakkel",
+)
+"""Lanxin is none of them, for nothing that is published here says how long it is; the outboard is a construction of the
+simulator, and roll_ship is naval_vessel once more."""
+
+
+def published_boats() -> tuple[KnownBoat, ...]:
+    """Return the boats by name, each with its length and model."""
+    return tuple(_known(name) for name in PUBLISHED)
+
+
+def boats_prior(length: float, without: Collection[str] = ()) -> BoatPrior:
+    """Return what the published boats say of one of `length` [m]; those called `without`, by file or by name, are left
+    out, so that no boat is its own witness."""
+    from autopilot.identification.boat_prior import prior_of
+
+    titles = {name: load_vessel(name).name for name in PUBLISHED}
+    boats = [boat for boat in published_boats() if not {boat.name, titles[boat.name]} & set(without)]
+    return prior_of(boats, length)
+
+
+def first_model(length: float, speed: float) -> Model:
+    """Return what the published boats let expect of one of `length` [m] at `speed` [m/s]: good enough to sail a zigzag
+    by, and to no other end."""
+    expected = boats_prior(length).at(speed)
+    a, b, d = math.exp(expected.mean[0]), float(expected.mean[1]), math.exp(expected.mean[2])
+    time_constant = 1.0 / abs(b)
+    return Model(
+        K_1_s=rounded(a * time_constant),
+        T_s=rounded(time_constant),
+        n1=math.copysign(1.0, b),
+        n3_s2_rad2=rounded(d * time_constant),
+        reference_speed_m_s=rounded(speed),
+        source=f"expected of a boat of {length:g} m by {expected.boats} published ones: a guess to sail the zigzag by",
+    )
+
+
+@cache
+def _known(name: str) -> KnownBoat:
+    from autopilot.identification.boat_prior import KnownBoat
+
+    vessel = load_vessel(name)
+    assert vessel.length_m is not None, name
+    errors = vessel.model.standard_errors
+    return KnownBoat(name, vessel.length_m, _model(vessel.model), errors.n3_s2_rad2 or 0.0)
+
+
+def _model(model: Model) -> Norrbin:
+    return Norrbin(
+        gain=model.K_1_s,
+        time_constant=model.T_s,
+        n3=model.n3_s2_rad2,
+        n1=model.n1,
+        reference_speed=model.reference_speed_m_s,
+    )

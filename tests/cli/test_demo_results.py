@@ -13,20 +13,22 @@ import pytest
 
 from autopilot.cli import demo_legs
 from autopilot.cli.demo_legs import (
+    DemoFigures,
     DemoResult,
     Hold,
     Leg,
     TurnMeasures,
     as_json,
+    as_text,
     heading_rms,
     travel_rate,
     turn_measures,
+    write_demo_report,
 )
 from autopilot.errors import RefusedError
 from autopilot.identification.identified import Identified
 from autopilot.identification.residuals import Noise
 from autopilot.models.norrbin import Norrbin
-from autopilot.report.demo import DemoFigures, as_text, write_demo_report
 from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 from autopilot.vessel.file import load_vessel

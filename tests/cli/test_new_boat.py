@@ -13,8 +13,7 @@ from autopilot.cli import new_boat
 from autopilot.cli.main import build_parser, main
 from autopilot.cli.new_boat import STEPS, Boat, Checklist
 from autopilot.errors import InputError
-from autopilot.vessel.file import dump_vessel, load_vessel
-from autopilot.vessel.fleet import first_model
+from autopilot.vessel.file import dump_vessel, first_model, load_vessel
 
 WHEN = datetime(2026, 11, 24, 12, 0)
 NUMBERS = ("--length-m", "7", "--speed-kn", "9", "--rudder-max-deg", "30", "--side-to-side-s", "3")

@@ -11,8 +11,7 @@ from lockstep import Lockstep
 from autopilot.angles import wrap
 from autopilot.cli.main import main
 from autopilot.signals import Mode
-from autopilot.vessel.file import load_vessel, shipped_vessels
-from autopilot.vessel.fleet import PUBLISHED
+from autopilot.vessel.file import PUBLISHED, load_vessel, shipped_vessels
 from sitl.registry import PLANTS
 from sitl.scenario import load_scenario
 from sitl.serve import afloat

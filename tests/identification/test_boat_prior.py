@@ -14,8 +14,7 @@ from autopilot.cli.main import main
 from autopilot.identification.boat_prior import Expected, KnownBoat, combined, primes, prior_of
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.models.norrbin import Norrbin
-from autopilot.vessel.file import load_vessel
-from autopilot.vessel.fleet import PUBLISHED, boats_prior, published_boats
+from autopilot.vessel.file import PUBLISHED, boats_prior, load_vessel, published_boats
 
 EXPECTED = Expected(np.array([math.log(0.2), 0.3, math.log(5.0)]), np.array([0.5, 0.2, 0.6]), 10)
 TRUTH = Rates(0.22, 0.25, 6.0, 0.01)

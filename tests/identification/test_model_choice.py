@@ -18,8 +18,7 @@ from autopilot.errors import InputError
 from autopilot.identification import model_choice
 from autopilot.identification.identified import Identified, Question, identified_from
 from autopilot.identification.identify import identify
-from autopilot.identification.model_choice import FORMS, blocks, choose
-from autopilot.identification.model_extensions import CUBIC
+from autopilot.identification.model_choice import CUBIC, FORMS, blocks, choose
 from autopilot.identification.output_error import solve
 from autopilot.identification.residuals import Fitted
 from autopilot.identification.runs import FloatArray, Run

@@ -32,9 +32,14 @@ from autopilot.links.mavlink import frames
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.router import ForwardLink, Router, budget_for
 from autopilot.links.mavlink.signing import CountingTimestamps, Signing
-from autopilot.links.transports import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
+from autopilot.links.transports import (
+    TcpClientTransport,
+    TcpServerTransport,
+    UdpInTransport,
+    UdpOutTransport,
+    loopback_pair,
+)
 from autopilot.links.transports.medium import interface_address, is_everywhere, only_from
-from autopilot.links.transports.memory import loopback_pair
 from autopilot.links.transports.serial_line import SerialTransport
 from autopilot.links.url import open_transport, parse_url
 from autopilot.runtime.build import build_pilot

@@ -13,10 +13,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.cli.main import main
-from autopilot.links.arrivals import RecordingTransport, sentence_names
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
-from autopilot.links.url import SCHEMES, open_transport
+from autopilot.links.url import SCHEMES, RecordingTransport, open_transport, sentence_names
 
 KEPT_BYTES = 30_000
 

@@ -25,7 +25,7 @@ from autopilot.links.mavlink.router import (
     budget_for,
     filter_of,
 )
-from autopilot.links.transports.memory import loopback_pair
+from autopilot.links.transports import loopback_pair
 from autopilot.links.url import FORWARD_OPTIONS, parse_url
 from autopilot.runtime.build_links import LinkOptions, build_links
 from autopilot.vessel.file import load_vessel

@@ -19,8 +19,7 @@ from autopilot.links.mavlink.frames import EVERYBODY, Address, Framer, source_of
 from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for
 from autopilot.links.mavlink.signing import CountingTimestamps, Signing
 from autopilot.links.mavlink.vehicle import CompanionSettings
-from autopilot.links.transports import TcpServerTransport, UdpOutTransport
-from autopilot.links.transports.memory import loopback_pair
+from autopilot.links.transports import TcpServerTransport, UdpOutTransport, loopback_pair
 from autopilot.runtime.build_links import LinkOptions, build_links
 from autopilot.signals import AlarmSample, Mode
 from autopilot.vessel.file import load_vessel

@@ -18,8 +18,7 @@ from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.signing import CountingTimestamps, LinkSigning, Signing
 from autopilot.links.mavlink.vehicle import CompanionSettings
-from autopilot.links.transports import UdpInTransport
-from autopilot.links.transports.memory import loopback_pair
+from autopilot.links.transports import UdpInTransport, loopback_pair
 
 KEY = bytes(range(32))
 ARM = dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)

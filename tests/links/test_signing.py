@@ -215,7 +215,7 @@ print(heard.yaw, heard.get_signed(), link.mav.signing.goodsig_count > 0)
 
 
 def test_mavutil_with_its_own_setup_signing_hears_us_and_is_heard(tmp_path: Path) -> None:
-    from autopilot.links.mavlink.signing_key import open_signing
+    from autopilot.links.mavlink.signing import open_signing
     from autopilot.links.transports import UdpInTransport
     from autopilot.links.url import accept_signed
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from autopilot.errors import InputError
-from autopilot.links.mavlink import signing_key
-from autopilot.links.mavlink.signing_key import TimestampBlocks, clock_timestamp, open_signing, read_key
+from autopilot.links.mavlink import signing
+from autopilot.links.mavlink.signing import TimestampBlocks, clock_timestamp, open_signing, read_key
 
 MINUTE = 6_000_000
 BLOCK = 100_000
@@ -141,7 +141,7 @@ def test_a_disk_that_fails_meanwhile_is_reported_and_stops_nothing(key: Path, mo
     def full(path: Path, text: str, *, private: bool) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(signing_key, "replace_file", full)
+    monkeypatch.setattr(signing, "replace_file", full)
     reported: list[str] = []
     blocks.keep_renewing(reported.append)
     blocks._wanted.set()
@@ -188,9 +188,9 @@ def test_the_clock_counts_units_of_ten_microseconds_since_2015(monkeypatch: pyte
     """As https://mavlink.io/en/guide/message_signing.html has it: 1 January 2015 GMT is 0."""
     since = datetime(2015, 1, 1, tzinfo=UTC)
     for days, units in ((0, 0), (1, 86_400 * 100_000), (-1, 0), (4000, 4000 * 86_400 * 100_000)):
-        monkeypatch.setattr(signing_key.time, "time", lambda days=days: (since + timedelta(days)).timestamp())
+        monkeypatch.setattr(signing.time, "time", lambda days=days: (since + timedelta(days)).timestamp())
         assert clock_timestamp() == units
-    monkeypatch.setattr(signing_key.time, "time", lambda: since.timestamp() + 0.25)
+    monkeypatch.setattr(signing.time, "time", lambda: since.timestamp() + 0.25)
     assert clock_timestamp() == 25_000
 
 
@@ -234,7 +234,7 @@ def test_a_key_file_may_have_1024_bytes(key: Path) -> None:
 def test_programs_that_run_at_once_sign_under_different_numbers(key: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     numbers = []
     for process in (4000, 4001, 4002):
-        monkeypatch.setattr(signing_key.os, "getpid", lambda process=process: process)
+        monkeypatch.setattr(signing.os, "getpid", lambda process=process: process)
         numbers.append(open_signing(key).link().link_id)
     assert len(set(numbers)) == 3 and all(64 <= number <= 255 for number in numbers)
 

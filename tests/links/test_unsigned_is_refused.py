@@ -17,7 +17,7 @@ from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for
 from autopilot.links.mavlink.signing import UNSIGNED, UNSIGNED_IDS, WRONG_KEY, CountingTimestamps, Signing
 from autopilot.links.mavlink.vehicle import CompanionSettings
-from autopilot.links.transports.memory import loopback_pair
+from autopilot.links.transports import loopback_pair
 from autopilot.signals import HelmSample
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(range(1, 33))

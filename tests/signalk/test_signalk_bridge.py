@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.ground_station.commands import HEADING, MANUAL
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.transports.memory import LoopbackTransport, loopback_pair
+from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.signalk.bridge import BEHIND_MOST, CLIENTS_MOST, Bridge, LineClients
 from autopilot.signalk.messages import (
     LINE_MOST,

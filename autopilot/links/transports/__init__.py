@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from autopilot.links.transports.memory import LoopbackTransport, ReplayTransport, loopback_pair
+from collections import deque
+from collections.abc import Iterable
+from itertools import pairwise
+
+from autopilot.links.base import LinkError
 from autopilot.links.transports.serial_line import SerialTransport
 from autopilot.links.transports.sockets import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
 
@@ -16,3 +20,129 @@ __all__ = [
     "UdpOutTransport",
     "loopback_pair",
 ]
+
+QUEUE_LIMIT = 10000
+"""Chunks that may wait in a loopback before `send` answers that it would block."""
+
+
+class LoopbackTransport:
+    """One end of a loopback: what one end sends the other receives, in order, boundaries kept.
+
+    Attributes:
+        closed: whether this end has been closed.
+    """
+
+    def __init__(self, name: str, incoming: deque[bytes], outgoing: deque[bytes]) -> None:
+        self.name = name
+        self.is_stream = False
+        self.is_local = True
+        self._incoming = incoming
+        self._outgoing = outgoing
+        self.closed = False
+        self._peer: LoopbackTransport | None = None
+
+    def connect(self, peer: LoopbackTransport) -> None:
+        """Name the other end, so that its closing is noticed."""
+        self._peer = peer
+
+    def fileno(self) -> int:
+        """Return -1: there is nothing to wait on."""
+        return -1
+
+    def receive(self) -> list[bytes]:
+        """Return every chunk that waits; LinkError when none is left and either end is closed."""
+        chunks = list(self._incoming)
+        self._incoming.clear()
+        if not chunks:
+            self._check_open()
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Queue `data` at the other end; False when its queue is full, LinkError when either end is closed."""
+        self._check_open()
+        if len(self._outgoing) >= QUEUE_LIMIT:
+            return False
+        self._outgoing.append(bytes(data))
+        return True
+
+    def forget_peer(self) -> None:
+        """Do nothing: the other end is fixed."""
+
+    def close(self) -> None:
+        """Close this end."""
+        self.closed = True
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise LinkError(f"{self.name}: this end is closed; open a new pair")
+        if self._peer is not None and self._peer.closed:
+            raise LinkError(f"{self.name}: the other end has closed; open a new pair")
+
+
+def loopback_pair(name: str = "loopback") -> tuple[LoopbackTransport, LoopbackTransport]:
+    """Return two connected transports, deterministic and without a clock: what one sends the other receives."""
+    there: deque[bytes] = deque()
+    back: deque[bytes] = deque()
+    first = LoopbackTransport(f"{name}:a", back, there)
+    second = LoopbackTransport(f"{name}:b", there, back)
+    first.connect(second)
+    second.connect(first)
+    return first, second
+
+
+class ReplayTransport:
+    """Gives recorded chunks back at their times; what is sent to it is kept in `sent`.
+
+    Args:
+        chunks: (time [s], bytes) in order of time; ValueError where a time goes backwards.
+        is_stream: whether the chunks were pieces of a stream rather than datagrams.
+    """
+
+    def __init__(self, chunks: Iterable[tuple[float, bytes]], name: str = "replay", is_stream: bool = False) -> None:
+        self.name = name
+        self.is_stream = is_stream
+        self.is_local = True
+        self.sent: list[bytes] = []
+        self._waiting = deque(chunks)
+        self._now = float("-inf")
+        self._closed = False
+        times = [time for time, _ in self._waiting]
+        for number, (earlier, later) in enumerate(pairwise(times), start=2):
+            if later < earlier:
+                raise ValueError(f"{name}: chunk {number} at {later} s is older than the one before it at {earlier} s")
+
+    @property
+    def next_time(self) -> float | None:
+        """Time [s] of the next chunk, None when all have been given back."""
+        return self._waiting[0][0] if self._waiting else None
+
+    def advance(self, now: float) -> None:
+        """Set the time [s] up to which `receive` gives chunks; it never goes back."""
+        self._now = max(self._now, now)
+
+    def fileno(self) -> int:
+        """Return -1: there is nothing to wait on."""
+        return -1
+
+    def receive(self) -> list[bytes]:
+        """Return the chunks whose time has come; LinkError when closed."""
+        if self._closed:
+            raise LinkError(f"{self.name}: closed; open the recording again")
+        chunks = []
+        while self._waiting and self._waiting[0][0] <= self._now:
+            chunks.append(self._waiting.popleft()[1])
+        return chunks
+
+    def send(self, data: bytes) -> bool:
+        """Keep `data` in `sent`; LinkError when closed."""
+        if self._closed:
+            raise LinkError(f"{self.name}: closed; open the recording again")
+        self.sent.append(bytes(data))
+        return True
+
+    def forget_peer(self) -> None:
+        """Do nothing: a recording has no peer."""
+
+    def close(self) -> None:
+        """Close the recording."""
+        self._closed = True
