@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import save_text
-from autopilot.identification.identified import SURE_OF_IT, Identified
+from autopilot.identification.identified import Identified
+from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_record import instruments
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import RudderRate, rate_sentence

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from autopilot.identification.boat_prior import BoatPrior
+from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.output_error import Solution, Weighting
 from autopilot.identification.residual_tests import Prediction, ResidualTest, predict, residual_tests, simulate_run
@@ -23,8 +24,7 @@ ModelKind = Literal["nomoto", "norrbin"]
 Progress = Callable[[int, int], None]
 """Called with how many of how many steps are done."""
 
-SURE_OF_IT = 1.96
-"""Standard errors to either side that hold the truth in 95 of 100 cases."""
+
 LARGEST_RELATIVE_ERROR = 0.5
 """A parameter whose standard error is more than this share of it cannot be distinguished from zero at two sigma."""
 
@@ -129,7 +129,8 @@ class Identified(NamedTuple):
     they said nothing. likely: the likelihood's fit with the weather that it found, where that answered. sliding: the
     boat of second order where the runs show that it slides: predictions are made with it, `model` is what it is steered
     by. rudder_rate: at which the rudder moved that the runs know by its orders alone, where the boat's turning showed
-    it slower than the vessel file says and the runs were fitted behind it."""
+    it slower than the vessel file says and the runs were fitted behind it. is_blind: the errors are those of a fit that
+    knows of gusts only what the residuals remember of them, which is too little (`identify`)."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -149,6 +150,7 @@ class Identified(NamedTuple):
     likely: LikelihoodFit | None = None
     sliding: Sliding | None = None
     rudder_rate: RudderRate | None = None
+    is_blind: bool = False
 
     @property
     def predictor(self) -> LikelihoodFit | None:
@@ -203,6 +205,7 @@ def identified_from(solution: Solution, reasons: dict[str, str], runs: Sequence[
         covariance=solution.covariance[np.ix_(shared, shared)],
         train=solution.fitted.train,
         trims=trims,
+        is_blind=True,
     )
 
 
@@ -220,9 +223,10 @@ def _too_uncertain(solution: Solution) -> dict[str, str]:
     return reasons
 
 
-def too_quick(shortest: float) -> str:
-    """Return why no T is given where it would be below the `shortest` [s] that the samples can tell."""
+def too_quick(shortest: float, share: str = "a fifth") -> str:
+    """Return why no T is given where it would be below the `shortest` [s] that the samples can tell, that `share` of
+    the time between two."""
     return (
-        f"T: below {shortest:.2g} s, a fifth of the time between two samples: the boat answers faster than these runs "
+        f"T: below {shortest:.2g} s, {share} of the time between two samples: the boat answers faster than these runs "
         "can show; record a zigzag, with heading and rate more often."
     )

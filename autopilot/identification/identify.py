@@ -281,9 +281,29 @@ def _with_surroundings(fit: _Fit, likely: Identified) -> Identified:
         fitted = (
             None if speed == more.model.reference_speed else likeliest_fit(runs, speed, more.model, train, fit.steps)
         )
-        return more._replace(likely=fitted[0] if fitted else likely.likely)
+        return at_least_as_doubtful(more, likely)._replace(likely=fitted[0] if fitted else likely.likely)
     notes = tuple(dict.fromkeys((*likely.notes, *more.notes)))
     return likely._replace(unidentifiable={**more.unidentifiable, **likely.unidentifiable}, notes=notes)
+
+
+def at_least_as_doubtful(more: Identified, likely: Identified) -> Identified:
+    """Return the answer `more`, which the residuals weigh, with the doubt that gusts make of K, T, n3 and n0 in it.
+
+    Of the rate's residuals, or the heading's where no rate was measured, what propeller and wind explain is gone, and
+    the likelihood's errors are less by that share; what is fitted besides makes nothing better known.
+    """
+    shares = (now.size / before.size for now, before in zip(more.noise, likely.noise, strict=True) if before.size > 0.0)
+    left = min(next(shares, 1.0), 1.0)
+    errors, grown = dict(more.standard_errors), np.ones(len(more.free))
+    for name in likely.free:
+        own, least = errors.get(name), likely.standard_errors[name]
+        # of K and T, which differ between the two, the same share
+        scale = abs(getattr(more.model, name) / getattr(likely.model, name)) if name in LINEAR[:2] else 1.0
+        if own is not None and least is not None and own < left * least * scale:
+            wanted = left * least * scale
+            errors[name], grown[more.free.index(name)] = wanted, wanted / max(own, 1.0e-300)
+    covariance = None if more.covariance is None else more.covariance * np.outer(grown, grown)
+    return more._replace(standard_errors=errors, covariance=covariance, is_blind=False)
 
 
 def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[str]) -> Identified:

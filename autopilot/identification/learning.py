@@ -24,11 +24,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from autopilot.angles import wrap
+from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by
 from autopilot.identification.live_filter import GUST_TIME_S, LiveFilter, Push, moved_on
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Tick
@@ -116,9 +118,6 @@ class PredictionTest:
         return Outcome(present, other)
 
 
-SURE_OF_IT = 1.96
-GOOD, START = 0.15, 0.3
-"""Standard errors of K and T, as shares, of a good model and of one that is put forward: as of `verdict`."""
 LEAST_MOVED_S = 20.0
 """The rudder must have been away from its mean for so long before a model is put forward."""
 MUCH_BETTER = 0.6
@@ -166,11 +165,16 @@ class Proposal(NamedTuple):
     @property
     def verdict(self) -> str:
         """What the model is good for, from its intervals and its predictions."""
-        worst = max(self.standard_errors[name] / getattr(self.model, name) for name in ("gain", "time_constant"))
-        share = f"K and T +- {100.0 * SURE_OF_IT * worst:.0f} % or better, 95 %"
+        worst = worst_doubt(self.model, self.standard_errors)
+        share = f"K and T +- {100.0 * worst:.0f} % or better, 95 %"
         if not self.is_proved:
             return f"not proved yet: {share}"
         return f"good, steer with it ({share})" if worst <= GOOD else f"good for a start ({share}): turn or zigzag"
+
+
+def worst_doubt(model: Norrbin, errors: Mapping[str, float]) -> float:
+    """Return how far the 95 % intervals of K and T reach at most, as a share."""
+    return max(max(off_by(name, getattr(model, name), errors[name])) for name in ("gain", "time_constant"))
 
 
 class _Candidate(NamedTuple):
@@ -274,7 +278,7 @@ class Learner:
         if self._fit.moved_s < LEAST_MOVED_S:
             return
         model, errors = learnt_model(self._fit, self.present)
-        if max(errors[name] / getattr(model, name) for name in ("gain", "time_constant")) > START:
+        if worst_doubt(model, errors) > ENOUGH:
             return
         if self._candidate is not None:
             before = self._candidate.standard_errors

@@ -15,13 +15,14 @@ import numpy as np
 from autopilot.identification.boat_prior import BoatPrior, Combined, Expected, combined
 from autopilot.identification.identified import (
     LARGEST_RELATIVE_ERROR,
-    SURE_OF_IT,
     Identified,
     Question,
     Ratios,
     Sliding,
     Steps,
+    too_quick,
 )
+from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_fit import (
     LikelihoodFit,
     Start,
@@ -36,7 +37,7 @@ from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.residual_tests import predict, simulate_run
 from autopilot.identification.residuals import Noise, residual_noise
 from autopilot.identification.rudder_path import RudderTrain
-from autopilot.identification.runs import SHORTEST_SHARE, FloatArray, Run, Segment, shortest_time_constant
+from autopilot.identification.runs import FloatArray, Run, Segment, spacing_of
 from autopilot.models.norrbin import Norrbin
 
 ORDERED = ("delay", "lag")
@@ -45,8 +46,8 @@ LEAST_EXPLAINED = 0.1
 """Share of the turning's changes that rates must explain to begin with them."""
 SURELY_TURNS = 3.0
 """K/T must differ from 0 by so many standard errors."""
-QUICK = 2.0
-"""A boat this many times as slow as the samples can tell, or quicker, is left to the fit that knows that limit."""
+QUICK = 0.5
+"""A boat with a T below this share of the time between two samples answers before they show it."""
 SURELY_LATE = 5.0
 """A delay of which nobody knows is looked for where it would raise the logarithm of the likelihood by so much."""
 SURELY_SLIDES = 10.0
@@ -136,7 +137,7 @@ def likeliest_fit(
     segments = tuple(segment for run in runs for segment in run.segments)
     regressed = start_rates(segments, speed)
     begin = _begin(segments, speed, regressed, linear)
-    if begin is None or 1.0 / max(abs(begin.b), SMALLEST_B) < QUICK * shortest_time_constant(segments):
+    if begin is None:
         return None, {}
     reasons: dict[str, str] = {}
     found = likelihood_fit(segments, speed, begin, train, steps.next)
@@ -159,8 +160,7 @@ def likeliest_fit(
             sure = SURELY_TURNS * behind.train_errors["dead_band"]
             shown = behind.train.dead_band > max(sure, least_play(segments))
         else:
-            spacing = shortest_time_constant(segments) / SHORTEST_SHARE
-            shown = _is_late(behind) and behind.train.delay > 0.5 * spacing
+            shown = _is_late(behind) and behind.train.delay > 0.5 * spacing_of(segments)
         if shown:
             return behind, reasons
     return found, reasons
@@ -223,6 +223,9 @@ def answer_of(
     )
     errors |= {"n1": None, "n2": None, **{name: found.train_errors.get(name) for name in RudderTrain._fields}}
     reasons = {**reasons, **reasons_of(ratios, model, errors)}
+    shortest = QUICK * spacing_of([segment for run in runs for segment in run.segments])
+    if "T" not in reasons and model.time_constant < shortest:
+        reasons["T"] = too_quick(shortest, "half")
     noises = _noises(model, runs, found.train)
     return Identified(
         model,

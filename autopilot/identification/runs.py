@@ -281,10 +281,15 @@ def seconds(run: Run) -> float:
     return float(sum(segment.time[-1] - segment.time[0] for segment in run.segments))
 
 
-def shortest_time_constant(segments: Sequence[Segment]) -> float:
-    """Return the shortest time constant [s] that samples so far apart, on average, can tell."""
+def spacing_of(segments: Sequence[Segment]) -> float:
+    """Return how far apart [s] samples are on average."""
     steps = sum(segment.time.size - 1 for segment in segments)
-    return SHORTEST_SHARE * float(sum(segment.time[-1] - segment.time[0] for segment in segments)) / steps
+    return float(sum(segment.time[-1] - segment.time[0] for segment in segments)) / steps
+
+
+def shortest_time_constant(segments: Sequence[Segment]) -> float:
+    """Return the shortest time constant [s] that samples so far apart can tell."""
+    return SHORTEST_SHARE * spacing_of(segments)
 
 
 def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:

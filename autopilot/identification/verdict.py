@@ -20,7 +20,8 @@ import numpy as np
 
 from autopilot.identification.drive_effect import DriveFit
 from autopilot.identification.drive_effect import Prediction as DrivePrediction
-from autopilot.identification.identified import SURE_OF_IT, Identified
+from autopilot.identification.identified import Identified
+from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by
 from autopilot.identification.ordered_rudder import shows_rate, with_rudder_of
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rudder_rate_of
@@ -159,8 +160,6 @@ def gear_check(runs: Sequence[Run], filed: float, measured: RudderRate | None) -
 
 Grade = Literal["good", "start", "not enough"]
 
-GOOD, ENOUGH = 0.3, 0.6
-"""Half a 95 % interval of K or T, as a share of it: that gains bear, and that a first design may be tried with."""
 MOST_LEANING = 0.5
 """Share of what is known of K/T or n1/T that other boats may have said of a good model."""
 LEAST_R2 = 0.5
@@ -213,6 +212,14 @@ def verdict_by_thrust(fit: DriveFit, predictions: Sequence[DrivePrediction]) -> 
     return Verdict("good", f"good, steer with it ({share}).")
 
 
+def in_words(below: float, above: float) -> str:
+    """Return how far an interval reaches to either side, in per cent."""
+    down, up = f"{100.0 * below:.0f} %", f"{100.0 * above:.0f} %"
+    if not math.isfinite(above):
+        up = "any"
+    return f"+- {up}" if down == up else f"-{down}, +{up}"
+
+
 def verdict_of(
     found: Identified,
     predictions: Sequence[Prediction] = (),
@@ -231,20 +238,21 @@ def verdict_of(
         )
     if unknown:
         return Verdict("not enough", f"not enough: {' and '.join(unknown)} not determined; sail {again}.")
-    doubts = {
-        symbol: SURE_OF_IT * error / abs(value)
-        for symbol, value, error in (
-            ("K", found.model.gain, found.standard_errors["gain"]),
-            ("T", found.model.time_constant, found.standard_errors["time_constant"]),
+    sides = {
+        symbol: off_by(name, value, error)
+        for symbol, name, value, error in (
+            ("K", "gain", found.model.gain, found.standard_errors["gain"]),
+            ("T", "time_constant", found.model.time_constant, found.standard_errors["time_constant"]),
         )
         if error is not None
     }
+    doubts = {symbol: max(each) for symbol, each in sides.items()}
     if not doubts:
         return Verdict(
             "start", f"good for a start: this method gives no doubt of K and T; compare output-error on {again}."
         )
     worst = max(doubts, key=lambda symbol: doubts[symbol])
-    share = f"{worst} +- {100.0 * doubts[worst]:.0f} %"
+    share = f"{worst} {in_words(*sides[worst])}"
     if doubts[worst] > ENOUGH or not math.isfinite(doubts[worst]):
         return Verdict("not enough", f"not enough: {share} (95 %); sail {again}, for twice as long.")
     if doubts[worst] > GOOD:
@@ -263,6 +271,12 @@ def verdict_of(
             "start",
             "good for a start: the residuals follow the rudder, so that the model misses part of what it does; check "
             f"the rudder's scale and sail {again}.",
+        )
+    if found.is_blind and not all(test.is_white for test in tests):
+        return Verdict(
+            "start",
+            f"good for a start ({share}, 95 %, but gusts or what the model leaves out pushed the boat, and this fit "
+            f"takes too little of that into its doubt): sail {again} in less wind.",
         )
     if gear.against:
         return Verdict("start", f"good for a start ({share}, 95 %): {gear.against[0]}.")

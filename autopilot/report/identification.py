@@ -11,7 +11,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from autopilot.files.printable import aligned, fixed
-from autopilot.identification.identified import SURE_OF_IT, Identified, SteadyTurns
+from autopilot.identification.identified import Identified, SteadyTurns
+from autopilot.identification.interval import interval_of
 from autopilot.identification.model_choice import Candidate, Choice
 from autopilot.identification.prediction_bands import AHEAD_S, TURNING_RAD, Band, Forecast
 from autopilot.identification.residual_tests import Prediction, ResidualTest
@@ -154,7 +155,7 @@ def _ratios(found: Identified) -> dict[str, dict[str, Any]] | None:
         symbol: {
             "value": value,
             "std": std,
-            "interval_95": [value - SURE_OF_IT * std, value + SURE_OF_IT * std],
+            "interval_95": list(interval_of(symbol, value, std)),
             "unit": unit,
         }
         for (symbol, unit), value, std in zip(RATIOS, *found.ratios, strict=True)
@@ -285,6 +286,7 @@ def _parameter(quantity: Quantity, value: float | None, std: float | None) -> di
     return {
         "value": value,
         "std": std,
+        "interval_95": None if value is None or std is None else _ends(quantity, value, std),
         "unit": quantity.unit,
         "value_deg": None if value is None else value / quantity.factor,
         "std_deg": None if std is None else std / quantity.factor,
@@ -341,7 +343,7 @@ def as_text(result: Result) -> str:
     """Return the result as tables and sentences."""
     found, model = result.found, result.found.model
     stages = _stages(result)
-    rows = [("", "estimate", "standard error", "unit", "in degrees", "two-stage (RLS)")]
+    rows = [("", "estimate", "standard error", "95 % interval", "unit", "in degrees", "two-stage (RLS)")]
     for quantity, value in known_quantities(found):
         std = found.standard_errors[quantity.name]
         in_degrees = None if value is None or quantity.factor == 1.0 else value / quantity.factor
@@ -352,6 +354,7 @@ def as_text(result: Result) -> str:
                 quantity.symbol,
                 "not determined" if value is None else f"{value:.5g}",
                 spread(quantity, std),
+                interval_text(quantity, value, std),
                 quantity.unit,
                 degrees,
                 "" if staged is None else f"{staged:.5g}",
@@ -393,6 +396,18 @@ def spread(quantity: Quantity, std: float | None) -> str:
         return f"{std:.2g}"
     # some methods find K and T but no honest error of them
     return "not given" if quantity.symbol in ("K", "T") else "held"
+
+
+def _ends(quantity: Quantity, value: float, std: float) -> list[float | None]:
+    return [_finite(end) for end in interval_of(quantity.name, value, std)]
+
+
+def interval_text(quantity: Quantity, value: float | None, std: float | None) -> str:
+    """Return a quantity's 95 % interval in words for a table."""
+    if value is None or std is None:
+        return "-"
+    low, high = ("without end" if end is None else f"{end:.4g}" for end in _ends(quantity, value, std))
+    return f"{low} ... {high}"
 
 
 def run_rows(result: Result, name: Callable[[Run], str] = lambda run: run.source) -> list[tuple[str, ...]]:

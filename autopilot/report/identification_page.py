@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot import __version__
-from autopilot.identification.identified import SURE_OF_IT, Convergence, Identified, SteadyTurns
+from autopilot.identification.identified import Convergence, Identified, SteadyTurns
+from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.model_choice import steering_model
 from autopilot.identification.residual_tests import ResidualTest
 from autopilot.identification.runs import FloatArray, Run
@@ -23,6 +24,7 @@ from autopilot.report.identification import (
     choice_rows,
     choice_sentence,
     forecast_rows,
+    interval_text,
     known_quantities,
     notes,
     run_rows,
@@ -86,8 +88,8 @@ def _parameters(result: Result) -> list[tuple[str, ...]]:
         if value is None:
             rows.append((quantity.symbol, unit, "not determined", "-" if error is None else f"{error:.2g}", "-", "-"))
             continue
-        interval = "-" if error is None else f"{value - SURE_OF_IT * error:.4g} … {value + SURE_OF_IT * error:.4g}"
         least = f"{bound[quantity.name]:.2g}" if quantity.name in bound else "-"
+        interval = interval_text(quantity, value, error).replace("...", "…")
         rows.append((quantity.symbol, unit, f"{value:.4g}", spread(quantity, error), interval, least))
     return rows
 

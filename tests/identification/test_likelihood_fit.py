@@ -18,14 +18,15 @@ from autopilot.cli.identify_vessel import Given, write_vessel
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
-from autopilot.identification.identify import identify
+from autopilot.identification.identify import at_least_as_doubtful, identify
+from autopilot.identification.interval import interval_of
 from autopilot.identification.likelihood_fit import memory_of, scales
 from autopilot.identification.likelihood_record import Form, record_of, rudder_on, without_noise
 from autopilot.identification.likelihood_search import Space
 from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
-from autopilot.identification.verdict import verdict_of
+from autopilot.identification.verdict import verdict_of, verdict_on_runs
 from autopilot.identification.weather_average import Known, mixed, truncated
 from autopilot.models.weather import RaceAndWind, inflow_ratio
 from autopilot.report.identification import Result, as_text, document_of
@@ -70,6 +71,61 @@ def test_in_gusts_and_waves_the_intervals_hold_the_truth() -> None:
         ]
     # 95 % of 20; 16 or fewer by chance in one case of 400
     assert sum(inside) >= 16
+
+
+def test_an_interval_of_t_is_that_of_its_inverse() -> None:
+    low, high = interval_of("time_constant", 10.0, 2.0)
+    rate, error = 1.0 / 10.0, 2.0 / 10.0**2
+    assert (1.0 / high, 1.0 / low) == pytest.approx((rate - 1.96 * error, rate + 1.96 * error))
+    assert interval_of("time_constant", 10.0, 6.0)[1] == math.inf
+    assert interval_of("gain", 10.0, 2.0) == pytest.approx((10.0 - 1.96 * 2.0, 10.0 + 1.96 * 2.0))
+
+
+@pytest.mark.parametrize(
+    ("error", "grade", "said"),
+    [(0.1, "good", "T +- 5 %"), (0.5, "start", "T -20 %, +32 %"), (1.6, "not enough", "T -44 %, +363 %")],
+)
+def test_the_verdict_goes_by_the_longer_side(ridge: Identified, error: float, grade: str, said: str) -> None:
+    known = {**ridge.standard_errors, "gain": 0.001, "time_constant": error}
+    model = ridge.model._replace(gain=0.2, time_constant=4.0)
+    found = ridge._replace(model=model, standard_errors=known, ratios=None, unidentifiable={})
+    verdict = verdict_of(found)
+    assert verdict.grade == grade and said in verdict.sentence
+
+
+def test_a_fit_that_takes_too_little_of_the_gusts_into_its_doubt_is_not_called_good() -> None:
+    runs = runs_of(PLANT["K 0.43, T 3.5"], SEA["gusts and waves"], 200)
+    blind = identify(runs, QUESTION._replace(weighting="residuals"))
+    assert blind.is_blind and not identify(runs, QUESTION).is_blind
+    verdict = verdict_on_runs(blind, runs, math.inf)
+    assert verdict.grade == "start" and "gusts" in verdict.sentence
+    assert verdict_on_runs(blind._replace(is_blind=False), runs, math.inf).grade == "good"
+
+
+def test_what_is_fitted_beside_makes_nothing_better_known() -> None:
+    runs = runs_of(PLANT["K 0.43, T 3.5"], SEA["gusts and waves"], 200)[:1]
+    likely = identify(runs, QUESTION)
+    errors = {name: None if error is None else 0.1 * error for name, error in likely.standard_errors.items()}
+    assert likely.covariance is not None
+    more = likely._replace(standard_errors=errors, covariance=0.01 * likely.covariance, is_blind=True)
+    found = at_least_as_doubtful(more, likely)
+    assert not found.is_blind
+    assert found.covariance is not None and found.covariance == pytest.approx(likely.covariance)
+    assert found.standard_errors == pytest.approx(likely.standard_errors)
+    # half of what was left is explained by what is fitted beside
+    halved = more._replace(noise=(more.noise[0], more.noise[1]._replace(size=0.5 * more.noise[1].size)))
+    half = at_least_as_doubtful(halved, likely).standard_errors["gain"]
+    assert half == pytest.approx(0.5 * (likely.standard_errors["gain"] or 0.0))
+
+
+def test_samples_too_far_apart_for_the_boat_are_not_enough() -> None:
+    """A compass every second for a boat of T 0.33 s: the fit that takes gusts for noise called 22 of 24 such good, and
+    20 of these were wrong."""
+    table = zigzags(PLANT["Lanxin"], SEA["calm"], [300], 1)[0]
+    run = run_from_columns("seldom.csv", {name: values[::10] for name, values in table.items()})
+    found = identify([run], QUESTION)
+    assert "half of the time between two samples" in found.unidentifiable["T"]
+    assert verdict_of(found).grade == "not enough"
 
 
 def test_where_stability_is_not_known_the_ratios_are_and_a_sentence_says_so(ridge: Identified) -> None:

@@ -10,8 +10,9 @@ import pytest
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.identification.identified import SURE_OF_IT, Question
+from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
+from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.runs import Run, run_from_columns
 from autopilot.identification.verdict import verdict_of
 

@@ -1,0 +1,29 @@
+"""The 95 % intervals of what was identified, and how wide they may be for a boat that is to be steered."""
+
+from __future__ import annotations
+
+import math
+
+SURE_OF_IT = 1.96
+"""Standard errors to either side that hold the truth in 95 of 100 cases."""
+GOOD, ENOUGH = 0.3, 0.6
+"""How far the 95 % interval of K or T may reach to either side, as a share of it: so that gains bear it, and so that a
+first design may be tried."""
+
+
+def interval_of(name: str, value: float, error: float) -> tuple[float, float]:
+    """Return the 95 % interval of a parameter by its name in the model, its value and its standard error.
+
+    What a recording tells of T with errors alike to both sides is n1/T: T's own interval reaches further up than down,
+    without end where n1/T may be 0.
+    """
+    reach = SURE_OF_IT * error
+    if name != "time_constant":
+        return value - reach, value + reach
+    return value / (1.0 + reach / value), value / (1.0 - reach / value) if reach < value else math.inf
+
+
+def off_by(name: str, value: float, error: float) -> tuple[float, float]:
+    """Return how far below and above its value the 95 % interval of a parameter that is not 0 reaches, as shares."""
+    low, high = interval_of(name, value, error)
+    return (value - low) / abs(value), (high - value) / abs(value)
