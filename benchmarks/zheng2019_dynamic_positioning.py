@@ -38,9 +38,11 @@ EARLY_STEP = 140
 
 
 class Seed(NamedTuple):
-    """One trial's outcome. Errors and bound are shares of the truth, shape (p,); track: of every step, (n, p)."""
+    """One trial's outcome. Errors and bound are shares of the truth, shape (p,); track: of every step, (n, p); holds:
+    whether each 95 % interval has the truth in it."""
 
     errors: dict[str, FloatArray]
+    holds: dict[str, FloatArray]
     tracks: dict[str, FloatArray]
     bound: FloatArray
     normalised_error: dict[str, float]
@@ -87,12 +89,16 @@ def run_seed(scenario: Scenario, seed: int) -> Seed:
     size = np.abs(truth)
     errors = {name: (found.estimate[-1] - truth) / size for name, found in filters.items()}
     left = {name: unidentified(case, found.deviation[-1]) for name, found in filters.items()}
+    deviations = {name: found.deviation[-1] for name, found in filters.items()}
+    deviations["batch"] = np.sqrt(np.diag(batch.covariance))
+    errors["batch"] = (batch.estimate - truth) / size
     return Seed(
-        errors={**errors, "batch": (batch.estimate - truth) / size},
+        errors=errors,
+        holds={name: np.abs(error) * size < 1.96 * deviations[name] for name, error in errors.items()},
         tracks={name: np.abs(found.estimate - truth) / size for name, found in filters.items()},
         bound=bound / size,
         normalised_error={name: normalised_error(found, truth) for name, found in filters.items()},
-        unidentified={**left, "batch": unidentified(case, np.sqrt(np.diag(batch.covariance)))},
+        unidentified={**left, "batch": unidentified(case, deviations["batch"])},
     )
 
 
@@ -107,6 +113,9 @@ def summary(scenario: Scenario, seeds: list[Seed]) -> dict[str, object]:
         row: dict[str, object] = {
             "median": dict(zip(names, 100.0 * np.median(np.abs(errors), axis=0), strict=True)),
             "rms over bound": dict(zip(names, rms / bound, strict=True)),
+            "95 % interval holds": {
+                name: int(sum(seed.holds[method][i] for seed in seeds)) for i, name in enumerate(names)
+            },
             "cannot be identified": {name: sum(name in seed.unidentified[method] for seed in seeds) for name in names},
         }
         if method in seeds[0].normalised_error:

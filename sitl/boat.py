@@ -246,6 +246,7 @@ def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
                 lag=rudder.lag_s,
                 dead_band=math.radians(rudder.dead_band_deg),
                 delay=rudder.delay_s,
+                play=math.radians(rudder.play_deg),
             ),
             *(math.radians(rate) for rate in rudder.rates_deg_s),
         ),

@@ -103,18 +103,14 @@ def gear_of(own: SteeringGear, section: GearSection) -> SteeringGear:
     rate = own.rate_max if section.rate_deg_s is None else math.radians(section.rate_deg_s)
     dead_band = own.dead_band if section.dead_band_deg is None else math.radians(section.dead_band_deg)
     lag = own.lag if section.lag_s is None else section.lag_s
-    return own._replace(rate_max=rate, dead_band=dead_band, lag=0.0 if section.on_off else lag)
+    lag = 0.0 if section.on_off else lag
+    return own._replace(rate_max=rate, dead_band=dead_band, lag=lag, play=math.radians(section.play_deg))
 
 
 def refuse_scale(kind: str, scale: float) -> None:
     """Raise InputError where a scenario enlarges a boat whose drag goes with the speed, not with its square."""
     if scale != 1.0:
         raise InputError(f"plant {kind}: scale is {scale:g}, and this boat has one size only: leave scale out.")
-
-
-def dragged(play: float, rudder: float, order: float) -> float:
-    """Return where a gear with `play` [rad] each way drags a `rudder` [rad] that is ordered to `order` [rad]."""
-    return min(max(rudder, order - play), order + play)
 
 
 def turning(accelerations: Accelerations, plant: Any, speed: float) -> float:
@@ -132,7 +128,7 @@ def step_by(accelerations: Accelerations) -> PlantStep:
         plant: Any, step: Step, now: BoatState, order: float, thrust_speed: float, acting: Disturbance
     ) -> BoatState:
         dt = step.dt
-        rudder = gear_step_by(plant.gear, step.rudder, now.rudder, dragged(plant.play, now.rudder, order), dt)
+        rudder = gear_step_by(plant.gear, step.rudder, now.rudder, order, dt)
         start = Motion(now.speed, now.sway, now.rate, now.roll_rate, now.roll)
         k1 = accelerations(plant, start, rudder, thrust_speed, acting)
         k2 = accelerations(plant, _along(start, k1, 0.5 * dt), rudder, thrust_speed, acting)

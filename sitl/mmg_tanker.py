@@ -150,7 +150,6 @@ class Tanker(NamedTuple):
     revolutions: float
     windage: Windage
     wind_share: float
-    play: float = 0.0
     push: float = 0.0
     forces: HullForces = HullForces()
     mass: Mass = Mass()
@@ -317,7 +316,6 @@ def of(vessel: Vessel, scenario: Scenario) -> Tanker:
         revolutions=revolutions_per_speed(length, HullForces(), propeller),
         windage=windage,
         wind_share=1.0 / (0.5 * WATER_DENSITY * length * length * DRAUGHT * scale),
-        play=math.radians(section.play_deg),
         propeller=propeller,
     )
     if scenario.depth_draughts is not None:

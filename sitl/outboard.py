@@ -31,7 +31,6 @@ class Outboard(NamedTuple):
 
     gear: SteeringGear
     hull: Hull
-    play: float = 0.0
     push: float = 0.0
 
 
@@ -46,7 +45,7 @@ def accelerations(boat: Outboard, motion: Motion, rudder: float, thrust_speed: f
 def of(vessel: Vessel, scenario: Scenario) -> Outboard:
     """Return the boat. InputError for a scale: its drag does not go with the square of the speed."""
     refuse_scale("outboard", scenario.scale)
-    boat = Outboard(gear_of(GEAR, scenario.gear), otter.HULL, math.radians(scenario.gear.play_deg))
+    boat = Outboard(gear_of(GEAR, scenario.gear), otter.HULL)
     return boat._replace(push=turning(accelerations, boat, otter.SERVICE_SPEED))
 
 

@@ -238,7 +238,6 @@ class RollShip(NamedTuple):
     inverse: tuple[float, float, float, float, float, float, float, float, float]
     length_factor: float = 1.0
     time_factor: float = 1.0
-    play: float = 0.0
     push: float = 0.0
 
 
@@ -304,7 +303,6 @@ def of(vessel: Vessel, scenario: Scenario) -> RollShip:
         inverse=inverse_mass(NAVAL_HULL),
         length_factor=scale,
         time_factor=root,
-        play=math.radians(section.play_deg),
     )
     return ship._replace(push=turning(accelerations, ship, SERVICE_SPEED * root))
 

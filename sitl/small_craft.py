@@ -79,7 +79,6 @@ class SmallCraft(NamedTuple):
 
     gear: SteeringGear
     hull: Hull
-    play: float = 0.0
     push: float = 0.0
 
 
@@ -137,7 +136,7 @@ def accelerations(craft: SmallCraft, motion: Motion, rudder: float, thrust_speed
 def of(vessel: Vessel, scenario: Scenario) -> SmallCraft:
     """Return the craft. InputError for a scale: its drag does not go with the square of the speed."""
     refuse_scale("small_craft", scenario.scale)
-    craft = SmallCraft(gear_of(GEAR, scenario.gear), HULL, math.radians(scenario.gear.play_deg))
+    craft = SmallCraft(gear_of(GEAR, scenario.gear), HULL)
     return craft._replace(push=turning(accelerations, craft, SERVICE_SPEED))
 
 

@@ -122,7 +122,6 @@ class TwinThruster(NamedTuple):
 
     gear: SteeringGear
     hull: Hull
-    play: float = 0.0
     push: float = 0.0
 
 
@@ -158,7 +157,7 @@ def accelerations(
 def of(vessel: Vessel, scenario: Scenario) -> TwinThruster:
     """Return the boat. InputError for a scale: its drag does not go with the square of the speed."""
     refuse_scale("twin_thruster", scenario.scale)
-    boat = TwinThruster(gear_of(GEAR, scenario.gear), HULL, math.radians(scenario.gear.play_deg))
+    boat = TwinThruster(gear_of(GEAR, scenario.gear), HULL)
     return boat._replace(push=turning(accelerations, boat, SERVICE_SPEED))
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
 import numpy as np
 
-from autopilot.identification.runs import FloatArray, Run, run_from_columns
+from autopilot.identification.runs import FloatArray, Orders, Run, run_from_columns
 
 LANXIN = {"K": 0.701, "T": 0.332, "n3": 3.2828}
 
@@ -81,3 +82,17 @@ def noisy(table: dict[str, FloatArray], rate: float, heading: float, seed: int) 
         "yaw_rate_rad_s": table["yaw_rate_rad_s"] + rate * random.normal(size=size),
         "heading_rad": table["heading_rad"] + heading * random.normal(size=size),
     }
+
+
+def rudder_with_play(play_deg: float, angles_deg: tuple[float, ...] = (10.0, 20.0), zero_deg: float = 0.0) -> Orders:
+    """Return zigzags with those angles at 20 deg/s, and what a sensor behind a play to either side shows of them."""
+    random, time, play = np.random.default_rng(2026112711), np.arange(0.0, 64.0, 0.05), math.radians(play_deg)
+    half = (time // 8.0).astype(int)
+    order = np.radians(np.array(angles_deg)[half // 4 % len(angles_deg)] * np.where(half % 2, -1.0, 1.0))
+    ordered, angles = [float(order[0])], [float(order[0]) - play]
+    for goal in order[1:].tolist():
+        most = math.radians(1.0)
+        ordered.append(ordered[-1] + min(max(goal - ordered[-1], -most), most))
+        angles.append(min(max(angles[-1], ordered[-1] - play), ordered[-1] + play))
+    noise = math.radians(zero_deg) + math.radians(0.2) * random.standard_normal(time.size)
+    return Orders(time, np.array(ordered), time, np.array(angles) + noise)

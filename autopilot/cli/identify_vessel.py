@@ -22,6 +22,7 @@ from autopilot.identification.likelihood_record import instruments
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
+from autopilot.identification.verdict import backlash_of
 from autopilot.report.identification import Result, undetermined
 from autopilot.vessel.file import doubted, load_vessel, model_section, recorded_vessel, rounded, text_for
 from autopilot.vessel.schema import SCHEMA_VERSION, Alarms, Control, Drive, Model, Rudder, Sensors, Vessel
@@ -30,6 +31,8 @@ ASSUMED_RATE_DEG_S = 10.0
 """Rudder rate written where the recordings cannot show it: slow for a small boat, so gains err to the safe side."""
 LEAST_NOISE_DEG, LEAST_RATE_NOISE_DEG_S = 0.05, 0.02
 """No heading and no rate aboard is better than this, whatever a quiet recording of them shows."""
+LEAST_PLAY, MOST_PLAY_DEG = math.radians(0.25), 20.0
+"""Less play, or less of a zero [rad], passes for a sensor's noise; no file holds more."""
 LATE_S = 0.05
 """Less is no matter to gains."""
 RATE_DISAGREES = 0.15
@@ -101,6 +104,8 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
         boat = dataclasses.replace(
             boat, rudder=dataclasses.replace(boat.rudder, rate_max_deg_s=_rate_deg_s(rate), rate_port_deg_s=None)
         )
+    play_deg, play_remarks = _play(path, runs, boat.rudder.play_deg, math.degrees(result.found.train.dead_band))
+    boat = dataclasses.replace(boat, rudder=dataclasses.replace(boat.rudder, play_deg=play_deg))
     vessel = _with_scale(dataclasses.replace(boat, model=_model(result, runs)), given)
     text = text_for(path, vessel)
     _check_steering(path, vessel, result.found)
@@ -113,6 +118,7 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
         )
     return [
         *remarks,
+        *play_remarks,
         *([] if fresh else [*_train_remarks(path, result, vessel), *_rudder_remarks(path, runs, vessel, rate)]),
     ]
 
@@ -180,6 +186,35 @@ def _check_turns(better: Vessel) -> None:
     quicker = [designed(better, usual._replace(level=level)) for level in range(usual.level + 1, 10)]
     if not any(survives(each) for each in dict.fromkeys(quicker) if each != better):
         raise RefusedError("a turn with a rudder 30 % weaker than the model's is lost at every level")
+
+
+def _play(path: str, runs: Sequence[Run], filed_deg: float, fitted_deg: float) -> tuple[float, list[str]]:
+    """Return the play to either side [deg] from order to water, and what is to be said of it and of the sensor's zero.
+
+    fitted_deg: between the recorded rudder and the boat. A measured rudder has what lies between order and sensor
+    before it; an ordered one has been through the file's gear.
+    """
+    if not any(run.rudder == "measured" for run in runs):
+        play_deg, said = filed_deg + fitted_deg, []
+    else:
+        shown = backlash_of([run.orders for run in runs if run.orders is not None])
+        sensed_deg, said = 0.0, list[str]()
+        if shown is not None and shown.play > max(SURE_OF_IT * shown.play_error, LEAST_PLAY):
+            sensed_deg = math.degrees(shown.play)
+        if shown is not None and abs(shown.zero) > max(SURE_OF_IT * shown.zero_error, LEAST_PLAY):
+            said = [
+                f"The rudder's sensor shows {math.degrees(shown.zero):+.2g} +- "
+                f"{math.degrees(SURE_OF_IT * shown.zero_error):.1g} deg where 0 is ordered: set one of them right."
+            ]
+        play_deg = sensed_deg + fitted_deg or filed_deg
+    play_deg = min(round(play_deg, 2), MOST_PLAY_DEG)
+    if play_deg == filed_deg:
+        return filed_deg, said
+    return play_deg, [
+        *said,
+        f"rudder.play_deg of {path} is {play_deg:g} now, to either side: it is reckoned with, and better taken out of "
+        "the steering gear.",
+    ]
 
 
 def _not_kept(path: str, found: Identified) -> list[str]:

@@ -51,10 +51,12 @@ AS_TYPED = (
 
 
 class Rest(NamedTuple):
-    """What was ordered [rad], and where the rudder came to rest [rad]."""
+    """What was ordered [rad], and where the rudder came to rest [rad]; side: to which the order went before it stood
+    still, starboard 1, port -1, unknown 0."""
 
     order: float
     angle: float
+    side: float = 0.0
 
 
 class GearCheck(NamedTuple):
@@ -77,8 +79,44 @@ def rests_of(orders: Orders) -> list[Rest]:
         last = orders.angle[(orders.time > end - LOOKED_AT_S) & (orders.time <= end)]
         before = orders.angle[(orders.time > end - 2.0 * LOOKED_AT_S) & (orders.time <= end - LOOKED_AT_S)]
         if min(last.size, before.size) >= 2 and abs(float(np.median(last) - np.median(before))) < RESTS:
-            found.append(Rest(float(orders.order[part[-1]]), float(np.median(last))))
+            came = orders.order[part[0]] - orders.order[max(part[0] - 1, 0)]
+            found.append(Rest(float(orders.order[part[-1]]), float(np.median(last)), float(np.sign(came))))
     return found
+
+
+class Backlash(NamedTuple):
+    """Between orders and sensor: the play to either side and the sensor's zero [rad], with their standard errors."""
+
+    play: float
+    play_error: float
+    zero: float
+    zero_error: float
+
+
+LEAST_RESTS, MOST_ALIKE = 6, 10.0
+"""Fewer angles at rest do not tell play from scale and zero, nor do such as are so much alike (condition number)."""
+LEAST_REST_NOISE = math.radians(0.1)
+"""No angle at rest is known better [rad], however well the others agree."""
+
+
+def backlash_of(orders: Sequence[Orders]) -> Backlash | None:
+    """Return what the angles at rest show of play and zero, None where they are too few or too much alike.
+
+    angle = zero + scale order - play side, by least squares: a rudder with play stops short of its order, on the side
+    that it comes from. Zigzags of one rudder angle do not tell it from the scale; those of two do.
+    """
+    rests = [rest for each in orders for rest in rests_of(each) if rest.side]
+    if len(rests) < LEAST_RESTS:
+        return None
+    terms = np.array([(1.0, rest.order, -rest.side) for rest in rests])
+    angles = np.array([rest.angle for rest in rests])
+    if np.linalg.cond(terms / np.linalg.norm(terms, axis=0)) > MOST_ALIKE:
+        return None
+    found, *_ = np.linalg.lstsq(terms, angles, rcond=None)
+    left = angles - terms @ found
+    variance = max(float(left @ left) / (len(rests) - 3), LEAST_REST_NOISE**2)
+    errors = np.sqrt(variance * np.diag(np.linalg.inv(terms.T @ terms)))
+    return Backlash(max(float(found[2]), 0.0), float(errors[2]), float(found[0]), float(errors[0]))
 
 
 def angles_against(rests: Sequence[Rest]) -> list[str]:

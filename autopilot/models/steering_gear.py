@@ -1,7 +1,8 @@
-"""The steering gear: what the rudder makes of an order. Angle, rate, lag and dead band; delay in `DelayLine`. Pure.
+"""The steering gear: what the rudder makes of an order. Angle, rate, lag, dead band, play; delay in `DelayLine`. Pure.
 
-delta' = clip((order - delta)/lag, -to_port rate_max, to_starboard rate_max),  |delta| <= angle_max,
-and no movement while |order - delta| < dead_band.
+delta' = clip((u - delta)/lag, -to_port rate_max, to_starboard rate_max),  |delta| <= angle_max,
+u = clip(delta, order - play, order + play), and no movement while |u - delta| < dead_band: with play the rudder is
+dragged along at either end of it, and rests between.
 
 A hydraulic gear may have on/off valves: where the rudder goes then, and when a valve is to open and to shut. A valve
 that is open lets the pump drive the rudder at its full rate to one side, and nothing lies in between:
@@ -35,7 +36,7 @@ from typing import NamedTuple
 class SteeringGear(NamedTuple):
     """angle_max [rad], rate_max [rad/s] (inf: unlimited), lag [s], dead_band [rad] (half width), delay [s]; to_port,
     to_starboard: how many times rate_max it moves to that side. A hydraulic ram has less oil to fill on its rod's side.
-    rate_max is that of the slower side, which planning goes by."""
+    rate_max is that of the slower side, which planning goes by. play [rad]: backlash of the linkage, each way."""
 
     angle_max: float
     rate_max: float
@@ -44,6 +45,7 @@ class SteeringGear(NamedTuple):
     delay: float = 0.0
     to_port: float = 1.0
     to_starboard: float = 1.0
+    play: float = 0.0
 
 
 def sided(gear: SteeringGear, port: float, starboard: float) -> SteeringGear:
@@ -79,7 +81,9 @@ def lag_share(gear: SteeringGear, dt: float) -> float:
 
 def gear_step_by(gear: SteeringGear, share: float, angle: float, order: float, dt: float) -> float:
     """Return the same as `gear_step`, its `lag_share` of `dt` [s] being known."""
-    angle_max, rate_max, _, dead_band, _, to_port, to_starboard = gear
+    angle_max, rate_max, _, dead_band, _, to_port, to_starboard, play = gear
+    if play > 0.0:
+        order = order - play if order - play > angle else order + play if order + play < angle else angle
     error = (-angle_max if order < -angle_max else angle_max if order > angle_max else order) - angle
     if -dead_band <= error <= dead_band:
         return angle

@@ -57,7 +57,14 @@ def gear_of(vessel: Vessel) -> SteeringGear:
     # valves that move a rudder at all bring it all the way
     dead_band = 0.0 if valves is not None else math.radians(rudder.dead_band_deg)
     opening = 0.0 if valves is None else valves.opening_s
-    gear = SteeringGear(math.radians(rudder.angle_max_deg), math.inf, rudder.lag_s, dead_band, rudder.delay_s + opening)
+    gear = SteeringGear(
+        math.radians(rudder.angle_max_deg),
+        math.inf,
+        rudder.lag_s,
+        dead_band,
+        rudder.delay_s + opening,
+        play=math.radians(rudder.play_deg),
+    )
     return sided(gear, *(math.radians(rate) for rate in rudder.rates_deg_s))
 
 

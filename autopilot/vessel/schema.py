@@ -93,6 +93,7 @@ class Rudder:
         Annotated[float, RESTART, Bounds(0.1, 1000.0, "slewing rate to port", USUAL_RATES_DEG_S)] | None
     ) = None
     """null: as to starboard."""
+    play_deg: Annotated[float, RESTART, Bounds(0.0, 20.0, "backlash of the linkage, each way", (0.0, 5.0))] = 0.0
     source: Annotated[str, RESTART] = ""
     date: Annotated[str, RESTART] = ""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -225,6 +226,17 @@ def test_a_course_unstable_boat_thrown_round_by_a_sea_is_stopped_with_all_of_the
     assert outcome.gave_back == math.inf
     assert abs(outcome.turned) < 361.0
     assert outcome.swing < 3.0
+
+
+def test_a_play_that_the_file_knows_hardly_swings_a_course_unstable_boat() -> None:
+    """A degree to either side: what the estimator does not take for turning of its own is not steered against."""
+    vessel = vessel_of(BOATS["unstable"])
+    real = gear_of(vessel)._replace(play=math.radians(1.0))
+    unknown, known = (
+        run(dataclasses.replace(vessel, rudder=dataclasses.replace(vessel.rudder, play_deg=play_deg)), gear=real)
+        for play_deg in (0.0, 1.0)
+    )
+    assert known.swing < min(1.0, 0.7 * unknown.swing)
 
 
 def irregular_sea(seed: int, deviation_deg: float, gust_deg: float, peak: float) -> Callable[[float], float]:

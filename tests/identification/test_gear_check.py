@@ -7,11 +7,12 @@ import math
 import numpy as np
 import pytest
 from boat_recordings import zigzag_boat
+from zigzag_trials import rudder_with_play
 
 from autopilot.identification.ordered_rudder import rate_limited, slower_rudder
 from autopilot.identification.rudder_path import RudderRate, measured_rate
 from autopilot.identification.runs import Orders, Run, Segment
-from autopilot.identification.verdict import UNKNOWN_RATE, GearCheck, angles_against, gear_check, rests_of
+from autopilot.identification.verdict import UNKNOWN_RATE, GearCheck, angles_against, backlash_of, gear_check, rests_of
 
 FILED = math.radians(20.0)
 
@@ -68,6 +69,20 @@ def test_a_measured_rudder_slower_than_typed_is_said_where_more_was_ordered() ->
     # the orders never asked for more
     calm = seen._replace(order_time=10.0 * seen.order_time)
     assert not gear_check([run._replace(orders=calm)], FILED, RudderRate(math.radians(10.0), 0.001, 9)).against
+
+
+@pytest.mark.parametrize("play_deg", [0.0, 0.5, 2.0])
+def test_play_and_zero_of_a_measured_rudder_are_measured(play_deg: float) -> None:
+    found = backlash_of([rudder_with_play(play_deg, zero_deg=1.0)])
+    assert found is not None
+    assert math.degrees(found.play) == pytest.approx(play_deg, abs=0.2)
+    assert abs(found.play - math.radians(play_deg)) < 3.0 * found.play_error
+    assert math.degrees(found.zero) == pytest.approx(1.0, abs=0.1)
+
+
+def test_one_rudder_angle_does_not_tell_play_from_scale() -> None:
+    assert backlash_of([rudder_with_play(2.0, (20.0,))]) is None
+    assert backlash_of([dockside()]) is None
 
 
 def test_without_a_sensor_the_boat_turns_as_with_a_rudder_of_the_typed_rate_or_another() -> None:

@@ -5,22 +5,26 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from zigzag_trials import run_of, zigzag
+from zigzag_trials import rudder_with_play, run_of, zigzag
 
 from autopilot.cli.identify_vessel import ASSUMED_RATE_DEG_S, Given, boat_for, write_vessel
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified
 from autopilot.identification.residual_tests import predict
 from autopilot.identification.residuals import Noise
-from autopilot.identification.rudder_path import measured_rudder_rate, rudder_rate_of
+from autopilot.identification.rudder_path import DIRECT, measured_rudder_rate, rudder_rate_of
 from autopilot.identification.runs import Segment
 from autopilot.models.norrbin import Norrbin
 from autopilot.report.identification import Result, as_json, as_text
+from autopilot.runtime.build import gear_of
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Vessel
+from sitl.boat import plant_of
+from sitl.scenario import Scenario
 
 TABLE = zigzag(math.radians(15.0), 10.0, 0.1)
 STOP = Given(end_stop_deg=35.0)
@@ -124,6 +128,39 @@ def test_a_model_that_no_command_could_read_is_not_written(tmp_path: Path) -> No
     with pytest.raises(InputError, match=r"boat\.yaml is not written, for no command could read it"):
         written(path, found._replace(found=ridge))
     assert not path.exists()
+
+
+def with_fitted_play(play_deg: float, **recorded: Any) -> Result:
+    """The same result with a play to either side between recorded rudder and boat, and what was recorded otherwise."""
+    found = result()
+    runs = [(run._replace(**recorded), *rest) for run, *rest in found.predictions]
+    train = DIRECT._replace(dead_band=math.radians(play_deg))
+    return found._replace(found=found.found._replace(train=train), predictions=runs)
+
+
+def test_the_play_that_was_found_goes_into_the_file_and_from_there_into_pilot_and_simulator(tmp_path: Path) -> None:
+    path = tmp_path / "boat.yaml"
+    vessel, remarks = written(path, with_fitted_play(1.0, rudder="ordered"))
+    assert vessel.rudder.play_deg == 1.0
+    assert any("rudder.play_deg" in each for each in remarks)
+    assert gear_of(vessel).play == pytest.approx(math.radians(1.0))
+    assert plant_of(vessel, Scenario(1, "calm")).gear.play == pytest.approx(math.radians(1.0))
+    # these orders had been through the file's gear, so that what is left comes on top
+    again, _ = written(path, with_fitted_play(0.5, rudder="ordered"), Given())
+    assert again.rudder.play_deg == 1.5
+    assert written(path, result(), Given())[0].rudder.play_deg == 1.5, "nothing found is no proof of none"
+
+
+def test_a_play_between_order_and_sensor_is_measured(tmp_path: Path) -> None:
+    path = tmp_path / "boat.yaml"
+    shown = rudder_with_play(2.0, zero_deg=1.0)
+    vessel, remarks = written(path, with_fitted_play(0.0, rudder="measured", orders=shown))
+    assert vessel.rudder.play_deg == pytest.approx(2.0, abs=0.2)
+    assert any("sensor shows +1" in each for each in remarks)
+    none, remarks = written(
+        tmp_path / "stiff.yaml", with_fitted_play(0.0, rudder="measured", orders=rudder_with_play(0.0))
+    )
+    assert none.rudder.play_deg == 0.0 and remarks == []
 
 
 def test_a_rudder_that_jumps_has_no_rate_to_be_read(tmp_path: Path) -> None:

@@ -56,6 +56,15 @@ def test_the_dead_band_holds_the_rudder() -> None:
     assert gear_step(gear, 0.0, 0.02, 1.0) == pytest.approx(0.02)
 
 
+def test_with_play_the_rudder_is_dragged_at_either_end_and_rests_between() -> None:
+    gear, rudder, path = SteeringGear(0.5, math.inf, play=0.02), 0.0, []
+    for order in (0.1, 0.07, 0.05, -0.01, 0.01, 0.6):
+        rudder = gear_step(gear, rudder, order, 1.0)
+        path.append(rudder)
+    assert path == pytest.approx([0.08, 0.08, 0.07, 0.01, 0.01, 0.5])
+    assert gear_step(gear._replace(play=0.0), 0.3, 0.1, 1.0) == pytest.approx(0.1)
+
+
 def test_the_delay_line_gives_each_order_its_time() -> None:
     line = DelayLine(0.5)
     line.give(0.0, 1.0)
