@@ -4,11 +4,9 @@ What ordinary YAML readers let pass is closed here: duplicate keys, `no` taken f
 `1e3` taken for text, tags that build objects, anchors that expand without bound. The scalars are those of
 YAML 1.2's core schema without octal: null, true, false, decimal and hexadecimal integers, decimal floats.
 
-Older files brought to the newest schema as they are read; newer ones refused with what to do.
-
-A step takes the root of a file of one version to the next and touches nothing else, so that every value keeps its
-place for the sentences about it. Version 2 of vessel files names the recordings of a model apart from its source;
-version 2 of firmware files has `include`, `leave_out`, and ranges, units and types of parameters.
+Files of another schema version are refused with what to do. Version 2 of vessel files names the recordings of a model
+apart from its source; version 2 of firmware files has `include`, `leave_out`, and ranges, units and types of
+parameters.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from autopilot.files.printable import printable
 from autopilot.firmware.metadata import FtpClient
 from autopilot.links.ground_station.file_server import ALARMS, ROUTE
 from autopilot.signals import AlarmState
-from autopilot.supervision.alarms import CATALOGUE, OTHER, SOUNDS, Priority, Sound
+from autopilot.supervision.alarms import OTHER, SOUNDS, Priority, Sound
 from autopilot.web.view import BoatView
 
 KEPT = 100
@@ -377,21 +377,13 @@ def alarms_from(content: bytes) -> tuple[Alarm, ...]:
 
 def _alarm_from(entry: Any, origin: str) -> Alarm:
     fields = entry if isinstance(entry, dict) else {}
-    words, name, state = (fields.get(key) for key in ("words", "name", "state"))
+    words, name, state, priority = (fields.get(key) for key in ("words", "name", "state", "priority"))
     if not isinstance(words, str):
         raise InputError(f"{origin}: words {printable(repr(words), SHOWN)}: a text is needed")
     if not (isinstance(name, str) and NAME.fullmatch(name)):
         raise InputError(f"{origin}: name {printable(repr(name), SHOWN)}: up to 64 of a-z, 0-9 and _ are allowed")
     if not (isinstance(state, str) and state in STATES):
         raise InputError(f"{origin}: state {printable(repr(state), SHOWN)}: allowed are {', '.join(STATES)}")
-    priority = fields.get("priority", _priority_of(name, STATES[state]).name.lower())
     if not (isinstance(priority, str) and priority in PRIORITIES):
         raise InputError(f"{origin}: priority {printable(repr(priority), SHOWN)}: allowed are {', '.join(PRIORITIES)}")
     return Alarm(name, words, STATES[state], PRIORITIES[priority], fields.get("escalated") is True)
-
-
-def _priority_of(name: str, state: AlarmState) -> Priority:
-    """Return the priority where an older boat tells none."""
-    if name in CATALOGUE:
-        return CATALOGUE[name].priority
-    return Priority.CAUTION if state is AlarmState.NOTICE else Priority.WARNING

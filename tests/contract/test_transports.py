@@ -15,7 +15,6 @@ from autopilot.links import url
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec, dialect
 from autopilot.links.transports import (
-    ReplayTransport,
     SerialTransport,
     TcpClientTransport,
     TcpServerTransport,
@@ -222,23 +221,3 @@ def test_a_kind_of_transport_is_one_line_in_the_registry(monkeypatch: pytest.Mon
         url.parse_url("wire:127.0.0.1:x")
     with pytest.raises(LinkError, match=r"unknown kind 'wires'; write one of .*wire:localhost:7"):
         url.parse_url("wires:127.0.0.1:7")
-
-
-def test_replay_gives_chunks_at_their_times() -> None:
-    replay = ReplayTransport([(1.0, b"a"), (2.0, b"b"), (2.0, b"c"), (3.0, b"d")])
-    assert replay.receive() == []
-    replay.advance(2.0)
-    assert replay.receive() == [b"a", b"b", b"c"]
-    replay.advance(1.0)
-    assert replay.receive() == []
-    assert replay.next_time == 3.0
-    assert replay.send(b"out")
-    assert replay.sent == [b"out"]
-    replay.close()
-    with pytest.raises(LinkError, match="clos"):
-        replay.receive()
-
-
-def test_replay_refuses_a_recording_out_of_order() -> None:
-    with pytest.raises(ValueError, match=r"chunk 2 at 1\.0 s is older"):
-        ReplayTransport([(2.0, b"a"), (1.0, b"b")])

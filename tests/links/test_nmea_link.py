@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from autopilot.links.base import LinkError
 from autopilot.links.nmea import sentences as encoders
 from autopilot.links.nmea.link import NmeaLink, NmeaSettings
-from autopilot.links.transports import ReplayTransport, loopback_pair
+from autopilot.links.transports import loopback_pair
 from autopilot.links.url import open_transport
 from autopilot.signals import HeadingSample, HelmSample, PositionSample, RudderCommand, Sample, SpeedSample
 
@@ -32,9 +32,10 @@ def orders(transport) -> list[tuple[float, str]]:
 
 def test_a_sample_is_as_old_as_its_first_byte() -> None:
     line = encoders.encode_hdt(1.0)
-    replay = ReplayTransport([(10.0, line + line)], is_stream=True)
-    link = NmeaLink(replay, NmeaSettings(baud=4800, heading_latency=0.1))
-    replay.advance(10.0)
+    near, far = loopback_pair()
+    near.is_stream = True
+    link = NmeaLink(near, NmeaSettings(baud=4800, heading_latency=0.1))
+    far.send(line + line)
     headings = [sample for sample in link.receive(10.0) if isinstance(sample, HeadingSample)]
     seconds = len(line) * 10 / 4800.0
     assert [sample.time for sample in headings] == pytest.approx([10.0 - 2 * seconds - 0.1, 10.0 - seconds - 0.1])
@@ -43,9 +44,11 @@ def test_a_sample_is_as_old_as_its_first_byte() -> None:
 
 def test_a_sentence_split_between_chunks_counts_from_its_beginning() -> None:
     line = encoders.encode_hdt(1.0)
-    replay = ReplayTransport([(0.0, line[:5]), (1.0, line[5:])], is_stream=True)
-    link = NmeaLink(replay, NmeaSettings(baud=4800))
-    replay.advance(1.0)
+    near, far = loopback_pair()
+    near.is_stream = True
+    link = NmeaLink(near, NmeaSettings(baud=4800))
+    far.send(line[:5])
+    far.send(line[5:])
     (heading,) = (sample for sample in link.receive(1.0) if isinstance(sample, HeadingSample))
     assert heading.time == pytest.approx(1.0 - len(line) * 10 / 4800.0)
 

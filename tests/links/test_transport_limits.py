@@ -18,7 +18,6 @@ import serial
 
 from autopilot.links.base import LinkError, NotThereError, Transport
 from autopilot.links.transports import (
-    ReplayTransport,
     SerialTransport,
     TcpClientTransport,
     TcpServerTransport,
@@ -654,16 +653,6 @@ def test_a_loopback_that_is_closed_at_either_end_gives_what_waits_and_then_says_
     for way in (near.receive, lambda: near.send(b"x")):
         with pytest.raises(LinkError, match=words):
             way()
-
-
-def test_a_recording_is_of_datagrams_unless_set() -> None:
-    assert not ReplayTransport([]).is_stream and ReplayTransport([], is_stream=True).is_stream
-    replay = ReplayTransport([(1.0, b"a"), (1.0, b"b")])
-    assert (replay.next_time, replay.fileno()) == (1.0, -1)
-    replay.advance(1.0)
-    assert replay.receive() == [b"a", b"b"] and replay.next_time is None
-    with pytest.raises(ValueError, match=r"chunk 3 at 1.5 s is older than the one before it at 2.0 s"):
-        ReplayTransport([(1.0, b"a"), (2.0, b"b"), (1.5, b"c")])
 
 
 def test_a_serial_line_on_which_bytes_wait_is_still_sent_to(line: tuple[SerialTransport, int]) -> None:

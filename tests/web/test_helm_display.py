@@ -245,13 +245,14 @@ def test_what_one_display_acknowledges_is_acknowledged_on_the_others(sea: Watche
 
 def test_a_list_of_alarms_that_is_none_is_left_alone() -> None:
     board = AlarmBoard(FtpClient())
-    board._take(b'[{"name":"roll","words":"heeled","state":"sounding"}]')
+    board._take(b'[{"name":"roll","words":"heeled","state":"sounding","priority":"warning"}]')
     for bad in (
         None,
         b"",
         b"{",
         b"[1]",
-        b'[{"name":"roll","words":"heeled","state":"loud"}]',
+        b'[{"name":"roll","words":"heeled","state":"loud","priority":"warning"}]',
+        b'[{"name":"roll","words":"heeled","state":"sounding"}]',
         b'["heeled"]',
         b'{"a":1}',
     ):
@@ -266,7 +267,7 @@ def test_a_list_of_alarms_that_is_none_is_left_alone() -> None:
     board.acknowledge(is_known_aboard=False)
     assert board.active[0]["acknowledged"] and not board.active[0]["sounds"]
     board._take(b"[]")
-    board._take(b'[{"name":"roll","words":"heeled","state":"sounding"}]')
+    board._take(b'[{"name":"roll","words":"heeled","state":"sounding","priority":"warning"}]')
     assert board.active[0]["sounds"], "it was over: it is another one"
 
 
@@ -278,7 +279,7 @@ HOSTILE_LISTS = [
     b'[{"words":"gear hot","name":"a.b","state":"sounding"}]',
     b'[{"words":"gear hot","name":"' + b"a" * 65 + b'","state":"sounding"}]',
     b'[{"words":"gear hot","name":"","state":[]}]',
-    b'[{"words":"gear hot","name":"","state":"notice","since":1e999}]',
+    b'[{"words":"gear hot","name":"","state":"notice","priority":"warning","since":1e999}]',
     b'[{"words":"' + b"x" * LIST_MOST + b'","name":"","state":"notice"}]',
 ]
 

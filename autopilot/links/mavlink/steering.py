@@ -299,7 +299,6 @@ class SteeringOutput:
         servo_us: tuple[float, float, float] | None = None,
         angle_max: float = 0.0,
         thrusters: Mixing = PLAIN,
-        bow: BowChannel | None = None,
     ) -> None:
         if not 0.0 < rudder_at_full < math.inf:
             raise ValueError(f"rudder_at_full must be a positive angle in radians, got {rudder_at_full}")
@@ -311,7 +310,7 @@ class SteeringOutput:
         self.share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
         self._scale, self._angle_max = servo_us, angle_max
         self.mixing, self.throttle = thrusters, 0.0
-        self.bow = bow
+        self.bow: BowChannel | None = None
         self._is_mixed = False
         self._number = 0
         self._held = 0

@@ -1,10 +1,8 @@
-"""Transports: UDP, TCP, serial, and the two that need no hardware (loopback and replay). None of them blocks."""
+"""Transports: UDP, TCP, serial, and a loopback that needs no hardware. None of them blocks."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
-from itertools import pairwise
 
 from autopilot.links.base import LinkError
 from autopilot.links.transports.serial_line import SerialTransport
@@ -12,7 +10,6 @@ from autopilot.links.transports.sockets import TcpClientTransport, TcpServerTran
 
 __all__ = [
     "LoopbackTransport",
-    "ReplayTransport",
     "SerialTransport",
     "TcpClientTransport",
     "TcpServerTransport",
@@ -88,61 +85,3 @@ def loopback_pair(name: str = "loopback") -> tuple[LoopbackTransport, LoopbackTr
     first.connect(second)
     second.connect(first)
     return first, second
-
-
-class ReplayTransport:
-    """Gives recorded chunks back at their times; what is sent to it is kept in `sent`.
-
-    Args:
-        chunks: (time [s], bytes) in order of time; ValueError where a time goes backwards.
-        is_stream: whether the chunks were pieces of a stream rather than datagrams.
-    """
-
-    def __init__(self, chunks: Iterable[tuple[float, bytes]], name: str = "replay", is_stream: bool = False) -> None:
-        self.name = name
-        self.is_stream = is_stream
-        self.is_local = True
-        self.sent: list[bytes] = []
-        self._waiting = deque(chunks)
-        self._now = float("-inf")
-        self._closed = False
-        times = [time for time, _ in self._waiting]
-        for number, (earlier, later) in enumerate(pairwise(times), start=2):
-            if later < earlier:
-                raise ValueError(f"{name}: chunk {number} at {later} s is older than the one before it at {earlier} s")
-
-    @property
-    def next_time(self) -> float | None:
-        """Time [s] of the next chunk, None when all have been given back."""
-        return self._waiting[0][0] if self._waiting else None
-
-    def advance(self, now: float) -> None:
-        """Set the time [s] up to which `receive` gives chunks; it never goes back."""
-        self._now = max(self._now, now)
-
-    def fileno(self) -> int:
-        """Return -1: there is nothing to wait on."""
-        return -1
-
-    def receive(self) -> list[bytes]:
-        """Return the chunks whose time has come; LinkError when closed."""
-        if self._closed:
-            raise LinkError(f"{self.name}: closed; open the recording again")
-        chunks = []
-        while self._waiting and self._waiting[0][0] <= self._now:
-            chunks.append(self._waiting.popleft()[1])
-        return chunks
-
-    def send(self, data: bytes) -> bool:
-        """Keep `data` in `sent`; LinkError when closed."""
-        if self._closed:
-            raise LinkError(f"{self.name}: closed; open the recording again")
-        self.sent.append(bytes(data))
-        return True
-
-    def forget_peer(self) -> None:
-        """Do nothing: a recording has no peer."""
-
-    def close(self) -> None:
-        """Close the recording."""
-        self._closed = True
