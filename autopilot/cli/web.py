@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     require_extra()
     from autopilot.cli.new_boat import PageOfSteps
     from autopilot.cli.options import patience_of, signing_of
-    from autopilot.web.address import context_of, doubts
+    from autopilot.web import context_of, doubts
     from autopilot.web.hub import Access, Hub, token_of
     from autopilot.web.server import LogIndex, build_app, known_hosts, serve
     from autopilot.web.station import BoatLine, Station
@@ -127,7 +127,7 @@ def _bound(host: str, port: int) -> Any:
 
 
 def _announce(host: str, port: int, token: str, *, is_secure: bool) -> None:
-    from autopilot.web.address import is_reachable, text_of
+    from autopilot.web import is_reachable, text_of
 
     base = f"http{'s' if is_secure else ''}://{f'[{host}]' if ':' in host else host}:{port}/"
     print(f"to steer:   {base}#token={token}")

@@ -33,8 +33,7 @@ from autopilot import __version__
 from autopilot.errors import InputError, NotYetError
 from autopilot.files.outside import ORDER_MOST, order_object
 from autopilot.interruption import print_end
-from autopilot.web import page_files
-from autopilot.web.address import is_reachable, svg_of
+from autopilot.web import is_reachable, page_files, svg_of
 from autopilot.web.hub import Access, Hub, makes_room
 from autopilot.web.journal import words_of
 from autopilot.web.requests import asked_of

@@ -15,7 +15,7 @@ import pytest
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
-from autopilot.web.address import context_of, doubts, made_by
+from autopilot.web import context_of, doubts, made_by
 
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here makes a certificate")
 
