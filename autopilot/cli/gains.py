@@ -142,7 +142,7 @@ def run(arguments: argparse.Namespace) -> int:
         parts = front_as_text(vessel, front, level), as_text(said_once(rows)), speeds_as_text(said_once(rows))
         print(f"{vessel.name}: {verdict.sentence}", *parts, sep="\n\n")
     if arguments.report:
-        _write_report(arguments, (vessel, front), said_once(rows), verdict)
+        _write_report(arguments, (vessel, front, level), said_once(rows), verdict)
     if arguments.out:
         write_vessel(arguments, better)
     return int(ExitCode.OK)
@@ -235,7 +235,10 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
 
 
 def _write_report(
-    arguments: argparse.Namespace, priced: tuple[Vessel, list[LevelCost]], rows: dict[str, Judged], verdict: Verdict
+    arguments: argparse.Namespace,
+    priced: tuple[Vessel, list[LevelCost], int | None],
+    rows: dict[str, Judged],
+    verdict: Verdict,
 ) -> None:
     from autopilot.control.design import DESIGNED
     from autopilot.files.saving import save_page

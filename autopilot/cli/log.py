@@ -284,9 +284,12 @@ def _compare(arguments: argparse.Namespace) -> int:
 
         require_extra("without --report")
     refuse_twice([arguments.log, arguments.second])
+    paths = [Path(name) for name in (arguments.log, arguments.second)]
+    # a name is enough, where both are not alike
+    names = [path.name for path in paths] if paths[0].name != paths[1].name else [str(path) for path in paths]
     first, second = (
-        run_of(name, [tick for log in read_logs(Path(name)) for tick in log.ticks])
-        for name in (arguments.log, arguments.second)
+        run_of(name, [tick for log in read_logs(path) for tick in log.ticks])
+        for name, path in zip(names, paths, strict=True)
     )
     if arguments.json:
         print(json.dumps(document_of_runs(first, second), indent=2))

@@ -276,8 +276,8 @@ def as_text(rows: dict[str, Judged]) -> str:
     return "\n".join(said)
 
 
-def front_table(vessel: Vessel, front: Sequence[LevelCost]) -> list[tuple[str, ...]]:
-    """Return what every level costs, a line for each below the heads."""
+def front_table(vessel: Vessel, front: Sequence[LevelCost], chosen: int | None = None) -> list[tuple[str, ...]]:
+    """Return what every level costs, a line for each below the heads; chosen: the level to be named so."""
     heads = (
         "level",
         "bandwidth",
@@ -290,7 +290,7 @@ def front_table(vessel: Vessel, front: Sequence[LevelCost]) -> list[tuple[str, .
     rate_max = limits_of(vessel).rate_max
     lines = [
         (
-            f"{row.level}",
+            f"{row.level}, chosen" if row.level == chosen else f"{row.level}",
             f"{row.bandwidth:.3g} rad/s",
             f"{math.degrees(row.sea.heading):.2f} deg",
             f"{math.degrees(row.sea.travel):.2f} deg/s",
@@ -490,7 +490,7 @@ STEP_DEG = (5.0, 45.0)
 
 
 def gains_page(
-    priced: tuple[Vessel, Sequence[LevelCost]],
+    priced: tuple[Vessel, Sequence[LevelCost], int | None],
     rows: Mapping[str, Judged],
     levels: Mapping[int, Judged],
     verdict: steered.Verdict,
@@ -504,7 +504,7 @@ def gains_page(
     )
     *steps, hero = (_step(rows, degrees) for degrees in STEP_DEG)
     sections = [
-        Section("The front", front_table(*priced), (FRONT_SENTENCE,)),
+        Section("What each level costs", front_table(*priced), (FRONT_SENTENCE,)),
         Section("Margins", margin_table(rows), _said(rows)),
         Section("Open loop", figure=_open_loop(rows), caption="cut at the rudder; at the crossover |L| is 1"),
         Section(

@@ -261,6 +261,7 @@ def measures_of_run(run: RunOf) -> dict[str, float | int | None]:
         "heading_rms_deg": found.rms_deg,
         "heading_off_95_percent_deg": found.off_deg,
         "rudder_travel_deg_s": found.travel_deg_s,
+        "rudder_travel_on_course_deg_s": found.held_travel_deg_s,
         "turns": len(found.turns),
         "worst_past_deg": found.past_deg,
         "largest_turn_deg": math.nan if largest is None else abs(math.degrees(largest.angle)),
@@ -276,6 +277,7 @@ ROWS = (
     ("heading_rms_deg", "off the planned course, rms", "deg", 2),
     ("heading_off_95_percent_deg", "off the course, 95 % of the time", "deg", 1),
     ("rudder_travel_deg_s", "travel of the ordered rudder", "deg/s", 2),
+    ("rudder_travel_on_course_deg_s", "of it out of turns", "deg/s", 2),
     ("turns", "turns", "", 0),
     ("worst_past_deg", "worst past the course", "deg", 1),
     ("largest_turn_deg", "largest turn", "deg", 0),
@@ -299,16 +301,18 @@ def _cell(value: float | None, digits: int, unit: str) -> str:
     return "-" if value is None else f"{value:.{digits}f} {unit}".rstrip()
 
 
+UNMOVED_DEG_S = 0.01
+
+
 def compared(first: RunOf, second: RunOf) -> Verdict:
-    """Return which run was steered better: by the course that was held and by the rudder that it took."""
-    pairs = [
-        (words, getattr(first.steered, name), getattr(second.steered, name))
-        for name, words in (("rms_deg", "course"), ("travel_deg_s", "rudder"))
-    ]
-    if any(math.isnan(value) or value == 0.0 for _, *values in pairs for value in values):
+    """Return which run was steered better: by the course that was held and by the rudder that it took, out of turns."""
+    courses = first.steered.rms_deg, second.steered.rms_deg
+    # below this nothing was moved, by noise or at all
+    rudders = tuple(max(run.steered.held_travel_deg_s, UNMOVED_DEG_S) for run in (first, second))
+    if any(math.isnan(value) or value == 0.0 for value in courses):
         return Verdict("not enough", "not enough: a course must be held in both runs")
     said, better = [], []
-    for words, left, right in pairs:
+    for words, (left, right) in (("course", courses), ("rudder", rudders)):
         share = right / left
         how = "alike" if abs(share - 1.0) < NEARLY else f"{share:.2f} times"
         better.append(0 if abs(share - 1.0) < NEARLY else 1 if share < 1.0 else -1)

@@ -108,7 +108,7 @@ def _draw(axis: Any, panel: Panel, colours: dict[str, str]) -> None:
         if line.wanted:
             axis.plot(line.time, line.values, color=WANTED, linestyle="--", linewidth=1.2, label=line.name)
         elif line.dots:
-            axis.plot(line.time, line.values, ".", color=colours[line.name], markersize=5, label=line.name)
+            axis.plot(line.time, line.values, "o", color=colours[line.name], markersize=6, label=line.name)
         else:
             colour, mark = colours[line.name], "." if len(line.values) <= FEW else ""
             axis.plot(line.time, line.values, mark + "-", color=colour, linewidth=1.2, label=line.name)

@@ -56,7 +56,8 @@ class Steered:
         self.lost = self.executes = 0
         self.swing = (0.0, 0.0)
         self.what = ""
-        self._squares = self._travel = self._way = 0.0
+        self._squares = self._travel = self._held_travel = self._way = 0.0
+        self._moved = 0.0
         self._bins = [0.0] * (BINS + 1)
         self._last: Tick | None = None
         self._course: float | None = None
@@ -76,8 +77,9 @@ class Steered:
             self._leave(tick.now)
             return
         self.seconds += step
-        if last is not None and last.command.engaged and tick.command.engaged:
-            self._travel += abs(math.degrees(tick.command.angle - last.command.angle))
+        joined = last is not None and last.command.engaged and tick.command.engaged
+        self._moved = abs(math.degrees(tick.command.angle - last.command.angle)) if last is not None and joined else 0.0
+        self._travel += self._moved
         if tick.order.kind is OrderKind.HEADING:
             self._trial = None
             self._take_course(tick, step)
@@ -105,6 +107,11 @@ class Steered:
     def travel_deg_s(self) -> float:
         """How much the ordered rudder moved [deg/s]; nan where nothing was steered."""
         return self._travel / self.seconds if self.seconds > 0.0 else math.nan
+
+    @property
+    def held_travel_deg_s(self) -> float:
+        """The same on a course, out of turns [deg/s]; nan without a course."""
+        return self._held_travel / self.on_course if self.on_course > 0.0 else math.nan
 
     @property
     def way(self) -> float:
@@ -172,6 +179,7 @@ class Steered:
             return
         off = math.degrees(wrap(tick.state.heading - (tick.reference.heading if order.is_led else course)))
         self.on_course += step
+        self._held_travel += self._moved
         self._squares += step * math.degrees(wrap(tick.state.heading - tick.reference.heading)) ** 2
         self._bins[min(int(abs(off) / BIN_DEG), BINS)] += step
 

@@ -128,7 +128,7 @@ def _print_summary(job: Job, arguments: argparse.Namespace, tally: Tally, second
     summaries, study = tally.cases(), job.study
     steps = steps_of(study, STEP) * (tally.done["compiled"] + tally.done["full"])
     counts = ", ".join(f"{count} {how}" for how, count in tally.done.items() if count)
-    pace = f"{seconds:.1f} s: {steps / seconds:.3g} steps a second."
+    pace = f"{seconds:.1f} s: {steps / seconds:,.0f} steps a second."
     summary = f"{len(summaries)} cases, {counts}, seed {study.seed}, in {pace}"
     if not tally.done["compiled"] and not arguments.plain:
         summary += " Nothing was compiled: with numba it is far quicker, pip install '.[fast]'."

@@ -211,6 +211,9 @@ def _text(value: str | float) -> str:
 MOST_PANELS = 12
 FIRST_PANELS = 3
 """Before the verdict; the others follow it."""
+SPAN = 0.5
+"""A panel shows at least this share of its largest heading error."""
+WORDS = {"side_deg": "from {:g}°", "speed_share": "at {:.0%} of the speed"}
 APART = ("boat", "sea", "side_deg", "speed_share", "mismatch", "instruments", "faults")
 
 
@@ -221,7 +224,7 @@ def campaign_page(name: str, description: str, summaries: list[CaseSummary], sai
     hero, more = None, []
     if panels:
         left = len({_apart(each.case) for each in summaries}) - len(panels)
-        caption = "each bend a case, the median over its runs; further left and down is better" + (
+        caption = "each dot a case, the median over its runs; further left and down is better" + (
             f"; {left} more in the table" if left > 0 else ""
         )
         first, others = panels[:FIRST_PANELS], panels[FIRST_PANELS:]
@@ -233,7 +236,7 @@ def campaign_page(name: str, description: str, summaries: list[CaseSummary], sai
                 Section("Further seas and boats", figure=time_figure(others, axis, logarithmic=True), caption=caption)
             ]
     note = "Medians over the runs of a case, in brackets from 5 to 95 %; most: 95 %; engaged: 5 %."
-    sections = [Section("Cases", table(summaries), (note,)), *more, Section("Runs", text=(said,))]
+    sections = [Section("Cases", table(summaries), (note, said)), *more]
     return render(Opening(f"Campaign: {name}", lead, hero, _verdict(summaries)), sections, command, __version__)
 
 
@@ -260,8 +263,13 @@ def pareto_panels(summaries: list[CaseSummary]) -> list[Panel]:
         for law, points in laws.items():
             travel, rms = np.array(sorted(points)).T
             lines.append(Line(law, np.maximum(travel, 1.0e-6), rms, dots=len(points) == 1))
-        title = ", ".join(str(part) for part, is_named in zip(key, differs, strict=True) if is_named)
-        panels.append(Panel("rms [deg]" + (f"\n{title}" if title else ""), lines))
+        named = {name: part for name, part, is_named in zip(APART, key, differs, strict=True) if is_named}
+        sea, side = APART.index("sea"), APART.index("side_deg")
+        if len({each[side] for each in groups if each[sea] == key[sea]}) == 1:
+            named.pop("side_deg", None)  # a calm has none, and one alone is no news
+        title = ", ".join(WORDS[name].format(part) if name in WORDS else str(part) for name, part in named.items())
+        least = SPAN * max(float(line.values.max()) for line in lines)
+        panels.append(Panel("rms [deg]" + (f"\n{title}" if title else ""), lines, least))
     return panels
 
 

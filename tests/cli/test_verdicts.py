@@ -141,6 +141,9 @@ def test_two_runs_are_compared_by_course_and_rudder() -> None:
     ticks = sailed(60.0, ("+40",))
     calm, wild = run_of("calm", worse(ticks, 0.5)), run_of("wild", worse(ticks, 5.0))
     assert compared(calm, wild).grade == "worse" and compared(wild, calm).grade == "better"
+    turning = run_of("turning", worse(sailed(60.0, ("+40", "-60", "+60")), 0.5))
+    assert turning.steered.travel_deg_s > 1.5 * calm.steered.travel_deg_s
+    assert "rudder travel alike" in compared(calm, turning).sentence, "a turn's rudder is no unquiet one"
     assert compared(calm, calm).grade == "alike" and compared(calm, run_of("no", [])).grade == "not enough"
     head, *rows = table_of_runs(calm, wild)
     assert head == ("", "calm", "wild", "second of first")
@@ -155,3 +158,4 @@ def test_gains_begin_with_the_verdict(capsys: pytest.CaptureFixture[str], tmp_pa
     assert found["designed backstepping"]["stable"]
     page = (tmp_path / "gains.html").read_text()
     assert page.index("<svg") < page.index('class="verdict good"') < page.index("<table")
+    assert page.count(", chosen<") == 1
