@@ -27,7 +27,6 @@ from autopilot.estimation.rudder_observer import RudderPast, tick_at
 from autopilot.runtime.build import alarm_limits_of
 from autopilot.supervision.response_filter import (
     noise_of,
-    slide_step,
 )
 from autopilot.supervision.rudder_response import (
     Rudders,
@@ -113,7 +112,7 @@ def watched_run(
                 pace = waves.frequency(sea)
                 middle = 0.5 * (memory.time + measurement.measured.time)
                 since = measurement.measured.time - memory.time if math.isfinite(memory.time) else 0.0
-                slide = slide_step(pilot_state.model, slide, felt.rate, setting.plant.gear.angle_max, since)
+                slide = waves.slide_step(pilot_state.model, slide, felt.rate, setting.plant.gear.angle_max, since)
                 memory = response_step(
                     memory,
                     pilot_state.model,

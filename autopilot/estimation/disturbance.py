@@ -46,6 +46,7 @@ from autopilot.estimation.tuning import (
     GUST_SPREAD,
     GUST_SURGE,
     LEAN_GROWTH,
+    SLIDE_LASTS,
     STRENGTH_ERROR,
     WAVE_CORNER,
     WAVE_DAMPING,
@@ -60,6 +61,7 @@ from autopilot.estimation.tuning import (
     WAVE_STIFFENING,
     WAVE_VARIANCE_LEAST,
 )
+from autopilot.models.norrbin import Norrbin
 
 
 class Sea(NamedTuple):
@@ -238,3 +240,18 @@ def raised_intensity(intensity: Intensity, changes: tuple[float, float, float], 
 def reset_density(intensity: Intensity) -> Intensity:
     """Return the gusts as the least there are: what the headings lean to for longer is none."""
     return Intensity(0.0, intensity.bias, intensity.rudder, intensity.variance)
+
+
+def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: float) -> float:
+    """Return what brakes a boat that slides [rad of rudder], `dt` [s] after it was braked by `before`; it turns at
+    `rate` [rad/s], its rudder's limit is `most` [rad].
+
+    The model has neither sway nor, without a log, the way that a turn takes: both may brake the boat by as much as its
+    own damping, and more, or take from a course-unstable one what turns it. They build up with about its
+    time constant, last longer than the turn, and turn no boat against its rudder: what a fault does.
+    """
+    own = (abs(model.n1) + abs(model.n2 * rate) + model.n3 * rate * rate) * rate / model.gain
+    own = -most if own > most else most if own < -most else -own
+    fades = own * before >= 0.0 and abs(own) < abs(before)
+    lasts = SLIDE_LASTS * model.time_constant if fades else model.time_constant
+    return before - math.expm1(-dt / lasts) * (own - before)

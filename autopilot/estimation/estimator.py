@@ -22,6 +22,7 @@ from autopilot.estimation.heading_ekf import (
     is_sound,
     predict,
     predict_mean,
+    slid,
 )
 from autopilot.estimation.instrument_errors import (
     NO_NOISE,
@@ -152,6 +153,16 @@ def noises_of(noise: FilterNoise) -> Noises:
     pushed = noise._replace(bias=noise.gust_bias) if noise.waves else noise
     wandered, gusty = max(pushed.bias, noise.stop_bias), max(noise.gust_bias, noise.stop_bias)
     return Noises(noise, pushed, noise._replace(bias=wandered, gust_bias=gusty))
+
+
+def sliding(noises: Noises, model: Norrbin, slide: float) -> Noises:
+    """Return the noises of a boat in which a `slide` [rad of rudder] may be left of the turns that it was ordered.
+
+    What follows our own order is the boat's and not the sea's; the model has no state for it, so that as far as it is
+    unknown it pushes the boat like all else.
+    """
+    usual, pushed, stopped = noises
+    return Noises(slid(usual, model, slide), slid(pushed, model, slide), slid(stopped, model, slide))
 
 
 def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:

@@ -45,6 +45,7 @@ from autopilot.estimation.tuning import (
     MODEL_ERROR_UNSTABLE,
     RATE_UNKNOWN,
     SEA,
+    SLIDE_UNKNOWN,
     STEEPEST_GROWTH,
     WAVE_CORNER,
     WAVE_STIFFENING,
@@ -133,6 +134,19 @@ class FilterNoise(NamedTuple):
     rate_unknown: float = RATE_UNKNOWN
     gusty_bias: float = 0.0
     gust_time: float = 1.0
+
+
+def slid(noise: FilterNoise, model: Norrbin, slide: float) -> FilterNoise:
+    """Return the noise while a `slide` [rad of rudder] pushes the boat by an unknown share of it, by no more than is
+    supposed where waves are not filtered. Compiled as it is."""
+    heading, rate, usual, bias, error, waves, gust, gust_bias, stop, stop_bias, unknown, gusty_bias, gust_time = noise
+    push = model.gain / model.time_constant * SLIDE_UNKNOWN * slide
+    pushed = usual + push * push * DISTURBANCE_TIME
+    pushed = gust if gust < pushed else pushed
+    pushed = usual if pushed < usual else pushed
+    return FilterNoise(
+        heading, rate, pushed, bias, error, waves, gust, gust_bias, stop, stop_bias, unknown, gusty_bias, gust_time
+    )
 
 
 class Filtered(NamedTuple):

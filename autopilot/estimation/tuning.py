@@ -26,6 +26,13 @@ MODEL_ERROR_UNSTABLE = 0.6  # 30 %: nothing
 """The same of a course-unstable boat, whose rudder and own moment nearly cancel, whatever its time constant [s^(1/2)].
 With 0.1 a boat with 30 % less rudder than the model's swings by 12 deg on a straight course in calm water, with 0.6 by
 0.3 deg."""
+SLIDE_LASTS = 4.0  # 30 %: nothing
+SLIDE_UNKNOWN = 0.7  # 30 %: nothing
+"""What a hull's slide does to a boat that turns outlasts the turn by so many time constants. It is, before the boat has
+shown any, none give or take so many times the own damping."""
+SLIDE_LEAST = 0.1 * GUST
+"""A slide of less [rad of rudder] is none: what is supposed of the boat's acceleration grows by less than 1 % with it.
+"""
 GUST_TIME_LEAST = 6.0  # 30 %: nothing
 GUST_TIME_SHARE = 0.2  # 30 %: nothing
 """Gusts are what the bias does over so long [s], or over this share of the time in which it changes if that is longer:

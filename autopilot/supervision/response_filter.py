@@ -21,7 +21,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import shortest_turn
-from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
+from autopilot.estimation.tuning import SLIDE_LASTS, SLIDE_UNKNOWN, WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin
 from autopilot.supervision.tuning import (
     CHANGED_LEAST,
@@ -36,9 +36,7 @@ from autopilot.supervision.tuning import (
     SEA_SLOWEST,
     SEA_TURNED,
     SEA_UNMET,
-    SLIDE_LASTS,
     SLIDE_SURE,
-    SLIDE_UNKNOWN,
     USUAL_TIME,
 )
 
@@ -167,21 +165,6 @@ def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> N
     unknown = (own + change * abs((2.0 * model.n3 * rate + model.n2) * rate * rate)) / model.time_constant
     acceleration = noise.acceleration + unknown * unknown * CHANGED_TIME
     return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace)
-
-
-def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: float) -> float:
-    """Return what brakes a boat that slides [rad of rudder], `dt` [s] after it was braked by `before`; it turns at
-    `rate` [rad/s], its rudder's limit is `most` [rad].
-
-    The model has neither sway nor, without a log, the way that a turn takes: both may brake the boat by as much as its
-    own damping, and more, or take from a course-unstable one what turns it. They build up with about its
-    time constant, last longer than the turn, and turn no boat against its rudder: what a fault does.
-    """
-    own = (abs(model.n1) + abs(model.n2 * rate) + model.n3 * rate * rate) * rate / model.gain
-    own = -most if own > most else most if own < -most else -own
-    fades = own * before >= 0.0 and abs(own) < abs(before)
-    lasts = SLIDE_LASTS * model.time_constant if fades else model.time_constant
-    return before - math.expm1(-dt / lasts) * (own - before)
 
 
 class Slide(NamedTuple):

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from autopilot.angles import PI, shortest_turn, wrap
+from autopilot.estimation.disturbance import slide_step
 from autopilot.estimation.rudder_observer import Ring
 from autopilot.models.norrbin import Norrbin, steady_rudder
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
@@ -33,7 +34,6 @@ from autopilot.supervision.response_filter import (
     noise_of,
     seaway_noise,
     seaway_step,
-    slide_step,
 )
 from autopilot.supervision.rudder_response import (
     FILED,

@@ -72,11 +72,9 @@ WORKED_TIME = 30.0
 later."""
 SEA_UNMET = math.radians(1.0)  # 30 %: nothing
 """On a course that is new to the boat a sea is supposed that yaws it by this [rad]."""
-SLIDE_LASTS = 4.0  # 30 %: nothing
-SLIDE_UNKNOWN, SLIDE_SURE = 0.7, 10.0  # 30 %: nothing
-"""What brakes a boat that slides outlasts the turn by so many time constants. It is, before the boat has shown any,
-none give or take so many times the own damping; and how sure that is, as a sum of squares of the slide's answer over
-their variance: a turn of 60 deg has 15 to 70, a course in a slight sea less than 1."""
+SLIDE_SURE = 10.0  # 30 %: nothing
+"""How sure it is that a boat which has shown no slide has none, as a sum of squares of the slide's answer over their
+variance: a turn of 60 deg has 15 to 70, a course in a slight sea less than 1."""
 ANSWERS_MOST = 1.6  # 30 %: nothing
 """Shares of the answer beyond which, the opposite one included, it is something else that turns the boat."""
 REVERSED_SHARE = -0.7  # 30 %: nothing

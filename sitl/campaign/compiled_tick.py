@@ -20,8 +20,10 @@ from autopilot.estimation.estimator import (
     Fusion,
     Measured,
     Moment,
+    Noises,
     fuse_measured,
     seen_at,
+    sliding,
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
 from autopilot.estimation.instrument_errors import NO_NOISE, NO_RATE_BIAS
@@ -141,7 +143,7 @@ def initial_state(
     steered = steered_by(config, model, seen, quickness(config.estimator.law, config.estimator.model, model))
     turning = turning_at(config, NOT_TURNING, model)
     guide = started(
-        Guide(math.nan, VirtualBoat(0.0, 0.0, 0.0, NO_EVIDENCE), 1, -math.inf, now), turning.limits, steered
+        Guide(math.nan, VirtualBoat(0.0, 0.0, 0.0, NO_EVIDENCE), 1, -math.inf, now, 0.0), turning.limits, steered
     )
     return State(
         now=now,
@@ -175,11 +177,12 @@ def tick(
     """Return the pilot's state after the tick at `now` [s] on the way to the heading `target` [rad]; `command` is its
     command."""
     config, dt = campaign.config, clip(now - pilot_state.now, 0.0, LONGEST_STEP)
-    listened = _listen(campaign, pilot_state, memory, now, measurement) if dt > 0.0 else pilot_state
+    noises = sliding(config.estimator.noises, pilot_state.model, pilot_state.guide.slide)
+    listened = _listen(campaign, pilot_state, memory, measurement, (now, noises)) if dt > 0.0 else pilot_state
     model, fusion = listened.model, listened.fusion
     history = RudderPast(memory.times, memory.angles, listened.rudder.ticks)
     at = Moment(now, listened.speed.value, listened.heading_time)
-    seen = seen_at(model, config.estimator.noises, fusion, history, at)
+    seen = seen_at(model, noises, fusion, history, at)
     answer, answers = listened.answer, True
     # at the first tick the helm is not ours yet
     if dt > 0.0 and campaign.alarms.rudder_response:
@@ -301,11 +304,16 @@ def _must_go(
 
 
 def _listen(
-    campaign: CampaignConfig, pilot_state: State, memory: RudderMemory, now: float, measurement: Measurement
+    campaign: CampaignConfig,
+    pilot_state: State,
+    memory: RudderMemory,
+    measurement: Measurement,
+    at: tuple[float, Noises],
 ) -> State:
     """Return the pilot's state with the samples of this tick taken in, in the estimator's order: speed, rudder,
-    heading."""
-    estimator, model, speed = campaign.config.estimator, pilot_state.model, pilot_state.speed
+    heading. at: the time [s], and the filter's noises then."""
+    (now, noises), estimator = at, campaign.config.estimator
+    model, speed = pilot_state.model, pilot_state.speed
     if not math.isnan(measurement.speed):
         speed = smoothed(speed, now, measurement.speed)
         model = model_at(estimator.model, speed.value, estimator.law)
@@ -327,7 +335,7 @@ def _listen(
         time = min(measured.time, before.time + PREDICT_LONGEST)
         history = RudderPast(memory.times, memory.angles, rudder.ticks)
         taken = Measured(time, measured.heading, measured.rate)
-        fusion, is_fused = fuse_measured(model, estimator.noises, fusion, history, taken)
+        fusion, is_fused = fuse_measured(model, noises, fusion, history, taken)
         is_planned = now < pilot_state.guide.turning_until and is_turning(
             pilot_state.model, pilot_state.turning.limits, pilot_state.guide.boat
         )

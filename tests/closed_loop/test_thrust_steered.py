@@ -11,7 +11,7 @@ from lockstep import Lockstep
 
 from autopilot.angles import wrap
 from autopilot.doctor.vehicle import firmware_findings
-from autopilot.signals import Tick
+from autopilot.signals import Order, Tick
 from autopilot.vessel.file import load_vessel
 from sitl.registry import PLANTS
 from sitl.scenario import FaultSection, Scenario, Start
@@ -179,3 +179,23 @@ def test_neither_turns_nor_a_push_are_taken_for_a_thruster_that_fails() -> None:
         boat.engage(course)
     boat.run(20.0)
     assert not any(alarm.name == "thruster_weak" for tick in boat.ticks for alarm in tick.alarms)
+
+
+def test_at_twice_the_speed_a_slide_after_a_turn_is_not_taken_for_a_sea() -> None:
+    boat = engaged(sailed("twin_thruster", speed=2.0 * load_vessel("twin_thruster").model.reference_speed_m_s))
+    boat.run(5.0)
+    for course in (30.0, 0.0):
+        boat.engage(course)
+        boat.run(4.0)
+        late = [abs(off(boat, course)) for _ in range(100) if not boat.run(0.1)]
+        assert max(late) < 1.5, "deg off the course"
+    boat.engage(90.0)
+    boat.run(2.0)
+    assert abs(boat.pilot.state.way.guide.slide) > math.radians(5.0)
+    boat.run(25.0)
+    assert boat.pilot.state.way.guide.slide == 0.0, "waves may be learnt again"
+    boat.engage(0.0)
+    boat.run(2.0)
+    boat.order = Order()
+    boat.run(0.2)
+    assert boat.pilot.state.way.guide.slide == 0.0, "nobody steers"

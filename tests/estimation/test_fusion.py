@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at
+from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at, sliding
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
 from autopilot.estimation.instrument_errors import NO_RATE_BIAS
 from autopilot.estimation.rudder_observer import RudderPast
@@ -196,3 +196,29 @@ def test_headings_that_lie_to_one_side_for_the_time_of_gusts_make_the_bias_quick
     assert 0.0 < after.leans < 10.0 and abs(after.innovation_mean) < 1.5
     known = after.state.p22
     assert carried(BOAT, wavy, after, PAST, 20.3).p22 - known == pytest.approx(0.4 * 5.0e-4, rel=0.01)
+
+
+def test_what_is_left_of_a_turn_pushes_the_boat_by_no_more_than_without_the_wave_filter() -> None:
+    of_boat = {waves: ekf.Filtered(1.0e-4, 4.0e-5, 10.0, 0.6, math.inf, waves) for waves in (True, False)}
+    with_filter, without = (noises_of(ekf.filter_noise(BOAT, of_boat[waves])) for waves in (True, False))
+    assert sliding(with_filter, BOAT, 0.0) == with_filter
+    for side in (1.0, -1.0):
+        far, near = (sliding(with_filter, BOAT, side * slide).usual.acceleration for slide in (0.2, 0.01))
+        assert far == without.usual.acceleration, "all of it unknown"
+        moment = 0.2 / 5.0 * math.hypot(math.radians(0.2), 0.7 * 0.01)
+        assert near == pytest.approx(0.5 * moment**2)
+        assert sliding(without, BOAT, side * 0.2) == without
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_swing_that_a_turn_has_left_is_the_boats_and_the_same_without_a_turn_a_waves(side: float) -> None:
+    found, boat = {}, Norrbin(1.7, 0.8)
+    noises = noises_of(ekf.filter_noise(boat, ekf.Filtered(2.7e-5, 1.2e-5, 10.0, 0.5, math.inf, waves=True)))
+    for slide in (0.0, 0.1):
+        now, found[slide] = Fusion(ekf.initial(0.0, 0.0, 0.0, noises.usual)), 0.0
+        for tick in range(1, 100):
+            time = 0.05 * tick
+            heading = side * math.radians(1.0) * math.exp(-time / 6.0) * math.sin(1.5 * time)
+            now, _ = fuse_measured(boat, sliding(noises, boat, slide), now, PAST, Measured(time, heading, NO))
+            found[slide] = max(found[slide], abs(now.state.wave))
+    assert found[0.1] < 0.5 * found[0.0]

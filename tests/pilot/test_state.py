@@ -75,3 +75,21 @@ def test_the_pilot_is_its_config_and_its_state() -> None:
     second.state = first.state.copied
     for inputs in given[150:]:
         assert repr(first.step(*inputs)) == repr(second.step(*inputs))
+
+
+def test_what_is_left_of_a_turn_grows_with_the_turn_that_is_ordered_and_goes_with_time_or_with_the_order() -> None:
+    pilot, plant, rolling = build_pilot(VESSEL), Plant(model_of(VESSEL), gear_of(VESSEL)), math.radians(2.0)
+    plant.disturbance = lambda now: rolling * math.sin(2.0 * now)
+    goal, found = 0.0, []
+    for until in (3.0, 3.5, 24.0, 24.5):
+        order = Order(OrderKind.HEADING, goal, serial=1)
+        while plant.time < until:
+            tick = pilot.step(plant.time, (*plant.sense(), SpeedSample(plant.time, 4.0)), order)
+            plant.step(tick.command.angle, 0.1)
+        found.append(pilot.state.way.guide.slide)
+        goal += 1.0 if until in (3.0, 24.0) else 0.0
+    pilot.step(plant.time, (), Order())
+    straight, turning, settled, back = found
+    assert straight == settled == pilot.state.way.guide.slide == 0.0
+    assert turning < -math.radians(1.0), "it brakes"
+    assert back < -math.radians(1.0)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pytest
 from watches import Answering
 
+from autopilot.estimation.disturbance import slide_step
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, NavState
 from autopilot.supervision.monitor_input import MonitorInput
@@ -23,7 +24,6 @@ from autopilot.supervision.response_filter import (
     predicted,
     seaway_noise,
     seaway_step,
-    slide_step,
     transition_of,
 )
 from autopilot.supervision.rudder_response import (
