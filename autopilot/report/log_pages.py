@@ -58,11 +58,8 @@ def blocks_of(measures: Measures, length: float | None) -> list[Block]:
 
 def _zigzag(found: Zigzag, length: float | None) -> Iterator[Row]:
     kind = criteria.zigzag_kind(found.rudder, found.execute)
-    yield (
-        f"Zigzag {_deg(found.rudder)}/{_deg(found.execute)} from {_s(found.begins)} at {_speed_of(found.speed)}",
-        "",
-        "",
-    )
+    yield f"Zigzag {_kind(found)} from {_s(found.begins)} at {_speed_of(found.speed)}", "", ""
+    yield "rudder, and heading at which it went over", f"{_deg(found.rudder)}, {_deg(found.execute)}", ""
     yield "initial turning time", _s(found.initial_time), ""
     time, distance = found.initial_turn
     limit = f"{criteria.INITIAL_LENGTHS:g} L" if kind == 10 else ""
@@ -73,6 +70,11 @@ def _zigzag(found: Zigzag, length: float | None) -> Iterator[Row]:
         yield "  heading checked after", _s(found.checks[number]), ""
     yield "reach", _s(found.reach), ""
     yield "period", _s(found.period), ""
+
+
+def _kind(found: Zigzag) -> str:
+    """Return what a zigzag is called: rudder and execute angle in whole degrees."""
+    return "/".join(f"{math.degrees(angle):.0f}" for angle in (found.rudder, found.execute))
 
 
 def _overshoot_limit(kind: int, number: int, speed: float, length: float | None) -> str:
@@ -182,7 +184,7 @@ def verdict_of_trials(measures: Measures) -> Verdict:
     said = []
     for zigzag in measures.zigzags:
         past = " and ".join(_deg(angle) for angle in zigzag.overshoots[:2])
-        said.append(f"zigzag {_deg(zigzag.rudder)}/{_deg(zigzag.execute)} swings on by {past}")
+        said.append(f"the {_kind(zigzag)} zigzag swings on by {past}")
     for circle in measures.circles:
         side = "port" if circle.rudder < 0.0 else "starboard"
         said.append(f"circle to {side} {_m(circle.tactical_diameter, None)} across, 90 deg in {_s(circle.time_90)}")

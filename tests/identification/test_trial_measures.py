@@ -279,7 +279,7 @@ def test_the_command_shows_each_measure_beside_its_criterion(
     assert main(["log", "measures", path, "--length-m", "45"]) == 0
     printed = capsys.readouterr().out
     assert "dead reckoning" in printed
-    assert "Zigzag 10.0 deg/10." in printed
+    assert "Zigzag 10/10 from" in printed
     assert "criterion 12.5 deg (L/V 15.0 s)" in printed
     assert "criterion 28.8 deg" in printed
     assert "made for ships of 100 m and more" in printed
