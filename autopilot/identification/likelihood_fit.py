@@ -16,6 +16,7 @@ import numpy as np
 from autopilot.identification.likelihood_record import (
     NORRBIN,
     Form,
+    Scales,
     instruments,
     record_of,
     rudder_on,
@@ -79,7 +80,8 @@ class LikelihoodFit(NamedTuple):
     late_error [s]: standard error of delay and lag together, of which the record tells more than of each; unseen: what
     of the rudder's way was not fitted; motions: of each segment time [s], heading [rad] and rate [rad/s] of the boat,
     as all of the recording tells them, shape (3, N); form: which d is meant, and how the boat goes with speed;
-    joint: covariance of a, b, d, e and the logarithms of what `train_errors` names, in that order."""
+    joint: covariance of a, b, d, e and the logarithms of what `train_errors` names, in that order; by_speed: how these
+    would change, did the rudder steer with one more and with one less power of the speed; None where a law says it."""
 
     rates: Rates
     covariance: FloatArray
@@ -92,6 +94,7 @@ class LikelihoodFit(NamedTuple):
     motions: tuple[FloatArray, ...] = ()
     form: Form = NORRBIN
     joint: FloatArray | None = None
+    by_speed: FloatArray | None = None
 
 
 def likelihood_fit(
@@ -155,7 +158,10 @@ def likelihood_fit(
     late_error = math.sqrt(max(float(late @ way @ late), 0.0))
     unseen = _unseen(space, best, memory, least_play(segments))
     motions = _motions(space, best)
-    return LikelihoodFit(boat, joint[:4, :4], train, errors, weather, loss, late_error, unseen, motions, form, joint)
+    by_speed = units * _by_speed(space, best) if form.law.is_rudder else None
+    return LikelihoodFit(
+        boat, joint[:4, :4], train, errors, weather, loss, late_error, unseen, motions, form, joint, by_speed
+    )
 
 
 def sliding(memory: float) -> dict[str, float]:
@@ -173,6 +179,36 @@ def _as_slow(guess: Rates, train: RudderTrain, memory: float) -> tuple[Rates, Ru
 
 SLIDES, SLOWLY = 1.6, 10.0
 """Lead over lag of such a boat, and its lag at most, as a multiple of the time in which it forgets its rate."""
+
+
+def _by_speed(space: Space, z: FloatArray) -> FloatArray:
+    """Return how the boat's numbers at the vector change where its rudder steers with a power of the speed above and
+    below the second, for each power, shape (2, B), in the same weather.
+
+    A turn takes speed away: what the rudder loses with it, and what damps the turn, differ by that power alone.
+    """
+    space.keep(z)
+    rates, weather, train = space.opened(z)
+    steering, ratio, higher = space.record.scales
+
+    def suits(powers: float) -> FloatArray:
+        other = space.record._replace(scales=Scales(steering * ratio**powers, ratio, higher))
+        trial = Space(other, rates, weather, train, space.parts, space.scale)
+        trial.priors, trial.path = space.priors, space.path
+        at = trial.start.copy()
+        for _ in range(POWER_TURNS):
+            there, slope, known = trial.slope(at, boat_only=True)
+            if not math.isfinite(there):
+                break
+            at[space.boat] -= inverse(known) @ slope[space.boat]
+        return np.asarray(at[space.boat])
+
+    here = suits(0.0)
+    return np.array([suits(powers) - here for powers in (POWER_STEP, -POWER_STEP)]) / POWER_STEP
+
+
+POWER_STEP, POWER_TURNS = 0.5, 2
+"""Powers of the speed by which it is tried, and Newton's steps to the boat that suits them."""
 
 
 def _motions(space: Space, z: FloatArray) -> tuple[FloatArray, ...]:

@@ -4,6 +4,10 @@ Boats are drawn from what the fit knows (`likelihood_fit`), each at a speed that
 white noise of the size that the fit found. What the model's form leaves out pushed the boat in the runs as gusts do,
 and was found with them. It lasts longer than gusts where it is the model's fault: so the fit predicts stretches of its
 own runs first, and where it errs by more than it says, its doubt and what pushes the boat are widened by as much.
+
+With which power of the speed a rudder steers is not known either: in a turn the speed goes with the rate, and what a
+recording of one kind of turn lays to damping may be that. Boats are drawn with other powers, each as the runs ask for
+with that power (`LikelihoodFit.by_speed`): in turns like the runs' they go alike, in others apart.
 """
 
 from __future__ import annotations
@@ -13,6 +17,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.likelihood_record import scales_of, without_noise
@@ -28,6 +34,9 @@ LEAST_RATIO, LEAST_PULL = 0.2, 0.05
 do."""
 REMEMBERED = 5.0
 """Lags after which what the rudder did is forgotten."""
+POWER_DOUBT = 0.5
+"""Of the power of the speed with which a rudder steers, one standard deviation: 2 in the boat's own flow, 1 in a race
+as strong, which keeps its speed in a turn, more where the flow at the rudder loses more than the boat does."""
 FURTHEST = 2.0
 """No lag nor lead is drawn by a larger factor's logarithm off the found one."""
 STEPS_PER_MEMORY, SHORTEST_STEP_S, LONGEST_STEP_S = 15.0, 0.02, 0.5
@@ -63,8 +72,9 @@ class Forecast(NamedTuple):
 
 
 class Boats(NamedTuple):
-    """Drawn boats, shape (N,) each: rates a, b, d, e, a speed ratio, and lag and lead [s] of the train; `fit`, which
-    says the rest of the train and how strong their gusts are; step [s] of the integration."""
+    """Drawn boats, shape (N,) each: rates a, b, d, e, a speed ratio, lag and lead [s] of the train, and with how many
+    powers of the speed beyond the law's the rudder steers; `fit`, which says the rest of the train and how strong
+    their gusts are; step [s] of the integration."""
 
     a: FloatArray
     b: FloatArray
@@ -73,6 +83,7 @@ class Boats(NamedTuple):
     ratio: FloatArray
     lag: FloatArray
     lead: FloatArray
+    beyond: FloatArray
     fit: LikelihoodFit
     step: float
 
@@ -94,7 +105,16 @@ def boats_of(fit: LikelihoodFit, ratios: FloatArray, random: np.random.Generator
     step = min(max(1.0 / (STEPS_PER_MEMORY * forgets), SHORTEST_STEP_S), LONGEST_STEP_S)
     ratio = np.maximum(random.choice(ratios, size=draws), LEAST_RATIO)
     lag, lead = _ways_of(fit, np.array([a - rates.a, b - rates.b, d - rates.d, e - rates.e]), random)
-    return Boats(np.maximum(a, LEAST_PULL * rates.a), b, np.maximum(d, 0.0), e, ratio, lag, lead, fit, step)
+    beyond = np.zeros(draws)
+    if fit.by_speed is not None:
+        beyond = POWER_DOUBT * random.normal(size=draws)
+        changes = np.outer(fit.by_speed[0], np.maximum(beyond, 0.0)) - np.outer(
+            fit.by_speed[1], np.minimum(beyond, 0.0)
+        )
+        a, b, d, e = (one + change for one, change in zip((a, b, d, e), changes[:4], strict=True))
+        logs = dict(zip(fit.train_errors, np.clip(changes[4:], -FURTHEST, FURTHEST), strict=True))
+        lag, lead = (way * np.exp(logs.get(name, 0.0)) for name, way in (("lag", lag), ("lead", lead)))
+    return Boats(np.maximum(a, LEAST_PULL * rates.a), b, np.maximum(d, 0.0), e, ratio, lag, lead, beyond, fit, step)
 
 
 def _ways_of(fit: LikelihoodFit, off: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -149,7 +169,7 @@ class _Motion:
         boats, weather, h = self.boats, self.boats.fit.weather, self.boats.step
         rudder = self.behind_train(rudder)
         scales = scales_of(boats.fit.form, ratio)
-        drive = scales.steering * (boats.a * rudder - boats.e) + self.gust
+        drive = scales.steering * ratio**boats.beyond * (boats.a * rudder - boats.e) + self.gust
         linear, higher, beyond = boats.b * scales.linear, boats.d * scales.higher, boats.fit.form.power - 1
         middle = self.rate + 0.5 * h * (drive - self.rate * (linear + higher * np.abs(self.rate) ** beyond))
         turned = h * (drive - middle * (linear + higher * np.abs(middle) ** beyond))
@@ -227,8 +247,8 @@ def headings_after(fit: LikelihoodFit, stretches: Sequence[Stretch], seconds: fl
     speed alone; speed [m/s]: the reference."""
     count = len(stretches)
     one = boats_of(fit, np.ones(1), np.random.default_rng(SEED), DRAWS)
-    a, b, d, e, ratios, lag, lead = (np.tile(values, count) for values in one[:7])
-    boats = Boats(a, b, d, e, ratios, lag, lead, fit, one.step)
+    a, b, d, e, ratios, lag, lead, beyond = (np.tile(values, count) for values in one[:8])
+    boats = Boats(a, b, d, e, ratios, lag, lead, beyond, fit, one.step)
     moments = (np.arange(round(seconds / boats.step)) + 0.5) * boats.step
     rudder = np.array([np.interp(moments, each.time, each.rudder) for each in stretches])
     ratio = np.maximum(np.array([np.interp(moments, each.time, each.speed) for each in stretches]) / speed, LEAST_RATIO)
@@ -267,7 +287,10 @@ def widened(fit: LikelihoodFit, runs: Sequence[Run], speed: float) -> Likelihood
     low, middle, high = np.quantile(drawn, BAND, axis=1)
     off = np.array([each.turned for each in stretches]) - middle
     ratio = 1.96 * off / np.maximum(0.5 * (high - low), 1.0e-9)
-    factor = max(float(np.sqrt(np.mean(ratio**2))), 1.0)
+    apart = sum(float(segment.time[-1] - segment.time[0]) for segment in segments) / seconds
+    # of so few that do not overlap the size of an error is itself in doubt (Student's t)
+    few = student.ppf(BAND[-1], apart) / norm.ppf(BAND[-1])
+    factor = max(few * float(np.sqrt(np.mean(ratio**2))), 1.0)
     weather = fit.weather
     return fit._replace(
         covariance=factor**2 * fit.covariance,

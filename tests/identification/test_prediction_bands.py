@@ -11,9 +11,12 @@ from independent_boat import SPEED_M_S, Plant, Sea, zigzags
 
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
+from autopilot.identification.likelihood_fit import likelihood_fit
+from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.prediction_bands import (
     AHEAD_S,
     TURNING_RAD,
+    boats_of,
     forecast,
     gear_of,
     headings_after,
@@ -97,3 +100,29 @@ def test_the_user_sees_the_bands(found: Identified) -> None:
     assert turn["low_deg"] < turn["middle_deg"] < turn["high_deg"]
     page = identification_page(result, "output-error", "autopilot identify", None, {})
     assert "time since the rudder went over" in page
+
+
+def in_a_race(power: float) -> Run:
+    """A 20/20 zigzag of a boat that loses a third of its speed in its turns, and steers with a power of it."""
+    step, angle = 0.02, math.radians(20.0)
+    psi, r, ratio, side, rows = 0.0, 0.0, 1.0, 1.0, []
+    for k in range(6000):
+        side = -side if side * psi > angle else side
+        if k % 5 == 0:
+            rows.append((k * step, psi, side * angle, 5.0 * ratio))
+        r += step * (0.2 * ratio**power * side * angle - 0.3 * ratio * r - 2.0 / ratio * r**3)
+        psi += step * r
+        ratio += step * (1.0 - 2.0 * abs(r) - ratio) / 5.0
+    columns = dict(zip(("time_s", "heading_rad", "rudder_rad", "speed_m_s"), np.array(rows).T, strict=True))
+    columns["heading_rad"] += math.radians(0.1) * np.random.default_rng(1).normal(size=len(rows))
+    return run_from_columns("race.csv", columns)
+
+
+def test_how_a_boat_is_another_where_its_rudder_steers_with_another_power_of_the_speed() -> None:
+    truth = np.array([0.2, 0.3, 2.0])
+    fit = likelihood_fit(in_a_race(1.5).segments, 5.0, Rates(0.2, 0.3, 2.0, 0.0))
+    assert fit is not None and fit.by_speed is not None
+    found, less = np.array(fit.rates[:3]), np.array(fit.by_speed[1][:3])
+    assert (np.abs(found + 0.5 * less - truth) < 0.2 * np.abs(found - truth)).all()
+    drawn = boats_of(fit, np.ones(1), np.random.default_rng(1))
+    assert np.std(drawn.beyond) == pytest.approx(0.5, rel=0.1) and np.std(drawn.b) > np.sqrt(fit.covariance[1, 1])
