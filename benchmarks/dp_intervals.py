@@ -1,13 +1,14 @@
 """Whether the intervals of `autopilot identify-dp` hold, with and without current, wind and a lag of the thrusters.
 
-    python benchmarks/dp_intervals.py [--seeds 40] [--first-seed 20261124] [--json]
+    python benchmarks/dp_intervals.py [--seeds 40] [--first-seed 20261124] [--into FILE] [--json]
 
 The ship of the trials is written out here and shares nothing with the identification: it is moved in SI units, over the
 ground's axes, the current by relative speeds, the wind by its pressure on hull areas at the angle of the moment with
 gusts of its speed, the thrusters by a lag of their own, by Euler's method at a fiftieth of the sample spacing.
 
 Three kinds of log of 600 s at 1 Hz, position noise 0.1 m and heading noise 0.1 deg: `surge` (x alone, main thrusters),
-`sway-yaw` (position and heading, side thruster) and `all` (all thrusters at once).
+`sway-yaw` (position and heading, side thruster) and `all` (all thrusters at once). `--into FILE` writes each seed as it
+ends and goes on where it was left; `--seeds 0 --into FILE` shows what FILE holds.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import argparse
 import json
 import math
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 
@@ -136,14 +138,26 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", default=["surge", "sway-yaw", "all"])
     parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=list(CONDITIONS))
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--into", type=Path, help="a file of seeds, a line each, to go on with")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
+    lines = arguments.into.read_text().splitlines() if arguments.into and arguments.into.exists() else []
+    kept = [(tuple(job), found) for job, found in map(json.loads, lines)]
     table: dict[str, dict[str, dict[str, float]]] = {}
     with ProcessPoolExecutor(arguments.workers) as pool:
         for kind in arguments.kinds:
             for condition in arguments.conditions:
-                jobs = [(kind, condition, arguments.first_seed + i) for i in range(arguments.seeds)]
-                found = list(pool.map(one, jobs))
+                known = {job: each for job, each in kept if job[:2] == (kind, condition)}
+                seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+                jobs = [job for seed in seeds if (job := (kind, condition, seed)) not in known]
+                for job, each in zip(jobs, pool.map(one, jobs), strict=True):
+                    known[job] = each
+                    if arguments.into:
+                        with arguments.into.open("a") as file:
+                            file.write(json.dumps([job, each]) + "\n")
+                found = list(known.values())
+                if not found:
+                    continue
                 rows = {name: np.array([each[name] for each in found]) for name in found[0]}
                 table[f"{kind}, {condition}"] = {
                     name: {
@@ -161,7 +175,9 @@ def main() -> None:
                     ]
                     over = sum(1 for each in found if not next(iter(each.values()))[2])
                     print(
-                        f"{kind}, {condition}: " + ", ".join(cells) + (f"; {over} not ended" if over else ""),
+                        f"{kind}, {condition}, {len(found)} seeds: "
+                        + ", ".join(cells)
+                        + (f"; {over} not ended" if over else ""),
                         flush=True,
                     )
     if arguments.json:

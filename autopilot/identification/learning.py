@@ -3,13 +3,15 @@
 It only proposes. A model whose K and T the filter (`live_filter`) knows well enough is put forward as a candidate, and
 from that moment on both it and the present model predict the boat's heading, stretch by stretch, from the rudder alone:
 what they are judged by is what the candidate has not learnt from. A bet is made on each stretch, that the candidate's
-error is the smaller one: with e0 and e1 the errors of the present model and of the candidate and
+error is less than a share m = BETTER of the present model's: with e0 and e1 the errors of the present model and of the
+candidate and
 
-    x = (e0^2 - e1^2)/(e0^2 + e1^2),   wealth = mean over l of the product of (1 + l x) over all stretches so far
+    x = (m^2 e0^2 - e1^2)/(m^2 e0^2 + e1^2)
+    wealth = mean over l of the product of (1 + l x) over all stretches so far
 
-a candidate that is no better than the present model makes no wealth: that it ever has more than w is less probable than
-1/w, however often one looks (Ville's inequality; Shafer 2021, Waudby-Smith and Ramdas 2024). It has proved itself when
-its wealth is above k (k + 1)/CHANCE, k counting the candidates, so that all together are wrong with less than CHANCE.
+a candidate that is no better than that makes no wealth: that it ever has more than w is less probable than 1/w, however
+often one looks (Ville's inequality; Shafer 2021, Waudby-Smith and Ramdas 2024). It has proved itself when its wealth is
+above k (k + 1)/CHANCE, k counting the candidates, so that all together are wrong with less than CHANCE.
 
 n0 is the wind's and stays as it is; what wind does, each model finds for itself. Memory is
 constant: filters, the last few rudder angles, one running prediction, the outcomes of the last `STRETCHES` stretches.
@@ -126,7 +128,10 @@ MUCH_BETTER = 0.6
 STRETCHES = 64
 """Outcomes kept: with stretches of a few seconds to half a minute, the last minutes of manoeuvring."""
 CHANCE = 0.02
-"""With this probability at most a model that predicts no better is called proved between two adoptions."""
+"""With this probability at most a model that does not halve the error is called proved between two adoptions."""
+BETTER = 0.5
+"""A model that is a little better in this weather may be worse in another, where the boat is not of the model's kind:
+what is adopted has less than half the error."""
 BETS = np.array([0.1, 0.25, 0.5, 0.8, 0.98])
 
 RUDDER_FRESH_S = 2.0
@@ -159,7 +164,8 @@ class Proposal(NamedTuple):
 
     @property
     def is_proved(self) -> bool:
-        """Whether it predicted what came afterwards better than the present model, by more than chance gives."""
+        """Whether it predicted what came afterwards with BETTER times the present model's error or less, by more than
+        chance gives."""
         return self.wealth >= self.needed
 
     @property
@@ -186,7 +192,7 @@ class _Candidate(NamedTuple):
 class Learner:
     """Learns from ticks; see the module's docstring.
 
-    chance: with which a model that is no better may be called proved at most. n2 is not known to it.
+    chance: with which a model that does not halve the error may be called proved at most. n2 is not known to it.
     """
 
     def __init__(self, present: Norrbin, chance: float = CHANCE) -> None:
@@ -296,7 +302,7 @@ class Learner:
     def _judge(self, outcome: Outcome) -> None:
         """Take a stretch's errors; bet on it."""
         self._outcomes.append(outcome)
-        present, other = outcome.present**2, outcome.other**2
+        present, other = (BETTER * outcome.present) ** 2, outcome.other**2
         if present + other > 0.0:
             self._wealth = self._wealth * (1.0 + BETS * (present - other) / (present + other))
         judged = self._judged()
