@@ -91,7 +91,9 @@ def _envelope_of(config: PilotConfig) -> Envelope:
 def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
     """Return what steering with the `law` goes by, in numbers."""
     return SteeringConfig(
-        estimator=EstimatorConfig(config.model, config.gear, noises_of(config.noise), config.steerage, config.law),
+        estimator=EstimatorConfig(
+            config.model, config.gear, noises_of(config.noise), config.steerage, config.law, config.loop_delay
+        ),
         limits=config.limits,
         dead_band=config.dead_band,
         rudder_share=config.rudder_share,
@@ -100,7 +102,6 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
         corner_frequencies=config.corner_frequencies,
         rudder_is_ours=config.rudder_is_ours,
         uses_bias=law.kind.uses_bias,
-        loop_delay=config.loop_delay,
     )
 
 

@@ -29,6 +29,7 @@ from autopilot.estimation.estimator import (
     without_bias,
     without_disturbances,
 )
+from autopilot.estimation.path_delay import PathDelay, when_heard
 from autopilot.estimation.rudder_observer import (
     RudderRate,
     angle_of,
@@ -73,6 +74,7 @@ from autopilot.steering import (
     Way,
     idle,
     obey,
+    paced,
     planned_anew,
     refer,
     reset_turn,
@@ -156,6 +158,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
     monitors, thrusters, found = monitored(config, state, monitors, estimate, view, dt)
+    late = estimate.path.late
+    found = {**found, "path_late": path_event(estimate.path, boat.loop_delay)} if late else found
 
     noted = supervisor.memory.notes
     mode = supervisor.decide(now, order, seen, with_doubts(found, noted) if noted else found)
@@ -166,12 +170,18 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         control = begun(config, control, rudder.command.angle)
 
     ratio, softer = quickness(boat.law, boat.model, model), monitors.course.softer
+    ratio = paced(steering, model, ratio, late) if late and now >= state.way.guide.turning_until else ratio
     steady = steered_by(steering, model, seen, ratio)
     mean_bias = averaged(0.0 if is_other_boat else state.mean_bias, steady.bias, model, dt)
     if softer > 1.0:
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
         # against that keeps it swinging
         steady = steady._replace(bias=mean_bias)
+    present = steady
+    if is_engaged and late > 0.0:
+        # an order of now finds the boat where it will be when it comes
+        on_way = estimate.rudder, estimate.memory
+        steady = when_heard(estimate.lively_model, steering.estimator.gear, steady, on_way, late)
     on_course = is_engaged and order.kind is OrderKind.HEADING
     waits = on_course and lacks_way(boat, way, estimate, steady.speed)
     if is_engaged and (is_other_boat or waits != way.waits):
@@ -187,6 +197,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     reckons = mode is Mode.FAILSAFE and supervisor.law_steers
     if reckons:
         failsafe, control, steady, reference, demand = reckon(config, failsafe, control, rudder, (model, steady), dt)
+        present = steady
     elif steers:
         way, reference = refer(steering, way, order, model, steady, (rudder.command.angle, dt))
         asked = answering(boat, model, softer), ratio
@@ -210,10 +221,11 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     is_ours = command.engaged and boat.rudder_is_ours
     estimate = with_order(estimate, now, command.angle) if is_ours else estimate
     if is_ours and not is_measured:
-        rate = rate_so_far(estimate, way, rudder.rate, steady, found)
-        estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, moved, steady)
+        rate = rate_so_far(estimate, way, rudder.rate, present, found)
+        heard = estimate.rudder.effective if late else moved[0]
+        estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, (heard, dt), present)
     else:
-        rate = begun_at(steady.rudder)
+        rate = begun_at(present.rudder)
 
     memory = supervisor.memory
     steers_on = boat.rudder_is_ours and memory.state in ENGAGED
@@ -396,6 +408,11 @@ def with_doubts(found: Mapping[str, AlarmEvent], noted: Mapping[str, AlarmEvent]
     """Return what is found, and those of the links' alarms that are doubts: for the supervisor, who decides by names.
     Shown they are once, by who says them."""
     return {**found, **{event.name: event for event in noted.values() if kind_of(event).is_doubt}}
+
+
+def path_event(path: PathDelay, filed: float) -> AlarmEvent:
+    """Return that the path's delay is not as `filed` [s]."""
+    return AlarmEvent("path_late", f"measured {filed + path.late:.2f} s, filed {filed:.2f} s")
 
 
 def watch_thrusters(

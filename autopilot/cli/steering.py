@@ -47,6 +47,7 @@ from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
+    from autopilot.estimation.path_delay import PathDelay
     from autopilot.runtime.log_files import Sink
     from autopilot.runtime.record import Recorder
 
@@ -226,6 +227,14 @@ def last_line(ending: Ending, steered: Steered, recorder: Recorder | None, relea
     return f"{ending.why or 'ended'}: {release_sentence(releases)}; {steered.words}; {log_words(recorder)}"
 
 
+def path_words(path: PathDelay, filed: float) -> str:
+    """Return how late the orders came to the rudder, "" where it was not measured; filed [s]: the delay of the file."""
+    if math.isnan(path.delay):
+        return ""
+    longer = "; the boat was steered by what was measured: a quicker line steers better (docs/links.md)"
+    return f"path delay measured {path.delay:.2f} s, filed {filed:.2f} s{longer if path.late else ''}"
+
+
 PRIORITY = 40
 """Below the kernel's interrupt threads, which have 50."""
 NOTE_NAME = "held-heading.json"
@@ -387,6 +396,8 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
                 print(refusing.summary)
         if verdict := voyage.verdict(steered):
             print(verdict.sentence)
+        if words := path_words(app.pilot.state.estimate.path, vessel.control.loop_delay_s):
+            print(words)
         print(last_line(ending, steered, app.recorder, session.releases), flush=True)
     last = session.tick
     if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):

@@ -102,8 +102,8 @@ from autopilot.control.law import (
     LoopGains,
     in_units_of_file,
 )
-from autopilot.control.wave_feedforward import ClosedLoop, swung, wave_rudder
-from autopilot.estimation.heading_ekf import carried_ahead
+from autopilot.control.wave_feedforward import ClosedLoop, wave_rudder
+from autopilot.estimation.path_delay import moved_on
 from autopilot.files.typed import NOW, Bounds, Positive
 from autopilot.models.norrbin import Norrbin, rudder_for, rudder_within
 from autopilot.signals import NavState, Reference
@@ -273,32 +273,7 @@ def when_acted_on(ahead: float, given: LawInput) -> LawInput:
     state, reference, model = given.state, given.reference, given.model
     if ahead <= 0.0:
         return given
-    # the boat moves by its model, the waves by theirs
-    heading, rate = carried_ahead(
-        model,
-        state.heading - state.wave_heading,
-        state.rate - state.wave_rate,
-        (state.rudder + state.bias, given.last_rudder + state.bias),
-        ahead,
-    )
-    wave, wave_rate = state.wave_heading, state.wave_rate
-    if state.wave_frequency > 0.0:
-        wave, wave_rate = swung(wave, wave_rate, state.wave_frequency, ahead)
-    heading += wave
-    then = NavState(
-        state.time,
-        heading if -PI < heading <= PI else wrap(heading),
-        rate + wave_rate,
-        state.speed,
-        state.rudder,
-        state.bias,
-        state.heading_age,
-        state.valid,
-        wave,
-        wave_rate,
-        state.wave_deviation,
-        state.wave_frequency,
-    )
+    then = moved_on(model, state, given.last_rudder, ahead)
     on = wrap(reference.heading + ahead * (reference.rate + 0.5 * ahead * reference.acceleration))
     met = Reference(on, reference.rate + ahead * reference.acceleration, reference.acceleration)
     return LawInput(model, given.ratio, met, then, given.roll, given.last_rudder, given.rudder_max, given.dt)

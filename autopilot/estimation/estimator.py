@@ -32,6 +32,7 @@ from autopilot.estimation.instrument_errors import (
     noise_step,
     rate_bias_step,
 )
+from autopilot.estimation.path_delay import NOT_ECHOED, PathDelay, behind, path_step
 from autopilot.estimation.rudder_observer import (
     RudderMemory,
     RudderObserver,
@@ -68,6 +69,7 @@ from autopilot.estimation.tuning import (
     LEARNT,
     LONGEST_SHARE,
     NOISE_GAP,
+    PATH_MOVED,
     PREDICT_LONGEST,
     RATE_BIAS_FELT,
     RATE_MOST,
@@ -303,13 +305,15 @@ class Taken(NamedTuple):
 
 class EstimatorConfig(NamedTuple):
     """Model at the trial's speed, steering gear and noise. Slower than `steerage` [m/s], and astern, the rudder tells
-    nothing of the bias: it stays what it was. law: how the model goes with speed and thrust."""
+    nothing of the bias: it stays what it was. law: how the model goes with speed and thrust. loop_delay [s]: so late an
+    order comes to the gear by the file."""
 
     model: Norrbin
     gear: SteeringGear
     noises: Noises
     steerage: float = 0.0
     law: DriveLaw = RUDDER_LAW
+    loop_delay: float = 0.0
 
 
 class Beliefs(NamedTuple):
@@ -331,7 +335,8 @@ class EstimatorState(NamedTuple):
 
     model: at the scheduled speed. speed [m/s]: nan where none is known. fusion counts from the first heading on,
     has_begun. heading_time and first_time [s]: of the newest and the first heading. needs_reinit: the next heading
-    begins anew. taken: the newest samples, in order of time, and begun, which the filter began with.
+    begins anew. taken: the newest samples, in order of time, and begun, which the filter began with. path: how late our
+    orders come to the steering gear.
     """
 
     model: Norrbin
@@ -348,6 +353,7 @@ class EstimatorState(NamedTuple):
     needs_reinit: bool = False
     beliefs: Beliefs = Beliefs()
     counters: Counters = Counters()
+    path: PathDelay = NOT_ECHOED
 
     @property
     def lively_model(self) -> Norrbin:
@@ -394,11 +400,14 @@ def first_state(config: EstimatorConfig) -> EstimatorState:
 
 def reconfigured(before: EstimatorConfig, config: EstimatorConfig, state: EstimatorState) -> EstimatorState:
     """Return the state under another model, steering gear and noise; what is known of the boat stays known. A changed
-    dead time of the gear forgets the orders that were still on their way."""
-    rudder = state.rudder
+    dead time of the gear forgets the orders that were still on their way, one of the path is compared with the next
+    echo."""
+    rudder, path = state.rudder, state.path
     if config.gear.delay != before.gear.delay:
         rudder = all_effective(rudder, state.memory)
-    return _scheduled(config, state._replace(rudder=rudder))
+    if config.loop_delay != before.loop_delay:
+        path = path._replace(late=0.0)
+    return _scheduled(config, state._replace(rudder=rudder, path=path))
 
 
 def without_bias(state: EstimatorState) -> EstimatorState:
@@ -436,7 +445,7 @@ def estimated(
 ) -> EstimatorState:
     """Return the state after the samples that have arrived by `now` [s]."""
     headings: list[HeadingSample | RateSample] = []
-    rudder, speeds, implausible = state.rudder, state.speeds, 0
+    rudder, speeds, path, implausible = state.rudder, state.speeds, state.path, 0
     for sample in samples:
         if type(sample) is HeadingSample or type(sample) is RateSample:
             headings.append(sample)
@@ -446,6 +455,10 @@ def estimated(
                 implausible += 1
             elif not is_order:
                 rudder = with_feedback(rudder, min(sample.time, now), angle)
+            elif not -PATH_MOVED < angle - path.echoed < PATH_MOVED:
+                # the steering gear shows which of our orders it is at
+                orders = state.memory.times, state.memory.commands, rudder.ticks
+                path = path_step(path, orders, (sample.time, angle), config.loop_delay)
         elif type(sample) is SpeedSample or type(sample) is ThrustSample:
             if is_plausible(sample):
                 speeds = with_speed(speeds, now, sample)
@@ -455,10 +468,11 @@ def estimated(
             speeds = with_course(speeds, now, sample.course - state.fusion.state.psi)
     if implausible:
         state = _counted(state, implausible=implausible)
-    rudder = advanced(config.gear, rudder, state.memory, now)
+    gear, late = config.gear, path.late
+    rudder = advanced(gear if late == 0.0 else behind(gear, late), rudder, state.memory, now)
     speeds = while_fresh(speeds, now)
-    if speeds is not state.speeds:
-        state = _scheduled(config, state._replace(speeds=speeds))
+    if speeds is not state.speeds or path is not state.path:
+        state = _scheduled(config, state._replace(speeds=speeds, path=path))
     return _with_headings(config, state, rudder, now, headings)
 
 
@@ -566,9 +580,10 @@ def _with_late(config: EstimatorConfig, state: EstimatorState, sample: HeadingSa
 def _fused(
     config: EstimatorConfig, state: EstimatorState, rudder: RudderObserver, sample: HeadingSample | RateSample
 ) -> EstimatorState:
-    model, _, memory, speeds, speed, before, has_begun, heading_time, first_time, taken, begun, reinit, beliefs, _ = (
-        state
-    )
+    (
+        model, _, memory, speeds, speed, before, has_begun, heading_time, first_time, taken, begun, reinit, beliefs, _,
+        path,
+    ) = state  # fmt: skip
     rate = math.nan if sample.rate is None else sample.rate
     heading = sample.heading if isinstance(sample, HeadingSample) else math.nan
     measured = sample.time, heading, rate
@@ -602,6 +617,7 @@ def _fused(
         reinit,
         beliefs,
         Counters(counters.fused + 1, *counters[1:]),
+        path,
     )
 
 

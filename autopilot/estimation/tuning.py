@@ -83,6 +83,25 @@ NOISE_MOST = 5.0
 NOISE_GAP = 1.5
 """Measurements that lie further apart [s], or by more than the boat's time constant, differ by what the boat did."""
 
+# the delay of the path to the steering gear: tuned
+
+PATH_STEP, PATH_GRID = 0.1, 13
+"""Delays are tried this far apart [s], so many of them. The last is longer than any that is steered with: orders that
+are not obeyed within a second end the steering."""
+PATH_MOVED = math.radians(0.5)
+"""An echo that has moved by less [rad] since the last that counted tells nothing."""
+PATH_GRAIN = math.radians(0.1)
+"""The grain of an echo [rad]: a microsecond of a servo's pulse is 0.07 deg of a usual rudder."""
+PATH_MEMORY = 60.0
+"""Echoes that moved are remembered for about so many more."""
+PATH_EXPLAINS = 0.3
+"""The best delay must leave less than this share of what the worst leaves."""
+PATH_ERROR_MOST = 0.02
+"""A delay is certain where its standard error is less [s]."""
+PATH_LATER, PATH_FOLLOWS = 0.05, 0.02
+"""A delay that is longer than filed by less [s] is as filed: a tick of a usual loop. One that is gone by is followed
+where it changes by more than the second."""
+
 # what is taken in: gates are derived from the normal distribution, the rest is tuned
 
 GATE_SIGMAS = 6.0  # 30 %: nothing

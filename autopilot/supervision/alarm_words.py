@@ -189,6 +189,12 @@ WORDS = {
         "its sensor, or the boat's answer, shows a quarter of the rate; the law has a quarter of the gain then",
         key="rudder.rate_max_deg_s",
     ),
+    "path_late": Words(
+        "orders come to the rudder later than the file says",
+        "use a quicker line, or let this one carry less; the boat is steered by what is measured",
+        "the vehicle's echo of the orders comes 0.05 s later than filed, or more",
+        key="control.loop_delay_s",
+    ),
     "speed_doubtful": Words(
         "the speed does not go with the way the boat turns",
         "check the speed log; the boat is steered as at the speed of its trial",

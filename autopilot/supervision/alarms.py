@@ -153,6 +153,7 @@ _KINDS = (
     AlarmKind("bow_thruster_hot", Response.NOTIFY, Severity.WARNING),
     AlarmKind("bow_thruster_weak", Response.NOTIFY, Severity.WARNING),
     AlarmKind("rudder_slow", Response.DEGRADE, Severity.WARNING),
+    AlarmKind("path_late", Response.NOTIFY, Severity.NOTICE, is_borne=True),
     AlarmKind("speed_doubtful", Response.DEGRADE, Severity.WARNING),
     AlarmKind("speeds_disagree", Response.DEGRADE, Severity.WARNING),
     AlarmKind("roll", Response.NOTIFY, Severity.WARNING),

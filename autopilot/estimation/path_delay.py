@@ -1,0 +1,153 @@
+"""How late our orders come to the steering gear, learnt while steering from their echo.
+
+The echo e, what the gear is at by the vehicle's own report, is at a time t the order u of d before. Over a grid of
+delays d_i, from 0 to the most that a line may have,
+
+    J_i = sum of w (e(t) - u(t - d_i))^2,   w fading with every echo that moved,
+
+is least where d_i is the path's delay, and a parabola through the least and its neighbours gives d between them. Of the
+noise s^2 = J/W, W the sum of w, and the curvature J'' the variance of d is 2 s^2/J''. Only an echo that has moved tells
+anything, and only then anything is computed. Noise is no less than the echo's grain, and where the best delay leaves
+much of what the orders did unexplained, as where somebody else moves the rudder too, nothing is believed. A delay that
+changes from order to order leaves its mean.
+
+An echo bears the time at which it was made by the clock of the headings, as a link maps it to ours. By that clock what
+the headings are late on their way to us counts in d: it is the time from a heading to its order's effect, the way back
+and the way there, which is what `control.loop_delay_s` says, and what the loop is late by. Nothing need be known of
+either way alone. Headings of another clock, such as a compass of our own, are late by less: by the way back at most.
+
+An order of now finds the boat as it will be when it comes. So far ahead the boat is reckoned under the orders that are
+on their way, and steered by that (Smith's predictor, in state space: Manitius and Olbrot 1979): with d known, law and
+guide are those of a path that is as filed.
+
+Source: delay by least squares over a grid, Bjorklund 2003, A Survey and Comparison of Time-Delay Estimation Methods in
+Linear Systems, section 4; the variance of a minimum by its curvature is least squares'.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import PI, wrap
+from autopilot.control.wave_feedforward import swung
+from autopilot.estimation.heading_ekf import carried_ahead
+from autopilot.estimation.rudder_observer import Ring, RudderMemory, RudderObserver
+from autopilot.estimation.tuning import (
+    PATH_ERROR_MOST,
+    PATH_EXPLAINS,
+    PATH_FOLLOWS,
+    PATH_GRAIN,
+    PATH_GRID,
+    PATH_LATER,
+    PATH_MEMORY,
+    PATH_STEP,
+)
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.signals import NavState
+
+RECKONED_STEP = 0.05
+"""Steps [s] in which the boat is reckoned ahead: a tick of a usual loop."""
+
+
+class PathDelay(NamedTuple):
+    """What is known of the path. costs [rad^2] and weight: J_i and W; echoed [rad]: the newest echo that counted, nan
+    before; delay [s]: d, nan while it is not known; late [s]: by how much it is longer than filed, where that is
+    certain, which steering goes by."""
+
+    costs: tuple[float, ...] = (0.0,) * PATH_GRID
+    weight: float = 0.0
+    echoed: float = math.nan
+    delay: float = math.nan
+    late: float = 0.0
+
+
+NOT_ECHOED = PathDelay()
+"""Before the first echo."""
+
+
+def path_step(before: PathDelay, orders: tuple[Ring, Ring, int], echo: tuple[float, float], filed: float) -> PathDelay:
+    """Return what is known of the path after an echo that has moved: its time [s] and angle [rad]; filed [s]: the
+    delay of the file.
+
+    orders: the ticks' times [s], the angles [rad] that were commanded until each, nan where we did not steer, and how
+    many ticks there were; see `RudderMemory`.
+    """
+    time, angle = echo
+    times, commands, tick = orders
+    ring, oldest = len(times) - 1, max(tick - len(times) + 1, 0)
+    before, found = before._replace(echoed=angle), []
+    for step in range(PATH_GRID):
+        then = time - PATH_STEP * step
+        while tick > oldest and times[(tick - 1) & ring] > then:
+            tick -= 1
+        off = angle - commands[tick & ring]
+        if tick == oldest or math.isnan(off):
+            # so long ago somebody else steered, or it is not remembered
+            return before
+        found.append(off * off)
+    kept = 1.0 - 1.0 / PATH_MEMORY
+    costs = tuple([kept * cost + square for cost, square in zip(before.costs, found, strict=True)])
+    weight = kept * before.weight + 1.0
+    delay = delay_of(costs, weight)
+    if math.isnan(delay):
+        return PathDelay(costs, weight, angle, before.delay, before.late)
+    late, more = before.late, delay - filed
+    if abs(more - late) > (PATH_FOLLOWS if late else PATH_LATER):
+        late = more if more > PATH_LATER - PATH_FOLLOWS else 0.0
+    return PathDelay(costs, weight, angle, delay, late)
+
+
+def delay_of(costs: tuple[float, ...], weight: float) -> float:
+    """Return d [s] where it is certain, else nan."""
+    least = min(costs)
+    place = costs.index(least)
+    if place == PATH_GRID - 1 or least > PATH_EXPLAINS * max(costs):
+        return math.nan
+    # a delay can be no less than nothing: to the left of it J rises as to the right
+    before, after = costs[place - 1] if place else costs[1], costs[place + 1]
+    bend = before - 2.0 * least + after
+    noise = least / weight + PATH_GRAIN * PATH_GRAIN
+    if not 2.0 * noise * PATH_STEP * PATH_STEP < PATH_ERROR_MOST * PATH_ERROR_MOST * bend:
+        return math.nan
+    return PATH_STEP * (place + 0.5 * (before - after) / bend)
+
+
+def behind(gear: SteeringGear, late: float) -> SteeringGear:
+    """Return the gear behind a path that is so much later [s] than filed."""
+    return gear._replace(delay=gear.delay + late)
+
+
+def when_heard(
+    model: Norrbin, gear: SteeringGear, state: NavState, orders: tuple[RudderObserver, RudderMemory], late: float
+) -> NavState:
+    """Return the boat as it will be `late` [s] after the `state`, under the orders that are on their way; its time
+    stays."""
+    observer, memory = orders
+    modelled, effective, passed = observer.modelled, observer.effective, observer.passed
+    times, given, ring = memory.order_times, memory.orders, len(memory.orders) - 1
+    off, begun = state.rudder - modelled, state.time - gear.delay - late
+    steps = math.ceil(late / RECKONED_STEP)
+    dt = late / steps
+    for step in range(steps):
+        while passed < observer.given and times[passed & ring] <= begun + (step + 0.5) * dt:
+            effective = given[passed & ring]
+            passed += 1
+        modelled = gear_step(gear, modelled, effective, dt)
+        state = moved_on(model, state, modelled + off, dt)
+    return state
+
+
+def moved_on(model: Norrbin, state: NavState, rudder: float, seconds: float) -> NavState:
+    """Return the boat so many `seconds` after the `state`, its rudder having gone evenly to `rudder` [rad]: the boat
+    moves by its model, the waves by theirs; its time stays."""
+    time, heading, rate, speed, begin, bias, age, valid, wave, wave_rate, deviation, frequency = state
+    heading, rate = carried_ahead(model, heading - wave, rate - wave_rate, (begin + bias, rudder + bias), seconds)
+    if frequency > 0.0:
+        wave, wave_rate = swung(wave, wave_rate, frequency, seconds)
+    heading += wave
+    heading = heading if -PI < heading <= PI else wrap(heading)
+    return NavState(
+        time, heading, rate + wave_rate, speed, rudder, bias, age, valid, wave, wave_rate, deviation, frequency
+    )

@@ -1,0 +1,112 @@
+"""How late orders come to the steering gear, by their echo: found to a few hundredths of a second, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from random import Random
+
+import pytest
+
+from autopilot.estimation.path_delay import NOT_ECHOED, PathDelay, path_step, when_heard
+from autopilot.estimation.rudder_observer import RudderObserver, ordered, rudder_memory
+from autopilot.estimation.tuning import PATH_FOLLOWS, PATH_GRID, PATH_MOVED
+from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
+from autopilot.signals import NavState
+
+FILED = 0.05
+
+
+def order_at(time: float) -> float:
+    """A rudder at work: a swell, and turns begun and met."""
+    return math.radians(3.0 * math.sin(1.1 * time) + 12.0 * math.tanh(5.0 * math.sin(0.43 * time)))
+
+
+def learnt(
+    delay_at: Callable[[float], float],
+    hz: float = 20.0,
+    seconds: float = 60.0,
+    moves: Callable[[float], float] = order_at,
+    anothers: float = 0.0,
+) -> PathDelay:
+    """Return what is known of a path after so many seconds: its delay is asked anew for each order, and the gear shows
+    the newest that has come some ten times a second, in microseconds of pulse."""
+    times, commands, path = [0.0] * 256, [math.nan] * 256, NOT_ECHOED
+    on_way: list[tuple[float, float]] = []
+    shown, grain = 0.0, math.radians(0.07)
+    due = 0.0
+    for tick in range(round(seconds * hz)):
+        now = tick / hz
+        if now >= due:
+            echo, due = due, due + 0.103
+            came = [each for each in on_way if each[0] <= echo]
+            on_way = [each for each in on_way if each[0] > echo]
+            shown = max(came)[1] if came else shown
+            angle = grain * round((shown + anothers * math.sin(0.7 * echo)) / grain)
+            if not -PATH_MOVED < angle - path.echoed < PATH_MOVED:
+                path = path_step(path, (times, commands, tick), (echo, angle), FILED)
+        times[tick & 255], commands[(tick + 1) & 255] = now, moves(now)
+        on_way.append((now + delay_at(now), moves(now)))
+    return path
+
+
+@pytest.mark.parametrize("hz", [10.0, 20.0, 50.0])
+@pytest.mark.parametrize("delay", [0.0, 0.12, 0.3, 0.55, 0.8])
+def test_a_delay_is_found_to_a_part_of_a_tick(delay: float, hz: float) -> None:
+    found = learnt(lambda now: delay, hz)
+    near = 0.01 + 0.2 / hz
+    assert found.delay == pytest.approx(delay, abs=near)
+    assert found.late == pytest.approx(delay - FILED if delay else 0.0, abs=near + PATH_FOLLOWS)
+
+
+def test_a_delay_as_filed_is_nothing_to_steer_by() -> None:
+    for delay in (0.03, FILED, 0.07):
+        assert learnt(lambda now, delay=delay: delay).late == 0.0
+
+
+def test_a_delay_that_changes_from_order_to_order_leaves_its_mean() -> None:
+    random = Random(20261127)
+    found = learnt(lambda now: 0.2 * random.random(), 50.0, 120.0)
+    assert 0.05 < found.delay < 0.15
+
+
+def test_a_line_that_becomes_slower_is_followed_and_back() -> None:
+    found = learnt(lambda now: 0.1 if now < 60.0 else 0.5, seconds=180.0)
+    assert found.delay == pytest.approx(0.5, abs=0.02)
+    assert found.late == pytest.approx(0.45, abs=0.03)
+    assert learnt(lambda now: 0.5 if now < 60.0 else 0.05, seconds=180.0).late == 0.0
+
+
+def test_a_rudder_that_somebody_else_moves_says_nothing() -> None:
+    found = learnt(lambda now: 0.3, anothers=math.radians(10.0))
+    assert math.isnan(found.delay)
+    assert found.late == 0.0
+
+
+def test_a_rudder_that_rests_or_moves_evenly_to_and_fro_at_once_says_nothing() -> None:
+    assert learnt(lambda now: 0.3, moves=lambda now: 0.0).weight <= 1.0
+    # as quick as the grid is coarse: any delay would do
+    assert learnt(lambda now: 0.3, 50.0, moves=lambda now: 0.1 * math.sin(62.8 * now)).late == 0.0
+
+
+def test_echoes_of_before_we_steered_do_not_count() -> None:
+    times, commands = [0.05 * tick for tick in range(256)], [math.nan] * 256
+    commands[101:] = [0.0] * 155
+    assert path_step(NOT_ECHOED, (times, commands, 110), (5.45, 0.1), FILED).weight == 0.0
+    assert path_step(NOT_ECHOED, (times, commands, 140), (6.95, 0.1), FILED).weight == 1.0
+    assert len(NOT_ECHOED.costs) == PATH_GRID
+
+
+def test_the_boat_is_reckoned_under_the_orders_that_are_on_their_way() -> None:
+    model, gear, late = Norrbin(0.5, 1.0), SteeringGear(0.6, math.inf), 0.4
+    observer, memory = RudderObserver(), rudder_memory()
+    for tick in range(9):
+        observer = ordered(observer, memory, 0.05 * tick, 0.1 if tick >= 4 else 0.0)
+    now = NavState(0.4, 0.0, 0.0, 1.0, 0.0, 0.02, 0.0, True)
+    then = when_heard(model, gear, now, (observer, memory), late)
+    # at rest but for the bias, and from 0.2 s on under the order, half a step later: r = K (delta + b)(1 - e^-t)
+    rest = 0.5 * 0.02 * (1.0 - math.exp(-0.4))
+    assert 0.05 * (1.0 - math.exp(-0.15)) < then.rate - rest < 0.05 * (1.0 - math.exp(-0.2))
+    assert then.time == now.time
+    assert then.rudder == pytest.approx(0.1)
