@@ -60,6 +60,10 @@ WELL_EXPLAINED = 0.8
 """Share of the motion from which on a best T that lies behind is believed."""
 
 
+TOO_QUICK = 1.5
+"""Times the shortest T that samples tell, which is the next point of the grid: no T of a boat is found below it."""
+
+
 class StartingPoint(NamedTuple):
     """A linear model near the best one, and the share of the motion's variance that it explains.
 
@@ -221,6 +225,7 @@ def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:
     fits = 1 if kind == "nomoto" else 3 if has_propeller(runs) or has_wind(runs) or train else 2
     steps = Steps(question.progress, total=1 + NOISE_ROUNDS * (fits + question.quadratic))
     start = starting_point(runs, speed)
+    check_order_of_cause(runs, start)
     fit = _Fit(runs, steps, question.weighting, own_trims(runs, question.trim))
     if _asks_likelihood(question, fit.trims):
         linear = start.model if start.model.gain > 0.0 and start.explained > LEAST_EXPLAINED else None
@@ -420,6 +425,22 @@ def check_excitation(runs: Sequence[Run], speed: float) -> None:
         raise InputError(
             f"{sources_of(runs)}: the boat makes no way (mean speed {speed:.3f} m/s), so its rudder has nothing to "
             "steer with; check the speed column and its unit."
+        )
+
+
+def check_order_of_cause(runs: Sequence[Run], start: StartingPoint) -> None:
+    """Raise InputError where the rudder seems to turn the boat at once, and explains no zigzag's share of the motion.
+
+    The other way round it is no wonder: a pilot answers each wave's turning with the rudder, at once. Either sign of K
+    comes out of that, whichever the rudder's column has.
+    """
+    shortest = max(
+        shortest_time_constant([segment for run in runs for segment in run.segments]), SHORTEST_TIME_CONSTANT_S
+    )
+    if LEAST_EXPLAINED < start.explained < WELL_EXPLAINED and start.model.time_constant < TOO_QUICK * shortest:
+        raise InputError(
+            f"{sources_of(runs)}: rudder and motion go together at once, quicker than a boat answers its rudder: so a "
+            "pilot or a hand moves it against waves, and nothing can be identified from that; record a zigzag."
         )
 
 

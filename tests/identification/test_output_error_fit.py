@@ -164,6 +164,27 @@ def test_a_reversed_rudder_is_named_as_such() -> None:
         identify([run_of(table, "zigzag.csv")])
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_pilot_that_steers_against_waves_is_not_taken_for_a_boat_that_turns_against_its_rudder(side: float) -> None:
+    random, phases, step = np.random.default_rng(7), np.linspace(0.0, 20.0, 8), 0.1
+    swells = 2.0 * np.pi * np.linspace(0.085, 0.15, 8)
+    heading, rate, rudder = 0.0, 0.0, 0.0
+    table: dict[str, list[float]] = {name: [] for name in ("time_s", "heading_rad", "rudder_rad", "speed_m_s")}
+    for time in step * np.arange(1200):
+        rolling = (
+            0.0175 * np.sum(np.sin(swells * time + phases)),
+            0.0175 * np.sum(swells * np.cos(swells * time + phases)),
+        )
+        rudder = float(np.clip(-1.2 * (heading + rolling[0]) - 3.0 * (rate + rolling[1]), -0.5, 0.5))
+        rate += step * (0.25 * (rudder + 0.01 * random.normal()) - rate) / 4.0
+        heading += step * rate
+        row = (time, heading + rolling[0] + 0.005 * random.normal(), side * rudder, 3.0)
+        for name, value in zip(table, row, strict=True):
+            table[name].append(float(value))
+    with pytest.raises(InputError, match="a pilot or a hand moves it against waves"):
+        identify([run_of({name: np.array(values) for name, values in table.items()}, "held.csv")])
+
+
 def test_a_rudder_that_never_moves_is_refused() -> None:
     table = {**FINE, "rudder_rad": np.zeros_like(FINE["rudder_rad"])}
     with pytest.raises(InputError, match=r"zigzag\.csv: the rudder never moves"):
