@@ -4,7 +4,8 @@
     python benchmarks/drives.py hold VESSEL KIND       turns, zigzag and hold at 0.5 to 3 times the trial's speed
     python benchmarks/drives.py thrust VESSEL KIND     turns at a third and three times the trial's thrust
     python benchmarks/drives.py pivot VESSEL KIND      a turn where the boat lies, without throttle
-    python benchmarks/drives.py faults VESSEL KIND     a thruster that is dead, weed on one
+    python benchmarks/drives.py faults VESSEL KIND     a thruster that is dead, weed on one, in calm water and in waves
+    python benchmarks/drives.py alarms VESSEL KIND     what is said of healthy thrusters in waves
     python benchmarks/drives.py rover VESSEL KIND      the same turns and zigzag by ArduRover's own steering
 
 The plants' equations (`sitl/twin_thruster.py`) are not those of the model.
@@ -17,6 +18,7 @@ import dataclasses
 import math
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,7 +37,7 @@ from sitl.firmware_parameters import ParameterTable, default_parameters
 from sitl.firmware_setup import motor_setup, skid_outputs
 from sitl.guided import GuidedGains, GuidedHelm, Target, gains_of
 from sitl.registry import PLANTS
-from sitl.scenario import FaultSection, Scenario, Start
+from sitl.scenario import FaultSection, Scenario, SecondOrderSection, Start, WavesSection
 from sitl.world import Orders, World
 
 LENGTH = 2.0
@@ -269,42 +271,108 @@ def rover(vessel: Vessel, kind: str) -> None:
                 print(f"{share} x speed, seed {seed} {name:9} steps 30, -30, 90 deg: {words}", flush=True)
 
 
-def faults(vessel: Vessel, kind: str) -> None:
-    """Print when a failing thruster is said, and how far the boat leaves its course."""
-    for fault, size in (
-        ("thruster_dead", -1.0),
-        ("thruster_dead", 1.0),
-        ("thruster_weed", 0.6),
-        ("thruster_weed", -0.9),
-    ):
-        scenario = Scenario(1, kind, plant=kind, faults=(FaultSection(fault, 20.0, size=size),))
-        boat = Lockstep(vessel, scenario=scenario, measured_every=2)
+FAULTS = {
+    "one dead": ("thruster_dead", 1.0),
+    "weed takes half of one": ("thruster_weed", 0.5),
+    "steering stuck": ("rudder_stuck", None),
+}
+SEAS_DEG = (0.0, 2.0, 4.0)
+"""Waves [deg rms of rudder]."""
+PACE, DAMPING = 0.8, 0.15
+WATCHED_S = 40.0
+
+
+def waves(deg: float) -> WavesSection:
+    """Return waves that push as so many degrees of rudder, rms."""
+    if deg == 0.0:
+        return WavesSection()
+    return WavesSection(second_order=SecondOrderSection(PACE, DAMPING, deg / math.sqrt(0.1 * DAMPING * PACE)))
+
+
+def failing(
+    vessel: Vessel, kind: str, fault: str, deg: float, turn: float, seed: int
+) -> tuple[float, str, float, float]:
+    """Return when [s] a failing thruster is said, and as what; when [s] the boat is 5 deg from where it should be, and
+    how far [deg] it goes from there before it is said. turn [deg]: ordered as the fault begins."""
+    random = np.random.default_rng((20261127, seed))
+    begins = float(random.uniform(40.0, 55.0))
+    name, size = FAULTS[fault]
+    given = Scenario(
+        1, kind, plant=kind, seed=seed, waves=waves(deg), faults=(FaultSection(name, begins, size=size),)
+    )  # fmt: skip
+    boat = Lockstep(vessel, scenario=given, measured_every=5)
+    boat.engage(0.0)
+    assert boat.run(12.0, boat.engaged), boat.tick.alarms
+    while boat.now < begins:
+        boat.run(0.1)
+    known = {alarm.name for tick in boat.ticks for alarm in tick.alarms} & SAID
+    if turn:
+        boat.engage(turn)
+    shown, most = math.nan, 0.0
+    while boat.now < begins + WATCHED_S:
+        boat.run(0.1)
+        names = {alarm.name for alarm in boat.tick.alarms} & SAID - known
+        off = abs(math.degrees(wrap(boat.world.boat.state.heading - math.radians(turn))))
+        if math.isnan(shown) and off > 5.0 and (not turn or boat.now > begins + TURN_S):
+            shown = boat.now - begins
+        most = max(most, off) if not turn or boat.now > begins + TURN_S else most
+        if names:
+            return boat.now - begins, min(names), shown, most
+    return math.inf, "", shown, most
+
+
+SAID = {"thruster_weak", "rudder_stuck", "rudder_reversed", "overpowered", "off_course", "runaway", "rudder_at_stop"}
+TURN_S = 6.0
+"""After this time [s] the turn is over."""
+
+
+def faults(vessel: Vessel, kind: str, first: int = 1, count: int = 4) -> None:
+    """Print when a failing thruster is said, by what, and how far the boat is off by then."""
+    print("| fault | waves | on a course: said after, s | by | most off, deg | in a turn: said after, s | by |")
+    print("|---|---|---|---|---|---|---|")
+    for fault in FAULTS:
+        for deg in SEAS_DEG:
+            cells = []
+            for turn in (0.0, 60.0):
+                found = [failing(vessel, kind, fault, deg, turn, seed) for seed in range(first, first + count)]
+                times = ", ".join("not" if math.isinf(each[0]) else f"{each[0]:.1f}" for each in found)
+                names = ", ".join(
+                    f"{names} {many}" for names, many in Counter(each[1] for each in found if each[1]).items()
+                )
+                cells += [times, names] + ([f"{max(each[3] for each in found):.0f}"] if not turn else [])
+            print(f"| {fault} | {deg:g} deg | {' | '.join(cells)} |", flush=True)
+
+
+def alarms(vessel: Vessel, kind: str, first: int = 1, count: int = 24) -> None:
+    """Print what is said of healthy thrusters in waves, with a turn every 30 s, for two minutes each."""
+    for seed in range(first, first + count):
+        random = np.random.default_rng((20261128, seed))
+        deg = (1.0, 2.0, 3.0, 4.0)[seed % 4]
+        boat = Lockstep(vessel, scenario=Scenario(1, kind, plant=kind, seed=seed, waves=waves(deg)), measured_every=5)
         boat.engage(0.0)
-        assert boat.run(10.0, boat.engaged)
-        said, worst = math.nan, 0.0
-        while boat.now < 80.0:
-            boat.run(0.1)
-            worst = max(worst, abs(math.degrees(wrap(boat.world.boat.state.heading))))
-            if math.isnan(said) and any(alarm.name == "thruster_weak" for alarm in boat.tick.alarms):
-                said = boat.now - 20.0
-        state = boat.world.boat.state
-        left = abs(math.degrees(wrap(state.heading)))
-        words = f"at most {worst:.1f} deg off, then {left:.1f}; {state.speed:.2f} m/s"
-        print(f"{fault} {size:g}: said after {said:.1f} s, {words}")
+        assert boat.run(12.0, boat.engaged), boat.tick.alarms
+        course, ended = 0.0, ""
+        for leg in range(4):
+            boat.run(30.0 - (boat.now if leg == 0 else 0.0))
+            course += float(random.choice((-1.0, 1.0)) * random.uniform(10.0, 120.0))
+            boat.engage(course)
+        names = Counter(name for tick in boat.ticks for name in {alarm.name for alarm in tick.alarms} & SAID)
+        print(f"seed {seed}, {deg:g} deg: {dict(names)} {ended}", flush=True)
 
 
 def main() -> None:
     """Run one study."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("trial", "hold", "thrust", "pivot", "faults", "rover"))
+    parser.add_argument("study", choices=("trial", "hold", "thrust", "pivot", "faults", "alarms", "rover"))
     parser.add_argument("first")
     parser.add_argument("second")
+    parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "COUNT"), help="of faults and alarms")
     given = parser.parse_args()
     if given.study == "trial":
         trial(given.first, Path(given.second))
         return
-    studies = {"hold": hold, "thrust": thrust, "pivot": pivot, "faults": faults, "rover": rover}
-    studies[given.study](load_vessel(given.first), given.second)
+    studies = {"hold": hold, "thrust": thrust, "pivot": pivot, "faults": faults, "alarms": alarms, "rover": rover}
+    studies[given.study](load_vessel(given.first), given.second, *(given.seeds or ()))
 
 
 if __name__ == "__main__":
