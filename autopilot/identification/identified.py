@@ -130,7 +130,8 @@ class Identified(NamedTuple):
     boat of second order where the runs show that it slides: predictions are made with it, `model` is what it is steered
     by. rudder_rate: at which the rudder moved that the runs know by its orders alone, where the boat's turning showed
     it slower than the vessel file says and the runs were fitted behind it. is_blind: the errors are those of a fit that
-    knows of gusts only what the residuals remember of them, which is too little (`identify`)."""
+    knows of gusts only what the residuals remember of them, which is too little (`identify`). spacing: how far apart
+    the samples are [s], 0 where the method does not say."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -151,6 +152,7 @@ class Identified(NamedTuple):
     sliding: Sliding | None = None
     rudder_rate: RudderRate | None = None
     is_blind: bool = False
+    spacing: float = 0.0
 
     @property
     def predictor(self) -> LikelihoodFit | None:

@@ -223,7 +223,8 @@ def answer_of(
     )
     errors |= {"n1": None, "n2": None, **{name: found.train_errors.get(name) for name in RudderTrain._fields}}
     reasons = {**reasons, **reasons_of(ratios, model, errors)}
-    shortest = QUICK * spacing_of([segment for run in runs for segment in run.segments])
+    spacing = spacing_of([segment for run in runs for segment in run.segments])
+    shortest = QUICK * spacing
     if "T" not in reasons and model.time_constant < shortest:
         reasons["T"] = too_quick(shortest, "half")
     noises = _noises(model, runs, found.train)
@@ -239,6 +240,7 @@ def answer_of(
         notes=(*_behind(found, runs), *_off_zero(found), *_said(together, expected)),
         leans=dict(zip(("K", "T", "n3"), together.shares, strict=True)) if together and any(together.shares) else {},
         likely=found,
+        spacing=spacing,
     )
 
 

@@ -258,6 +258,21 @@ def in_words(below: float, above: float) -> str:
     return f"+- {up}" if down == up else f"-{down}, +{up}"
 
 
+def _unbelieved(found: Identified, tests: Sequence[ResidualTest]) -> str:
+    """Return why the intervals are not to be believed, and what to do; "" where they are."""
+    if found.model.time_constant < found.spacing:
+        return (
+            f"the boat answers within the {found.spacing:.2g} s between two samples, in which nobody saw the rudder): "
+            "record heading and rudder more often"
+        )
+    if found.is_blind and not all(test.is_white for test in tests):
+        return (
+            "gusts or what the model leaves out pushed the boat, and this fit takes too little of that into its "
+            "doubt): sail {again} in less wind"
+        )
+    return ""
+
+
 def verdict_of(
     found: Identified,
     predictions: Sequence[Prediction] = (),
@@ -310,12 +325,8 @@ def verdict_of(
             "good for a start: the residuals follow the rudder, so that the model misses part of what it does; check "
             f"the rudder's scale and sail {again}.",
         )
-    if found.is_blind and not all(test.is_white for test in tests):
-        return Verdict(
-            "start",
-            f"good for a start ({share}, 95 %, but gusts or what the model leaves out pushed the boat, and this fit "
-            f"takes too little of that into its doubt): sail {again} in less wind.",
-        )
+    if unbelieved := _unbelieved(found, tests):
+        return Verdict("start", f"good for a start ({share}, 95 %, but {unbelieved.format(again=again)}.")
     if gear.against:
         return Verdict("start", f"good for a start ({share}, 95 %): {gear.against[0]}.")
     beside = f"; {gear.beside}" if gear.beside else ""

@@ -128,6 +128,16 @@ def test_samples_too_far_apart_for_the_boat_are_not_enough() -> None:
     assert verdict_of(found).grade == "not enough"
 
 
+def test_a_boat_that_answers_between_two_samples_is_good_for_a_start_at_most() -> None:
+    """T 0.33 s, a sample every 0.5 s. Of others with T 0.8 s once a second K came out 21 % too large, said 8 %."""
+    table = zigzags(PLANT["Lanxin"], SEA["calm"], [300], 1)[0]
+    run = run_from_columns("seldom.csv", {name: values[::5] for name, values in table.items()})
+    found = identify([run], QUESTION)
+    verdict = verdict_of(found)
+    assert verdict.grade == "start" and "between two samples" in verdict.sentence, verdict
+    assert verdict_of(found._replace(spacing=0.1)).grade == "good"
+
+
 def test_where_stability_is_not_known_the_ratios_are_and_a_sentence_says_so(ridge: Identified) -> None:
     assert ridge.ratios is not None and ridge.ratios.on_ridge
     assert {"K", "T"} <= set(ridge.unidentifiable)
