@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from autopilot.api import *  # noqa: F403 - the public interface, which its own __all__ names
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if sys.version_info < (3, 11):  # noqa: UP036 - said before any newer syntax is met
     sys.exit(
