@@ -74,7 +74,7 @@ def _zigzag(found: Zigzag, length: float | None) -> Iterator[Row]:
 
 def _kind(found: Zigzag) -> str:
     """Return what a zigzag is called: rudder and execute angle in whole degrees."""
-    return "/".join(f"{math.degrees(angle):.0f}" for angle in (found.rudder, found.execute))
+    return "/".join(f"{round(math.degrees(angle), 0):.3g}" for angle in (found.rudder, found.execute))
 
 
 def _overshoot_limit(kind: int, number: int, speed: float, length: float | None) -> str:

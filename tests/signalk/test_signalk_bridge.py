@@ -177,7 +177,8 @@ def test_each_alarm_has_a_notification_that_sounds_until_it_is_acknowledged_and_
     deltas.due(rig.station, rig.now)
 
     def notified(*alarms: tuple[str, str, str]) -> dict[str, Any]:
-        board._take(json.dumps([dict(zip(("name", "words", "state"), each, strict=True)) for each in alarms]).encode())
+        named = ({"priority": "warning"} | dict(zip(("name", "words", "state"), each, strict=True)) for each in alarms)
+        board._take(json.dumps(list(named)).encode())
         rig.now += 0.1
         delta = deltas.due(rig.station, rig.now)
         return {each["path"]: each["value"] for each in delta["updates"][0]["values"]} if delta else {}
@@ -207,7 +208,8 @@ def test_a_man_overboard_stands_where_signal_k_has_it_for_every_vessel(rig: Rig)
     deltas.due(rig.station, rig.now)
     words = "man overboard (59 20.400 N, 018 04.200 E)"
     for state, method in (("sounding", ["visual", "sound"]), ("acknowledged", ["visual"])):
-        board._take(json.dumps([{"name": "man_overboard", "words": words, "state": state}]).encode())
+        alarm = {"name": "man_overboard", "words": words, "state": state, "priority": "emergency"}
+        board._take(json.dumps([alarm]).encode())
         rig.now += 0.1
         delta = deltas.due(rig.station, rig.now)
         assert delta is not None
