@@ -28,6 +28,7 @@ os.environ.setdefault("MAVLINK20", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 NIGHTLY = Path(__file__).parent / "nightly.txt"
+STALE = pytest.StashKey[list[str]]()
 """Tests that take seconds each and are like others that stay: the night runs them, `.ci/slow tests`."""
 REAL_TIME = Path(__file__).parent / "interop"
 REAL_TIME_GROUPS = 2
@@ -88,9 +89,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the night's tests out unless NORRBIN_SLOW is set."""
+    """Leave the night's tests out unless NORRBIN_SLOW is set, and keep which of them no whole file has any more."""
+    nightly = set(NIGHTLY.read_text(encoding="utf-8").splitlines())
+    whole = not config.option.keyword and not any("::" in str(each) for each in config.args)
+    names = {f"tests/{_name(item)}" for item in items} if whole else nightly
+    files = {name.partition("::")[0] for name in names}
+    config.stash[STALE] = sorted(name for name in nightly - names if name.partition("::")[0] in files)
     if "NORRBIN_SLOW" not in os.environ:
-        nightly = set(NIGHTLY.read_text(encoding="utf-8").splitlines())
         config.hook.pytest_deselected(items=[item for item in items if f"tests/{_name(item)}" in nightly])
         items[:] = [item for item in items if f"tests/{_name(item)}" not in nightly]
 
@@ -100,6 +105,12 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+
+
+@pytest.fixture
+def stale_nightly(request: pytest.FixtureRequest) -> list[str]:
+    """The lines of nightly.txt that are no test of the files collected, where these were collected whole."""
+    return request.config.stash[STALE]
 
 
 @pytest.hookimpl(optionalhook=True)

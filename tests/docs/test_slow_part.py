@@ -33,6 +33,10 @@ def test_what_is_left_to_the_night_is_there() -> None:
     assert missing == []
 
 
+def test_what_is_left_to_the_night_has_parameters_that_there_are(stale_nightly: list[str]) -> None:
+    assert stale_nightly == []
+
+
 def test_what_is_the_core_is_there() -> None:
     lines = (ROOT / "tests" / "core.txt").read_text(encoding="utf-8").splitlines()
     assert lines == sorted(set(lines))
