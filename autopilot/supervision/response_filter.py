@@ -85,6 +85,8 @@ Mean = tuple[float, float, float, float]
 """psi [rad], r [rad/s], p [rad], w [rad]."""
 
 NOTHING: Mean = (0.0, 0.0, 0.0, 0.0)
+Means = tuple[Mean, Mean, Mean, Mean, Mean]
+"""Of the heading without a rudder, and of what adds to it: the rudder, a late one, a slide's braking, a slow one."""
 
 
 class Seaway(NamedTuple):
@@ -141,9 +143,11 @@ def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -
     return Noise(noise.heading, noise.acceleration, noise.push, largest, SEA_SLOWEST)
 
 
-def in_sea(noise: Noise, sea: float) -> Noise:
-    """Return the noise in a `sea` of another size [rad^2]."""
-    return Noise(noise.heading, noise.acceleration, noise.push, sea, noise.pace)
+def against_waves(noise: Noise, worked: float) -> Noise:
+    """Return the noise of a sea that the rudder works against, its mean square there being `worked` [rad^2]: the yaw
+    that is left is less than the sea is worth, and the rudder of a boat that is quicker than the waves makes up for it.
+    """
+    return Noise(noise.heading, noise.acceleration, noise.push, noise.sea + worked, noise.pace)
 
 
 def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
@@ -266,6 +270,32 @@ def measured(before: Predicted, heading: float) -> tuple[Gains, Covariance]:
         p22 - k2 * p02,
         p23 - k2 * p03,
         p33 - k3 * p03,
+    )
+
+
+def all_moved(step: Transition, means: Means, rudders: tuple[float, float, float, float]) -> Means:
+    """Return the means a step later: of the heading without a rudder, and of what each of the `rudders` [rad] adds."""
+    without, answer, late, slide, slow = means
+    rudder, rudder_late, braked, rudder_slow = rudders
+    return (
+        moved(step, without, 0.0),
+        moved(step, answer, rudder),
+        moved(step, late, rudder_late),
+        moved(step, slide, braked),
+        moved(step, slow, rudder_slow),
+    )
+
+
+def all_corrected(gains: Gains, means: Means, innovation: float) -> Means:
+    """Return the means after a heading that was `innovation` [rad] off what it would be without a rudder: the gains are
+    the same for all, and so each answer is the smaller by its own part of what is explained."""
+    without, answer, late, slide, slow = means
+    return (
+        corrected(gains, without, innovation),
+        corrected(gains, answer, -answer[0]),
+        corrected(gains, late, -late[0]),
+        corrected(gains, slide, -slide[0]),
+        corrected(gains, slow, -slow[0]),
     )
 
 

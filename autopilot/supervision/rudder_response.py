@@ -8,18 +8,12 @@ gains. The evidence for one share against another is the sum of the logarithms o
 headings, begun anew at zero (Page 1954), so that it needs no window: it grows only where the rudder moves, faster than
 wind and sea would, and the boat does not go along. A straight course with a rudder that rests tells nothing.
 
-How large the sea is counts in this, and is not known: a quick rudder takes its yaw away, and a fault lets it be felt.
-So each heading is weighed in three seas, the one that is felt and two larger ones, with l the log-likelihood of late of
-a boat that answers, and g the evidence of a fault, in that sea. The evidence is max(l + g) - max l: a fault came in the
-sea that was there before, and a boat that answers may be in whatever sea explains all its headings best.
-
 Of a boat that answers and slides in its turn nu - a s - c g is left: g is the answer to what brakes it, and its share c
 is estimated from the headings before, none where the boat has sailed turns without a slide. A boat that turns against
 its rudder, or on with it where the rudder has come back, is none that is braked: that counts in full.
 
 Sources: Willsky and Jones 1976, the generalised likelihood ratio of an additive change, here of a change in a; Page
-1954, the cumulative sum; Magill 1965, a filter for each size that is supposed. Scalar functions over NamedTuples,
-compiled by `sitl.compiled` as they are. Pure.
+1954, the cumulative sum. Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
 """
 
 from __future__ import annotations
@@ -33,15 +27,13 @@ from autopilot.supervision.response_filter import (
     NO_SLIDE,
     NOTHING,
     Covariance,
-    Gains,
     Mean,
+    Means,
     Noise,
     Slide,
-    Transition,
-    corrected,
-    in_sea,
+    all_corrected,
+    all_moved,
     measured,
-    moved,
     predicted,
     slide_learnt,
     slide_share,
@@ -49,7 +41,6 @@ from autopilot.supervision.response_filter import (
 )
 from autopilot.supervision.tuning import (
     ANSWERS_MOST,
-    COLOUR_FIRST,
     COLOUR_KNOWN,
     COLOUR_TIME,
     DOUBTED,
@@ -67,8 +58,6 @@ from autopilot.supervision.tuning import (
     PUSHED_SIGMAS,
     QUICK,
     REVERSED_SHARE,
-    SEA_TIME,
-    SEAS,
     SURE,
     SUSPECT,
     UNEXPLAINED,
@@ -122,36 +111,28 @@ class Others(NamedTuple):
 NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0, 1.0)
 
 
-class Supposed(NamedTuple):
-    """What is known if the sea is of one size. covariance and mean of a boat without a rudder; answers to the rudder
-    [rad], in time and late, and to what brakes a boat that slides; how much likelier it is that the rudder is stuck
-    than that the boat answers, in time and late, and that it is reversed; unexplained: squares that no answer explains;
-    outliers: how many of the last headings were; fit: the log-likelihood of the headings of late, of a boat that
-    answers."""
+class ResponseState(NamedTuple):
+    """time [s] of the newest heading, nan: nothing is known yet; covariance and mean of a boat without a rudder;
+    answers to the rudder [rad], in time and late, and to what brakes a boat that slides; slid: how much this one
+    does; how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it
+    is reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were; usual
+    and shown: the share of the model's answer that the boat has had so far is the former over the latter; others:
+    the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing
+    was suspect."""
 
+    time: float
     covariance: Covariance
     mean: Mean
     answer: Mean
     late: Mean
     slide: Mean
+    slid: Slide
     stuck: float
     stuck_late: float
     reversed: float
     reversed_late: float
     unexplained: float
     outliers: int
-    fit: float
-
-
-class ResponseState(NamedTuple):
-    """time [s] of the newest heading, nan: nothing is known yet; seas: what is known in the sea that is felt, and in
-    two of other sizes; slid: how much the boat slides; usual and shown: the share of the model's answer that the boat
-    has had so far is the former over the latter; others: the boat or its rudder may not be the file's; usual_colour:
-    the colour of what is left over as long as nothing was suspect, and at first what a sea's may be."""
-
-    time: float
-    seas: tuple[Supposed, Supposed, Supposed]
-    slid: Slide
     usual: float
     shown: float
     others: Others
@@ -159,17 +140,29 @@ class ResponseState(NamedTuple):
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
-    """Return what is known after the first heading [rad]: a sea that is not felt is as rare as a false verdict."""
-    felt = _first(noise, noise.sea, heading, 0.0)
-    middle, large = _first(noise, SEAS[0], heading, -SURE), _first(noise, SEAS[1], heading, -2.0 * SURE)
-    usual = USUAL * USUAL_SURE
-    return ResponseState(time, (felt, middle, large), NO_SLIDE, usual, USUAL_SURE, NO_OTHERS, COLOUR_FIRST)
-
-
-def _first(noise: Noise, sea: float, heading: float, fit: float) -> Supposed:
-    covariance = Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, sea)
-    mean = heading, 0.0, 0.0, 0.0
-    return Supposed(covariance, mean, NOTHING, NOTHING, NOTHING, 0.0, 0.0, 0.0, 0.0, 1.0, 0, fit)
+    """Return what is known after the first heading [rad]."""
+    covariance = Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
+    mean, usual = (heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
+    # every field is given: what numba compiles has no defaults
+    return ResponseState(
+        time,
+        covariance,
+        mean,
+        NOTHING,
+        NOTHING,
+        NOTHING,
+        NO_SLIDE,
+        stuck=0.0,
+        stuck_late=0.0,
+        reversed=0.0,
+        reversed_late=0.0,
+        unexplained=1.0,
+        outliers=0,
+        usual=usual,
+        shown=USUAL_SURE,
+        others=NO_OTHERS,
+        usual_colour=1.0,
+    )
 
 
 NO_RESPONSE = first_response(Noise(0.0, 0.0, 0.0, 0.0, 0.0), math.nan, math.nan)
@@ -184,139 +177,98 @@ def grown(evidence: float, squares: float, variance: float, most: float) -> floa
     return evidence if evidence > 0.0 else 0.0
 
 
-class Heard(NamedTuple):
-    """A heading [rad], dt [s] after the one before; least: the least share of the answer that a boat has which answers;
-    braked: the share of the slide's answer that it has; slow [rad]: the answer to a slow rudder."""
-
-    heading: float
-    dt: float
-    least: float
-    braked: float
-    slow: float
-
-
-class Innovation(NamedTuple):
-    """How far the heading is from what it would be without a rudder, the answers to the rudder, in time and late, and
-    the slide's [rad]; gains: of the filter; is_left_out: the heading is."""
-
-    off: float
-    answer: float
-    late: float
-    slide: float
-    gains: Gains
-    is_left_out: bool
-
-
-def supposed_step(
-    before: Supposed, step: Transition, noise: Noise, heard: Heard, rudders: Rudders
-) -> tuple[Supposed, Innovation]:
-    """Return what is known after a heading if the sea is the noise's."""
-    known, mean, answer, late, slide, stuck, stuck_late, wrong, wrong_late, unexplained, outliers, fit = before
-    heading, dt, least, braked, by_slow = heard
-    is_gust = unexplained > UNEXPLAINED
-    covariance = predicted(step, known, noise, noise.push + GUST if is_gust else noise.push, dt)
-    gains, known = measured(covariance, noise.heading)
-    variance = gains[0]
-    mean, answer = moved(step, mean, 0.0), moved(step, answer, rudders.in_time)
-    late, slide = moved(step, late, rudders.late), moved(step, slide, rudders.slide)
-    off, s, s_late, g = heading - mean[0], answer[0], late[0], slide[0]
-    off = off if -PI < off <= PI else wrap(off)
-    kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / SEA_TIME)
-    # of the shares of the answer, the opposite one allowed, the one that explains most; a slow rudder is no gust either
-    ahead, size = (-off, -s) if s < 0.0 else (off, s)
-    left = ahead + size if ahead < -size else ahead - ANSWERS_MOST * size if ahead > ANSWERS_MOST * size else 0.0
-    left_by_slow = off - by_slow
-    square = (left * left if left * left < left_by_slow * left_by_slow else left_by_slow * left_by_slow) / variance
-    if square > OUTLIER_SQUARE:
-        square = OUTLIER_SQUARE
-        if outliers < OUTLIERS_MOST:
-            fit = remembered * fit - 0.5 * (math.log(variance) + square)
-            wild = Supposed(
-                Covariance(*covariance),
-                mean,
-                answer,
-                late,
-                slide,
-                stuck,
-                stuck_late,
-                wrong,
-                wrong_late,
-                unexplained,
-                outliers + 1,
-                fit,
-            )
-            return wild, Innovation(off, s, s_late, g, gains, True)
-    # while a gust sets in nothing that the rudder does against it is evidence
-    most = 0.0 if is_gust else MOST_AT_ONCE
-    off_some, off_some_late = off - least * s - braked * g, off - least * s_late
-    off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
-    square_some, square_some_late = off_some * off_some, off_some_late * off_some_late
-    # of the shares that a boat has which answers, too
-    ahead -= braked * (-g if s < 0.0 else g)
-    left = ahead - least * size if ahead < least * size else max(ahead - ANSWERS_MOST * size, 0.0)
-    # no heading speaks more against an answer than it counts as evidence of a fault
-    least_square = min(off * off, off_wrong * off_wrong)
-    square_most = min(least_square / variance + 2.0 * MOST_AT_ONCE, OUTLIER_SQUARE)
-    fit = remembered * fit - 0.5 * (math.log(variance) + min(left * left / variance, square_most))
-    after = Supposed(
-        known,
-        corrected(gains, mean, off),
-        corrected(gains, answer, -s),
-        corrected(gains, late, -s_late),
-        corrected(gains, slide, -g),
-        grown(kept * stuck, square_some - off * off, variance, most),
-        grown(kept * stuck_late, square_some_late - off * off, variance, most),
-        grown(kept * wrong, square_some - off_wrong * off_wrong, variance, most),
-        grown(kept * wrong_late, square_some_late - off_wrong_late * off_wrong_late, variance, most),
-        unexplained + (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained),
-        0,
-        fit,
-    )
-    return after, Innovation(off, s, s_late, g, gains, False)
-
-
 def response_step(
     before: ResponseState, model: Norrbin, noise: Noise, rate: float, newest: tuple[float, float], rudders: Rudders
 ) -> ResponseState:
     """Return what is known after the `newest` heading [rad] at its time [s], the rudder having been at `rudders` since
     the one before; the boat turns at about `rate` [rad/s]."""
-    last, (felt, middle, large), slid, usual, shown, others, colour = before
-    time, heading = newest
+    last, known, mean, answer, late, slide, slid = before[:7]
+    stuck, stuck_late, wrong, wrong_late = before.stuck, before.stuck_late, before.reversed, before.reversed_late
+    outliers, usual, shown, others = before.outliers, before.usual, before.shown, before.others
+    (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
     dt = time - last
     step = transition_of(model, rate, noise.pace, dt)
-    slow = moved(step, others.slow, rudders.slow)
+    unexplained = before.unexplained
+    is_gust = unexplained > UNEXPLAINED
+    covariance = predicted(step, known, noise, noise.push + GUST if is_gust else noise.push, dt)
+    gains, known = measured(covariance, noise.heading)
+    variance = gains[0]
+    means = all_moved(step, (mean, answer, late, slide, others.slow), (rudder, rudder_late, braked, rudder_slow))
+    mean, answer, late, slide, slow = means
+    off, s, s_late = heading - mean[0], answer[0], late[0]
+    off = off if -PI < off <= PI else wrap(off)
+    # of the shares of the answer, the opposite one allowed, the one that explains most; a slow rudder is no gust either
+    ahead, size = (-off, -s) if s < 0.0 else (off, s)
+    left = ahead + size if ahead < -size else ahead - ANSWERS_MOST * size if ahead > ANSWERS_MOST * size else 0.0
+    by_slow = off - slow[0]
+    square = (left * left if left * left < by_slow * by_slow else by_slow * by_slow) / variance
+    if square > OUTLIER_SQUARE:
+        if outliers < OUTLIERS_MOST:
+            return _without_heading(before, time, Covariance(*covariance), means)
+        square = OUTLIER_SQUARE
+    kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
+    # while a gust sets in nothing that the rudder does against it is evidence
+    most = 0.0 if is_gust else MOST_AT_ONCE
     least = LEAST_SHARE * usual / shown
     least = least if least > LEAST[0] else LEAST[0]
-    least = rudders.weaker * (least if least < LEAST[1] else LEAST[1])
+    least = weaker * (least if least < LEAST[1] else LEAST[1])
+    off_some, off_some_late = off - least * s, off - least * s_late
     # how much the boat slides is known by what came before, so that no heading explains itself
-    heard = Heard(heading, dt, least, slide_share(slid), slow[0])
-    felt, (off, s, s_late, g, gains, is_left_out) = supposed_step(felt, step, noise, heard, rudders)
-    middle, _ = supposed_step(middle, step, in_sea(noise, SEAS[0]), heard, rudders)
-    large, _ = supposed_step(large, step, in_sea(noise, SEAS[1]), heard, rudders)
-    if is_left_out:
-        return ResponseState(time, (felt, middle, large), slid, usual, shown, others_moved(others, slow), colour)
-    variance = gains[0]
+    g, left_over = slide[0], off_some
+    off_some -= slide_share(slid) * g
+    square_some, square_some_late = off_some * off_some, off_some_late * off_some_late
+    stuck = grown(kept * stuck, square_some - off * off, variance, most)
     # what may be a fault is none of the boat's usual ways
-    learns = 0.0 if felt.stuck >= SUSPECT or before.seas[0].reversed >= SUSPECT else 1.0 / variance
-    slid = slide_learnt(slid, model, (off - least * s, g, variance), dt, learns > 0.0)
-    slow_after, unknown = corrected(gains, slow, -slow[0]), math.exp(-dt / FADES_TIME) * (colour - others.colour)
-    others = others_step(others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), slow_after)
-    remembered = math.exp(-dt / USUAL_TIME)
+    learns = 0.0 if stuck >= SUSPECT or wrong >= SUSPECT else 1.0 / variance
+    slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
+    mean, answer, late, slide, corrected_slow = all_corrected(gains, means, off)
+    others = others_step(others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), corrected_slow)
+    off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
     return ResponseState(
         time,
-        (felt, middle, large),
+        known,
+        mean,
+        answer,
+        late,
+        slide,
         slid,
+        stuck,
+        grown(kept * stuck_late, square_some_late - off * off, variance, most),
+        grown(kept * wrong, square_some - off_wrong * off_wrong, variance, most),
+        grown(kept * wrong_late, square_some_late - off_wrong_late * off_wrong_late, variance, most),
+        unexplained + (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained),
+        0,
         USUAL * USUAL_SURE + remembered * (usual - USUAL * USUAL_SURE) + learns * off * s,
         USUAL_SURE + remembered * (shown - USUAL_SURE) + learns * s * s,
         others,
-        others.colour + unknown if learns > 0.0 else colour,
+        others.colour if learns > 0.0 else before.usual_colour,
     )
 
 
-def others_moved(before: Others, slow: Mean) -> Others:
-    """Return what is known of the other explanations after a heading that is left out; `slow`: the answer then."""
-    _, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before
-    return Others(slow, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour)
+def _without_heading(before: ResponseState, time: float, covariance: Covariance, means: Means) -> ResponseState:
+    """Return what is known at `time` [s] of a heading that is left out."""
+    mean, answer, late, slide, slow = means
+    _, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before.others
+    others = Others(slow, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour)
+    return ResponseState(
+        time,
+        covariance,
+        mean,
+        answer,
+        late,
+        slide,
+        before.slid,
+        before.stuck,
+        before.stuck_late,
+        before.reversed,
+        before.reversed_late,
+        before.unexplained,
+        before.outliers + 1,
+        before.usual,
+        before.shown,
+        others,
+        before.usual_colour,
+    )
 
 
 def others_step(
@@ -384,12 +336,21 @@ def others_step(
 
 def without_evidence(before: ResponseState, after: ResponseState) -> ResponseState:
     """Return `after` with no more evidence against the rudder than `before`; what speaks for it counts."""
-    (felt, middle, large), (was_felt, was_middle, was_large) = after.seas, before.seas
     was, others = before.others, after.others
     return ResponseState(
         after.time,
-        (_no_more(felt, was_felt), _no_more(middle, was_middle), _no_more(large, was_large)),
+        after.covariance,
+        after.mean,
+        after.answer,
+        after.late,
+        after.slide,
         after.slid,
+        min(before.stuck, after.stuck),
+        min(before.stuck_late, after.stuck_late),
+        min(before.reversed, after.reversed),
+        min(before.reversed_late, after.reversed_late),
+        after.unexplained,
+        after.outliers,
         after.usual,
         after.shown,
         Others(
@@ -410,83 +371,38 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
     )
 
 
-def _no_more(after: Supposed, before: Supposed) -> Supposed:
-    return Supposed(
-        after.covariance,
-        after.mean,
-        after.answer,
-        after.late,
-        after.slide,
-        min(before.stuck, after.stuck),
-        min(before.stuck_late, after.stuck_late),
-        min(before.reversed, after.reversed),
-        min(before.reversed_late, after.reversed_late),
-        after.unexplained,
-        after.outliers,
-        after.fit,
-    )
-
-
 def acquitted(response: ResponseState) -> ResponseState:
     """Return the same with no more evidence against the rudder than makes as much again as was a doubt a verdict."""
     most = SURE - DOUBTED
-    felt, middle, large = (
-        each._replace(
-            stuck=min(each.stuck, most),
-            stuck_late=min(each.stuck_late, most),
-            reversed=min(each.reversed, most),
-            reversed_late=min(each.reversed_late, most),
-        )
-        for each in response.seas
+    return response._replace(
+        stuck=min(response.stuck, most),
+        stuck_late=min(response.stuck_late, most),
+        reversed=min(response.reversed, most),
+        reversed_late=min(response.reversed_late, most),
     )
-    return response._replace(seas=(felt, middle, large))
-
-
-def evidence(response: ResponseState) -> tuple[float, float]:
-    """Return how much likelier it is that the rudder is stuck, or reversed, than that the boat answers.
-
-    With l the log-likelihood of a boat that answers in a sea of one size, and g that of a fault since it may have begun
-    over that of an answer since then, l + g is that of the fault in the same sea before and after: a boat that answers
-    may be in whatever sea explains all of the headings best.
-    """
-    felt, middle, large = response.seas
-    best = max(felt.fit, middle.fit, large.fit)
-    stuck, wrong = 0.0, 0.0
-    for each in response.seas:
-        likely = each.fit - best
-        in_time, late = each.stuck, each.stuck_late
-        more = likely + (in_time if in_time < late else late)
-        stuck = more if more > stuck else stuck
-        in_time, late = each.reversed, each.reversed_late
-        more = likely + (in_time if in_time < late else late)
-        wrong = more if more > wrong else wrong
-    return stuck, wrong
 
 
 def verdict(response: ResponseState) -> int:
     """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite."""
-    stuck, wrong = evidence(response)
-    if stuck < SURE and wrong < SURE:
+    if response.stuck < SURE and response.reversed < SURE:
         return 0
     sure = SURE * max(response.usual_colour / COLOUR_KNOWN, 1.0)
-    return -1 if wrong >= sure else 1 if stuck >= sure else 0
+    if response.reversed >= sure and response.reversed_late >= sure:
+        return -1
+    return 1 if response.stuck >= sure and response.stuck_late >= sure else 0
 
 
 def is_doubtful(response: ResponseState) -> bool:
-    """Return whether there is some evidence that the boat does not answer, or to the opposite rudder; that in the sea
-    that is felt is enough: a doubt lets go of nothing."""
-    felt = response.seas[0]
-    is_reversed = felt.reversed >= DOUBTED and felt.reversed_late >= DOUBTED
-    is_stuck = felt.stuck >= DOUBTED and felt.stuck_late >= DOUBTED
-    return is_reversed or is_stuck or max(evidence(response)) >= DOUBTED
+    """Return whether there is some evidence that the boat does not answer, or to the opposite rudder."""
+    is_reversed = response.reversed >= DOUBTED and response.reversed_late >= DOUBTED
+    return is_reversed or (response.stuck >= DOUBTED and response.stuck_late >= DOUBTED)
 
 
 def push_at_least(response: ResponseState) -> float:
     """Return what the boat is pushed by beside rudder and sea [rad of rudder], less `PUSHED_SIGMAS`; 0 where that
     may be nothing. The boat is supposed to answer to its rudder as usual."""
-    felt = response.seas[0]
-    push = felt.mean[2] + response.usual / response.shown * felt.answer[2]
-    uncertain = PUSHED_SIGMAS * math.sqrt(max(felt.covariance.p22, 0.0))
+    push = response.mean[2] + response.usual / response.shown * response.answer[2]
+    uncertain = PUSHED_SIGMAS * math.sqrt(max(response.covariance.p22, 0.0))
     return math.copysign(max(abs(push) - uncertain, 0.0), push)
 
 

@@ -12,7 +12,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from autopilot.angles import PI, wrap
+from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.estimation.disturbance import slide_step
 from autopilot.estimation.rudder_observer import Ring
 from autopilot.models.norrbin import Norrbin, steady_rudder
@@ -29,6 +29,7 @@ from autopilot.supervision.response_filter import (
     NO_SEAWAY,
     SEA_KNOWN_S,
     Seaway,
+    against_waves,
     changing_noise,
     noise_of,
     seaway_noise,
@@ -63,6 +64,7 @@ from autopilot.supervision.tuning import (
     LATE_LASTS,
     LATE_S,
     LONGEST_GAP_S,
+    ON_COURSE,
     PATIENCE_S,
     PROGRESS_SHARE,
     PUSH_LASTS,
@@ -76,10 +78,12 @@ from autopilot.supervision.tuning import (
     SPEED_DOUBT,
     STANDS,
     STOP_LASTS,
+    SUSPECT,
     TAKES_HOLD,
     TOLERANCE,
     TRIAL_SAID,
     WAVES_REACH,
+    WORKED_TIME,
 )
 
 ZIGZAG_DIVERGED = math.radians(45.0)
@@ -197,7 +201,8 @@ class Evidence(NamedTuple):
     """What the rudder-response monitor goes by, in numbers. since [s]: since when it is at work, nan: it is not;
     response: what is known; seaway: the seas met; heading [rad]: the newest, and how many `same` ones there were in a
     row; late_until [s]: until then nothing is evidence; slow [rad]: where a slow rudder would stand at slow_time [s],
-    nan where that is out of question; speed [m/s]: the model's of late; slide: see `slide_step`."""
+    nan where that is out of question; speed [m/s]: the model's of late; worked [rad^2]: the mean square of the
+    rudder on a course in a sea."""
 
     since: float = math.nan
     response: ResponseState = NO_RESPONSE
@@ -209,6 +214,7 @@ class Evidence(NamedTuple):
     slow: float = math.nan
     speed: float = math.nan
     slide: float = 0.0
+    worked: float = 0.0
 
 
 NOTHING_KNOWN = Evidence()
@@ -223,7 +229,7 @@ def evidence_step(
 ) -> Evidence:
     """Return what is known after a tick and a heading [rad] `measured` at its time [s], not numbers where none came.
     rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
-    since, response, seaway, last, same, late_until, slow_time, slow, speed, slide = before
+    since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked = before
     (time, heading), state, now, model = measured, seen.state, seen.now, seen.model
     since = now if math.isnan(since) else since
     late_until = now + LATE_LASTS if seen.is_late else late_until
@@ -235,13 +241,13 @@ def evidence_step(
         reach, left = limits.rudder_rate / SLOW * (now - slow_time if now > slow_time else 0.0), seen.rudder - slow
         slow_time, slow = now, slow + (-reach if left < -reach else reach if left > reach else left)
     if math.isnan(heading):
-        return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide)
+        return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
     noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
-    noise = seaway_noise(model, noise, seaway, state.heading)
+    noise = against_waves(seaway_noise(model, noise, seaway, state.heading), worked)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
-        return Evidence(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide)
+        return Evidence(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide, worked)
     known = response.time
     # written so that it holds where nothing is known
     if not time - known <= LONGEST_GAP_S:
@@ -251,11 +257,17 @@ def evidence_step(
         rate = -fastest if rate < -fastest else fastest if rate > fastest else rate
         speed -= math.expm1(-(time - known) / CHANGED_TIME) * (model.reference_speed - speed)
         slide = slide_step(model, slide, rate, seen.angle_max, time - known)
+        is_usual = response.stuck < SUSPECT and response.reversed < SUSPECT
+        # a boat that is far off does not answer, or is turned: that is no work against waves
+        is_near = abs(shortest_turn(seen.wanted, state.heading)) < ON_COURSE
+        if seen.holds_course and is_near and is_usual and state.wave_deviation > 0.0:
+            off = in_time + state.bias
+            worked -= math.expm1(-(time - known) / WORKED_TIME) * (off * off - worked)
         noise = changing_noise(model, noise, rate, speed)
         at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow, slide, seen.weaker)
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
-    return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide)
+    return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked)
 
 
 class Response(NamedTuple):

@@ -67,10 +67,9 @@ SEA_TURNED = math.radians(10.0)  # 30 %: nothing
 the same waves slower, and from a side that turns it more."""
 SEA_LASTS = 3600.0  # 30 %: nothing
 """A sea that was met is remembered for this time [s]: courses on which it turns no boat say nothing of it."""
-SEAS = math.radians(3.0) ** 2, math.radians(9.0) ** 2
-"""Sizes [rad^2 of rudder] that the sea may have, too: what the rudder takes away of a sea is not felt."""
-SEA_TIME = 60.0
-"""How well each explains the headings is remembered for this time [s]."""
+WORKED_TIME = 30.0
+"""What the rudder does against the waves is averaged for so long [s]: with 16 s a stuck rudder on a course is found
+later."""
 SEA_UNMET = math.radians(1.0)  # 30 %: nothing
 """On a course that is new to the boat a sea is supposed that yaws it by this [rad]."""
 SLIDE_SURE = 10.0  # 30 %: nothing
@@ -93,13 +92,10 @@ COLOUR_TIME = 0.5  # 30 %: nothing
 """What the best share of the answer leaves over is white noise where it is a compass's. Where it lies to one side for
 so long [s], a sea other than the one that is estimated turns the boat, and the rudder follows it at the sea's own pace:
 one heading then tells little that those before it have not."""
-COLOUR_KNOWN, COLOUR_FIRST = 1.5, 2.5
-"""The square of what lies to one side, where the sea is one of those supposed; 1 were it theirs in its spectrum, too.
-Where it has been so many times as much while nothing was suspect, the sea is another, and does what looks like a fault
-of the rudder so much more often: as much more evidence is wanted. With 2.5 twice as many healthy rudders were accused
-in waves, with 1 half of the stuck ones were not found there in a minute. The second is supposed until it is known, and
-fades with the evidence: with 1, ten of 360 boats were accused as they were engaged in waves, with 4 one whose rudder
-was wired the wrong way from the start was given up late."""
+COLOUR_KNOWN = 2.5  # 30 %: faults noticed later: 1
+"""The square of what lies to one side, where the sea is the one that is estimated: 2.3 at most with each boat of the
+tests in state 3. Where it has been so many times as much while nothing was suspect, the sea is another, and does what
+looks like a fault of the rudder so much more often: as much more evidence is wanted."""
 
 # The rudder watch
 

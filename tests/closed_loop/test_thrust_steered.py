@@ -14,7 +14,7 @@ from autopilot.doctor.vehicle import firmware_findings
 from autopilot.signals import Order, Tick
 from autopilot.vessel.file import load_vessel
 from sitl.registry import PLANTS
-from sitl.scenario import FaultSection, Scenario, SecondOrderSection, Start, WavesSection
+from sitl.scenario import FaultSection, Scenario, Start
 
 
 def sailed(kind: str, *, speed: float | None = None, faults: tuple[FaultSection, ...] = (), **more: Any) -> Lockstep:
@@ -199,12 +199,3 @@ def test_at_twice_the_speed_a_slide_after_a_turn_is_not_taken_for_a_sea() -> Non
     boat.order = Order()
     boat.run(0.2)
     assert boat.pilot.state.way.guide.slide == 0.0, "nobody steers"
-
-
-def test_thrusters_that_are_engaged_in_waves_are_not_called_stuck() -> None:
-    """Of 2 deg of rudder, rms, before anybody knows how large they are."""
-    waves = WavesSection(second_order=SecondOrderSection(0.8, 0.15, 2.0 / math.sqrt(0.1 * 0.8 * 0.15)))
-    scenario = Scenario(1, "waves", plant="twin_thruster", seed=1000, waves=waves)
-    boat = engaged(Lockstep(load_vessel("twin_thruster"), scenario=scenario, measured_every=5))
-    boat.run(8.0)
-    assert not any(alarm.name == "rudder_stuck" for tick in boat.ticks for alarm in tick.alarms)

@@ -142,10 +142,7 @@ def test_the_command_prints_bounds_and_a_page(tmp_path: Path) -> None:
     assert "<svg" in page.read_text()
 
 
-STILL = pytest.mark.xfail(reason="called stuck in waves again: benchmarks/results/envelope.md", strict=False)
-
-
-@pytest.mark.parametrize("run", [pytest.param(118, marks=STILL), pytest.param(228, marks=STILL), 497])
+@pytest.mark.parametrize("run", [118, 228, 497])
 def test_thrusters_that_work_against_waves_are_not_called_stuck(run: int) -> None:
     ranges = ranges_of(THRUSTERS)
     drawn, turn = drawn_of(771001, run, ranges)

@@ -183,14 +183,12 @@ def test_after_the_first_heading_the_usual_response_is_three_quarters() -> None:
     noise = Noise(1e-4, 1e-5, 1e-6, 1e-3, 0.5)
     memory = first_response(noise, 3.0, 0.7)
     assert memory.time == 3.0
-    assert memory.others.slow == NOTHING
+    assert memory.mean == (0.7, 0.0, 0.0, 0.0)
+    assert memory.answer == memory.late == memory.slide == memory.others.slow == NOTHING
     assert memory.usual / memory.shown == 0.75
     assert memory.shown == 60.0
-    for each in memory.seas:
-        assert each.mean == (0.7, 0.0, 0.0, 0.0)
-        assert each.answer == each.late == each.slide == NOTHING
-        assert (each.stuck, each.stuck_late, each.reversed, each.reversed_late) == (0.0, 0.0, 0.0, 0.0)
-        assert (each.unexplained, each.outliers) == (1.0, 0)
+    assert (memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late) == (0.0, 0.0, 0.0, 0.0)
+    assert (memory.unexplained, memory.outliers) == (1.0, 0)
     others = memory.others
     assert others.lively == others.quick == (0.0, 0.0)
     assert (others.weak, others.right, others.strong, others.late) == (0.0, 0.0, 0.0, 0.0)

@@ -84,7 +84,7 @@ def some_covariance(seed: int) -> Matrix:
 
 
 def test_the_first_heading_tells_of_the_heading_alone() -> None:
-    p = matrix_of(first_response(NOISE, 0.0, 0.1).seas[0].covariance)
+    p = matrix_of(first_response(NOISE, 0.0, 0.1).covariance)
     assert np.array_equal(p, np.diag([NOISE.heading, RATE_UNKNOWN, PUSH_UNKNOWN, NOISE.sea]))
     assert math.sqrt(RATE_UNKNOWN) == pytest.approx(0.2)
     assert math.degrees(math.sqrt(PUSH_UNKNOWN)) == pytest.approx(20.0)
