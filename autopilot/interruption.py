@@ -79,6 +79,22 @@ def end(number: int) -> None:
 
 
 @contextlib.contextmanager
+def _handled_by(handler: Callable[[int, object], None]) -> Iterator[None]:
+    """Give every signal that is not ignored to the handler within the block."""
+    before = {number: signal.getsignal(number) for number in NAMES}
+    if os.getpid() != _owner:  # called as a function: the signals are the caller's
+        before = {}
+    for number, usual in before.items():
+        if usual is not signal.SIG_IGN:
+            signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, usual in before.items():
+            signal.signal(number, usual)
+
+
+@contextlib.contextmanager
 def as_exceptions() -> Iterator[None]:
     """Raise Interrupted for every signal within the block.
 
@@ -98,19 +114,12 @@ def as_exceptions() -> Iterator[None]:
         signal.signal(signal.SIGALRM, lambda _, frame: throw(error.number, frame))
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
 
-    before = {number: signal.getsignal(number) for number in NAMES}
-    if not _owner or os.getpid() != _owner:  # called as a function: the signals are the caller's
-        before = {}
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:
-            signal.signal(number, throw)
-    hook, sys.unraisablehook = sys.unraisablehook, dropped
-    try:
-        yield
-    finally:
-        sys.unraisablehook = hook
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with _handled_by(throw):
+        hook, sys.unraisablehook = sys.unraisablehook, dropped
+        try:
+            yield
+        finally:
+            sys.unraisablehook = hook
 
 
 def run_child(command: Sequence[str]) -> int:
@@ -129,16 +138,9 @@ def run_child(command: Sequence[str]) -> int:
             child.send_signal(number)
 
     # handlers, not SIG_IGN, which the command would inherit
-    before = {number: signal.getsignal(number) for number in NAMES} if _owner == os.getpid() else {}
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:
-            signal.signal(number, take)
-    try:
+    with _handled_by(take):
         child = subprocess.Popen(command)
         code = child.wait()
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     if came:
         raise Interrupted(came[0])
     return code

@@ -136,6 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.options import named_vessel
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.control.registry import TRIAL_LAW
+    from autopilot.identification.interval import serves
     from autopilot.models.drives import DRIVES
     from autopilot.report.steered import trial_verdict
 
@@ -154,26 +155,24 @@ def run(arguments: argparse.Namespace) -> int:
     # thrust turns a boat that makes no way
     by_rudder = DRIVES[vessel.drive.kind].usual.is_rudder
     least_way = WAY_LEAST * vessel.model.reference_speed_m_s if by_rudder else 0.0
-    grades: list[str] = []
+    verdicts: list[Verdict] = []
 
     def judged(steered: Steered) -> Verdict:
         reason = script.reason or ("" if script.is_over else "stopped")
-        verdict = trial_verdict(steered, reason, at_dock=arguments.at_dock, least_way=least_way)
-        grades.append(verdict.grade)
-        return verdict
+        verdicts.append(trial_verdict(steered, reason, at_dock=arguments.at_dock, least_way=least_way))
+        return verdicts[-1]
 
     voyage = Voyage(lambda app, tick: script.is_over, math.inf, describe=script.describe, verdict=judged)
     code = steer(arguments, plan, voyage)
     if script.reason and code == ExitCode.OK:
         raise RefusedError(f"the trial ended before its time: {script.reason}")
-    if code == ExitCode.OK and arguments.at_least and grades[-1] not in GRADES[arguments.at_least]:
+    if code == ExitCode.OK and arguments.at_least and not serves(verdicts[-1].grade, arguments.at_least):
         raise RefusedError(f"the trial is not as good as --at-least {arguments.at_least} asks")
     return code
 
 
 WAY_LEAST = 0.2
 """Of the speed that the model is for: slower, a boat made no way."""
-GRADES = {"start": ("start", "good"), "good": ("good",)}
 
 
 def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:

@@ -175,8 +175,8 @@ class Overboard:
 
     def report_here(self, now: float, fix: Fix, beacon: str) -> None:
         """Take it that a `beacon` says no place: where the boat is when it is first said. Raises as `mark`."""
-        is_its = self.place is not None and self.beacon == beacon
-        self.report(now, self.place if is_its and self.place else _here(now, fix), beacon)
+        said = self.place if self.beacon == beacon else None
+        self.report(now, said or _here(now, fix), beacon)
 
     def clear(self) -> None:
         """Forget it."""

@@ -9,6 +9,8 @@ SURE_OF_IT = 1.96
 GOOD, ENOUGH = 0.3, 0.6
 """How far the 95 % interval of K or T may reach to either side, as a share of it: so that gains bear it, and so that a
 first design may be tried."""
+GRADES = ("not enough", "start", "good")
+"""What a model or a trial is good for, the least first."""
 
 
 def interval_of(name: str, value: float, error: float) -> tuple[float, float]:
@@ -27,3 +29,8 @@ def off_by(name: str, value: float, error: float) -> tuple[float, float]:
     """Return how far below and above its value the 95 % interval of a parameter that is not 0 reaches, as shares."""
     low, high = interval_of(name, value, error)
     return (value - low) / abs(value), (high - value) / abs(value)
+
+
+def serves(grade: str, least: str | None) -> bool:
+    """Return whether a grade is at least that one; None asks for nothing."""
+    return least is None or GRADES.index(grade) >= GRADES.index(least)

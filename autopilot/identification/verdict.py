@@ -21,7 +21,7 @@ import numpy as np
 from autopilot.identification.drive_effect import DriveFit
 from autopilot.identification.drive_effect import Prediction as DrivePrediction
 from autopilot.identification.identified import Identified
-from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by
+from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by, serves
 from autopilot.identification.ordered_rudder import shows_rate, with_rudder_of
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rudder_rate_of
@@ -215,8 +215,7 @@ class Verdict(NamedTuple):
 
     def serves(self, least: str | None) -> bool:
         """Return whether the grade is at least that one; None asks for nothing."""
-        grades = ("not enough", "start", "good")
-        return least is None or grades.index(self.grade) >= grades.index(least)
+        return serves(self.grade, least)
 
 
 def verdict_on_runs(found: Identified, runs: Sequence[Run], filed: float) -> Verdict:
@@ -258,19 +257,19 @@ def in_words(below: float, above: float) -> str:
     return f"+- {up}" if down == up else f"-{down}, +{up}"
 
 
-def _unbelieved(found: Identified, tests: Sequence[ResidualTest]) -> str:
-    """Return why the intervals are not to be believed, and what to do; "" where they are."""
+def _unbelieved(found: Identified, tests: Sequence[ResidualTest], again: str) -> tuple[str, str]:
+    """Return why the intervals are not to be believed, "" where they are, and what to do; again: the trial to sail."""
     if found.model.time_constant < found.spacing:
-        return (
-            f"the boat answers within the {found.spacing:.2g} s between two samples, in which nobody saw the rudder): "
-            "record heading and rudder more often"
+        unseen = (
+            f"the boat answers within the {found.spacing:.2g} s between two samples, in which nobody saw the rudder"
         )
+        return unseen, "record heading and rudder more often"
     if found.is_blind and not all(test.is_white for test in tests):
-        return (
-            "gusts or what the model leaves out pushed the boat, and this fit takes too little of that into its "
-            "doubt): sail {again} in less wind"
+        pushed = (
+            "gusts or what the model leaves out pushed the boat, and this fit takes too little of that into its doubt"
         )
-    return ""
+        return pushed, f"sail {again} in less wind"
+    return "", ""
 
 
 def verdict_of(
@@ -325,8 +324,9 @@ def verdict_of(
             "good for a start: the residuals follow the rudder, so that the model misses part of what it does; check "
             f"the rudder's scale and sail {again}.",
         )
-    if unbelieved := _unbelieved(found, tests):
-        return Verdict("start", f"good for a start ({share}, 95 %, but {unbelieved.format(again=again)}.")
+    why, what = _unbelieved(found, tests, again)
+    if why:
+        return Verdict("start", f"good for a start ({share}, 95 %, but {why}): {what}.")
     if gear.against:
         return Verdict("start", f"good for a start ({share}, 95 %): {gear.against[0]}.")
     beside = f"; {gear.beside}" if gear.beside else ""

@@ -36,7 +36,7 @@ from autopilot.files.strict_yaml import (
 from autopilot.files.typed import Bounds, Shipped, hints_of
 from autopilot.models.drives import DRIVES, Needs
 from autopilot.models.norrbin import Norrbin, folds
-from autopilot.vessel.schema import SCHEMA_VERSION, Model, StandardErrors, Vessel
+from autopilot.vessel.schema import SCHEMA_VERSION, Model, StandardErrors, Vessel, model_of
 
 if TYPE_CHECKING:
     from autopilot.identification.boat_prior import BoatPrior, KnownBoat
@@ -522,14 +522,4 @@ def _known(name: str) -> KnownBoat:
     vessel = load_vessel(name)
     assert vessel.length_m is not None, name
     errors = vessel.model.standard_errors
-    return KnownBoat(name, vessel.length_m, _model(vessel.model), errors.n3_s2_rad2 or 0.0)
-
-
-def _model(model: Model) -> Norrbin:
-    return Norrbin(
-        gain=model.K_1_s,
-        time_constant=model.T_s,
-        n3=model.n3_s2_rad2,
-        n1=model.n1,
-        reference_speed=model.reference_speed_m_s,
-    )
+    return KnownBoat(name, vessel.length_m, model_of(vessel), errors.n3_s2_rad2 or 0.0)
