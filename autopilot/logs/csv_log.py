@@ -92,11 +92,15 @@ def load_column_map(path: str) -> dict[str, str]:
     return {key: str(node.value) for key, node in root.value.items()}
 
 
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
 class Columns(NamedTuple):
     """Columns of one length under their SI names (`time_s`, `heading_rad`, `yaw_rate_rad_s`, `rudder_rad`,
-    `speed_m_s`, ...), nan where a cell is blank; notes: sentences about times that jump."""
+    `speed_m_s`, ...), nan where a cell is blank; notes: sentences about rows out of order and times that jump."""
 
-    columns: dict[str, NDArray[np.float64]]
+    columns: dict[str, FloatArray]
     notes: tuple[str, ...] = ()
 
 
@@ -105,7 +109,7 @@ def read_csv(path: str, column_map: Mapping[str, str] | None = None, needs: Need
 
     Without a map the columns that are named by quantity and unit are taken. Raises InputError, naming file,
     line and column, where the file cannot be read, is empty or cut off, lacks a column, has text where a number
-    belongs, or has times that do not increase or cannot be those of a recording.
+    belongs, or has times of which the order is not understood or that cannot be those of a recording.
     """
     header, lines, rows = _rows(path, column_map is not None)
     places = _places(path, header, column_map, needs)
@@ -115,13 +119,11 @@ def read_csv(path: str, column_map: Mapping[str, str] | None = None, needs: Need
             columns[name][row] = _number(path, line, header[index], cells[index]) * factor
     if "time_s" not in columns:
         return Columns(columns)
-    time = columns["time_s"]
-    known = time[np.isfinite(time)]
-    if not known.size:
+    ordered, notes = _in_order(path, lines, columns)
+    if not (time := ordered["time_s"]).size:
         return Columns(columns)
-    _check_time(path, lines, time)
-    clock = clock_of(path, known)
-    return Columns({**columns, "time_s": clock.read(time)}, clock.notes)
+    clock = clock_of(path, time)
+    return Columns({**ordered, "time_s": clock.read(time)}, (*notes, *clock.notes))
 
 
 def _rows(path: str, is_mapped: bool) -> tuple[list[str], list[int], list[list[str]]]:
@@ -234,17 +236,66 @@ def _number(path: str, line: int, column: str, cell: str) -> float:
     return value
 
 
-def _check_time(path: str, lines: Sequence[int], time: NDArray[np.float64]) -> None:
-    known = np.flatnonzero(np.isfinite(time))
-    steps = np.diff(time[known])
-    if np.all(steps > 0.0):
-        check_steps(path, time[known])
-    wrong = np.flatnonzero(steps < STEPS_S[0])
-    if wrong.size:
-        before, after = known[wrong[0]], known[wrong[0] + 1]
+def _in_order(path: str, lines: Sequence[int], columns: dict[str, FloatArray]) -> Columns:
+    """Return the rows that have a time, in its order, and what was done for that, a sentence each.
+
+    A row that is there twice is taken once. Rows out of order are sorted where they fill holes between the others:
+    where they lie between rows that are close enough already, the clock went back, and nobody knows which is when. Of
+    the rows of one moment the last is taken, while they are few: many are stamps coarser than the rows.
+    """
+    rows = np.flatnonzero(np.isfinite(columns["time_s"]))
+    time, notes = columns["time_s"][rows], []
+    if np.any(np.diff(time) < STEPS_S[0]):
+        table = np.nan_to_num(np.stack(list(columns.values()), axis=1)[rows], nan=2.0 * LARGEST)
+        once = np.sort(np.unique(table, axis=0, return_index=True)[1])
+        if repeats := rows.size - once.size:
+            first = lines[int(np.setdiff1d(rows, rows[once])[0])]
+            notes.append(f"{path}: {repeats} of {rows.size} rows are there twice and taken once (first line {first}).")
+            rows, time = rows[once], time[once]
+    if (late := np.flatnonzero(time < np.maximum.accumulate(time))).size:
+        order = np.argsort(time, kind="stable")
+        _check_order(path, [lines[row] for row in rows.tolist()], time, order, late)
+        notes.append(
+            f"{path}: {late.size} of {rows.size} rows were out of order and are sorted by their time (first line "
+            f"{lines[rows[late[0]]]})."
+        )
+        rows, time = rows[order], time[order]
+    if (same := np.flatnonzero(np.diff(time) < STEPS_S[0])).size and same.size <= SAME_SHARE * time.size:
+        notes.append(
+            f"{path}: {same.size} of {rows.size} rows have the time of the next one: the later is taken (first line "
+            f"{lines[rows[same[0]]]})."
+        )
+        rows, time = np.delete(rows, same), np.delete(time, same)
+    elif same.size and np.all(np.diff(time) > 0.0):
+        check_steps(path, time)
+    if np.any(np.diff(time) < STEPS_S[0]):
+        at = int(same[0])
         raise InputError(
-            f"{path}, line {lines[after]}: time {time[after]:g} s does not come after {time[before]:g} s of line "
-            f"{lines[before]}; it must increase from row to row, by {STEPS_S[0]:g} s at least."
+            f"{path}, line {lines[rows[at + 1]]}: time {time[at + 1]:g} s is that of line {lines[rows[at]]} too, and "
+            f"so in {same.size} of {rows.size} rows: times must increase from row to row; record them with more digits."
+        )
+    if time.size:
+        check_steps(path, time)
+    return Columns({name: values[rows] for name, values in columns.items()}, tuple(notes))
+
+
+SAME_SHARE, HOLE = 0.05, 1.5
+"""Rows of one moment that are put up with, as a share of all; what lies around a row out of order must be so many usual
+steps long, two where it was the only one there."""
+
+
+def _check_order(path: str, lines: Sequence[int], time: FloatArray, order: IntArray, late: IntArray) -> None:
+    """Raise InputError where the rows that are `late` fill no holes between the others, once all are in `order`."""
+    sorted_ = time[order]
+    places = np.argsort(order)[late]
+    before, after = (sorted_[np.clip(places + step, 0, time.size - 1)] for step in (-1, 1))
+    around = np.where((places == 0) | (places == time.size - 1), np.inf, after - before)
+    if np.median(around) < HOLE * np.median(np.diff(sorted_)):
+        at = int(late[0])
+        raise InputError(
+            f"{path}, line {lines[at]}: time {time[at]:g} s does not come after {time[at - 1]:g} s of line "
+            f"{lines[at - 1]}: the clock went back, for other rows are as close to that time as rows are; it must "
+            "increase from row to row: cut the table there."
         )
 
 

@@ -70,7 +70,11 @@ def test_a_map_names_the_columns(tmp_path: Path) -> None:
         (GOOD + "2.0,350,inf,-10,9\n", r"line 22: 'inf' in column 'yaw_rate_deg_s' is not a finite number"),
         (GOOD + "2.0,350,1_0,-10,9\n", "line 22: '1_0' .* is not a finite number"),
         (GOOD + "0.5,350,1,-10,9\n", r"line 22: time 0.5 s does not come after 1.9 s of line 21"),
-        (GOOD + "1.9000000000001,350,1,-10,9\n", r"line 22: .* it must increase from row to row, by 1e-07 s at least"),
+        (
+            "\n".join([HEADER, *(f"{i // 5},350,{i},-10,9" for i in range(20))]),
+            "line 3: time 0 s is that of line 2 too, and so in 16 of 20 rows: .* more digits",
+        ),
+        (table_at(lambda i: 0.1 * (i - 10.5 * (i > 15))), "line 18: time 0.55 s does not come .*the clock went back"),
         (GOOD + "2.0,350,1e12,-10,9\n", "line 22: '1e12' in column 'yaw_rate_deg_s' is not a finite number of at most"),
         (
             table_at(lambda i: i * 1e-300),
@@ -91,6 +95,28 @@ def test_a_table_that_cannot_be_used_is_refused_in_one_sentence(tmp_path: Path, 
     assert str(refusal.value).startswith(path)
     assert str(refusal.value).endswith(".")
     assert "\n" not in str(refusal.value)
+
+
+ROWS = [f"{0.1 * i:.1f},350,{i},-10,9" for i in range(60)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "note"),
+    [
+        ([*ROWS[:30], ROWS[29], *ROWS[30:]], "1 of 61 rows are there twice and taken once (first line 32)."),
+        ([row for row in ROWS for _ in range(2)], "60 of 120 rows are there twice and taken once (first line 3)."),
+        ([*ROWS[:20], *ROWS[23:30], *ROWS[20:23], *ROWS[30:]], "3 of 60 rows were out of order and are sorted by"),
+        (ROWS[::-1], "59 of 60 rows were out of order and are sorted by their time (first line 3)."),
+        ([*ROWS[:30], "2.9,350,99,-10,9", *ROWS[30:]], "1 of 61 rows have the time of the next one: the later is"),
+    ],
+)
+def test_rows_twice_and_out_of_order_are_put_right_and_said(tmp_path: Path, rows: list[str], note: str) -> None:
+    path = written(tmp_path, "\n".join([HEADER, *rows]))
+    table, notes = read_csv(path)
+    assert len(notes) == 1 and notes[0].startswith(f"{path}: {note}")
+    np.testing.assert_allclose(table["time_s"], 0.1 * np.arange(60))
+    rates = [99 if i == 29 and "later" in note else i for i in range(60)]
+    np.testing.assert_allclose(np.degrees(table["yaw_rate_rad_s"]), rates)
 
 
 def zigzag_csv(path: Path, clock: Callable[[int, float], float]) -> str:
