@@ -1,4 +1,5 @@
-"""A boat that shares nothing with the project: it imports none of it. Many recordings of zigzags side by side.
+"""A boat that shares nothing with the project: it imports none of it. Many recordings of zigzags side by side, or one
+of a boat that changes on the way.
 
     r' = a delta - b r - d r^3 - e + a g(t),    psi' = r
 
@@ -10,6 +11,7 @@ noise) are worth in rudder angle.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -79,6 +81,70 @@ def zigzags(
         r = r + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         rudder = moved
     return [_recorded(row, sea, random) for row, random in zip(rows, randoms, strict=True)]
+
+
+class Boat(NamedTuple):
+    """The boat's own coefficients at SPEED_M_S (see above)."""
+
+    a: float
+    b: float
+    d: float
+    e: float
+
+
+def sailed(
+    boat: Boat,
+    sea: Sea,
+    seed: int | list[int],
+    seconds: float,
+    side: float = 1.0,
+    heading: float = 0.0,
+    helm: Callable[[float, float, float], float] | None = None,
+    later: Boat | None = None,
+    wind: float = 0.0,
+    veer: float = 0.0,
+    stop: float = 0.61,
+    play: float = 0.0,
+    slow: float = 1.0,
+    slow_from: float = 0.5,
+    log_stuck: bool = False,
+    anchor: float = 0.0,
+) -> dict[str, FloatArray]:
+    """Return one record: a 20/20 zigzag to `side` about a `heading` [rad], or what the `helm` orders [rad] by time,
+    heading and rate.
+
+    later: the boat from the middle on. wind: its moment abeam in rudder angle [rad], sin of its angle off the bow, from
+    90 deg off `heading`, and by how much [rad] it veers until the end. stop, play: from where on the rudder in
+    the water stands still, and its play to either side [rad]; the record has neither. slow: the speed's
+    share from that part of the record on, which the log does not show where it is stuck. anchor: a moment towards
+    `heading` [1/s^2].
+    """
+    random = np.random.default_rng(seed)
+    steps = round(seconds / FINE_S)
+    pushes, travel = _pushes(sea, random, steps).tolist(), math.radians(15.0) * FINE_S
+    angle, psi, r, rudder, water, steers = math.radians(20.0), heading, 0.0, 0.0, 0.0, 0.0
+    over, rows, h, speed = side * angle, [], FINE_S, SPEED_M_S
+    for i in range(steps):
+        time = i * FINE_S
+        aim = SPEED_M_S * (slow if time >= slow_from * seconds else 1.0)
+        # a boat loses its way within seconds
+        speed = aim if time == 0.0 else speed + (aim - speed) * FINE_S / 5.0
+        if i % EVERY == 0:
+            rows.append((psi, r, rudder, SPEED_M_S if log_stuck else speed))
+        over = -over if (psi - heading) * math.copysign(1.0, over) >= angle else over
+        order = over if helm is None else helm(time, psi, r)
+        rudder = min(max(rudder + min(max(order - rudder, -travel), travel), -0.61), 0.61)
+        water = min(max(water, rudder - play), rudder + play)
+        before, steers = steers, min(max(water, -stop), stop)
+        a, b, d, e = later if later is not None and time > 0.5 * seconds else boat
+        u = speed / SPEED_M_S
+        blows = wind * math.sin(0.5 * math.pi + veer * time / seconds - (psi - heading))
+        drive = u * u * (a * (0.5 * (before + steers) + pushes[i]) - e) + a * blows - anchor * (psi - heading)
+        middle = r + 0.5 * h * (drive - u * b * r - d / u * r * r * r)
+        psi, r = psi + h * middle, r + h * (drive - u * b * middle - d / u * middle * middle * middle)
+    recorded = np.array(rows)
+    table = _recorded(recorded[:, :3], sea, random)
+    return {**table, "speed_m_s": table["speed_m_s"] * recorded[:, 3] / SPEED_M_S}
 
 
 def _recorded(row: FloatArray, sea: Sea, random: np.random.Generator) -> dict[str, FloatArray]:
