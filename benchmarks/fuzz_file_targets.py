@@ -54,8 +54,7 @@ from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.logs.csv_log import load_column_map
 from autopilot.logs.dataflash import read_dataflash
-from autopilot.logs.export import series_entries, write_mcap
-from autopilot.logs.mcap_log import read_mcap
+from autopilot.logs.mcap_log import read_mcap, series_entries, write_mcap
 from autopilot.logs.n2k_json import read_n2k_json
 from autopilot.logs.n2k_text import read_n2k
 from autopilot.logs.nmea_text import read_nmea

@@ -27,7 +27,7 @@ from autopilot.identification.trial_measures import Measures
 from autopilot.report.log_pages import blocks_of, verdict_of_trials
 
 if TYPE_CHECKING:
-    from autopilot.logs.export import Entry
+    from autopilot.logs.mcap_log import Entry
     from autopilot.logs.reading import LogInfo, LogOptions
     from autopilot.logs.series import Recording
     from autopilot.vessel.schema import Vessel
@@ -138,11 +138,10 @@ def export(text: str, recording: Recording, options: LogOptions, path: Path, end
     if ending not in ENDINGS:
         raise InputError(f"--to {path}: its ending says what it becomes; allowed are {', '.join(ENDINGS)}.")
     if ending == ".mcap":
-        from autopilot.logs.export import write_mcap
+        from autopilot.logs.mcap_log import write_mcap
 
         return f"Wrote {write_mcap(path, _entries(text, recording), text)} messages to {path}."
-    from autopilot.logs.export import write_csv, write_parquet
-    from autopilot.logs.table import table_of
+    from autopilot.logs.table import table_of, write_csv, write_parquet
 
     table = table_of(recording, options.rudder)
     if ending == ".csv":
@@ -152,7 +151,7 @@ def export(text: str, recording: Recording, options: LogOptions, path: Path, end
 
 def _entries(text: str, recording: Recording) -> Iterator[Entry]:
     """Return the series, and where the log is one .tlog also its messages and, of our own, its ticks."""
-    from autopilot.logs.export import message_entries, series_entries, tick_entries
+    from autopilot.logs.mcap_log import message_entries, series_entries, tick_entries
     from autopilot.logs.merge import sources_of
     from autopilot.logs.own_log import began_of
     from autopilot.logs.reading import bytes_of, format_of

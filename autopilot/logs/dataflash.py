@@ -42,7 +42,7 @@ from autopilot.logs.series import (
     on_one_clock,
     series_of,
 )
-from autopilot.logs.table import steering_servo, thrust_series
+from autopilot.logs.table import steering_series, steering_servo
 
 HEAD = b"\xa3\x95"
 FMT = 128
@@ -283,21 +283,16 @@ def _steering(path: str, log: DataFlash, options: ReadOptions, notes: list[str])
     names, values = log.texts("PARM", "Name"), log.column("PARM", "Value")
     # a damaged FMT may have left one of the two without its field
     parameters = dict(zip(names, values.tolist(), strict=True)) if names and values is not None else {}
-    known = steering_servo(path, parameters, options.servo)
     time = _time(log, "RCOU")
 
     def of_output(number: int) -> tuple[FloatArray, FloatArray] | None:
         pulses = log.column("RCOU", f"C{number}", f"Ch{number}")
         return None if pulses is None or time is None else (time, pulses)
 
-    thrust = thrust_series(path, parameters, options.thrusters, of_output)
-    if known is None and any(series.quantity == SHARE for series in thrust):
-        return thrust
-    if known is not None:
-        pulses = log.column("RCOU", f"C{known.number}", f"Ch{known.number}")
-        if pulses is not None and time is not None:
-            return (*series_of(SHARE, f"RCOU servo {known.number}", time, known.share(pulses)), *thrust)
-    elif "RCOU" in log:
+    found = steering_series(path, parameters, options, of_output, "RCOU")
+    if found is not None:
+        return found
+    if "RCOU" in log and steering_servo(path, parameters, options.servo) is None:
         notes.append(
             f"{path}: no PARM says which servo steers (SERVOn_FUNCTION 26); the firmware's steering output is taken "
             "instead where it is logged (STER), or say it with --servo NUMBER:MIN:TRIM:MAX."

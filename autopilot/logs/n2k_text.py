@@ -125,7 +125,7 @@ def recording_of(
     for (quantity, group, source), pairs in ordered:
         if (quantity, group) == (HEADING, ATTITUDE) and len({value for _, value in pairs}) == 1:
             continue  # of a sensor that knows roll and pitch alone
-        series += series_of(quantity, source, [time for time, _ in pairs], [value for _, value in pairs])
+        series += series_of(quantity, source, *zip(*pairs, strict=True))
     if not series:
         raise InputError(f"{path}: holds none of the NMEA 2000 messages that are read: {KINDS}.")
     dates = (date - each.time for each in messages if (date := moment(each.fields)) is not None)

@@ -186,7 +186,7 @@ def _series(path: str, lines: list[Line], time: FloatArray, variation: float | N
     return [
         series
         for (quantity, source), pairs in ordered
-        for series in series_of(quantity, source, [when for when, _ in pairs], [value for _, value in pairs])
+        for series in series_of(quantity, source, *zip(*pairs, strict=True))
     ], notes
 
 

@@ -92,9 +92,7 @@ def _samples(ticks: list[Tick]) -> list[Series]:
                 found[quantity, source].append((sample.time, value))
     named = {key: key[1] or "+".join(compasses.get(key[0], {})) for key in found}
     return [
-        series
-        for key, pairs in found.items()
-        for series in series_of(key[0], named[key], [time for time, _ in pairs], [value for _, value in pairs])
+        series for key, pairs in found.items() for series in series_of(key[0], named[key], *zip(*pairs, strict=True))
     ]
 
 

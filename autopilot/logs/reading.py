@@ -63,11 +63,8 @@ def _matches(pattern: bytes) -> Callable[[bytes], bool]:
 
 def _lines(beginning: bytes) -> Callable[[bytes], bool]:
     """Return whether lines begin so and no sentence of NMEA 0183 stands beside them."""
-    form, others = (
-        re.compile(rb"(?m)^[^\r\n$!]{0,64}" + beginning),
-        re.compile(rb"\$(?!PCDIN|MXPGN)[A-Z]{2,}[A-Z0-9]*,"),
-    )
-    return lambda data: form.search(data[:FARTHER]) is not None and others.search(data[:FARTHER]) is None
+    form = re.compile(rb"(?m)^[^\r\n$!]{0,64}" + beginning)
+    return lambda data: form.search(data[:FARTHER]) is not None and SENTENCE.search(data[:FARTHER]) is None
 
 
 def _is_signalk(data: bytes) -> bool:
@@ -92,11 +89,7 @@ def _is_rosbag(data: bytes) -> bool:
 
 PCAP = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"M<\xb2\xa1", b"\xa1\xb2<M")
 BINARY = (
-    Kind(
-        "a packet capture (.pcap)",
-        RECORD,
-        _begins(b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"M<\xb2\xa1", b"\xa1\xb2<M"),
-    ),
+    Kind("a packet capture (.pcap)", RECORD, _begins(*PCAP)),
     Kind("a packet capture (.pcapng)", RECORD, _begins(b"\n\r\r\n")),
     Kind("a ROS 2 bag (.db3)", TABLE, _is_rosbag),
     Kind("an SQLite database", TABLE, _begins(b"SQLite format 3\0")),

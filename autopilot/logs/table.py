@@ -11,17 +11,21 @@ not in the log has the firmware's default (libraries/SRV_Channel/SRV_Channel.cpp
 PX4: the output whose PWM_MAIN_FUNCn or PWM_AUX_FUNCn is 201 (Servo 1), with MINn, MAXn and a bit in REV
 (src/lib/mixer_module); amidships is CENTn where newer versions have it between them, else the middle.
 Boats that steer by thrust: steering and throttle of the outputs of two thrusters, as ArduRover mixes them.
+
+A table is written as a file that others read: CSV and Parquet, positions in degrees, each column with its source.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal, NamedTuple
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from autopilot.errors import InputError
+from autopilot.files.saving import write_new
 from autopilot.identification.runs import Orders, RudderOrigin, gap_limit
 from autopilot.links.mavlink.steering import LONGEST_US, SHORTEST_US
 from autopilot.logs.series import (
@@ -41,6 +45,7 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
+    ReadOptions,
     Recording,
     Series,
     series_of,
@@ -116,23 +121,20 @@ def servo_from_parameters(source: str, values: Mapping[str, float]) -> Servo | N
 
     Raises InputError where its end points are impossible.
     """
-    servo = _ardupilot(values) or _px4(values)
+    servo = _output(values, GROUND_STEERING) or _px4(values)
     if servo is not None:
         servo.check(source)
     return servo
 
 
-def _ardupilot(values: Mapping[str, float]) -> Servo | None:
+def _output(values: Mapping[str, float], function: int) -> Servo | None:
+    """Return the output that ArduPilot's parameters give a function, None where they give it to none."""
     for number in SERVOS:
-        if values.get(f"SERVO{number}_FUNCTION") == GROUND_STEERING:
-            defaults = Servo(number)
-            return Servo(
-                number,
-                values.get(f"SERVO{number}_MIN", defaults.low),
-                values.get(f"SERVO{number}_TRIM", defaults.trim),
-                values.get(f"SERVO{number}_MAX", defaults.high),
-                bool(values.get(f"SERVO{number}_REVERSED", 0.0)),
-            )
+        if values.get(f"SERVO{number}_FUNCTION") == function:
+            usual = Servo(number)
+            ends = (values.get(f"SERVO{number}_{name}") for name in ("MIN", "TRIM", "MAX"))
+            low, trim, high = (default if end is None else end for end, default in zip(ends, usual[1:4], strict=True))
+            return Servo(number, low, trim, high, bool(values.get(f"SERVO{number}_REVERSED", 0.0)))
     return None
 
 
@@ -385,11 +387,70 @@ def thrust_series(path: str, values: Mapping[str, float], thrusters: Mixing, pul
     return (*series_of(SHARE, source, time, steering), *series_of(THROTTLE, source, time, throttle))
 
 
-def _output(values: Mapping[str, float], function: int) -> Servo | None:
-    for number in SERVOS:
-        if values.get(f"SERVO{number}_FUNCTION") == function:
-            usual = Servo(number)
-            ends = (values.get(f"SERVO{number}_{name}") for name in ("MIN", "TRIM", "MAX"))
-            low, trim, high = (default if end is None else end for end, default in zip(ends, usual[1:4], strict=True))
-            return Servo(number, low, trim, high, bool(values.get(f"SERVO{number}_REVERSED", 0.0)))
-    return None
+def steering_series(
+    path: str, values: Mapping[str, float], options: ReadOptions, pulses: Pulses, source: str
+) -> tuple[Series, ...] | None:
+    """Return steering and throttle by the outputs of `source`; None where nothing says which output steers, or it has
+    no pulses. Raises InputError."""
+    thrust = thrust_series(path, values, options.thrusters, pulses)
+    known = steering_servo(path, values, options.servo)
+    if known is None:
+        return thrust if any(series.quantity == SHARE for series in thrust) else None
+    found = pulses(known.number)
+    if found is None:
+        return None
+    return (*series_of(SHARE, f"{source} servo {known.number}", found[0], known.share(found[1])), *thrust)
+
+
+EXTRA = "pip install '.[export]'"
+
+
+def shown_columns(table: Table) -> dict[str, FloatArray]:
+    """Return the columns under the names and in the units in which they are written: SI, positions in degrees."""
+    shown = {}
+    for name, values in table.columns.items():
+        other = name.replace("tude_rad", "tude_deg")
+        shown[other] = values if other == name else values * (180.0 / math.pi)
+    return shown
+
+
+def write_csv(path: Path, table: Table, source: str) -> int:
+    """Write a table with where its columns come from as comments; return the rows. Raises InputError."""
+    lines = [f"# from {source}"] + [f"# {name}: {table.uses[name]}" for name in table.columns if name in table.uses]
+    comments = len(lines)
+    shown = shown_columns(table)
+    lines.append(",".join(shown))
+    for row in zip(*(column.tolist() for column in shown.values()), strict=True):
+        lines.append(",".join("" if value != value else f"{value:.10g}" for value in row))  # noqa: PERF401
+    save(path, lambda new: new.write_text("\n".join(lines) + "\n", encoding="utf-8"))
+    return len(lines) - comments - 1
+
+
+def write_parquet(path: Path, table: Table, source: str, began: float | None) -> int:
+    """Write a table as Parquet: blanks are null, each column's source is in its metadata; return the rows.
+
+    began: Unix time [s] of the clock's zero, kept in the file's metadata. Raises InputError, also without the extra.
+    """
+    try:
+        import pyarrow as arrow
+        import pyarrow.parquet as parquet
+    except ModuleNotFoundError:
+        raise InputError(f"{path}: writing Parquet needs pyarrow; install it with {EXTRA}.") from None
+    shown = shown_columns(table)
+    fields, columns = [], []
+    for (name, values), original in zip(shown.items(), table.columns, strict=True):
+        uses = table.uses.get(original)
+        fields.append(arrow.field(name, arrow.float64(), metadata={"source": uses} if uses else None))
+        columns.append(arrow.array(values, mask=np.isnan(values)))
+    metadata = {"source": source, **({} if began is None else {"began_unix_s": repr(began)})}
+    whole: Any = arrow.Table.from_arrays(columns, schema=arrow.schema(fields, metadata=metadata))
+    save(path, lambda new: parquet.write_table(whole, new, compression="zstd"))
+    return int(whole.num_rows)
+
+
+def save(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a file, which has the name `path` once it is whole. Raises InputError where that fails."""
+    try:
+        write_new(path, write)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}; give another place.") from error

@@ -29,7 +29,6 @@ from autopilot.logs.series import (
     PROPELLER,
     RATE,
     ROLL,
-    SHARE,
     SPEED,
     WIND_DIRECTION,
     WIND_SPEED,
@@ -41,7 +40,7 @@ from autopilot.logs.series import (
     on_one_clock,
     series_of,
 )
-from autopilot.logs.table import steering_servo, thrust_series
+from autopilot.logs.table import steering_series
 
 REBOOT_S = 1.0
 """Boot time this much behind the newest is a reboot; less is a message that came out of order."""
@@ -280,19 +279,17 @@ def _damage(path: str, packets: TlogPackets, bad: int) -> list[str]:
 def _steering(path: str, vehicle: VehicleLog, options: ReadOptions) -> tuple[tuple[Series, ...], list[str]]:
     if not vehicle.pulses:
         return (), []
-    thrust = thrust_series(
-        path, vehicle.parameters, options.thrusters, lambda number: vehicle.on_one_clock(vehicle.pulses.get(number, []))
-    )
-    known = steering_servo(path, vehicle.parameters, options.servo)
-    if known is None and any(series.quantity == SHARE for series in thrust):
-        return thrust, []
-    if known is None:
-        return (), [
-            f"{path}: SERVO_OUTPUT_RAW is there, but no parameter in the log says which servo steers "
-            "(SERVOn_FUNCTION 26); say it with --servo NUMBER:MIN:TRIM:MAX."
-        ]
-    time, pulses = vehicle.on_one_clock(vehicle.pulses.get(known.number, []))
-    return (*series_of(SHARE, f"SERVO_OUTPUT_RAW servo {known.number}", time, known.share(pulses)), *thrust), []
+
+    def of_output(number: int) -> tuple[FloatArray, FloatArray]:
+        return vehicle.on_one_clock(vehicle.pulses.get(number, []))
+
+    found = steering_series(path, vehicle.parameters, options, of_output, "SERVO_OUTPUT_RAW")
+    if found is not None:
+        return found, []
+    return (), [
+        f"{path}: SERVO_OUTPUT_RAW is there, but no parameter in the log says which servo steers "
+        "(SERVOn_FUNCTION 26); say it with --servo NUMBER:MIN:TRIM:MAX."
+    ]
 
 
 def is_tlog(data: bytes) -> bool:

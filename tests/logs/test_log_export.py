@@ -24,7 +24,7 @@ from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.signing import CountingTimestamps, LinkSigning, Signing
-from autopilot.logs.export import message_entries
+from autopilot.logs.mcap_log import message_entries
 from autopilot.logs.replay_onto import replay_onto
 from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import read_log
