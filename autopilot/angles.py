@@ -38,3 +38,9 @@ def compass_deg(heading: float) -> float:
     """Return `heading` [rad] as degrees in [0, 360)."""
     degrees = math.degrees(wrap_positive(heading))
     return 0.0 if degrees >= 360.0 else degrees
+
+
+def compass_text(heading: float, decimals: int = 0) -> str:
+    """Return `heading` [rad] as it is written: three digits before the point, and 000 where it rounds to 360."""
+    degrees = round(compass_deg(heading), decimals) % 360.0
+    return f"{degrees:0{4 + decimals if decimals else 3}.{decimals}f}"

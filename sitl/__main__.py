@@ -3,15 +3,15 @@
 from autopilot.entry import start
 
 
-def main() -> None:
-    """Run `sitl` and end with its exit code."""
-    start("sitl", _sitl)
+def main(program: str = "sitl") -> None:
+    """Run `sitl` and end with its exit code; its messages name `program`, which may have called it."""
 
+    def run() -> int:
+        from sitl.cli import main as sitl
 
-def _sitl() -> int:
-    from sitl.cli import main as sitl
+        return sitl(program=program)
 
-    return sitl()
+    start(program, run)
 
 
 if __name__ == "__main__":

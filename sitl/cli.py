@@ -228,9 +228,9 @@ def _run_fault(arguments: argparse.Namespace) -> int:
     return int(ExitCode.OK)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run `sitl` and return its exit code."""
-    return answer("sitl", sys.argv[1:] if argv is None else argv, lambda given: build_parser())
+def main(argv: Sequence[str] | None = None, program: str = "sitl") -> int:
+    """Run `sitl` in the name of `program` and return its exit code."""
+    return answer(program, sys.argv[1:] if argv is None else argv, lambda given: build_parser())
 
 
 class _StopOnSignal:

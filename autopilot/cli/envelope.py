@@ -6,12 +6,12 @@ The simulator does it in a process of its own, `sitl envelope`, since the autopi
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 from autopilot.cli.options import whole_number
+from autopilot.interruption import Interrupted, run_child
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -48,4 +48,12 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Have the simulator sail what was asked of us; what it prints is for the user as it is."""
-    return subprocess.run([sys.executable, "-m", "sitl", *arguments.typed[1:]], check=False).returncode
+    try:
+        return run_child(simulator(*arguments.typed[1:]))
+    except Interrupted as signal:  # it has said so
+        return 128 + signal.number
+
+
+def simulator(*words: str) -> list[str]:
+    """Return the command line of `sitl`, whose messages are in the name of this program."""
+    return [sys.executable, "-c", "from sitl.__main__ import main; main('autopilot')", *words]

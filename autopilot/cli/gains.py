@@ -302,7 +302,9 @@ def _tuned(arguments: argparse.Namespace) -> int:
 
 
 def _simulated(arguments: argparse.Namespace, law: str) -> dict[str, Any]:
-    command = [sys.executable, "-m", "sitl", "tune", arguments.vessel, "--law", law]
+    from autopilot.cli.envelope import simulator
+
+    command = simulator("tune", arguments.vessel, "--law", law)
     for name in ("weight", "study", "generations"):
         value = getattr(arguments, name)
         command += [] if value is None else [f"--{name}", f"{value}"]

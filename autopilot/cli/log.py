@@ -274,6 +274,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
+    from autopilot.cli.terminal import ProgressBar
     from autopilot.files.printable import aligned
     from autopilot.report.log_pages import compared, comparison_page, document_of_runs, run_of, table_of_runs
     from autopilot.runtime.record import read_logs
@@ -286,10 +287,11 @@ def _compare(arguments: argparse.Namespace) -> int:
     paths = [Path(name) for name in (arguments.log, arguments.second)]
     # a name is enough, where both are not alike
     names = [path.name for path in paths] if paths[0].name != paths[1].name else [str(path) for path in paths]
-    first, second = (
-        run_of(name, [tick for log in read_logs(path) for tick in log.ticks])
-        for name, path in zip(names, paths, strict=True)
-    )
+    with ProgressBar("reading") as bar:
+        first, second = (
+            run_of(name, [tick for log in read_logs(path, progress=bar.update_share) for tick in log.ticks])
+            for name, path in zip(names, paths, strict=True)
+        )
     if arguments.json:
         print(json.dumps(document_of_runs(first, second), indent=2))
     else:

@@ -44,9 +44,11 @@ def run(arguments: argparse.Namespace) -> int:
     print_newer([str(arguments.log)])
     if arguments.link:
         return _play(arguments)
+    from autopilot.cli.terminal import ProgressBar
     from autopilot.runtime.record import replay
 
-    result = replay(arguments.log)
+    with ProgressBar("replaying") as bar:
+        result = replay(arguments.log, bar.update_share)
     if arguments.json:
         print(json.dumps(result._asdict()))
     elif result.identical:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any, TextIO, cast
 
-from autopilot.angles import compass_deg
+from autopilot.angles import compass_text
 from autopilot.files.printable import PrintableStream, printable, rewrite_line
 from autopilot.signals import AlarmEvent, Mode, OrderKind, RudderSample, Tick
 from autopilot.supervision.panel import sentences_of
@@ -44,7 +44,15 @@ class ProgressBar:
         if not self._is_terminal:
             return
         filled = WIDTH * done // total if total else 0
-        line = f"{self._label} [{'#' * filled}{' ' * (WIDTH - filled)}] {done}/{total or '?'}"
+        self._show(f"{self._label} [{'#' * filled}{' ' * (WIDTH - filled)}] {done}/{total or '?'}")
+
+    def update_share(self, done: int, total: int) -> None:
+        """Draw the bar with the share that is done in per cent, for bytes and ticks, which nobody counts."""
+        if self._is_terminal and total:
+            filled, share = WIDTH * done // total, 100 * done // total
+            self._show(f"{self._label} [{'#' * filled}{' ' * (WIDTH - filled)}] {share} %")
+
+    def _show(self, line: str) -> None:
         if line != self._line:
             self._line = line
             rewrite_line(sys.stderr, line)
@@ -276,7 +284,7 @@ def status_text(tick: Tick, is_measured: bool, width: int, ahead: str = "", nort
         (0, ahead),
         (0, mode),
         (5 if ahead and course == "---" else 0, f"course {course}{north}"),
-        (0, f"heading {degrees_text(state.heading)}{north}"),
+        (0, f"heading {compass_text(state.heading)}{north}"),
         (0, f"rudder {shown}"),
         (1, f"{math.degrees(state.rate):+.1f} deg/s"),
         (2, f"{state.speed * 3600.0 / 1852.0:.1f} kn"),
@@ -295,10 +303,5 @@ def course_text(tick: Tick) -> str:
     """Return the course ordered, --- where none is."""
     order = tick.order
     if order.kind is OrderKind.HEADING and tick.mode is Mode.ENGAGED:
-        return degrees_text(order.heading if math.isfinite(order.heading) else tick.reference.heading)
-    return degrees_text(order.heading) if order.kind is OrderKind.HEADING and math.isfinite(order.heading) else "---"
-
-
-def degrees_text(heading: float) -> str:
-    """Return a heading [rad] as a compass shows it, 000 to 359."""
-    return f"{round(compass_deg(heading)) % 360:03d}"
+        return compass_text(order.heading if math.isfinite(order.heading) else tick.reference.heading)
+    return compass_text(order.heading) if order.kind is OrderKind.HEADING and math.isfinite(order.heading) else "---"

@@ -22,7 +22,7 @@ from collections import deque
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, shortest_turn
+from autopilot.angles import compass_text, shortest_turn
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -401,8 +401,8 @@ class SensorSelection:
     def _apart_by(self, heading: float, other: str, other_heading: float) -> AlarmEvent:
         apart = abs(math.degrees(shortest_turn(heading, other_heading)))
         detail = (
-            f"{apart:.0f} deg: {self._selected['heading'].partition('@')[0]} {compass_deg(heading):05.1f}, "
-            f"{other.partition('@')[0]} {compass_deg(other_heading):05.1f}"
+            f"{apart:.0f} deg: {self._selected['heading'].partition('@')[0]} {compass_text(heading, 1)}, "
+            f"{other.partition('@')[0]} {compass_text(other_heading, 1)}"
         )
         return AlarmEvent("heading_disagrees", detail, APART)
 

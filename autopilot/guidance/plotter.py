@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, shortest_turn, wrap
+from autopilot.angles import compass_text, shortest_turn, wrap
 from autopilot.guidance.track import Set
 from autopilot.signals import AlarmEvent
 
@@ -190,13 +190,13 @@ class PlotterGuide:
         return self._message
 
     def _event(self, now: float, message: PlotterLeg | PlotterHeading | None) -> AlarmEvent | None:
-        held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
+        held = f"holding {compass_text(self._held or 0.0, 1)} deg"
         newest = self._candidate
         is_fresh = newest is not None and now - newest.time <= TIMEOUT_S
         if is_fresh and newest is not None and message is not newest and not self._may_turn(newest):
             far = f"further than {math.degrees(TURN_MOST):.0f} deg from the leg before"
             to = f" to {newest.name}" if isinstance(newest, PlotterLeg) and newest.name else ""
-            return AlarmEvent("plotter_turn", f"{compass_deg(self._wants_far):05.1f} deg{to}, {far}")
+            return AlarmEvent("plotter_turn", f"{compass_text(self._wants_far, 1)} deg{to}, {far}")
         is_passed = isinstance(message, PlotterLeg) and message.passed
         self._passed = (self._passed or now) if is_passed else None
         if self._passed is not None and isinstance(message, PlotterLeg) and now - self._passed >= PASSED_S:

@@ -30,7 +30,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, shortest_turn, wrap
+from autopilot.angles import compass_text, shortest_turn, wrap
 from autopilot.guidance import current
 from autopilot.guidance.current import CurrentFilter, CurrentSettings, Fix, Place, bearing_and_distance, offset
 from autopilot.models.steering_gear import clip
@@ -494,7 +494,7 @@ class TrackGuide:
             self._cannot = places[0], said
 
     def _event(self, now: float) -> AlarmEvent | None:
-        held = f"holding {compass_deg(self._held or 0.0):05.1f} deg"
+        held = f"holding {compass_text(self._held or 0.0, 1)} deg"
         if self.is_complete:
             return AlarmEvent(self._ending, held)
         if not self.following:

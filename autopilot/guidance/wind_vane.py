@@ -25,7 +25,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, shortest_turn, wrap
+from autopilot.angles import compass_text, shortest_turn, wrap
 from autopilot.errors import InputError
 from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, SpeedSample, WindSample
@@ -454,7 +454,7 @@ class WindGuide:
     def alarm(self) -> AlarmEvent | None:
         """What the skipper must know, None while all is well."""
         if self.lost:
-            return AlarmEvent("wind_lost", f"{self.lost}: holding {compass_deg(self._held):05.1f} deg")
+            return AlarmEvent("wind_lost", f"{self.lost}: holding {compass_text(self._held, 1)} deg")
         if self.asked is not None:
             wind = f" in {self.vane.wind.speed:.0f} m/s of wind" if self.is_strong(self.asked) else ""
             return AlarmEvent("wind_turn_asked", f"{self.asked.words}{wind}")

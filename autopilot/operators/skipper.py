@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, wrap
+from autopilot.angles import compass_text, wrap
 from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, typed_number
 from autopilot.files.printable import printable
@@ -116,7 +116,7 @@ class Skipper:
         heading = wrap(self._order.heading + turn)
         # the same serial: a change of heading is no request to engage again after an override
         self._order = self._order._replace(heading=heading, is_led=False)
-        return f"heading {compass_deg(heading):05.1f} deg"
+        return f"heading {compass_text(heading, 1)} deg"
 
     def _give(self, kind: OrderKind, heading: float) -> None:
         self._order = Order(kind, heading, serial=self._order.serial + 1)
@@ -385,7 +385,7 @@ class RouteSkipper(PlotterSkipper):
         overboard.mark(self._tick.now if self._tick is not None else math.inf, fix)
         seen = overboard.seen_from(fix)
         assert seen is not None
-        return f"MAN OVERBOARD: bearing {compass_deg(seen[0]):03.0f}, {seen[1]:.0f} m (mob: again; mob off)"
+        return f"MAN OVERBOARD: bearing {compass_text(seen[0])}, {seen[1]:.0f} m (mob: again; mob off)"
 
     def _type_wind(self, word: str, rest: str) -> str:
         if word == "w":

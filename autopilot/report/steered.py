@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, wrap
+from autopilot.angles import compass_text, wrap
 from autopilot.signals import Mode, OrderKind, Tick
 
 TURN_LEAST = math.radians(5.0)
@@ -166,7 +166,7 @@ class Steered:
     def _take_course(self, tick: Tick, step: float) -> None:
         order = tick.order
         course = order.heading if math.isfinite(order.heading) else tick.reference.heading
-        self.what = f"course {compass_deg(course):05.1f}".removesuffix(".0")
+        self.what = f"course {compass_text(course, 1)}".removesuffix(".0")
         # engaged on another course than the boat has: a turn as well, and not a course badly held
         change = wrap(course - (tick.state.heading if self._course is None else self._course))
         if not order.is_led and abs(change) >= TURN_LEAST:

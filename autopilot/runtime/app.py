@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 from autopilot import __version__
-from autopilot.angles import compass_deg
+from autopilot.angles import compass_text
 from autopilot.files.saving import BackgroundSaver
 from autopilot.links.alarm_outputs import Acknowledgements, GuideAlarms
 from autopilot.links.base import Link, close_all
@@ -163,7 +163,7 @@ class App:
     def _resume(self, restart: RestartState) -> None:
         heading = restart.left()
         if heading is not None and self._plan.resume is not None:
-            held = f"{compass_deg(heading):.0f} deg"
+            held = f"{compass_text(heading)} deg"
             self.notices.append(f"the process before this one ended while it held {held}: engaging on it again")
             self._plan.resume(heading)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from textwrap import wrap
 from typing import Any, Literal, NamedTuple
 
+from autopilot.angles import compass_text
 from autopilot.web.station import Station
 from autopilot.web.view import MODE_NAMES
 
@@ -74,7 +75,8 @@ def _head(shown: dict[str, Any], trouble: str, station: Station) -> list[Line]:
     steers = shown["mode"] != "standby"
     before, back = station.course.before, ""
     if before is not None:
-        angle = f"{abs(before):.0f}°{'P' if before < 0.0 else 'S'}" if shown["mode"] == "wind" else f"{before:03.0f}°"
+        side = "P" if before < 0.0 else "S"
+        angle = f"{abs(before):.0f}°{side}" if shown["mode"] == "wind" else f"{_course(before)}°"
         back = f"   back to {angle}: b"
     style: Style = "bad" if shown["status"] in STATES else "on" if steers else "strong"
     return [Line(f" {mode} {'' if steers else ' you steer'}{back}", style)]
@@ -141,7 +143,7 @@ def _facts(shown: dict[str, Any]) -> list[str]:
     ticks, gap = shown.get("hz"), shown.get("gap")
     xte = shown.get("xte") if shown["mode"] == MODE_NAMES[10] else None
     facts = [
-        f"order    {order % 360.0:05.1f}°" if order is not None else "order     --",
+        f"order    {_course(order, 1)}°" if order is not None else "order     --",
         f"turn    {rate:+5.1f}°/s" if rate is not None else "turn      --",
         f"rudder  {_sided(rudder)}   ordered {_sided(ordered)}",
         f"speed   {shown['speed']:5.1f} kn" if shown.get("speed") is not None else "speed     --",
@@ -152,11 +154,16 @@ def _facts(shown: dict[str, Any]) -> list[str]:
     return [*facts, "  ".join(old)]
 
 
+def _course(degrees: float | None, decimals: int = 0) -> str:
+    return "---" if degrees is None else compass_text(math.radians(degrees), decimals)
+
+
 def _overboard(shown: dict[str, Any]) -> list[Line]:
     if shown["ages"].get("mob", math.inf) > STALE_S["navigation"]:
         return []
-    bearing, distance, since = (_whole(shown.get(f"mob_{name}")) for name in ("bearing", "distance", "since"))
-    return [Line(f" MAN OVERBOARD  {bearing:0>3}°  {distance} m  {since} s ago  (:mob_off ends it)", "bad")]
+    bearing, distance, since = (shown.get(f"mob_{name}") for name in ("bearing", "distance", "since"))
+    seen = f"{_course(bearing)}°  {_whole(distance)} m  {_whole(since)} s ago"
+    return [Line(f" MAN OVERBOARD  {seen}  (:mob_off ends it)", "bad")]
 
 
 def _wind(shown: dict[str, Any]) -> list[Line]:
@@ -173,7 +180,7 @@ def _wind(shown: dict[str, Any]) -> list[Line]:
 
 def _middle(shown: dict[str, Any], width: int) -> list[Line]:
     heading = shown.get("heading")
-    digits = f"{round(heading) % 360:03d}" if heading is not None else "---"
+    digits = _course(heading)
     stale = shown["ages"].get("attitude", math.inf) > STALE_S["attitude"]
     facts = _facts(shown)
     rows = [" ".join(DIGITS[digit][row] for digit in digits) for row in range(3)]
@@ -189,7 +196,7 @@ def _middle(shown: dict[str, Any], width: int) -> list[Line]:
 
 def _narrow(shown: dict[str, Any]) -> list[Line]:
     heading = shown.get("heading")
-    first = f" heading {heading:05.1f}°" if heading is not None else " heading --"
+    first = f" heading {_course(heading, 1)}°" if heading is not None else " heading --"
     return [Line(first, "strong"), *(Line(f" {fact}") for fact in _facts(shown) if fact)]
 
 

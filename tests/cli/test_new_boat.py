@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -13,6 +14,8 @@ from autopilot.cli import new_boat
 from autopilot.cli.main import build_parser, main
 from autopilot.cli.new_boat import STEPS, Boat, Checklist
 from autopilot.errors import InputError
+from autopilot.runtime.record import Recorder
+from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 from autopilot.vessel.file import dump_vessel, first_model, load_vessel
 
 WHEN = datetime(2026, 11, 24, 12, 0)
@@ -166,11 +169,56 @@ def test_who_leaves_is_shown_where_it_goes_on(
     assert f"autopilot new-boat {file} goes on here." in said
 
 
+def hold(path: Path, off_deg: float, mode: Mode = Mode.ENGAGED) -> None:
+    """Write the log of a minute on a course, swinging about it once in 8 s."""
+    order, recorder = Order(OrderKind.HEADING, 1.0), Recorder(path, {}, 0.0)
+    for number in range(600):
+        now = 0.1 * number
+        heading = 1.0 + math.radians(off_deg) * math.sin(math.tau * now / 8.0)
+        state = NavState(now, heading, 0.0, 3.0, 0.0, 0.0, 0.0, True)
+        command = RudderCommand(now, 0.0, True)
+        recorder.record(Tick(number, now, (), order, state, Reference(1.0), 0.0, command, mode, ()), [])
+    recorder.close()
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "mode", "said"),
+    [
+        (20.0, Mode.ENGAGED, "is not done: poor: held it within 20"),
+        (0.0, Mode.STANDBY, "is not done: no course was held"),
+    ],
+)
+def test_a_hold_that_swings_is_not_ticked_off(
+    off_deg: float,
+    mode: Mode,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def badly(command: Sequence[str]) -> int:
+        if "run" in command:
+            hold(Path(command[command.index("--log") + 1]), off_deg, mode)
+        elif "--log" in command:
+            Path(command[command.index("--log") + 1]).write_text("")
+        return 0
+
+    file = tmp_path / "mine.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")))
+    monkeypatch.setattr(new_boat, "run_child", badly)
+    assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"]) == 4
+    error = capsys.readouterr().err
+    assert said in error and "Good enough is: its last lines say good or fair" in error and "If not: it swings" in error
+    assert "hold" not in Checklist(file).done
+
+
 def test_at_its_end_stand_the_commands_of_every_day(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def well(command: Sequence[str]) -> int:
-        if "--log" in command:
+        if "run" in command:
+            hold(Path(command[command.index("--log") + 1]), 1.0)
+        elif "--log" in command:
             Path(command[command.index("--log") + 1]).write_text("")
         return 0
 

@@ -327,8 +327,8 @@ def test_how_old_what_is_shown_may_be(shown: Shown, is_free: bool) -> None:
 
 @pytest.mark.parametrize(
     ("bearing", "target", "distance", "said"),
-    [(0.0, 0.0, 0.0, ""), (2.0, 0.0, 0.0, ""), (math.pi / 2, 0.1, 12.4, "12 m off in 90 deg"),
-     (-math.pi / 2, 0.0, 0.6, "1 m off in 270 deg"), (0.0, -0.1, 0.0, "0 m off in 0 deg")],
+    [(0.0, 0.0, 0.0, ""), (2.0, 0.0, 0.0, ""), (math.pi / 2, 0.1, 12.4, "12 m off in 090 deg"),
+     (-math.pi / 2, 0.0, 0.6, "1 m off in 270 deg"), (0.0, -0.1, 0.0, "0 m off in 000 deg")],
 )  # fmt: skip
 def test_a_place_of_its_own_shows_in_bearing_or_distance(
     bearing: float, target: float, distance: float, said: str
@@ -441,7 +441,7 @@ def test_who_follows_other_headings_is_said_with_both_of_them() -> None:
     for step in range(40):
         targets.next_target(tick(10.0 + 0.1 * step, Mode.ENGAGED, math.radians(60.0), math.radians(60.0)), True)
         targets.report(10.0 + 0.1 * step, math.radians(75.0))
-    assert "it steers 75 deg while 60 is sent" in watch.disobeyed
+    assert "it steers 075 deg while 060 is sent" in watch.disobeyed
 
 
 @pytest.mark.parametrize(("off", "follows"), [(3.9, True), (-3.9, True), (4.1, False), (-4.1, False)])

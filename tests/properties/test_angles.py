@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.angles import compass_deg, shortest_turn, wrap, wrap_positive
+from autopilot.angles import compass_deg, compass_text, shortest_turn, wrap, wrap_positive
 
 finite = st.floats(-1.0e6, 1.0e6)
 
@@ -29,6 +29,14 @@ def test_wrap_leaves_what_is_inside_alone(angle: float) -> None:
 def test_wrap_positive_is_a_compass_card(angle: float) -> None:
     assert 0.0 <= wrap_positive(angle) < 2.0 * math.pi
     assert 0.0 <= compass_deg(angle) < 360.0
+
+
+@pytest.mark.parametrize(
+    ("degrees", "whole", "tenth"),
+    [(359.97, "000", "000.0"), (359.4, "359", "359.4"), (-0.6, "359", "359.4"), (7.0, "007", "007.0")],
+)
+def test_nobody_reads_a_course_of_360(degrees: float, whole: str, tenth: str) -> None:
+    assert (compass_text(math.radians(degrees)), compass_text(math.radians(degrees), 1)) == (whole, tenth)
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi))

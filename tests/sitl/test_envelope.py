@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from autopilot.angles import wrap
+from autopilot.cli.main import main
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import StandardErrors
 from sitl.campaign import envelope
@@ -150,3 +151,8 @@ def test_thrusters_that_work_against_waves_are_not_called_stuck(run: int) -> Non
     key = int(np.random.SeedSequence((771001, run)).generate_state(1)[0])
     found = watched(THRUSTERS, prepared_for(THRUSTERS, study, ranges, drawn), study, (run, key, until), drawn)
     assert found.outcome == HELD
+
+
+def test_its_errors_are_in_the_name_of_who_was_called(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["envelope", "nosuch.yaml"]) == 2
+    assert capfd.readouterr().err.startswith("autopilot: nosuch.yaml: no such file")

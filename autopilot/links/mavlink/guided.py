@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.angles import compass_deg, shortest_turn
+from autopilot.angles import compass_text, shortest_turn
 from autopilot.links.mavlink.authority import ControlAuthority
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.release import Release, ReleaseState, not_held
@@ -193,7 +193,7 @@ def stray_bearing(bearing: float, target_bearing: float, distance: float) -> str
         return ""
     return (
         f"the vehicle has left our headings for a place of its own, {distance:.0f} m off in "
-        f"{compass_deg(bearing):.0f} deg: our targets do not arrive, or another guides it"
+        f"{compass_text(bearing)} deg: our targets do not arrive, or another guides it"
     )
 
 
@@ -288,10 +288,10 @@ class GuidedTargets:
             agrees, sentence = not self._stray, self._stray
             if self._echoes and not self._stray:
                 agrees = any(abs(shortest_turn(sent, bearing)) < FOLLOWS_WITHIN for _, sent in self._sent)
-                wanted = compass_deg(self._sent[-1][1]) if self._sent else math.nan
+                wanted = compass_text(self._sent[-1][1]) if self._sent else "none"
                 sentence = (
-                    f"the vehicle does not follow our headings: it steers {compass_deg(bearing):.0f} deg while "
-                    f"{wanted:.0f} is sent (another companion or ground station guides it)"
+                    f"the vehicle does not follow our headings: it steers {compass_text(bearing)} deg while "
+                    f"{wanted} is sent (another companion or ground station guides it)"
                 )
             if self._authority.echo.disagrees(now, "NAV_CONTROLLER_OUTPUT", agrees):
                 self._authority.refuse(sentence)

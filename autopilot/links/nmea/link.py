@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg, shortest_turn
+from autopilot.angles import compass_text, shortest_turn
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import AlarmNews, HelmNews, SessionLink, Transport
 from autopilot.links.nmea.samples import OWN_TALKER, Deviation, NmeaReader
@@ -140,23 +140,19 @@ def heading_control(tick: Tick, talker: str = TALKER, magnetic: bool = False) ->
         steering,
         "N",
         *("", "", "", ""),
-        _compass(tick.order.heading) if heads and math.isfinite(tick.order.heading) else "",
+        compass_text(tick.order.heading, 1) if heads and math.isfinite(tick.order.heading) else "",
         *("", ""),
         "M" if magnetic else "T",
         "A" if engaged else "V",
         "V" if heads and off else "A",
         "V",
-        _compass(tick.state.heading),
+        compass_text(tick.state.heading, 1),
     ]
     return format_sentence(talker, "HTD", fields)
 
 
 def _angle(angle: float, name: str) -> tuple[str, str, str, str]:
     return ("A", f"{math.degrees(angle) + 0.0:.1f}", "D", name)
-
-
-def _compass(heading: float) -> str:
-    return f"{round(compass_deg(heading), 1) % 360.0:05.1f}"
 
 
 BITS_PER_BYTE = 10

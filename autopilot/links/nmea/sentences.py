@@ -21,7 +21,7 @@ import math
 import re
 from typing import NamedTuple
 
-from autopilot.angles import compass_deg
+from autopilot.angles import compass_text
 
 LENGTH_MAX = 102
 """The standard says 82 characters with `$` and line end; some instruments are longer, none should be by this."""
@@ -178,12 +178,12 @@ KMH_M_S = 1000.0 / 3600.0
 
 def encode_hdt(heading: float, talker: str = "HE", decimals: int = 1) -> bytes:
     """Return HDT: true heading [rad]."""
-    return format_sentence(talker, "HDT", [_compass(heading, decimals), "T"])
+    return format_sentence(talker, "HDT", [compass_text(heading, decimals), "T"])
 
 
 def encode_hdm(heading: float, talker: str = "HC", decimals: int = 1) -> bytes:
     """Return HDM: magnetic heading [rad]."""
-    return format_sentence(talker, "HDM", [_compass(heading, decimals), "M"])
+    return format_sentence(talker, "HDM", [compass_text(heading, decimals), "M"])
 
 
 def encode_hdg(
@@ -194,13 +194,13 @@ def encode_hdg(
     decimals: int = 1,
 ) -> bytes:
     """Return HDG: what the compass shows [rad], its deviation and the variation [rad], east positive, or None."""
-    fields = [_compass(heading, decimals), *_east_west(deviation), *_east_west(variation)]
+    fields = [compass_text(heading, decimals), *_east_west(deviation), *_east_west(variation)]
     return format_sentence(talker, "HDG", fields)
 
 
 def encode_ths(heading: float, mode: str = "A", talker: str = "HE", decimals: int = 1) -> bytes:
     """Return THS: true heading [rad] and mode (A autonomous, E estimated, M manual, S simulator, V not valid)."""
-    return format_sentence(talker, "THS", [_compass(heading, decimals), mode])
+    return format_sentence(talker, "THS", [compass_text(heading, decimals), mode])
 
 
 def encode_rot(rate: float, valid: bool = True, talker: str = "TI", decimals: int = 1) -> bytes:
@@ -233,14 +233,14 @@ def encode_vhw(
 
 def encode_mwv(angle: float, speed: float, talker: str = "WI") -> bytes:
     """Return MWV: the apparent wind's angle [rad], clockwise from the bow, and speed [m/s]."""
-    return format_sentence(talker, "MWV", [_compass(angle, 1), "R", _number(speed / KNOT_M_S, 1), "N", "A"])
+    return format_sentence(talker, "MWV", [compass_text(angle, 1), "R", _number(speed / KNOT_M_S, 1), "N", "A"])
 
 
 def encode_vtg(
     course: float, speed: float, course_magnetic: float | None = None, mode: str = "A", talker: str = "GP"
 ) -> bytes:
     """Return VTG: course [rad] and speed [m/s] over the ground, mode A, D, E, M, S or N (no data)."""
-    fields = [_compass(course, 1), "T", _optional_compass(course_magnetic), "M"]
+    fields = [compass_text(course, 1), "T", _optional_compass(course_magnetic), "M"]
     fields += [_number(speed / KNOT_M_S, 2), "N", _number(speed / KMH_M_S, 2), "K", mode]
     return format_sentence(talker, "VTG", fields)
 
@@ -266,7 +266,7 @@ def encode_rmc(
         _degrees_minutes(abs(longitude_deg), 3),
         "E" if longitude_deg >= 0.0 else "W",
         _number(speed / KNOT_M_S, 2),
-        _compass(course, 1),
+        compass_text(course, 1),
         f"{day:02d}{month:02d}{year % 100:02d}",
         *_east_west(variation),
         "A" if valid else "N",
@@ -274,13 +274,8 @@ def encode_rmc(
     return format_sentence(talker, "RMC", fields)
 
 
-def _compass(angle: float, decimals: int) -> str:
-    degrees = round(compass_deg(angle), decimals)
-    return f"{0.0 if degrees >= 360.0 else degrees:0{4 + decimals}.{decimals}f}"
-
-
 def _optional_compass(angle: float | None) -> str:
-    return "" if angle is None else _compass(angle, 1)
+    return "" if angle is None else compass_text(angle, 1)
 
 
 def _number(value: float, decimals: int) -> str:
