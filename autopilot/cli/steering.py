@@ -35,7 +35,7 @@ from autopilot.interruption import NAMES, REAL_TIME, STRAY, ended_by
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.mavlink.signing import hint_of
-from autopilot.links.release import Release, release_sentence
+from autopilot.links.rudder_order import Release, release_sentence
 from autopilot.links.url import came, parse_url
 from autopilot.report.steered import Steered, Verdict
 from autopilot.runtime.app import App, Machine, Plan

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 from autopilot.files.printable import brief
-from autopilot.links.release import Release
+from autopilot.links.rudder_order import Release
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, RudderCommand, Sample, Tick
 
 
@@ -146,6 +146,22 @@ class SilentLink:
 
     def close(self) -> None:
         """Do nothing."""
+
+
+class CarriedLink(SilentLink):
+    """A link over a transport of its own."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.name = transport.name
+        self._transport = transport
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return self._transport.fileno()
+
+    def close(self) -> None:
+        """Close the transport; call `release` first."""
+        self._transport.close()
 
 
 class AlarmNews:

@@ -42,6 +42,10 @@ SETTLED_S = 10.0
 """What an instrument says for so long while nothing is steered by it is taken."""
 
 
+class NeedsVariationError(Exception):
+    """A bearing from the north that is not steered by, and no variation is known."""
+
+
 class Jump(NamedTuple):
     """What a variation was and what is said now [rad], since when while nothing is steered, and when last [s]."""
 
@@ -119,6 +123,13 @@ class Variation:
                 said = " to ".join(f"{abs(math.degrees(each)):.1f} {'W' if each < 0.0 else 'E'}" for each in both)
                 return AlarmEvent("variation_jumped", said)
         return None
+
+    def steered(self, bearing: float, *, is_magnetic: bool, by_compass: bool) -> float:
+        """Return a bearing [rad] as it is steered by, see `steered`; NeedsVariationError where nobody knows it."""
+        found = steered(bearing, is_magnetic=is_magnetic, by_compass=by_compass, variation=self.value)
+        if found is None:
+            raise NeedsVariationError
+        return found
 
     def move(self, latitude: float, longitude: float) -> None:
         """Take where the boat is [rad]."""

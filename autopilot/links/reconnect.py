@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.links.base import ConfirmsRelease, Link, LinkError, parted
-from autopilot.links.release import Release, ReleaseState, not_held
+from autopilot.links.rudder_order import Release, ReleaseState, not_held
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, RudderCommand, Sample, Tick
 from autopilot.supervision.panel import sentence_of
 

@@ -18,7 +18,7 @@ from autopilot.guidance.stop import lag_of_plan, preset_rate, stop_angle, symmet
 from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_SLUGGISH, SLUGGISH, TrackSettings
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.wind_vane import WindSettings
-from autopilot.links.rudder_follow import FollowSettings
+from autopilot.links.rudder_order import FollowSettings
 from autopilot.models.drives import DRIVES, PLAIN, Mixing, Needs, at_point, quickness
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
 from autopilot.models.steering_gear import SteeringGear, sided

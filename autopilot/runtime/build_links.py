@@ -19,7 +19,7 @@ from autopilot.links.base import Link, Transport, close_all
 from autopilot.links.drives import DRIVES, drive_of
 from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
-from autopilot.links.rudder_follow import FollowSettings
+from autopilot.links.rudder_order import FollowSettings
 from autopilot.links.transports.medium import Network, network_of
 from autopilot.links.url import FORWARD_OPTIONS, NETWORKS, LinkUrl, RecordingTransport, open_transport, parse_url
 from autopilot.runtime.build import follow_of, radians_or_unlimited

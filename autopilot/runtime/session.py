@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from autopilot.links.base import ConfirmsRelease, Link, SilentLink
-from autopilot.links.release import LONGEST_S, Release, ReleaseState
+from autopilot.links.rudder_order import LONGEST_S, Release, ReleaseState
 from autopilot.pilot import Pilot
 from autopilot.runtime.machine import Clock
 from autopilot.signals import (

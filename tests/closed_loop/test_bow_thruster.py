@@ -10,7 +10,7 @@ import pytest
 from lockstep import Lockstep
 
 from autopilot.angles import wrap
-from autopilot.links.release import ReleaseState
+from autopilot.links.rudder_order import ReleaseState
 from autopilot.runtime.tick_codec import decode_tick, encode_tick
 from autopilot.signals import Mode, Order, ThrusterSample
 from autopilot.vessel.file import load_vessel

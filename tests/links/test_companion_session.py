@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.companion import CompanionSession
 from autopilot.links.mavlink.vehicle import CompanionSettings
-from autopilot.links.release import Release, ReleaseState
+from autopilot.links.rudder_order import Release, ReleaseState
 from autopilot.signals import HeadingSample, HelmSample, Mode, RudderCommand, Sample
 
 FULL = math.radians(30.0)

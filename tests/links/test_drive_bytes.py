@@ -13,7 +13,7 @@ from autopilot.links.drives import DriveLink, DriveLinkSettings, DriveSettings, 
 from autopilot.links.drives.jrk import JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor, packet
-from autopilot.links.release import Release, ReleaseState
+from autopilot.links.rudder_order import Release, ReleaseState
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import AlarmSample, HelmSample, RudderCommand, RudderSample
 

@@ -16,7 +16,7 @@ from autopilot.links.drives import DriveLink, DriveLinkSettings, DriveSettings, 
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
 from autopilot.links.drives.maestro import Maestro
 from autopilot.links.drives.pypilot_motor import PypilotMotor, crc8, packet
-from autopilot.links.release import Release, ReleaseState
+from autopilot.links.rudder_order import Release, ReleaseState
 from autopilot.links.transports import loopback_pair
 from autopilot.models.steering_gear import Valve
 from autopilot.runtime.build import follow_of

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from autopilot.angles import wrap
 from autopilot.links.mavlink.authority import ControlAuthority
 from autopilot.links.mavlink.guided import GuidedProof, GuidedTargets, Shown, Verdict, stray_bearing
-from autopilot.links.release import ReleaseState
+from autopilot.links.rudder_order import ReleaseState
 from autopilot.signals import AlarmEvent, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
 WAITS = (AlarmEvent("cannot_engage", "checking that the vehicle takes heading targets"),)

@@ -9,7 +9,7 @@ import pytest
 from autopilot.links.drives import DriveLink, DriveLinkSettings
 from autopilot.links.drives.pypilot_motor import PypilotMotor
 from autopilot.links.nmea.link import NmeaLink
-from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.links.rudder_order import FollowSettings, RudderFollow
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.runtime.build import follow_of

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.vehicle import CompanionSettings
-from autopilot.links.release import ReleaseState
+from autopilot.links.rudder_order import ReleaseState
 from autopilot.links.transports import UdpInTransport, UdpOutTransport, loopback_pair
 from autopilot.signals import (
     AlarmSample,

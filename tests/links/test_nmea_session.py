@@ -9,7 +9,7 @@ import pytest
 
 from autopilot.links.nmea.link import NmeaSession, NmeaSettings
 from autopilot.links.nmea.sentences import encode_hdt, encode_ror, format_sentence
-from autopilot.links.release import ReleaseState
+from autopilot.links.rudder_order import ReleaseState
 from autopilot.signals import HeadingSample, HelmSample, RudderCommand, RudderSample, Sample
 
 HDT = format_sentence("HE", "HDT", ["123.4", "T"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from autopilot.links.release import OverrideRelease, Release, ReleaseState, UnshownRelease, release_sentence
+from autopilot.links.rudder_order import OverrideRelease, Release, ReleaseState, UnshownRelease, release_sentence
 
 
 def asked(*pulses: int) -> OverrideRelease:

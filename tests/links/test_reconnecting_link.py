@@ -27,7 +27,7 @@ from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
-from autopilot.links.release import Release, ReleaseState
+from autopilot.links.rudder_order import Release, ReleaseState
 from autopilot.links.transports import SerialTransport, loopback_pair
 from autopilot.links.transports.serial_line import device_of
 from autopilot.runtime.build import build_pilot

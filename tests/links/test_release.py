@@ -13,7 +13,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.reconnect import ReconnectingLink
-from autopilot.links.release import LONGEST_S, OverrideRelease, Release, ReleaseState, UnshownRelease, release_sentence
+from autopilot.links.rudder_order import (
+    LONGEST_S,
+    OverrideRelease,
+    Release,
+    ReleaseState,
+    UnshownRelease,
+    release_sentence,
+)
 from autopilot.signals import Mode, Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from sitl.faults import Fault

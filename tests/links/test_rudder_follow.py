@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from autopilot.links.base import LinkError
 from autopilot.links.nmea import sentences as encoders
 from autopilot.links.nmea.link import NmeaLink, NmeaSettings
-from autopilot.links.rudder_follow import FollowSettings, RudderFollow
+from autopilot.links.rudder_order import FollowSettings, RudderFollow
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import SteeringGear, gear_step

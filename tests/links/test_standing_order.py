@@ -7,7 +7,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.rudder_follow import StandingOrder
+from autopilot.links.rudder_order import StandingOrder
 from autopilot.signals import RudderCommand
 
 ORDER_AGE_S = 1.0

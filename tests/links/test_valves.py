@@ -15,7 +15,7 @@ from autopilot.errors import InputError
 from autopilot.links.drives import DriveLink, DriveLinkSettings, DriveSettings
 from autopilot.links.drives.maestro import ValveDrive
 from autopilot.links.nmea.link import NmeaLink
-from autopilot.links.release import ReleaseState
+from autopilot.links.rudder_order import ReleaseState
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import Gate, Reckoned, Swing, Valve, reckoned, switched, swung, zone_in

@@ -15,7 +15,7 @@ from lockstep import STEP, Lockstep
 from autopilot import steering, tick
 from autopilot.control import limits
 from autopilot.links.base import LinkError
-from autopilot.links.release import ReleaseState
+from autopilot.links.rudder_order import ReleaseState
 from autopilot.runtime.record import read_log
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel

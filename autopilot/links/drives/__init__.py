@@ -10,9 +10,17 @@ import math
 from importlib import import_module
 from typing import NamedTuple, Protocol, cast, runtime_checkable
 
-from autopilot.links.base import AlarmNews, HelmNews, LinkError, SilentLink, Transport
-from autopilot.links.release import PATIENCE_S, Release, ReleaseState, not_held
-from autopilot.links.rudder_follow import RELEASE_SPACING_S, FollowSettings, RudderFollow, StandingOrder
+from autopilot.links.base import AlarmNews, CarriedLink, HelmNews, LinkError, Transport
+from autopilot.links.rudder_order import (
+    PATIENCE_S,
+    RELEASE_SPACING_S,
+    FollowSettings,
+    Release,
+    ReleaseState,
+    RudderFollow,
+    StandingOrder,
+    not_held,
+)
 from autopilot.models.steering_gear import Valve
 from autopilot.signals import AlarmEvent, HelmCause, RudderCommand, RudderSample, Sample
 
@@ -175,13 +183,12 @@ class DriveLinkSettings(NamedTuple):
     follow: FollowSettings = FollowSettings()
 
 
-class DriveLink(SilentLink):
+class DriveLink(CarriedLink):
     """A `Link` that steers and, where the drive has feedback, sees the rudder; it knows no heading."""
 
     def __init__(self, transport: Transport, drive: Drive, settings: DriveLinkSettings = DriveLinkSettings()) -> None:  # noqa: B008
-        self.name = transport.name
+        super().__init__(transport)
         self.drive = drive
-        self._transport = transport
         self._settings = settings
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud
         self._follow = RudderFollow(settings.follow)
@@ -190,10 +197,6 @@ class DriveLink(SilentLink):
         self._helm, self._warning = HelmNews(self.name), AlarmNews(self.name)
         self._leaving, self._patient_until = math.nan, math.nan
         self._has_ordered = self._is_gone = False
-
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Return what the drive reports; LinkError when the transport is gone."""
@@ -262,10 +265,6 @@ class DriveLink(SilentLink):
             except LinkError:
                 self._is_gone = True
         return None
-
-    def close(self) -> None:
-        """Close the transport; call `release` first."""
-        self._transport.close()
 
     def _arrived(self) -> list[bytes]:
         try:

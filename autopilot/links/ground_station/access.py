@@ -8,14 +8,14 @@ line among them, no order is taken without a key, unless the skipper has said so
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.base import Transport
+from autopilot.links.base import CarriedLink, LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
-from autopilot.signals import ConditionSample, Sample
+from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, Sample
 
 STATION_SILENT_S = 5.0
 """A ground station beats once a second. One that has been silent for so long holds its place no more."""
@@ -53,6 +53,7 @@ COMMANDS = frozenset(
     }
 )
 REFUSED_AT_ONCE = 20
+PACKETS_KEPT = 5000
 STOP_LASTS_S = 2.0
 """What follows an order to stand by within this belongs to it: a station sets mode MANUAL, then disarms."""
 KEPT_FIRST_S, KEPT_MOST_S = 60.0, 3600.0
@@ -279,6 +280,50 @@ class Presence:
         self._is_silent = is_silent
         name = self._transport.name
         return [ConditionSample(now, "station_silent", is_silent, name if is_silent else "", name)]
+
+
+class StationLink(CarriedLink):
+    """What the links to a ground station share: it may fall silent, be gone, or say more than is heeded.
+
+    Attributes:
+        takes_orders: whether what comes over the link may be an order.
+        lost: why the line is gone, None while it is there; steering goes on without it.
+        dropped: what the transport could not take, and what is beyond what a turn heeds.
+    """
+
+    def __init__(self, transport: Transport, has_key: bool, access: LinkAccess | None) -> None:
+        super().__init__(transport)
+        self.dropped = 0
+        self.lost: AlarmEvent | None = None
+        self._access = access or AccessPolicy().link()
+        self.takes_orders = self._access.takes_orders(transport, has_key)
+        self._presence = Presence(transport)
+        self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
+
+    def fileno(self) -> int:
+        """Return the transport's descriptor, or -1."""
+        return -1 if self.lost or self._access.crowded else self._transport.fileno()
+
+    def take_packets(self) -> list[tuple[float, bytes]]:
+        """Return and forget the raw packets kept since the last call."""
+        packets = list(self._packets)
+        self._packets.clear()
+        return packets
+
+    def _arrived(self, now: float, alarm: str) -> tuple[list[bytes], list[Sample]]:
+        """Return what has arrived; where the line turns out to be gone nothing, and word of it under `alarm`."""
+        try:
+            return self._transport.receive() if not self.lost else [], []
+        except LinkError as error:
+            self.lost = AlarmEvent(alarm, str(error))
+            return [], [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
+
+    def _sent(self, packet: bytes) -> bool:
+        """A ground station that is gone is no reason to stop steering: `receive` tells of it."""
+        try:
+            return not self.lost and self._transport.send(packet)
+        except LinkError:
+            return False
 
 
 def is_from_station(message: Message) -> bool:

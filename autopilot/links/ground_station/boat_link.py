@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import StatusTexts, severity_of
-from autopilot.links.base import AlarmNews, LinkError, SilentLink, Transport
+from autopilot.links.base import AlarmNews, Transport
 from autopilot.links.ground_station.access import (
-    AccessPolicy,
     LinkAccess,
-    Presence,
+    StationLink,
     disarms,
     is_order,
     refused_senders_of,
@@ -29,7 +27,6 @@ from autopilot.links.transports.medium import peer_of
 from autopilot.links.url import accept_signed
 from autopilot.signals import (
     AlarmEvent,
-    AlarmSample,
     AlarmState,
     ConditionSample,
     Mode,
@@ -44,7 +41,6 @@ HEARTBEAT_S = 1.0
 MESSAGES_PER_TURN = 100
 """Messages heeded in one turn of the loop; what a flood brings beyond them is dropped."""
 FLOOD_OVER_S = 5.0
-PACKETS_KEPT = 5000
 SEVERITIES = {Mode.FAILSAFE: dialect.MAV_SEVERITY_CRITICAL, Mode.FAULT: dialect.MAV_SEVERITY_ALERT}
 REFUSAL_S = 60.0
 REFUSAL = "refused: messages that are not signed with our key"
@@ -81,18 +77,15 @@ class _Notice:
         return (*self._event[:2], AlarmState.ACKNOWLEDGED) in [(*event[:2], state) for event, state in shown]
 
 
-class BoatLink(SilentLink):
+class BoatLink(StationLink):
     """One ground station's side: heartbeat, telemetry, parameters, commands, texts, under system `system`.
 
     `signing`: everything sent is signed, and nothing is obeyed that is not.
     `access`: which system ids are heard, and how much; None: all of them, at the usual rates.
     What describes our parameters is served over MAVLink FTP, and so are the alarms.
 
-    Attributes:
-        takes_orders: whether orders are carried out; else a station on this link only looks, and may let the pilot
-            stand by: taking the helm away needs no leave, the first time (`rules.Stops`).
-        lost: why the line is gone, None while it is there; steering goes on without it.
-        dropped: packets that the transport could not take, and messages beyond what a turn heeds.
+    A station that gives no orders on this link may let the pilot stand by: taking the helm away needs no leave, the
+    first time (`access.Stops`).
     """
 
     def __init__(
@@ -104,14 +97,9 @@ class BoatLink(SilentLink):
         signing: LinkSigning | None = None,
         access: LinkAccess | None = None,
     ) -> None:
-        self.name = transport.name
-        self.dropped = 0
-        self._transport = transport
+        super().__init__(transport, signing is not None, access)
         self._commands = commands
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
-        self._access = access or AccessPolicy().link()
-        self._presence = Presence(transport)
-        self.takes_orders = self._access.takes_orders(transport, signing is not None)
         accept_signed(transport, signing, self._accepts)
         self._telemetry = Telemetry(commands.mission, commands.tuner, commands.wind)
         self._texts = StatusTexts()
@@ -120,17 +108,11 @@ class BoatLink(SilentLink):
             commands, parameters, self._telemetry, self._texts, {**parameters.files, **files}
         )
         self._next_heartbeat = -math.inf
-        self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[AlarmEvent, ...] = ()
-        self.lost: AlarmEvent | None = None
         self._flooded = -math.inf
         self._says_flooded = False
         self._stopped, self._stop_refused = _Notice("station_stopped", self.name), _Notice("stop_refused", self.name)
-
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return -1 if self.lost or self._access.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Answer what has arrived by `now` [s]. Nothing comes from a station but word of its loss, and of a flood."""
@@ -140,11 +122,9 @@ class BoatLink(SilentLink):
             self._flooded = now
             return []  # looked at after the next command has left
         dropped = refused_senders_of(self._transport)
-        try:
-            chunks = self._transport.receive() if not self.lost else []
-        except LinkError as error:
-            chunks, self.lost = [], AlarmEvent("station_lost", str(error))
-            return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
+        chunks, word = self._arrived(now, "station_lost")
+        if word:
+            return word
         for data in self._access.taken(now, chunks):
             for message in self._codec.decode(data):
                 heeded += 1
@@ -245,16 +225,6 @@ class BoatLink(SilentLink):
             self._heartbeat(now, STATES[tick.mode] if tick is not None else dialect.MAV_STATE_BOOT)
         self._transmit(now, *self._service.due(now), *self._texts.due(now))
 
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return and forget the raw packets of both directions since the last call."""
-        packets = list(self._packets)
-        self._packets.clear()
-        return packets
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._transport.close()
-
     def _alarm_file(self) -> bytes:
         tick = self._telemetry.tick
         return alarm_list(tick.alarms, tick.alarm_states) if tick is not None else alarm_list((), ())
@@ -289,10 +259,3 @@ class BoatLink(SilentLink):
                 self._packets.append((now, packet))
             else:
                 self.dropped += 1
-
-    def _sent(self, packet: bytes) -> bool:
-        """A ground station that is gone is no reason to stop steering: `receive` tells of it."""
-        try:
-            return not self.lost and self._transport.send(packet)
-        except LinkError:
-            return False

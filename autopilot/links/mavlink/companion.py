@@ -15,7 +15,7 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import StatusTexts, VehicleSounder, severity_of
-from autopilot.links.base import LinkError, Transport
+from autopilot.links.base import CarriedLink, LinkError, Transport
 from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S, Stage
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
 from autopilot.links.mavlink.conditions import OtherPilot
@@ -36,7 +36,7 @@ from autopilot.links.mavlink.requests import (
 from autopilot.links.mavlink.signing import CURES, LinkSigning
 from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettings, VehicleReader
-from autopilot.links.release import LEAVING_S, OverrideRelease, Release, ReleaseState, not_held
+from autopilot.links.rudder_order import LEAVING_S, OverrideRelease, Release, ReleaseState, not_held
 from autopilot.links.url import let_in
 from autopilot.models.drives import Mixing
 from autopilot.signals import (
@@ -452,7 +452,7 @@ class CompanionSession:
             self._noted = found
 
 
-class CompanionLink:
+class CompanionLink(CarriedLink):
     """A `Link` to an ArduRover boat: a session carried over any transport. ValueError where the settings cannot be.
 
     Attributes:
@@ -466,17 +466,12 @@ class CompanionLink:
         signing: LinkSigning | None = None,
         sounder: VehicleSounder | None = None,
     ) -> None:
-        self.name = transport.name
+        super().__init__(transport)
         self.session = CompanionSession(transport.name, settings, transport.is_stream, signing, sounder)
         self.dropped = 0
-        self._transport = transport
         self._vacant_since: float | None = None
         # A ground station that also sends here must not take the vehicle's place.
         let_in(transport, self.session.holds_our_vehicle)
-
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Return the samples that have arrived by `now` [s]; LinkError when the transport is gone."""
@@ -529,10 +524,6 @@ class CompanionLink:
         packets = list(self.session.packets)
         self.session.packets.clear()
         return packets
-
-    def close(self) -> None:
-        """Close the transport; call `release` first."""
-        self._transport.close()
 
     def _write(self, now: float, packets: list[bytes]) -> None:
         for packet in packets:

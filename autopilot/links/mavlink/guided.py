@@ -35,7 +35,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import compass_text, shortest_turn
 from autopilot.links.mavlink.authority import ControlAuthority
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.release import Release, ReleaseState, not_held
+from autopilot.links.rudder_order import Release, ReleaseState, not_held
 from autopilot.signals import AlarmEvent, Mode, OrderKind, Tick
 from autopilot.supervision.supervisor import waits_to_engage
 

@@ -24,8 +24,8 @@ from collections.abc import Callable, Mapping
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_HEARTBEAT
 
-from autopilot.links.base import LinkError, SilentLink, Transport
-from autopilot.links.ground_station.access import AccessPolicy, Budget, LinkAccess, Presence, refused_senders_of
+from autopilot.links.base import LinkError, Transport
+from autopilot.links.ground_station.access import Budget, LinkAccess, StationLink, refused_senders_of
 from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
 from autopilot.links.mavlink.frames import (
     EVERYBODY,
@@ -41,7 +41,7 @@ from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
 from autopilot.links.mavlink.signing import LinkSigning
 from autopilot.links.transports.medium import LinkUrl
 from autopilot.links.url import accept_signed
-from autopilot.signals import AlarmEvent, AlarmSample, Sample, Tick
+from autopilot.signals import Sample, Tick
 
 OTHERS = "others"
 """Stands for every stream that is not named."""
@@ -304,7 +304,6 @@ BURST_S = 0.5
 LINE_SHARE = 0.5
 """Of a serial line to the flight controller, for all ground stations together: our steering needs the rest."""
 BITS_A_BYTE = 10
-PACKETS_KEPT = 5000
 
 
 def budget_for(baud: int) -> Budget:
@@ -360,17 +359,12 @@ class RoutedTransport:
         self.inside.close()
 
 
-class ForwardLink(SilentLink):
+class ForwardLink(StationLink):
     """A `Link` to a ground station that sees the flight controller through us. It brings no samples, moves no rudder.
 
     budget: shared by all such links of a flight controller.  access: which system ids are heard; None: all.
     outgoing: what of that which is for the station is sent to it; None: all. Where it sets rates the station's own
     requests for streams go no further: they would change ours.
-
-    Attributes:
-        takes_orders: whether all that a station says is passed on; else it only looks.
-        lost: why the line is gone, '' while it is there; steering goes on without it.
-        dropped: frames beyond what a turn or the budget allows.
     """
 
     def __init__(
@@ -382,25 +376,14 @@ class ForwardLink(SilentLink):
         access: LinkAccess | None = None,
         outgoing: OutgoingFilter | None = None,
     ) -> None:
-        self.name = transport.name
-        self.dropped = 0
-        self._transport = transport
+        super().__init__(transport, signing is not None, access)
         self._router = router
         self._budget = budget
         self._signing = signing
-        self._access = access or AccessPolicy().link()
-        self.takes_orders = self._access.takes_orders(transport, signing is not None)
         self._framer = Framer(transport.is_stream)
         self._number = router.join(self._sent, outgoing=outgoing)
         self._has_rates = outgoing is not None and outgoing.sets_rates
-        self._packets: deque[tuple[float, bytes]] = deque(maxlen=PACKETS_KEPT)
-        self.lost: AlarmEvent | None = None
-        self._presence = Presence(transport)
         accept_signed(transport, signing, self._access.accepts)
-
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return -1 if self.lost or self._access.crowded else self._transport.fileno()
 
     def receive(self, now: float) -> list[Sample]:
         """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a station that is lost or silent."""
@@ -408,11 +391,9 @@ class ForwardLink(SilentLink):
         if self.lost or self._access.crowded:
             return []
         dropped = refused_senders_of(self._transport)
-        try:
-            chunks = self._transport.receive()
-        except LinkError as error:
-            self.lost = AlarmEvent("forwarding_ended", str(error))
-            return [AlarmSample(now, self.lost, self.name), *self._presence.gone(now)]
+        chunks, word = self._arrived(now, "forwarding_ended")
+        if word:
+            return word
         taken, room = 0, BYTES_PER_TURN
         for chunk in chunks:
             frames = self._framer.frames(chunk[:room])
@@ -444,19 +425,7 @@ class ForwardLink(SilentLink):
         """
         self._access.crowded = False
 
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return and forget the frames that came from the ground station since the last call."""
-        packets = list(self._packets)
-        self._packets.clear()
-        return packets
-
     def close(self) -> None:
         """Leave the router, and close the transport."""
         self._router.leave(self._number)
         self._transport.close()
-
-    def _sent(self, frame: bytes) -> bool:
-        try:
-            return not self.lost and self._transport.send(frame)
-        except LinkError:
-            return False

@@ -25,7 +25,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message, packed
 from autopilot.links.mavlink.requests import EXPO, RC_SUFFIXES, SERVO_SUFFIXES, VehicleParameters
-from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
+from autopilot.links.rudder_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 from autopilot.models.drives import PLAIN, Mixing, steering_for
 
 FULL = 4500

@@ -48,7 +48,7 @@ from autopilot.links.mavlink.steering import (
     share_from_servo,
     way_through,
 )
-from autopilot.links.release import OverrideRelease
+from autopilot.links.rudder_order import OverrideRelease
 from autopilot.models.drives import moment, reach, unmixed
 
 STEERING_TOLERANCE = 0.02

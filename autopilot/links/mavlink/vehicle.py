@@ -32,7 +32,7 @@ from autopilot.links.mavlink.thrusters import (
     share_of_output,
     shown_by,
 )
-from autopilot.links.release import OverrideRelease
+from autopilot.links.rudder_order import OverrideRelease
 from autopilot.models.drives import DRIVES
 from autopilot.signals import (
     CourseSample,

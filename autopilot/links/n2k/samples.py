@@ -54,7 +54,7 @@ from autopilot.links.n2k.packets import (
     number,
     text_of,
 )
-from autopilot.links.north import Variation, steered
+from autopilot.links.north import NeedsVariationError, Variation, steered
 from autopilot.signals import (
     CourseSample,
     HeadingSample,
@@ -191,10 +191,6 @@ SETTLING_S, SETTLING_M = 3.0, 5.0
 NAMES_MOST = 64
 
 
-class NeedsVariationError(Exception):
-    """A bearing from the north that is not steered by, and no variation is known."""
-
-
 class PlotterReader:
     """Turns the messages of one plotter, the one heard first while it speaks, into messages for the guide.
 
@@ -234,12 +230,7 @@ class PlotterReader:
         return found
 
     def _steered(self, bearing: float, reference: object) -> float:
-        found = steered(
-            bearing, is_magnetic=reference == "Magnetic", by_compass=self._magnetic, variation=self._variation.value
-        )
-        if found is None:
-            raise NeedsVariationError
-        return found
+        return self._variation.steered(bearing, is_magnetic=reference == "Magnetic", by_compass=self._magnetic)
 
     def _navigation(self, now: float, fields: Fields) -> PlotterMessage | None:
         reference = fields.get("courseBearingReference")

@@ -86,8 +86,7 @@ from autopilot.links.n2k.samples import (
     source_name,
 )
 from autopilot.links.north import UnusableHeadings, Variation, known_as, steered
-from autopilot.links.release import Release, UnshownRelease
-from autopilot.links.rudder_follow import FollowSettings, RudderFollow, StandingOrder
+from autopilot.links.rudder_order import FollowSettings, Release, RudderFollow, StandingOrder, UnshownRelease
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmState,

@@ -36,8 +36,15 @@ from autopilot.links.nmea.sentences import (
     format_sentence,
 )
 from autopilot.links.north import UnusableHeadings, Variation, known_as, steered
-from autopilot.links.release import Release, UnshownRelease
-from autopilot.links.rudder_follow import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES, FollowSettings, RudderFollow
+from autopilot.links.rudder_order import (
+    ORDER_AGE_S,
+    RELEASE_SPACING_S,
+    RELEASES,
+    FollowSettings,
+    Release,
+    RudderFollow,
+    UnshownRelease,
+)
 from autopilot.signals import (
     HeadingSample,
     Mode,

@@ -61,7 +61,7 @@ from autopilot.links.nmea.sentences import (
     speed_of,
     status,
 )
-from autopilot.links.north import Variation, known_as, steered
+from autopilot.links.north import NeedsVariationError, Variation, known_as, steered
 from autopilot.signals import (
     AlarmEvent,
     CourseSample,
@@ -85,10 +85,6 @@ ARRIVED_WITHIN = 1.0
 NOISE_M, CROSS_SPEED = 3.0, 5.0
 """An error may have changed by so much [m] since the leg's own, and by this for each second [m/s]."""
 ERROR_AGE_S = 3.0
-
-
-class NeedsVariationError(Exception):
-    """A bearing from the north that is not steered by, and no variation is known."""
 
 
 class PlotterReader:
@@ -121,12 +117,7 @@ class PlotterReader:
     def _steered(self, bearing: float, reference: str) -> float:
         if reference not in ("T", "M"):
             raise ValueError(reference)
-        found = steered(
-            bearing, is_magnetic=reference == "M", by_compass=self._magnetic, variation=self._variation.value
-        )
-        if found is None:
-            raise NeedsVariationError
-        return found
+        return self._variation.steered(bearing, is_magnetic=reference == "M", by_compass=self._magnetic)
 
     def _apb(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
         _leads(fields, (0, 1), 14)

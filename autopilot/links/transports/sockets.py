@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import socket
 from collections.abc import Callable
+from typing import Any
 
 from autopilot.links.base import LinkError
 from autopilot.links.transports.medium import (
@@ -42,6 +43,34 @@ TRANSIENT = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EN
 def anything(data: bytes) -> bool:
     """Accept every datagram."""
     return bool(data)
+
+
+LISTEN = "listen at"
+Begin = Callable[[socket.socket, Any], object]
+
+
+def _opened(name: str, host: str, port: int, kind: int, doing: str, begin: Begin) -> tuple[socket.socket, str]:
+    """Return a socket, which does not block but as `begin` sets it to listen at or reach an address, and that."""
+    family, address = resolve(name, host, port, kind, passive=doing == LISTEN)
+    sock = socket.socket(family, kind)
+    sock.setblocking(False)
+    try:
+        begin(sock, address)
+    except OSError as error:
+        sock.close()
+        raise open_error(name, error, doing, host, port) from error
+    return sock, str(address[0])
+
+
+def _connect(sock: socket.socket, address: Any) -> None:
+    sock.settimeout(CONNECT_TIMEOUT_S)
+    sock.connect(address)
+
+
+def _listen(sock: socket.socket, address: Any) -> None:
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.bind(address)
+    sock.listen(1)
 
 
 class _UdpTransport:
@@ -83,6 +112,19 @@ class _UdpTransport:
                     raise self._failed(error, "receiving") from error
         return chunks
 
+    def _has_left(self, data: bytes, *to: Any) -> bool:
+        """Send one datagram to the socket's peer, or `to` an address; return whether it could leave now."""
+        try:
+            if to:
+                self._socket.sendto(data, *to)
+            else:
+                self._socket.send(data)
+        except OSError as error:
+            if error.errno in WOULD_BLOCK or error.errno in TRANSIENT:
+                return False
+            raise self._failed(error, "sending") from error
+        return True
+
     def _failed(self, error: OSError, doing: str) -> LinkError:
         if self._closed:
             return LinkError(f"{self.name}: the link is closed; open it again")
@@ -107,17 +149,10 @@ class UdpInTransport(_UdpTransport):
         accepts: Callable[[bytes], bool] = anything,
         allows: Allows = everyone,
     ) -> None:
-        family, address = resolve(name, host, port, socket.SOCK_DGRAM, passive=True)
-        sock = socket.socket(family, socket.SOCK_DGRAM)
-        sock.setblocking(False)
-        try:
-            sock.bind(address)
-        except OSError as error:
-            sock.close()
-            raise open_error(name, error, "listen at", host, port) from error
-        super().__init__(name, sock, str(address[0]))
+        sock, address = _opened(name, host, port, socket.SOCK_DGRAM, LISTEN, socket.socket.bind)
+        super().__init__(name, sock, address)
         # Listening everywhere takes broadcasts too, which a connected socket would no longer hear.
-        self._connects = not is_everywhere(str(address[0]))
+        self._connects = not is_everywhere(address)
         self.accepts = accepts
         """May be set anew, by a link that knows better which sender is the right one."""
         self.refused: tuple[bytes, str] | None = None
@@ -174,16 +209,7 @@ class UdpInTransport(_UdpTransport):
             if self._closed:
                 raise LinkError(f"{self.name}: the link is closed; open it again")
             return False
-        try:
-            if self._is_connected:
-                self._socket.send(data)
-            else:
-                self._socket.sendto(data, self._peer)
-        except OSError as error:
-            if error.errno in WOULD_BLOCK or error.errno in TRANSIENT:
-                return False
-            raise self._failed(error, "sending") from error
-        return True
+        return self._has_left(data) if self._is_connected else self._has_left(data, self._peer)
 
     def forget_peer(self) -> None:
         """Latch on to whoever is the next to send a valid datagram; until then the old one is still sent to."""
@@ -209,15 +235,7 @@ class UdpOutTransport(_UdpTransport):
     """
 
     def __init__(self, name: str, host: str, port: int) -> None:
-        family, address = resolve(name, host, port, socket.SOCK_DGRAM, passive=False)
-        sock = socket.socket(family, socket.SOCK_DGRAM)
-        sock.setblocking(False)
-        try:
-            sock.connect(address)
-        except OSError as error:
-            sock.close()
-            raise open_error(name, error, "reach", host, port) from error
-        super().__init__(name, sock, str(address[0]))
+        super().__init__(name, *_opened(name, host, port, socket.SOCK_DGRAM, "reach", socket.socket.connect))
 
     def receive(self) -> list[bytes]:
         """Return the peer's datagrams that wait, at most `RECEIVE_LIMIT`."""
@@ -225,13 +243,7 @@ class UdpOutTransport(_UdpTransport):
 
     def send(self, data: bytes) -> bool:
         """Send one datagram; False when it could not leave now (full buffer, or nobody listens there yet)."""
-        try:
-            self._socket.send(data)
-        except OSError as error:
-            if error.errno in WOULD_BLOCK or error.errno in TRANSIENT:
-                return False
-            raise self._failed(error, "sending") from error
-        return True
+        return self._has_left(data)
 
     def forget_peer(self) -> None:
         """Do nothing: the peer is the one the user wrote."""
@@ -288,15 +300,8 @@ class TcpClientTransport:
 
     def __init__(self, name: str, host: str, port: int) -> None:
         self.name = name
-        family, address = resolve(name, host, port, socket.SOCK_STREAM, passive=False)
-        sock = socket.socket(family, socket.SOCK_STREAM)
-        sock.settimeout(CONNECT_TIMEOUT_S)
-        try:
-            sock.connect(address)
-        except OSError as error:
-            sock.close()
-            raise open_error(name, error, "connect to", host, port) from error
-        self.is_local = is_loopback(str(address[0]))
+        sock, address = _opened(name, host, port, socket.SOCK_STREAM, "connect to", _connect)
+        self.is_local = is_loopback(address)
         self._connection = _Connection(sock)
         self._lost = False
         self._closed = False
@@ -348,21 +353,12 @@ class TcpServerTransport:
         self.name = name
         self.refused_senders = 0
         self._allows = allows
-        family, address = resolve(name, host, port, socket.SOCK_STREAM, passive=True)
-        self.is_local = is_loopback(str(address[0]))
-        self._listener = socket.socket(family, socket.SOCK_STREAM)
-        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self._listener.setblocking(False)
+        self._listener, address = _opened(name, host, port, socket.SOCK_STREAM, LISTEN, _listen)
+        self.is_local = is_loopback(address)
         self._client: _Connection | None = None
         self.peer: tuple[str | int, ...] | None = None
         """Address of the client that was there last."""
         self._is_held = False
-        try:
-            self._listener.bind(address)
-            self._listener.listen(1)
-        except OSError as error:
-            self._listener.close()
-            raise open_error(name, error, "listen at", host, port) from error
 
     @property
     def port(self) -> int:
