@@ -54,7 +54,7 @@ class ChartPlotter:
         parallel = EARTH_RADIUS * math.cos(math.radians(self._start.latitude_deg))
         return (
             self._start.latitude_deg + math.degrees(north / EARTH_RADIUS),
-            self._start.longitude_deg + math.degrees(east / parallel),
+            math.remainder(self._start.longitude_deg + math.degrees(east / parallel), 360.0),
         )
 
     @property
@@ -82,7 +82,7 @@ class ChartPlotter:
     def _position(self, reading: Reading) -> tuple[float, float]:
         north = math.radians(reading.latitude - self._start.latitude_deg) * EARTH_RADIUS
         parallel = EARTH_RADIUS * math.cos(math.radians(self._start.latitude_deg))
-        return north, math.radians(reading.longitude - self._start.longitude_deg) * parallel
+        return north, wrap(math.radians(reading.longitude - self._start.longitude_deg)) * parallel
 
     def _along(self, north: float, east: float) -> tuple[float, float, float]:
         """Distance along the leg, to starboard of it, and its length [m]."""

@@ -343,7 +343,8 @@ def _measured(path: str, table: Mapping[str, Floats]) -> Floats:
             place = _known_first(path, name, table[name])
             measured[:, column] = place - place[0]
     if plane == PLANES[1]:
-        latitude = table["latitude_rad"][0]
+        latitude, known = table["latitude_rad"][0], np.isfinite(measured[:, 1])
+        measured[known, 1] = np.unwrap(measured[known, 1])  # across the date line
         measured[:, :2] *= np.array([EARTH_RADIUS_M, EARTH_RADIUS_M * math.cos(latitude)])
     return measured
 

@@ -33,8 +33,10 @@ from autopilot.signals import AlarmEvent, PositionSample
 EQUATOR_RADIUS = 6378137.0
 ECCENTRICITY = math.sqrt(0.00669437999014)
 """WGS 84: semi-major axis [m], first eccentricity."""
-LATITUDE_MOST = math.radians(85.0)
-"""Nearer to a pole the chart is of no use."""
+LATITUDE_MOST = math.radians(89.9)
+"""Nearer to a pole the chart is of no use, and no position counts."""
+ROUTE_LATITUDE_MOST_DEG = 89.0
+"""Nor may a boat be sent nearer: a nautical mile from here the chart's scale is 2 % another."""
 
 
 class Place(NamedTuple):
@@ -89,7 +91,7 @@ class Fix:
     def take(self, sample: PositionSample, speed: float) -> None:
         """Take a position, the boat going at `speed` [m/s]; a repeated one is no news."""
         newest, doubted = self.newest, self._doubted
-        if not (math.isfinite(sample.latitude) and math.isfinite(sample.longitude) and math.isfinite(sample.time)):
+        if not (abs(sample.latitude) <= LATITUDE_MOST and math.isfinite(sample.longitude + sample.time)):
             return
         if newest is not None:
             same = sample[1:3] == newest[1:3] or (doubted is not None and sample[1:3] == doubted[1:3])

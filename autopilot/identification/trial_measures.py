@@ -125,6 +125,8 @@ def _track(
 ) -> tuple[FloatArray, FloatArray, str]:
     latitude, longitude = rows.get("latitude_rad"), rows.get("longitude_rad")
     if latitude is not None and longitude is not None and np.mean(np.isfinite(latitude)) >= POSITION_SHARE:
+        known = np.isfinite(longitude)
+        longitude[known] = np.unwrap(longitude[known])  # a turn across the date line is no way round the earth
         latitude, longitude = _filled(time, latitude), _filled(time, longitude)
         north = EARTH_M * (latitude - latitude[0])
         east = EARTH_M * math.cos(float(latitude[0])) * (longitude - longitude[0])

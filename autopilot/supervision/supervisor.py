@@ -103,6 +103,7 @@ class Supervisor:
     def __init__(self, envelope: Envelope, failsafe: FailsafeAction, memory: Memory = NOTHING_SEEN) -> None:
         self._envelope, self._failsafe, self.memory = envelope, failsafe, memory
         self._serial = memory.spent
+        self._went: HelmSample | None = None
 
     @property
     def mode(self) -> Mode:
@@ -110,7 +111,9 @@ class Supervisor:
         return MODES[self.memory.state]
 
     def on_sample(self, sample: HelmSample) -> None:
-        """Take a link's word on whether the helm is free."""
+        """Take a link's word on whether the helm is free; one that was away for a moment of this tick was taken."""
+        if not sample.available:
+            self._went = sample
         self._remember(helm={**self.memory.helm, sample.source: sample})
         if sample.cause is HelmCause.REBOOTED:
             self._remember(rebooted=True)
@@ -134,14 +137,15 @@ class Supervisor:
             found = {lost: AlarmEvent(lost), **found}
         against = _first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE) if found else ""
         before, taken = self.memory, self._taken()
+        away, self._went = taken or self._went, None
         if against or before.heading_since is None:
             self._remember(heading_since=None if against else now)
         if before.rebooted:
             self._watch_reboot(now)
         if order.kind is OrderKind.STANDBY:
             self._fire(now, Event.RELEASE)
-        elif taken is not None and self._is_taken(taken):
-            self._fire(now, Event.HELM_TAKEN, _alarm_of(taken))
+        elif away is not None and self._is_taken(away):
+            self._fire(now, Event.HELM_TAKEN, _alarm_of(away))
         elif against and self._is_ended_by(against):
             self._fire(now, _event_of(against), found[against])
         elif before.state not in ENGAGED:

@@ -157,7 +157,7 @@ class Track:
         if self.points:
             last = self.points[-1]
             north = (latitude - last[1]) * METRES_PER_DEG
-            east = (longitude - last[2]) * METRES_PER_DEG * math.cos(math.radians(latitude))
+            east = math.remainder(longitude - last[2], 360.0) * METRES_PER_DEG * math.cos(math.radians(latitude))
             if now - last[0] < EVERY_S or math.hypot(north, east) < LEAST_M:
                 return None
         point = (round(now, 1), latitude, longitude)

@@ -149,6 +149,12 @@ def test_columns_of_every_kind_are_the_same_trial(write: Write) -> None:
     second = load_trial(
         write("b.csv", table(globe, "time_s,thrust_1_percent,latitude_deg,longitude_deg,heading_deg")), ship
     )
+    for row in globe:  # and across the date line
+        row[3] = (row[3] + 359.9999) % 360.0 - 180.0
+    third = load_trial(
+        write("d.csv", table(globe, "time_s,thrust_1_percent,latitude_deg,longitude_deg,heading_deg")), ship
+    )
+    np.testing.assert_allclose(first.measured[:, :2], third.measured[:, :2], atol=0.06)
     own = load_trial(write("c.csv", table(plain, "time_s,thrust_1_n,position_x_m,position_y_m,heading_deg")), ship)
     np.testing.assert_allclose(first.orders, second.orders)
     np.testing.assert_allclose(first.measured[:, :2], second.measured[:, :2], atol=1e-3)

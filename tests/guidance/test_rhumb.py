@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import wrap
-from autopilot.guidance.current import Place, bearing_and_distance, offset
+from autopilot.guidance.current import Fix, Place, bearing_and_distance, offset
+from autopilot.signals import PositionSample
 
 A, F = 6378137.0, 1.0 / 298.257223563
 
@@ -65,3 +66,17 @@ def test_the_bearing_is_the_same_from_both_ends_however_long_the_leg(
     back, _ = bearing_and_distance(other, one)
     if distance > 1.0:
         assert abs(wrap(forth - back - math.pi)) < 1.0e-6
+
+
+@pytest.mark.parametrize("latitude", [86.0, 89.0, -89.0])
+def test_a_boat_near_a_pole_moves_on_the_chart_as_on_the_earth(latitude: float) -> None:
+    origin, there = place(latitude, 179.999), place(latitude + 0.001, -179.999)
+    ours, theirs = offset(origin, there), tangent_plane(origin, there)
+    assert ours == pytest.approx(theirs, rel=2.0e-3, abs=0.2)
+
+
+def test_a_position_at_a_pole_leads_nobody() -> None:
+    fix = Fix()
+    for latitude in (90.0, -89.95, math.nan, math.inf):
+        fix.take(PositionSample(1.0, math.radians(latitude), 0.0), 3.0)
+    assert fix.newest is None

@@ -141,6 +141,15 @@ def test_positions_over_ground_hold_the_current_and_dead_reckoning_does_not() ->
     assert drifted.advance - still.advance == pytest.approx(along, abs=0.05)
 
 
+def test_a_circle_across_the_date_line_is_no_way_round_the_earth() -> None:
+    columns = with_positions(circle(math.radians(30.0)))
+    east = columns["longitude_rad"] - columns["longitude_rad"][0]
+    at_line = {**columns, "longitude_rad": (math.pi - 1.0e-7 + east + math.pi) % (2.0 * math.pi) - math.pi}
+    assert np.ptp(at_line["longitude_rad"]) > 6.0
+    here, there = (measures_of(record_of("c", each)).circles[0] for each in (columns, at_line))
+    assert there.tactical_diameter == pytest.approx(here.tactical_diameter, abs=1.0e-3)
+
+
 class Helm:
     """The rudder of a zigzag at the very moment, within the step of the simulation."""
 

@@ -312,10 +312,10 @@ def test_a_place_is_gone_to_within_its_radius(radius: float, within: float) -> N
 @pytest.mark.parametrize(
     ("latitude", "longitude", "result"),
     [
-        (85.0, 180.0, ACCEPTED),
-        (-85.0, -180.0, ACCEPTED),
-        (85.01, 0.0, DENIED),
-        (-85.01, 0.0, DENIED),
+        (89.0, 180.0, ACCEPTED),
+        (-89.0, -180.0, ACCEPTED),
+        (89.01, 0.0, DENIED),
+        (-89.01, 0.0, DENIED),
         (0.0, 180.01, DENIED),
         (0.0, -180.01, DENIED),
         (0.0, 0.0, DENIED),
@@ -325,10 +325,10 @@ def test_a_place_is_gone_to_within_its_radius(radius: float, within: float) -> N
         (1.0, math.nan, DENIED),
     ],
 )
-def test_a_place_lies_on_the_map_up_to_85_degrees(latitude: float, longitude: float, result: int) -> None:
+def test_a_place_lies_on_the_map_up_to_89_degrees(latitude: float, longitude: float, result: int) -> None:
     service = Service()
     assert service.give(REPOSITION, -1.0, 0.0, 0.0, 0.0, latitude, longitude, at=tick()) == result
-    says = "give a latitude of up to 85 and a longitude of up to 180 degrees"
+    says = "give a latitude of up to 89 and a longitude of up to 180 degrees"
     assert service.said == ("" if result == ACCEPTED else says)
 
 

@@ -92,6 +92,21 @@ def test_arming_and_the_switch_for_overrides(guided: bool) -> None:
     assert not found.steers_by_hand
 
 
+@pytest.mark.parametrize("what", ["mode", "arming", "switch"])
+def test_a_helm_that_is_taken_and_given_back_before_anybody_looks_was_taken(what: str) -> None:
+    found = watch()
+    found.commanded(0.0, 1500)
+    if what == "switch":
+        found.switch(True)
+        found.switch(False)
+    else:
+        found.heartbeat(0.1, 4 if what == "mode" else 0, what != "arming", 4)
+        found.heartbeat(0.1, 0, True, 4)
+    assert found.reason(0.1, parameters(), 255).endswith("the helm is yours")
+    found.released()
+    assert found.reason(2.1, parameters(), 255) == "", "an order to engage counts again"
+
+
 @pytest.mark.parametrize("guided", [False, True])
 @pytest.mark.parametrize(
     ("without", "values", "said", "guided_too"),

@@ -90,7 +90,7 @@ def test_what_is_uploaded_is_downloaded_item_by_item() -> None:
         (item(1, ROUTE[0], command=64999), dialect.MAV_MISSION_UNSUPPORTED, "item 1 is 64999"),
         (item(1, ROUTE[0], frame=1), dialect.MAV_MISSION_UNSUPPORTED_FRAME, "item 1 is in frame 1"),
         (item(1, ROUTE[0], hold=10.0), dialect.MAV_MISSION_INVALID_PARAM1, "item 1 waits 10 s"),
-        (item(1, Waypoint(1.5, 0.0)), dialect.MAV_MISSION_INVALID_PARAM5_X, "item 1: latitude 85.9437"),
+        (item(1, Waypoint(1.56, 0.0)), dialect.MAV_MISSION_INVALID_PARAM5_X, "item 1: latitude 89.3814"),
         (item(1, Waypoint(0.0, 3.2)), dialect.MAV_MISSION_INVALID_PARAM6_Y, "item 1: longitude 183.346"),
         (item(1, Waypoint(0.0, 0.0)), dialect.MAV_MISSION_INVALID_PARAM5_X, "item 1 lies at 0 N 0 E"),
     ],
@@ -339,10 +339,10 @@ def test_the_state_of_a_mission_from_its_beginning_to_its_end() -> None:
         ({"parameters": (1.01, 0.0, 0.0, 0.0)}, 6),
         ({"parameters": (math.inf, 0.0, 0.0, 0.0)}, 6),
         ({"parameters": (0.0, 5000.5, 0.0, 0.0)}, 7),
-        ({"x": 850_000_000}, 0),
-        ({"x": -850_000_000}, 0),
-        ({"x": 850_000_001}, 10),
-        ({"x": -850_000_001}, 10),
+        ({"x": 890_000_000}, 0),
+        ({"x": -890_000_000}, 0),
+        ({"x": 890_000_001}, 10),
+        ({"x": -890_000_001}, 10),
         ({"y": 1_800_000_000}, 0),
         ({"y": -1_800_000_000}, 0),
         ({"y": 1_800_000_001}, 11),
@@ -362,7 +362,7 @@ def test_refusals_name_numbers_and_what_is_allowed() -> None:
     sound = MissionItem(3, 16, (0.0, 0.0, 0.0, 0.0), 10, 10, 0.0)
     for changes, words in (
         ({"parameters": (0.0, 6000.0, 0.0, 0.0)}, "item 4: radius 6000 m, allowed is 5000"),
-        ({"x": 900_000_000}, "item 4: latitude 90, up to 85 is allowed"),
+        ({"x": 900_000_000}, "item 4: latitude 90, up to 89 is allowed"),
         ({"y": 1_900_000_000}, "item 4: longitude 190, allowed is up to 180"),
         ({"frame": 1}, "item 4 is in frame 1: use a global one"),
     ):

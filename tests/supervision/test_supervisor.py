@@ -95,6 +95,15 @@ def test_a_human_takes_over_at_once_and_keeps_the_helm() -> None:
     assert tested.decide(3.0, ENGAGE._replace(serial=2), state(3.0)) is Mode.ENGAGED
 
 
+def test_a_helm_that_is_away_and_back_within_a_tick_was_taken() -> None:
+    tested = engaged()
+    tested.on_sample(HelmSample(1.0, False, "mode HOLD was chosen", "link"))
+    tested.on_sample(HelmSample(1.02, True, "", "link"))
+    assert tested.decide(1.03, ENGAGE, state(1.03)) is Mode.OVERRIDE
+    assert tested.decide(1.1, ENGAGE, state(1.1)) is Mode.OVERRIDE
+    assert tested.decide(1.2, ENGAGE._replace(serial=ENGAGE.serial + 1), state(1.2)) is Mode.ENGAGED
+
+
 def test_it_does_not_engage_against_a_human() -> None:
     tested = supervisor()
     tested.on_sample(HelmSample(0.0, False, "disarmed", "link"))

@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
-from autopilot.guidance.current import Place
+from autopilot.guidance.current import ROUTE_LATITUDE_MOST_DEG, Place
 from autopilot.guidance.track import Waypoint
 from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
 from autopilot.links.ground_station.access import MANUAL as MANUAL
@@ -245,7 +245,6 @@ Second parameter 1: another system aboard says so, again and again while it is s
 where the boat is when it is first said."""
 SYSTEM_ABOARD = "a system aboard"
 """The beacon that it counts as."""
-LATITUDE_MOST_DEG = 85.0
 ANGLE_MOST_DEG = 360.0
 """Further, an angle is a slip of the hand: wrapped, it would be another heading than the one that was typed."""
 BEYOND_A_TURN = "give an angle of -360 to 360 degrees"
@@ -404,8 +403,9 @@ class Commands:
         if speed > 0.0:
             return self._refuse(UNSUPPORTED, "the speed is not ours to set: leave it at -1")
         is_nowhere = latitude_deg == longitude_deg == 0.0
-        if is_nowhere or not (abs(latitude_deg) <= LATITUDE_MOST_DEG and abs(longitude_deg) <= 180.0):
-            return self._refuse(DENIED, "give a latitude of up to 85 and a longitude of up to 180 degrees")
+        if is_nowhere or not (abs(latitude_deg) <= ROUTE_LATITUDE_MOST_DEG and abs(longitude_deg) <= 180.0):
+            most = f"{ROUTE_LATITUDE_MOST_DEG:g} and a longitude of up to 180 degrees"
+            return self._refuse(DENIED, f"give a latitude of up to {most}")
         if self.mission.guide.settings.magnetic:
             return self._refuse(DENIED, MAGNETIC_LEADS)
         if not self._has_position(tick):

@@ -25,7 +25,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.guidance.current import Overboard
+from autopilot.guidance.current import ROUTE_LATITUDE_MOST_DEG, Overboard
 from autopilot.guidance.track import TrackGuide, Waypoint
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.north import MAGNETIC_LEADS
@@ -34,7 +34,7 @@ MOST_ITEMS = 500
 HOLD_MOST_S = 1.0
 """A boat whose throttle is not ours cannot wait at a waypoint; some senders mean "pass it" by half a second."""
 RADIUS_MOST = 5000.0
-LATITUDE_MOST_E7 = 850_000_000
+LATITUDE_MOST_E7 = round(ROUTE_LATITUDE_MOST_DEG * 1.0e7)
 LONGITUDE_MOST_E7 = 1_800_000_000
 FRAMES = frozenset(
     {
@@ -89,7 +89,8 @@ def problem(number: int, item: MissionItem) -> tuple[int, str]:
             f"item {number}: radius {radius:g} m, allowed is {RADIUS_MOST:g}",
         )
     if not abs(item.x) <= LATITUDE_MOST_E7:
-        return dialect.MAV_MISSION_INVALID_PARAM5_X, f"item {number}: latitude {item.x * 1e-7:g}, up to 85 is allowed"
+        most = f"up to {ROUTE_LATITUDE_MOST_DEG:g} is allowed"
+        return dialect.MAV_MISSION_INVALID_PARAM5_X, f"item {number}: latitude {item.x * 1e-7:g}, {most}"
     if not abs(item.y) <= LONGITUDE_MOST_E7:
         return dialect.MAV_MISSION_INVALID_PARAM6_Y, f"item {number}: longitude {item.y * 1e-7:g}, allowed is up to 180"
     if item.x == item.y == 0:

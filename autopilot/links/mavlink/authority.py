@@ -144,6 +144,7 @@ STRANGE_LASTS_S = 8.0
 """So many reports of the input within this time are somebody else's, who tries every few seconds; the alarm lasts from
 one of their tries to the next."""
 STANDBY_STATE = 3
+TAKEN_FOR_A_MOMENT = "the mode, the arming or the radio's switch was changed and changed back: the helm is yours"
 STICK_MOVED_US = 150
 """A stick that is moved this far is meant."""
 
@@ -198,6 +199,17 @@ class ControlAuthority:
         self.mode = mode
         self.armed = armed
         self.booted = system_state >= STANDBY_STATE
+        self._note_taken()
+
+    def switch(self, is_off: bool) -> None:
+        """Take how the radio's switch for overrides stands."""
+        self.switched_off = is_off
+        self._note_taken()
+
+    def _note_taken(self) -> None:
+        """Keep that the helm was taken: it may be given back before anybody looks, where reports come in one go."""
+        if self.steering and self._state_reason():
+            self.disobeyed = TAKEN_FOR_A_MOMENT
 
     def commanded(self, now: float, pulse: int | None) -> None:
         """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for a heading."""

@@ -441,7 +441,7 @@ class VehicleReader:
             return
         if parameters.override_switch is not None:
             switch = getattr(message, f"chan{parameters.override_switch}_raw")
-            authority.switched_off = 0 < switch < SWITCH_LOW_US
+            authority.switch(0 < switch < SWITCH_LOW_US)
         for stick in parameters.free_sticks:
             authority.stick(stick, getattr(message, f"chan{stick}_raw"))
         if self.bow is not None:

@@ -15,8 +15,9 @@ export function setUpChart() {
 }
 
 /* [east, north] in metres from the boat */
-function seen([latitude, longitude], here) {
-  return [(longitude - here[1]) * M_PER_DEG * Math.cos(here[0] * Math.PI / 180), (latitude - here[0]) * M_PER_DEG];
+export function seen([latitude, longitude], here) {
+  const east = ((longitude - here[1] + 540) % 360 + 360) % 360 - 180; // the date line is crossed, not gone back round to
+  return [east * M_PER_DEG * Math.cos(here[0] * Math.PI / 180), (latitude - here[0]) * M_PER_DEG];
 }
 
 /* Half the width shown: the leg that is sailed and the last minutes of the track. */
