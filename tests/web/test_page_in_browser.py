@@ -46,7 +46,7 @@ class Helm:
 
 
 @contextlib.contextmanager
-def sailing(folder: Path, vessel: Vessel | None = None) -> Iterator[Helm]:
+def sailing(browser: Any, folder: Path, vessel: Vessel | None = None) -> Iterator[Helm]:
     """A boat at sea with its page; `vessel` is what its pilot believes."""
     (folder / "one.tlog").write_bytes(b"\xfd" * 5000)
     sea = Watched(folder, learns=True, vessel=vessel)
@@ -54,15 +54,21 @@ def sailing(folder: Path, vessel: Vessel | None = None) -> Iterator[Helm]:
     vane.is_acknowledged = False
     sea.alarms = BothAlarms(vane, sea.alarms)
     sea.watch(3.0)
-    with chromium() as browser, served(sea, folder) as (address, hub):
+    with served(sea, folder) as (address, hub):
         helm = Helm(browser, address, hub, vane)
         yield helm
         assert helm.errors == []
 
 
 @pytest.fixture(scope="module")
-def helm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Helm]:
-    with sailing(tmp_path_factory.mktemp("sea")) as helm:
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def helm(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Helm]:
+    with sailing(browser, tmp_path_factory.mktemp("sea")) as helm:
         yield helm
 
 
@@ -84,11 +90,10 @@ def word(page: Any, element: str, words: str) -> None:
     until(page, f"document.getElementById({element!r}).textContent.includes({words!r})")
 
 
-def test_ten_things_take_at_most_twenty_five_taps_on_a_phone(tmp_path: Path) -> None:
-    # first of all: its browser is one of its own, and there is one at a time
+def test_ten_things_take_at_most_twenty_five_taps_on_a_phone(browser: Any, tmp_path: Path) -> None:
     real = vessel_of(BOATS["lanxin"])
     wrong = replace(real, model=replace(real.model, K_1_s=0.6 * real.model.K_1_s, T_s=1.3 * real.model.T_s))
-    with sailing(tmp_path, wrong) as helm:
+    with sailing(browser, tmp_path, wrong) as helm:
         _ten_things(helm, real)
 
 
