@@ -29,6 +29,7 @@ from autopilot.estimation.estimator import (
     without_bias,
     without_disturbances,
 )
+from autopilot.estimation.instruments import left_by_drift, speeds_apart, way_ahead
 from autopilot.estimation.path_delay import PathDelay, when_heard
 from autopilot.estimation.rudder_observer import (
     RudderRate,
@@ -39,7 +40,6 @@ from autopilot.estimation.rudder_observer import (
     rudder_rate_step,
     write_command,
 )
-from autopilot.estimation.speeds import left_by_drift, speeds_apart, way_ahead
 from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drives import THROTTLE_FLOOR, Needs, quickness

@@ -13,6 +13,7 @@ import json
 from typing import NamedTuple
 
 import numpy as np
+from extended_kalman import by_kalman_filter, ekf_predict, ekf_update, prior_deviation
 from zheng2019_ship import (
     DREDGER,
     SCENARIOS,
@@ -25,12 +26,12 @@ from zheng2019_ship import (
 
 from autopilot.filters.feedback_particle import (
     Case,
+    FloatArray,
     Found,
+    Gaussian,
     Steps,
-    by_kalman_filter,
     by_particle_filter,
 )
-from autopilot.filters.kalman import FloatArray, Gaussian, ekf_predict, ekf_update
 
 PARTICLES = 500
 NEAR = 0.05
@@ -65,7 +66,7 @@ def information_bound(case: Case, steps: Steps, truth: FloatArray) -> FloatArray
 def unidentified(case: Case, deviation: FloatArray) -> tuple[str, ...]:
     """Return the parameters of which the record tells next to nothing: more than `UNIDENTIFIED` of the prior standard
     deviation is left in `deviation`, shape (p,)."""
-    left = deviation / case.prior_deviation
+    left = deviation / prior_deviation(case)
     return tuple(name for name, share in zip(case.names, left, strict=True) if share > UNIDENTIFIED)
 
 

@@ -29,10 +29,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from extended_kalman import prior_deviation
 from scipy.optimize import least_squares
 
-from autopilot.filters.feedback_particle import Case, Steps
-from autopilot.filters.kalman import FloatArray, Gaussian, midpoint_step, observed
+from autopilot.filters.feedback_particle import Case, FloatArray, Gaussian, Steps, midpoint_step, observed
 
 GRAVITY_M_S2 = 9.81
 
@@ -351,7 +351,7 @@ def by_prediction_errors(case: Case, steps: Steps, start: FloatArray | None = No
     """
     first = case.states
     theta = case.prior.mean[first:]
-    scale = case.prior_deviation
+    scale = prior_deviation(case)
     root = np.linalg.inv(np.linalg.cholesky(case.prior.covariance[first:, first:]))
 
     nudge = SLOPE_SHARE * np.vstack([np.zeros(theta.size), np.eye(theta.size), -np.eye(theta.size)])

@@ -1,4 +1,5 @@
-"""`autopilot log`: what a log of any kind holds, the same as a table, and the manoeuvres in it measured.
+"""`autopilot log`: what a log of any kind holds, the same as a table, and the manoeuvres in it measured; and
+`autopilot replay`.
 
 The options are those of every command that reads logs. A manoeuvre's measures stand beside IMO's criteria; the export
 is MCAP, Parquet or CSV, by the ending of the file.
@@ -18,7 +19,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.options import SYSTEM_ID, named_vessel, number
+from autopilot.cli.options import SYSTEM_ID, add_signing_option, named_vessel, number, signing_of
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.printable import SENTENCE, escaped, fixed, printable
 from autopilot.files.saving import newer_numbered
@@ -384,3 +385,64 @@ def _unit_of(quantity: str) -> tuple[str, float]:
         if quantity.endswith(ending):
             return f"{quantity.removesuffix(ending).replace('_', ' ')} {unit}", 1.0
     return f"{quantity.replace('_', ' ')} -", 1.0
+
+
+def add_replay_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add `autopilot replay`: a log through a fresh pilot, or onto links, to look at."""
+    parser = subparsers.add_parser(
+        "replay",
+        help="run a log again and compare every rudder command bit for bit",
+        description="Run the ticks of a log through a fresh pilot and compare every rudder command bit for bit. With "
+        "--link the log is played onto links instead, for ground stations, plotters and pages to look at.",
+    )
+    parser.add_argument("log", metavar="LOG.tlog", type=Path)
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.add_argument(
+        "--link",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="play the log onto this link: udpout:127.0.0.1:14550, 'nmea-tcpin:127.0.0.1:10110?send=HDT:5'; repeatable",
+    )
+    parser.add_argument(
+        "--speed", action=number(0.01, 10_000.0), default=1.0, metavar="X", help="speed factor (default 1)"
+    )
+    add_signing_option(parser)
+    parser.set_defaults(run=replay_log)
+
+
+def replay_log(arguments: argparse.Namespace) -> int:
+    """Replay and report; exit code 6 where a command differs."""
+    print_newer([str(arguments.log)])
+    if arguments.link:
+        return _play(arguments)
+    from autopilot.cli.terminal import ProgressBar
+    from autopilot.runtime.record import replay
+
+    with ProgressBar("replaying") as bar:
+        result = replay(arguments.log, bar.update_share)
+    if arguments.json:
+        print(json.dumps(result._asdict()))
+    elif result.identical:
+        gap = f"; {result.left_out} behind a gap in the log are left out" if result.left_out else ""
+        print(f"{result.ticks} ticks replayed, every command identical{gap}")
+    else:
+        print(f"tick {result.first_difference}: {result.detail}")
+    return int(ExitCode.OK if result.identical else ExitCode.DIFFERENT)
+
+
+def _play(arguments: argparse.Namespace) -> int:
+    import signal
+
+    from autopilot.interruption import print_end
+    from autopilot.logs.replay_onto import replay_onto
+    from autopilot.runtime.machine import MonotonicClock
+
+    stopped: list[int] = []
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, lambda each, _: stopped.append(each))
+    clock, signing = MonotonicClock(arguments.speed), signing_of(arguments)
+    print(replay_onto(arguments.log, arguments.link, clock, lambda: bool(stopped), signing))
+    if stopped:
+        print_end(stopped[0])
+    return int(ExitCode.OK)

@@ -36,7 +36,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.estimation.speeds import Speeds, way_ahead
+from autopilot.estimation.instruments import Speeds, way_ahead
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import AlarmEvent, NavState, Reference, RudderCommand, Sample, ThrusterSample
 

@@ -24,13 +24,20 @@ from autopilot.estimation.heading_ekf import (
     predict_mean,
     slid,
 )
-from autopilot.estimation.instrument_errors import (
+from autopilot.estimation.instruments import (
     NO_NOISE,
     NO_RATE_BIAS,
     Noise,
     RateBias,
+    Speeds,
+    measured_speed,
+    model_at,
     noise_step,
     rate_bias_step,
+    scheduled_speed,
+    while_fresh,
+    with_course,
+    with_speed,
 )
 from autopilot.estimation.path_delay import NOT_ECHOED, PathDelay, behind, path_step
 from autopilot.estimation.rudder_observer import (
@@ -46,15 +53,6 @@ from autopilot.estimation.rudder_observer import (
     stretch,
     tick_at,
     with_feedback,
-)
-from autopilot.estimation.speeds import (
-    Speeds,
-    measured_speed,
-    model_at,
-    scheduled_speed,
-    while_fresh,
-    with_course,
-    with_speed,
 )
 from autopilot.estimation.tuning import (
     BIAS_MOST,

@@ -20,14 +20,14 @@ Gains of the feedback particle filter: div(p grad phi) = -g p solved for p known
 Each gain works in the particles' own coordinates y = L^-1 (x - mean), covariance L L', so that units do not matter;
 carried back, K = L grad_y phi solves the same equation.
 
-Parameters are appended to the state of the model, as states that stay as they are, and found from a record. One
-description of the problem, `Case`, serves the extended Kalman filter and the feedback particle filter, so that they can
-be held against each other.
+Parameters are appended to the state of the model, as states that stay as they are, and found from a record (`Case`).
+
+One step of a stochastic differential equation x' = f(x, u) + w goes for many states at once, by the midpoint rule.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from typing import Any, NamedTuple, Protocol
@@ -35,17 +35,64 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.filters.kalman import (
-    Drift,
-    FloatArray,
-    Gaussian,
-    Motion,
-    Observe,
-    ekf_predict,
-    ekf_update,
-    midpoint_step,
-    observed,
-)
+FloatArray = NDArray[np.float64]
+
+Drift = Callable[[Any, Any], Sequence[Any]]
+"""f(state, inputs): the d rates of a state with d components. state[i] is component i, a float or an array of one
+value for each of many states; so is each rate. Inputs are whatever the model needs, held over the step."""
+
+Observe = Callable[[Any], Sequence[Any]]
+"""h(state): the m values that a measurement of the state would show without noise; state as in Drift."""
+
+
+class Motion(NamedTuple):
+    """How a state moves: x' = f(x, u) + w with f the `drift`; noise: square root of the intensity Q of w, shape (d, q),
+    Q = noise noise', in units of the state per sqrt(s); substeps of the midpoint rule in a step."""
+
+    drift: Drift
+    noise: FloatArray
+    substeps: int = 1
+
+
+def midpoint_step(
+    drift: Drift, inputs: Any, states: FloatArray, dt: float, kick: FloatArray | float = 0.0, substeps: int = 1
+) -> FloatArray:
+    """Return `states`, shape (n, d), after `dt` [s]: x' = f(x, u) + kick/dt, with u and the kick held.
+
+    kick: what the process noise adds over the step, shape (n, d); a Gaussian of covariance Q dt makes the step a
+    second-order one of dx = f dt + Q^(1/2) dW. Second order in dt/substeps.
+    """
+    h = dt / substeps
+    push = kick / substeps
+    for _ in range(substeps):
+        middle = states + 0.5 * (h * rates(drift, inputs, states) + push)
+        states = states + h * rates(drift, inputs, middle) + push
+    return states
+
+
+def rates(drift: Drift, inputs: Any, states: FloatArray) -> FloatArray:
+    """Return f(x, u) for `states`, shape (n, d)."""
+    return _columns(drift(states.T, inputs), states.shape[0])
+
+
+def observed(observe: Observe, states: FloatArray) -> FloatArray:
+    """Return h(x) for `states`, shape (n, d), as shape (n, m)."""
+    return _columns(observe(states.T), states.shape[0])
+
+
+def _columns(components: Sequence[Any], count: int) -> FloatArray:
+    table = np.empty((count, len(components)))
+    for index, values in enumerate(components):
+        table[:, index] = values
+    return table
+
+
+class Gaussian(NamedTuple):
+    """A belief: mean, shape (d,), and covariance, shape (d, d)."""
+
+    mean: FloatArray
+    covariance: FloatArray
+
 
 ISOLATED = 1.0e-6
 """Share of phi that a particle forgets: far below any error of the gain."""
@@ -323,11 +370,6 @@ class Case(NamedTuple):
         """How many components of the state are not parameters."""
         return self.prior.mean.size - len(self.names)
 
-    @property
-    def prior_deviation(self) -> FloatArray:
-        """Standard deviations of the parameters before the record, shape (p,)."""
-        return np.asarray(np.sqrt(np.diag(self.prior.covariance)[self.states :]))
-
 
 class Steps(NamedTuple):
     """A record: for each of n steps its length dt, shape (n,), the inputs held over it, and what was measured at its
@@ -364,16 +406,6 @@ class _History:
         first = self._case.states
         deviation = np.sqrt(np.array(self._variances))
         return Found(self._case.names, np.array(self._means), deviation, covariance[first:, first:])
-
-
-def by_kalman_filter(case: Case, steps: Steps) -> Found:
-    """Return the extended Kalman filter's estimates."""
-    belief, history = case.prior, _History(case)
-    for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
-        belief = ekf_predict(belief, case.motion, inputs, float(dt))
-        belief = ekf_update(belief, case.observe, z, case.R).belief
-        history.add(belief.mean, np.diagonal(belief.covariance))
-    return history.found(belief.covariance)
 
 
 def by_particle_filter(

@@ -191,7 +191,7 @@ class ParameterSession:
             self.vehicle = vehicle
 
     def _receive(self) -> list[Any]:
-        return [message for chunk in self._transport.receive() for message in self._codec.decode(chunk)]
+        return self._codec.decoded(self._transport.receive())
 
     def _wait(self) -> None:
         descriptor = self._transport.fileno()

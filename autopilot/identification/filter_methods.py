@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.filters.feedback_particle import GAINS, Case, Found, Steps, by_particle_filter
-from autopilot.filters.kalman import Gaussian
+from autopilot.filters.feedback_particle import GAINS, Case, Found, Gaussian, Steps, by_particle_filter
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified, Question
 from autopilot.identification.identified import Steps as ProgressSteps
 from autopilot.identification.identify import sources_of

@@ -332,14 +332,14 @@ def circles_step(before: Circles, seen: MonitorInput, turn: Turn) -> Circles:
         return NO_CIRCLES
     off, begun, since = before
     led, near, most = turn.led, turn.off, seen.angle_max
-    if math.isnan(off) or led > NEW_COURSE or led < -NEW_COURSE:
+    if off != off or led > NEW_COURSE or led < -NEW_COURSE:
         off, begun = near, abs(near)
     elif -most <= seen.push <= most or reads_low(seen):
         # what is pushed round by more than its rudder is not steered round
         off += turn.turned - led
     if near > ON_COURSE or near < -ON_COURSE:
         since = math.nan
-    elif math.isnan(since):
+    elif since != since:
         since = seen.now
     elif seen.now - since >= ON_COURSE_TIME and seen.now - since >= ON_COURSE_TIME * seen.model.time_constant:
         off = near

@@ -153,7 +153,8 @@ class Supervisor:
         elif found and _first(found, Response.DEGRADE):
             self._fire(now, Event.DOUBT)
         else:
-            self._fire(now, Event.DOUBT_OVER)
+            if before.state is SupervisorState.DEGRADED:
+                self._fire(now, Event.DOUBT_OVER)
             self._fire(now, _order_event(order))
         if self.memory.alarm is not None or self.memory.over_since is not None:
             self._watch_alarm(now, lost)

@@ -26,7 +26,7 @@ from autopilot.estimation.estimator import (
     sliding,
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
-from autopilot.estimation.instrument_errors import NO_NOISE, NO_RATE_BIAS
+from autopilot.estimation.instruments import NO_NOISE, NO_RATE_BIAS, Smoothed, model_at, smoothed
 from autopilot.estimation.rudder_observer import (
     AS_FILED,
     RudderMemory,
@@ -39,7 +39,6 @@ from autopilot.estimation.rudder_observer import (
     pushes_about,
     rudder_rate_step,
 )
-from autopilot.estimation.speeds import Smoothed, model_at, smoothed
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
 from autopilot.guidance.turn import NO_EVIDENCE, VirtualBoat, is_turning, reference_of
 from autopilot.models.drives import quickness

@@ -7,18 +7,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from extended_kalman import ekf_predict, ekf_update
 
 from autopilot.filters.feedback_particle import (
     ConstantGain,
+    Drift,
+    FloatArray,
     Gain,
     GalerkinGain,
+    Gaussian,
     KernelGain,
+    Motion,
+    Observe,
     fpf_belief,
     fpf_predict,
     fpf_start,
     fpf_update,
 )
-from autopilot.filters.kalman import Drift, FloatArray, Gaussian, Motion, Observe, ekf_predict, ekf_update
 
 PARTICLES = 400
 

@@ -10,7 +10,7 @@ import pytest
 from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at, sliding
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
-from autopilot.estimation.instrument_errors import NO_RATE_BIAS
+from autopilot.estimation.instruments import NO_RATE_BIAS
 from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN
 from autopilot.models.norrbin import Norrbin

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from autopilot.estimation.speeds import (
+from autopilot.estimation.instruments import (
     Speeds,
     left_by_drift,
     measured_speed,

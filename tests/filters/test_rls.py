@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.filters.kalman import rls_start, rls_step
+from autopilot.identification.two_stage import rls_start, rls_step
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from extended_kalman import by_kalman_filter
 from zigzag_trials import zigzag
 
 from autopilot.cli.main import main
-from autopilot.filters.feedback_particle import by_kalman_filter
-from autopilot.filters.kalman import Gaussian
+from autopilot.filters.feedback_particle import Gaussian
 from autopilot.identification.filter_methods import kalman_filter
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.norrbin_filter import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from extended_kalman import by_kalman_filter, prior_deviation
 from zheng2019_dynamic_positioning import information_bound, normalised_error, unidentified
 from zheng2019_ship import (
     DREDGER,
@@ -17,7 +18,6 @@ from zheng2019_ship import (
 from autopilot.filters.feedback_particle import (
     Found,
     Steps,
-    by_kalman_filter,
     by_particle_filter,
 )
 
@@ -92,7 +92,7 @@ def test_two_thrusters_that_always_push_alike_are_not_distinguished() -> None:
     assert correlation < -0.99
     # of the difference of the two, as much is unknown as before
     difference = np.array([0.0, 1.0, -1.0]) / np.sqrt(2.0)
-    prior = np.diag(case.prior_deviation**2)
+    prior = np.diag(prior_deviation(case) ** 2)
     assert difference @ found.covariance @ difference > 0.95 * difference @ prior @ difference
 
 

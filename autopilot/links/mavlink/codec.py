@@ -166,6 +166,13 @@ class MavlinkCodec:
         packet += bytes((crc & 0xFF, crc >> 8))
         return packet if self._signing is None else self._signing.sign(packet, kind.crc_extra)
 
+    def decoded(self, chunks: list[bytes]) -> list[Message]:
+        """Return the messages in what has arrived, datagrams or pieces of a stream; never raises."""
+        messages: list[Message] = []
+        for chunk in chunks:
+            messages += self.decode(chunk)
+        return messages
+
     def decode(self, data: bytes) -> list[Message]:
         """Return the messages in a datagram, or those completed by a chunk of the stream; never raises."""
         end = len(data)

@@ -175,19 +175,18 @@ class CompanionSession:
         samples: list[Sample] = []
         beat = authority.heartbeat_time
         news = now >= self._judge_at
-        for data in chunks:
-            for message in self._codec.decode(data):
-                self.packets.append((now, bytes(message._msgbuf)))
-                header = message._header
-                if vehicle and header.srcSystem == vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
-                    reader.take(now, message, samples)
-                    news = news or header.msgId != ATTITUDE
-                elif header.msgId == HEARTBEAT and self._is_ours(message) and self._is_vacant(now, message):
-                    vehicle = self._latch(message)
-                    reader.take(now, message, samples)
-                    news = True
-                else:
-                    self._other.take(now, message)
+        for message in self._codec.decoded(chunks):
+            self.packets.append((now, bytes(message._msgbuf)))
+            header = message._header
+            if vehicle and header.srcSystem == vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
+                reader.take(now, message, samples)
+                news = news or header.msgId != ATTITUDE
+            elif header.msgId == HEARTBEAT and self._is_ours(message) and self._is_vacant(now, message):
+                vehicle = self._latch(message)
+                reader.take(now, message, samples)
+                news = True
+            else:
+                self._other.take(now, message)
         self.received_time = authority.received_time
         if authority.heartbeat_time != beat:
             self._helm = None
