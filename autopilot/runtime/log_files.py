@@ -6,6 +6,7 @@ A part is one file that can be read alone. Whoever writes says where a part may 
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import queue
@@ -29,6 +30,8 @@ WAITING_MAX = 200
 CLOSING_S = 5.0
 """A disk that does not answer is left alone after this time when the log is closed."""
 MEGABYTE = 1_000_000
+NOT_SYNCED = (errno.EINVAL, errno.EROFS, errno.ENOTSUP)
+"""How a pipe or a device answers that has nothing to put on a disk."""
 TOO_SLOW = "log has a gap: the disk is too slow; use a faster card, or log elsewhere"
 REMOVED = "log stopped: its file was removed or cut while it was written; a new one is begun"
 OUT_OF_MEMORY = "log stopped: out of memory; end other programs"
@@ -87,8 +90,10 @@ class _OpenFile:
             self.trouble = f"log stopped: {error.strerror}; free the disk"
 
     def write(self, data: bytes, ticks: int = 1) -> None:
-        """Append, in a new file where there is none open."""
-        self.trouble = self._opened() or appended(self._file, data)
+        """Append, in a new file where there is none open, or where the disk of the one before is gone."""
+        self.trouble = self._opened()
+        if not self.trouble and (error := appended(self._file, data)) is not None:
+            self._failed(error)
         if self.trouble:
             self.lost, self.dropped = self.lost + 1, self.dropped + ticks
         else:
@@ -98,8 +103,12 @@ class _OpenFile:
         """Have what was written on the disk itself. A file that somebody has removed or cut is left, with trouble."""
         if self._file < 0:
             return
-        with contextlib.suppress(OSError):
+        try:
             os.fdatasync(self._file)
+        except OSError as error:
+            if error.errno not in NOT_SYNCED:
+                self._failed(error)
+                return
         about = os.fstat(self._file)
         if stat.S_ISREG(about.st_mode) and (about.st_nlink == 0 or about.st_size < self._size):
             self._end_part()
@@ -110,9 +119,19 @@ class _OpenFile:
         self._closed = True
         self._end_part()
 
+    def _failed(self, error: OSError) -> None:
+        """Take that the disk would not: a stick that was pulled comes back as another disk, with files of its own."""
+        is_pipe, is_full = error.errno == errno.EPIPE, error.errno in FULL
+        what = "nobody reads the pipe any more" if is_pipe else error.strerror
+        cure = "start its reader again" if is_pipe else "free the disk" if is_full else "look after the disk"
+        self.trouble = f"log stopped: {what}; {cure}"
+        if not (is_pipe or is_full):
+            self._end_part()
+
     def _end_part(self) -> None:
         if self._file >= 0:
-            os.close(self._file)
+            with contextlib.suppress(OSError):
+                os.close(self._file)
             self._file, self._size = -1, 0
 
     def _opened(self) -> str:
@@ -313,22 +332,20 @@ class ThreadedSink:
         self._refused_until = time.monotonic() + self._retry
 
 
-def appended(file: int, data: bytes) -> str:
-    """Append all of `data` to an open file; where it does not fit nothing of it stays. Return what went wrong, or ''.
+def appended(file: int, data: bytes) -> OSError | None:
+    """Append all of `data` to an open file; where it does not fit nothing of it stays. Return what went wrong.
 
     A record in two halves would make all behind it unreadable.
     """
     try:
         written = os.write(file, data)
-    except BrokenPipeError:
-        return "log stopped: nobody reads the pipe any more; start its reader again"
     except OSError as error:
-        return f"log stopped: {error.strerror}; free the disk"
+        return error
     if written == len(data):
-        return ""
+        return None
     with contextlib.suppress(OSError):
         os.ftruncate(file, os.fstat(file).st_size - written)
-    return "log stopped: No space left on device; free the disk"
+    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def following_parts(path: Path) -> list[Path]:

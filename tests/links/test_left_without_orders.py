@@ -7,7 +7,7 @@ import math
 import pytest
 
 from autopilot.links.drives import DriveLink, DriveLinkSettings
-from autopilot.links.drives.pypilot_motor import PypilotMotor
+from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.rudder_order import FollowSettings, RudderFollow
 from autopilot.links.transports import loopback_pair
@@ -64,3 +64,19 @@ def test_no_more_is_said_than_what_the_standstill_was() -> None:
     assert "stood still for 2.5 s" in follow.reason(2.5)
     follow.released()
     assert (follow.reason(2.6), follow.cause) == ("", HelmCause.TAKEN)
+
+
+def test_a_drive_that_nobody_asked_for_a_while_has_not_failed_to_answer() -> None:
+    near, far = loopback_pair()
+    link = DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(follow=follow_of(LANXIN)))
+    link.receive(0.0)
+    far.send(3 * (packet(FLAGS, 0) + packet(RUDDER, 32768)))
+    assert helms(link.receive(0.1)) == [(True, HelmCause.TAKEN)]
+    link.send(0.1, RudderCommand(0.1, 0.1, True))
+    assert helms(link.receive(1.65)) == [], "this computer stood still"
+    far.send(packet(FLAGS, 0) + packet(RUDDER, 32768))
+    assert helms(link.receive(1.8)) == []
+    for step in range(1, 16):
+        link.send(1.8 + 0.1 * step, RudderCommand(1.8 + 0.1 * step, 0.1, True))
+        assert helms(link.receive(1.8 + 0.1 * step)) == []
+    assert helms(link.receive(3.4)) == [(False, HelmCause.TAKEN)], "and now it is the drive that is silent"

@@ -158,16 +158,40 @@ def test_when_the_disk_has_room_again_the_log_goes_on(
 
 def test_a_record_that_fits_only_in_part_leaves_nothing_behind(tmp_path: Path) -> None:
     file = os.open(tmp_path / "a", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    assert appended(file, b"whole") == ""
+    assert appended(file, b"whole") is None
     before = os.write
     try:
         log_files.os.write = lambda file, data: before(file, data[:3])  # type: ignore[assignment]
-        assert "No space left" in appended(file, b"torn")
+        error = appended(file, b"torn")
+        assert error is not None and error.errno == errno.ENOSPC
     finally:
         log_files.os.write = before  # type: ignore[assignment]
-    assert appended(file, b"again") == ""
+    assert appended(file, b"again") is None
     os.close(file)
     assert (tmp_path / "a").read_bytes() == b"wholeagain"
+
+
+@pytest.mark.parametrize("call", ["write", "fdatasync"])
+def test_a_stick_that_was_pulled_and_is_back_gets_another_file(
+    call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sink = FileSink(tmp_path / "a.tlog")
+    sink.write(b"before")
+
+    def gone(*_: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as pulled:
+        pulled.setattr(log_files.os, call, gone)
+        if call == "write":
+            sink.write(b"lost")
+        sink.sync()
+    assert sink.trouble == "log stopped: Input/output error; look after the disk"
+    assert sink.lost == (call == "write")
+    sink.write(b"after")
+    sink.close()
+    assert (sink.trouble, sink.path.name) == ("", "a-2.tlog")
+    assert ((tmp_path / "a.tlog").read_bytes(), sink.path.read_bytes()) == (b"before", b"after")
 
 
 def test_a_disk_that_hangs_keeps_nobody_waiting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

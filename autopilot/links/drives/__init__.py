@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol, cast, runtime_checkable
 
 from autopilot.links.base import AlarmNews, CarriedLink, HelmNews, LinkError, Transport
 from autopilot.links.rudder_order import (
+    LONGEST_GAP_S,
     PATIENCE_S,
     RELEASE_SPACING_S,
     FollowSettings,
@@ -26,6 +27,8 @@ from autopilot.signals import AlarmEvent, HelmCause, RudderCommand, RudderSample
 
 SILENT_S = 1.5
 """A drive that answers requests and has not been heard for this long is gone."""
+EXCUSED_S = 0.5
+"""So long a drive has to answer again when this computer has stood still."""
 JUMP_LEAST = math.radians(2.0)
 JUMP_RATES = 1.5
 POLOLU = 0xAA
@@ -196,11 +199,15 @@ class DriveLink(CarriedLink):
         self._line_free = -math.inf
         self._helm, self._warning = HelmNews(self.name), AlarmNews(self.name)
         self._leaving, self._patient_until = math.nan, math.nan
+        self._looked, self._excused_until = math.nan, -math.inf
         self._has_ordered = self._is_gone = False
 
     def receive(self, now: float) -> list[Sample]:
         """Return what the drive reports; LinkError when the transport is gone."""
         samples: list[Sample] = []
+        if now - self._looked > LONGEST_GAP_S:
+            self._excused_until = now + EXCUSED_S
+        self._looked = now
         for chunk in self._arrived():
             for angle in self.drive.feed(now, chunk):
                 samples.append(RudderSample(now, angle, not self.drive.measures, self.drive.name))
@@ -213,12 +220,15 @@ class DriveLink(CarriedLink):
         return samples + self._warning.of(now, self.drive.warning(now))
 
     def _fault(self, now: float) -> str:
-        """Return why the drive cannot steer; one that has just been spoken to for the first time may yet answer."""
+        """Return why the drive cannot steer; one that has just been spoken to for the first time may yet answer, and
+        one that nobody spoke to for a while has had nothing to answer."""
         if math.isnan(self._patient_until):
             self._patient_until = now + SILENT_S
         fault = self.drive.fault(now)
         if not fault:
             self._patient_until = -math.inf
+        if self._patient_until == -math.inf and now <= self._excused_until:
+            return ""
         return f"waiting for the {self.drive.name} to answer" if fault and now <= self._patient_until else fault
 
     def send(self, now: float, command: RudderCommand) -> None:
