@@ -12,10 +12,12 @@ from typing import NamedTuple
 
 from autopilot.links.transports.medium import open_error, resolve
 from autopilot.signalk.messages import (
+    BEAT_S,
     HEADINGS,
     BadRequestError,
     Deltas,
     answer,
+    beat_of,
     delta_of,
     line_of,
     notifications_of,
@@ -170,6 +172,7 @@ class LineClients:
 PERIOD_S = 0.2
 REFUSED, SILENT = 409, 504
 """Status of an order that the boat refuses as things stand, and of one that it does not answer."""
+CAME_LATE = "the order was held up on its way and is not carried out: order again"
 OTHER_NORTH = (
     "the boat steers true courses: give headingTrue",
     "the boat steers magnetic courses (sensors.magnetic): give headingMagnetic",
@@ -185,7 +188,7 @@ class Bridge:
     ) -> None:
         self._station, self._line, self._clients, self._token, self._print = station, line, clients, token, print_line
         self._deltas = Deltas()
-        self._next = -math.inf
+        self._next = self._next_beat = -math.inf
         self._trouble = ""
 
     @property
@@ -197,6 +200,9 @@ class Bridge:
         """Do what falls due at `now` [s]."""
         self._line.turn(now)
         new, received = self._clients.turn()
+        if now >= self._next_beat or new:
+            self._next_beat = now + BEAT_S
+            self._clients.send(beat_of(now))
         for client in new:
             self._clients.send(
                 line_of(delta_of(values_of(self._station, now) | notifications_of(self._station))), client
@@ -226,6 +232,9 @@ class Bridge:
         self._clients.trust(client)
         if request.order is None:
             self._clients.send(answer(request.id, 200), client)
+            return
+        if request.is_late(now):
+            self._clients.send(answer(request.id, SILENT, CAME_LATE), client)
             return
         if self._station.target is None:
             self._clients.send(answer(request.id, 503, "no pilot is heard"), client)

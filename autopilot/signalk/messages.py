@@ -4,7 +4,8 @@ Signal K's PUT requests as orders for the boat, and the answers to them. Pure.
 
 A request is one line of JSON, as https://signalk.org/specification/1.7.0/doc/put.html has it, with the token:
 {"requestId": "1", "token": "...", "put": {"path": "steering.autopilot.state", "value": "auto"}}
-Without `put` it is a greeting, which orders nothing. The token is looked at before what is wanted.
+Without `put` it is a greeting, which orders nothing. The token is looked at before what is wanted. `beat` is the time
+that the bridge has said last: an order that was held up on its way comes with an old one, and is not carried out.
 
 What Signal K gets to know of the boat: deltas made of what a helm display knows. Pure.
 
@@ -184,6 +185,9 @@ def delta_of(values: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+BEAT_S = 1.0
+LATE_S = 5.0
+"""So long [s] after the last beat that its sender heard an order still counts: half of what the plugin waits."""
 LINE_MOST = ORDER_MOST
 ID_MOST = 64
 STATE, MODE = "steering.autopilot.state", "steering.autopilot.mode"
@@ -216,11 +220,17 @@ NOT_ALLOWED = "the request carries no valid token; give the plugin the token tha
 
 
 class Request(NamedTuple):
-    """A request: its id, what is wanted as a helm display would say it; None: nothing, it is a greeting; and where."""
+    """A request: its id, what is wanted as a helm display would say it; None: nothing, it is a greeting; where; and the
+    beat [s] that its sender has heard last, inf where it says none."""
 
     id: str
     order: dict[str, Any] | None
     path: str = ""
+    beat: float = math.inf
+
+    def is_late(self, now: float) -> bool:
+        """Return whether it was held up for so long that it fails for its sender; a man overboard counts."""
+        return now - self.beat > LATE_S and self.path != MOB
 
 
 class BadRequestError(InputError):
@@ -247,7 +257,8 @@ def parse(line: bytes, token: str) -> Request:
     put = found["put"]
     if not isinstance(put, dict):
         raise BadRequestError(id, 400, "put: an object with path and value is needed")
-    return Request(id, order_of(id, put.get("path"), put.get("value")), put["path"])
+    beat = _number(id, "beat", found["beat"], 0.0, math.inf) if "beat" in found else math.inf
+    return Request(id, order_of(id, put.get("path"), put.get("value")), put["path"], beat)
 
 
 def order_of(id: str, path: Any, value: Any) -> dict[str, Any]:
@@ -288,6 +299,11 @@ def answer(id: str, status: int, message: str = "") -> bytes:
     """Return the line that answers a request: Signal K's states, and a sentence where it was refused."""
     state = "COMPLETED" if status == 200 else "FAILED"
     return line_of({"requestId": id, "state": state, "statusCode": status, **({"message": message} if message else {})})
+
+
+def beat_of(now: float) -> bytes:
+    """Return the line that says the time [s] of the bridge, by which it knows later how old an order is."""
+    return line_of({"beat": round(now, 3)})
 
 
 def line_of(content: dict[str, Any]) -> bytes:

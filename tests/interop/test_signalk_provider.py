@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import signal
 import socket
 import sys
 from pathlib import Path
@@ -50,7 +51,7 @@ def test_signal_k_programs_steer_the_boat_and_strangers_do_not(tmp_path: Path) -
         program(tmp_path, *node, SIGNALK_NODE_CONFIG_DIR=str(config)),
         program(tmp_path / "a", *pilot),
     ):
-        with program(tmp_path / "b", *between):
+        with program(tmp_path / "b", *between) as bridging:
             until("the course held", lambda: near(server.value("navigation/headingTrue"), GOAL_DEG))
             assert until("the state", lambda: server.value("steering/autopilot/state")) == "auto"
             status, data = server.ask(f"{pilots}/norrbin")
@@ -80,6 +81,14 @@ def test_signal_k_programs_steer_the_boat_and_strangers_do_not(tmp_path: Path) -
             until("standby", lambda: server.value("steering/autopilot/state") == "standby")
             assert server.ask(f"{pilots}/norrbin/engage", None, "POST")[0] == 200
             until("engaged again", lambda: server.value("steering/autopilot/state") == "auto")
+            # a bridge that stands still: the order fails, and is not carried out when it goes on
+            before = server.ask(f"{pilots}/norrbin/target")[1]["value"]
+            bridging.send_signal(signal.SIGSTOP)
+            assert server.ask(f"{pilots}/norrbin/target", 200, "PUT")[0] in (503, 504)
+            until("a bridge that is silent", lambda: server.value("steering/autopilot/state") == "off-line")
+            bridging.send_signal(signal.SIGCONT)
+            until("the bridge that goes on", lambda: server.value("steering/autopilot/state") == "auto")
+            assert near(server.ask(f"{pilots}/norrbin/target")[1]["value"], math.degrees(before), 0.5)
         # the bridge is gone: said, and orders are refused with the reason; the boat steers on
         until("off-line", lambda: server.value("steering/autopilot/state") == "off-line")
         status, words = server.ask(f"{pilots}/norrbin/target/adjust", 10, "PUT")

@@ -239,6 +239,28 @@ def test_orders_reach_the_boat_with_the_token_and_not_without(rig: Rig) -> None:
     line.close()
 
 
+def test_an_order_that_was_held_up_on_its_way_is_not_carried_out(rig: Rig) -> None:
+    rig.turn(5)
+    line = rig.connect()
+    (beat,) = [json.loads(each)["beat"] for each in line.recv(65536).split(b"\n") if b"beat" in each]
+    assert beat == pytest.approx(rig.now)
+
+    def order(beat: float, path: str, value: Any) -> int:
+        put = {"path": path, "value": value}
+        line.sendall(json.dumps({"requestId": "7", "token": TOKEN, "beat": beat, "put": put}).encode() + b"\n")
+        return int(rig.reply(line)["statusCode"])
+
+    adjust = "steering.autopilot.actions.adjustHeading"
+    assert order(beat, adjust, 10) == 200
+    rig.now += 5.0  # the bridge stood still, or the line did
+    assert order(beat, adjust, 10) == 504
+    assert order(beat, "notifications.mob", {"latitude": 1.0, "longitude": 2.0}) == 200, "whoever is overboard still is"
+    assert order(rig.now, adjust, 10) == 200
+    assert [each[0] for each in rig.boat.commands].count(dialect.MAV_CMD_CONDITION_YAW) == 2
+    assert order(-1.0, adjust, 10) == 400
+    line.close()
+
+
 def test_without_a_token_nothing_is_obeyed() -> None:
     rig = Rig(token="")
     rig.turn(5)

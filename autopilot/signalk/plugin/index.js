@@ -10,6 +10,7 @@ const LABEL = 'norrbin' // of what `autopilot signalk` says
 const RETRY_MS = 2000
 const OVERBOARD_MS = 10000 // how often a man overboard is said on board while it is so
 const ANSWER_MS = 10000
+const SILENT_MS = 5000 // the bridge says every second that it lives
 const LONGEST = 1 << 20
 const STATE = 'steering.autopilot.state'
 const MODE = 'steering.autopilot.mode'
@@ -49,6 +50,8 @@ module.exports = function (app) {
   let stopped = true
   let options = {}
   let received = ''
+  let beat = null // what the bridge has said last of its time: an order with an old one came late, and is not carried out
+  let quiet = null
   let count = 0
   let hasDodged = false
   let wasEngaged = false
@@ -65,6 +68,7 @@ module.exports = function (app) {
 
   function connect() {
     received = ''
+    beat = null
     socket = net.createConnection({ host: options.host || '127.0.0.1', port: options.port || 8376 })
     socket.setEncoding('utf8')
     socket.setKeepAlive(true, 5000)
@@ -82,16 +86,21 @@ module.exports = function (app) {
 
   function gone() {
     socket = null
+    clearTimeout(quiet)
     for (const { reject, timer } of waiting.values()) {
       clearTimeout(timer)
       reject(failure(503, 'the line to autopilot signalk is down'))
     }
     waiting.clear()
     if (stopped) return
-    known = {}
+    offLine()
     app.setPluginError('autopilot signalk is not there; trying again')
-    tell({ [STATE]: OFF_LINE, [ENGAGED]: false, [MODE]: null, [TARGET]: null })
     retry = setTimeout(connect, RETRY_MS)
+  }
+
+  function offLine() {
+    known = {}
+    tell({ [STATE]: OFF_LINE, [ENGAGED]: false, [MODE]: null, [TARGET]: null })
   }
 
   function take(text) {
@@ -106,9 +115,16 @@ module.exports = function (app) {
       } catch {
         return socket.destroy()
       }
-      if (message.requestId !== undefined) answered(message)
+      if (message.beat !== undefined) alive(message.beat)
+      else if (message.requestId !== undefined) answered(message)
       else if (Array.isArray(message.updates)) heard(message)
     }
+  }
+
+  function alive(said) {
+    beat = said
+    clearTimeout(quiet)
+    quiet = setTimeout(() => socket && socket.destroy(), SILENT_MS)
   }
 
   function heard(delta) {
@@ -197,7 +213,7 @@ module.exports = function (app) {
   }
 
   function put(path, value) {
-    if (!socket || socket.connecting) return Promise.reject(failure(503, 'autopilot signalk is not there'))
+    if (!socket || beat === null) return Promise.reject(failure(503, 'autopilot signalk is not there'))
     const requestId = `${++count}`
     return new Promise((resolve, reject) => {
       const timer = setTimeout(() => {
@@ -205,7 +221,7 @@ module.exports = function (app) {
         reject(failure(504, 'the pilot does not answer'))
       }, ANSWER_MS)
       waiting.set(requestId, { resolve, reject, timer })
-      socket.write(JSON.stringify({ requestId, token: options.token || '', put: { path, value } }) + '\n')
+      socket.write(JSON.stringify({ requestId, token: options.token || '', beat, put: { path, value } }) + '\n')
     })
   }
 
@@ -242,7 +258,7 @@ module.exports = function (app) {
   }
 
   function present() {
-    if (!socket || socket.connecting) throw failure(503, 'autopilot signalk is not there')
+    if (!socket || beat === null) throw failure(503, 'autopilot signalk is not there')
     if (state().name === OFF_LINE) throw failure(503, 'no pilot is heard')
   }
 
@@ -373,6 +389,7 @@ module.exports = function (app) {
       overboard.clear()
       if (app.server) app.server.removeListener('request', note)
       clearTimeout(retry)
+      offLine() // or the state that was would stand there for good
       if (socket) socket.destroy()
     }
   }
