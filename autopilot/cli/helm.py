@@ -205,7 +205,7 @@ class HelmKeys:
 
     def _ask(self, now: float, request: dict[str, Any]) -> None:
         if not self.may:
-            self.said = "only looking: start without --look to steer"
+            self.said = "view only: start without --look to steer"
             return
         if self._station.target is None:
             self.said = "no boat that runs this pilot is heard"

@@ -406,8 +406,8 @@ def run(arguments: argparse.Namespace) -> int:
             with as_exceptions():
                 take(step, Boat(file, (*checklist.links, *_pace(step, arguments)), load_vessel(file)), talk)
         except KeyboardInterrupt:
-            print(f"\nLeft before {step.title} was done. If it was for a reason: {step.otherwise}.")
-            print(f"autopilot new-boat {file} goes on here.")
+            print(f"\nLeft before step {STEPS.index(step) + 1} was done: {step.title}.")
+            print(f"If something was wrong: {step.otherwise}.\nTo carry on here: autopilot new-boat {file}")
             raise
         checklist.tick_off(step, datetime.now())
         checklist.save()

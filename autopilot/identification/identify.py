@@ -450,7 +450,7 @@ def check_response(runs: Sequence[Run], start: StartingPoint) -> None:
         raise InputError(
             f"{sources_of(runs)}: the boat turns against its rudder (K = {start.model.gain:.3g} 1/s explains "
             f"{100.0 * start.explained:.0f} % of the motion); rudder must be positive to starboard and heading "
-            "clockwise: pass --reverse-rudder if the recorded rudder has the opposite sign."
+            "clockwise: if the recorded rudder has the opposite sign, pass --reverse-rudder; if you did, leave it out."
         )
     if start.model.gain <= 0.0 or start.explained < LEAST_EXPLAINED:
         raise InputError(

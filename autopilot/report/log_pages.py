@@ -32,7 +32,7 @@ from autopilot.report.page import (
 from autopilot.report.steered import Steered, Verdict
 from autopilot.signals import Mode, OrderKind, Tick
 
-ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
 Row = tuple[str, str, str]
 """Name, value with its unit, and the criterion beside it, empty where there is none."""
@@ -73,8 +73,11 @@ def _zigzag(found: Zigzag, length: float | None) -> Iterator[Row]:
 
 
 def _kind(found: Zigzag) -> str:
-    """Return what a zigzag is called: rudder and execute angle in whole degrees."""
-    return "/".join(f"{round(math.degrees(angle), 0):.3g}" for angle in (found.rudder, found.execute))
+    """Return what a zigzag is called: rudder and execute angle in whole degrees; near each other, the rudder's twice,
+    since between two samples the heading goes further than to the angle that was meant."""
+    is_one = abs(found.execute - found.rudder) < criteria.NEAR
+    angles = found.rudder, found.rudder if is_one else found.execute
+    return "/".join(f"{round(math.degrees(angle), 0):.3g}" for angle in angles)
 
 
 def _overshoot_limit(kind: int, number: int, speed: float, length: float | None) -> str:
@@ -184,7 +187,7 @@ def verdict_of_trials(measures: Measures) -> Verdict:
     said = []
     for zigzag in measures.zigzags:
         past = " and ".join(_deg(angle) for angle in zigzag.overshoots[:2])
-        said.append(f"the {_kind(zigzag)} zigzag swings on by {past}")
+        said.append(f"the {_kind(zigzag)} zigzag overshoots by {past}")
     for circle in measures.circles:
         side = "port" if circle.rudder < 0.0 else "starboard"
         said.append(f"circle to {side} {_m(circle.tactical_diameter, None)} across, 90 deg in {_s(circle.time_90)}")

@@ -17,6 +17,8 @@ FloatArray = npt.NDArray[np.float64]
 COLOURS = ("#0b5fa5", "#c8501e", "#2e7d32", "#7b4fa3", "#00838f", "#9a6a00")
 WANTED = "#8a8f98"
 SIZE = (9.0, 2.6)
+LEAST_HEIGHT, TALLEST = 1.7, 6.8
+"""Inches of a panel and of a figure: many panels are low, so that the verdict below is on the first sheet of paper."""
 PLANE_SIZE = (9.0, 5.2)
 LEGEND_COLUMNS = 4
 DECADE = 10.0
@@ -79,9 +81,9 @@ def time_figure(panels: Sequence[Panel], abscissa: str = "time [s]", *, logarith
     from matplotlib import pyplot, ticker
 
     with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 9}):
-        figure, axes = pyplot.subplots(
-            len(panels), 1, sharex=True, squeeze=False, figsize=(SIZE[0], SIZE[1] * len(panels)), layout="constrained"
-        )
+        count = len(panels)
+        size = SIZE[0], count * max(LEAST_HEIGHT, min(SIZE[1], TALLEST / count))
+        figure, axes = pyplot.subplots(count, 1, sharex=True, squeeze=False, figsize=size, layout="constrained")
         colours = _colours(panels)
         for axis, panel in zip(axes[:, 0], panels, strict=True):
             _draw(axis, panel, colours)

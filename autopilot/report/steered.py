@@ -230,8 +230,9 @@ def trial_verdict(steered: Steered, reason: str, *, at_dock: bool = False, least
     """Return what a trial is good for. reason: why it ended before its time, "" where it did not. at_dock: the rudder
     alone was to be proved, by a boat that is tied up. least_way: a boat slower than this [m/s] made no way."""
     swing = math.degrees(steered.swing[1] - steered.swing[0])
+    orders = f"{steered.executes} rudder order{'' if steered.executes == 1 else 's'}"
     said = (
-        f"{steered.executes} rudder orders in {steered.trial_seconds:.0f} s, the heading swung over {swing:.0f} deg"
+        f"{orders} in {steered.trial_seconds:.0f} s, the heading swung over {swing:.0f} deg"
         if steered.trial_seconds > 0.0
         else "the rudder was never moved"
     )

@@ -30,7 +30,7 @@ KEYS = (
     " Esc RELEASE  ←→ 1°  ⇧←→ 10°  e heading  w W wind  t route  s standby  d D dodge",
     " 1-9 response  b back  k tack g gybe y n  M overboard  a A l alarms  : more  q leave",
 )
-KEYS_LOOKING = (" only looking  l history  q leave",)
+KEYS_LOOKING = (" view only  l history  q leave",)
 STATES = {5: "FAIL-SAFE", 6: "FAULT"}
 PROPOSALS = {1.0: "proposed, being tried", 2.0: "proved: :adopt steers with it"}
 
@@ -70,7 +70,7 @@ def _head(shown: dict[str, Any], trouble: str, station: Station) -> list[Line]:
     if age > STALE_S["beat"]:
         return [Line(f" NO DATA for {age:.0f} s: what you see is old", "bad")]
     if not shown["ours"]:
-        return [Line(" another kind of autopilot: only looking", "alarm")]
+        return [Line(" another kind of autopilot: view only", "alarm")]
     mode = STATES.get(shown["status"], shown["mode"].upper())
     steers = shown["mode"] != "standby"
     before, back = station.course.before, ""

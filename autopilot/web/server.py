@@ -41,6 +41,7 @@ from autopilot.web.view import COLUMNS
 
 SUFFIXES = (".tlog", ".html", ".csv", ".yaml")
 SHOWN_MOST = 200
+ON_BOARD = ("127.0.0.1", "::1")
 PIECE = 65536
 
 
@@ -255,7 +256,7 @@ class Page:
     async def order(self, request: Request) -> Response:
         """An order for the boat, from who may."""
         if not self._may(request):
-            return _refusal(403, "only looking: open the page with the address that `autopilot web` has printed")
+            return _refusal(403, "view only: open the page with the address that `autopilot web` has printed")
         body = await _body_of(request)
         if isinstance(body, Response):
             return body
@@ -266,7 +267,7 @@ class Page:
             return _refusal(BAD_ORDER, str(error))
         if self._hub.station.target is None:
             return _refusal(CANNOT_NOW, "no boat that runs this pilot is heard")
-        taken, words = await self._hub.ask(asked, (f"page at {_address_of(request)}", words_of(wanted)))
+        taken, words = await self._hub.ask(asked, (_display_of(request), words_of(wanted)))
         return JSONResponse({"taken": True, "words": words}) if taken else _refusal(CANNOT_NOW, words)
 
     async def steps(self, request: Request) -> Response:
@@ -458,6 +459,11 @@ def _ending(name: str) -> str:
 
 def _address_of(request: Request) -> str:
     return request.client.host if request.client is not None else "unknown"
+
+
+def _display_of(request: Request) -> str:
+    address = _address_of(request)
+    return "on board" if address in ON_BOARD else f"page at {address}"
 
 
 def _refusal(status: int, words: str, headers: dict[str, str] | None = None) -> Response:

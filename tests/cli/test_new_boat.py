@@ -165,8 +165,9 @@ def test_who_leaves_is_shown_where_it_goes_on(
     with pytest.raises(KeyboardInterrupt):
         main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"])
     said = capsys.readouterr().out
-    assert "Left before this computer and the links was done. If it was for a reason: do what stands" in said
-    assert f"autopilot new-boat {file} goes on here." in said
+    assert "Left before step 1 was done: this computer and the links." in said
+    assert "If something was wrong: do what stands behind each arrow" in said
+    assert f"To carry on here: autopilot new-boat {file}" in said
 
 
 def hold(path: Path, off_deg: float, mode: Mode = Mode.ENGAGED) -> None:

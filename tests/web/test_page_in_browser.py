@@ -188,12 +188,12 @@ def test_a_touch_engages_and_turns_the_boat_and_a_key_releases_it(helm: Helm) ->
 
 def test_who_has_no_token_is_informed_and_moves_nothing(helm: Helm) -> None:
     page = helm.open(token="")
-    word(page, "who-word", "only looking")
+    word(page, "who-word", "view only")
     for steers in ("#engage", "#release", "button[data-turn='10']"):
         page.wait_for_selector(steers, state="hidden")
     page.wait_for_selector("#looking")
     page.keyboard.press("e")
-    word(page, "said", "Only looking")
+    word(page, "said", "View only")
     with helm.hub.lock:
         assert not helm.sea.commands.armed
     page.context.close()

@@ -64,10 +64,10 @@ function drawPage(alarms) {
 }
 
 function drawHistory() {
-  const time = (at) => at === null ? "--" : clockOf(at);
+  const time = (done, at, open) => at === null ? open : `${done} ${clockOf(at)}`;
   byId("history-rows").replaceChildren(...boat.history.slice().reverse().map((record) => {
     const row = make("li"), [wrong, todo] = split(record);
-    const times = `raised ${time(record.raised)}, acknowledged ${time(record.acknowledged)}, cleared ${time(record.cleared)}`;
+    const times = [time("raised", record.raised, "raised"), time("acknowledged", record.acknowledged, "not acknowledged"), time("cleared", record.cleared, "still on")].join(", ");
     row.append(make("b", `${SIGNS[record.priority]} ${record.priority} `), wrong, make("small", times, "hint"), ...(todo ? [make("small", todo, "hint")] : []));
     return row;
   }), ...(boat.history.length ? [] : [make("li", "No alarm since this page's server was started.")]));

@@ -29,7 +29,7 @@ export function say(words, seconds = 5) {
 
 async function order(request, button) {
   if (!may()) {
-    say("Only looking. To steer, open the address that autopilot web has printed, or scan its code.");
+    say("View only. To steer, open the address that autopilot web has printed, or scan its code.");
     return false;
   }
   navigator.vibrate?.(15);
@@ -119,7 +119,7 @@ function drawMode() {
     kind = state.mode === "standby" ? "off" : "on";
     if (BAD[state.status]) { word = BAD[state.status]; kind = "bad"; }
     if (boat.isStale("beat")) more = "";
-    else if (!state.ours) more = "another kind of autopilot: only looking";
+    else if (!state.ours) more = "another kind of autopilot: view only";
     else if (kind === "off") more = state.armed ? "ready, you steer" : "you steer";
     else if (state.mode === "trial" && boat.trial?.result === 5) more = `${boat.trial.percent} %`;
     else if (state.mode === "route" && state.distance !== undefined) more = `waypoint ${state.waypoint ?? "?"} in ${Math.round(state.distance)} m`;
@@ -143,13 +143,13 @@ function drawLink() {
   let word = "live", trouble = "";
   if (silent > 2.5) {
     word = "no connection";
-    trouble = boat.refused || (boat.ended ? "This page's server was ended. The pilot goes on without it; start autopilot web again to see it." : "") || `This page has lost its server for ${Math.round(silent)} s. What you see is old. It comes back by itself.`;
+    trouble = boat.refused || (boat.ended ? "This page's server has stopped. The pilot carries on without it; start autopilot web again to see it." : "") || `This page has lost its server for ${Math.round(silent)} s. What you see is old. It comes back by itself.`;
   } else if (boat.state?.line) {
     word = "link down";
     trouble = boat.state.line;
   } else if (age === null) {
     word = "no boat yet";
-    trouble = "No pilot is heard yet. Is autopilot run --serve started, towards this machine?";
+    trouble = "No pilot heard yet. Is autopilot run --serve running, and sending to this machine?";
   } else if (age > 3) {
     word = "no data";
     trouble = `No data from the boat for ${Math.round(age)} s. What you see is old: steer by hand if in doubt.`;
@@ -157,7 +157,7 @@ function drawLink() {
   document.body.dataset.link = word;
   byId("link-word").textContent = word;
   // what is touched now does not arrive
-  byId("who-word").textContent = !may() ? "only looking" : trouble ? "" : "you may steer";
+  byId("who-word").textContent = !may() ? "view only" : trouble ? "" : "you may steer";
   byId("looking").hidden = document.body.dataset.may !== "no";
   stale.hidden = !trouble;
   if (stale.textContent !== trouble) stale.textContent = trouble;

@@ -15,5 +15,5 @@ export function drawOverboard() {
   if (!known) return;
   const is = (value) => typeof value === "number"; // of three messages one may be lost
   const time = is(since) ? `${Math.floor(since / 60)}:${String(Math.floor(since % 60)).padStart(2, "0")}` : "--";
-  byId("overboard-word").textContent = `Man overboard: ${String(Math.round(bearing) % 360).padStart(3, "0")}°, ${is(distance) ? Math.round(distance) : "--"} m, ${time} ago${boat.isStale("mob") ? ", old" : ""}`;
+  byId("overboard-word").textContent = `Man overboard: ${String(Math.round(bearing) % 360).padStart(3, "0")}°, ${is(distance) ? Math.round(distance) : "--"}\u00a0m, ${time}\u00a0ago${boat.isStale("mob") ? " (old)" : ""}`;
 }

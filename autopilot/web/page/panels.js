@@ -55,7 +55,7 @@ export function setUpPanels(order, surely, say) {
 
 export function drawPanels() {
   const level = boat.state?.level;
-  byId("level").textContent = typeof level === "number" ? String(level) : boat.state && !boat.isStale("loop") ? "file" : "--"; // gains as they are filed
+  byId("level").textContent = typeof level === "number" ? String(level) : boat.state && !boat.isStale("loop") ? "default" : "--"; // the gains of the vessel file
   byId("level").classList.toggle("filed", typeof level !== "number");
   drawTrialPanel();
   drawLearning();

@@ -3,6 +3,7 @@ import { get, may } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
 const UNITS = { hz: "Hz", deg: "°", "deg/s": "°/s" };
+const unitOf = ({ units }) => UNITS[units] ?? units.replace(/([a-z])2/g, "$1²");
 let timer = 0, order = null, say = null, shown = "";
 
 export function setUpParameters(give, tell) {
@@ -16,7 +17,7 @@ export async function showParameters() {
   let table;
   try { table = await get("/api/parameters"); } catch { table = null; }
   if (!table || document.body.dataset.page !== "parameters") return;
-  byId("parameters-word").textContent = table.complete ? "NOW counts from the next moment on, RESTART from the pilot's next start. Both are kept."
+  byId("parameters-word").textContent = table.complete ? "NOW takes effect at once, RESTART when the pilot next starts. Both are saved."
     : table.total ? `Reading ${table.done} of ${table.total}` : "Asking the boat";
   if (table.complete) fill(table.rows);
   const described = table.rows.some((row) => row.shortDesc);
@@ -50,7 +51,7 @@ function line(row) {
   const words = Object.assign(document.createElement("span"), { textContent: row.shortDesc ?? row.name });
   const when = Object.assign(document.createElement("b"), { textContent: row.rebootRequired ? "RESTART" : "NOW", className: "when" });
   const name = Object.assign(document.createElement("code"), { textContent: row.name });
-  const unit = row.units ? ` ${UNITS[row.units] ?? row.units}` : "";
+  const unit = row.units ? ` ${unitOf(row)}` : "";
   const range = row.values ? "" : row.min !== undefined && row.max !== undefined ? `${row.min} to ${row.max}${unit}` : row.min !== undefined ? `at least ${row.min}${unit}` : unit;
   const about = Object.assign(document.createElement("span"), { className: "range", textContent: range.trim() });
   about.prepend(when, " ");
@@ -74,7 +75,7 @@ function field(row) {
   input.setAttribute("aria-label", label);
   const button = Object.assign(document.createElement("button"), { textContent: "Set", disabled: !may() });
   button.setAttribute("aria-label", `Set ${label}`);
-  form.append(input, ...(row.units ? [Object.assign(document.createElement("span"), { textContent: UNITS[row.units] ?? row.units, className: "unit-of" })] : []), button);
+  form.append(input, ...(row.units ? [Object.assign(document.createElement("span"), { textContent: unitOf(row), className: "unit-of" })] : []), button);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     const value = Number(input.value);
