@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot import __version__
 from autopilot.report.page import Line, Opening, Panel, Section, plane_figure, render, time_figure
 
 PAGE_KB = os.sysconf("SC_PAGE_SIZE") / 1024.0
@@ -102,4 +101,4 @@ def page(
         )
     command = shlex.join(["python", "benchmarks/endurance.py", *sys.argv[1:]])
     lead = "Does memory stay, do descriptors, and does the loop keep time?"
-    return render(Opening(title, lead), sections, command, __version__)
+    return render(Opening(title, lead), sections, command)

@@ -15,10 +15,9 @@ from autopilot.models.drives import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, at_poi
 from autopilot.models.norrbin import Norrbin, at_speed, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step_by, lag_share, sided
 from autopilot.models.weather import GRAVITY
-from autopilot.vessel.schema import drive_law_of, model_of
+from autopilot.vessel.schema import Vessel, drive_law_of, model_of
 
 if TYPE_CHECKING:
-    from autopilot.vessel.schema import Vessel
     from sitl.firmware_setup import Propulsion
     from sitl.scenario import Scenario
 

@@ -25,7 +25,7 @@ from autopilot.cli.options import (
 from autopilot.errors import ExitCode, InputError
 from autopilot.interruption import print_end
 from sitl.campaign import command as campaign
-from sitl.scenario import shipped_scenarios
+from sitl.scenario import load_scenario, shipped_scenarios
 
 DEFAULT_SERVICE = "127.0.0.1:14599"
 DEFAULT_MAVLINK = "udpout:127.0.0.1:14550"
@@ -289,7 +289,6 @@ def run_physics(arguments: argparse.Namespace) -> int:
     """Move the boat for ArduPilot until stopped."""
     from autopilot.vessel.file import load_vessel
     from sitl.ardupilot import ArdupilotPhysics, Outputs, open_socket, serve_physics
-    from sitl.scenario import load_scenario
     from sitl.serve import afloat
 
     should_stop = _StopOnSignal()

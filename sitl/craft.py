@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.errors import InputError
 from autopilot.models.steering_gear import SteeringGear, gear_step_by
-from sitl.boat import BoatState, Disturbance, Hull, Step
+from sitl.boat import BoatState, Disturbance, Hull, PlantStep, Step
 
 if TYPE_CHECKING:
-    from sitl.boat import PlantStep
     from sitl.scenario import GearSection
 
 AIR_DENSITY = 1.225

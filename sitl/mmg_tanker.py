@@ -36,11 +36,11 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.vessel.schema import Vessel
 from sitl.boat import Disturbance, Hull, PlantKind
 from sitl.craft import WATER_DENSITY, Motion, Windage, gear_of, roll_acceleration, step_by, turning, wind_force
 
 if TYPE_CHECKING:
-    from autopilot.vessel.schema import Vessel
     from sitl.scenario import Scenario
 
 LENGTH, BEAM, DRAUGHT = 7.0, 1.27, 0.46

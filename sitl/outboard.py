@@ -13,13 +13,13 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.vessel.schema import Vessel
 from sitl import twin_thruster as otter
 from sitl.boat import Disturbance, Hull, PlantKind
 from sitl.craft import Motion, gear_of, refuse_scale, step_by, turning
 from sitl.firmware_setup import Propulsion
 
 if TYPE_CHECKING:
-    from autopilot.vessel.schema import Vessel
     from sitl.scenario import Scenario
 
 GEAR = SteeringGear(math.radians(35.0), math.radians(25.0), 0.1)

@@ -19,12 +19,12 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.vessel.schema import Vessel
 from sitl import boat
 from sitl.boat import PlantKind
 from sitl.craft import Motion, Windage, gear_of, step_by, turning, wind_force
 
 if TYPE_CHECKING:
-    from autopilot.vessel.schema import Vessel
     from sitl.scenario import Scenario
 
 KNOT = 1852.0 / 3600.0

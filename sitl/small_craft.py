@@ -28,6 +28,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.vessel.schema import Vessel
 from sitl.boat import BowMotor, Disturbance, Hull, PlantKind
 from sitl.craft import (
     WATER_DENSITY,
@@ -42,7 +43,6 @@ from sitl.craft import (
 )
 
 if TYPE_CHECKING:
-    from autopilot.vessel.schema import Vessel
     from sitl.scenario import Scenario
 
 LENGTH, BEAM = 1.255, 0.29

@@ -25,12 +25,12 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.vessel.schema import Vessel
 from sitl.boat import Disturbance, Hull, PlantKind
 from sitl.craft import Motion, Windage, gear_of, refuse_scale, roll_acceleration, step_by, turning, wind_force
 from sitl.firmware_setup import Propulsion
 
 if TYPE_CHECKING:
-    from autopilot.vessel.schema import Vessel
     from sitl.scenario import Scenario
 
 

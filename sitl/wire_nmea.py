@@ -169,9 +169,9 @@ TYPICAL_LENGTH: Mapping[str, int] = {
     "XTE": 26,
     "HTD": 48,
 }
+"""Bytes of a sentence with its line end, for sharing out a slow line."""
 PLOTTER = ("APB", "RMB", "XTE", "HTD")
 """What a chart plotter says; it needs a route in the scenario."""
-"""Bytes of a sentence with its line end, for sharing out a slow line."""
 
 FULLEST_LINE = 0.8
 """Default rates are lowered until the line is this full at most: a full line makes every heading late."""

@@ -22,7 +22,6 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from autopilot import __version__
 from autopilot.angles import wrap
 from autopilot.control.registry import TRIAL_LAW
 from autopilot.errors import RefusedError
@@ -390,7 +389,6 @@ def write_demo_report(out: Path, shown: DemoFigures, summary: dict[str, Any]) ->
         Opening("Norrbin demo: from a sea trial to an autopilot", lead, hero, verdict_of_demo(summary)),
         _sections(figures, summary),
         f"autopilot demo --seed {summary['seed']}",
-        __version__,
     )
     save_text(out / "report.html", page)
 

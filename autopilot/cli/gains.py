@@ -12,9 +12,10 @@ import shlex
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.options import NumberOption, number, whole_number
+from autopilot.cli.options import NumberOption, named_vessel, number, whole_number
 from autopilot.control.registry import designed_laws, filed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
 
@@ -88,7 +89,6 @@ def in_hand(vessel: Vessel, request: GainRequest, is_chosen: bool) -> Vessel:
 
 def run(arguments: argparse.Namespace) -> int:
     """Design, print, write; exit code 4 where no gains serve, or those asked for must not be engaged."""
-    from autopilot.cli.options import named_vessel
     from autopilot.cli.terminal import ProgressBar
     from autopilot.control.design import DESIGNED
     from autopilot.report.gains import (
@@ -187,7 +187,6 @@ def _request(arguments: argparse.Namespace) -> GainRequest:
 
 
 def _check_bandwidth(vessel: Vessel, request: GainRequest) -> None:
-    """Raise InputError for a bandwidth that is none for this boat."""
     from autopilot.control.design import BANDWIDTHS, bandwidths_of
     from autopilot.runtime.build import model_of
 
@@ -201,8 +200,6 @@ def _check_bandwidth(vessel: Vessel, request: GainRequest) -> None:
 
 def check_place(arguments: argparse.Namespace) -> None:
     """Raise InputError where --out names another vessel's file, or nothing can be written: said before the work."""
-    from pathlib import Path
-
     from autopilot.files.saving import check_folder
     from autopilot.vessel.file import refuse_bare_name
 
@@ -221,8 +218,6 @@ def write_vessel(arguments: argparse.Namespace, better: Vessel) -> None:
     Raises InputError where that is another boat's file and --overwrite does not say that it may go, and where no
     command could read what is written.
     """
-    from pathlib import Path
-
     from autopilot.files.saving import save_text
     from autopilot.vessel.file import text_for
 
@@ -254,7 +249,6 @@ def _write_report(
 
 
 def _add_tuning(parser: argparse.ArgumentParser) -> None:
-    """Add the options of tuning."""
     parser.add_argument("--tune", action="store_true", help="optimise the gains of --law over a simulated campaign")
     parser.add_argument("--law", choices=designed_laws(), help="with --tune (default: the file's)")
     parser.add_argument(
@@ -281,7 +275,6 @@ def _check_tuning(arguments: argparse.Namespace) -> None:
 
 def _tuned(arguments: argparse.Namespace) -> int:
     """Tune, print what held-out seeds say, write the vessel where asked; exit code 4 where no gains have margins."""
-    from autopilot.cli.options import named_vessel
     from autopilot.runtime.build import verdict_of
 
     vessel = named_vessel(arguments.vessel)

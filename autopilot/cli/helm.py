@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.outside import typed_number
+from autopilot.files.printable import escaped
 
 if TYPE_CHECKING:
     from autopilot.web.orders import Answer
@@ -107,7 +108,6 @@ def draw(
     waits: bool = True,
 ) -> None:
     """Keep the line, draw five times a second, obey the keys, until one of them quits."""
-    from autopilot.files.printable import escaped
     from autopilot.web.screen import history, screen
 
     window.nodelay(True)

@@ -19,7 +19,18 @@ from autopilot.errors import ExitCode, InputError
 from autopilot.files import typed
 from autopilot.files.strict_yaml import Node, read_document
 from autopilot.files.typed import Bounds, Positive
-from autopilot.identification.dynamic_positioning import DAMPING, LAG, Belief, DpFit, Floats, Hull, Thruster, Trial
+from autopilot.identification.dynamic_positioning import (
+    DAMPING,
+    LAG,
+    Belief,
+    DpFit,
+    Floats,
+    Hull,
+    Thruster,
+    Trial,
+    identify_dp,
+    usual_beliefs,
+)
 from autopilot.logs.csv_log import MOST_THRUSTERS, read_csv
 
 DESCRIPTION = """\
@@ -63,7 +74,6 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.cli.identify_dp import beliefs_with, hull_of, load_ship, load_trial, with_found
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import save_text
-    from autopilot.identification.dynamic_positioning import identify_dp, usual_beliefs
 
     ship = load_ship(arguments.ship)
     trial, hull = load_trial(arguments.trial, ship), hull_of(ship)

@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import InputError, RefusedError
+from autopilot.files.printable import aligned
 from autopilot.identification.roll import PARAMETERS, RollModel, identify_roll
+from autopilot.identification.runs import Run
 
 if TYPE_CHECKING:
     from autopilot.identification.drive_effect import DriveFit, Prediction
     from autopilot.identification.prediction_bands import Forecast
-    from autopilot.identification.runs import Run
     from autopilot.identification.verdict import Verdict
     from autopilot.vessel.schema import Vessel
 
@@ -116,7 +117,6 @@ def _document(
 def _lines(
     kind: str, fit: DriveFit, rows: Sequence[tuple[Run, str, Prediction]], ahead: Forecast | None, verdict: Verdict
 ) -> list[str]:
-    from autopilot.files.printable import aligned
     from autopilot.report.identification import FORECAST, forecast_rows
 
     model, errors = fit.model, fit.errors

@@ -21,11 +21,21 @@ from typing import TYPE_CHECKING, Any
 
 from autopilot.cli.options import SYSTEM_ID, add_signing_option, named_vessel, number, signing_of
 from autopilot.errors import ExitCode, InputError
-from autopilot.files.printable import SENTENCE, escaped, fixed, printable
-from autopilot.files.saving import newer_numbered
+from autopilot.files.printable import SENTENCE, aligned, escaped, fixed, printable
+from autopilot.files.saving import is_standard_output, newer_numbered, refuse_existing, save_page
 from autopilot.identification import trial_measures as criteria
-from autopilot.identification.trial_measures import Measures
-from autopilot.report.log_pages import blocks_of, verdict_of_trials
+from autopilot.identification.trial_measures import Measures, measures_of, record_of
+from autopilot.report import require_extra
+from autopilot.report.log_pages import (
+    blocks_of,
+    compared,
+    comparison_page,
+    document_of_runs,
+    run_of,
+    table_of_runs,
+    trials_page,
+    verdict_of_trials,
+)
 
 if TYPE_CHECKING:
     from autopilot.logs.mcap_log import Entry
@@ -215,8 +225,6 @@ def measures_as_text(source: str, measures: Measures, length: float | None, note
 
 def add_parser(subparsers: Any) -> None:
     """Add the `log` subcommand with its actions."""
-    from autopilot.cli.options import number
-
     parser = subparsers.add_parser("log", help="show what a log holds, and convert it", description=KINDS_HELP)
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     info = actions.add_parser("info", help="duration, sources, rates, gaps, and what identification can use")
@@ -253,7 +261,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the log and do what was asked; return the exit code."""
-    from autopilot.files.saving import refuse_existing
     from autopilot.logs.reading import load_recording
 
     print_newer([arguments.log])
@@ -276,13 +283,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from autopilot.cli.terminal import ProgressBar
-    from autopilot.files.printable import aligned
-    from autopilot.report.log_pages import compared, comparison_page, document_of_runs, run_of, table_of_runs
     from autopilot.runtime.record import read_logs
 
     if arguments.report:
-        from autopilot.report import require_extra
-
         require_extra("without --report")
     refuse_twice([arguments.log, arguments.second])
     paths = [Path(name) for name in (arguments.log, arguments.second)]
@@ -299,15 +302,11 @@ def _compare(arguments: argparse.Namespace) -> int:
         rows = table_of_runs(first, second)
         print(compared(first, second).sentence, "", *aligned(rows, right=range(1, len(rows[0]))), sep="\n")
     if arguments.report:
-        from autopilot.files.saving import save_page
-
         save_page(arguments.report, comparison_page(first, second, shlex.join(arguments.typed)))
     return int(ExitCode.OK)
 
 
 def _rewrite(arguments: argparse.Namespace, recording: Recording, options: LogOptions) -> int:
-    from autopilot.files.saving import is_standard_output
-
     ending = ".csv" if arguments.action == "csv" else arguments.to.suffix.lower()
     say = partial(print, file=sys.stderr if is_standard_output(arguments.to) else sys.stdout)  # not into the table
     for note in recording.notes:
@@ -317,22 +316,16 @@ def _rewrite(arguments: argparse.Namespace, recording: Recording, options: LogOp
 
 
 def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOptions) -> int:
-    from autopilot.identification.trial_measures import measures_of, record_of
     from autopilot.logs.table import table_of
 
     length = arguments.length_m
     if arguments.report:
-        from autopilot.report import require_extra
-
         require_extra("without --report")
     record = record_of(arguments.log, table_of(recording, options.rudder).columns)
     measures = measures_of(record)
     shown = measures_as_json if arguments.json else measures_as_text
     print(shown(arguments.log, measures, length, recording.notes))
     if arguments.report:
-        from autopilot.files.saving import save_page
-        from autopilot.report.log_pages import trials_page
-
         page = trials_page(arguments.log, record, measures, length, shlex.join(arguments.typed))
         save_page(arguments.report, page)
     return int(ExitCode.OK)
@@ -377,7 +370,6 @@ def _date(began: float | None) -> str:
 
 
 def _unit_of(quantity: str) -> tuple[str, float]:
-    """Return a quantity's name with the unit it is shown in, and the factor to it."""
     for ending, unit in (("_rad_s", "deg/s"), ("_rad", "deg")):
         if quantity.endswith(ending):
             return f"{quantity.removesuffix(ending).replace('_', ' ')} {unit}", 180.0 / math.pi

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 
 from autopilot.cli.options import SPEEDUP, number
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.files.outside import parse_json, read_regular
+from autopilot.files.outside import parse_json, read_regular, typed_number
 from autopilot.files.saving import check_folder, numbered, save_text
 from autopilot.interruption import as_exceptions, run_child
 from autopilot.models.drives import DRIVES
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Helm, Rudder, Vessel
 
 MOST_BYTES = 1 << 16
 SWINGS = 20.0
@@ -435,8 +435,6 @@ class Talk:
 
     def number(self, words: str, option: str, check: Callable[[float], None]) -> float:
         """Return a number that is typed; what `check` refuses is asked for again. InputError where nobody answers."""
-        from autopilot.files.outside import typed_number
-
         if self.silent:
             raise InputError(f"{option} is needed where nobody answers: {words}")
         while True:
@@ -488,7 +486,6 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     """Ask what the boat is like and write its file. Raises InputError."""
     from autopilot.identification.verdict import KNOT_M_S
     from autopilot.vessel.file import doubted, dump_vessel, first_model, rounded
-    from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Helm, Rudder
 
     file: Path = arguments.file
     check_folder(file)

@@ -34,6 +34,7 @@ from autopilot.firmware.file import (
     dump_firmware,
     entries,
     implied_kind,
+    schema_text,
 )
 from autopilot.firmware.foreign_files import (
     SUFFIXES,
@@ -133,8 +134,6 @@ def convert(arguments: argparse.Namespace) -> int:
 
 def schema(arguments: argparse.Namespace) -> int:
     """Print or write the JSON Schema of one kind of file."""
-    from autopilot.firmware.file import schema_text
-
     text = schema_text(arguments.kind)
     if arguments.out:
         save_schema(arguments.out, text)

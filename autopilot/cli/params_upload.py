@@ -372,7 +372,6 @@ def _agrees(question: str) -> bool:
 
 
 def _report(arguments: argparse.Namespace, vehicle: Vehicle, outcomes: list[Outcome], report: Report) -> int:
-    """Print what became of every parameter and return the exit code."""
     printer = upload_json if arguments.json else upload_table
     print(printer(outcomes, vehicle, report))
     return int(ExitCode.OK if all(each.is_good for each in outcomes) else ExitCode.DIFFERENT)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.control.registry import filed_laws
+from autopilot.control.registry import TRIAL_LAW, filed_laws
 from autopilot.errors import InputError
+from autopilot.files.printable import rewrite_line
+from autopilot.signals import Tick
 
 if TYPE_CHECKING:
     from autopilot.links.ground_station.mission import Mission, MissionItem
@@ -87,12 +90,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
-    from dataclasses import replace
-
     from autopilot.cli.options import named_vessel
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.cli.terminal import TypedLines
-    from autopilot.files.printable import rewrite_line
     from autopilot.guidance.plotter import PlotterGuide
     from autopilot.links.north import MAGNETIC_LEADS
     from autopilot.operators.skipper import (
@@ -108,7 +108,6 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from autopilot.runtime.build import limits_of
     from autopilot.runtime.build_links import refuse_wind_hold
-    from autopilot.signals import Tick
 
     vessel = named_vessel(arguments.vessel)
     if arguments.steer is not None:
@@ -165,7 +164,6 @@ def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float |
     given: dict[str, Any] = {key: value for key, value in asked.items() if value is not None}
     if not given:
         return vessel
-    from dataclasses import replace
 
     from autopilot.vessel.parameters import parameters_of
 
@@ -181,8 +179,6 @@ def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float |
 
 def law_of_run(vessel: Vessel, law: str | None) -> str | None:
     """Return the law to steer with: none of ours, and so no gains needed, where the firmware steers. InputError."""
-    from autopilot.control.registry import TRIAL_LAW
-
     if vessel.helm.method != "guided":
         return law
     if law is not None:

@@ -30,6 +30,7 @@ from autopilot.cli.options import (
 )
 from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.estimation.path_delay import PathDelay
 from autopilot.files.printable import terminal_of
 from autopilot.interruption import NAMES, REAL_TIME, STRAY, ended_by
 from autopilot.links.base import LinkError
@@ -47,7 +48,6 @@ from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
-    from autopilot.estimation.path_delay import PathDelay
     from autopilot.runtime.log_files import Sink
     from autopilot.runtime.record import Recorder
 

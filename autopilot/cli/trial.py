@@ -13,18 +13,17 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from autopilot.angles import wrap
-from autopilot.cli.options import SECONDS, SEED, NumberOption, number
+from autopilot.cli.options import SECONDS, SEED, NumberOption, named_vessel, number
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.outside import typed_number
-from autopilot.operators.trial_script import HOLDS, LASTING, SPEEDS, TrialScript
+from autopilot.guidance.manoeuvres import TrialLimits
+from autopilot.models.norrbin import Norrbin
+from autopilot.operators.trial_script import HOLDS, LASTING, SPEEDS, TrialScript, steps_of
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
 if TYPE_CHECKING:
-    from autopilot.guidance.manoeuvres import TrialLimits
     from autopilot.identification.runs import Run
     from autopilot.identification.trial_design import Berth, Boat, Candidate, Design, Helm, InstrumentNoise, Water
-    from autopilot.models.norrbin import Norrbin
-    from autopilot.operators.trial_script import TrialScript
     from autopilot.report.steered import Steered, Verdict
     from autopilot.vessel.schema import Sensors, Vessel
 
@@ -133,7 +132,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Sail the trial and return the exit code. Raises RefusedError where it ended before its time."""
     from dataclasses import replace
 
-    from autopilot.cli.options import named_vessel
     from autopilot.cli.steering import Voyage, plan_of, steer
     from autopilot.control.registry import TRIAL_LAW
     from autopilot.identification.interval import serves
@@ -176,7 +174,6 @@ WAY_LEAST = 0.2
 
 
 def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:
-    from autopilot.operators.trial_script import TrialScript, steps_of
     from autopilot.runtime.build import limits_of, model_of
 
     angle_max_deg = math.degrees(limits_of(vessel).angle_max)
@@ -184,8 +181,6 @@ def _script(arguments: argparse.Namespace, vessel: Vessel) -> TrialScript:
 
 
 def _limits(arguments: argparse.Namespace) -> TrialLimits:
-    from autopilot.guidance.manoeuvres import TrialLimits
-
     least, most = arguments.speed_min_m_s or -math.inf, arguments.speed_max_m_s or math.inf
     if least >= most:
         raise InputError(f"--speed-min-m-s {least:g} must be below --speed-max-m-s {most:g}")
@@ -217,7 +212,6 @@ def add_design_options(parser: argparse.ArgumentParser) -> None:
 
 def design_trial(arguments: argparse.Namespace) -> int:
     """Find the designs and print them; return the exit code."""
-    from autopilot.cli.options import named_vessel
     from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.trial_design import KINDS, designs
 
@@ -415,7 +409,6 @@ class _Helmsman:
 
 
 def _tick(time: float, heading: float, rate: float, speed: float) -> Tick:
-    """Return as much of a tick as a script looks at."""
     state = NavState(time, wrap(heading), rate, speed, 0.0, 0.0, 0.0, True)
     command = RudderCommand(time, 0.0, True)
     return Tick(0, time, (), Order(), state, Reference(heading), 0.0, command, Mode.ENGAGED, ())

@@ -48,7 +48,6 @@ class NoGains(NamedTuple):
 
 
 def _gains_of(section: object, boat: LawBoat) -> NoGains:
-    """Return no gains."""
     return NoGains()
 
 

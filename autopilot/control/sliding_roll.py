@@ -379,7 +379,6 @@ def steered(numbers: RollNumbers, memory: RollMemory, given: LawInput, sway: flo
 
 
 def _is_fresh(roll: RollInput) -> bool:
-    """Return whether there is a roll, one that a boat can show."""
     return abs(roll.age) <= OLD and abs(roll.angle) <= math.pi and abs(roll.rate) <= ROLL_RATE_MOST
 
 
@@ -412,7 +411,6 @@ def _linear(numbers: RollNumbers, model: Norrbin) -> LoopGains:
 
 
 def _shown(section: SlidingRoll, numbers: RollNumbers, ratio: float) -> dict[str, float]:
-    """Return what the quiet heading law comes to."""
     _, _, rate, _, heading = near_surface_quiet(_at(numbers, ratio).here.quiet)
     return {"quiet_rudder_per_heading": float(heading), "quiet_rudder_per_rate_s": float(rate)}
 

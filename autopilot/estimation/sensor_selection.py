@@ -153,7 +153,6 @@ class CompassWatch:
         self._forgive(now, compass, {} if is_noisy else others)
 
     def _others(self, now: float, name: str) -> dict[str, float]:
-        """Return where the other compasses are that may be selected."""
         return {
             other: compass.heading
             for other, compass in self._compasses.items()

@@ -80,7 +80,6 @@ class BackgroundSaver:
         self.close = self._worker.shutdown
 
     def __call__(self, path: Path, text: str) -> None:
-        """Save soon."""
         self._worker.submit(save_text, path, text).add_done_callback(self._complain)
 
     def _complain(self, done: Future[None]) -> None:

@@ -195,7 +195,6 @@ def _check_whole(root: Node, firmware: FirmwareFile) -> None:
 
 
 def _included(root: Node, firmware: FirmwareFile, chain: tuple[str, ...]) -> dict[str, ParameterGroup]:
-    """Return the groups of the included files, without what this file leaves out."""
     node = root.at("include")
     groups: dict[str, dict[str, Number | ParameterEntry]] = {}
     docs: dict[str, str] = {}
@@ -237,7 +236,6 @@ def _read_included(node: Node, file: str, name: str, chain: tuple[str, ...]) -> 
 
 
 def _merged(root: Node, firmware: FirmwareFile, base: dict[str, ParameterGroup]) -> dict[str, ParameterGroup]:
-    """Return the groups of this file over those it includes; what is overridden keeps its place and explanation."""
     merged = {name: (dict(group.parameters), group.doc) for name, group in base.items()}
     place = {parameter: name for name, group in base.items() for parameter in group.parameters}
     others = {

@@ -310,12 +310,10 @@ class FtpClient:
         self._settle()
 
     def _settle(self) -> None:
-        """The next question is a new one."""
         self._tries, self._next = 0, -math.inf
 
 
 def _after(sequence: int) -> int:
-    """The number of the next question: the one between is the answer's."""
     return (sequence + 2) & 0xFFFF
 
 
@@ -422,7 +420,6 @@ class MetadataDownload:
         return [dialect.MAVLink_command_long_message(system, component, COMMAND, 0, wanted, 0, 0, 0, 0, 0, 0)]
 
     def _look_at_time(self, now: float) -> None:
-        """Give up what is not there in time, or will not be."""
         done, size = self.progress
         if self._fetched_until is None:
             self._fetched_until = now + FETCH_MOST_S

@@ -262,7 +262,6 @@ class _Fit(NamedTuple):
 
 
 def _asks_likelihood(question: Question, trims: RunTrims) -> bool:
-    """Return whether the question is the usual one, which the likelihood answers."""
     return (
         question.kind == "norrbin"
         and question.weighting == "likelihood"

@@ -113,7 +113,6 @@ def equations(segment: Segment, motion: Motion, model: Norrbin, length: float, b
 
 
 def _moving(ratio: FloatArray) -> list[slice]:
-    """Return the stretches in which the boat moves."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], ratio >= RATIO_LEAST, [False])).astype(int)))
     return [slice(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 

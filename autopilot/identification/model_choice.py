@@ -170,7 +170,6 @@ def _extended(found: Solution, plain: Identified, reasons: dict[str, str], runs:
 
 
 def _without(runs: Sequence[Run], found: Solution, gone: Sequence[str], steps: Steps) -> Solution:
-    """Return the fit without the parameters `gone`."""
     free = tuple(name for name in found.free if name not in gone)
     model, around, train, trims = found.fitted
     around = around._replace(**{name: 0.0 for name in gone if name in RaceAndWind._fields})

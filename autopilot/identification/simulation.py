@@ -469,7 +469,6 @@ def _one_by_one(drives: Sequence[_Drive], forcing: Forcing, initial: FloatArray)
 
 
 def _in_turn(moment: _Moment, count: int) -> list[_Moment]:
-    """Return the moment of one step after the other."""
     models = [np.broadcast_to(values, (count,)).tolist() for values in moment.model]
     others = [[None] * count if values is None else np.broadcast_to(values, (count,)).tolist() for values in moment[1:]]
     rows = zip(*models, strict=True)

@@ -123,7 +123,6 @@ def open_transport(url: LinkUrl | str, allow: Sequence[Network] = ()) -> Transpo
 
 
 def _accepts(protocol: str) -> Callable[[bytes], bool]:
-    """Return what tells a datagram of the protocol from noise."""
     if protocol == "mavlink":
         return is_mavlink
     if protocol in NETWORKS:
@@ -246,7 +245,6 @@ class RecordingTransport:
         return ", and the wiring (RX to TX)" if self._is_serial() else ""
 
     def _instead(self, protocol: str) -> str:
-        """Return the URL that reads what comes."""
         scheme, rest = split_scheme(self.name)
         medium = SCHEMES[scheme][1]
         same = [name for name, (speaks, over) in SCHEMES.items() if (speaks, over) == (protocol, medium)]

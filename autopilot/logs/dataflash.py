@@ -272,7 +272,6 @@ def _time(log: DataFlash, message: str) -> FloatArray | None:
 
 
 def _first_instance(log: DataFlash, message: str) -> NDArray[np.bool_]:
-    """Return which messages are those of the first instrument of several."""
     instance = log.column(message, "I", "Instance", "C")
     time = _time(log, message)
     assert time is not None

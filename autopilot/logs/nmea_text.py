@@ -1,6 +1,7 @@
 """NMEA 0183 sentences in a text file, with or without time stamps: heading, yaw rate, rudder, speed, position, wind.
 
-Sentences mean what they mean on a line (`links.nmea_samples`); MWV gives the apparent wind and RPM the propeller.
+Sentences mean what they mean on a line (`autopilot.links.nmea.samples`); MWV gives the apparent wind and RPM the
+propeller.
 
 Without time stamps (`autopilot.logs.series`) the UTC in RMC, GGA, GLL and ZDA marks the times.
 """

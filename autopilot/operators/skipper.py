@@ -53,7 +53,6 @@ class Skipper:
         """The names of alarms acknowledged since `Acknowledgements` looked last, "" for all that sound."""
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
-        """Return the order at `now`; a heading adopted on engagement becomes the heading ordered."""
         if self._adopt and tick is not None and tick.mode is Mode.ENGAGED and tick.order.is_same(self._order):
             self._adopt = False
             self._order = self._order._replace(heading=tick.state.heading)
@@ -217,7 +216,6 @@ class PlotterSkipper(Skipper):
         self._guide = guide
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
-        """Return the order at `now`; while following, its heading is the course that leads along the track."""
         order = super().__call__(now, tick)
         if not self._guide.following or tick is None or order.kind is not OrderKind.HEADING:
             return order
@@ -293,7 +291,6 @@ class RouteSkipper(PlotterSkipper):
         self._before = Order()
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
-        """Return the order at `now`."""
         order = self._led(now, tick)
         steers = tick is not None and tick.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING
         if steers and (self.wind.following or not order.is_led):

@@ -15,24 +15,38 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot import __version__
 from autopilot.angles import wrap
-from autopilot.control.design import DESIGNED, loop
-from autopilot.control.margins import trace
+from autopilot.control.design import DESIGNED, Margins, Verdict, loop, worst_margins
+from autopilot.control.margins import Loop, OutputFeedbackMargins, Recovery, output_feedback_margins, recoveries, trace
 from autopilot.files.printable import aligned
+from autopilot.guidance.stop import turn_limits
+from autopilot.guidance.turn import turning_time
+from autopilot.models.norrbin import rate_step
+from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 from autopilot.report import steered
 from autopilot.report.page import FloatArray, Line, Opening, Panel, Section, render, time_figure
-from autopilot.runtime.build import gear_of, law_of, limits_of, loop_gains_of, model_of, shown_gains_of
+from autopilot.runtime.build import (
+    build_pilot,
+    gear_of,
+    law_of,
+    limits_of,
+    loop_gains_of,
+    model_at_ratio,
+    model_of,
+    output_feedback_loop,
+    pilot_config,
+    planned_share,
+    refusal_to_engage,
+    shown_gains_of,
+    verdict_of,
+)
 from autopilot.runtime.tuning import LevelCost, spread_of
-
-if TYPE_CHECKING:
-    from autopilot.control.design import Margins, Verdict
-    from autopilot.control.margins import Loop, OutputFeedbackMargins, Recovery
-    from autopilot.vessel.schema import Vessel
+from autopilot.signals import HeadingSample, Order, OrderKind
+from autopilot.vessel.schema import Vessel
 
 TURN = math.radians(90.0)
 STRAIGHT_S = 10.0
@@ -63,8 +77,6 @@ class Turned(NamedTuple):
 def survives(vessel: Vessel) -> bool:
     """Return whether a turn stays in hand where the rudder is 30 % weaker than the model's; with gains that are refused
     there is none."""
-    from autopilot.runtime.build import refusal_to_engage
-
     if refusal_to_engage(vessel, DESIGNED):
         return False
     first = turned(vessel, SEEDS[0], RUDDER_LOSS, PAST_MOST).past
@@ -79,13 +91,6 @@ def turned(vessel: Vessel, seed: int, share: float = 1.0, lost: float = math.inf
     Noise as in the vessel file. A boat that comes `lost` [rad] past the course does not settle. Raises RefusedError
     where the gains must not be engaged.
     """
-    from autopilot.guidance.stop import turn_limits
-    from autopilot.guidance.turn import turning_time
-    from autopilot.models.norrbin import rate_step
-    from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
-    from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, planned_share, verdict_of
-    from autopilot.signals import HeadingSample, Order, OrderKind
-
     model, gear, limits, random = model_of(vessel), gear_of(vessel), limits_of(vessel), Random(seed)
     pilot, line = build_pilot(vessel), DelayLine(gear.delay + vessel.control.loop_delay_s)
     true = model._replace(gain=share * model.gain)
@@ -143,18 +148,6 @@ class Judged(NamedTuple):
 
 def judged(vessel: Vessel, law: str) -> Judged:
     """Return the gains of the vessel's `law` judged."""
-    from autopilot.control.design import worst_margins
-    from autopilot.control.margins import output_feedback_margins, recoveries
-    from autopilot.runtime.build import (
-        gear_of,
-        law_of,
-        limits_of,
-        loop_gains_of,
-        model_of,
-        output_feedback_loop,
-        verdict_of,
-    )
-
     verdict = verdict_of(vessel, law)
     spread, words = spread_of(vessel)
     gains = loop_gains_of(vessel, law)
@@ -210,9 +203,6 @@ def _past_in_words(past: float) -> str:
 
 def loop_of(vessel: Vessel) -> Loop:
     """Return the vessel's boat and rudder as the large-signal simulation takes them."""
-    from autopilot.control.margins import Loop
-    from autopilot.runtime.build import gear_of, limits_of, model_of
-
     control = vessel.control
     return Loop(model_of(vessel), gear_of(vessel), limits_of(vessel), control.loop_delay_s, control.rate_hz)
 
@@ -416,8 +406,6 @@ class AtSpeed(NamedTuple):
 
 def by_speed(each: Judged) -> list[AtSpeed]:
     """Return the law of `each` at every share of the trial's speed in RATIOS."""
-    from autopilot.runtime.build import model_at_ratio, pilot_config, verdict_of
-
     steerage = pilot_config(each.vessel, each.law).steerage
     found = []
     for ratio in RATIOS:
@@ -518,7 +506,7 @@ def gains_page(
         Section("Response levels", _levels(levels)),
     ]
     hero = hero._replace(caption=f"{hero.title}: {hero.caption}")
-    return render(Opening(f"Gain design: {name}", lead, hero, verdict), sections, command, __version__)
+    return render(Opening(f"Gain design: {name}", lead, hero, verdict), sections, command)
 
 
 def _said(rows: Mapping[str, Judged]) -> tuple[str, ...]:

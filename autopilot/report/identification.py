@@ -255,7 +255,6 @@ def choice_document(choice: Choice) -> dict[str, Any]:
 
 
 def _quantities(found: Identified) -> list[tuple[Quantity, float]]:
-    """Return what the model consists of, each with its value."""
     pairs = [(quantity, float(getattr(found.model, quantity.name))) for quantity in QUANTITIES]
     pairs += [(N2, found.model.n2)] if found.model.n2 != 0.0 else []
     if found.around is not None:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot import __version__
 from autopilot.identification.identified import Convergence, Identified, SteadyTurns
 from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.model_choice import steering_model
@@ -75,7 +74,7 @@ def identification_page(
     first = _run_section(shown[0]) if shown else None
     hero = first._replace(caption=f"{first.title}: {first.caption}") if first else None
     opening = Opening("Identification: what the recordings say of this boat", lead, hero, verdict_on(result))
-    return render(opening, sections, command, __version__)
+    return render(opening, sections, command)
 
 
 def _parameters(result: Result) -> list[tuple[str, ...]]:
@@ -155,7 +154,6 @@ def _what_it_will_do(result: Result) -> Section:
 
 
 def _name(run: Run) -> str:
-    """Return the recording's name without its folder."""
     return run.source.replace("\\", "/").rpartition("/")[2]
 
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot import __version__
 from autopilot.angles import wrap
 from autopilot.files.printable import fixed
 from autopilot.identification import trial_measures as criteria
@@ -179,7 +178,7 @@ def trials_page(source: str, record: TrialRecord, measures: Measures, length: fl
     steady = _steady(measures)
     if steady is not None:
         sections.append(Section("Steady turns", figure=steady, caption="one branch to port, one back to starboard"))
-    return render(Opening("Sea trial", lead, hero, verdict_of_trials(measures)), sections, command, __version__)
+    return render(Opening("Sea trial", lead, hero, verdict_of_trials(measures)), sections, command)
 
 
 def verdict_of_trials(measures: Measures) -> Verdict:
@@ -361,7 +360,7 @@ def comparison_page(first: RunOf, second: RunOf, command: str) -> str:
     hero = Section("", figure=figure, caption="time since each run engaged; starboard positive")
     lead = "The same measures on both logs: how well a course was held, how turns ended, and what the rudder did."
     opening = Opening("Two runs compared", lead, hero, compared(first, second))
-    return render(opening, sections, command, __version__)
+    return render(opening, sections, command)
 
 
 def _line(run: RunOf, what: str) -> Line:

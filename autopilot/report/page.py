@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from autopilot import __version__
+
 FloatArray = npt.NDArray[np.float64]
 COLOURS = ("#0b5fa5", "#c8501e", "#2e7d32", "#7b4fa3", "#00838f", "#9a6a00")
 WANTED = "#8a8f98"
@@ -248,11 +250,11 @@ class Opening(NamedTuple):
     verdict: tuple[str, str] | None = None
 
 
-def render(opening: Opening, sections: Sequence[Section], command: str, version: str) -> str:
+def render(opening: Opening, sections: Sequence[Section], command: str) -> str:
     """Return the page; every text is escaped, figures are taken as they are."""
     import jinja2
 
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     return environment.from_string(TEMPLATE).render(
-        **opening._asdict(), sections=sections, command=command, version=version
+        **opening._asdict(), sections=sections, command=command, version=__version__
     )

@@ -68,7 +68,6 @@ class Steered:
         self._swung = 0.0
 
     def __call__(self, tick: Tick) -> None:
-        """Take a tick."""
         last, self._last = self._last, tick
         step = 0.0 if last is None else tick.now - last.now
         if tick.mode is not Mode.ENGAGED:

@@ -11,33 +11,34 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TextIO
 
+from autopilot import __version__
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.alarm_outputs import RELAY_MOST, Bell, SwitchFile, VehicleSounder
 from autopilot.links.base import Link, Transport, close_all
-from autopilot.links.drives import DRIVES, drive_of
+from autopilot.links.drives import DRIVES, DriveLink, DriveLinkSettings, DriveSettings, drive_of
 from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, AccessRules
+from autopilot.links.mavlink.requests import MODES
+from autopilot.links.mavlink.signing import Signing
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
 from autopilot.links.rudder_order import FollowSettings
 from autopilot.links.transports.medium import Network, network_of
 from autopilot.links.url import FORWARD_OPTIONS, NETWORKS, LinkUrl, RecordingTransport, open_transport, parse_url
+from autopilot.models.steering_gear import Valve
 from autopilot.runtime.build import follow_of, radians_or_unlimited
 from autopilot.supervision.supervisor import STEERING_ACTIONS
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.schema import Valves, Vessel
 
 if TYPE_CHECKING:
     # what speaks one protocol is loaded where a link speaks it: a pilot that has died must steer again soon
-    from autopilot.links.drives import DriveSettings
     from autopilot.links.ground_station.commands import Commands
     from autopilot.links.ground_station.station_service import ParameterStore
     from autopilot.links.mavlink.router import Router
-    from autopilot.links.mavlink.signing import Signing
     from autopilot.links.mavlink.vehicle import CompanionSettings
     from autopilot.links.n2k.session import Helm, N2kSettings
     from autopilot.links.nmea.link import NmeaSettings
     from autopilot.links.north import Variation
-    from autopilot.models.steering_gear import Valve
 
 HEADING_STALE_SHARE = 0.6
 """Of the fail-safe's patience with a silent compass: by then another compass has taken over."""
@@ -95,7 +96,6 @@ def variation_of(vessel: Vessel) -> Variation:
 
 def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
     """Return how to read and steer the vessel on NMEA 2000."""
-    from autopilot import __version__
     from autopilot.links.n2k.node import Device
     from autopilot.links.n2k.session import N2kSettings
 
@@ -122,8 +122,6 @@ def machine_number(path: Path = Path("/etc/machine-id")) -> int:
 
 def drive_settings_of(vessel: Vessel) -> DriveSettings:
     """Return what the scale of the vessel's rudder drive means."""
-    from autopilot.links.drives import DriveSettings
-
     drive, rudder = vessel.drive, vessel.rudder
     return DriveSettings(
         angle_at_full=math.radians(drive.angle_at_full_deg or rudder.angle_max_deg),
@@ -143,9 +141,6 @@ def drive_settings_of(vessel: Vessel) -> DriveSettings:
 
 def valve_of(vessel: Vessel) -> Valve | None:
     """Return the on/off valves of the vessel's steering gear; None where its rate is unlimited, which no pump's is."""
-    from autopilot.models.steering_gear import Valve
-    from autopilot.vessel.schema import Valves
-
     valves, (port, starboard) = vessel.drive.valve or Valves(), vessel.rudder.rates_deg_s
     if math.isinf(max(port, starboard)):
         return None
@@ -284,7 +279,6 @@ def _nmea_2000(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Route
 
 
 def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
-    """Return the link to instruments and a chart plotter."""
     from autopilot.links.nmea.link import NmeaLink
 
     known = options.variation or variation_of(vessel)
@@ -293,9 +287,6 @@ def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Rou
 
 
 def _rudder_drive(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
-    """Return the link to a rudder drive on a line of its own."""
-    from autopilot.links.drives import DriveLink, DriveLinkSettings
-
     settings = DriveLinkSettings(url.baud, vessel.drive.rate_hz, follow_of(vessel))
     drive = drive_of(url.protocol, drive_settings_of(vessel))
     return DriveLink(_transport(vessel, url, options), drive, settings)
@@ -303,7 +294,6 @@ def _rudder_drive(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Ro
 
 def companion_settings_of(vessel: Vessel, options: LinkOptions) -> CompanionSettings:
     """Return what the link to a flight controller goes by."""
-    from autopilot.links.mavlink.requests import MODES
     from autopilot.links.mavlink.vehicle import CompanionSettings
 
     helm = vessel.helm
@@ -332,7 +322,6 @@ def companion_settings_of(vessel: Vessel, options: LinkOptions) -> CompanionSett
 
 
 def _companion(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
-    """Return the link to a flight controller."""
     from autopilot.links.mavlink.companion import CompanionLink
 
     transport, settings = _transport(vessel, url, options), companion_settings_of(vessel, options)
@@ -414,7 +403,6 @@ def build_station_links(
 
     vessel: as it is stored. Raises LinkError.
     """
-    from autopilot import __version__
     from autopilot.links.ground_station.boat_link import BoatLink
     from autopilot.links.ground_station.file_server import metadata_files
     from autopilot.links.ground_station.station_service import ParameterServer

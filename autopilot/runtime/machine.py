@@ -265,7 +265,6 @@ class SlackCollector:
         gc.set_threshold(*SAFETY_NET)
 
     def __call__(self) -> None:
-        """Collect where there is enough to collect."""
         if gc.get_count()[0] >= YOUNG:
             self._young += 1
             self._collect(2 if self._young % OLD_EVERY == 0 else 1)

@@ -233,7 +233,6 @@ class Hub:
         return {**self.station.view.snapshot(now), "line": self.line.trouble}
 
     def _seldom(self) -> dict[str, Any]:
-        """What changes seldom, by the name of its event."""
         station = self.station
         trial = station.view.trial
         return {

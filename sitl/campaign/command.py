@@ -231,8 +231,8 @@ def run_tune(arguments: argparse.Namespace) -> int:
 
 
 BINS = 4
-FIRST_PANELS = 3
 """Shares of a range that the table counts runs in, to each side."""
+FIRST_PANELS = 3
 SHOWN = 10
 
 
@@ -330,7 +330,6 @@ def _report_envelope(
     """Write a page with how many runs were held at each distance from the file."""
     import numpy as np
 
-    from autopilot import __version__
     from autopilot.files.saving import save_page
     from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
     from sitl.campaign.envelope import ALARMED, BACK, HELD, UNSAID, ranges_of
@@ -365,6 +364,5 @@ def _report_envelope(
         ),
         [Section("Bounds", [list(row) for row in rows]), others],
         shlex.join(arguments.typed),
-        __version__,
     )
     save_page(arguments.report, page)

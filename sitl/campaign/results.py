@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from autopilot import __version__
 from autopilot.errors import InputError
 from autopilot.files.saving import open_over
 from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
@@ -237,7 +236,7 @@ def campaign_page(name: str, description: str, summaries: list[CaseSummary], sai
             ]
     note = "Medians over the runs of a case, in brackets from 5 to 95 %; most: 95 %; engaged: 5 %."
     sections = [Section("Cases", table(summaries), (note, said)), *more]
-    return render(Opening(f"Campaign: {name}", lead, hero, _verdict(summaries)), sections, command, __version__)
+    return render(Opening(f"Campaign: {name}", lead, hero, _verdict(summaries)), sections, command)
 
 
 def _verdict(summaries: list[CaseSummary]) -> tuple[str, str]:

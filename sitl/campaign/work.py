@@ -34,7 +34,7 @@ from autopilot.vessel.file import dump_vessel, parse_vessel
 from sitl.campaign.compiled_run import Figures, figures, run_compiled
 from sitl.campaign.setting import measured_every, run_reference, setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Job, Study, case_and_seed, steps_of, vessel_of
-from sitl.compiled import is_kept
+from sitl.compiled import compiled, is_kept
 from sitl.world import STEP
 
 COMPILED, FULL, REFUSED = "compiled", "full", "refused"
@@ -55,8 +55,6 @@ class Row(NamedTuple):
 @functools.cache
 def compiled_loop(law: str) -> Callable[..., Any] | None:
     """Return the run compiled with a law's own step; None where numba is not installed."""
-    from sitl.compiled import compiled
-
     try:
         return compiled(run_compiled, quick=True, instead=own_step(law))
     except InputError:

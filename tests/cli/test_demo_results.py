@@ -157,7 +157,7 @@ def test_a_figure_is_xml_with_its_labels_and_the_same_each_time() -> None:
 
 def test_the_page_escapes_texts_and_keeps_figures() -> None:
     opening = Opening("a < b", "lead & more", Section("", figure="<svg>1</svg>"), ("not enough", "not enough: <b>"))
-    page = render(opening, [Section("s", [("<i>",), ("x",)], ("1 < 2",), "<svg></svg>")], "cmd", "1")
+    page = render(opening, [Section("s", [("<i>",), ("x",)], ("1 < 2",), "<svg></svg>")], "cmd")
     assert (
         page.index("<svg>1") < page.index('<p class="verdict not-enough">not enough: &lt;b&gt;') < page.index("<table")
     )

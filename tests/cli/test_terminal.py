@@ -18,7 +18,8 @@ from pathlib import Path
 import pytest
 from lockstep import Lockstep
 
-from autopilot.cli.terminal import TYPED_MOST, Steady, TypedLines, course_text, degrees_text, line_of, status_text
+from autopilot.angles import compass_text
+from autopilot.cli.terminal import TYPED_MOST, Steady, TypedLines, course_text, line_of, status_text
 from autopilot.signals import Order, OrderKind, Tick
 from autopilot.vessel.file import load_vessel
 
@@ -53,14 +54,14 @@ def test_what_must_be_there_is_there_in_eighty_columns(tick: Tick) -> None:
 
 @pytest.mark.parametrize(("degrees", "shown"), [(359.96, "000"), (0.0, "000"), (359.4, "359"), (-0.2, "000")])
 def test_a_heading_is_shown_as_on_a_compass(degrees: float, shown: str) -> None:
-    assert degrees_text(math.radians(degrees)) == shown
+    assert compass_text(math.radians(degrees)) == shown
 
 
 def test_without_a_course_there_are_dashes(tick: Tick) -> None:
     assert course_text(tick._replace(order=Order())) == "---"
     assert course_text(tick._replace(order=Order(OrderKind.RUDDER, rudder=0.1))) == "---"
     present = tick._replace(order=Order(OrderKind.HEADING, math.nan))
-    assert course_text(present) == degrees_text(tick.reference.heading)
+    assert course_text(present) == compass_text(tick.reference.heading)
 
 
 def test_output_that_nobody_takes_keeps_nobody_waiting() -> None:

@@ -112,9 +112,9 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Any:
         "mavlink.companion.CompanionLink",
         "nmea.link.NmeaLink",
         "n2k.link.N2kLink",
-        "drives.DriveLink",
     ):
         monkeypatch.setattr(f"autopilot.links.{name}", lambda *given: given)
+    monkeypatch.setattr(build_links, "DriveLink", lambda *given: given)
     monkeypatch.setattr(build_links, "drive_of", lambda _, given: given)
 
     def of(vessel: Vessel) -> list[Any]:

@@ -295,7 +295,6 @@ class VehicleParameters:
         return round(self._values.get(name, STICKS[name]))
 
     def _changed(self) -> None:
-        """Work out what follows from the values."""
         self.revision += 1
         values, numbers = self._values, range(1, CHANNEL_COUNT + 1)
         self.gcs_name = next((name for name in GCS_NAMES if name in values), GCS_NAMES[0])

@@ -12,9 +12,6 @@ Where the boat steers magnetic courses a magnetic heading is taken as it is, and
 Deviation is HDG's own, else the configured table's; variation is HDG's own, else the configured one, else that of the
 first RMC or HDG that brings one and goes on to, else that of a model of the earth's field.
 
-Source: IEC 61162-1 sentence layouts as tabulated in E. S. Raymond, "NMEA Revealed",
-https://gpsd.gitlab.io/gpsd/NMEA.html.
-
 What a chart plotter's sentences mean: APB, RMB, BWC, XTE, HTC, HTD to legs and headings to steer. Pure.
 
     APB, APA: track, cross-track error y and waypoint in one sentence: a leg.

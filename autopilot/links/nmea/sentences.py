@@ -1,18 +1,12 @@
-"""NMEA 0183 sentences: bytes to checked sentences and back. Pure; what the fields mean is in `nmea_samples`.
+"""NMEA 0183 sentences: bytes to checked sentences and back. Pure; what the fields mean is in `samples`.
 
     $ttsss,field,field,...*hh<CR><LF>      tt talker, sss type, hh exclusive or of all between $ and *
 
-Source: the framing of IEC 61162-1 as described in E. S. Raymond, "NMEA Revealed",
+Values to sentences, instruments (for the simulator) and the rudder order, SI and radians in; and the fields of
+sentences, read strictly.
+
+Source: framing and field layouts of IEC 61162-1 as described in E. S. Raymond, "NMEA Revealed",
 https://gpsd.gitlab.io/gpsd/NMEA.html.
-
-Values to NMEA 0183 sentences: instruments (for the simulator) and the rudder order. SI and radians in.
-
-Field layouts: IEC 61162-1, as tabulated in E. S. Raymond, "NMEA Revealed",
-https://gpsd.gitlab.io/gpsd/NMEA.html.
-
-The fields of NMEA 0183 sentences, read strictly. Pure.
-
-Source: IEC 61162-1 field layouts as tabulated in E. S. Raymond, "NMEA Revealed", https://gpsd.gitlab.io/gpsd/NMEA.html.
 """
 
 from __future__ import annotations
