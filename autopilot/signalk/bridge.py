@@ -27,7 +27,7 @@ from autopilot.signalk.messages import (
 from autopilot.web.hub import makes_room
 from autopilot.web.journal import words_of
 from autopilot.web.orders import Answer
-from autopilot.web.requests import asked_of
+from autopilot.web.requests import CAME_LATE, asked_of
 from autopilot.web.station import BoatLine, Station
 
 CLIENTS_MOST = 8
@@ -172,7 +172,6 @@ class LineClients:
 PERIOD_S = 0.2
 REFUSED, SILENT = 409, 504
 """Status of an order that the boat refuses as things stand, and of one that it does not answer."""
-CAME_LATE = "the order was held up on its way and is not carried out: order again"
 OTHER_NORTH = (
     "the boat steers true courses: give headingTrue",
     "the boat steers magnetic courses (sensors.magnetic): give headingMagnetic",

@@ -26,6 +26,7 @@ from autopilot.files.outside import ORDER_MOST, SHOWN, is_same_token, number_fro
 from autopilot.files.printable import printable
 from autopilot.links.ground_station.commands import HEADING, TRACK, TRIAL, WIND
 from autopilot.supervision.alarms import CATALOGUE
+from autopilot.web.requests import LATE_S
 from autopilot.web.station import Station
 
 LABEL = "norrbin"
@@ -186,8 +187,6 @@ def delta_of(values: dict[str, Any]) -> dict[str, Any]:
 
 
 BEAT_S = 1.0
-LATE_S = 5.0
-"""So long [s] after the last beat that its sender heard an order still counts: half of what the plugin waits."""
 LINE_MOST = ORDER_MOST
 ID_MOST = 64
 STATE, MODE = "steering.autopilot.state", "steering.autopilot.mode"

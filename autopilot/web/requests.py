@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,17 @@ from autopilot.web.station import Station
 
 TURN_MOST_DEG = 180.0
 SIZES_MOST = 2
+
+
+LATE_S = 5.0
+"""An order whose giver has heard nothing for so long [s] was held up on its way: nobody waits for it any more."""
+NEVER_LATE = ("standby", "release", "mob")
+CAME_LATE = "the order was held up on its way and is not carried out: order again"
+
+
+def seen_in(request: dict[str, Any]) -> float:
+    """Take out of a request the time [s] of the newest state that its giver saw; inf: none is in it. InputError."""
+    return number_from(request.pop("seen"), "seen", 0.0, math.inf) if "seen" in request else math.inf
 
 
 def asked_of(station: Station, request: Any) -> Asked:

@@ -102,6 +102,23 @@ def test_orders_with_the_token_are_carried_out_and_refusals_say_why(client: Any,
     assert order(do="engage") == (409, False, "no boat that runs this pilot is heard")
 
 
+def test_an_order_that_was_held_up_on_its_way_is_not_carried_out_but_a_release_is(client: Any, sea: Watched) -> None:
+    def order(late: float, **wanted: Any) -> int:
+        return int(client.post("/api/order", json={**wanted, "seen": sea.now - late}, headers=BEARER).status_code)
+
+    def turned() -> float:
+        assert sea.tick is not None
+        return math.degrees(sea.skipper(sea.now, sea.tick).heading)
+
+    sea.watch(10.0)
+    assert order(0.1, do="engage") == 200
+    sea.watch(1.0)
+    assert order(6.0, do="turn", degrees=10) == 409 and turned() == pytest.approx(0.0, abs=1.0)
+    assert client.post("/api/order", json={"do": "turn", "degrees": 10, "seen": ""}, headers=BEARER).status_code == 400
+    assert order(4.0, do="turn", degrees=10) == 200 and turned() == pytest.approx(10.0, abs=1.0)
+    assert order(10.0, do="release") == 200 and not sea.commands.armed
+
+
 @pytest.mark.parametrize(
     "body",
     [

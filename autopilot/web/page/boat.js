@@ -56,13 +56,14 @@ export async function get(path, options) {
   return (await send(path, options)).json();
 }
 
-/* An order that was taken is answered with 200, a bad one with 400, one that cannot be carried out now with 409. */
+/* With the time of the newest state: an order that was held up on its way is not carried out.
+   An order that was taken is answered with 200, a bad one with 400, one that cannot be carried out now with 409. */
 export async function ask(request) {
   try {
-    const answer = await send("/api/order", { method: "POST", body: JSON.stringify(request) });
+    const answer = await send("/api/order", { method: "POST", body: JSON.stringify({ ...request, seen: boat.state?.t }) });
     return { taken: answer.ok, words: (await answer.json()).words };
   } catch {
-    return { taken: false, words: "no connection: the order was not given" };
+    return { taken: false, words: "no connection: look whether the order was taken" };
   }
 }
 
