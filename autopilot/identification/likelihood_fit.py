@@ -74,14 +74,26 @@ class Unseen(NamedTuple):
     sway_worth: float = 0.0
 
 
+class SpeedPower(NamedTuple):
+    """With how many powers of the speed beyond the second a rudder steers: mean and deviation; the weather that the
+    mean leaves. What is to be added to a, b, d, e and the logarithms of the train's parts for a boat that steers with
+    the mean, and for each power more, shape (B,)."""
+
+    mean: float
+    deviation: float
+    weather: Weather
+    boat: FloatArray
+    by_power: FloatArray
+
+
 class LikelihoodFit(NamedTuple):
     """rates: the estimate, with covariance of a, b, d, e, shape (4, 4); train: of an ordered rudder, its errors by
     name; weather: gusts, waves and noise; loss: the negative logarithm of the likelihood with what was known before;
     late_error [s]: standard error of delay and lag together, of which the record tells more than of each; unseen: what
     of the rudder's way was not fitted; motions: of each segment time [s], heading [rad] and rate [rad/s] of the boat,
     as all of the recording tells them, shape (3, N); form: which d is meant, and how the boat goes with speed;
-    joint: covariance of a, b, d, e and the logarithms of what `train_errors` names, in that order; by_speed: how these
-    would change, did the rudder steer with one more and with one less power of the speed; None where a law says it."""
+    joint: covariance of a, b, d, e and the logarithms of what `train_errors` names, in that order; power: of the
+    speed with which the rudder steers; None where a law says it."""
 
     rates: Rates
     covariance: FloatArray
@@ -94,7 +106,12 @@ class LikelihoodFit(NamedTuple):
     motions: tuple[FloatArray, ...] = ()
     form: Form = NORRBIN
     joint: FloatArray | None = None
-    by_speed: FloatArray | None = None
+    power: SpeedPower | None = None
+
+    @property
+    def pushes(self) -> Weather:
+        """The weather in which predictions are made."""
+        return self.weather if self.power is None else self.power.weather
 
 
 def likelihood_fit(
@@ -158,9 +175,11 @@ def likelihood_fit(
     late_error = math.sqrt(max(float(late @ way @ late), 0.0))
     unseen = _unseen(space, best, memory, least_play(segments))
     motions = _motions(space, best)
-    by_speed = units * _by_speed(space, best) if form.law.is_rudder else None
+    power = _speed_power(space, best) if form.law.is_rudder else None
+    if power is not None:
+        power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
     return LikelihoodFit(
-        boat, joint[:4, :4], train, errors, weather, loss, late_error, unseen, motions, form, joint, by_speed
+        boat, joint[:4, :4], train, errors, weather, loss, late_error, unseen, motions, form, joint, power
     )
 
 
@@ -181,34 +200,77 @@ SLIDES, SLOWLY = 1.6, 10.0
 """Lead over lag of such a boat, and its lag at most, as a multiple of the time in which it forgets its rate."""
 
 
-def _by_speed(space: Space, z: FloatArray) -> FloatArray:
-    """Return how the boat's numbers at the vector change where its rudder steers with a power of the speed above and
-    below the second, for each power, shape (2, B), in the same weather.
-
-    A turn takes speed away: what the rudder loses with it, and what damps the turn, differ by that power alone.
-    """
-    space.keep(z)
+def _at_power(space: Space, z: FloatArray, powers: float) -> tuple[Space, FloatArray]:
+    """Return the space in which the rudder steers with so many powers of the speed beyond the second, and the vector
+    there."""
     rates, weather, train = space.opened(z)
     steering, ratio, higher = space.record.scales
-
-    def suits(powers: float) -> FloatArray:
-        other = space.record._replace(scales=Scales(steering * ratio**powers, ratio, higher))
-        trial = Space(other, rates, weather, train, space.parts, space.scale)
-        trial.priors, trial.path = space.priors, space.path
-        at = trial.start.copy()
-        for _ in range(POWER_TURNS):
-            there, slope, known = trial.slope(at, boat_only=True)
-            if not math.isfinite(there):
-                break
-            at[space.boat] -= inverse(known) @ slope[space.boat]
-        return np.asarray(at[space.boat])
-
-    here = suits(0.0)
-    return np.array([suits(powers) - here for powers in (POWER_STEP, -POWER_STEP)]) / POWER_STEP
+    record = space.record._replace(scales=Scales(steering * ratio**powers, ratio, higher))
+    other = Space(record, rates, weather, train, space.parts, space.scale)
+    other.priors, other.path = space.priors, space.path
+    return other, other.start.copy()
 
 
-POWER_STEP, POWER_TURNS = 0.5, 2
-"""Powers of the speed by which it is tried, and Newton's steps to the boat that suits them."""
+def _suiting(space: Space, z: FloatArray, powers: float) -> tuple[float, FloatArray]:
+    """Return the loss of the boat that suits such a power best, in the weather of the vector, and its numbers."""
+    other, at = _at_power(space, z, powers)
+    loss = math.inf
+    for _ in range(POWER_TURNS):
+        there, slope, known = other.slope(at, boat_only=True)
+        if not math.isfinite(there):
+            return math.inf, at[other.boat]
+        step = inverse(known) @ slope[other.boat]
+        at[other.boat] -= step
+        loss = there - 0.5 * float(step @ slope[other.boat])
+    return loss, at[other.boat]
+
+
+def _speed_power(space: Space, z: FloatArray) -> SpeedPower:
+    """Return what the record says of the power of the speed with which the rudder steers.
+
+    A turn takes speed away: what the rudder loses with it, and what damps the turn, differ by that power alone.
+    Newton's method on the likelihood of the boat that suits a power best, and with the power found the weather anew:
+    a wrong power looks like gusts.
+    """
+    space.keep(z)
+    own, begin = z[space.boat], space.path
+    found = SpeedPower(
+        0.0, math.hypot(POWER_DOUBT, FORM_DOUBT), space.opened(z)[1], np.zeros_like(own), np.zeros_like(own)
+    )
+    at, middle = z, 0.0
+    for _ in range(POWER_ROUNDS):
+        beside = [_suiting(space, at, middle + by) for by in (-POWER_STEP, 0.0, POWER_STEP)]
+        (less, before), (here, now), (more, after) = beside
+        if not math.isfinite(less + here + more):
+            break
+        bend = max((less - 2.0 * here + more) / POWER_STEP**2, 0.0) + POWER_DOUBT**-2.0
+        move = -((more - less) / (2.0 * POWER_STEP) + middle / POWER_DOUBT**2) / bend
+        move = min(max(move, -2.0 * POWER_STEP), 2.0 * POWER_STEP)
+        middle += move
+        by_power = (after - before) / (2.0 * POWER_STEP)
+        at = at.copy()
+        at[space.boat] = now + move * by_power
+        found = SpeedPower(
+            middle, math.hypot(bend**-0.5, FORM_DOUBT), space.opened(at)[1], at[space.boat] - own, by_power
+        )
+        gains = 0.5 * bend * move * move
+        if gains < POWER_GAINS:
+            break
+        other, there = _at_power(space, at, middle)
+        at, _ = approached(other, there)
+        space.path = other.path
+    space.path = begin
+    return found
+
+
+POWER_DOUBT, FORM_DOUBT = 0.5, 0.35
+"""Of the power of the speed with which a rudder steers, one standard deviation, before a record is known: 2 in the
+boat's own flow, 1 in a race as strong, which keeps its speed in a turn, more where the flow at the rudder loses more
+than the boat does. And from one manoeuvre to another, whatever the record: no boat goes by a power alone."""
+POWER_STEP, POWER_TURNS, POWER_ROUNDS = 0.5, 2, 5
+"""Powers of the speed by which it is tried, Newton's steps to the boat that suits one, and to the power."""
+POWER_GAINS = 1.0
+"""Of the likelihood's logarithm, by a step to another power, for another step to follow."""
 
 
 def _motions(space: Space, z: FloatArray) -> tuple[FloatArray, ...]:

@@ -6,8 +6,8 @@ and was found with them. It lasts longer than gusts where it is the model's faul
 own runs first, and where it errs by more than it says, its doubt and what pushes the boat are widened by as much.
 
 With which power of the speed a rudder steers is not known either: in a turn the speed goes with the rate, and what a
-recording of one kind of turn lays to damping may be that. Boats are drawn with other powers, each as the runs ask for
-with that power (`LikelihoodFit.by_speed`): in turns like the runs' they go alike, in others apart.
+recording of one kind of turn lays to damping may be that. Boats are drawn with the powers that the runs allow, each as
+they ask for with that power (`LikelihoodFit.power`): in turns like the runs' they go alike, in others apart.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from scipy.stats import t as student
 
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.likelihood_record import scales_of, without_noise
+from autopilot.identification.marginal_likelihood import Weather
 from autopilot.identification.rudder_path import rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.models.steering_gear import SteeringGear, gear_step, lag_share
@@ -34,9 +35,6 @@ LEAST_RATIO, LEAST_PULL = 0.2, 0.05
 do."""
 REMEMBERED = 5.0
 """Lags after which what the rudder did is forgotten."""
-POWER_DOUBT = 0.5
-"""Of the power of the speed with which a rudder steers, one standard deviation: 2 in the boat's own flow, 1 in a race
-as strong, which keeps its speed in a turn, more where the flow at the rudder loses more than the boat does."""
 FURTHEST = 2.0
 """No lag nor lead is drawn by a larger factor's logarithm off the found one."""
 STEPS_PER_MEMORY, SHORTEST_STEP_S, LONGEST_STEP_S = 15.0, 0.02, 0.5
@@ -45,6 +43,8 @@ AHEAD_S, TURNING_RAD = 30.0, math.radians(10.0)
 ZIGZAGS_DEG = (10.0, 20.0)
 MOST_STRETCHES, FEWEST_STRETCHES, LONGEST_SHARE = 24, 6, 0.5
 """So many stretches of the runs are forecast, at most and at least; none longer than this share of the longest."""
+MOST_TAKEN_UP = 0.4
+"""Of the variance of errors in stretches that were fitted, what the fit's numbers take up, at most."""
 LONGEST_ZIGZAG, MOST_STEPS = 20.0, 4000
 """A zigzag is given up after so many times the time in which the rudder turns the boat by its angle, or steps."""
 
@@ -106,11 +106,10 @@ def boats_of(fit: LikelihoodFit, ratios: FloatArray, random: np.random.Generator
     ratio = np.maximum(random.choice(ratios, size=draws), LEAST_RATIO)
     lag, lead = _ways_of(fit, np.array([a - rates.a, b - rates.b, d - rates.d, e - rates.e]), random)
     beyond = np.zeros(draws)
-    if fit.by_speed is not None:
-        beyond = POWER_DOUBT * random.normal(size=draws)
-        changes = np.outer(fit.by_speed[0], np.maximum(beyond, 0.0)) - np.outer(
-            fit.by_speed[1], np.minimum(beyond, 0.0)
-        )
+    if (steers := fit.power) is not None:
+        off = steers.deviation * random.normal(size=draws)
+        beyond = steers.mean + off
+        changes = steers.boat[:, None] + np.outer(steers.by_power, off)
         a, b, d, e = (one + change for one, change in zip((a, b, d, e), changes[:4], strict=True))
         logs = dict(zip(fit.train_errors, np.clip(changes[4:], -FURTHEST, FURTHEST), strict=True))
         lag, lead = (way * np.exp(logs.get(name, 0.0)) for name, way in (("lag", lag), ("lead", lead)))
@@ -148,7 +147,7 @@ class _Motion:
         count = boats.a.size
         self.boats, self.random = boats, random
         self.rate, self.heading = np.zeros(count) + rate, np.zeros(count)
-        self.gust = boats.fit.weather.gust * random.normal(size=count)
+        self.gust = boats.fit.pushes.gust * random.normal(size=count)
         self._played = self._lagged = np.zeros(count) + rudder
         self._late = [self._played] * round(boats.fit.train.delay / boats.step)
 
@@ -166,7 +165,7 @@ class _Motion:
 
     def move(self, rudder: FloatArray, ratio: FloatArray) -> None:
         """Go on by a step, the rudders standing at `rudder` [rad], at these speeds."""
-        boats, weather, h = self.boats, self.boats.fit.weather, self.boats.step
+        boats, weather, h = self.boats, self.boats.fit.pushes, self.boats.step
         rudder = self.behind_train(rudder)
         scales = scales_of(boats.fit.form, ratio)
         drive = scales.steering * ratio**boats.beyond * (boats.a * rudder - boats.e) + self.gust
@@ -288,14 +287,20 @@ def widened(fit: LikelihoodFit, runs: Sequence[Run], speed: float) -> Likelihood
     off = np.array([each.turned for each in stretches]) - middle
     ratio = 1.96 * off / np.maximum(0.5 * (high - low), 1.0e-9)
     apart = sum(float(segment.time[-1] - segment.time[0]) for segment in segments) / seconds
-    # of so few that do not overlap the size of an error is itself in doubt (Student's t)
-    few = student.ppf(BAND[-1], apart) / norm.ppf(BAND[-1])
+    # of so few that do not overlap the size of an error is itself in doubt (Student's t), and the fit, which saw
+    # them, is nearer to them than to others by what its numbers take up
+    share = min((fit.covariance.shape[0] + len(fit.train_errors) + (fit.power is not None)) / apart, MOST_TAKEN_UP)
+    few = student.ppf(BAND[-1], apart) / norm.ppf(BAND[-1]) * math.sqrt((1.0 + share) / (1.0 - share))
     factor = max(few * float(np.sqrt(np.mean(ratio**2))), 1.0)
-    weather = fit.weather
+
+    def stronger(weather: Weather) -> Weather:
+        return weather._replace(gust=factor * weather.gust, white=factor * weather.white)
+
     return fit._replace(
         covariance=factor**2 * fit.covariance,
         joint=None if fit.joint is None else factor**2 * fit.joint,
-        weather=weather._replace(gust=factor * weather.gust, white=factor * weather.white),
+        weather=stronger(fit.weather),
+        power=fit.power and fit.power._replace(weather=stronger(fit.power.weather)),
     )
 
 

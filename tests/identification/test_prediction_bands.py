@@ -84,6 +84,7 @@ def test_a_fit_that_errs_by_more_than_it_says_is_widened(found: Identified) -> N
     sure = found.likely._replace(
         covariance=0.01 * found.likely.covariance,
         weather=weather._replace(gust=0.1 * weather.gust, white=0.1 * weather.white),
+        power=None,
     )
     assert widened(sure, runs_of(300), SPEED_M_S).weather.gust > 3.0 * sure.weather.gust
     assert widened(found.likely, runs_of(300), SPEED_M_S).weather.gust < 2.0 * weather.gust
@@ -121,8 +122,12 @@ def in_a_race(power: float) -> Run:
 def test_how_a_boat_is_another_where_its_rudder_steers_with_another_power_of_the_speed() -> None:
     truth = np.array([0.2, 0.3, 2.0])
     fit = likelihood_fit(in_a_race(1.5).segments, 5.0, Rates(0.2, 0.3, 2.0, 0.0))
-    assert fit is not None and fit.by_speed is not None
-    found, less = np.array(fit.rates[:3]), np.array(fit.by_speed[1][:3])
-    assert (np.abs(found + 0.5 * less - truth) < 0.2 * np.abs(found - truth)).all()
+    assert fit is not None and fit.power is not None
+    assert fit.power.mean == pytest.approx(-0.5, abs=0.15)
+    found, changed = np.array(fit.rates[:3]), fit.power.boat[:3]
+    assert (np.abs(found + changed - truth) < 0.2 * np.abs(found - truth)).all()
+    # what is no gust is not taken for one
+    assert fit.pushes.gust < 0.2 * fit.weather.gust
     drawn = boats_of(fit, np.ones(1), np.random.default_rng(1))
-    assert np.std(drawn.beyond) == pytest.approx(0.5, rel=0.1) and np.std(drawn.b) > np.sqrt(fit.covariance[1, 1])
+    assert np.mean(drawn.beyond) == pytest.approx(fit.power.mean, abs=0.05)
+    assert 0.3 < np.std(drawn.beyond) < 0.5 and np.std(drawn.b) > np.sqrt(fit.covariance[1, 1])
