@@ -1,7 +1,9 @@
 """`autopilot gains`: gains from model, rudder and delay, and the margins they and the file's own leave.
 
-With `--tune`: gains optimised in simulation for a weight between heading error and rudder travel. The simulator does it
-in a process of its own, `sitl tune`; what it proposes is judged here before anything is written.
+With `--tune`: gains optimised in simulation for a weight between heading error and rudder travel; what the simulator
+proposes is judged here before anything is written. And `autopilot envelope`: how wrong the vessel file may be before
+the pilot does not hold the boat any more. The simulator does both in a process of its own, `sitl tune` and `sitl
+envelope`, since the autopilot itself knows no simulator.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from autopilot.cli.options import NumberOption, named_vessel, number, whole_number
 from autopilot.control.registry import designed_laws, filed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.interruption import Interrupted, run_child
 
 if TYPE_CHECKING:
     from autopilot.report.gains import Judged
@@ -295,8 +298,6 @@ def _tuned(arguments: argparse.Namespace) -> int:
 
 
 def _simulated(arguments: argparse.Namespace, law: str) -> dict[str, Any]:
-    from autopilot.cli.envelope import simulator
-
     command = simulator("tune", arguments.vessel, "--law", law)
     for name in ("weight", "study", "generations"):
         value = getattr(arguments, name)
@@ -323,3 +324,48 @@ def _tuned_text(found: dict[str, Any], law: str) -> str:
             continue
         lines.append(f"{title:20s}{numbers[0]:20.3f}{numbers[1]:24.3f}{row['cost']:10.3f}")
     return "\n".join(lines)
+
+
+def add_envelope_options(parser: argparse.ArgumentParser) -> None:
+    """Add what `autopilot envelope` and `sitl envelope` are given."""
+    parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
+    parser.add_argument(
+        "--runs", metavar="N", action=whole_number(1, 10_000_000), default=400, help="runs to sail (default 400)"
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        action=whole_number(0, 2**31 - 1),
+        default=1,
+        help="the runs are drawn by it (default 1)",
+    )
+    parser.add_argument("--workers", metavar="N", action=whole_number(1, 1024), help="processes (default: all cores)")
+    parser.add_argument("--compass-only", action="store_true", help="without a rate of turn")
+    parser.add_argument("--report", metavar="FILE.html", type=Path, help="write tables and figures into one page")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def add_envelope_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+    """Add `autopilot envelope`."""
+    parser = subparsers.add_parser(
+        "envelope",
+        help="search how wrong a vessel file may be before the boat is not held",
+        description="Sail runs drawn about the vessel file: boat, rudder, delay, backlash, speed and sea that are not "
+        "what it says. Prints the bounds within which every run was held; exit code 6 where one was not, and no alarm "
+        "said so within 5 s.",
+    )
+    add_envelope_options(parser)
+    parser.set_defaults(run=run_envelope)
+
+
+def run_envelope(arguments: argparse.Namespace) -> int:
+    """Have the simulator sail what was asked of us; what it prints is for the user as it is."""
+    try:
+        return run_child(simulator(*arguments.typed[1:]))
+    except Interrupted as signal:  # it has said so
+        return 128 + signal.number
+
+
+def simulator(*words: str) -> list[str]:
+    """Return the command line of `sitl`, whose messages are in the name of this program."""
+    return [sys.executable, "-c", "from sitl.__main__ import main; main('autopilot')", *words]

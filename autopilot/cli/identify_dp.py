@@ -295,7 +295,7 @@ def load_trial(path: str, ship: ShipFile) -> Trial:
     if notes:
         raise InputError(f"{notes[0]} A trial under thrusters must go on: cut out one part.")
     orders = np.stack([_order(path, table, ship, index) for index in range(len(ship.thrusters))], axis=1)
-    surplus = [name for name in table if name.startswith("thrust_") and _number_of(name) > len(ship.thrusters)]
+    surplus = [name for name in table if name.startswith("thrust_") and int(name.split("_")[1]) > len(ship.thrusters)]
     if surplus:
         raise InputError(f"{path}: has {surplus[0]}, and the ship's file has {len(ship.thrusters)} thrusters.")
     known_throughout = {"time_s": table["time_s"], **{f"thrust_{i + 1}": order for i, order in enumerate(orders.T)}}
@@ -309,10 +309,6 @@ def load_trial(path: str, ship: ShipFile) -> Trial:
     if not orders.any():
         raise InputError(f"{path}: no thruster ever pushes, so there is nothing to identify from.")
     return Trial(table["time_s"], orders, _measured(path, table))
-
-
-def _number_of(name: str) -> int:
-    return int(name.split("_")[1])
 
 
 def _order(path: str, table: Mapping[str, Floats], ship: ShipFile, index: int) -> Floats:

@@ -33,7 +33,11 @@ SUBCOMMANDS = {
     "completion": "print what completes this program's commands and options in a shell",
 }
 """The commands, and what stands beside each in `--help`: as in their own parsers, which are loaded when needed."""
-ADDED_BY = {"signalk": ("web", "add_signalk_parser"), "replay": ("log", "add_replay_parser")}
+ADDED_BY = {
+    "envelope": ("gains", "add_envelope_parser"),
+    "signalk": ("web", "add_signalk_parser"),
+    "replay": ("log", "add_replay_parser"),
+}
 """The module and function that add a command's parser, where it is not `add_parser` in a module of its name."""
 
 GROUPS = {

@@ -17,8 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.envelope import add_options
-from autopilot.cli.gains import GENERATIONS, WEIGHT
+from autopilot.cli.gains import GENERATIONS, WEIGHT, add_envelope_options
 from autopilot.cli.options import whole_number
 from autopilot.control.design import DESIGNED
 from autopilot.control.registry import designed_laws
@@ -243,7 +242,7 @@ def add_envelope_parser(commands: argparse._SubParsersAction[Any]) -> None:
         help="how wrong the vessel file may be before the boat is not held (autopilot envelope)",
         description="Sail drawn runs with boats, gears, logs and seas that are not the file's.",
     )
-    add_options(parser)
+    add_envelope_options(parser)
     parser.set_defaults(run=run_envelope)
 
 
