@@ -49,31 +49,18 @@ def _commands(
     return asked
 
 
-def _release(station: Station, request: dict[str, Any]) -> Asked:
-    return lambda _, on_done: station.orders.first(orders.RELEASE, on_done)
+def _first(commands: tuple[orders.Command, ...]) -> Callable[[Station, dict[str, Any]], Asked]:
+    return lambda station, request: lambda _, on_done: station.orders.first(commands, on_done)
 
 
-def _standby(station: Station, request: dict[str, Any]) -> Asked:
-    return lambda _, on_done: station.orders.first((orders.STANDBY,), on_done)
+def _course(
+    do: Callable[[orders.Course, float, float, orders.OnDone], None], low: float, high: float
+) -> Callable[[Station, dict[str, Any]], Asked]:
+    def asked(station: Station, request: dict[str, Any]) -> Asked:
+        degrees = _number(request, "degrees", low, high)
+        return lambda now, on_done: do(station.course, now, degrees, on_done)
 
-
-def _turn(station: Station, request: dict[str, Any]) -> Asked:
-    degrees = _number(request, "degrees", -TURN_MOST_DEG, TURN_MOST_DEG)
-    return lambda now, on_done: station.course.turn_by(now, degrees, on_done)
-
-
-def _heading(station: Station, request: dict[str, Any]) -> Asked:
-    degrees = _number(request, "degrees", 0.0, 360.0)
-    return lambda now, on_done: station.course.turn_to(now, degrees, on_done)
-
-
-def _dodge(station: Station, request: dict[str, Any]) -> Asked:
-    degrees = _number(request, "degrees", -90.0, 90.0)
-    return lambda now, on_done: station.course.dodge(now, degrees, on_done)
-
-
-def _back(station: Station, request: dict[str, Any]) -> Asked:
-    return lambda now, on_done: station.course.back(now, on_done)
+    return asked
 
 
 def _next(station: Station, request: dict[str, Any]) -> Asked:
@@ -126,7 +113,6 @@ def _cancel(station: Station, request: dict[str, Any]) -> Asked:
         trial = station.view.trial
         if trial is not None:
             station.orders.cancel(trial.command)
-        if trial is not None:
             on_done(orders.Answer.TAKEN, "")
         else:
             on_done(orders.Answer.FAILED, "no trial is being sailed")
@@ -157,8 +143,8 @@ def _pattern(request: dict[str, Any]) -> tuple[orders.Command, ...]:
 
 _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "engage": _commands(lambda _: orders.ENGAGE),
-    "standby": _standby,
-    "release": _release,
+    "standby": _first((orders.STANDBY,)),
+    "release": _first(orders.RELEASE),
     "route": _commands(lambda _: orders.FOLLOW),
     "next": _next,
     "mob": _commands(lambda _: (orders.overboard(True),)),
@@ -169,10 +155,10 @@ _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "gybe": _commands(_turn_of_the_wind),
     "confirm": _commands(lambda _: (orders.CONFIRMED,)),
     "decline": _commands(lambda _: (orders.DECLINED,)),
-    "turn": _turn,
-    "heading": _heading,
-    "dodge": _dodge,
-    "back": _back,
+    "turn": _course(orders.Course.turn_by, -TURN_MOST_DEG, TURN_MOST_DEG),
+    "heading": _course(orders.Course.turn_to, 0.0, 360.0),
+    "dodge": _course(orders.Course.dodge, -90.0, 90.0),
+    "back": lambda station, _: station.course.back,
     "pattern": _commands(_pattern),
     "zigzag": _commands(
         lambda request: orders.zigzag(
