@@ -460,7 +460,8 @@ def update(
         if contradicts_speed or (suspect and is_stable):
             sweeps, throws, spin = NO_SWINGS, NO_SWINGS, Spin()
     circles = circles_step(circles, seen, turn)
-    if side == 0.0 or turn.led > NEW_COURSE or turn.led < -NEW_COURSE:
+    # straight behind a course lies to either side: the turn goes over that to which the boat then comes
+    if side == 0.0 or turn.led > NEW_COURSE or turn.led < -NEW_COURSE or not -BEHIND < turn.off < BEHIND:
         side = -math.copysign(1.0, turn.off)
     off_course = off_course_step(limits, off_course, seen, turn.off, side)
     found: tuple[AlarmEvent, ...] = (AlarmEvent("swinging"),) if swings else ()

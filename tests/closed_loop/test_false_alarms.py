@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from alarm_texts import words_of
 from boats import BOATS, Boat, vessel_of
-from plant import Plant
+from plant import Plant, sail
 
 from autopilot.angles import wrap
 from autopilot.runtime.build import build_pilot, gear_of, model_of
@@ -198,3 +198,17 @@ def test_a_loop_that_stalls_accuses_no_instrument_and_no_rudder(
     loop = LateLoop(vessel, stalls_reading, stamped_on_arrival, seed)
     loop.sail(120.0)
     assert loop.findings == set()
+
+
+@pytest.mark.parametrize("seed", [4, 7])
+def test_a_turn_straight_back_is_on_its_way_whichever_side_it_goes_over(seed: int) -> None:
+    """With a little noise the boat lies on one side of the heading behind it and turns over the other."""
+    vessel = vessel_of(BOATS["lanxin"])
+    noise = math.radians(0.1)
+    box = Plant(model_of(vessel), gear_of(vessel), heading_noise=noise, rate_noise=noise, seed=seed)
+
+    def there_and_back(now: float) -> Order:
+        return Order(OrderKind.HEADING, math.pi if 10.0 < now < 25.0 else 0.0, serial=1)
+
+    ticks = sail(build_pilot(vessel), box, there_and_back, 28.0, 0.05)
+    assert not [tick.now for tick in ticks if tick.alarms]
