@@ -210,6 +210,8 @@ class CompassWatch:
 SETTLE_S = 3.0
 MONITOR_S = 3.0
 """Two headings further apart than the limit for this long disagree; waves swing a compass for less."""
+AGREE_AGAIN = 0.8
+"""They agree again within this share of the limit."""
 LATENCIES_S = 1.0
 """One of them may be older than the other by this: they may be apart by what the boat turns in that time."""
 SILENT_SAID_S = 60.0
@@ -372,7 +374,9 @@ class SensorSelection:
         others = [
             (name, entry) for name, entry in received.items() if entry is not best and now - entry.last <= entry.stale
         ]
-        limit = self._settings.disagree + LATENCIES_S * self._turning(now, best.heading)
+        # two that part slowly tremble about the limit for minutes: one alarm, not one at each of their noises
+        apart_by = self._settings.disagree * (1.0 if self._disagree is None else AGREE_AGAIN)
+        limit = apart_by + LATENCIES_S * self._turning(now, best.heading)
         far = [
             (name, entry.heading)
             for name, entry in others

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import pytest
 from alarm_texts import words
@@ -83,6 +84,20 @@ def test_kinds_are_chosen_apart_and_the_helm_always_passes() -> None:
     ]
     kept = priority.admit(0.0, samples, LINK)
     assert [sample for sample in samples if sample not in kept] == [samples[2]]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_compasses_that_part_by_a_degree_a_minute_are_one_alarm(seed: int) -> None:
+    priority, noise = SensorSelection(SelectionSettings(disagree=math.radians(15.0))), random.Random(seed)
+    alarms = []
+    for step in range(5 * 600):
+        now = step * 0.2
+        off = math.radians(12.0 + now / 60.0)
+        for source, value in (("HEHDT", 0.0), ("HCHDG", off)):
+            shown = value + math.radians(noise.gauss(0.0, 0.3))
+            kept = priority.admit(now, heading(now, source, shown), LINK)
+            alarms += [now for sample in kept if isinstance(sample, AlarmSample)]
+    assert len(alarms) == 1 and 150.0 < alarms[0] < 240.0
 
 
 def test_two_compasses_that_disagree_for_long_are_one_alarm_and_it_is_taken_back() -> None:
