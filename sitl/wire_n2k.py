@@ -15,9 +15,9 @@ import math
 import re
 import struct
 from collections.abc import Callable
-from typing import Any
 
 from autopilot.angles import wrap_positive
+from autopilot.links.n2k.link import CanBus
 from autopilot.links.n2k.packets import FAST, Frame, Framing, Message
 from sitl.sensors import Reading
 from sitl.wire_nmea import ChartPlotter, RudderDrive, deviation_of_magnetic
@@ -249,44 +249,16 @@ def _text(words: str) -> bytes:
     return bytes((len(words) + 2, 1)) + words.encode("ascii")
 
 
-class BusTransport:
+class BusTransport(CanBus):
     """A CAN bus of python-can as a `Transport`: a chunk is a frame, its identifier in 4 bytes before its data."""
 
     is_stream = False
     is_local = True
 
-    def __init__(self, name: str, bus: Any) -> None:
-        from can import Message as CanFrame
-
-        self.name, self._bus, self._make = name, bus, CanFrame
-
-    def fileno(self) -> int:
-        """Return the bus's descriptor, or -1."""
-        try:
-            return int(self._bus.fileno())
-        except (NotImplementedError, OSError):
-            return -1
-
     def receive(self) -> list[bytes]:
         """Return the frames that wait."""
-        chunks = []
-        while (frame := self._bus.recv(timeout=0.0)) is not None:
-            if frame.is_extended_id and not frame.is_error_frame and not frame.is_remote_frame:
-                chunks.append(frame.arbitration_id.to_bytes(4, "big") + bytes(frame.data))
-        return chunks
+        return [frame.identifier.to_bytes(4, "big") + frame.data for frame in self.frames()]
 
     def send(self, data: bytes) -> bool:
         """Send a frame; False where the bus does not take it."""
-        frame = self._make(arbitration_id=int.from_bytes(data[:4], "big"), data=data[4:], is_extended_id=True)
-        try:
-            self._bus.send(frame, timeout=0.0)
-        except Exception:
-            return False  # python-can's drivers raise errors of their own
-        return True
-
-    def forget_peer(self) -> None:
-        """Do nothing: a bus has no peer."""
-
-    def close(self) -> None:
-        """Close the bus."""
-        self._bus.shutdown()
+        return self.put(Frame(int.from_bytes(data[:4], "big"), data[4:]))

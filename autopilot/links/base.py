@@ -8,7 +8,7 @@ Nothing here or below blocks, sleeps or reads a clock: time is an argument.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from typing import Generic, Protocol, TypeVar, runtime_checkable
 
@@ -205,13 +205,14 @@ def close_all(links: Iterable[Link]) -> None:
 
 
 P = TypeVar("P")
+SentP = TypeVar("SentP", contravariant=True)
 
 SILENT_PEER_S = 5.0
 """Time without anything that the session understands after which another peer may take the place on a listening
 socket: an instrument that starts again speaks from another port."""
 
 
-class Line(Protocol[P]):
+class Line(Protocol[SentP]):
     """What carries packets of one kind: sentences, messages."""
 
     name: str
@@ -219,10 +220,7 @@ class Line(Protocol[P]):
     def fileno(self) -> int:
         """Return the descriptor to wait on, or -1."""
 
-    def receive(self, now: float) -> list[P]:
-        """Return what has arrived by `now` [s]. Raises LinkError when the line is gone."""
-
-    def send(self, packet: P, /) -> bool:
+    def send(self, packet: SentP, /) -> bool:
         """Send a packet; False where the line does not take it. Raises LinkError when it is gone."""
 
     def forget_peer(self) -> None:
@@ -271,9 +269,10 @@ class LineSession(Protocol[P]):
 class SessionLink(SilentLink, Generic[P]):
     """A `Link`: `session` over `line`."""
 
-    def __init__(self, line: Line[P], session: LineSession[P]) -> None:
+    def __init__(self, line: Line[P], session: LineSession[P], arrived: Callable[[float], list[P]]) -> None:
+        """arrived: returns what has arrived over the line by a time [s]. Raises LinkError when the line is gone."""
         self.name = line.name
-        self._line, self._session = line, session
+        self._line, self._session, self._arrived = line, session, arrived
         self._vacant_since = -math.inf
 
     def fileno(self) -> int:
@@ -282,7 +281,7 @@ class SessionLink(SilentLink, Generic[P]):
 
     def receive(self, now: float) -> list[Sample]:
         """Return the samples that have arrived by `now` [s]; LinkError when the line is gone."""
-        samples = self._session.receive(now, self._line.receive(now))
+        samples = self._session.receive(now, self._arrived(now))
         if now - max(self._vacant_since, self._session.received_time) > SILENT_PEER_S:
             self._vacant_since = now
             self._line.forget_peer()

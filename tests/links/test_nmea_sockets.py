@@ -55,7 +55,7 @@ def speak(link: NmeaLink, now: float) -> None:
 
 def test_a_plotter_that_connects_to_us_hears_and_is_heard() -> None:
     link = link_of("nmea-tcpin:127.0.0.1:0" + OPTIONS)
-    port = link._line._transport.port
+    port = link._line.port
     with socket.create_connection(("127.0.0.1", port), timeout=5.0) as plotter:
         plotter.sendall(encode.encode_hdt(1.0)[:7])
         plotter.sendall(encode.encode_hdt(1.0)[7:])
@@ -118,7 +118,7 @@ def test_an_instrument_that_starts_again_from_another_port_is_heard_again(scheme
     ends = [socket.socket(socket.AF_INET, kind) for _ in range(2)]
     counts = []
     for number, end in enumerate(ends):  # the first one is not closed: it hangs
-        end.connect(("127.0.0.1", link._line._transport.port))
+        end.connect(("127.0.0.1", link._line.port))
         start = 20.0 * number
         heard = 0
         for step in range(200):

@@ -224,20 +224,13 @@ def open_bus(text: str, interface: str, channel: str) -> Any:
         ) from error
 
 
-class BusLine:
-    """A bus of python-can. `unsent`: frames that it did not take: its queue is full, or nobody else is there.
-
-    is_node: whether Norrbin is the node of the network there.
-    """
-
-    is_node = True
+class CanBus:
+    """The frames of a bus of python-can."""
 
     def __init__(self, name: str, bus: Any) -> None:
         from can import Message as CanFrame
 
-        self.name, self.unsent = name, 0
-        self._bus, self._make = bus, CanFrame
-        self._framing = Framing(FAST, READ)
+        self.name, self._bus, self._make = name, bus, CanFrame
 
     def fileno(self) -> int:
         """Return the bus's descriptor, or -1 where it has none (virtual)."""
@@ -246,9 +239,9 @@ class BusLine:
         except (NotImplementedError, OSError):
             return -1
 
-    def receive(self, now: float) -> list[Message]:
-        """Return the messages that have arrived by `now` [s]; LinkError when the bus is gone."""
-        messages: list[Message] = []
+    def frames(self) -> list[Frame]:
+        """Return the frames that wait, at most FRAMES_MOST of them looked at; LinkError when the bus is gone."""
+        found: list[Frame] = []
         for _ in range(FRAMES_MOST):
             try:
                 frame = self._bus.recv(timeout=0.0)
@@ -258,19 +251,16 @@ class BusLine:
             if frame is None:
                 break
             if frame.is_extended_id and not frame.is_error_frame and not frame.is_remote_frame:
-                message = self._framing.take(now, Frame(frame.arbitration_id, bytes(frame.data)))
-                messages += [] if message is None else [message]
-        return messages
+                found.append(Frame(frame.arbitration_id, bytes(frame.data)))
+        return found
 
-    def send(self, message: Message) -> bool:
-        """Send the frames of a message; False where the bus does not take one."""
-        for identifier, data in self._framing.frames(message):
-            try:
-                self._bus.send(self._make(arbitration_id=identifier, data=data, is_extended_id=True), timeout=0.0)
-            except Exception:
-                # counted, and seen by a rudder that does not follow
-                self.unsent += 1
-                return False
+    def put(self, frame: Frame) -> bool:
+        """Send a frame; False where the bus does not take it: its queue is full, or nobody else is there."""
+        made = self._make(arbitration_id=frame.identifier, data=frame.data, is_extended_id=True)
+        try:
+            self._bus.send(made, timeout=0.0)
+        except Exception:
+            return False  # seen by a rudder that does not follow
         return True
 
     def forget_peer(self) -> None:
@@ -281,6 +271,30 @@ class BusLine:
         self._bus.shutdown()
 
 
+class BusLine(CanBus):
+    """The messages of a bus. `unsent`: those that it did not take.
+
+    is_node: whether Norrbin is the node of the network there.
+    """
+
+    is_node = True
+
+    def __init__(self, name: str, bus: Any) -> None:
+        super().__init__(name, bus)
+        self.unsent = 0
+        self._framing = Framing(FAST, READ)
+
+    def receive(self, now: float) -> list[Message]:
+        """Return the messages that have arrived by `now` [s]; LinkError when the bus is gone."""
+        return [found for frame in self.frames() if (found := self._framing.take(now, frame)) is not None]
+
+    def send(self, message: Message) -> bool:
+        """Send the frames of a message; False where the bus does not take one."""
+        is_sent = all(map(self.put, self._framing.frames(message)))
+        self.unsent += not is_sent
+        return is_sent
+
+
 class GatewayLine:
     """A gateway on a transport, in one of `autopilot.links.n2k.link.FORMS`."""
 
@@ -288,11 +302,8 @@ class GatewayLine:
         self.name, self.is_node = transport.name, form.is_node
         self.unsent = 0
         self._transport, self._form = transport, form
+        self.fileno, self.forget_peer, self.close = transport.fileno, transport.forget_peer, transport.close
         self._has_begun = False
-
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return self._transport.fileno()
 
     def receive(self, now: float) -> list[Message]:
         """Return the messages that have arrived by `now` [s]; LinkError when the transport is gone."""
@@ -308,14 +319,6 @@ class GatewayLine:
         self.unsent += not is_sent
         return is_sent
 
-    def forget_peer(self) -> None:
-        """Let go of a peer that was latched on to."""
-        self._transport.forget_peer()
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._transport.close()
-
 
 class N2kLink(SessionLink[Message]):
     """A `Link` over NMEA 2000."""
@@ -329,4 +332,4 @@ class N2kLink(SessionLink[Message]):
         variation: Variation | None = None,
     ) -> None:
         self.session = N2kSession(line.name, settings, line.is_node, guide, helm, variation)
-        super().__init__(line, self.session)
+        super().__init__(line, self.session, line.receive)

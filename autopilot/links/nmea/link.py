@@ -385,34 +385,6 @@ class NmeaSession:
         return self._release.result(now)
 
 
-class TransportLine:
-    """The line of an NMEA 0183 session: any transport."""
-
-    def __init__(self, transport: Transport) -> None:
-        self.name = transport.name
-        self._transport = transport
-
-    def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
-        return self._transport.fileno()
-
-    def receive(self, now: float) -> list[bytes]:
-        """Return what has arrived; LinkError when the transport is gone."""
-        return self._transport.receive()
-
-    def send(self, sentence: bytes) -> bool:
-        """Send a sentence; False where it would wait."""
-        return self._transport.send(sentence)
-
-    def forget_peer(self) -> None:
-        """Let go of a peer that was latched on to."""
-        self._transport.forget_peer()
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._transport.close()
-
-
 class NmeaLink(SessionLink[bytes]):
     """A `Link` over NMEA 0183, on any transport. ValueError where the settings cannot be."""
 
@@ -424,4 +396,4 @@ class NmeaLink(SessionLink[bytes]):
         variation: Variation | None = None,
     ) -> None:
         self.session = NmeaSession(transport.name, settings, transport.is_stream, guide, variation)
-        super().__init__(TransportLine(transport), self.session)
+        super().__init__(transport, self.session, lambda _: transport.receive())
