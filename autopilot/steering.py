@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.control.limits import RudderLimits
-from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED, slide_step
+from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED, slide_step, slide_unknown
 from autopilot.estimation.estimator import EstimatorConfig, sliding
-from autopilot.estimation.tuning import SLIDE_LEAST, WAVE_SHARPNESS, WAVE_STIFFENING
+from autopilot.estimation.tuning import WAVE_SHARPNESS, WAVE_STIFFENING
 from autopilot.guidance.manoeuvres import zigzag_side
 from autopilot.guidance.stop import TurnLimits, preset_rate, turn_limits
 from autopilot.guidance.tuning import HARD_OVER
@@ -187,12 +187,12 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
     return Turning(planned, speed, model.gain, limits.angle_max, rate)
 
 
-def with_slide(config: SteeringConfig, model: Norrbin, slide: float) -> SteeringConfig:
-    """Return what steering goes by while a `slide` [rad of rudder] may be left of the turns that were planned."""
-    if slide == 0.0:
+def with_slide(config: SteeringConfig, unknown: float) -> SteeringConfig:
+    """Return what steering goes by while a planned turn adds so much `unknown` slide [rad^2/s]."""
+    if unknown == 0.0:
         return config
     estimator = config.estimator
-    return config._replace(estimator=estimator._replace(noises=sliding(estimator.noises, model, slide)))
+    return config._replace(estimator=estimator._replace(noises=sliding(estimator.noises, unknown)))
 
 
 Moved = tuple[float, float]
@@ -203,7 +203,8 @@ class Guide(NamedTuple):
     """The turn to the heading that is ordered: heading [rad], the virtual boat that leads there, and a zigzag's side.
 
     turning_until [s]: an ordered turn may last so long. free_time [s]: when the rudder was last not at its stop. slide
-    [rad of rudder]: what the hull's slide in the planned turns may brake the boat by, with a share of 1 (`slide_step`).
+    [rad of rudder]: what the hull's slide in the planned turns may brake the boat by, with a share of 1 (`slide_step`),
+    and unknown [rad^2/s]: what of that the turn is adding (`slide_unknown`).
     """
 
     heading: float = 0.0
@@ -212,6 +213,7 @@ class Guide(NamedTuple):
     turning_until: float = -math.inf
     free_time: float = -math.inf
     slide: float = 0.0
+    unknown: float = 0.0
 
     def is_late(self, now: float) -> bool:
         """Return whether the turn to the ordered heading has had the time [s] it may take."""
@@ -221,7 +223,7 @@ class Guide(NamedTuple):
 def started(guide: Guide, limits: TurnLimits, state: NavState) -> Guide:
     """Return the guide with a plan from where the boat is, turning no faster than it may."""
     boat = VirtualBoat(state.heading, clip(state.rate, -limits.rate_max, limits.rate_max), 0.0, NO_EVIDENCE)
-    return Guide(guide.heading, boat, guide.side, guide.turning_until, state.time, 0.0)
+    return Guide(guide.heading, boat, guide.side, guide.turning_until, state.time, 0.0, 0.0)
 
 
 def heading_ordered(guide: Guide, model: Norrbin, limits: TurnLimits, state: NavState, heading: float) -> Guide:
@@ -229,7 +231,7 @@ def heading_ordered(guide: Guide, model: Norrbin, limits: TurnLimits, state: Nav
     adopted = heading if math.isfinite(heading) else state.heading
     may_take = turning_time(model, limits, shortest_turn(state.heading, adopted))
     until = max(guide.turning_until, state.time + may_take)
-    return Guide(adopted, guide.boat, 1, until, guide.free_time, guide.slide)
+    return Guide(adopted, guide.boat, 1, until, guide.free_time, guide.slide, guide.unknown)
 
 
 def zigzag_divergence(guide: Guide, order: Order, heading: float) -> float:
@@ -328,8 +330,8 @@ def referred(
         return started(guide, limits, state)
     planned = 0.0 if is_late else boat.rate
     slide = slide_step(model, guide.slide, planned, config.limits.angle_max, dt)
-    slide = 0.0 if planned == 0.0 and -SLIDE_LEAST < slide < SLIDE_LEAST else slide
-    return Guide(guide.heading, boat, guide.side, guide.turning_until, free_time, slide)
+    unknown = slide_unknown(model, guide.slide, slide, dt)
+    return Guide(guide.heading, boat, guide.side, guide.turning_until, free_time, slide, unknown)
 
 
 def adopted(config: SteeringConfig, way: Way, order: Order, model: Norrbin, steady: NavState) -> Way:
@@ -373,5 +375,5 @@ def obey(
 def idle(way: Way, steady: NavState) -> tuple[Way, Reference, float]:
     """Return way, reference and demand [rad] where nobody steers by us."""
     if way.guide.slide:
-        way = way._replace(guide=way.guide._replace(slide=0.0))
+        way = way._replace(guide=way.guide._replace(slide=0.0, unknown=0.0))
     return way, Reference(steady.heading, steady.rate, 0.0), 0.0

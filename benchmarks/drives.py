@@ -7,6 +7,7 @@
     python benchmarks/drives.py faults VESSEL KIND     a thruster that is dead, weed on one, in calm water and in waves
     python benchmarks/drives.py alarms VESSEL KIND     what is said of healthy thrusters in waves
     python benchmarks/drives.py rover VESSEL KIND      the same turns and zigzag by ArduRover's own steering
+    python benchmarks/drives.py steps VESSEL KIND      how turns settle with the wave filter and without, any boat
 
 The plants' equations (`sitl/twin_thruster.py`) are not those of the model.
 """
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import math
 import subprocess
 import sys
@@ -141,6 +143,26 @@ def hold(vessel: Vessel, kind: str) -> None:
         print(f"{share} x, {boat.world.boat.state.speed:.2f} m/s: 30, -30, 90 deg: {words}; rms {rms:.2f} deg {alarms}")
 
 
+def steps(vessel: Vessel, kind: str, first: int = 1, count: int = 2) -> None:
+    """Print how steps settle at one and two times the trial's speed, and how much the rudder works in the last two
+    thirds of the time, with the wave filter and without."""
+    for share, waves in itertools.product((1.0, 2.0), ("auto", "off")):
+        filtered = dataclasses.replace(vessel, estimator=dataclasses.replace(vessel.estimator, wave_filter=waves))
+        for seed in range(first, first + count):
+            boat = sailed(filtered, kind, speed=share * vessel.model.reference_speed_m_s, seed=seed)
+            boat.engage(0.0)
+            assert boat.run(20.0, boat.engaged), boat.tick.alarms
+            boat.run(5.0)
+            words = []
+            for course in (*COURSES, 0.0):
+                begun = boat.now
+                time, over = turn(boat, course, STEP_LASTS)
+                late = [tick.command.angle for tick in boat.ticks if tick.now > begun + STEP_LASTS / 3.0]
+                travel = math.degrees(sum(abs(after - before) for before, after in itertools.pairwise(late)))
+                words.append(f"{time:.1f} s over {over:.2f}, {travel * 1.5 / STEP_LASTS:.1f} deg/s")
+            print(f"{share} x, filter {waves}, seed {seed}: steps 30, -30, 90, -90 deg: {'; '.join(words)}", flush=True)
+
+
 def thrust(vessel: Vessel, kind: str) -> None:
     """Print turns at a third and three times the trial's thrust: settled, and just after the throttle has moved."""
     motors = PLANTS[kind].motors
@@ -198,7 +220,7 @@ class Rover:
 
 ASYMMETRY = 1.34
 COURSES = (30.0, 0.0, 90.0)
-LASTS = 15.0
+LASTS, STEP_LASTS = 15.0, 30.0
 
 
 def measured(boat: World, order: Callable[[float], None], move: Callable[[float], None]) -> list[tuple[float, float]]:
@@ -363,15 +385,23 @@ def alarms(vessel: Vessel, kind: str, first: int = 1, count: int = 24) -> None:
 def main() -> None:
     """Run one study."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("trial", "hold", "thrust", "pivot", "faults", "alarms", "rover"))
+    parser.add_argument("study", choices=("trial", "hold", "thrust", "pivot", "faults", "alarms", "rover", "steps"))
     parser.add_argument("first")
     parser.add_argument("second")
-    parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "COUNT"), help="of faults and alarms")
+    parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "COUNT"), help="of faults, alarms and steps")
     given = parser.parse_args()
     if given.study == "trial":
         trial(given.first, Path(given.second))
         return
-    studies = {"hold": hold, "thrust": thrust, "pivot": pivot, "faults": faults, "alarms": alarms, "rover": rover}
+    studies = {
+        "hold": hold,
+        "thrust": thrust,
+        "pivot": pivot,
+        "faults": faults,
+        "alarms": alarms,
+        "rover": rover,
+        "steps": steps,
+    }
     studies[given.study](load_vessel(given.first), given.second, *(given.seeds or ()))
 
 

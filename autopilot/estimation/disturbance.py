@@ -47,6 +47,7 @@ from autopilot.estimation.tuning import (
     GUST_SURGE,
     LEAN_GROWTH,
     SLIDE_LASTS,
+    SLIDE_UNKNOWN,
     STRENGTH_ERROR,
     WAVE_CORNER,
     WAVE_DAMPING,
@@ -255,3 +256,11 @@ def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: floa
     fades = own * before >= 0.0 and abs(own) < abs(before)
     lasts = SLIDE_LASTS * model.time_constant if fades else model.time_constant
     return before - math.expm1(-dt / lasts) * (own - before)
+
+
+def slide_unknown(model: Norrbin, before: float, slide: float, dt: float) -> float:
+    """Return what is added [rad^2/s] to what is unknown of a slide that was `before` and is `slide` [rad of rudder]
+    `dt` [s] later: of what is left of an old one nothing."""
+    left = before * math.exp(-dt / (SLIDE_LASTS * model.time_constant))
+    added = slide * slide - left * left
+    return SLIDE_UNKNOWN * SLIDE_UNKNOWN * added / dt if dt > 0.0 and added > 0.0 else 0.0

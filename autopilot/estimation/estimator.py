@@ -22,7 +22,6 @@ from autopilot.estimation.heading_ekf import (
     is_sound,
     predict,
     predict_mean,
-    slid,
 )
 from autopilot.estimation.instruments import (
     NO_NOISE,
@@ -155,14 +154,10 @@ def noises_of(noise: FilterNoise) -> Noises:
     return Noises(noise, pushed, noise._replace(bias=wandered, gust_bias=gusty))
 
 
-def sliding(noises: Noises, model: Norrbin, slide: float) -> Noises:
-    """Return the noises of a boat in which a `slide` [rad of rudder] may be left of the turns that it was ordered.
-
-    What follows our own order is the boat's and not the sea's; the model has no state for it, so that as far as it is
-    unknown it pushes the boat like all else.
-    """
+def sliding(noises: Noises, slide: float) -> Noises:
+    """Return the noises of a boat in which an ordered turn adds so much unknown `slide` [rad^2/s]."""
     usual, pushed, stopped = noises
-    return Noises(slid(usual, model, slide), slid(pushed, model, slide), slid(stopped, model, slide))
+    return Noises(FilterNoise(*usual[:-1], slide), FilterNoise(*pushed[:-1], slide), FilterNoise(*stopped[:-1], slide))
 
 
 def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:
@@ -597,7 +592,7 @@ def _fused(
             return _begun(config, state, sample)
         return state
     if beliefs.holds_bias or speed < config.steerage:
-        fusion = fusion._replace(state=ekf.with_bias_of(before.state, fusion.state))
+        fusion = fusion._replace(state=ekf.with_bias_of(lively, config.noises.usual, before.state, fusion.state))
     if sample.time > heading_time and not math.isnan(heading):
         heading_time = sample.time
     return EstimatorState(

@@ -5,6 +5,10 @@ heading h and rate s of their own on top of the boat's, see `disturbance`. A com
 the boat is steered by psi and r alone. Without a sea h, s and e stay 0. Scalar code over a NamedTuple: the covariance's
 upper triangle is written out, so the loop needs no array library.
 
+A part g of b is what the hull's slide leaves of an ordered turn: g' = -g/(SLIDE_LASTS T), of an unknown size that the
+plan of the turn gives (`disturbance.slide_unknown`). In place of a seventh state g and its variance are kept beside b:
+what is learnt of b goes to g and to the rest as what is not known of either, as if the two were independent.
+
 Source: that wave motion adds to the boat's own, and the filter for it, are Fossen 2011, section 8.2 and ch. 11.
 """
 
@@ -45,7 +49,7 @@ from autopilot.estimation.tuning import (
     MODEL_ERROR_UNSTABLE,
     RATE_UNKNOWN,
     SEA,
-    SLIDE_UNKNOWN,
+    SLIDE_LASTS,
     STEEPEST_GROWTH,
     WAVE_CORNER,
     WAVE_STIFFENING,
@@ -56,7 +60,8 @@ from autopilot.models.norrbin import Norrbin, steady_rate, yaw_acceleration
 class FilterState(NamedTuple):
     """Mean (psi [rad], r [rad/s], b [rad], h [rad], s [rad/s], e [rad]) at `time` [s], covariance p_ij, sea and gusts.
 
-    i and j count psi, r, b, h, s, e.
+    i and j count psi, r, b, h, s, e. slide [rad]: how much of b is what the hull's slide has left of an ordered turn,
+    and its variance [rad^2], which is a part of p22.
     """
 
     time: float
@@ -87,17 +92,23 @@ class FilterState(NamedTuple):
     p44: float = 0.0
     p45: float = 0.0
     p55: float = 0.0
+    slide: float = 0.0
+    slide_variance: float = 0.0
     sea: Sea = NO_SEA
     intensity: Intensity = NO_INTENSITY
 
 
-def with_bias_of(before: FilterState, state: FilterState) -> FilterState:
-    """Return the state with the bias, and how well it is known, as they were `before`."""
-    boat = (state.time, state.psi, state.rate, before.bias, state.p00, state.p01, 0.0, state.p11, 0.0, before.p22)
+def with_bias_of(model: Norrbin, noise: FilterNoise, before: FilterState, state: FilterState) -> FilterState:
+    """Return the state with the bias, and how well it is known, as they were `before`: but for the slide in it."""
+    dt = state.time - before.time
+    fades, slide, unknown = slide_fades(model, dt), before.slide, before.slide_variance
+    bias, grown = before.bias - fades * slide, noise.slide * dt - fades * (2.0 - fades) * unknown
+    slide, unknown = slide - fades * slide, unknown + grown
+    boat = (state.time, state.psi, state.rate, bias, state.p00, state.p01, 0.0, state.p11, 0.0, before.p22 + grown)
     waves = (state.wave, state.wave_rate, state.wave_lag, state.p03, state.p04, state.p05)
     across = (state.p13, state.p14, state.p15, 0.0, 0.0, 0.0)
     own = (state.p33, state.p34, state.p35, state.p44, state.p45, state.p55)
-    return FilterState(*boat, *waves, *across, *own, state.sea, before.intensity)
+    return FilterState(*boat, *waves, *across, *own, slide, unknown, state.sea, before.intensity)
 
 
 NO_WAVES = (
@@ -118,7 +129,8 @@ class FilterNoise(NamedTuple):
     [rad] the bias wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong
     rudder until the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is
     learnt. rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates
-    that no ship turns with, and what a heavy one is once assumed to do it takes minutes to correct.
+    that no ship turns with, and what a heavy one is once assumed to do it takes minutes to correct. slide [rad^2/s]:
+    the ordered turn makes the boat slide.
     """
 
     heading: float
@@ -134,19 +146,12 @@ class FilterNoise(NamedTuple):
     rate_unknown: float = RATE_UNKNOWN
     gusty_bias: float = 0.0
     gust_time: float = 1.0
+    slide: float = 0.0
 
 
-def slid(noise: FilterNoise, model: Norrbin, slide: float) -> FilterNoise:
-    """Return the noise while a `slide` [rad of rudder] pushes the boat by an unknown share of it, by no more than is
-    supposed where waves are not filtered. Compiled as it is."""
-    heading, rate, usual, bias, error, waves, gust, gust_bias, stop, stop_bias, unknown, gusty_bias, gust_time = noise
-    push = model.gain / model.time_constant * SLIDE_UNKNOWN * slide
-    pushed = usual + push * push * DISTURBANCE_TIME
-    pushed = gust if gust < pushed else pushed
-    pushed = usual if pushed < usual else pushed
-    return FilterNoise(
-        heading, rate, pushed, bias, error, waves, gust, gust_bias, stop, stop_bias, unknown, gusty_bias, gust_time
-    )
+def slide_fades(model: Norrbin, dt: float) -> float:
+    """Return which share of a slide is gone in `dt` [s]."""
+    return -math.expm1(-dt / (SLIDE_LASTS * model.time_constant))
 
 
 class Filtered(NamedTuple):
@@ -241,7 +246,7 @@ def initial(
 def without_bias(state: FilterState) -> FilterState:
     """Return the state with a bias of which nothing is known."""
     unknown = state._replace(bias=0.0, p02=0.0, p12=0.0, p22=BIAS_UNKNOWN, intensity=reset_intensity(state.intensity))
-    return unknown._replace(p23=0.0, p24=0.0, p25=0.0)
+    return unknown._replace(p23=0.0, p24=0.0, p25=0.0, slide=0.0, slide_variance=0.0)
 
 
 def without_sea(state: FilterState) -> FilterState:
@@ -306,7 +311,8 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     """
     (
         before, psi, rate, bias, p00, p01, p02, p11, p12, p22,
-        h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, intensity,
+        h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55,
+        slide, unknown, sea, intensity,
     ) = state  # fmt: skip
     k, time_constant, n3, n2, n1, n0, _ = model
     dt = time - before
@@ -333,9 +339,18 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     p00 = p00 + turn * p01 + drift * p02 + turn * a01 + drift * a02 + q * dt * dt / 3.0
     p01 = decay * a01 + gain * a02 + 0.5 * q * dt
     p11 = decay * (decay * p11 + gain * p12) + gain * a12 + q
-    p22 += wandered * dt
+    p22, kept = p22 + wandered * dt, 1.0
+    if unknown > 0.0 or noise.slide > 0.0:
+        # the slide's part of the bias goes with time, and takes that part of its covariances along
+        fades = slide_fades(model, dt)
+        kept -= fades * unknown / p22
+        a02, a12 = kept * a02, kept * a12
+        grown = noise.slide * dt - fades * (2.0 - fades) * unknown
+        unknown, p22 = unknown + grown, p22 + grown
+        bias, slide = bias - fades * slide, slide - fades * slide
     if variance <= 0.0:
-        return FilterState(time, psi, rate, bias, p00, p01, a02, p11, a12, p22, *NO_WAVES, NO_SEA, NO_INTENSITY)
+        boat = time, psi, rate, bias, p00, p01, a02, p11, a12, p22
+        return FilterState(*boat, *NO_WAVES, slide, unknown, NO_SEA, NO_INTENSITY)
     # the waves' own transition A; F of the boat on the left of what both have in common, A on the right
     w0 = math.sqrt(rate_variance / (variance * WAVE_STIFFENING))
     a33, a34, a35, a43, a44, a45, a53, a54, a55 = wave_step(w0, dt)
@@ -375,15 +390,17 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
         a33 * m3 + a34 * m4 + a35 * m5,
         a43 * m3 + a44 * m4 + a45 * m5,
         a53 * m3 + a54 * m4 + a55 * m5,
-        a33 * p23 + a34 * p24 + a35 * p25,
-        a43 * p23 + a44 * p24 + a45 * p25,
-        a53 * p23 + a54 * p24 + a55 * p25,
+        kept * (a33 * p23 + a34 * p24 + a35 * p25),
+        kept * (a43 * p23 + a44 * p24 + a45 * p25),
+        kept * (a53 * p23 + a54 * p24 + a55 * p25),
         x33 * a33 + x34 * a34 + x35 * a35 + variance,
         x33 * a43 + x34 * a44 + x35 * a45,
         x33 * a53 + x34 * a54 + x35 * a55,
         x43 * a43 + x44 * a44 + x45 * a45 + rate_variance,
         x43 * a53 + x44 * a54 + x45 * a55 + v45,
         x53 * a53 + x54 * a54 + x55 * a55 + v55,
+        slide,
+        unknown,
         sea,
         intensity,
     )
@@ -410,7 +427,8 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
     """
     (
         time, psi, r, bias, p00, p01, p02, p11, p12, p22,
-        h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55, sea, intensity,
+        h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55,
+        slide, unknown, sea, intensity,
     ) = state  # fmt: skip
     has_sea = sea.heading > 0.0
     for measured, is_heading in ((heading, True), (rate, False)):
@@ -431,6 +449,11 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
         psi = psi if -PI < psi <= PI else wrap(psi)
         r += g1 * innovation
         bias += g2 * innovation
+        if unknown > 0.0:
+            # what is not known of slide and wind goes together
+            part = unknown / p22
+            slide += part * g2 * innovation
+            unknown -= part * g2 * c2
         p00 -= g0 * c0
         p01 -= g0 * c1
         p02 -= g0 * c2
@@ -464,7 +487,7 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
         if not h * h > EXTREME_SQUARED * sea.heading + EXTREME_LEAST_SQUARED:
             sea = learn(sea, h * h + p33, s * s + p44, dt)
         changes = noise.bias, noise.gusty_bias, noise.gust_time
-        intensity = adapt_intensity(intensity, changes, bias, p22, rudder, dt)
+        intensity = adapt_intensity(intensity, changes, bias - slide, p22 - unknown, rudder, dt)
     return FilterState(
         time,
         psi,
@@ -494,6 +517,8 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
         p44,
         p45,
         p55,
+        slide,
+        unknown,
         sea,
         intensity,
     )

@@ -30,9 +30,6 @@ SLIDE_LASTS = 4.0  # 30 %: nothing
 SLIDE_UNKNOWN = 0.7  # 30 %: nothing
 """What a hull's slide does to a boat that turns outlasts the turn by so many time constants. It is, before the boat has
 shown any, none give or take so many times the own damping."""
-SLIDE_LEAST = 0.1 * GUST
-"""A slide of less [rad of rudder] is none: what is supposed of the boat's acceleration grows by less than 1 % with it.
-"""
 GUST_TIME_LEAST = 6.0  # 30 %: nothing
 GUST_TIME_SHARE = 0.2  # 30 %: nothing
 """Gusts are what the bias does over so long [s], or over this share of the time in which it changes if that is longer:

@@ -142,7 +142,7 @@ def initial_state(
     steered = steered_by(config, model, seen, quickness(config.estimator.law, config.estimator.model, model))
     turning = turning_at(config, NOT_TURNING, model)
     guide = started(
-        Guide(math.nan, VirtualBoat(0.0, 0.0, 0.0, NO_EVIDENCE), 1, -math.inf, now, 0.0), turning.limits, steered
+        Guide(math.nan, VirtualBoat(0.0, 0.0, 0.0, NO_EVIDENCE), 1, -math.inf, now, 0.0, 0.0), turning.limits, steered
     )
     return State(
         now=now,
@@ -176,7 +176,7 @@ def tick(
     """Return the pilot's state after the tick at `now` [s] on the way to the heading `target` [rad]; `command` is its
     command."""
     config, dt = campaign.config, clip(now - pilot_state.now, 0.0, LONGEST_STEP)
-    noises = sliding(config.estimator.noises, pilot_state.model, pilot_state.guide.slide)
+    noises = sliding(config.estimator.noises, pilot_state.guide.unknown)
     listened = _listen(campaign, pilot_state, memory, measurement, (now, noises)) if dt > 0.0 else pilot_state
     model, fusion = listened.model, listened.fusion
     history = RudderPast(memory.times, memory.angles, listened.rudder.ticks)
@@ -340,7 +340,7 @@ def _listen(
         )
         if is_fused and is_planned:
             state, mean, spikes, spike, lean, leans, gyro, headings, rates = fusion
-            state = with_bias_of(before, state)
+            state = with_bias_of(model, noises.usual, before, state)
             fusion = Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates)
         heading_time = time if is_fused else heading_time
         gone = gone or fusion.spikes > GATE_PATIENCE

@@ -144,8 +144,8 @@ def test_a_speed_that_reads_too_low_is_doubted_by_the_boat_s_own_turns(name: str
     assert outcome.gave_back == math.inf
     assert outcome.swing < 2.0
     assert outcome.turned == pytest.approx(90.0, abs=2.0)
-    if (name, share) in (("lanxin", 0.15), ("lanxin", 0.25)):
-        pytest.xfail("the turn is as it should be and leaves no doubt: nothing is said of the speed")
+    if (name, share) == ("lanxin", 0.15):
+        pytest.xfail("the boat turns as it should, by a plan so slow that hardly any rudder is used: nothing is said")
     if share < 0.3:
         assert outcome.said("the speed does not go with the way the boat turns")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from typing import Any
 
@@ -193,9 +194,21 @@ def test_at_twice_the_speed_a_slide_after_a_turn_is_not_taken_for_a_sea() -> Non
     boat.run(2.0)
     assert abs(boat.pilot.state.way.guide.slide) > math.radians(5.0)
     boat.run(25.0)
-    assert boat.pilot.state.way.guide.slide == 0.0, "waves may be learnt again"
+    assert abs(boat.pilot.state.estimate.fusion.state.slide) < math.radians(0.1), "it is over"
     boat.engage(0.0)
     boat.run(2.0)
     boat.order = Order()
     boat.run(0.2)
     assert boat.pilot.state.way.guide.slide == 0.0, "nobody steers"
+
+
+def test_after_a_turn_the_rudder_works_no_more_than_on_the_course_before() -> None:
+    boat = engaged(sailed("outboard"))
+    boat.run(5.0)
+    travel = []
+    for course, waits in ((0.0, 0.0), (90.0, 9.0)):
+        boat.engage(course)
+        boat.run(waits)
+        angles = [boat.tick.command.angle for _ in range(400) if not boat.run(0.05)]
+        travel.append(sum(abs(after - before) for before, after in itertools.pairwise(angles)))
+    assert travel[1] < 1.3 * travel[0]

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import statistics
 
 import pytest
 import time_optimal
 import turns
+from lockstep import Lockstep
 
+from autopilot.angles import wrap
 from autopilot.guidance.stop import turn_limits
 from autopilot.guidance.turn import VirtualBoat, couple, reference_of, scaled_by_confidence
 from autopilot.models.norrbin import rate_step, rudder_for
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState
+from autopilot.vessel.file import load_vessel
+from sitl.scenario import Scenario
 
 SLOWEST = {"lanxin": 1.2, "esso": 1.2, "unstable": 1.2}
 """Settling over the quickest turn, as the median of SEEDS: the last degree hangs on the compass's noise."""
@@ -92,3 +97,17 @@ def test_the_plan_goes_with_a_boat_that_lags_while_it_turns_and_not_at_rest() ->
     assert 0.4 < drawn.heading < 0.5
     assert 0.0 < drawn.rate < limits.rate_max
     assert (left.heading, left.rate) == (0.5, 0.0)
+
+
+def test_a_boat_that_slides_settles_with_the_wave_filter_as_it_does_without() -> None:
+    vessel, found = load_vessel("small_craft"), {}
+    for waves in ("auto", "off"):
+        filtered = dataclasses.replace(vessel, estimator=dataclasses.replace(vessel.estimator, wave_filter=waves))
+        boat = Lockstep(filtered, scenario=Scenario(1, "slides", plant="small_craft", seed=71))
+        boat.engage(0.0)
+        assert boat.run(20.0, boat.engaged)
+        boat.run(5.0)
+        boat.engage(30.0)
+        off = [wrap(boat.world.boat.state.heading - math.radians(30.0)) for _ in range(250) if not boat.run(0.1)]
+        found[waves] = 0.1 * max(tick for tick, error in enumerate(off) if abs(error) > math.radians(2.0))
+    assert found["auto"] < 1.2 * found["off"]

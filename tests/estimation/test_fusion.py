@@ -12,7 +12,7 @@ from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fu
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
 from autopilot.estimation.instruments import NO_RATE_BIAS
 from autopilot.estimation.rudder_observer import RudderPast
-from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN
+from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN, SLIDE_LASTS
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
 
@@ -198,27 +198,54 @@ def test_headings_that_lie_to_one_side_for_the_time_of_gusts_make_the_bias_quick
     assert carried(BOAT, wavy, after, PAST, 20.3).p22 - known == pytest.approx(0.4 * 5.0e-4, rel=0.01)
 
 
-def test_what_is_left_of_a_turn_pushes_the_boat_by_no_more_than_without_the_wave_filter() -> None:
-    of_boat = {waves: ekf.Filtered(1.0e-4, 4.0e-5, 10.0, 0.6, math.inf, waves) for waves in (True, False)}
-    with_filter, without = (noises_of(ekf.filter_noise(BOAT, of_boat[waves])) for waves in (True, False))
-    assert sliding(with_filter, BOAT, 0.0) == with_filter
-    for side in (1.0, -1.0):
-        far, near = (sliding(with_filter, BOAT, side * slide).usual.acceleration for slide in (0.2, 0.01))
-        assert far == without.usual.acceleration, "all of it unknown"
-        moment = 0.2 / 5.0 * math.hypot(math.radians(0.2), 0.7 * 0.01)
-        assert near == pytest.approx(0.5 * moment**2)
-        assert sliding(without, BOAT, side * 0.2) == without
+def after_a_turn(reckons: bool, side: float) -> list[FilterState]:
+    """Return what is known every 0.1 s of a boat that a slide pushes by 0.1 rad of rudder at first, and a wind by 0.01:
+    with what a turn leaves unknown, or without."""
+    noises = noises_of(ekf.filter_noise(BOAT, ekf.Filtered(2.7e-5, 1.2e-5, 10.0, 0.5, math.inf, waves=True)))
+    noise, random, found = noises.usual, np.random.default_rng(7), []
+    now = Fusion(ekf.initial(0.0, 0.0, 0.0, noise)._replace(bias=side * 0.01, p22=1e-5))
+    if reckons:
+        turned = ekf.with_bias_of(BOAT, sliding(noises, 0.1).usual, now.state, now.state._replace(time=0.1))
+        now = Fusion(turned._replace(time=0.0))
+    heading = rate = 0.0
+    for tick in range(1, 1000):
+        time = 0.1 * tick
+        push = side * (0.01 + 0.1 * math.exp(-time / (SLIDE_LASTS * BOAT.time_constant)))
+        rate += 0.1 * (BOAT.gain * push - rate) / BOAT.time_constant
+        heading += 0.1 * rate
+        seen = Measured(time, heading + 0.005 * random.standard_normal(), rate + 0.0035 * random.standard_normal())
+        now, _ = fuse_measured(BOAT, noises, now, PAST, seen)
+        found.append(now.state)
+    return found
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_swing_that_a_turn_has_left_is_the_boats_and_the_same_without_a_turn_a_waves(side: float) -> None:
-    found, boat = {}, Norrbin(1.7, 0.8)
-    noises = noises_of(ekf.filter_noise(boat, ekf.Filtered(2.7e-5, 1.2e-5, 10.0, 0.5, math.inf, waves=True)))
-    for slide in (0.0, 0.1):
-        now, found[slide] = Fusion(ekf.initial(0.0, 0.0, 0.0, noises.usual)), 0.0
-        for tick in range(1, 100):
-            time = 0.05 * tick
-            heading = side * math.radians(1.0) * math.exp(-time / 6.0) * math.sin(1.5 * time)
-            now, _ = fuse_measured(boat, sliding(noises, boat, slide), now, PAST, Measured(time, heading, NO))
-            found[slide] = max(found[slide], abs(now.state.wave))
-    assert found[0.1] < 0.5 * found[0.0]
+def test_what_a_turn_has_left_is_learnt_as_a_push_that_goes_by_itself(side: float) -> None:
+    """Half of it in little more than the time constant, and when it is gone the wind is what it was before."""
+    with_slide, without = after_a_turn(True, side), after_a_turn(False, side)
+    true = [side * (0.01 + 0.1 * math.exp(-0.1 * tick / (SLIDE_LASTS * BOAT.time_constant))) for tick in range(1, 1000)]
+    off, off_without = (
+        [abs(state.bias - push) for state, push in zip(states, true, strict=True)] for states in (with_slide, without)
+    )
+    assert max(off[60:]) < 0.05 < max(off_without[60:])
+    assert sum(off) < 0.5 * sum(off_without)
+    last = with_slide[-1]
+    assert abs(last.slide) < 0.005 and last.bias - last.slide == pytest.approx(side * 0.01, abs=0.01)
+
+
+def test_a_slide_goes_with_time_as_a_state_of_its_own_would() -> None:
+    """One more state g' = -g/(4 T), independent of wind: what is known of b = wind + g and of everything together."""
+    known = np.array([[4e-3, 1e-3, 2e-4], [1e-3, 3e-3, 4e-4], [2e-4, 4e-4, 1e-3]])
+    start = FilterState(0.0, 0.1, 0.02, 0.05, *known[np.triu_indices(3)], slide=0.03, slide_variance=8e-4)
+    dt, model = 0.5, BOAT._replace(n3=0.0)
+    noise = NOISE._replace(acceleration=0.0, bias=0.0, slide=1e-5)
+    after = ekf.predict(model, noise, start, 0.0, dt)
+    fade = math.exp(-dt / (SLIDE_LASTS * model.time_constant))
+    assert after.slide == pytest.approx(0.03 * fade) and after.bias == pytest.approx(0.02 + 0.03 * fade)
+    assert after.slide_variance == pytest.approx(8e-4 * fade**2 + 1e-5 * dt)
+    assert after.p22 == pytest.approx(2e-4 + 8e-4 * fade**2 + 1e-5 * dt)
+    kept = 1.0 - 0.8 * (1.0 - fade)
+    still = ekf.predict(model, noise._replace(slide=0.0), start._replace(slide=0.0, slide_variance=0.0), 0.0, dt)
+    assert (after.p02, after.p12) == (pytest.approx(kept * still.p02), pytest.approx(kept * still.p12))
+    held = ekf.with_bias_of(model, noise, start, after._replace(bias=9.0))
+    assert held.bias == pytest.approx(after.bias) and held.p22 == pytest.approx(after.p22)
