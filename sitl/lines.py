@@ -103,13 +103,9 @@ class FirmwareTcpServer:
     def __init__(self, inside: TcpServerTransport, clock: Callable[[], float]) -> None:
         self.name = inside.name
         self.is_local = inside.is_local
-        self._inside = inside
-        self._clock = clock
+        self._inside, self._clock = inside, clock
+        self.fileno, self.send, self.close = inside.fileno, inside.send, inside.close
         self._waiting: list[tuple[float, bytes]] = []
-
-    def fileno(self) -> int:
-        """Return the descriptor of the server inside."""
-        return self._inside.fileno()
 
     def receive(self) -> list[bytes]:
         """Return what the client, still connected, sent a moment ago. LinkError when closed."""
@@ -121,15 +117,7 @@ class FirmwareTcpServer:
         del self._waiting[: len(ready)]
         return ready
 
-    def send(self, data: bytes) -> bool:
-        """Pass on."""
-        return self._inside.send(data)
-
     def forget_peer(self) -> None:
         """Hang up, and drop what came from there."""
         self._waiting = []
         self._inside.forget_peer()
-
-    def close(self) -> None:
-        """Pass on."""
-        self._inside.close()
