@@ -114,7 +114,7 @@ WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "back": lambda _: "back to the course before",
     "mob": lambda _: "MAN OVERBOARD",
     "mob_at": lambda _: "MAN OVERBOARD",
-    "mob_off": lambda _: "nobody is overboard",
+    "mob_off": lambda _: "man overboard: recovered",
     "next": lambda _: "on to the next waypoint",
     "wind": lambda request: f"hold the {'true' if request.get('true') else 'apparent'} wind",
     "confirm": lambda _: "turn to the other side of the wind",

@@ -13,8 +13,7 @@ from two_processes import free_port, patient_vessel, simulator, wait_until_engag
 
 from autopilot.cli.main import main
 from autopilot.runtime.record import read_log
-from autopilot.signals import Mode
-from autopilot.vessel.file import load_vessel
+from autopilot.signals import HeadingSample, Mode
 
 SPEEDUP = 2
 STATION = """
@@ -128,7 +127,9 @@ def test_a_logger_behind_a_slow_radio_gets_two_headings_a_second_while_we_steer_
     assert seen["span"] == pytest.approx(0.5, rel=0.1), "seconds of the vehicle between two headings"
     assert seen["counts"]["HEARTBEAT"] > 10 and "VFR_HUD" not in seen["counts"], "it stays seen, and no more"
     ticks = read_log(log).ticks
-    assert (ticks[-1].now - ticks[0].now) / len(ticks) < 1.2 / load_vessel("lanxin").control.rate_hz
+    headings = {sample.time for tick in ticks for sample in tick.samples if isinstance(sample, HeadingSample)}
+    # of the twenty a second that come, on a machine that has little time for it too
+    assert len(headings) > 5.0 * 2.0 * (max(headings) - min(headings)), "we steer by all, not by what is passed on"
     engaged = [tick.mode for tick in ticks].index(Mode.ENGAGED)
     assert {tick.mode for tick in ticks[engaged:]} == {Mode.ENGAGED}
 

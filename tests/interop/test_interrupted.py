@@ -307,5 +307,5 @@ def test_who_leaves_the_list_of_a_new_boat_learns_where_it_goes_on(tmp_path: Pat
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         said, complained = process.communicate(timeout=40)
     assert process.returncode == 130, said + complained
-    assert "Left before this computer and the links was done" in said and f"new-boat {file} goes on here." in said
+    assert "Left before step 1 was done" in said and f"To carry on here: autopilot new-boat {file}" in said
     assert complained.count("ended by Ctrl-C") == 2 and "Traceback" not in complained

@@ -70,6 +70,11 @@ def test_parts_are_read_alone_and_replayed_as_one(tmp_path: Path) -> None:
     for part in parts:
         assert 14_000 < part.stat().st_size < 25_000 or part == parts[-1]
         assert read_log(part).header["vessel"] == HEADER["vessel"]
+    progress: list[tuple[int, int]] = []
+    replay(parts[0], lambda done, total: progress.append((done, total)))
+    read, size = [done for done, total in progress if total == parts[0].stat().st_size], parts[0].stat().st_size
+    assert read == sorted(read) and read[0] < 0.1 * size and 0.9 * size < read[-1] <= size
+    assert progress[-1] == (len(run.ticks) - 1, len(run.ticks)), "the ticks are counted after what was read"
     with pytest.raises(InputError, match="is part 2 of a log; a replay starts with part 1"):
         replay(parts[1])
 

@@ -10,10 +10,10 @@ const KINDS = {
     labels: ["heading", "reference", "order"], wraps: true, least: 6,
   },
   "plot-rudder": {
-    title: "Rudder, °, + starboard", height: 150, series: [["rudder", "text", 2.5], ["rudder_order", "order", 1.5, [6, 4]]],
+    title: "Rudder, ° (+ starboard)", height: 150, series: [["rudder", "text", 2.5], ["rudder_order", "order", 1.5, [6, 4]]],
     labels: ["rudder", "order"], least: 6,
   },
-  "plot-xte": { title: "Off track, m, + starboard", height: 120, series: [["xte", "text", 2]], labels: ["off track"], least: 4 },
+  "plot-xte": { title: "Off track, m (+ starboard)", height: 120, series: [["xte", "text", 2]], labels: ["off track"], least: 4 },
   "plot-loop": { title: "Longest gap between two ticks, ms", height: 120, series: [["gap", "text", 2]], labels: ["gap"], least: 100, fromZero: true },
 };
 
@@ -159,7 +159,7 @@ function unwrap(data) {
 }
 
 const TRIAL = {
-  title: "Change of heading and rudder, °, + starboard", height: 260, least: 10,
+  title: "Change of heading and rudder, ° (+ starboard)", height: 260, least: 10,
   series: [["heading", "text", 2.5], ["rudder", "starboard", 2], ["order", "order", 1.5, [6, 4]]], labels: ["heading change", "rudder", "rudder order"],
 };
 const LEARNT = {
