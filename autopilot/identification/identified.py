@@ -11,6 +11,7 @@ import numpy as np
 from autopilot.identification.boat_prior import BoatPrior
 from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_fit import LikelihoodFit
+from autopilot.identification.one_boat import Differing
 from autopilot.identification.output_error import Solution, Weighting
 from autopilot.identification.residual_tests import Prediction, ResidualTest, predict, residual_tests, simulate_run
 from autopilot.identification.residuals import PREFIX, Noise, Trim
@@ -131,7 +132,9 @@ class Identified(NamedTuple):
     by. rudder_rate: at which the rudder moved that the runs know by its orders alone, where the boat's turning showed
     it slower than the vessel file says and the runs were fitted behind it. is_blind: the errors are those of a fit that
     knows of gusts only what the residuals remember of them, which is too little (`identify`). spacing: how far apart
-    the samples are [s], 0 where the method does not say."""
+    the samples are [s], 0 where the method does not say. differing: two parts of the runs that do not tell of one boat,
+    which the errors hold; None where all agree, or nobody looked. answers: share of the rudder's motion that is an
+    answer to what pushed the boat, 0 where nobody looked."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -153,6 +156,8 @@ class Identified(NamedTuple):
     rudder_rate: RudderRate | None = None
     is_blind: bool = False
     spacing: float = 0.0
+    differing: Differing | None = None
+    answers: float = 0.0
 
     @property
     def predictor(self) -> LikelihoodFit | None:

@@ -20,7 +20,14 @@ from autopilot.identification.identified import (
     Steps,
     identified_from,
 )
-from autopilot.identification.likelihood_model import ORDERED, follows_surely, likeliest, likeliest_fit, ordered
+from autopilot.identification.likelihood_model import (
+    ORDERED,
+    as_doubtful,
+    follows_surely,
+    likeliest,
+    likeliest_fit,
+    ordered,
+)
 from autopilot.identification.model_choice import CUBIC, START_N3, extended, may_extend
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
 from autopilot.identification.prediction_bands import in_the_race
@@ -234,7 +241,7 @@ def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:
         if likely is not None:
             if not follows_surely(likely):
                 check_response(runs, start)
-            return _with_surroundings(fit, likely)
+            return as_doubtful(_with_surroundings(fit, likely), runs, steps)
     check_response(runs, start)
     steps.next()
     if question.course_unstable:

@@ -113,6 +113,14 @@ class LikelihoodFit(NamedTuple):
         """The weather in which predictions are made."""
         return self.weather if self.power is None else self.power.weather
 
+    def with_doubt(self, more: FloatArray) -> LikelihoodFit:
+        """Return the fit with so much `more` covariance of a, b, d and e, shape (4, 4)."""
+        joint = self.joint
+        if joint is not None:
+            joint = joint.copy()
+            joint[:4, :4] += more
+        return self._replace(covariance=self.covariance + more, joint=joint)
+
 
 def likelihood_fit(
     segments: Sequence[Segment],
@@ -122,7 +130,8 @@ def likelihood_fit(
     progress: Callable[[], None] = lambda: None,
     form: Form = NORRBIN,
 ) -> LikelihoodFit | None:
-    """Return the most likely boat near `guess`, and its covariance; None where the search cannot begin there.
+    """Return the most likely boat near `guess`, and its covariance; None where the search cannot begin there, or ends
+    nowhere.
 
     parts: of the rudder's train, to be fitted too. form: how the terms go with speed and rate.
     """
@@ -166,6 +175,8 @@ def likelihood_fit(
     units = np.array([getattr(scale, name) for name in RATE_NAMES])
     units = np.append(units, np.ones(len(parts)))
     values, joint = known.mean[:4] * units[:4], known.covariance * np.outer(units, units)
+    if not (np.isfinite(values).all() and np.isfinite(joint).all()):
+        return None
     train = train._replace(**{name: math.exp(float(known.mean[4 + k])) for k, name in enumerate(parts)})
     size = np.array([getattr(train, name) for name in parts])
     way = joint[4:, 4:] * np.outer(size, size)

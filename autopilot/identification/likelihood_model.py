@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from autopilot.identification.boat_prior import BoatPrior, Combined, Expected, combined
+from autopilot.identification.compass_and_gyro import on_one_course, turned_apart
 from autopilot.identification.identified import (
     LARGEST_RELATIVE_ERROR,
     Identified,
@@ -34,7 +35,8 @@ from autopilot.identification.likelihood_fit import (
 )
 from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
-from autopilot.identification.residual_tests import predict, simulate_run
+from autopilot.identification.one_boat import differing
+from autopilot.identification.residual_tests import answered_share, predict, simulate_run
 from autopilot.identification.residuals import Noise, residual_noise
 from autopilot.identification.rudder_path import RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment, spacing_of
@@ -70,12 +72,43 @@ def likeliest(
     """
     found, reasons = likeliest_fit(runs, speed, linear, question.rudder_train, steps)
     answer = None if found is None else answer_of(found, runs, speed, question.prior, reasons)
-    if found is None or answer is None or found.unseen.sway_worth < SURELY_SLIDES:
+    if found is None or answer is None:
+        return None
+    if found.unseen.sway_worth < SURELY_SLIDES:
         return answer
     sliding = _sliding(found, runs, speed, linear, steps)
     if sliding is None:
         return answer
     return answer._replace(sliding=sliding, notes=(*answer.notes, _slides(sliding)))
+
+
+def as_doubtful(answer: Identified, runs: Sequence[Run], steps: Steps) -> Identified:
+    """Return the answer with the doubt that one model of all runs hides: of parts that are not of one boat, where
+    propeller, wind and drift do not explain that, and of compass and gyro that turn by different angles."""
+    speed, apart, differ = answer.model.reference_speed, turned_apart(runs), None
+    if answer.around is None and answer.predictor is not None:
+        differ = differing(answer.predictor, runs, speed, steps.next)
+    said = [*([f"{differ.sentence()}."] if differ else []), *([apart.sentence()] if apart else [])]
+    if answer.around is None and answer.likely is not None and said:
+        more = np.zeros((4, 4))
+        more += differ.doubt if differ is not None and answer.sliding is None else 0.0
+        more += apart.doubt(answer.likely.rates) if apart is not None else 0.0
+        wide = answer_of(answer.likely.with_doubt(more), runs, speed, None, {})
+        assert wide is not None
+        answer = answer._replace(
+            standard_errors=wide.standard_errors,
+            covariance=wide.covariance,
+            ratios=wide.ratios,
+            likely=wide.likely,
+            unidentifiable={**answer.unidentifiable, **wide.unidentifiable},
+        )
+    elif apart is not None:
+        gain = math.hypot(answer.standard_errors["gain"] or 0.0, abs(apart.share) * answer.model.gain / SURE_OF_IT)
+        answer = answer._replace(standard_errors={**answer.standard_errors, "gain": gain})
+    is_stable = answer.model.n1 > 0.0 and "T" not in answer.unidentifiable
+    answers = answered_share(answer.model, runs, [answer.simulated(run) for run in runs]) if is_stable else 0.0
+    said += filter(None, [on_one_course(runs)])
+    return answer._replace(differing=differ, answers=answers, notes=(*answer.notes, *said))
 
 
 def _sliding(
@@ -257,8 +290,9 @@ def _behind(found: LikelihoodFit, runs: Sequence[Run]) -> tuple[str, ...]:
     if train.dead_band > 0.0:
         error = math.degrees(SURE_OF_IT * found.train_errors["dead_band"])
         said.append(
-            f"The rudder has {math.degrees(train.dead_band):.2g} +- {error:.1g} deg of play to either side between its "
-            "record and the water; it is taken into account, and taking it out of the gear is better."
+            f"It looks as if the rudder had {math.degrees(train.dead_band):.2g} +- {error:.1g} deg of play to either "
+            "side between its record and the water; it is taken into account. A pilot that answers waves looks alike: "
+            "measure it at the dock, and take it out of the gear."
         )
     elif not ordered(runs) and unseen.excluded > LEAST_PLAY:
         most = f"up to {math.degrees(unseen.excluded):.2g} deg" if math.isfinite(unseen.excluded) else "of some degrees"

@@ -25,6 +25,7 @@ from autopilot.identification.likelihood_record import scales_of, without_noise
 from autopilot.identification.marginal_likelihood import Weather
 from autopilot.identification.rudder_path import rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.simulation import RATE_BOUND_RAD_S
 from autopilot.models.steering_gear import SteeringGear, gear_step, lag_share
 from autopilot.models.weather import RaceAndWind
 
@@ -163,6 +164,7 @@ class _Motion:
             rudder = self._lagged + lead / lag * (rudder - self._lagged)
         return rudder
 
+    @np.errstate(over="ignore", invalid="ignore")
     def move(self, rudder: FloatArray, ratio: FloatArray) -> None:
         """Go on by a step, the rudders standing at `rudder` [rad], at these speeds."""
         boats, weather, h = self.boats, self.boats.fit.pushes, self.boats.step
@@ -172,7 +174,10 @@ class _Motion:
         linear, higher, beyond = boats.b * scales.linear, boats.d * scales.higher, boats.fit.form.power - 1
         middle = self.rate + 0.5 * h * (drive - self.rate * (linear + higher * np.abs(self.rate) ** beyond))
         turned = h * (drive - middle * (linear + higher * np.abs(middle) ** beyond))
+        # a boat that runs away is bounded, as where runs are simulated
+        turned = np.nan_to_num(turned, nan=RATE_BOUND_RAD_S)
         after = self.rate + turned + weather.white * math.sqrt(h) * self.random.normal(size=middle.size)
+        after = np.clip(after, -RATE_BOUND_RAD_S, RATE_BOUND_RAD_S)
         self.heading = self.heading + 0.5 * h * (self.rate + after)
         self.rate = after
         keep = math.exp(-h / weather.gust_time)

@@ -90,6 +90,49 @@ def _rms(error: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(known**2))) if known.size else None
 
 
+ANSWERS_WITHIN = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""So many time constants later, at most, a pilot or a hand answers ..."""
+LARGEST_GAIN = 5.0
+"""... with so much rudder for each angle off, at most."""
+
+
+def answered_share(model: Norrbin, runs: Sequence[Run], simulated: Sequence[list[FloatArray]]) -> float:
+    """Return the share of the rudder's motion that is an answer to what pushed the boat; simulated: per run and segment
+    rate [rad/s] and heading [rad] from rudder and speed alone, shape (N, 2).
+
+    Least squares of the rudder on what the simulation leaves of heading and rate, then and before. In a loop that
+    nothing but pushes moves, the rudder is wholly explained by them, whatever the model; a zigzag's is not, nor that of
+    course changes (Ljung 1999, section 13.4: such a loop tells of the boat only what is known of the pushes). What a
+    model misses of a large manoeuvre goes with the rudder too, but is too small to have been answered by so much.
+    """
+    left = whole = pushes = 0.0
+    for run, of_segments in zip(runs, simulated, strict=True):
+        for segment, values in zip(run.segments, of_segments, strict=True):
+            off = np.stack([segment.heading, segment.rate], axis=1) - values[:, ::-1]
+            known = np.isfinite(off[:, 0])
+            if np.count_nonzero(known) < LEAST_SAMPLES:
+                continue
+            spacing = float(np.median(np.diff(segment.time)))
+            heading = np.interp(segment.time, segment.time[known], off[known, 0])
+            rated = np.isfinite(off[:, 1])
+            if rated.any():
+                rate = np.interp(segment.time, segment.time[rated], off[rated, 1])
+            else:
+                within = max(round(ANSWERS_WITHIN[2] * model.time_constant / spacing), 1)
+                rate = np.convolve(np.gradient(heading, segment.time), np.full(within, 1.0 / within), mode="same")
+            lags = [round(share * model.time_constant / spacing) for share in ANSWERS_WITHIN]
+            before = [np.maximum(np.arange(heading.size) - lag, 0) for lag in lags]
+            terms = np.array([pushed[rows] for rows in before for pushed in (heading, rate)])
+            terms = (terms - terms.mean(axis=1, keepdims=True)).T
+            rudder = segment.rudder - np.mean(segment.rudder)
+            rest = rudder - terms @ np.linalg.lstsq(terms, rudder, rcond=None)[0]
+            left, whole = left + float(rest @ rest), whole + float(rudder @ rudder)
+            pushes += float(np.sum((heading - np.mean(heading)) ** 2))
+    return min(1.0 - left / whole, LARGEST_GAIN**2 * pushes / whole) if whole > 0.0 else 0.0
+
+
+LEAST_SAMPLES = 100
+"""A segment of fewer samples tells nothing of who answers whom."""
 WHITENESS_LAGS = 20
 RUDDER_LAGS = 40
 REACH_TIME_CONSTANTS = 5.0

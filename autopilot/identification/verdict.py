@@ -13,7 +13,7 @@ counts degrees as they are ordered, and orders go out by the same scale. Its rat
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -47,6 +47,12 @@ AS_TYPED = (
     "the rudder really goes f times as far, K is f times too large, n0/K, end stop and rate are f times too small, and "
     "the boat is steered just the same, since orders go out by the same scale. Wrong by f are then the degrees that "
     "are shown, and K beside other boats'. To know, order 10 deg at the dock and measure the angle."
+)
+
+AS_SHOWN = (
+    "Nothing checks the scales of rudder and log: K counts the degrees that the rudder's sensor shows, K and T belong "
+    "to the speed that the log shows, and a stop or a stall of the rudder below the angles sailed makes K smaller. To "
+    "know, measure the rudder at the dock, and compare the log with GPS on opposite courses."
 )
 
 
@@ -183,7 +189,7 @@ def gear_check(runs: Sequence[Run], filed: float, measured: RudderRate | None) -
     if any(run.rudder == "measured" for run in runs):
         orders = [run.orders for run in runs if run.orders is not None]
         angles = angles_against([rest for each in orders for rest in rests_of(each)])
-        return GearCheck((*angles, *rate_against(measured, filed, orders)))
+        return GearCheck((*angles, *rate_against(measured, filed, orders)), "", "" if orders else AS_SHOWN)
     if measured is not None:
         rates = f"{math.degrees(measured.rate):.3g} deg/s" + (
             f" in place of {math.degrees(filed):.3g}" if math.isfinite(filed) else ""
@@ -200,6 +206,10 @@ Grade = Literal["good", "start", "not enough"]
 
 MOST_LEANING = 0.5
 """Share of what is known of K/T or n1/T that other boats may have said of a good model."""
+MOST_APART = 0.15
+"""Share by which K or T of two parts of the runs may differ in a good model: half of what designed gains bear."""
+MOST_ANSWERED = 0.5
+"""Share of the rudder's motion that may be an answer to what pushes the boat: the lesser part."""
 LEAST_R2 = 0.5
 """Share of the yaw rate that must be predicted open loop from rudder and speed for a good model of a stable boat."""
 LEAST_R2_BY_THRUST = 0.9
@@ -272,6 +282,43 @@ def _unbelieved(found: Identified, tests: Sequence[ResidualTest], again: str) ->
     return "", ""
 
 
+def _doubts(found: Identified) -> dict[str, tuple[float, float]]:
+    """Return how far below and above K and T their intervals reach, as shares, of those that have one."""
+    named = {"K": "gain", "T": "time_constant"}
+    errors = {symbol: (name, found.standard_errors[name]) for symbol, name in named.items()}
+    return {
+        symbol: off_by(name, float(getattr(found.model, name)), error)
+        for symbol, (name, error) in errors.items()
+        if error is not None
+    }
+
+
+def _undetermined(found: Identified, doubts: Mapping[str, float], again: str) -> Verdict | None:
+    """Return the verdict where the runs are not of one boat, or do not tell of it; None where they do."""
+    unknown = [symbol for symbol in ("K", "T") if symbol in found.unidentifiable]
+    is_on_ridge = found.ratios is not None and found.ratios.on_ridge
+    if found.differing is not None and found.differing.share > MOST_APART:
+        if unknown or is_on_ridge or not max(doubts.values()) <= ENOUGH:
+            return Verdict("not enough", f"not enough: {found.differing.sentence()}.")
+        return Verdict("start", f"good for a start: {found.differing.sentence()}.")
+    if found.answers > MOST_ANSWERED:
+        return Verdict(
+            "not enough",
+            f"not enough: {100.0 * found.answers:.0f} % of the rudder's motion answers what pushes the boat, as a "
+            "pilot or a hand does against waves, and what is not known of these then passes for the boat; sail "
+            f"{again}.",
+        )
+    if is_on_ridge:
+        return Verdict(
+            "not enough",
+            "not enough: the runs do not tell whether the boat is course-stable; sail a zigzag with small rudder "
+            "angles (5/5) and two turns held for some minutes, and identify all of them together.",
+        )
+    if unknown:
+        return Verdict("not enough", f"not enough: {' and '.join(unknown)} not determined; sail {again}.")
+    return None
+
+
 def verdict_of(
     found: Identified,
     predictions: Sequence[Prediction] = (),
@@ -281,24 +328,10 @@ def verdict_of(
     """Return what the model is good for; predictions of the runs that were fitted, tests of their residuals; gear:
     whether the rudder is that of the vessel file."""
     again = f"20/20 once more at {found.model.reference_speed / KNOT_M_S:.3g} kn"
-    unknown = [symbol for symbol in ("K", "T") if symbol in found.unidentifiable]
-    if found.ratios is not None and found.ratios.on_ridge:
-        return Verdict(
-            "not enough",
-            "not enough: the runs do not tell whether the boat is course-stable; sail a zigzag with small rudder "
-            "angles (5/5) and two turns held for some minutes, and identify all of them together.",
-        )
-    if unknown:
-        return Verdict("not enough", f"not enough: {' and '.join(unknown)} not determined; sail {again}.")
-    sides = {
-        symbol: off_by(name, value, error)
-        for symbol, name, value, error in (
-            ("K", "gain", found.model.gain, found.standard_errors["gain"]),
-            ("T", "time_constant", found.model.time_constant, found.standard_errors["time_constant"]),
-        )
-        if error is not None
-    }
+    sides = _doubts(found)
     doubts = {symbol: max(each) for symbol, each in sides.items()}
+    if (undetermined := _undetermined(found, doubts, again)) is not None:
+        return undetermined
     if not doubts:
         return Verdict(
             "start", f"good for a start: this method gives no doubt of K and T; compare output-error on {again}."
@@ -333,6 +366,6 @@ def verdict_of(
     if found.train.dead_band > 0.0:
         play = f"{math.degrees(found.train.dead_band):.2g} deg of play to either side"
         return Verdict(
-            "good", f"good, steer with it ({share}, 95 %); but take {play} out of the steering gear{beside}."
+            "good", f"good, steer with it ({share}, 95 %); but look for {play} in the steering gear{beside}."
         )
     return Verdict("good", f"good, steer with it ({share}, 95 %){beside}.")

@@ -12,7 +12,15 @@ from zigzag_trials import rudder_with_play
 from autopilot.identification.ordered_rudder import rate_limited, slower_rudder
 from autopilot.identification.rudder_path import RudderRate, measured_rate
 from autopilot.identification.runs import Orders, Run, Segment
-from autopilot.identification.verdict import UNKNOWN_RATE, GearCheck, angles_against, backlash_of, gear_check, rests_of
+from autopilot.identification.verdict import (
+    AS_SHOWN,
+    UNKNOWN_RATE,
+    GearCheck,
+    angles_against,
+    backlash_of,
+    gear_check,
+    rests_of,
+)
 
 FILED = math.radians(20.0)
 
@@ -102,4 +110,4 @@ def test_where_half_the_rate_would_not_have_shown_nothing_is_called_checked() ->
 
 
 def test_a_recording_whose_rudder_is_measured_without_orders_has_nothing_to_compare() -> None:
-    assert gear_check([zigzag(20.0)._replace(rudder="measured")], FILED, None) == GearCheck()
+    assert gear_check([zigzag(20.0)._replace(rudder="measured")], FILED, None) == GearCheck(note=AS_SHOWN)

@@ -11,8 +11,8 @@ from independent_boat import SPEED_M_S, Plant, Sea, zigzags
 
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
-from autopilot.identification.likelihood_fit import likelihood_fit
-from autopilot.identification.marginal_likelihood import Rates
+from autopilot.identification.likelihood_fit import LikelihoodFit, likelihood_fit
+from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.prediction_bands import (
     AHEAD_S,
     TURNING_RAD,
@@ -24,6 +24,7 @@ from autopilot.identification.prediction_bands import (
     stretches_of,
     widened,
 )
+from autopilot.identification.rudder_path import DIRECT
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.report.identification import Result, as_text, document_of
@@ -40,6 +41,17 @@ def runs_of(seed: int, plant: Plant = PLANT, sea: Sea = SEA) -> list[Run]:
 @pytest.fixture(scope="module")
 def found() -> Identified:
     return identify(runs_of(300), Question(reference_speed=SPEED_M_S))
+
+
+@pytest.mark.parametrize("doubt", [1.0, 1.0e2, 1.0e4])
+def test_boats_of_which_next_to_nothing_is_known_are_forecast_with_wide_bands(doubt: float) -> None:
+    """Some of those drawn run away."""
+    spread = np.square(doubt * np.array([0.01, 0.02, 0.1, 0.001]))
+    weather = Weather(0.002, 6.0, 0.0005, 0.002, 0.005)
+    fit = LikelihoodFit(Rates(0.12, 0.28, 1.7), np.diag(spread), DIRECT, {}, weather, 0.0)
+    ahead = forecast(fit, runs_of(300)[:1], SPEED_M_S, SteeringGear(math.inf, 0.26))
+    assert np.isfinite(ahead.turn).all()
+    assert (ahead.heading.high - ahead.heading.low > 10.0) == (doubt > 1.0)
 
 
 def first_overshoots(table: dict[str, FloatArray], angle: float) -> list[float]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from identification_accuracy import BOATS, clean
 from identification_accuracy import noisy as noisy_boat
+from independent_boat import Boat, Sea, sailed
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
 from autopilot.identification import simulation
-from autopilot.identification.residual_tests import ResidualTest, residual_tests, simulate_run
+from autopilot.identification.residual_tests import ResidualTest, answered_share, residual_tests, simulate_run
 from autopilot.models.norrbin import Norrbin
 
 TRUTH = Norrbin(LANXIN["K"], LANXIN["T"], LANXIN["n3"], reference_speed=5.0)
@@ -49,6 +52,24 @@ def test_only_what_was_measured_is_tested() -> None:
     assert [test.signal for test in residual_tests([run_of(heading_only)], TRUTH)] == ["heading"]
     short = {key: values[:12] for key, values in TABLE.items()}
     assert residual_tests([run_of(short)], TRUTH) == []
+
+
+@pytest.mark.parametrize(
+    ("gain", "changes_deg", "low", "high"), [(3.0, 0.0, 0.6, 1.0), (3.0, 20.0, 0.0, 0.3), (0.0, 0.0, 0.0, 0.3)]
+)
+def test_a_rudder_that_only_answers_waves_is_distinguished_from_a_manoeuvre(
+    gain: float, changes_deg: float, low: float, high: float
+) -> None:
+    """A gain of 0 is a zigzag."""
+    sea = Sea("waves", gust_deg=0.5, wave_deg=3.0, gyro_deg_s=0.1)
+
+    def helm(time: float, heading: float, rate: float) -> float:
+        course = math.radians(changes_deg) * (int(time / 40.0) % 2)
+        return min(max(gain * (course - heading) - 0.5 * rate, -0.5), 0.5)
+
+    run = run_of(sailed(Boat(0.125, 0.5, 1.5, 0.001), sea, 5, 150.0, helm=helm if gain else None))
+    model = Norrbin(0.25, 2.0, 3.0, n0=0.002, reference_speed=5.0)
+    assert low <= answered_share(model, [run], [simulate_run(model, run)]) <= high
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.5])

@@ -1,0 +1,84 @@
+"""Logs that are not of one boat, and a compass that turns otherwise than the gyro, are said to be so.
+
+The boats are those of `benchmarks/independent_boat.py`, which imports nothing of the project.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from independent_boat import Boat, Sea, sailed
+
+from autopilot.identification.compass_and_gyro import on_one_course, turned_apart
+from autopilot.identification.identify import identify
+from autopilot.identification.marginal_likelihood import Rates
+from autopilot.identification.runs import Run, run_from_columns
+from autopilot.identification.verdict import verdict_on_runs
+
+BOAT = Boat(0.43 / 3.5, 1.0 / 3.5, 6.0 / 3.5, 0.0015)
+LOADED = BOAT._replace(a=BOAT.a / 1.65)
+GUSTS = Sea("gusts", gust_deg=1.0, gyro_deg_s=0.1)
+
+
+def sailed_by(first: Boat, second: Boat, later: Boat | None = None, seed: int = 1) -> list[Run]:
+    pair = ((first, 1.0, "one.csv"), (second, -1.0, "two.csv"))
+    return [
+        run_from_columns(name, sailed(boat, GUSTS, [seed, k], 50.0, side=side, later=later))
+        for k, (boat, side, name) in enumerate(pair)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("runs", "named"),
+    [
+        (sailed_by(BOAT, LOADED), ("one.csv and two.csv do not tell",)),
+        (sailed_by(BOAT, BOAT, LOADED), ("the first half of each run and the second half do not tell",)),
+    ],
+    ids=["a log each", "in one log"],
+)
+def test_two_boats_are_never_called_good(runs: list[Run], named: tuple[str, ...]) -> None:
+    found = identify(runs)
+    grade, sentence = verdict_on_runs(found, runs, math.inf)
+    assert grade in ("start", "not enough") and found.differing is not None
+    assert all(name in sentence for name in named)
+    # by each alone K is that of a boat that was there
+    gains = [a / b for a, b, *_ in found.differing.rates]
+    assert gains == pytest.approx([0.43, 0.43 / 1.65], rel=0.15)
+    error = found.standard_errors["gain"] or 0.0
+    assert all(abs(found.model.gain - gain) < 1.96 * error for gain in gains)
+
+
+def test_one_boat_in_two_logs_is_good() -> None:
+    runs = sailed_by(BOAT, BOAT)
+    found = identify(runs)
+    assert found.differing is None and verdict_on_runs(found, runs, math.inf).grade == "good"
+    answering = verdict_on_runs(found._replace(answers=0.7), runs, math.inf)
+    assert answering.grade == "not enough" and "70 % of the rudder's motion answers" in answering.sentence
+
+
+@pytest.mark.parametrize(
+    ("deviates", "scale", "share"), [(0.0, 1.0, 0.0), (8.0, 1.0, 0.14), (0.0, 1.15, 1.0 / 1.15 - 1.0)]
+)
+def test_compass_and_gyro_that_turn_otherwise_are_named(deviates: float, scale: float, share: float) -> None:
+    table = sailed(BOAT, GUSTS, 3, 60.0)
+    table["heading_rad"] += math.radians(deviates) * np.sin(table["heading_rad"])
+    table["yaw_rate_rad_s"] *= scale
+    apart = turned_apart([run_from_columns("zigzag.csv", table)])
+    if not share:
+        assert apart is None
+        return
+    assert apart is not None and apart.share == pytest.approx(share, abs=0.02)
+    assert "zigzag.csv" in apart.sentence() and f"turns {10.0 * (1.0 + apart.share):.1f}" in apart.sentence()
+    # the interval of K/T reaches to what either says
+    assert 1.96 * math.sqrt(apart.doubt(Rates(0.2, 0.3))[0, 0]) == pytest.approx(0.2 * abs(apart.share))
+
+
+@pytest.mark.parametrize(("second", "gyro", "is_said"), [(0.0, None, True), (math.pi, None, False), (0.0, 0.1, False)])
+def test_what_a_compass_alone_does_not_show_on_one_course_is_said(
+    second: float, gyro: float | None, is_said: bool
+) -> None:
+    sea = GUSTS._replace(gyro_deg_s=gyro)
+    tables = [sailed(BOAT, sea, 3, 20.0, heading=course) for course in (0.0, second)]
+    assert bool(on_one_course([run_from_columns(str(k), table) for k, table in enumerate(tables)])) == is_said
