@@ -77,26 +77,29 @@ class Node(NamedTuple):
 
 def read_document(path: str | Path) -> Node:
     """Return the root node of the YAML file at `path`; raises InputError with the one sentence that says why not."""
-    path = Path(path)
+    return parse_document(text_of(path), str(path))
+
+
+def text_of(path: str | Path) -> str:
+    """Return the text in a file of parameters; raises InputError with the one sentence that says why not."""
     try:
         data = read_regular(path, SIZE_MAX_BYTES + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; check the name and the folder.") from None
     except IsADirectoryError:
-        raise InputError(f"{path}: this is a folder, a YAML file is needed.") from None
+        raise InputError(f"{path}: this is a folder, a file is needed.") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"{path}: cannot be read ({reason}).") from None
     if len(data) > SIZE_MAX_BYTES:
         raise InputError(f"{path}: larger than {SIZE_MAX_BYTES} bytes, which no parameter file needs.")
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(
             f"{path}, line {line}: byte {error.start} is not UTF-8 text; save the file as UTF-8."
         ) from None
-    return parse_document(text, str(path))
 
 
 def parse_document(text: str, file: str = "<text>") -> Node:

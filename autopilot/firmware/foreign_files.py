@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from autopilot.errors import InputError
-from autopilot.files.outside import read_regular
+from autopilot.files.strict_yaml import text_of
 from autopilot.firmware.file import (
     NAME_LENGTH_MAX,
     FirmwareFile,
@@ -37,7 +37,6 @@ from autopilot.vessel.file import vessel_document, vessel_from
 from autopilot.vessel.parameters import parameters_of, value_of
 from autopilot.vessel.schema import RESTART, Vessel
 
-SIZE_MAX_BYTES = 4_000_000
 SUFFIXES = (".param", ".parm", ".params")
 
 _NAME = re.compile(r"[A-Z_][A-Z0-9_]*")
@@ -65,19 +64,7 @@ def is_foreign(path: str | Path) -> bool:
 
 def read_foreign(path: str | Path) -> ForeignFile:
     """Return the parameters in the file at `path`; raises InputError with file and line for what cannot be used."""
-    path = Path(path)
-    try:
-        data = read_regular(path, SIZE_MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the name and the folder.") from None
-    if len(data) > SIZE_MAX_BYTES:
-        raise InputError(f"{path}: larger than {SIZE_MAX_BYTES} bytes, which no parameter file needs.")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{path}, line {line}: this is not UTF-8 text; save the file as UTF-8.") from None
-    return parse_foreign(text, str(path))
+    return parse_foreign(text_of(path), str(path))
 
 
 def parse_foreign(text: str, file: str) -> ForeignFile:
