@@ -573,5 +573,6 @@ def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
     if code != 0 or against or (step.question and not talk.yes(step.question)):
         why = f": {against}" if against else ""
         raise RefusedError(
-            f"{step.title} is not done{why}. Good enough is: {step.good}. If not: {step.otherwise}; {again}"
+            f"step {STEPS.index(step) + 1} ({step.title}) is not done{why}. Good enough is: {step.good}. "
+            f"If not: {step.otherwise}; {again}"
         )

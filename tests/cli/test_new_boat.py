@@ -141,7 +141,7 @@ def test_it_goes_on_where_it_was_left(
     given = ["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--as-gcs", "--yes"]
     assert main(given) == 4
     said = capsys.readouterr().err
-    assert "the gains is not done" in said and "Good enough is" in said and "If not" in said
+    assert "step 5 (the gains) is not done" in said and "Good enough is" in said and "If not" in said
     assert [command[0] for command in commands] == ["doctor", "trial", "trial", "identify", "gains"]
     assert all(command[2:5] == ["--link", "udpin:127.0.0.1:1", "--as-gcs"] for command in commands[:1])
     kept = json.loads((tmp_path / "mine.commissioning.json").read_text())
