@@ -13,6 +13,7 @@ from boat_at_sea import ServedBoat, item, only, place
 from boats import BOATS, vessel_of
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.ground_station.commands import OVERBOARD
 from autopilot.links.ground_station.mission import from_message
 from autopilot.links.mavlink.frames import CommandCancel
 from autopilot.runtime.record import Recorder, replay
@@ -298,3 +299,26 @@ def test_a_turn_pattern_is_ordered_by_number() -> None:
     assert boat.command(dialect.MAV_CMD_DO_SET_MODE, 1, GUIDED) == ACCEPTED
     held = boat.sail(0.1).order
     assert not held.is_led and boat.sail(10.0).order.heading == held.heading, "the mode that holds ends the pattern"
+
+
+def test_orders_from_while_the_pilot_stood_still_are_not_carried_out_but_a_release_is() -> None:
+    """Who sent them has been without an answer since, and may have the helm."""
+    boat = under_way()
+    boat.skipper.engage(0.0)
+    assert boat.sail(1.0).mode is Mode.ENGAGED
+
+    def order(command: int, value: float) -> Any:
+        return dialect.MAVLink_command_long_message(1, 1, command, 0, value, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    for message in (order(YAW, 90.0), order(OVERBOARD, 1.0)):
+        boat.far.send(boat.station.encode(message))
+    boat.box.time += 8.0  # the process was stopped
+    acks = only(boat.listen(0.2), "COMMAND_ACK")
+    assert [ack.result for ack in acks] == [REJECTED, ACCEPTED]
+    assert boat.sail(0.5).order.heading == 0.0
+    assert boat.command(YAW, 90.0) == ACCEPTED
+    assert boat.sail(0.1).order.heading == pytest.approx(math.radians(90.0))
+    boat.far.send(boat.station.encode(order(ARM, 0.0)))
+    boat.box.time += 8.0
+    boat.listen(0.2)
+    assert not boat.commands.armed

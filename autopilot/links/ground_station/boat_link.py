@@ -16,7 +16,7 @@ from autopilot.links.ground_station.access import (
     refused_senders_of,
     stands_by,
 )
-from autopilot.links.ground_station.commands import ACCEPTED, DENIED, Commands
+from autopilot.links.ground_station.commands import ACCEPTED, DENIED, OVERBOARD, REJECTED, Commands
 from autopilot.links.ground_station.file_server import ALARMS, ROUTE, alarm_list, route_list
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
@@ -47,6 +47,10 @@ REFUSAL = "refused: messages that are not signed with our key"
 NOT_ALLOWED = "refused: a system id that is not allowed"
 STOPPED_S = 30.0
 LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
+CAME_LATE = "orders from while this computer stood still are not carried out: order again"
+STOOD_STILL_S, CAUGHT_UP_S = 3.0, 0.5
+"""What has waited here for so long, and is read within this time, was given up by who sent it, or sent again. By then a
+vehicle has taken its rudder back."""
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
 
 
@@ -75,6 +79,11 @@ class _Notice:
     def _is_acknowledged(self, tick: Tick | None) -> bool:
         shown = () if tick is None else zip(tick.alarms, tick.alarm_states, strict=False)
         return (*self._event[:2], AlarmState.ACKNOWLEDGED) in [(*event[:2], state) for event, state in shown]
+
+
+def counts_late(message: Message) -> bool:
+    """Return whether an order counts however late it comes: to stand by, and a man overboard."""
+    return stands_by(message) or getattr(message, "command", None) == OVERBOARD
 
 
 class BoatLink(StationLink):
@@ -111,6 +120,7 @@ class BoatLink(StationLink):
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._flooded = -math.inf
+        self._looked, self._late_until = math.nan, -math.inf
         self._says_flooded = False
         self._stopped, self._stop_refused = _Notice("station_stopped", self.name), _Notice("stop_refused", self.name)
 
@@ -121,6 +131,9 @@ class BoatLink(StationLink):
         if self._access.crowded:
             self._flooded = now
             return []  # looked at after the next command has left
+        if now - self._looked > STOOD_STILL_S:
+            self._late_until = now + CAUGHT_UP_S
+        self._looked = now
         dropped = refused_senders_of(self._transport)
         chunks, word = self._arrived(now, "station_lost")
         if word:
@@ -163,6 +176,9 @@ class BoatLink(StationLink):
         refusal = self._access.refusal(now, message)
         if refusal:
             self._refuse(now, refusal)
+        elif now <= self._late_until and is_order(message) and not counts_late(message):
+            self._refuse(now, CAME_LATE)
+            self._transmit(now, *self._service.answered(message, REJECTED))
         elif self.takes_orders or not is_order(message):
             self._transmit(now, *self._service.take(now, message))
         elif stands_by(message):
