@@ -5,11 +5,11 @@
 
 nu = (u, v, r) is the speed through the water. The current c is constant; the wind is a constant force b of the beam
 wind, north and east, with gusts g, Ornstein and Uhlenbeck's process; w is white. On board the wind's force (a, s) ahead
-and to starboard is f = (rho a, s, (l + q a) s): a ship meets less of it from ahead, and is turned by what comes from
-abeam at a lever that goes with the angle. A moment b_M with its gusts is added. A thruster i pushes with k_i F_i, F_i
-its order through a first-order lag, which has settled at the first row. Everything is in the bis system (Norrbin 1970):
-lengths by L, times by sqrt(L/g), forces by m g. The water's part of C(nu) is that of an irrotational current (Fossen
-2021, chapter 10).
+and to starboard is f = (rho a, s, (l + q a/|(a, s)|) s): a ship meets less of it from ahead, and is turned by what
+comes from abeam at a lever that goes with the wind's angle, not with its strength (Fossen 2021, chapter 10). A moment
+b_M with its gusts is added. A thruster i pushes with k_i F_i, F_i its order through a first-order lag, which has
+settled at the first row. Everything is in the bis system (Norrbin 1970): lengths by L, times by sqrt(L/g), forces by
+m g. The water's part of C(nu) is that of an irrotational current (Fossen 2021, chapter 10).
 
 Motion, c, b and g are the states of an extended Kalman filter. What is left, theta = (D, k, lag, intensities of w, of g
 and of the measurements' noise), minimises
@@ -38,7 +38,9 @@ Floats = NDArray[np.float64]
 GRAVITY_M_S2 = 9.81
 DAMPING = ("Xu", "Yv", "Yr", "Nv", "Nr")
 WIND = ("wind_ahead", "wind_lever", "wind_turn")
-"""Logarithm of rho; l in lengths; q in lengths by the largest thrust."""
+"""Logarithm of rho; l and q in lengths."""
+CALM = 0.03
+"""Of the largest thrust: a wind's force below this has no angle."""
 NOISES = ("force", "lever", "gust", "gust_lever", "gust_time", "position", "heading")
 """Logarithms of: intensity of w and the lever that makes its moment; deviation of g by that of w, its lever and
 correlation time; deviations of the measurements."""
@@ -168,7 +170,7 @@ def noise_beliefs(hull: Hull, trial: Trial) -> dict[str, Belief]:
     """Return the logarithms of the noises before a log is known: a metre and a degree, a tenth of the thrust; each
     may be wrong ten times over."""
     push = 0.1 * _most_thrust(trial) / hull.force_unit
-    wind = dict(zip(WIND, (Belief(math.log(0.3), 0.7), Belief(0.0, 0.07), Belief(0.0, 0.5)), strict=True))
+    wind = dict(zip(WIND, (Belief(math.log(0.3), 0.7), Belief(0.0, 0.07), Belief(0.0, 0.15)), strict=True))
     values = (
         0.3 * push,
         0.1,
@@ -355,7 +357,8 @@ X, Y, PSI, U, V, R, CN, CE, BN, BE, BM, GN, GE, GM = range(14)
 
 class _Ships(NamedTuple):
     """B ships, each with parameters of its own: gains of the thrusters (B, thrusters) and their pushes (thrusters, 3);
-    damping numbers (5, B); masses; the inverse of M (3, 3); rho, l and q (3, B).
+    damping numbers (5, B); masses; the inverse of M (3, 3); rho, l and q (3, B); the force below which the wind has no
+    angle.
 
     is_planar: they move across and turn, too.
     """
@@ -366,6 +369,7 @@ class _Ships(NamedTuple):
     masses: tuple[float, float, float]
     inverse: Floats
     wind: Floats
+    calm: float
     is_planar: bool
 
     def driven(self, thrust: Floats) -> Floats:
@@ -387,13 +391,8 @@ def _ships(problem: _Problem, of: dict[str, Floats], B: int) -> _Ships:
         np.stack([of.get(name, zero) for name in DAMPING]),
         (hull.surge_mass, M22, M26),
         np.linalg.inv(M),
-        np.stack(
-            [
-                np.exp(of.get("wind_ahead", zero)),
-                of.get("wind_lever", zero),
-                of.get("wind_turn", zero) / problem.scale,
-            ]
-        ),
+        np.stack([np.exp(of.get("wind_ahead", zero)), of.get("wind_lever", zero), of.get("wind_turn", zero)]),
+        CALM * problem.scale,
         "Yv" in of,
     )
 
@@ -417,7 +416,7 @@ def _rates(ships: _Ships, x: Floats, driven: Floats) -> Floats:
     force[:, 0] = driven[:, 0] - Xu * u + momentum * r + rho * ahead
     force[:, 1] = driven[:, 1] - Yv * v - Yr * r - M11 * u * r + side
     force[:, 2] = driven[:, 2] - Nv * v - Nr * r - momentum * u + M11 * u * v + x[:, BM] + x[:, GM]
-    force[:, 2] += (lever + turn * ahead) * side
+    force[:, 2] += (lever + turn * ahead / np.sqrt(ahead**2 + side**2 + ships.calm**2)) * side
     out = np.zeros_like(x)
     out[:, X] = u * c - v * s + x[:, CN]
     out[:, Y] = u * s + v * c + x[:, CE]
@@ -435,7 +434,9 @@ def _slopes(ships: _Ships, x: Floats, A: Floats, J: Floats) -> None:
     A[:, X, PSI], A[:, X, U], A[:, X, V] = -u * s - v * c, c, -s
     A[:, Y, PSI], A[:, Y, U], A[:, Y, V] = u * c - v * s, s, c
     rho, lever, turn = ships.wind
-    by_ahead, by_side = turn * side, lever + turn * ahead
+    calm = ships.calm**2
+    per = turn * (ahead**2 + side**2 + calm) ** -1.5
+    by_ahead, by_side = per * side * (side**2 + calm), lever + per * ahead * (ahead**2 + calm)
     J[:, 0, PSI], J[:, 0, U], J[:, 0, V], J[:, 0, R] = rho * side, -Xu, M22 * r, M22 * v + 2.0 * M26 * r
     J[:, 1, PSI], J[:, 1, U], J[:, 1, V], J[:, 1, R] = -ahead, -M11 * r, -Yv, -Yr - M11 * u
     J[:, 2, PSI] = by_ahead * side - by_side * ahead

@@ -9,7 +9,20 @@ import numpy as np
 import pytest
 from dp_intervals import CONDITIONS, HULL, orders, sailed, truth_of
 
-from autopilot.identification.dynamic_positioning import DpFit, Trial, identify_dp, usual_beliefs
+from autopilot.identification.dynamic_positioning import (
+    BE,
+    BN,
+    PSI,
+    DpFit,
+    Floats,
+    R,
+    Trial,
+    _rates,
+    _Ships,
+    _slopes,
+    identify_dp,
+    usual_beliefs,
+)
 
 
 def fitted(trial: Trial, lag: float | None = None) -> DpFit:
@@ -40,6 +53,32 @@ def test_thrust_damping_and_lag_are_found_in_a_current_and_in_gusts() -> None:
         assert found[name].deviation < 0.1 * found[name].value, name
     stream = math.hypot(fit.drift[0].value, fit.drift[1].value)
     assert stream == pytest.approx(0.2, abs=0.02)
+
+
+def in_wind(calm: float) -> tuple[_Ships, Floats]:
+    """Two ships in a wind from ahead and abeam alike, twice as strong for the second."""
+    nothing, both = np.zeros((2, 0)), np.ones(2)
+    wind = np.array([0.3 * both, 0.02 * both, 0.1 * both])
+    ships = _Ships(nothing, nothing[:0, :], np.zeros((5, 2)), (1.0, 2.0, 0.0), np.eye(3), wind, calm, True)
+    x = np.zeros((2, 14))
+    x[:, BN] = x[:, BE] = [1.0, 2.0]
+    return ships, x
+
+
+def test_the_winds_lever_goes_with_its_angle_and_not_with_its_strength() -> None:
+    ships, x = in_wind(0.0)
+    turning = _rates(ships, x, np.zeros((2, 3)))[:, R]
+    assert turning == pytest.approx([0.02 + 0.1 * math.sqrt(0.5), 2.0 * (0.02 + 0.1 * math.sqrt(0.5))])
+
+
+def test_the_slopes_are_those_of_the_rates() -> None:
+    ships, x = in_wind(0.5)
+    A, J = np.zeros((2, 14, 14)), np.zeros((2, 3, 14))
+    _slopes(ships, x, A, J)
+    for state in (PSI, BN, BE):
+        beside = 1.0e-5 * np.eye(14)[state]
+        more, less = (_rates(ships, x + by, np.zeros((2, 3))) for by in (beside, -beside))
+        assert A[:, R, state] == pytest.approx((more - less)[:, R] / 2.0e-5, rel=1.0e-6)
 
 
 def test_a_current_does_not_pass_for_sway_damping() -> None:
