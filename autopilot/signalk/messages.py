@@ -5,7 +5,8 @@ Signal K's PUT requests as orders for the boat, and the answers to them. Pure.
 A request is one line of JSON, as https://signalk.org/specification/1.7.0/doc/put.html has it, with the token:
 {"requestId": "1", "token": "...", "put": {"path": "steering.autopilot.state", "value": "auto"}}
 Without `put` it is a greeting, which orders nothing. The token is looked at before what is wanted. `beat` is the time
-that the bridge has said last: an order that was held up on its way comes with an old one, and is not carried out.
+that the bridge has said last: an order that was held up on its way comes with an old one, and is not carried out, but
+for standby and a man overboard.
 
 What Signal K gets to know of the boat: deltas made of what a helm display knows. Pure.
 
@@ -228,8 +229,9 @@ class Request(NamedTuple):
     beat: float = math.inf
 
     def is_late(self, now: float) -> bool:
-        """Return whether it was held up for so long that it fails for its sender; a man overboard counts."""
-        return now - self.beat > LATE_S and self.path != MOB
+        """Return whether it was held up for so long that it fails for its sender; a man overboard and standby count."""
+        counts = self.path == MOB or self.order == STATE_ORDERS["standby"]
+        return now - self.beat > LATE_S and not counts
 
 
 class BadRequestError(InputError):

@@ -255,6 +255,8 @@ def test_an_order_that_was_held_up_on_its_way_is_not_carried_out(rig: Rig) -> No
     rig.now += 5.0  # the bridge stood still, or the line did
     assert order(beat, adjust, 10) == 504
     assert order(beat, "notifications.mob", {"latitude": 1.0, "longitude": 2.0}) == 200, "whoever is overboard still is"
+    assert order(beat, "steering.autopilot.state", "standby") == 200, "who lets go has let go"
+    assert rig.boat.commands[-1] == (dialect.MAV_CMD_DO_SET_MODE, 1.0, MANUAL)
     assert order(rig.now, adjust, 10) == 200
     assert [each[0] for each in rig.boat.commands].count(dialect.MAV_CMD_CONDITION_YAW) == 2
     assert order(-1.0, adjust, 10) == 400
