@@ -209,7 +209,7 @@ MOST_LEANING = 0.5
 MOST_APART = 0.15
 """Share by which K or T of two parts of the runs may differ in a good model: half of what designed gains bear."""
 MOST_ANSWERED = 0.5
-"""Share of the rudder's motion that may be an answer to what pushes the boat: the lesser part."""
+"""Share of the rudder's motion that may go with what pushes the boat, or what the model misses: the lesser part."""
 LEAST_R2 = 0.5
 """Share of the yaw rate that must be predicted open loop from rudder and speed for a good model of a stable boat."""
 LEAST_R2_BY_THRUST = 0.9
@@ -304,9 +304,9 @@ def _undetermined(found: Identified, doubts: Mapping[str, float], again: str) ->
     if found.answers > MOST_ANSWERED:
         return Verdict(
             "not enough",
-            f"not enough: {100.0 * found.answers:.0f} % of the rudder's motion answers what pushes the boat, as a "
-            "pilot or a hand does against waves, and what is not known of these then passes for the boat; sail "
-            f"{again}.",
+            f"not enough: {100.0 * found.answers:.0f} % of the rudder's motion goes with what it does not explain of "
+            "the turning: a pilot or a hand answered waves, or the model misses what the rudder does; look over "
+            f"compass, speed and clock, and sail {again}.",
         )
     if is_on_ridge:
         return Verdict(

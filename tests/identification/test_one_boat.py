@@ -55,7 +55,7 @@ def test_one_boat_in_two_logs_is_good() -> None:
     found = identify(runs)
     assert found.differing is None and verdict_on_runs(found, runs, math.inf).grade == "good"
     answering = verdict_on_runs(found._replace(answers=0.7), runs, math.inf)
-    assert answering.grade == "not enough" and "70 % of the rudder's motion answers" in answering.sentence
+    assert answering.grade == "not enough" and "70 % of the rudder's motion goes with" in answering.sentence
 
 
 @pytest.mark.parametrize(
