@@ -41,7 +41,8 @@ class PilotConfig(NamedTuple):
     for this where steerage_over_ground says so. law: how the model goes with speed and thrust; drive: what it needs to
     steer, and what throttle leaves it. roll: the rudder damps roll too, while that helps; None: it does not.
     dead_band [rad]: on a course the rudder rests until it is wrong by more. loop_delay [s]: so late an order comes to
-    the gear. thruster: a bow thruster that holds the heading where the rudder waits; None: there is none.
+    the gear by the file, and path_delay [s], nan: not known, as it was measured before; delay_margin [s]: the law's.
+    thruster: a bow thruster that holds the heading where the rudder waits; None: there is none.
     """
 
     model: Norrbin
@@ -62,6 +63,8 @@ class PilotConfig(NamedTuple):
     law: DriveLaw = RUDDER_LAW
     steers_by: Needs = Needs.WAY
     loop_delay: float = 0.0
+    path_delay: float = math.nan
+    delay_margin: float = math.inf
     thruster: BowThruster | None = None
 
 
@@ -102,6 +105,7 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
         corner_frequencies=config.corner_frequencies,
         rudder_is_ours=config.rudder_is_ours,
         uses_bias=law.kind.uses_bias,
+        delay_margin=config.delay_margin,
     )
 
 
@@ -167,7 +171,7 @@ class State(NamedTuple):
 def first_state(config: Config) -> State:
     """Return the state at power-on: nothing is known."""
     return State(
-        estimate=estimator.first_state(config.steering.estimator),
+        estimate=estimator.first_state(config.steering.estimator, config.boat.path_delay),
         monitors=MonitorState(),
         supervisor=supervisor.NOTHING_SEEN,
         panel=panel.QUIET,

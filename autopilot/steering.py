@@ -119,17 +119,18 @@ def followed_share(
     return followed
 
 
-PACED = 0.32
-"""On a course the corner frequency times what the path's delay is more than filed is at most this: a loop too quick for
-the delay is slowed, as the boat is reckoned ahead by a model that is not quite its own. With 0.48 a boat whose file has
-T 60 % too long swings for ever behind 0.8 s, by 2 deg to either side, with 0.32 by 0.2 deg."""
+PACED = 1.25
+"""On a course the path's delay is longer than filed by at most so many times the delay margin of the law: a loop too
+quick for it is slowed, as the boat is reckoned ahead by a model that is not quite its own. With twice as many an
+outboard whose file has T 60 % too long swings for ever behind 0.8 s, by 3 deg to either side. A loop that is slow
+enough must not be slowed: it holds its course the worse for it, in a sea, and where K or T are not the boat's."""
 
 
 def paced(config: SteeringConfig, model: Norrbin, ratio: float, late: float) -> float:
     """Return how many times as quick as in the trial a course is held, `ratio` at most, where orders come so much later
     [s] than filed. A course-unstable boat cannot wait."""
-    quickest = config.corner_frequencies.seen * ratio * late
-    return ratio * PACED / quickest if PACED < quickest < math.inf and model.n1 > 0.0 else ratio
+    quickest = PACED * config.delay_margin / late
+    return quickest if quickest < ratio and model.n1 > 0.0 else ratio
 
 
 class SteeringConfig(NamedTuple):
@@ -137,9 +138,9 @@ class SteeringConfig(NamedTuple):
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading. corner_frequencies hold at the model's speed: which
-    waves the law is shown, see `wave_feedforward`. dead_band [rad]: on a course the rudder rests until it is wrong by
-    more. uses_bias: whether the law goes by the estimated bias. estimator.gear is the gear that is gone by: turns are
-    planned with its rate, whatever rate the rudder is commanded at.
+    waves the law is shown, see `wave_feedforward`; so does delay_margin [s], the law's. dead_band [rad]: on a course
+    the rudder rests until it is wrong by more. uses_bias: whether the law goes by the estimated bias. estimator.gear is
+    the gear that is gone by: turns are planned with its rate, whatever rate the rudder is commanded at.
     """
 
     estimator: EstimatorConfig
@@ -151,6 +152,7 @@ class SteeringConfig(NamedTuple):
     corner_frequencies: CornerFrequencies
     rudder_is_ours: bool
     uses_bias: bool
+    delay_margin: float
 
 
 class Turning(NamedTuple):

@@ -40,7 +40,7 @@ from autopilot.estimation.rudder_observer import (
     rudder_rate_step,
     write_command,
 )
-from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
+from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, PATH_LATER, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drives import THROTTLE_FLOOR, Needs, quickness
 from autopilot.models.norrbin import Norrbin
@@ -92,6 +92,7 @@ from autopilot.supervision.monitors import (
     NO_THRUST_SEEN,
     ThrusterLook,
     ThrusterMemory,
+    by_other_path,
     judged,
     on_samples,
     thruster_step,
@@ -157,8 +158,10 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
+    late, before = estimate.path.late, state.estimate.path.late
+    is_other_path = late != before and abs(late - before) > PATH_LATER
+    monitors = by_other_path(monitors) if is_other_path else monitors
     monitors, thrusters, found = monitored(config, state, monitors, estimate, view, dt)
-    late = estimate.path.late
     found = {**found, "path_late": path_event(estimate.path, boat.loop_delay)} if late else found
 
     noted = supervisor.memory.notes
@@ -221,7 +224,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     is_ours = command.engaged and boat.rudder_is_ours
     estimate = with_order(estimate, now, command.angle) if is_ours else estimate
     if is_ours and not is_measured:
-        rate = rate_so_far(estimate, way, rudder.rate, present, found)
+        known = begun_at(present.rudder) if is_other_path else rudder.rate
+        rate = rate_so_far(estimate, way, known, present, found)
         heard = estimate.rudder.effective if late else moved[0]
         estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, (heard, dt), present)
     else:

@@ -38,6 +38,9 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--log-dir", type=Path, default=Path(), metavar="DIR", help="the disk to look at (default: here)"
     )
+    parser.add_argument(
+        "--log", metavar="FILE.tlog", help="a log of `autopilot run` or `trial`: how late orders came to the rudder"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
@@ -79,9 +82,27 @@ def _findings(arguments: argparse.Namespace) -> list[Finding]:
         machine.hardware_watchdog(),
         system.serial_lines(),
     ]
+    if arguments.log:
+        looked.append(_path(arguments.log))
     if vessel is not None and arguments.link:
         looked += _links(arguments, vessel)
     return [finding for finding in looked if finding is not None]
+
+
+def _path(log: str) -> Finding:
+    """Return how late orders came to the rudder in a log. Raises InputError."""
+    from autopilot.doctor.machine import Finding, Verdict
+    from autopilot.estimation.tuning import PATH_LATER
+    from autopilot.logs.own_log import path_of
+
+    measured, filed = path_of(log)
+    if measured != measured:
+        found = "not measured: it takes ten movements or more, while engaged, of a rudder with an echo or a sensor"
+        return Finding("path delay", Verdict.GO, found)
+    verdict = Verdict.WARN if measured - filed > PATH_LATER else Verdict.GO
+    found = f"orders came {measured:.2f} s after their headings, control.loop_delay_s is {filed:.2f}"
+    cure = "a quicker line, or less on this one; the boat is steered by what is measured (docs/links.md)"
+    return Finding("path delay", verdict, found, cure, {"measured_s": measured, "filed_s": filed})
 
 
 def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:

@@ -73,7 +73,8 @@ def boat_for(path: str, runs: Sequence[Run], given: Given) -> Vessel | None:
 
 def _for_new_model(vessel: Vessel, path: str) -> Vessel:
     """Return what stays of a boat's file for a model of its own: all but the name and the gains of the old model."""
-    control = Control(rate_hz=vessel.control.rate_hz, loop_delay_s=vessel.control.loop_delay_s)
+    loop = vessel.control
+    control = Control(rate_hz=loop.rate_hz, loop_delay_s=loop.loop_delay_s, path_delay_s=loop.path_delay_s)
     # off in `trial --unidentified`, where the model was a guess
     limits = Alarms(**{**vars(vessel.alarms), "reversed_rudder": True})
     return dataclasses.replace(vessel, name=Path(path).stem, description="", control=control, alarms=limits)
@@ -107,6 +108,7 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
     play_deg, play_remarks = _play(path, runs, boat.rudder.play_deg, math.degrees(result.found.train.dead_band))
     boat = dataclasses.replace(boat, rudder=dataclasses.replace(boat.rudder, play_deg=play_deg))
     vessel = _with_scale(dataclasses.replace(boat, model=_model(result, runs)), given)
+    vessel, path_remarks = with_path(path, vessel, runs)
     text = text_for(path, vessel)
     _check_steering(path, vessel, result.found)
     save_text(path, text)
@@ -119,6 +121,7 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
     return [
         *remarks,
         *play_remarks,
+        *path_remarks,
         *([] if fresh else [*_train_remarks(path, result, vessel), *_rudder_remarks(path, runs, vessel, rate)]),
     ]
 
@@ -214,6 +217,23 @@ def _play(path: str, runs: Sequence[Run], filed_deg: float, fitted_deg: float) -
         *said,
         f"rudder.play_deg of {path} is {play_deg:g} now, to either side: it is reckoned with, and better taken out of "
         "the steering gear.",
+    ]
+
+
+def with_path(path: str, vessel: Vessel, runs: Sequence[Run]) -> tuple[Vessel, list[str]]:
+    """Return the vessel with how late orders came to the rudder, where logs of ours show it, and what is to be said of
+    it. Of several logs the latest."""
+    from autopilot.logs.own_log import path_of
+
+    found = [path_of(run.source).measured for run in runs if run.vessel and Path(run.source).is_file()]
+    known = [delay for delay in found if math.isfinite(delay)]
+    if not known:
+        return vessel, []
+    delay = round(known[-1], 2)
+    control = dataclasses.replace(vessel.control, path_delay_s=delay)
+    said = f"Orders came to the rudder {delay:g} s after their headings: control.path_delay_s of {path}, of which"
+    return dataclasses.replace(vessel, control=control), [
+        f"{said} control.loop_delay_s expects {control.loop_delay_s:g} s."
     ]
 
 

@@ -38,7 +38,7 @@ from autopilot.estimation.instruments import (
     with_course,
     with_speed,
 )
-from autopilot.estimation.path_delay import NOT_ECHOED, PathDelay, behind, path_step
+from autopilot.estimation.path_delay import NOT_ECHOED, Motion, PathDelay, behind, lateness, path_step, rudder_step
 from autopilot.estimation.rudder_observer import (
     RudderMemory,
     RudderObserver,
@@ -66,6 +66,8 @@ from autopilot.estimation.tuning import (
     LEARNT,
     LONGEST_SHARE,
     NOISE_GAP,
+    PATH_GRAIN,
+    PATH_LASTS,
     PATH_MOVED,
     PREDICT_LONGEST,
     RATE_BIAS_FELT,
@@ -386,9 +388,10 @@ def without_rates(samples: list[HeadingSample | RateSample]) -> list[HeadingSamp
     return [sample._replace(rate=None) for sample in samples if isinstance(sample, HeadingSample)]
 
 
-def first_state(config: EstimatorConfig) -> EstimatorState:
-    """Return the state before the first sample: nothing is known."""
-    return EstimatorState(config.model, RudderObserver(), rudder_memory())
+def first_state(config: EstimatorConfig, path_delay: float = math.nan) -> EstimatorState:
+    """Return the state before the first sample: nothing is known, but for the path's delay [s] of an earlier run."""
+    path = NOT_ECHOED._replace(late=lateness(0.0, path_delay - config.loop_delay))
+    return EstimatorState(config.model, RudderObserver(), rudder_memory(), path=path)
 
 
 def reconfigured(before: EstimatorConfig, config: EstimatorConfig, state: EstimatorState) -> EstimatorState:
@@ -443,15 +446,10 @@ def estimated(
         if type(sample) is HeadingSample or type(sample) is RateSample:
             headings.append(sample)
         elif type(sample) is RudderSample:
-            _, angle, is_order, _ = sample
-            if not (-RUDDER_MOST <= angle <= RUDDER_MOST and math.isfinite(sample.time)):
+            if -RUDDER_MOST <= sample.angle <= RUDDER_MOST and math.isfinite(sample.time):
+                rudder, path = with_rudder_shown(config, state.memory, rudder, path, now, sample)
+            else:
                 implausible += 1
-            elif not is_order:
-                rudder = with_feedback(rudder, min(sample.time, now), angle)
-            elif not -PATH_MOVED < angle - path.echoed < PATH_MOVED:
-                # the steering gear shows which of our orders it is at
-                orders = state.memory.times, state.memory.commands, rudder.ticks
-                path = path_step(path, orders, (sample.time, angle), config.loop_delay)
         elif type(sample) is SpeedSample or type(sample) is ThrustSample:
             if is_plausible(sample):
                 speeds = with_speed(speeds, now, sample)
@@ -464,9 +462,37 @@ def estimated(
     gear, late = config.gear, path.late
     rudder = advanced(gear if late == 0.0 else behind(gear, late), rudder, state.memory, now)
     speeds = while_fresh(speeds, now)
-    if speeds is not state.speeds or path is not state.path:
-        state = _scheduled(config, state._replace(speeds=speeds, path=path))
+    if path is not state.path:
+        state = state._replace(path=path)
+    if speeds is not state.speeds:
+        state = _scheduled(config, state._replace(speeds=speeds))
     return _with_headings(config, state, rudder, now, headings)
+
+
+def with_rudder_shown(
+    config: EstimatorConfig,
+    memory: RudderMemory,
+    rudder: RudderObserver,
+    path: PathDelay,
+    now: float,
+    sample: RudderSample,
+) -> tuple[RudderObserver, PathDelay]:
+    """Return what is known of the rudder and of the path to it after a sample that was looked at."""
+    (time, angle, is_order, _), ticks = sample, rudder.ticks
+    orders = memory.times, memory.commands, ticks
+    if is_order:
+        # the steering gear shows which of our orders it is at
+        if -PATH_MOVED < angle - path.echoed < PATH_MOVED:
+            return rudder, path
+        return rudder, path_step(path, orders, (time, angle), config.loop_delay)
+    time = time if time < now else now
+    before, lasted = rudder.fed_back, time - rudder.fed_back_at
+    if 0.0 < lasted <= PATH_LASTS and math.isnan(path.echoed):
+        # no order is echoed, but the rudder moves by them, or will
+        order = memory.commands[ticks & (len(memory.commands) - 1)]
+        if abs(angle - before) > PATH_GRAIN or abs(order - angle) > PATH_MOVED:
+            path = rudder_step(path, orders, Motion(time, before, angle, lasted), config.gear, config.loop_delay)
+    return with_feedback(rudder, time, angle), path
 
 
 def _with_headings(

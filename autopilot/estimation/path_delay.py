@@ -1,4 +1,4 @@
-"""How late our orders come to the steering gear, learnt while steering from their echo.
+"""How late our orders come to the steering gear, learnt while steering from their echo, or from a rudder sensor.
 
 The echo e, what the gear is at by the vehicle's own report, is at a time t the order u of d before. Over a grid of
 delays d_i, from 0 to the most that a line may have,
@@ -10,6 +10,11 @@ noise s^2 = J/W, W the sum of w, and the curvature J'' the variance of d is 2 s^
 anything, and only then anything is computed. Noise is no less than the echo's grain, and where the best delay leaves
 much of what the orders did unexplained, as where somebody else moves the rudder too, nothing is believed. A delay that
 changes from order to order leaves its mean.
+
+A rudder whose sensor shows e has not come to its order yet: in place of u stands e_i(t), where the gear has brought it
+from the e that was shown before, under u(. - d_i). Nothing but that short while is reckoned, and nothing but e need be
+known at its beginning. The gear's rate is the rudder's own: how far it goes while every order of the grid is further
+off than it can go, whatever the delay. So a slow rudder is not taken for a slow line.
 
 An echo bears the time at which it was made by the clock of the headings, as a link maps it to ours. By that clock what
 the headings are late on their way to us counts in d: it is the time from a heading to its order's effect, the way back
@@ -40,11 +45,18 @@ from autopilot.estimation.tuning import (
     PATH_GRAIN,
     PATH_GRID,
     PATH_LATER,
+    PATH_LEAST,
     PATH_MEMORY,
+    PATH_MOVED,
+    PATH_PART,
+    PATH_QUICKEST,
+    PATH_REACH,
+    PATH_SLOWEST,
     PATH_STEP,
+    PATH_WENT,
 )
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.models.steering_gear import SteeringGear, gear_step, gear_step_by, lag_share
 from autopilot.signals import NavState
 
 RECKONED_STEP = 0.05
@@ -52,13 +64,17 @@ RECKONED_STEP = 0.05
 
 
 class PathDelay(NamedTuple):
-    """What is known of the path. costs [rad^2] and weight: J_i and W; echoed [rad]: the newest echo that counted, nan
-    before; delay [s]: d, nan while it is not known; late [s]: by how much it is longer than filed, where that is
+    """What is known of the path. costs [rad^2] and weight: J_i and W; echoed [rad]: the newest echo of orders that
+    counted, nan before; went, could [rad]: how far a rudder went whose orders were far off, and how far the filed gear
+    would have; delay [s]: d, nan while it is not known; late [s]: by how much it is longer than filed, where that is
     certain, which steering goes by."""
 
     costs: tuple[float, ...] = (0.0,) * PATH_GRID
     weight: float = 0.0
     echoed: float = math.nan
+    ends: tuple[float, ...] = ()
+    went: float = PATH_WENT
+    could: float = PATH_WENT
     delay: float = math.nan
     late: float = 0.0
 
@@ -67,36 +83,97 @@ NOT_ECHOED = PathDelay()
 """Before the first echo."""
 
 
+class Motion(NamedTuple):
+    """What a rudder did: from an angle [rad] to another in so many seconds, to the time [s]."""
+
+    time: float
+    before: float
+    after: float
+    lasted: float
+
+
 def path_step(before: PathDelay, orders: tuple[Ring, Ring, int], echo: tuple[float, float], filed: float) -> PathDelay:
-    """Return what is known of the path after an echo that has moved: its time [s] and angle [rad]; filed [s]: the
-    delay of the file.
+    """Return what is known of the path after an echo of orders that has moved: its time [s] and angle [rad]; filed [s]:
+    the delay of the file.
 
     orders: the ticks' times [s], the angles [rad] that were commanded until each, nan where we did not steer, and how
     many ticks there were; see `RudderMemory`.
     """
     time, angle = echo
+    before, given = before._replace(echoed=angle), orders_before(orders, time)
+    if given is None:
+        return before
+    return _compared(before, [(angle - order) * (angle - order) for order in given], filed, 1.0)
+
+
+def rudder_step(
+    before: PathDelay, orders: tuple[Ring, Ring, int], motion: Motion, gear: SteeringGear, filed: float
+) -> PathDelay:
+    """Return what is known of the path after a rudder's `motion`, as its sensor shows it; where orders rest, it tells
+    nothing. gear: as filed. orders, filed: see `path_step`."""
+    time, last, angle, lasted = motion
+    parts = math.ceil(lasted / PATH_PART)
+    h = lasted / parts
+    given = orders_before(orders, time - gear.delay)
+    if given is None:
+        return before
+    share, reach = lag_share(gear, lasted), gear.rate_max * lasted
+    low, high = share * (min(given) - last), share * (max(given) - last)
+    if low > reach or high < -reach:
+        # under way at its rate, whatever the delay is
+        before = before._replace(ends=()) if before.ends else before
+        moved, kept = angle - last if low > 0.0 else last - angle, 1.0 - 1.0 / PATH_MEMORY
+        return before._replace(went=kept * before.went + moved, could=kept * before.could + reach)
+    if high - low < share * PATH_MOVED:
+        return before if not before.ends else before._replace(ends=())
+    slower = before.went / before.could
+    gear = gear._replace(rate_max=gear.rate_max * min(max(slower, PATH_SLOWEST), PATH_QUICKEST))
+    corrected, share = -math.expm1(-lasted / PATH_REACH), lag_share(gear, h)
+    ends = [end + corrected * (last - end) for end in before.ends or (last,) * PATH_GRID]
+    for part in range(1, parts + 1):
+        given = orders_before(orders, time - gear.delay - (parts - part) * h)
+        if given is None:
+            return before
+        ends = [gear_step_by(gear, share, end, order, h) for end, order in zip(ends, given, strict=True)]
+    squares = [(angle - end) * (angle - end) for end in ends]
+    return _compared(before._replace(ends=tuple(ends)), squares, filed, PATH_LEAST)
+
+
+def orders_before(orders: tuple[Ring, Ring, int], time: float) -> list[float] | None:
+    """Return the orders [rad] at the `time` [s] and of each delay of the grid before it; None where somebody else
+    steered so long ago, or it is not remembered."""
     times, commands, tick = orders
     ring, oldest = len(times) - 1, max(tick - len(times) + 1, 0)
-    before, found = before._replace(echoed=angle), []
+    given = []
     for step in range(PATH_GRID):
         then = time - PATH_STEP * step
         while tick > oldest and times[(tick - 1) & ring] > then:
             tick -= 1
-        off = angle - commands[tick & ring]
-        if tick == oldest or math.isnan(off):
-            # so long ago somebody else steered, or it is not remembered
-            return before
-        found.append(off * off)
+        order = commands[tick & ring]
+        if tick == oldest or math.isnan(order):
+            return None
+        given.append(order)
+    return given
+
+
+def _compared(before: PathDelay, squares: list[float], filed: float, least: float) -> PathDelay:
+    """Return what is known after an echo that was off by so much [rad^2] with each delay of the grid; least: nothing is
+    certain with less weight."""
     kept = 1.0 - 1.0 / PATH_MEMORY
-    costs = tuple([kept * cost + square for cost, square in zip(before.costs, found, strict=True)])
+    costs = tuple([kept * cost + square for cost, square in zip(before.costs, squares, strict=True)])
     weight = kept * before.weight + 1.0
-    delay = delay_of(costs, weight)
+    delay, late = delay_of(costs, weight) if weight >= least else math.nan, before.late
     if math.isnan(delay):
-        return PathDelay(costs, weight, angle, before.delay, before.late)
-    late, more = before.late, delay - filed
-    if abs(more - late) > (PATH_FOLLOWS if late else PATH_LATER):
-        late = more if more > PATH_LATER - PATH_FOLLOWS else 0.0
-    return PathDelay(costs, weight, angle, delay, late)
+        return before._replace(costs=costs, weight=weight)
+    return before._replace(costs=costs, weight=weight, delay=delay, late=lateness(late, delay - filed))
+
+
+def lateness(late: float, more: float) -> float:
+    """Return what is steered by [s] where orders turn out to come so much `more` [s] later than filed, and `late` was
+    steered by."""
+    if not abs(more - late) > (PATH_FOLLOWS if late else PATH_LATER):
+        return late
+    return more if more > PATH_LATER - PATH_FOLLOWS else 0.0
 
 
 def delay_of(costs: tuple[float, ...], weight: float) -> float:

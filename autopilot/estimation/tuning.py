@@ -85,10 +85,22 @@ NOISE_GAP = 1.5
 PATH_STEP, PATH_GRID = 0.1, 13
 """Delays are tried this far apart [s], so many of them. The last is longer than any that is steered with: orders that
 are not obeyed within a second end the steering."""
+PATH_MOST = PATH_STEP * (PATH_GRID - 2)
+"""No longer delay [s] is believed: the grid must show that it is worse beyond."""
 PATH_MOVED = math.radians(0.5)
 """An echo that has moved by less [rad] since the last that counted tells nothing."""
 PATH_GRAIN = math.radians(0.1)
 """The grain of an echo [rad]: a microsecond of a servo's pulse is 0.07 deg of a usual rudder."""
+PATH_LASTS = 0.5
+"""A sensor must show the rudder so often [s]: what it does meanwhile goes by one order."""
+PATH_PART = 0.06
+"""Between two angles that a sensor shows the gear is reckoned in parts of at most this [s]: a tick of a usual loop."""
+PATH_REACH = 2.0
+PATH_SLOWEST, PATH_QUICKEST = 0.125, 2.0
+"""A rudder goes at so many times its filed rate at least and at most."""
+PATH_LEAST = 10.0
+PATH_WENT = math.radians(0.5)
+"""It is held to go at its filed rate as if it had gone so far [rad] at it."""
 PATH_MEMORY = 60.0
 """Echoes that moved are remembered for about so many more."""
 PATH_EXPLAINS = 0.3

@@ -6,9 +6,13 @@ import math
 from collections import defaultdict
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.control.registry import TRIAL_LAW
+from autopilot.estimation.estimator import estimated, first_state
+from autopilot.estimation.rudder_observer import write_command
 from autopilot.links.mavlink.frames import MAGIC_V2
 from autopilot.logs.series import (
     HEADING,
@@ -25,8 +29,11 @@ from autopilot.logs.series import (
     series_of,
 )
 from autopilot.logs.tlog import is_tlog
+from autopilot.pilot_state import configured
+from autopilot.runtime.build import law_of, pilot_config
 from autopilot.runtime.record import PAYLOAD_TYPE, Log, read_logs, read_packets
-from autopilot.signals import Tick
+from autopilot.signals import RudderSample, Tick
+from autopilot.vessel.file import parse_vessel
 
 
 def is_own(data: bytes) -> bool:
@@ -103,3 +110,26 @@ FORMAT = LogFormat(
     packets=True,
     ticks=True,
 )
+
+
+class LoggedPath(NamedTuple):
+    """How late orders came to the rudder in a recorded run [s]: measured, nan where it was not, and as filed."""
+
+    measured: float
+    filed: float
+
+
+def path_of(path: str) -> LoggedPath:
+    """Return how late orders came to the rudder in the first run of a file that `--log` wrote, by echo or sensor.
+
+    Raises InputError.
+    """
+    log = read_logs(Path(path))[0]
+    vessel = parse_vessel(str(log.header.get("vessel", "")), f"{path} (header)")
+    config = configured(pilot_config(vessel), law_of(vessel, TRIAL_LAW)).steering.estimator
+    state = first_state(config)
+    for tick in log.ticks:
+        shown = tuple(sample for sample in tick.samples if isinstance(sample, RudderSample) and sample.time <= tick.now)
+        state = estimated(config, state, tick.now, shown)
+        write_command(state.rudder, state.memory, tick.command.angle if tick.command.engaged else math.nan)
+    return LoggedPath(state.path.delay, config.loop_delay)

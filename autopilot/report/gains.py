@@ -46,7 +46,7 @@ from autopilot.runtime.build import (
 )
 from autopilot.runtime.tuning import LevelCost, spread_of
 from autopilot.signals import HeadingSample, Order, OrderKind
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.schema import Control, Vessel
 
 TURN = math.radians(90.0)
 STRAIGHT_S = 10.0
@@ -217,6 +217,7 @@ def as_json(each: Judged) -> dict[str, Any]:
         "phase_margin_deg": math.degrees(found.phase),
         "delay_margin_s": _finite(found.delay),
         "worst_sensitivity": found.sensitivity,
+        "delay_margin_left_by_measured_path_s": _finite(left_by_path(each)),
         "with_heading_filter": _output_feedback(each.output_feedback),
         "with_heading_filter_in_gusts": _output_feedback(each.disturbed),
         "crossover_rad_s": found.crossover,
@@ -239,6 +240,14 @@ def as_json(each: Judged) -> dict[str, Any]:
         ],
         "refusal": each.verdict.refusal or None,
     }
+
+
+def left_by_path(each: Judged) -> float:
+    """Return what the measured path leaves of the delay margin [s] with the heading filter; nan: none is measured."""
+    control = each.vessel.control
+    if control.path_delay_s is None or not each.output_feedback.stable:
+        return math.nan
+    return each.output_feedback.delay - max(control.path_delay_s - control.loop_delay_s, 0.0)
 
 
 def _output_feedback(found: OutputFeedbackMargins) -> dict[str, Any]:
@@ -351,6 +360,8 @@ def sentences(each: Judged) -> list[str]:
     said = []
     if each.verdict.margins.stable:
         said.append(f"with the heading filter: {_margins_in_words(each.output_feedback)}")
+        if math.isfinite(left := left_by_path(each)):
+            said.append(_path_in_words(each.vessel.control, left))
         if each.disturbed != each.output_feedback:
             said.append(f"in the strongest gusts: {_margins_in_words(each.disturbed)}")
         outcome = f"worst sensitivity {each.worst.sensitivity:.2f}" if each.worst.stable else "UNSTABLE"
@@ -369,6 +380,13 @@ def sentences(each: Judged) -> list[str]:
             f"{max(math.degrees(row.swing) for row in bad):.1f} deg"
         )
     return [*said, each.verdict.refusal] if each.verdict.refusal else said
+
+
+def _path_in_words(control: Control, left: float) -> str:
+    measured = f"orders were measured to come {control.path_delay_s:.2f} s late, filed are {control.loop_delay_s:.2f} s"
+    if left > 0.0:
+        return f"{measured}: {left:.2f} s of the delay margin are left"
+    return f"{measured}: {-left:.2f} s beyond the delay margin; the boat is held by steering ahead of what is measured"
 
 
 def _margins_in_words(found: OutputFeedbackMargins) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 from autopilot import __version__
 from autopilot.angles import compass_text
+from autopilot.estimation.tuning import PATH_LATER
 from autopilot.files.saving import BackgroundSaver
 from autopilot.links.alarm_outputs import Acknowledgements, GuideAlarms
 from autopilot.links.base import Link, close_all
@@ -23,7 +25,7 @@ from autopilot.runtime.build_links import (
     build_station_links,
     refuse_failsafe,
 )
-from autopilot.runtime.machine import Clock, LoopHealth, RealTime, RestartState, ServiceHooks
+from autopilot.runtime.machine import Clock, LoopHealth, PathNote, RealTime, RestartState, ServiceHooks
 from autopilot.runtime.session import Orders, Session
 from autopilot.signals import Tick
 from autopilot.vessel.file import dump_vessel
@@ -83,14 +85,17 @@ class App:
     """
 
     def __init__(self, plan: Plan, clock: Clock) -> None:
-        vessel, machine = plan.vessel, plan.machine
+        machine = plan.machine
+        self._clock, self._saver = clock, BackgroundSaver(plan.options.warn)
+        self.notices: list[str] = []
+        has_file = machine is not None and plan.path
+        self._path = PathNote(path_file(plan.path), plan.urls, self._saver) if has_file else None
+        vessel = self._begun = self._as_measured(plan.vessel)
         self.pilot = build_pilot(vessel, plan.law, learns=plan.learns)
         self.recorder: Recorder | None = None
         self.store: VesselStore | None = None
         self.learning: LearningService | None = None
-        self.notices: list[str] = []
-        self._plan, self._clock = plan, clock
-        self._saver = BackgroundSaver(plan.options.warn)
+        self._plan = plan
         self._tuning: TuningService | None = None
         restart = self._restart_state()
         self._hooks = ServiceHooks(machine.real_time, restart, plan.options.warn) if machine is not None else None
@@ -149,9 +154,25 @@ class App:
             is_over = watch(tick)
             if self._hooks is not None:
                 self._hooks.ticked(tick)
+            if self._path is not None:
+                self._path.measured(self.pilot.state.estimate.path.delay)
             return is_over
 
         self.session.run(self._clock.now() + duration, after)
+
+    def _as_measured(self, vessel: Vessel) -> Vessel:
+        """Return the vessel as the run begins with it: with the delay that an earlier run measured over these links."""
+        note, control = self._path, vessel.control
+        if note is None:
+            return vessel
+        if (delay := note.left()) is not None:
+            control = replace(control, path_delay_s=delay)
+            if delay - control.loop_delay_s > PATH_LATER:
+                self.notices.append(
+                    f"an earlier run measured a path delay of {delay:.2f} s over these links: it counts"
+                )
+        note.kept = control.loop_delay_s if control.path_delay_s is None else control.path_delay_s
+        return replace(vessel, control=control)
 
     def _restart_state(self) -> RestartState | None:
         """Return what keeps note of what is steered; None where the vessel file or the place for it is missing."""
@@ -171,7 +192,7 @@ class App:
         from autopilot.runtime.record import Recorder
 
         plan = self._plan
-        header = {"norrbin": __version__, "vessel": dump_vessel(plan.vessel), "law": plan.law}
+        header = {"norrbin": __version__, "vessel": dump_vessel(self._begun), "law": plan.law}
         recorder = Recorder(place, header, self._clock.now())
         if self.store is not None:
             self.store.log = recorder
@@ -217,6 +238,12 @@ class App:
         older = f"; changes of an earlier run are in {kept}: start with that file to use them" if kept.exists() else ""
         self.notices.append(f"in force: {plan.path}; what is changed while it runs is kept in {kept}{older}")
         return store
+
+
+def path_file(vessel_path: str) -> Path:
+    """Return the file in which the path's delay is noted: boat.yaml, boat.path.json."""
+    path = Path(vessel_path)
+    return path.with_name(f"{path.stem}.path.json")
 
 
 def mission_file(vessel_path: str) -> Path:

@@ -205,6 +205,12 @@ def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> V
     )
 
 
+def delay_margin_of(vessel: Vessel, name: str | None = None) -> float:
+    """Return by how much later [s] orders could come to the rudder, did the law know the boat exactly; inf for one that
+    closes no loop."""
+    return verdict_of(vessel, name).margins.delay if LAWS[name or vessel.control.law].linear else math.inf
+
+
 def refusal_to_engage(vessel: Vessel, name: str | None = None) -> str:
     """Return why the law must not be engaged on the vessel's rudder, or ""; one that closes no loop may always be."""
     return verdict_of(vessel, name).refusal if LAWS[name or vessel.control.law].linear else ""
@@ -279,6 +285,8 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         law=drive_law_of(vessel),
         steers_by=DRIVES[vessel.drive.kind].needs,
         loop_delay=vessel.control.loop_delay_s,
+        path_delay=math.nan if vessel.control.path_delay_s is None else vessel.control.path_delay_s,
+        delay_margin=delay_margin_of(vessel, law),
         thruster=bow_thruster_of(vessel),
     )
 

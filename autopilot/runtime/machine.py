@@ -12,7 +12,8 @@ the tick and from no other place: when it hangs they stop, and after WatchdogSec
 starts another.
 
 A steering process that died says to the next one what it was doing; that goes on only where the file allows. The note
-lies where a reboot forgets it (/run), with the boot's id and the age by a clock that nobody sets.
+lies where a reboot forgets it (/run), with the boot's id and the age by a clock that nobody sets. How late orders come
+to the rudder is noted beside the vessel file, with the links that it was measured over.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from types import TracebackType
 from typing import NamedTuple, Protocol
 
 from autopilot.errors import InputError, RefusedError
+from autopilot.estimation.tuning import PATH_LATER, PATH_MOST
 from autopilot.files.outside import read_regular
 from autopilot.links.base import LinkError, SilentLink
 from autopilot.signals import ConditionSample, Mode, OrderKind, Sample, Tick
@@ -350,6 +352,37 @@ def _read(path: Path) -> Note | None:
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
     return note if math.isfinite(note.heading) and math.isfinite(note.since) else None
+
+
+class PathNote:
+    """Keeps the note of how late orders come to the rudder over these `links`, and reads what an earlier run has left.
+
+    Args:
+        path: the file.  save: writes a text to a file, later and from another thread.
+
+    Attributes:
+        kept: the delay [s] that is known; nothing is noted while it is the measured one.
+    """
+
+    def __init__(self, path: Path, links: Sequence[str], save: Callable[[Path, str], None]) -> None:
+        self._path, self._links, self._save = path, list(links), save
+        self.kept = math.nan
+
+    def left(self) -> float | None:
+        """Return the delay [s] that was measured over the same links; None where none was, or it can be none."""
+        try:
+            fields = json.loads(read_regular(self._path, LONGEST))
+            links, delay = fields["links"], float(fields["path_delay_s"])
+        except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            return None
+        return delay if links == self._links and 0.0 <= delay <= PATH_MOST else None
+
+    def measured(self, delay: float) -> None:
+        """Note a delay [s] that is another than is known; nan: it is not measured yet."""
+        if abs(delay - self.kept) > PATH_LATER:
+            self.kept = delay
+            note = {"links": self._links, "path_delay_s": round(min(delay, PATH_MOST), 3)}
+            self._save(self._path, json.dumps(note) + "\n")
 
 
 FEEDS_A_PERIOD = 4

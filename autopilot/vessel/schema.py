@@ -152,6 +152,10 @@ class _Loop:
     loop_delay_s: Annotated[
         float, NOW, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links", (0.0, 2.0))
     ] = 0.05
+    path_delay_s: (
+        Annotated[float, RESTART, Bounds(0.0, 1.1, "as loop_delay_s, as it was measured by the rudder's echo")] | None
+    ) = None
+    """null: not measured; a run begins with it, and goes on with what it measures itself."""
     steerage_m_s: (
         Annotated[float, NOW, Bounds(0.0, 50.0, "slower than this the rudder waits amidships; 0: never")] | None
     ) = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from autopilot.control.backstepping import Backstepping
 from autopilot.errors import InputError, RefusedError
 from autopilot.models.norrbin import at_speed_ratio
 from autopilot.pilot import Pilot
-from autopilot.report import gains as weaker_turn
+from autopilot.report import gains as report
 from autopilot.runtime.build import build_pilot, law_of, model_of, verdict_of
 from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.vessel.file import dump_vessel, load_vessel
@@ -328,8 +329,8 @@ def test_too_slow_a_loop_loses_an_unstable_boat_with_a_weaker_rudder(
     request_: GainRequest, is_in_hand: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the pilot itself, simulated: no level is such a loop, a bandwidth that is asked for may be."""
-    monkeypatch.setattr(weaker_turn, "SEEDS", (2,))
-    assert weaker_turn.survives(designed(vessel_of(BOATS["unstable"]), request_)) is is_in_hand
+    monkeypatch.setattr(report, "SEEDS", (2,))
+    assert report.survives(designed(vessel_of(BOATS["unstable"]), request_)) is is_in_hand
 
 
 def test_a_turn_that_is_over_is_not_simulated_any_longer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -338,7 +339,7 @@ def test_a_turn_that_is_over_is_not_simulated_any_longer(monkeypatch: pytest.Mon
     step = Pilot.step
     monkeypatch.setattr(Pilot, "step", lambda *given: ticks.append(given[1]) or step(*given))
     neutral = replace(vessel_of(BOATS["unstable"]), model=Model(8.0, 40.0, 2.0, -1.0, 400.0))
-    assert weaker_turn.survives(designed(neutral))
+    assert report.survives(designed(neutral))
     # a turn of 15 s, once
     assert max(ticks) < 60.0
     assert len(ticks) < 60.0 * neutral.control.rate_hz
@@ -354,7 +355,7 @@ def test_a_level_that_would_lose_the_boat_is_refused_or_raised(
         gains = vessel.control.backstepping
         return gains is not None and gains.k1_1_s >= least.k1_1_s
 
-    monkeypatch.setattr(weaker_turn, "survives", from_seven_on)
+    monkeypatch.setattr(report, "survives", from_seven_on)
     path, out = tmp_path / "unsteady.yaml", tmp_path / "better.yaml"
     path.write_text(dump_vessel(vessel_of(BOATS["unstable"])))
     assert main(["gains", str(path), "--level", "5", "--out", str(out)]) == 4
@@ -377,3 +378,17 @@ def test_no_file_takes_the_place_of_a_shipped_boat(
     assert main([*command, "--out", "lanxin"]) == 2
     assert "write lanxin.yaml, or ./lanxin" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("path_delay", "said"), [(0.12, "s of the delay margin are left"), (1.0, "beyond the delay margin")]
+)
+def test_a_path_that_was_measured_takes_of_the_delay_margin(path_delay: float, said: str) -> None:
+    lanxin = load_vessel("lanxin")
+    vessel = replace(lanxin, control=replace(lanxin.control, path_delay_s=path_delay))
+    each = report.judged(vessel, "backstepping")
+    (found,) = [sentence for sentence in report.sentences(each) if "orders were measured to come" in sentence]
+    assert said in found
+    left = report.as_json(each)["delay_margin_left_by_measured_path_s"]
+    assert left == pytest.approx(each.output_feedback.delay - path_delay + 0.05)
+    assert math.isnan(report.left_by_path(report.judged(lanxin, "backstepping")))

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from lockstep import BadLine, Lockstep
 
 from autopilot.angles import wrap
+from autopilot.cli.identify_vessel import with_path
+from autopilot.cli.main import main
 from autopilot.cli.steering import path_words
 from autopilot.estimation.path_delay import NOT_ECHOED
+from autopilot.identification.runs import Run
+from autopilot.logs.own_log import path_of
 from autopilot.runtime.record import replay
+from autopilot.runtime.tuning import designed
 from autopilot.vessel.file import load_vessel
+from sitl.world import World
 
 
 class SlowLine(BadLine):
@@ -50,12 +57,39 @@ def test_a_slow_line_is_learnt_and_turns_do_not_go_too_far() -> None:
     assert path_words(path, 0.05).startswith(f"path delay measured {path.delay:.2f} s, filed 0.05 s; ")
 
 
-def test_what_was_learnt_replays_bit_for_bit(tmp_path: Path) -> None:
+def test_what_was_learnt_replays_bit_for_bit_and_is_read_from_the_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = tmp_path / "a.tlog"
     boat, over = turned(0.15, log)
-    assert boat.pilot.state.estimate.path.late > 0.2
+    path = boat.pilot.state.estimate.path
+    assert path.late > 0.2
     assert over < 3.0
     assert replay(log).identical
+    assert path_of(str(log)) == (path.delay, 0.05)
+    vessel, (said,) = with_path("boat.yaml", load_vessel("lanxin"), [Run(str(log), (), vessel="its own")])
+    assert vessel.control.path_delay_s == round(path.delay, 2)
+    assert said.startswith(f"Orders came to the rudder {round(path.delay, 2):g} s after their headings: ")
+    main(["doctor", "--log", str(log)])
+    assert (
+        f"orders came {path.delay:.2f} s after their headings, control.loop_delay_s is 0.05" in capsys.readouterr().out
+    )
+
+
+def test_what_was_made_of_the_rudder_before_its_path_was_known_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A boat 30 % weaker than its file behind 0.4 s each way: its first answer passed for a slow rudder's, and the law
+    was softened for it until the boat swung by 12 deg."""
+    true = load_vessel("lanxin")
+    filed = designed(replace(true, model=replace(true.model, K_1_s=1.4 * true.model.K_1_s)))
+    monkeypatch.setattr("lockstep.World", lambda _, *given, **named: World(true, *given, **named))
+    boat = Lockstep(filed, lines=(SlowLine(0.4), SlowLine(0.4)))
+    boat.engage(0.0)
+    boat.run(8.0)
+    boat.engage(30.0)
+    boat.run(20.0)
+    boat.session.close()
+    assert [each.name for each in boat.tick.alarms] == ["path_late"]
+    assert math.degrees(boat.world.boat.state.heading) == pytest.approx(30.0, abs=1.5)
 
 
 def test_a_path_that_is_as_filed_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

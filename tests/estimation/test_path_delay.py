@@ -8,12 +8,17 @@ from random import Random
 
 import pytest
 
-from autopilot.estimation.path_delay import NOT_ECHOED, PathDelay, path_step, when_heard
+from autopilot.estimation.path_delay import NOT_ECHOED, Motion, PathDelay, lateness, path_step, rudder_step, when_heard
 from autopilot.estimation.rudder_observer import RudderObserver, ordered, rudder_memory
-from autopilot.estimation.tuning import PATH_FOLLOWS, PATH_GRID, PATH_MOVED
+from autopilot.estimation.tuning import PATH_FOLLOWS, PATH_GRAIN, PATH_GRID, PATH_MOVED
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear
+from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.pilot_state import configured
+from autopilot.runtime.build import law_of, pilot_config
+from autopilot.runtime.tuning import designed
 from autopilot.signals import NavState
+from autopilot.steering import PACED, paced
+from autopilot.vessel.file import load_vessel
 
 FILED = 0.05
 
@@ -110,3 +115,70 @@ def test_the_boat_is_reckoned_under_the_orders_that_are_on_their_way() -> None:
     assert 0.05 * (1.0 - math.exp(-0.15)) < then.rate - rest < 0.05 * (1.0 - math.exp(-0.2))
     assert then.time == now.time
     assert then.rudder == pytest.approx(0.1)
+
+
+def by_sensor(
+    delay: float, rate: float, offset: float = 0.0, anothers: float = 0.0, moves: Callable[[float], float] = order_at
+) -> PathDelay:
+    """Return what is known of a path after a minute of a rudder that goes at this share of its filed 15 deg/s, its
+    sensor ten times a second, in tenths of a degree, 0.05 deg noisy."""
+    filed = SteeringGear(math.radians(30.0), math.radians(15.0), 0.1, delay=0.05)
+    gear, random, path = filed._replace(rate_max=rate * filed.rate_max), Random(20261129), NOT_ECHOED
+    times, commands, orders = [0.0] * 256, [math.nan] * 256, list[tuple[float, float]]()
+    rudder, tick, came, shown_at, shown = 0.0, 0, 0, math.nan, math.nan
+    for step in range(6000):
+        now = 0.01 * step
+        while came < len(orders) and orders[came][0] <= now:
+            came += 1
+        rudder = gear_step(gear, rudder, orders[came - 1][1] if came else 0.0, 0.01)
+        if step % 10 == 0:
+            seen = math.degrees(rudder + anothers * math.sin(0.7 * now)) + offset + random.gauss(0.0, 0.05)
+            angle = math.radians(round(seen, 1))
+            if step and (abs(angle - shown) > PATH_GRAIN or abs(commands[tick & 255] - angle) > PATH_MOVED):
+                motion = Motion(now, shown, angle, now - shown_at)
+                path = rudder_step(path, (times, commands, tick), motion, filed, FILED)
+            shown_at, shown = now, angle
+        if step % 5 == 0:
+            times[tick & 255], commands[(tick + 1) & 255] = now, moves(now)
+            orders.append((now + delay + filed.delay, moves(now)))
+            tick += 1
+    return path
+
+
+@pytest.mark.parametrize("rate", [1.0, 0.5, 0.25])
+@pytest.mark.parametrize("delay", [0.05, 0.4, 0.7])
+def test_a_sensor_tells_a_late_rudder_from_a_slow_one(delay: float, rate: float) -> None:
+    found = by_sensor(delay, rate)
+    assert found.delay == pytest.approx(delay, abs=0.06)
+    assert found.late == pytest.approx(delay - FILED, abs=0.06 + PATH_FOLLOWS)
+
+
+def test_a_rudder_quicker_than_its_file_is_held_for_no_later_than_it_is() -> None:
+    assert 0.3 < by_sensor(0.4, 1.5).delay < 0.42
+
+
+def test_a_sensor_that_stands_askew_shows_it_too() -> None:
+    assert by_sensor(0.4, 1.0, offset=1.0).delay == pytest.approx(0.4, abs=0.08)
+
+
+def test_a_sensor_of_a_rudder_that_rests_or_that_somebody_else_moves_says_nothing() -> None:
+    assert by_sensor(0.4, 1.0, anothers=math.radians(10.0)).late == 0.0
+    assert by_sensor(0.4, 1.0, moves=lambda now: 0.0).weight == 0.0
+
+
+def test_what_an_earlier_run_measured_counts_until_it_is_measured_anew() -> None:
+    assert lateness(0.0, 0.4 - FILED) == pytest.approx(0.35)
+    assert lateness(0.0, 0.06 - FILED) == lateness(0.0, math.nan) == 0.0
+    assert lateness(0.35, 0.0) == 0.0
+
+
+def test_a_course_is_held_more_slowly_only_by_a_law_that_is_too_quick_for_the_delay() -> None:
+    """A boat in sea state 5 held its course a fifth worse with a loop that was slowed though it was slow enough."""
+    outboard, small = load_vessel("outboard"), load_vessel("small_craft")
+    slow, quick = (configured(pilot_config(each), law_of(each)) for each in (designed(outboard), outboard))
+    model = quick.boat.model
+    assert paced(slow.steering, model, 1.0, 0.7) == 1.0
+    assert paced(quick.steering, model, 1.0, 0.7) == pytest.approx(PACED * quick.boat.delay_margin / 0.7)
+    assert paced(quick.steering, model, 0.4, 0.7) == 0.4, "at a low speed it is slow enough"
+    unstable = configured(pilot_config(small), law_of(small))
+    assert paced(unstable.steering, unstable.boat.model, 1.0, 5.0) == 1.0

@@ -17,9 +17,9 @@ from autopilot.cli.steering import restart_file
 from autopilot.errors import RefusedError
 from autopilot.files.saving import save_text
 from autopilot.links.base import LinkError
-from autopilot.runtime.app import App, Machine, Plan
+from autopilot.runtime.app import App, Machine, Plan, path_file
 from autopilot.runtime.build_links import to_stderr
-from autopilot.runtime.machine import BOOT_ID, ManualClock, RealTime, RestartState, ServiceHooks
+from autopilot.runtime.machine import BOOT_ID, ManualClock, PathNote, RealTime, RestartState, ServiceHooks
 from autopilot.signals import Order
 from autopilot.vessel.file import load_vessel
 
@@ -153,3 +153,33 @@ def test_a_note_that_is_none_is_none_and_holds_nothing_up(tmp_path: Path, conten
     else:
         path.write_text(content)
     assert kept_by(path, Lockstep(VESSEL)).left() is None
+
+
+def test_a_path_that_was_measured_is_known_to_the_next_run_over_the_same_links(tmp_path: Path) -> None:
+    path = tmp_path / "boat.path.json"
+    note = PathNote(path, ["udpin:127.0.0.1:14550"], save_text)
+    assert note.left() is None
+    note.kept = 0.05
+    for delay in (math.nan, 0.08):
+        note.measured(delay)
+    assert not path.exists()
+    note.measured(0.62)
+    assert PathNote(path, ["udpin:127.0.0.1:14550"], save_text).left() == 0.62
+    assert PathNote(path, ["serial:/dev/ttyUSB0:57600"], save_text).left() is None
+    note.measured(1.18)
+    assert note.left() == pytest.approx(1.1)
+
+
+@pytest.mark.parametrize("text", ["", "[1]", '{"links": [], "path_delay_s": NaN}', '{"links": [], "path_delay_s": 3}'])
+def test_a_path_that_can_be_none_is_not_believed(tmp_path: Path, text: str) -> None:
+    (tmp_path / "x.json").write_text(text)
+    assert PathNote(tmp_path / "x.json", [], save_text).left() is None
+
+
+def test_a_run_begins_with_what_was_noted_and_its_log_says_so(tmp_path: Path) -> None:
+    place = str(tmp_path / "boat.yaml")
+    path_file(place).write_text('{"links": [], "path_delay_s": 0.85}')
+    app = App(Plan(VESSEL, lambda now, tick: Order(), place, machine=Machine()), ManualClock())
+    assert app.pilot.state.estimate.path.late == pytest.approx(0.8)
+    assert app.notices == ["an earlier run measured a path delay of 0.85 s over these links: it counts"]
+    app.session.close()
