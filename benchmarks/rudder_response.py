@@ -21,21 +21,8 @@ from off_course import SIDES_DEG, STATE_5
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
-from autopilot.estimation import disturbance as waves
-from autopilot.estimation.estimator import Measured, Moment, seen_at
-from autopilot.estimation.rudder_observer import RudderPast, tick_at
-from autopilot.runtime.build import alarm_limits_of
-from autopilot.supervision.response_filter import (
-    noise_of,
-)
-from autopilot.supervision.rudder_response import (
-    Rudders,
-    first_response,
-    response_step,
-    verdict,
-)
-from autopilot.supervision.tuning import LATE_S
-from autopilot.vessel.file import load_vessel
+from autopilot.estimation.estimator import Measured
+from autopilot.supervision.rudder_response import verdict
 from sitl.boat import boat_step
 from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, readings
 from sitl.campaign.compiled_tick import Measurement, initial_state, tick
@@ -77,9 +64,7 @@ class Seen(NamedTuple):
     moved: float
 
 
-def watched_run(
-    setting: Setting, workspace: Workspace, variance: float, fault: int, begins: float, courses: np.ndarray
-) -> Seen:
+def watched_run(setting: Setting, workspace: Workspace, fault: int, begins: float, courses: np.ndarray) -> Seen:
     """Run as `sitl.campaign.compiled_run.run_compiled` does, watched; the steering gear fails at `begins` [s]."""
     instruments, dt = setting.instruments, setting.dt
     state = setting.start
@@ -90,11 +75,8 @@ def watched_run(
     workspace.readings[0, 0], workspace.readings[0, 1], workspace.readings[0, 2] = heading, rate, speed
     measurement = Measurement(Measured(0.0, wrap(heading), rate), speed)
     pilot_state = initial_state(setting.campaign, setting.filtered, lag * dt, measurement, workspace.rudder)
-    memory = first_response(
-        noise_of(pilot_state.model, variance, 0.0, 0.0), lag * dt - instruments.noise.latency, wrap(heading)
-    )
-    alarms, evidence, seen, off, is_reversed, moved = 0, 0.0, math.inf, 0.0, False, math.inf
-    held, slide = math.nan, 0.0
+    alarms, most, seen, off, is_reversed, moved = 0, 0.0, math.inf, 0.0, False, math.inf
+    held, before = math.nan, 0
     for step in range(setting.steps):
         now = step * dt
         if step >= lag and (step - lag) % instruments.every == 0:
@@ -102,39 +84,15 @@ def watched_run(
             target = courses[min(int(now / HELD_S), len(courses) - 1)]
             pilot_state = tick(setting.campaign, pilot_state, workspace.rudder, now, measurement, target)
             command = pilot_state.command
-            if measurement.measured.time > memory.time:
-                past = RudderPast(workspace.rudder.times, workspace.rudder.angles, pilot_state.rudder.ticks)
-                at = Moment(now, pilot_state.speed.value, pilot_state.heading_time)
-                felt = seen_at(
-                    pilot_state.model, setting.campaign.config.estimator.noises, pilot_state.fusion, past, at
-                )
-                sea = pilot_state.fusion.state.sea
-                pace = waves.frequency(sea)
-                middle = 0.5 * (memory.time + measurement.measured.time)
-                since = measurement.measured.time - memory.time if math.isfinite(memory.time) else 0.0
-                slide = waves.slide_step(pilot_state.model, slide, felt.rate, setting.plant.gear.angle_max, since)
-                memory = response_step(
-                    memory,
-                    pilot_state.model,
-                    noise_of(pilot_state.model, variance, math.sqrt(sea.heading), pace),
-                    felt.rate,
-                    (measurement.measured.time, measurement.measured.heading),
-                    Rudders(rudder_at(past, middle), rudder_at(past, middle - LATE_S), rudder_at(past, middle), slide),
-                )
-                sure = max(min(memory.stuck, memory.stuck_late), min(memory.reversed, memory.reversed_late))
-                if now < begins:
-                    evidence = max(evidence, sure)
-                found = verdict(memory)
-                if found != 0:
-                    if now >= begins:
-                        off = abs(shortest_turn(target, state.heading))
-                        return Seen(alarms, evidence, now - begins, off, found < 0, moved)
-                    alarms += 1
-                    memory = first_response(
-                        noise_of(pilot_state.model, variance, 0.0, 0.0),
-                        measurement.measured.time,
-                        measurement.measured.heading,
-                    )
+            response = pilot_state.answer.response
+            found = verdict(response)
+            if now < begins:
+                stuck, wrong = min(response.stuck, response.stuck_late), min(response.reversed, response.reversed_late)
+                most = max(most, stuck, wrong)
+            if found != 0 and now >= begins:
+                return Seen(alarms, most, now - begins, abs(shortest_turn(target, state.heading)), found < 0, moved)
+            alarms += found != 0 and before == 0
+            before = found
         workspace.orders[step % len(workspace.orders)] = command
         while taken <= step and taken * dt + setting.plant.gear.delay <= now:
             order = workspace.orders[taken % len(workspace.orders)]
@@ -158,7 +116,7 @@ def watched_run(
                 rate,
                 speed,
             )
-    return Seen(alarms, evidence, seen, off, is_reversed, moved)
+    return Seen(alarms, most, seen, off, is_reversed, moved)
 
 
 def faulty(fault: int, order: float, held: float) -> float:
@@ -166,12 +124,6 @@ def faulty(fault: int, order: float, held: float) -> float:
     if fault == STUCK:
         return held
     return -order if fault == REVERSED else 0.0
-
-
-def rudder_at(past: RudderPast, time: float) -> float:
-    """Return the rudder at `time` [s] as the watch has it: each is that of the end of its tick."""
-    newest = past.ticks - 1
-    return past.angles[min(tick_at(past, time) + 1, newest) % len(past.angles)]
 
 
 def job_of(boat: str, sea: str, mismatch: str, runs: int, seconds: float, seed: int) -> Job:
@@ -192,17 +144,23 @@ def job_of(boat: str, sea: str, mismatch: str, runs: int, seconds: float, seed: 
     return Job(made, ".")
 
 
+def asked(job: Job, number: int) -> Setting:
+    """Return the setting of a run with the monitor asked: a campaign asks nothing of a boat that is its file's."""
+    setting = setting_of(job, number)
+    assert setting is not None
+    alarms = setting.campaign.alarms._replace(rudder_response=True)
+    return setting._replace(campaign=setting.campaign._replace(alarms=alarms))
+
+
 def quiet(boat: str, sea: str, mismatch: str, hours: float, run: Callable[..., Seen]) -> None:
     """Print the line of runs without a fault, half an hour each."""
-    variance = alarm_limits_of(load_vessel(boat)).heading_noise
     sides = 5 if sea == "sea state 5" else 1
     job = job_of(boat, sea, mismatch, max(1, round(2 * hours / sides)), 1800.0, 1)
     courses = np.radians(np.tile(TURNS_DEG, 10))
     seen = []
     for number in range(number_of_runs(job)):
-        setting = setting_of(job, number)
-        assert setting is not None
-        seen.append(run(setting, workspace_of(setting), variance, WORKS, math.inf, courses))
+        setting = asked(job, number)
+        seen.append(run(setting, workspace_of(setting), WORKS, math.inf, courses))
     alarms, most = sum(each.alarms for each in seen), max(each.evidence for each in seen)
     print(
         f"| {boat}, {mismatch} | {sea} | {0.5 * len(seen):g} h | {alarms} | {most:.1f} |",
@@ -212,19 +170,17 @@ def quiet(boat: str, sea: str, mismatch: str, hours: float, run: Callable[..., S
 
 def faults(boat: str, sea: str, mismatch: str, name: str, count: int, run: Callable[..., Seen]) -> None:
     """Print the line of runs with a fault: when it was seen, and how far off the boat was."""
-    variance = alarm_limits_of(load_vessel(boat)).heading_noise
     random = np.random.default_rng(20261121)
     sides = 5 if sea == "sea state 5" else 1
     job = job_of(boat, sea, mismatch, max(1, count // sides), 130.0, 500_001)
     for turn in (0.0, 30.0):
         times, off, named, late = [], [], 0, []
         for number in range(number_of_runs(job)):
-            setting = setting_of(job, number)
-            assert setting is not None
+            setting = asked(job, number)
             # in the turn it fails while the rudder is at work
             begins = random.uniform(70.0, 90.0) if turn == 0.0 else HELD_S + random.uniform(0.5, 2.0)
             courses = np.radians(np.array([0.0, turn, turn]))
-            seen = run(setting, workspace_of(setting), variance, FAULTS[name], begins, courses)
+            seen = run(setting, workspace_of(setting), FAULTS[name], begins, courses)
             if math.isinf(seen.seen):
                 continue
             times.append(seen.seen)
