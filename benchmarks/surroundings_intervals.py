@@ -1,0 +1,108 @@
+"""How often the 95 % intervals of `autopilot identify` hold the truth where propeller and wind are found, too.
+
+    python benchmarks/surroundings_intervals.py [--seeds 40] [--first-seed 0] [--gust 1.0] [--noise 0.2]
+
+Three 20/20 zigzags of a boat that gets under way at 8, 12 and 16 revolutions per second, its rudder in the propeller's
+race, in a wind that the log holds and in gusts [deg of rudder, rms] that nobody recorded; the rudder has so much noise
+[deg], compass 0.3 deg, gyro 0.1 deg/s, the log 1 %. The boat is moved by Euler's method and shares no equation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+import numpy as np
+
+from autopilot.identification.identified import Question
+from autopilot.identification.identify import identify
+from autopilot.identification.runs import Run, run_from_columns
+
+U0, N0, RACE, WIND = 0.25, 10.0, 8.0e-4, 4.0e-4
+REVOLUTIONS, SECONDS, STEP_S, ANGLE = (8.0, 12.0, 16.0), 150.0, 0.01, 0.35
+NAMES = (
+    "time_s",
+    "heading_rad",
+    "yaw_rate_rad_s",
+    "rudder_rad",
+    "speed_m_s",
+    "propeller_rps",
+    "wind_speed_m_s",
+    "wind_direction_rad",
+)
+
+
+def inflow(speed: float, propeller: float) -> float:
+    """Return the flow past the rudder, squared, as a share of that at U0 and N0."""
+    return max((speed**2 + RACE * propeller**2) / (U0**2 + RACE * N0**2), 0.0025)
+
+
+def trial(seed: int, number: int, gust_deg: float, noise_deg: float) -> Run:
+    """Return the recording of a zigzag."""
+    dt, random, propeller = STEP_S, np.random.default_rng([seed, number]), REVOLUTIONS[number]
+    rate = heading = rudder = speed = 0.0
+    order, blow, rows, push = ANGLE, 3.0, [], random.normal()
+    keep = math.exp(-dt / 5.0)
+    for i, (blown, pushed) in enumerate(random.normal(size=(round(SECONDS / dt), 2)).tolist()):
+        blow += dt / 10.0 * (3.0 - blow) + math.sqrt(dt) * 0.3 * blown
+        push = keep * push + math.sqrt(1.0 - keep * keep) * pushed
+        off = 2.0 - heading
+        if i % 10 == 0:
+            rows.append((i * dt, heading, rate, rudder, speed, propeller, abs(blow), off % (2.0 * math.pi)))
+        if heading * math.copysign(1.0, order) >= ANGLE and speed > 0.1:
+            order = -order
+        rudder += min(max(order - rudder, -0.4 * dt), 0.4 * dt)
+        flow = inflow(speed, propeller)
+        turning = 0.01 * flow * (rudder + math.radians(gust_deg) * push)
+        turning -= rate / 12.0 * flow**0.5 + 20.0 * rate**3 / flow**0.5
+        rate += dt * (turning + WIND * (math.sin(off) - 0.5 * math.sin(2.0 * off)) * blow**2)
+        heading += dt * rate
+        speed += dt * 0.2 * (0.025 * propeller - speed - 3.0 * abs(rate))
+    table = np.array(rows)
+    size = np.radians([0.3, 0.1, noise_deg])
+    table[:, 1:4] += size * random.standard_normal((len(table), 3))
+    table[:, 4] *= 1.0 + 0.01 * random.standard_normal(len(table))
+    return run_from_columns(f"trial {number}", dict(zip(NAMES, table.T, strict=True)))
+
+
+def errors_of(seed: int, gust_deg: float, noise_deg: float) -> dict[str, tuple[float, float]]:
+    """Return of each number that was found its error, in standard errors and in % of the truth (n0: of K times a
+    degree); nothing where neither race nor wind was found."""
+    runs = [trial(seed, number, gust_deg, noise_deg) for number in range(len(REVOLUTIONS))]
+    found = identify(runs, Question(reference_speed=U0))
+    if found.around is None:
+        return {}
+    flow = inflow(U0, found.around.reference_propeller)
+    a, b, d = 0.01 * flow, flow**0.5 / 12.0, 20.0 / flow**0.5
+    truth = {"gain": a / b, "time_constant": 1.0 / b, "n3": d / b, "n0": 0.0}
+    off = {name: float(getattr(found.model, name)) - value for name, value in truth.items()}
+    truth |= {"race": RACE, "wind_beam": WIND, "wind_quarter": -0.5 * WIND}
+    off |= {name: float(getattr(found.around, name)) - truth[name] for name in tuple(truth)[4:]}
+    size = {**truth, "n0": truth["gain"] * math.radians(1.0)}
+    return {
+        name: (error / std, 100.0 * error / abs(size[name]))
+        for name, error in off.items()
+        if (std := found.standard_errors.get(name))
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--gust", type=float, default=1.0)
+    parser.add_argument("--noise", type=float, default=0.2)
+    given = parser.parse_args()
+    seeds = range(given.first_seed, given.first_seed + given.seeds)
+    rows = [errors_of(seed, given.gust, given.noise) for seed in seeds]
+    print("| | held in % | rms of error over standard error | rms error % |\n|---|---|---|---|")
+    for name in max(rows, key=len):
+        known = np.array([row[name] for row in rows if name in row])
+        rms, size = np.sqrt(np.mean(known**2, axis=0))
+        held = 100.0 * float(np.mean(np.abs(known[:, 0]) < 1.96))
+        print(f"| {name} | {held:.0f} of {len(known)} | {rms:.2f} | {size:.1f} |")
+
+
+if __name__ == "__main__":
+    main()
