@@ -51,6 +51,7 @@ from autopilot.estimation.tuning import (
     PATH_PART,
     PATH_QUICKEST,
     PATH_REACH,
+    PATH_SENSED,
     PATH_SLOWEST,
     PATH_STEP,
     PATH_WENT,
@@ -162,18 +163,19 @@ def _compared(before: PathDelay, squares: list[float], filed: float, least: floa
     kept = 1.0 - 1.0 / PATH_MEMORY
     costs = tuple([kept * cost + square for cost, square in zip(before.costs, squares, strict=True)])
     weight = kept * before.weight + 1.0
+    later = PATH_SENSED if least > 1.0 else PATH_LATER
     delay, late = delay_of(costs, weight) if weight >= least else math.nan, before.late
     if math.isnan(delay):
         return before._replace(costs=costs, weight=weight)
-    return before._replace(costs=costs, weight=weight, delay=delay, late=lateness(late, delay - filed))
+    return before._replace(costs=costs, weight=weight, delay=delay, late=lateness(late, delay - filed, later))
 
 
-def lateness(late: float, more: float) -> float:
+def lateness(late: float, more: float, later: float = PATH_LATER) -> float:
     """Return what is steered by [s] where orders turn out to come so much `more` [s] later than filed, and `late` was
     steered by."""
-    if not abs(more - late) > (PATH_FOLLOWS if late else PATH_LATER):
+    if not abs(more - late) > (PATH_FOLLOWS if late else later):
         return late
-    return more if more > PATH_LATER - PATH_FOLLOWS else 0.0
+    return more if more > later - PATH_FOLLOWS else 0.0
 
 
 def delay_of(costs: tuple[float, ...], weight: float) -> float:

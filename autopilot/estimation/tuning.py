@@ -93,6 +93,8 @@ PATH_GRAIN = math.radians(0.1)
 """The grain of an echo [rad]: a microsecond of a servo's pulse is 0.07 deg of a usual rudder."""
 PATH_LASTS = 0.5
 """A sensor must show the rudder so often [s]: what it does meanwhile goes by one order."""
+PATH_SENSED = 0.1
+"""By a sensor, which shows the rudder late itself, a delay is as filed where it is longer by less [s]."""
 PATH_PART = 0.06
 """Between two angles that a sensor shows the gear is reckoned in parts of at most this [s]: a tick of a usual loop."""
 PATH_REACH = 2.0

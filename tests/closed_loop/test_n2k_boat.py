@@ -78,6 +78,7 @@ def test_a_course_is_held_by_what_the_network_brings_and_the_drive_takes(bus: st
     voyage.skipper.engage(0.8)
     ticks = voyage.sail(40.0)
     assert ticks[-1].mode is Mode.ENGAGED and words_of(ticks[-1]) == ()
+    assert voyage.pilot.state.estimate.path.late == 0.0
     assert shortest_turn(voyage.world.boat.state.heading, 0.8) == pytest.approx(0.0, abs=math.radians(1.0))
     winds = [each for tick in ticks for each in tick.samples if isinstance(each, WindSample)]
     assert len(winds) == pytest.approx(80, abs=3) and winds[-1].speed > 3.0
