@@ -130,7 +130,7 @@ def paced(config: SteeringConfig, model: Norrbin, ratio: float, late: float) -> 
     """Return how many times as quick as in the trial a course is held, `ratio` at most, where orders come so much later
     [s] than filed. A course-unstable boat cannot wait."""
     quickest = PACED * config.delay_margin / late
-    return quickest if quickest < ratio and model.n1 > 0.0 else ratio
+    return quickest if 0.0 < quickest < ratio and model.n1 > 0.0 else ratio
 
 
 class SteeringConfig(NamedTuple):

@@ -7,6 +7,7 @@ stands in for it.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime
 import math
@@ -225,7 +226,11 @@ def with_path(path: str, vessel: Vessel, runs: Sequence[Run]) -> tuple[Vessel, l
     it. Of several logs the latest."""
     from autopilot.logs.own_log import path_of
 
-    found = [path_of(run.source).measured for run in runs if run.vessel and Path(run.source).is_file()]
+    found = []
+    for run in runs:
+        # a header that is not understood any more holds no model up
+        with contextlib.suppress(InputError):
+            found += [path_of(run.source).measured] if run.vessel and Path(run.source).is_file() else []
     known = [delay for delay in found if math.isfinite(delay)]
     if not known:
         return vessel, []

@@ -290,7 +290,8 @@ def _check_order(path: str, lines: Sequence[int], time: FloatArray, order: IntAr
     places = np.argsort(order)[late]
     before, after = (sorted_[np.clip(places + step, 0, time.size - 1)] for step in (-1, 1))
     around = np.where((places == 0) | (places == time.size - 1), np.inf, after - before)
-    if np.median(around) < HOLE * np.median(np.diff(sorted_)):
+    steps = np.diff(sorted_)
+    if np.median(around) < HOLE * np.median(steps[steps > 0.0]):
         at = int(late[0])
         raise InputError(
             f"{path}, line {lines[at]}: time {time[at]:g} s does not come after {time[at - 1]:g} s of line "

@@ -126,7 +126,7 @@ def path_of(path: str) -> LoggedPath:
     """
     log = read_logs(Path(path))[0]
     vessel = parse_vessel(str(log.header.get("vessel", "")), f"{path} (header)")
-    config = configured(pilot_config(vessel), law_of(vessel, TRIAL_LAW)).steering.estimator
+    config = configured(pilot_config(vessel, TRIAL_LAW), law_of(vessel, TRIAL_LAW)).steering.estimator
     state = first_state(config)
     for tick in log.ticks:
         shown = tuple(sample for sample in tick.samples if isinstance(sample, RudderSample) and sample.time <= tick.now)

@@ -155,7 +155,7 @@ class App:
             if self._hooks is not None:
                 self._hooks.ticked(tick)
             if self._path is not None:
-                self._path.measured(self.pilot.state.estimate.path.delay)
+                self._path.steered_by(self.pilot.state.estimate.path, self.pilot.config.loop_delay)
             return is_over
 
         self.session.run(self._clock.now() + duration, after)

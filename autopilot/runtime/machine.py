@@ -37,6 +37,7 @@ from types import TracebackType
 from typing import NamedTuple, Protocol
 
 from autopilot.errors import InputError, RefusedError
+from autopilot.estimation.path_delay import PathDelay
 from autopilot.estimation.tuning import PATH_LATER, PATH_MOST
 from autopilot.files.outside import read_regular
 from autopilot.links.base import LinkError, SilentLink
@@ -377,9 +378,11 @@ class PathNote:
             return None
         return delay if links == self._links and 0.0 <= delay <= PATH_MOST else None
 
-    def measured(self, delay: float) -> None:
-        """Note a delay [s] that is another than is known; nan: it is not measured yet."""
-        if abs(delay - self.kept) > PATH_LATER:
+    def steered_by(self, path: PathDelay, filed: float) -> None:
+        """Note the delay [s] that is steered by, where it was measured and is another than is known; filed [s]: what
+        the file says."""
+        delay = filed + path.late
+        if not math.isnan(path.delay) and abs(delay - self.kept) > PATH_LATER:
             self.kept = delay
             note = {"links": self._links, "path_delay_s": round(min(delay, PATH_MOST), 3)}
             self._save(self._path, json.dumps(note) + "\n")

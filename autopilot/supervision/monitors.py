@@ -179,7 +179,8 @@ def without_past(state: State) -> State:
 def by_other_path(state: State) -> State:
     """Return the state without what was made of the rudder's answers and of the course, as orders turn out to come to
     the rudder later or sooner than was known: it was where nobody supposed it."""
-    rudder = rudder_watch.State(rests_roll=state.rudder.rests_roll)
+    before = state.rudder
+    rudder = rudder_watch.State(following=before.following, rests_roll=before.rests_roll)
     return state._replace(rudder=rudder, course=course_watch.State())
 
 

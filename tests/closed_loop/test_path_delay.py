@@ -13,12 +13,14 @@ from autopilot.angles import wrap
 from autopilot.cli.identify_vessel import with_path
 from autopilot.cli.main import main
 from autopilot.cli.steering import path_words
+from autopilot.control.registry import TRIAL_LAW
 from autopilot.estimation.path_delay import NOT_ECHOED
 from autopilot.identification.runs import Run
 from autopilot.logs.own_log import path_of
-from autopilot.runtime.record import replay
+from autopilot.runtime.record import Recorder, replay
 from autopilot.runtime.tuning import designed
-from autopilot.vessel.file import load_vessel
+from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Control
 from sitl.world import World
 
 
@@ -74,6 +76,17 @@ def test_what_was_learnt_replays_bit_for_bit_and_is_read_from_the_log(
     assert (
         f"orders came {path.delay:.2f} s after their headings, control.loop_delay_s is 0.05" in capsys.readouterr().out
     )
+
+
+def test_a_log_of_a_boat_without_gains_is_read_and_one_that_is_not_understood_holds_nothing_up(tmp_path: Path) -> None:
+    lanxin = load_vessel("lanxin")
+    boat = replace(lanxin, control=Control())
+    for name, text in (("new", dump_vessel(boat)), ("old", "schema_version: 1\n")):
+        Recorder(tmp_path / name, {"vessel": text, "law": TRIAL_LAW}, 0.0).close()
+    log, old = (str(tmp_path / name) for name in ("new", "old"))
+    assert math.isnan(path_of(log).measured)
+    runs = [Run(each, (), vessel="its own") for each in (old, log)]
+    assert with_path("boat.yaml", boat, runs) == (boat, [])
 
 
 def test_what_was_made_of_the_rudder_before_its_path_was_known_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:

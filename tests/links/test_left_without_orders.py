@@ -7,7 +7,7 @@ import math
 import pytest
 
 from autopilot.links.drives import DriveLink, DriveLinkSettings
-from autopilot.links.drives.pypilot_motor import FLAGS, RUDDER, PypilotMotor, packet
+from autopilot.links.drives.pypilot_motor import FLAGS, NO_SENSOR, RUDDER, PypilotMotor, packet
 from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.rudder_order import FollowSettings, RudderFollow
 from autopilot.links.transports import loopback_pair
@@ -80,3 +80,16 @@ def test_a_drive_that_nobody_asked_for_a_while_has_not_failed_to_answer() -> Non
         link.send(1.8 + 0.1 * step, RudderCommand(1.8 + 0.1 * step, 0.1, True))
         assert helms(link.receive(1.8 + 0.1 * step)) == []
     assert helms(link.receive(3.4)) == [(False, HelmCause.TAKEN)], "and now it is the drive that is silent"
+
+
+def test_a_fault_that_a_drive_reports_outlasts_our_own_standstills() -> None:
+    near, far = loopback_pair()
+    link = DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(follow=follow_of(LANXIN)))
+    link.receive(0.0)
+    far.send(3 * (packet(FLAGS, 0) + packet(RUDDER, 32768)))
+    assert helms(link.receive(0.1)) == [(True, HelmCause.TAKEN)]
+    far.send(packet(FLAGS, 0) + packet(RUDDER, NO_SENSOR))
+    assert helms(link.receive(0.3)) == [(False, HelmCause.TAKEN)]
+    for step in range(1, 6):
+        far.send(packet(FLAGS, 0) + packet(RUDDER, NO_SENSOR))
+        assert helms(link.receive(0.3 + 1.2 * step)) == []

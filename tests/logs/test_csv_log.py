@@ -74,6 +74,10 @@ def test_a_map_names_the_columns(tmp_path: Path) -> None:
             "\n".join([HEADER, *(f"{i // 5},350,{i},-10,9" for i in range(20))]),
             "line 3: time 0 s is that of line 2 too, and so in 16 of 20 rows: .* more digits",
         ),
+        (
+            "\n".join([HEADER, *(f"{0.1 * (i % 10):g},350,{i},-10,9" for i in range(20))]),
+            "line 12: time 0 s does not come after 0.9 s of line 11: the clock went back",
+        ),
         (table_at(lambda i: 0.1 * (i - 10.5 * (i > 15))), "line 18: time 0.55 s does not come .*the clock went back"),
         (GOOD + "2.0,350,1e12,-10,9\n", "line 22: '1e12' in column 'yaw_rate_deg_s' is not a finite number of at most"),
         (

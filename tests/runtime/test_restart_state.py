@@ -15,6 +15,7 @@ from lockstep import Lockstep
 
 from autopilot.cli.steering import restart_file
 from autopilot.errors import RefusedError
+from autopilot.estimation.path_delay import NOT_ECHOED
 from autopilot.files.saving import save_text
 from autopilot.links.base import LinkError
 from autopilot.runtime.app import App, Machine, Plan, path_file
@@ -160,13 +161,13 @@ def test_a_path_that_was_measured_is_known_to_the_next_run_over_the_same_links(t
     note = PathNote(path, ["udpin:127.0.0.1:14550"], save_text)
     assert note.left() is None
     note.kept = 0.05
-    for delay in (math.nan, 0.08):
-        note.measured(delay)
-    assert not path.exists()
-    note.measured(0.62)
+    for delay, late in ((math.nan, 0.3), (0.08, 0.0), (0.14, 0.0)):
+        note.steered_by(NOT_ECHOED._replace(delay=delay, late=late), 0.05)
+    assert not path.exists(), "what is not steered by is not noted"
+    note.steered_by(NOT_ECHOED._replace(delay=0.63, late=0.57), 0.05)
     assert PathNote(path, ["udpin:127.0.0.1:14550"], save_text).left() == 0.62
     assert PathNote(path, ["serial:/dev/ttyUSB0:57600"], save_text).left() is None
-    note.measured(1.18)
+    note.steered_by(NOT_ECHOED._replace(delay=1.18, late=1.13), 0.05)
     assert note.left() == pytest.approx(1.1)
 
 

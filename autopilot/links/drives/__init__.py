@@ -199,13 +199,13 @@ class DriveLink(CarriedLink):
         self._line_free = -math.inf
         self._helm, self._warning = HelmNews(self.name), AlarmNews(self.name)
         self._leaving, self._patient_until = math.nan, math.nan
-        self._looked, self._excused_until = math.nan, -math.inf
+        self._looked, self._excused_until, self._said = math.nan, -math.inf, ""
         self._has_ordered = self._is_gone = False
 
     def receive(self, now: float) -> list[Sample]:
         """Return what the drive reports; LinkError when the transport is gone."""
         samples: list[Sample] = []
-        if now - self._looked > LONGEST_GAP_S:
+        if now - self._looked > LONGEST_GAP_S and now > self._excused_until + SILENT_S:
             self._excused_until = now + EXCUSED_S
         self._looked = now
         for chunk in self._arrived():
@@ -221,14 +221,15 @@ class DriveLink(CarriedLink):
 
     def _fault(self, now: float) -> str:
         """Return why the drive cannot steer; one that has just been spoken to for the first time may yet answer, and
-        one that nobody spoke to for a while has had nothing to answer."""
+        one that nobody spoke to for a while has had nothing to answer: what it said last stands."""
         if math.isnan(self._patient_until):
             self._patient_until = now + SILENT_S
         fault = self.drive.fault(now)
         if not fault:
             self._patient_until = -math.inf
         if self._patient_until == -math.inf and now <= self._excused_until:
-            return ""
+            return self._said
+        self._said = fault
         return f"waiting for the {self.drive.name} to answer" if fault and now <= self._patient_until else fault
 
     def send(self, now: float, command: RudderCommand) -> None:

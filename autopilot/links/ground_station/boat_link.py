@@ -12,6 +12,7 @@ from autopilot.links.ground_station.access import (
     LinkAccess,
     StationLink,
     disarms,
+    gives_rudder_back,
     is_order,
     refused_senders_of,
     stands_by,
@@ -82,8 +83,8 @@ class _Notice:
 
 
 def counts_late(message: Message) -> bool:
-    """Return whether an order counts however late it comes: to stand by, and a man overboard."""
-    return stands_by(message) or getattr(message, "command", None) == OVERBOARD
+    """Return whether an order counts however late it comes: to give the rudder back, and a man overboard."""
+    return gives_rudder_back(message) or getattr(message, "command", None) == OVERBOARD
 
 
 class BoatLink(StationLink):
