@@ -39,7 +39,7 @@ from typing import NamedTuple, Protocol
 from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.path_delay import PathDelay
 from autopilot.estimation.tuning import PATH_LATER, PATH_MOST
-from autopilot.files.outside import read_regular
+from autopilot.files.outside import parse_json, read_regular
 from autopilot.links.base import LinkError, SilentLink
 from autopilot.signals import ConditionSample, Mode, OrderKind, Sample, Tick
 from autopilot.supervision.panel import sentences_of
@@ -348,9 +348,9 @@ def _boot() -> str:
 
 def _read(path: Path) -> Note | None:
     try:
-        fields = json.loads(read_regular(path, LONGEST))
+        fields = parse_json(read_regular(path, LONGEST), str(path), LONGEST)
         note = Note(float(fields["heading"]), float(fields["since"]), str(fields["boot"]))
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+    except (InputError, OSError, ValueError, KeyError, TypeError):
         return None
     return note if math.isfinite(note.heading) and math.isfinite(note.since) else None
 
@@ -372,9 +372,9 @@ class PathNote:
     def left(self) -> float | None:
         """Return the delay [s] that was measured over the same links; None where none was, or it can be none."""
         try:
-            fields = json.loads(read_regular(self._path, LONGEST))
+            fields = parse_json(read_regular(self._path, LONGEST), str(self._path), LONGEST)
             links, delay = fields["links"], float(fields["path_delay_s"])
-        except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        except (InputError, OSError, ValueError, KeyError, TypeError):
             return None
         return delay if links == self._links and 0.0 <= delay <= PATH_MOST else None
 
