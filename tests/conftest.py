@@ -31,7 +31,7 @@ NIGHTLY = Path(__file__).parent / "nightly.txt"
 STALE = pytest.StashKey[list[str]]()
 """Tests that take seconds each and are like others that stay: the night runs them, `.ci/slow tests`."""
 REAL_TIME = Path(__file__).parent / "interop"
-REAL_TIME_AT_ONCE = int(os.environ.get("NORRBIN_REAL_TIME", "2"))
+REAL_TIME_GROUPS = 2
 
 
 class MachineWatch:
@@ -115,7 +115,7 @@ def stale_nightly(request: pytest.FixtureRequest) -> list[str]:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give real-time tests to two workers at most (or NORRBIN_REAL_TIME), what shares a costly fixture to one.
+    """Give real-time tests to two workers at most, one after the other, and what shares a costly fixture to one.
 
     Real-time tests start a simulator and a pilot as a user would, and mostly sleep.
     """
@@ -129,8 +129,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             marked, shares = _kinds_in(config.rootpath / file)
             together = file if shares else nodeid
             is_real_time = marked is None or name.partition("[")[0] in marked
-            if is_real_time and (config.getoption("numprocesses") or 0) > REAL_TIME_AT_ONCE:
-                return f"real time {crc32(together.encode()) % REAL_TIME_AT_ONCE}"
+            if is_real_time and (config.getoption("numprocesses") or 0) > REAL_TIME_GROUPS:
+                return f"real time {crc32(together.encode()) % REAL_TIME_GROUPS}"
             return together
 
     return ByKind(config, log)
