@@ -101,9 +101,8 @@ class FilterState(NamedTuple):
 def with_bias_of(model: Norrbin, noise: FilterNoise, before: FilterState, state: FilterState) -> FilterState:
     """Return the state with the bias, and how well it is known, as they were `before`: but for the slide in it."""
     dt = state.time - before.time
-    fades, slide, unknown = slide_fades(model, dt), before.slide, before.slide_variance
-    bias, grown = before.bias - fades * slide, noise.slide * dt - fades * (2.0 - fades) * unknown
-    slide, unknown = slide - fades * slide, unknown + grown
+    _, gone, grown = slide_goes(model, noise, before.slide, before.slide_variance, dt)
+    bias, slide, unknown = before.bias - gone, before.slide - gone, before.slide_variance + grown
     boat = (state.time, state.psi, state.rate, bias, state.p00, state.p01, 0.0, state.p11, 0.0, before.p22 + grown)
     waves = (state.wave, state.wave_rate, state.wave_lag, state.p03, state.p04, state.p05)
     across = (state.p13, state.p14, state.p15, 0.0, 0.0, 0.0)
@@ -149,9 +148,13 @@ class FilterNoise(NamedTuple):
     slide: float = 0.0
 
 
-def slide_fades(model: Norrbin, dt: float) -> float:
-    """Return which share of a slide is gone in `dt` [s]."""
-    return -math.expm1(-dt / (SLIDE_LASTS * model.time_constant))
+def slide_goes(
+    model: Norrbin, noise: FilterNoise, slide: float, unknown: float, dt: float
+) -> tuple[float, float, float]:
+    """Return which share of a `slide` [rad] is gone in `dt` [s], how much that is, and by how much more of it is then
+    unknown than the variance `unknown` [rad^2]."""
+    fades = -math.expm1(-dt / (SLIDE_LASTS * model.time_constant))
+    return fades, fades * slide, noise.slide * dt - fades * (2.0 - fades) * unknown
 
 
 class Filtered(NamedTuple):
@@ -342,12 +345,11 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     p22, kept = p22 + wandered * dt, 1.0
     if unknown > 0.0 or noise.slide > 0.0:
         # the slide's part of the bias goes with time, and takes that part of its covariances along
-        fades = slide_fades(model, dt)
+        fades, gone, grown = slide_goes(model, noise, slide, unknown, dt)
         kept -= fades * unknown / p22
         a02, a12 = kept * a02, kept * a12
-        grown = noise.slide * dt - fades * (2.0 - fades) * unknown
         unknown, p22 = unknown + grown, p22 + grown
-        bias, slide = bias - fades * slide, slide - fades * slide
+        bias, slide = bias - gone, slide - gone
     if variance <= 0.0:
         boat = time, psi, rate, bias, p00, p01, a02, p11, a12, p22
         return FilterState(*boat, *NO_WAVES, slide, unknown, NO_SEA, NO_INTENSITY)

@@ -193,22 +193,27 @@ def verdict_of(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> V
 
     ratio: at so many times the speed of the trial.
     """
-    verdict = judge(
+    verdict = _of_exact_boat(vessel, name, ratio)
+    return (
+        verdict if verdict.refusal else verdict._replace(refusal=refusal_of(output_feedback_loop(vessel, name, ratio)))
+    )
+
+
+def _of_exact_boat(vessel: Vessel, name: str | None = None, ratio: float = 1.0) -> Verdict:
+    """Return the same of a law that knows exactly what the boat does, without the filter."""
+    return judge(
         model_at_ratio(vessel, ratio),
         gear_of(vessel),
         limits_of(vessel).rate_max,
         vessel.control.loop_delay_s,
         loop_gains_of(vessel, name, ratio),
     )
-    return (
-        verdict if verdict.refusal else verdict._replace(refusal=refusal_of(output_feedback_loop(vessel, name, ratio)))
-    )
 
 
 def delay_margin_of(vessel: Vessel, name: str | None = None) -> float:
     """Return by how much later [s] orders could come to the rudder, did the law know the boat exactly; inf for one that
     closes no loop."""
-    return verdict_of(vessel, name).margins.delay if LAWS[name or vessel.control.law].linear else math.inf
+    return _of_exact_boat(vessel, name).margins.delay if LAWS[name or vessel.control.law].linear else math.inf
 
 
 def refusal_to_engage(vessel: Vessel, name: str | None = None) -> str:
