@@ -26,7 +26,7 @@ from study_boats import boats as study_boats
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from lockstep import BadLine, Lockstep
+from lockstep import Lockstep, SlowLine
 
 from autopilot.angles import wrap
 from autopilot.estimation.path_delay import NOT_ECHOED
@@ -42,18 +42,6 @@ BEFORE_S, HELD_S = 10.0, 60.0
 TURNS_DEG = (30.0, 10.0, 70.0)
 STUDIED = "coaster"
 """A boat of the steering studies, which has no file of its own."""
-
-
-class SlowLine(BadLine):
-    """Everything comes so many seconds later."""
-
-    def __init__(self, delay: float) -> None:
-        super().__init__()
-        self._later = delay
-
-    def put(self, now: float, data: bytes) -> None:
-        """Send a datagram at `now` [s]."""
-        super().put(now + self._later, data)
 
 
 class Sailed(NamedTuple):

@@ -72,6 +72,18 @@ class BadLine:
         return [data for _, _, data in arrived]
 
 
+class SlowLine(BadLine):
+    """Everything comes so many seconds later."""
+
+    def __init__(self, delay: float) -> None:
+        super().__init__()
+        self._later = delay
+
+    def put(self, now: float, data: bytes) -> None:
+        """Send a datagram at `now` [s]."""
+        super().put(now + self._later, data)
+
+
 def goes_guided(boat: Lockstep) -> None:
     """A hook: the hand that drove the boat in MANUAL hands it over to GUIDED under way."""
     if boat.now >= GUIDED_AT_S and boat.firmware.set_mode(15):

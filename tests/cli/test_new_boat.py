@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -182,6 +182,19 @@ def hold(path: Path, off_deg: float, mode: Mode = Mode.ENGAGED) -> None:
     recorder.close()
 
 
+def holding(off_deg: float, mode: Mode = Mode.ENGAGED) -> Callable[[Sequence[str]], int]:
+    """Return a child that does every step, and whose hold is such a one."""
+
+    def child(command: Sequence[str]) -> int:
+        if "run" in command:
+            hold(Path(command[command.index("--log") + 1]), off_deg, mode)
+        elif "--log" in command:
+            Path(command[command.index("--log") + 1]).write_text("")
+        return 0
+
+    return child
+
+
 @pytest.mark.parametrize(
     ("off_deg", "mode", "said"),
     [
@@ -197,16 +210,9 @@ def test_a_hold_that_swings_is_not_ticked_off(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def badly(command: Sequence[str]) -> int:
-        if "run" in command:
-            hold(Path(command[command.index("--log") + 1]), off_deg, mode)
-        elif "--log" in command:
-            Path(command[command.index("--log") + 1]).write_text("")
-        return 0
-
     file = tmp_path / "mine.yaml"
     file.write_text(dump_vessel(load_vessel("lanxin")))
-    monkeypatch.setattr(new_boat, "run_child", badly)
+    monkeypatch.setattr(new_boat, "run_child", holding(off_deg, mode))
     assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"]) == 4
     error = capsys.readouterr().err
     assert said in error and "Good enough is: its last lines say good or fair" in error and "If not: it swings" in error
@@ -216,16 +222,9 @@ def test_a_hold_that_swings_is_not_ticked_off(
 def test_at_its_end_stand_the_commands_of_every_day(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def well(command: Sequence[str]) -> int:
-        if "run" in command:
-            hold(Path(command[command.index("--log") + 1]), 1.0)
-        elif "--log" in command:
-            Path(command[command.index("--log") + 1]).write_text("")
-        return 0
-
     file = tmp_path / "mine.yaml"
     file.write_text(dump_vessel(load_vessel("lanxin")))
-    monkeypatch.setattr(new_boat, "run_child", well)
+    monkeypatch.setattr(new_boat, "run_child", holding(1.0))
     assert main(["new-boat", str(file), "--link", "serial:/dev/pixhawk:115200", "--as-gcs", "--yes"]) == 0
     said = capsys.readouterr().out
     assert f"autopilot replay {tmp_path / 'mine-hold.tlog'}" in said

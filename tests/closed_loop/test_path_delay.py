@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from lockstep import BadLine, Lockstep
+from lockstep import Lockstep, SlowLine
 
 from autopilot.angles import wrap
 from autopilot.cli.identify_vessel import with_path
@@ -22,17 +22,6 @@ from autopilot.runtime.tuning import designed
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Control
 from sitl.world import World
-
-
-class SlowLine(BadLine):
-    """Everything comes so many seconds later."""
-
-    def __init__(self, delay: float) -> None:
-        super().__init__()
-        self._later = delay
-
-    def put(self, now: float, data: bytes) -> None:
-        super().put(now + self._later, data)
 
 
 def turned(delay: float, log: Path | None = None) -> tuple[Lockstep, float]:
