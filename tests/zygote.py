@@ -12,10 +12,11 @@ from pathlib import Path
 
 from autopilot.cli import params, params_upload  # noqa: F401 - loaded before the forks
 from autopilot.cli.main import build_parser, main
-from autopilot.firmware import session
+from autopilot.firmware import session, upload
 
 build_parser()  # imports the rest
 session.OTHERS_WAIT_S = 0.02
+upload.SETTLE_S = 0.02
 session.IDENTITY_WAIT_S = 0.02
 
 for line in sys.stdin:

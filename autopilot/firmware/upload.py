@@ -93,6 +93,11 @@ LIST_FROM = 64
 by one, and what it leaves out is asked for by name."""
 LIST_QUIET_S = 0.8
 """A list that has paused this long has ended."""
+SETTLE_S = 2.0
+"""After the last set, so long until what the vehicle says is taken for what it holds: an answer to a set may be an echo,
+ArduPilot's slowest checks of a parameter run once a second (one_second_loop), and late echoes have come by then."""
+SETTLE_ROUND_TRIPS = 4.0
+"""And no less than so many round trips of this link."""
 ROUNDS_MAX = 3
 """So often is a parameter set again that was read back different: on a lossy link the sets alone may have got
 lost while their reads came through."""
@@ -140,7 +145,8 @@ class Upload:
     It is finished a first time when everything is read and compared; `proceed` then sets what differs, what is
     switched on before the rest. Names that were unanswered are asked once more afterwards, because a parameter
     switched on can bring its group into being; where that finds some, it is finished again, so that their old
-    values can be kept, and `proceed` goes on. It `is_over` when all is read back. Only `outcomes` after that are
+    values can be kept, and `proceed` goes on. After the last set nothing that comes by itself counts: the vehicle is left
+    alone for `SETTLE_S`, then asked for everything. It `is_over` when all is read back. Only `outcomes` after that are
     the vehicle's last word; before they say what is known so far.
     """
 
@@ -152,6 +158,8 @@ class Upload:
         self._has_read_again = False
         self._rounds = 0
         self._list_since: float | None = None
+        self._settles = False
+        self._settled_at: float | None = None
         self.phase = Phase.READING
         self._requests = self._reads(self._items)
         self._wants_list = self._is_long()
@@ -207,7 +215,7 @@ class Upload:
         if (refusal := refused_value(message, self._target)) is not None and refusal[0] in self._by_name:
             self._by_name[refusal[0]].refusal = f"; the vehicle says: {refusal[1]}"
         value = parameter_value(message, self._target)
-        if value is None or self.finished:
+        if value is None or self.finished or self._settles:
             return
         if value.position == 0:
             self._quality.control_answered()
@@ -250,6 +258,12 @@ class Upload:
             self._next_phase()
         if self.finished:
             return []
+        if self._settles:
+            if self._settled_at is None:
+                self._settled_at = now + max(SETTLE_S, SETTLE_ROUND_TRIPS * self._quality.round_trip_s)
+            if now < self._settled_at:
+                return []
+            self._settles, self._settled_at = False, None
         if self._requests.done or (self._list_since is not None and now - self._list_since > LIST_QUIET_S):
             self._list_since = None
         if self._wants_list:
@@ -303,10 +317,11 @@ class Upload:
         self.phase = Phase.VERIFYING
         self._rounds += 1
         for item in self._items:
-            item.mismatches = 0
+            item.mismatches, item.is_settled = 0, False
         sent = any(item.was_sent for item in self._items)
-        known = [item for item in self._items if item.old is not None and not item.reason and not item.is_settled]
+        known = [item for item in self._items if item.old is not None and not item.reason]
         self._requests = Requests([item.name for item in known if sent], PATIENCE, self._quality)
+        self._settles = not self._requests.done
         self._wants_list = self._is_long()
 
     def _is_long(self) -> bool:

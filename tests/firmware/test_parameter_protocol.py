@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import random
 import struct
+from typing import Any
 
 import pytest
 from parameter_vehicle import BadLink, ParameterVehicle, converse
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.firmware.download import Download, NamedDownload, table_hash
 from autopilot.firmware.file import Wanted
@@ -85,6 +87,44 @@ def test_another_station_that_writes_all_the_time_does_not_hold_an_upload_up() -
     outcomes = upload(vehicle, wanted, loss=0.1)
     assert outcomes.pop("OTHER").verdict is Verdict.CONSTRAINED
     assert {each.verdict for each in outcomes.values()} == {Verdict.SET}
+
+
+class EchoingVehicle(ParameterVehicle):
+    """Answers a set with the value asked for, whatever it does with it; P0 has its old value again `later` turns on."""
+
+    def __init__(self, later: int) -> None:
+        super().__init__({f"P{number}": (float(number), REAL32) for number in range(9)} | {"SIXTEEN_CHARS_16": (0, 2)})
+        self.later = later
+        self.back = -1
+
+    def set(self, message: Any) -> None:
+        value, name = message.param_value, message.param_id
+        echo = dialect.MAVLink_param_value_message(name.encode(), value, message.param_type, len(self.table), 65535)
+        self.replies.append(bytes(echo.pack(self.mavlink)))
+        if name != "P0" or self.later:
+            self.table[name][0] = value
+        self.back = self.later if name == "P0" else self.back
+
+    def transmit(self, at_most: int) -> list[bytes]:
+        self.back -= 1
+        if self.back == 0:
+            self.table["P0"][0] = 0.0
+        return super().transmit(at_most)
+
+
+@pytest.mark.parametrize("later", [0, 25])
+@pytest.mark.parametrize("seed", range(4))
+def test_an_echo_of_a_set_is_not_taken_for_what_the_vehicle_holds(later: int, seed: int) -> None:
+    vehicle = EchoingVehicle(later)
+    wanted = [Wanted((name,), value + 1.0) for name, (value, _) in vehicle.table.items()]
+    client = Upload(Target(1, 1), wanted)
+    lines = BadLink(2 * seed, 0.1, 0.3, (0.005, 0.5)), BadLink(2 * seed + 1, 0.1, 0.3, (0.005, 0.5))
+    while not client.is_over:
+        converse(client, vehicle, *lines, limit_s=400.0)
+        client.proceed()
+    assert {each.name for each in client.outcomes() if each.verdict is not Verdict.SET} == {"P0"}
+    assert client.outcomes()[0].verdict is Verdict.REJECTED
+    assert client.outcomes()[0].now == vehicle.table["P0"][0] == 0.0
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ def port() -> int:
 @pytest.fixture
 def served(port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedVehicle]:
     monkeypatch.setattr(session, "OTHERS_WAIT_S", 0.05)
+    monkeypatch.setattr("autopilot.firmware.upload.SETTLE_S", 0.05)
     monkeypatch.setattr(session, "IDENTITY_WAIT_S", 0.05)
     monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
     vehicle = ServedVehicle(port)

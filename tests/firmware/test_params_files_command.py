@@ -34,6 +34,7 @@ def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
     monkeypatch.setattr(session, "OTHERS_WAIT_S", 0.05)
+    monkeypatch.setattr("autopilot.firmware.upload.SETTLE_S", 0.05)
     monkeypatch.setattr(session, "IDENTITY_WAIT_S", 0.05)
 
 

@@ -33,6 +33,7 @@ INT8, REAL32 = 2, 9
 @pytest.fixture
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedVehicle]:
     monkeypatch.setattr(session, "OTHERS_WAIT_S", 0.05)
+    monkeypatch.setattr("autopilot.firmware.upload.SETTLE_S", 0.05)
     monkeypatch.setattr(session, "IDENTITY_WAIT_S", 0.05)
     monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
     monkeypatch.chdir(tmp_path)

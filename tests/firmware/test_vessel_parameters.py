@@ -105,6 +105,7 @@ def test_a_vessel_file_is_uploaded_to_a_running_norrbin_and_taken_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(session, "OTHERS_WAIT_S", 0.05)
+    monkeypatch.setattr("autopilot.firmware.upload.SETTLE_S", 0.05)
     monkeypatch.setattr(session, "IDENTITY_WAIT_S", 0.05)
     monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
     monkeypatch.chdir(tmp_path)

@@ -67,6 +67,7 @@ class Relay(threading.Thread):
 def relay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Relay]:
     monkeypatch.setenv("NORRBIN_STATE", str(tmp_path / "state"))
     monkeypatch.setattr(session, "OTHERS_WAIT_S", 0.1)
+    monkeypatch.setattr("autopilot.firmware.upload.SETTLE_S", 0.05)
     monkeypatch.chdir(tmp_path)
     running = Relay(0.3)
     running.start()
