@@ -95,7 +95,8 @@ LIST_QUIET_S = 0.8
 """A list that has paused this long has ended."""
 SETTLE_S = 2.0
 """After the last set, so long until what the vehicle says is taken for what it holds: an answer to a set may be an
-echo, ArduPilot's slowest checks of a parameter run once a second (one_second_loop), and late echoes have come by then."""
+echo, ArduPilot's slowest checks of a parameter run once a second (one_second_loop), and late echoes have come by
+then."""
 SETTLE_ROUND_TRIPS = 4.0
 """And no less than so many round trips of this link."""
 ROUNDS_MAX = 3
@@ -146,8 +147,8 @@ class Upload:
     switched on before the rest. Names that were unanswered are asked once more afterwards, because a parameter
     switched on can bring its group into being; where that finds some, it is finished again, so that their old
     values can be kept, and `proceed` goes on. After the last set the vehicle is left alone for `SETTLE_S`, whatever it
-    says does not count, and then it is asked for everything. It `is_over` when all is read back. Only `outcomes` after that are
-    the vehicle's last word; before they say what is known so far.
+    says does not count, and then it is asked for everything. It `is_over` when all is read back. Only `outcomes` after
+    that are the vehicle's last word; before they say what is known so far.
     """
 
     def __init__(self, target: Target, wanted: Sequence[Wanted]) -> None:
