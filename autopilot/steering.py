@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.control.limits import RudderLimits
-from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED, slide_step, slide_unknown
+from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED, slide_planned
 from autopilot.estimation.estimator import EstimatorConfig, sliding
 from autopilot.estimation.tuning import WAVE_SHARPNESS, WAVE_STIFFENING
 from autopilot.guidance.manoeuvres import zigzag_side
@@ -191,8 +191,6 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
 
 def with_slide(config: SteeringConfig, unknown: float) -> SteeringConfig:
     """Return what steering goes by while a planned turn adds so much `unknown` slide [rad^2/s]."""
-    if unknown == 0.0:
-        return config
     estimator = config.estimator
     return config._replace(estimator=estimator._replace(noises=sliding(estimator.noises, unknown)))
 
@@ -206,7 +204,7 @@ class Guide(NamedTuple):
 
     turning_until [s]: an ordered turn may last so long. free_time [s]: when the rudder was last not at its stop. slide
     [rad of rudder]: what the hull's slide in the planned turns may brake the boat by, with a share of 1 (`slide_step`),
-    and unknown [rad^2/s]: what of that the turn is adding (`slide_unknown`).
+    and unknown [rad^2/s]: what of that the turn is adding (`slide_planned`).
     """
 
     heading: float = 0.0
@@ -320,7 +318,7 @@ def referred(
     if off > beyond or off < -beyond:
         boat = reset_reference(model, limits, heading, rate, state.rudder + state.bias)
     # an integrator needs the error that a plan keeps from it
-    if is_ours and config.uses_bias and is_late:
+    if is_ours and config.uses_bias and is_late and boat.rate != 0.0:
         boat = advance(model, limits, boat, heading, guide.heading)
     if is_ours and hard_over and (config.uses_bias or not is_late):
         boat = hold_back(boat, heading, rate, hard_over)
@@ -331,8 +329,7 @@ def referred(
         # far quicker than the model of a boat that has lost its way allows: the turn is planned anew
         return started(guide, limits, state)
     planned = 0.0 if is_late else boat.rate
-    slide = slide_step(model, guide.slide, planned, config.limits.angle_max, dt)
-    unknown = slide_unknown(model, guide.slide, slide, dt)
+    slide, unknown = slide_planned(model, guide.slide, planned, config.limits.angle_max, dt)
     return Guide(guide.heading, boat, guide.side, guide.turning_until, free_time, slide, unknown)
 
 

@@ -147,7 +147,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         config = limited_by_thrust(config, state, now)
     boat, rudder, bow = config.boat, state.rudder, state.bow
     steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
-    steering = with_slide(steering, state.way.guide.unknown)
+    unknown = state.way.guide.unknown
+    steering = with_slide(steering, unknown) if unknown else steering
     gap = 0.0 if math.isnan(state.now) else now - state.now
     dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
     supervisor = Supervisor(config.envelope, boat.failsafe, state.supervisor)

@@ -36,9 +36,9 @@ from autopilot.signals import NavState, Sample
 
 def held(past: RudderPast, start: float, end: float, grain: float) -> Iterator[tuple[float, float]]:
     """Yield (until [s], angle [rad]) from `start` to `end` [s], oldest first; stretch by stretch."""
-    at, tick = start, tick_at(past, start)
+    at = start
     while at < end:
-        at, angle, tick = stretch(past, tick, at, end, grain)
+        at, angle = stretch(past, at, end, grain)
         yield at, angle
 
 

@@ -258,9 +258,10 @@ def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: floa
     return before - math.expm1(-dt / lasts) * (own - before)
 
 
-def slide_unknown(model: Norrbin, before: float, slide: float, dt: float) -> float:
-    """Return what is added [rad^2/s] to what is unknown of a slide that was `before` and is `slide` [rad of rudder]
-    `dt` [s] later: of what is left of an old one nothing."""
+def slide_planned(model: Norrbin, before: float, rate: float, most: float, dt: float) -> tuple[float, float]:
+    """Return what a planned turn at `rate` [rad/s] leaves of slide, see `slide_step`, and what it adds [rad^2/s] to
+    what is unknown of that: of what is left of an old slide nothing."""
+    slide = slide_step(model, before, rate, most, dt)
     left = before * math.exp(-dt / (SLIDE_LASTS * model.time_constant))
     added = slide * slide - left * left
-    return SLIDE_UNKNOWN * SLIDE_UNKNOWN * added / dt if dt > 0.0 and added > 0.0 else 0.0
+    return slide, SLIDE_UNKNOWN * SLIDE_UNKNOWN * added / dt if dt > 0.0 and added > 0.0 else 0.0

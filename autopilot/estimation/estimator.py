@@ -50,7 +50,6 @@ from autopilot.estimation.rudder_observer import (
     ordered,
     rudder_memory,
     stretch,
-    tick_at,
     with_feedback,
 )
 from autopilot.estimation.tuning import (
@@ -170,9 +169,9 @@ def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to
     end = end if end < to else to
     longest, grain = LONGEST_SHARE * model.time_constant, GRAIN_SHARE * model.time_constant
     moving = noises.pushed if is_pushed(fusion, noises.usual) else noises.usual
-    stop, tick = noises.usual.stop, tick_at(past, at)
+    stop = noises.usual.stop
     while at < end:
-        until, angle, tick = stretch(past, tick, at, end, grain)
+        until, angle = stretch(past, at, end, grain)
         noise = moving if -stop < angle < stop else noises.stopped
         if until - at > longest:
             for left in range(math.ceil((until - at) / longest), 1, -1):
@@ -220,7 +219,7 @@ def _moved(
         return state.psi, state.rate, state.wave, state.wave_rate
     latest = begun + PREDICT_LONGEST
     end = latest if latest < now else now
-    until, angle, _ = stretch(past, tick_at(past, begun), begun, end, GRAIN_SHARE * model.time_constant)
+    until, angle = stretch(past, begun, end, GRAIN_SHARE * model.time_constant)
     if until >= end and until - begun <= LONGEST_SHARE * model.time_constant:
         return predict_mean(model, state, angle, until)
     ahead = carried(model, noises, fusion, past, now)

@@ -6,7 +6,7 @@ the boat is steered by psi and r alone. Without a sea h, s and e stay 0. Scalar 
 upper triangle is written out, so the loop needs no array library.
 
 A part g of b is what the hull's slide leaves of an ordered turn: g' = -g/(SLIDE_LASTS T), of an unknown size that the
-plan of the turn gives (`disturbance.slide_unknown`). In place of a seventh state g and its variance are kept beside b:
+plan of the turn gives (`disturbance.slide_planned`). In place of a seventh state g and its variance are kept beside b:
 what is learnt of b goes to g and to the rest as what is not known of either, as if the two were independent.
 
 Source: that wave motion adds to the boat's own, and the filter for it, are Fossen 2011, section 8.2 and ch. 11.
@@ -286,7 +286,8 @@ def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float)
     psi = psi if -PI < psi <= PI else wrap(psi)
     rate += dt * once * acceleration
     if sea.heading > 0.0:
-        a33, a34, a35, a43, a44, a45, _, _, _ = wave_step(frequency(sea), dt)
+        w0 = math.sqrt(sea.rate / (sea.heading * WAVE_STIFFENING))
+        a33, a34, a35, a43, a44, a45, _, _, _ = wave_step(w0, dt)
         h, s = a33 * h + a34 * s + a35 * e, a43 * h + a44 * s + a45 * e
     return psi, rate, h, s
 
@@ -541,7 +542,7 @@ def is_sound(state: FilterState) -> bool:
     density, bias, rudder, variance = state.intensity
     # a sum is finite only where every part of it is
     return (
-        math.isfinite(sum(state[:-2]) + sum(state.sea) + density + sum(bias) + sum(rudder) + variance)
+        math.isfinite(sum((*state[:-2], *state.sea, density, *bias, *rudder, variance)))
         and state.p00 >= 0.0
         and state.p11 >= 0.0
         and state.p22 >= 0.0

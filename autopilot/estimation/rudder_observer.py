@@ -81,14 +81,19 @@ class RudderPast(NamedTuple):
     ticks: int
 
 
-def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float) -> tuple[float, float, int]:
-    """Return until when [s], `end` at most, the rudder stood as at `begun` [s], its angle [rad] and that time's tick.
+def stretch(past: RudderPast, begun: float, end: float, grain: float) -> tuple[float, float]:
+    """Return until when [s], `end` at most, the rudder stood as at `begun` [s], and its angle [rad].
 
-    tick: that of `begun`. Neighbours that together last no longer than `grain` [s] are one, with their mean angle.
+    Neighbours that together last no longer than `grain` [s] are one, with their mean angle.
     """
-    times, angles, newest, ring = past.times, past.angles, past.ticks - 1, len(past.times) - 1
+    times, angles, ticks = past
+    tick = newest = ticks - 1
+    ring = len(times) - 1
     if newest < 0 or begun >= times[newest & ring]:
-        return end, angles[newest & ring], newest
+        return end, angles[newest & ring]
+    oldest = newest - ring if newest > ring else 0
+    while tick > oldest and times[tick & ring] > begun:
+        tick -= 1
     at, turned = begun, 0.0
     while at < end:
         until = times[(tick + 1) & ring] if tick < newest else end
@@ -100,7 +105,7 @@ def stretch(past: RudderPast, tick: int, begun: float, end: float, grain: float)
             at = until
         if at < end:
             tick += 1
-    return at, turned / (at - begun), tick
+    return at, turned / (at - begun)
 
 
 def tick_at(past: RudderPast, time: float) -> int:

@@ -132,22 +132,20 @@ def sea_of(model: Norrbin, swing: float, pace: float) -> float:
     return sea if sea > SEA_LEAST else SEA_LEAST
 
 
-def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float) -> Noise:
+def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float, worked: float) -> Noise:
     """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one,
     the largest that has been met, and one that nobody has met yet, at the slowest pace, the one that pushes hardest.
-    A sea from right ahead or astern turns no boat, until it leaves that course."""
+    A sea from right ahead or astern turns no boat, until it leaves that course.
+
+    worked [rad^2]: the mean square of a rudder that works against the sea. The yaw that is left is less than the sea is
+    worth then, and the rudder of a boat that is quicker than the waves makes up for it.
+    """
+    sea, pace = noise.sea, noise.pace
     swing = seaway.swing if seaway.swing > SEA_UNMET else SEA_UNMET
     largest = sea_of(model, swing, SEA_SLOWEST)
-    if not largest > noise.sea or not abs(shortest_turn(math.atan2(seaway.east, seaway.north), heading)) > SEA_TURNED:
-        return noise
-    return Noise(noise.heading, noise.acceleration, noise.push, largest, SEA_SLOWEST)
-
-
-def against_waves(noise: Noise, worked: float) -> Noise:
-    """Return the noise of a sea that the rudder works against, its mean square there being `worked` [rad^2]: the yaw
-    that is left is less than the sea is worth, and the rudder of a boat that is quicker than the waves makes up for it.
-    """
-    return Noise(noise.heading, noise.acceleration, noise.push, noise.sea + worked, noise.pace)
+    if largest > sea and abs(shortest_turn(math.atan2(seaway.east, seaway.north), heading)) > SEA_TURNED:
+        sea, pace = largest, SEA_SLOWEST
+    return Noise(noise.heading, noise.acceleration, noise.push, sea + worked, pace)
 
 
 def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
@@ -273,42 +271,53 @@ def measured(before: Predicted, heading: float) -> tuple[Gains, Covariance]:
     )
 
 
+def foreseen(
+    model: Norrbin,
+    noise: Noise,
+    known: Covariance,
+    means: Means,
+    steered: tuple[float, tuple[float, float, float, float]],
+    passed: tuple[float, float],
+) -> tuple[Predicted, Gains, Covariance, Means]:
+    """Return the covariance before the next heading, how much that is believed, the covariance after it, and the means
+    before it. steered: the boat's rate [rad/s] and the rudders since [rad]; passed: the push's density [rad^2/s], which
+    counts in place of the noise's, and the time since [s]."""
+    (rate, rudders), (push, dt) = steered, passed
+    step = transition_of(model, rate, noise.pace, dt)
+    before = predicted(step, known, noise, push, dt)
+    gains, after = measured(before, noise.heading)
+    return before, gains, after, all_moved(step, means, rudders)
+
+
 def all_moved(step: Transition, means: Means, rudders: tuple[float, float, float, float]) -> Means:
-    """Return the means a step later: of the heading without a rudder, and of what each of the `rudders` [rad] adds."""
-    without, answer, late, slide, slow = means
-    rudder, rudder_late, braked, rudder_slow = rudders
+    """Return the means a step later: of the heading without a rudder, and of what each of the held `rudders` [rad]
+    adds. Written out, as each mean would be one call more."""
+    (psi, r, p, w), (psi_1, r_1, p_1, w_1), (psi_2, r_2, p_2, w_2), (psi_3, r_3, p_3, w_3), (psi_4, r_4, p_4, w_4) = (
+        means
+    )
+    u_1, u_2, u_3, u_4 = rudders
+    turn, drift, decay, gain, kept = step
+    u, u_1, u_2, u_3, u_4 = p + w, u_1 + p_1 + w_1, u_2 + p_2 + w_2, u_3 + p_3 + w_3, u_4 + p_4 + w_4
     return (
-        moved(step, without, 0.0),
-        moved(step, answer, rudder),
-        moved(step, late, rudder_late),
-        moved(step, slide, braked),
-        moved(step, slow, rudder_slow),
+        (psi + turn * r + drift * u, decay * r + gain * u, p, kept * w),
+        (psi_1 + turn * r_1 + drift * u_1, decay * r_1 + gain * u_1, p_1, kept * w_1),
+        (psi_2 + turn * r_2 + drift * u_2, decay * r_2 + gain * u_2, p_2, kept * w_2),
+        (psi_3 + turn * r_3 + drift * u_3, decay * r_3 + gain * u_3, p_3, kept * w_3),
+        (psi_4 + turn * r_4 + drift * u_4, decay * r_4 + gain * u_4, p_4, kept * w_4),
     )
 
 
 def all_corrected(gains: Gains, means: Means, innovation: float) -> Means:
     """Return the means after a heading that was `innovation` [rad] off what it would be without a rudder: the gains are
     the same for all, and so each answer is the smaller by its own part of what is explained."""
-    without, answer, late, slide, slow = means
-    return (
-        corrected(gains, without, innovation),
-        corrected(gains, answer, -answer[0]),
-        corrected(gains, late, -late[0]),
-        corrected(gains, slide, -slide[0]),
-        corrected(gains, slow, -slow[0]),
+    (psi, r, p, w), (psi_1, r_1, p_1, w_1), (psi_2, r_2, p_2, w_2), (psi_3, r_3, p_3, w_3), (psi_4, r_4, p_4, w_4) = (
+        means
     )
-
-
-def moved(step: Transition, mean: Mean, rudder: float) -> Mean:
-    """Return the mean a step later under a held `rudder` [rad]."""
-    psi, rate, push, sea = mean
-    turn, drift, decay, gain, kept = step
-    pushed = rudder + push + sea
-    return psi + turn * rate + drift * pushed, decay * rate + gain * pushed, push, kept * sea
-
-
-def corrected(gains: Gains, mean: Mean, innovation: float) -> Mean:
-    """Return the mean after a heading that was `innovation` [rad] off."""
-    psi, rate, push, sea = mean
     _, k0, k1, k2, k3 = gains
-    return psi + k0 * innovation, rate + k1 * innovation, push + k2 * innovation, sea + k3 * innovation
+    return (
+        (psi + k0 * innovation, r + k1 * innovation, p + k2 * innovation, w + k3 * innovation),
+        (psi_1 - k0 * psi_1, r_1 - k1 * psi_1, p_1 - k2 * psi_1, w_1 - k3 * psi_1),
+        (psi_2 - k0 * psi_2, r_2 - k1 * psi_2, p_2 - k2 * psi_2, w_2 - k3 * psi_2),
+        (psi_3 - k0 * psi_3, r_3 - k1 * psi_3, p_3 - k2 * psi_3, w_3 - k3 * psi_3),
+        (psi_4 - k0 * psi_4, r_4 - k1 * psi_4, p_4 - k2 * psi_4, w_4 - k3 * psi_4),
+    )

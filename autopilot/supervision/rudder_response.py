@@ -32,12 +32,9 @@ from autopilot.supervision.response_filter import (
     Noise,
     Slide,
     all_corrected,
-    all_moved,
-    measured,
-    predicted,
+    foreseen,
     slide_learnt,
     slide_share,
-    transition_of,
 )
 from autopilot.supervision.tuning import (
     ANSWERS_MOST,
@@ -177,6 +174,28 @@ def grown(evidence: float, squares: float, variance: float, most: float) -> floa
     return evidence if evidence > 0.0 else 0.0
 
 
+Four = tuple[float, float, float, float]
+
+
+def all_grown(evidence: Four, squares: Four, variance: float, most: float) -> Four:
+    """Return four kinds of evidence with what a heading adds to each, see `grown`; written out, as `all_moved` is."""
+    (one, two, three, four), (square_one, square_two, square_three, square_four) = evidence, squares
+    more = 0.5 * square_one / variance
+    one += most if more > most else more if more > -MOST_AT_ONCE else -MOST_AT_ONCE
+    more = 0.5 * square_two / variance
+    two += most if more > most else more if more > -MOST_AT_ONCE else -MOST_AT_ONCE
+    more = 0.5 * square_three / variance
+    three += most if more > most else more if more > -MOST_AT_ONCE else -MOST_AT_ONCE
+    more = 0.5 * square_four / variance
+    four += most if more > most else more if more > -MOST_AT_ONCE else -MOST_AT_ONCE
+    return (
+        one if one > 0.0 else 0.0,
+        two if two > 0.0 else 0.0,
+        three if three > 0.0 else 0.0,
+        four if four > 0.0 else 0.0,
+    )
+
+
 def response_step(
     before: ResponseState, model: Norrbin, noise: Noise, rate: float, newest: tuple[float, float], rudders: Rudders
 ) -> ResponseState:
@@ -187,13 +206,12 @@ def response_step(
     outliers, usual, shown, others = before.outliers, before.usual, before.shown, before.others
     (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
     dt = time - last
-    step = transition_of(model, rate, noise.pace, dt)
     unexplained = before.unexplained
     is_gust = unexplained > UNEXPLAINED
-    covariance = predicted(step, known, noise, noise.push + GUST if is_gust else noise.push, dt)
-    gains, known = measured(covariance, noise.heading)
+    means, at = (mean, answer, late, slide, others.slow), (rudder, rudder_late, braked, rudder_slow)
+    passed = noise.push + GUST if is_gust else noise.push, dt
+    covariance, gains, known, means = foreseen(model, noise, known, means, (rate, at), passed)
     variance = gains[0]
-    means = all_moved(step, (mean, answer, late, slide, others.slow), (rudder, rudder_late, braked, rudder_slow))
     mean, answer, late, slide, slow = means
     off, s, s_late = heading - mean[0], answer[0], late[0]
     off = off if -PI < off <= PI else wrap(off)
@@ -216,14 +234,24 @@ def response_step(
     # how much the boat slides is known by what came before, so that no heading explains itself
     g, left_over = slide[0], off_some
     off_some -= slide_share(slid) * g
-    square_some, square_some_late = off_some * off_some, off_some_late * off_some_late
-    stuck = grown(kept * stuck, square_some - off * off, variance, most)
+    off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
+    square_none, square_some, square_some_late = off * off, off_some * off_some, off_some_late * off_some_late
+    stuck, stuck_late, turned, turned_late = all_grown(
+        (kept * stuck, kept * stuck_late, kept * wrong, kept * wrong_late),
+        (
+            square_some - square_none,
+            square_some_late - square_none,
+            square_some - off_wrong * off_wrong,
+            square_some_late - off_wrong_late * off_wrong_late,
+        ),
+        variance,
+        most,
+    )
     # what may be a fault is none of the boat's usual ways
     learns = 0.0 if stuck >= SUSPECT or wrong >= SUSPECT else 1.0 / variance
     slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
     mean, answer, late, slide, corrected_slow = all_corrected(gains, means, off)
     others = others_step(others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), corrected_slow)
-    off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
     return ResponseState(
         time,
         known,
@@ -233,9 +261,9 @@ def response_step(
         slide,
         slid,
         stuck,
-        grown(kept * stuck_late, square_some_late - off * off, variance, most),
-        grown(kept * wrong, square_some - off_wrong * off_wrong, variance, most),
-        grown(kept * wrong_late, square_some_late - off_wrong_late * off_wrong_late, variance, most),
+        stuck_late,
+        turned,
+        turned_late,
         unexplained + (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained),
         0,
         USUAL * USUAL_SURE + remembered * (usual - USUAL * USUAL_SURE) + learns * off * s,
@@ -318,16 +346,27 @@ def others_step(
         square = left * left * (2.0 - newest) / newest
         colour = square + kept * (colour - square)
     by_weak, by_right, by_strong, by_late = off - WEAK * s, off - s, off - STRONG * s, off - s_late
+    weak, right, strong, latest = all_grown(
+        (kept * weak, kept * right, kept * strong, kept * latest),
+        (
+            by_weak * by_weak - square_slow,
+            by_right * by_right - square_slow,
+            by_strong * by_strong - square_slow,
+            by_late * by_late - square_slow,
+        ),
+        variance,
+        most_slow,
+    )
     return Others(
         slow,
         (lively, lively_port),
         (quick, quick_port),
         misfit,
         misfit_slow,
-        grown(kept * weak, by_weak * by_weak - square_slow, variance, most_slow),
-        grown(kept * right, by_right * by_right - square_slow, variance, most_slow),
-        grown(kept * strong, by_strong * by_strong - square_slow, variance, most_slow),
-        grown(kept * latest, by_late * by_late - square_slow, variance, most_slow),
+        weak,
+        right,
+        strong,
+        latest,
         fit,
         left,
         colour,

@@ -12,7 +12,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from autopilot.angles import PI, shortest_turn, wrap
+from autopilot.angles import PI, wrap
 from autopilot.estimation.disturbance import slide_step
 from autopilot.estimation.rudder_observer import Ring
 from autopilot.models.norrbin import Norrbin, steady_rudder
@@ -29,7 +29,6 @@ from autopilot.supervision.response_filter import (
     NO_SEAWAY,
     SEA_KNOWN_S,
     Seaway,
-    against_waves,
     changing_noise,
     noise_of,
     seaway_noise,
@@ -244,7 +243,7 @@ def evidence_step(
         return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
     noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
-    noise = against_waves(seaway_noise(model, noise, seaway, state.heading), worked)
+    noise = seaway_noise(model, noise, seaway, state.heading, worked)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
         return Evidence(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide, worked)
@@ -259,7 +258,8 @@ def evidence_step(
         slide = slide_step(model, slide, rate, seen.angle_max, time - known)
         is_usual = response.stuck < SUSPECT and response.reversed < SUSPECT
         # a boat that is far off does not answer, or is turned: that is no work against waves
-        is_near = abs(shortest_turn(seen.wanted, state.heading)) < ON_COURSE
+        off = state.heading - seen.wanted
+        is_near = abs(off if -PI < off <= PI else wrap(off)) < ON_COURSE
         if seen.holds_course and is_near and is_usual and state.wave_deviation > 0.0:
             off = in_time + state.bias
             worked -= math.expm1(-(time - known) / WORKED_TIME) * (off * off - worked)

@@ -18,8 +18,9 @@ from autopilot.signals import HeadingSample, NavState
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.response_filter import (
     NO_SEAWAY,
+    NOTHING,
     Noise,
-    moved,
+    all_moved,
     noise_of,
     predicted,
     seaway_noise,
@@ -244,7 +245,7 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
     assert seaway.swing == pytest.approx(swing * math.exp(-age / 3600.0))
     # the sea that is estimated turns the boat as much as what was met an hour ago, at the slowest pace
     noise = noise_of(BOAT, 2.0e-4, swing / math.e, 0.5)
-    met = seaway_noise(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg))
+    met = seaway_noise(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg), 0.0)
     assert met == (noise_of(BOAT, 2.0e-4, seaway.swing, 0.5) if is_met else noise)
     seaway = seaway_step(seaway._replace(time=0.0), 2.0 * math.pi / 0.4, 1.0 + side * math.radians(25.0), 0.0)
     assert math.atan2(seaway.east, seaway.north) == pytest.approx(1.0 + side * 0.2767, abs=1e-4)
@@ -254,8 +255,8 @@ def test_a_sea_that_nobody_has_met_may_come_on_a_new_course_only() -> None:
     """A launch that had held a course right before the sea for minutes, without a yaw, turned by 20 deg into waves that
     swung it by 12: its rudder was called slow, then stuck, and let go."""
     noise, calm = noise_of(BOAT, 2.0e-4, 0.0, 0.0), seaway_step(NO_SEAWAY, 0.0, 0.0, 0.0)
-    assert seaway_noise(BOAT, noise, calm, math.radians(9.5)) == noise
-    assert seaway_noise(BOAT, noise, calm, 2.0) == noise_of(BOAT, 2.0e-4, math.radians(1.0), 0.5)
+    assert seaway_noise(BOAT, noise, calm, math.radians(9.5), 0.0) == noise
+    assert seaway_noise(BOAT, noise, calm, 2.0, 0.0) == noise_of(BOAT, 2.0e-4, math.radians(1.0), 0.5)
 
 
 @pytest.mark.parametrize(
@@ -526,7 +527,8 @@ def stepped(share: float, seen: float, **change: Any) -> tuple[ResponseState, Re
     others = {name: change.pop(name) for name in tuple(change) if name in Others._fields}
     before = before._replace(others=before.others._replace(**others), answer=(seen, 0.0, 0.0, 0.0), **change)
     step = transition_of(BOAT, 0.1, NOISE.pace, DT)
-    answer, mean = moved(step, before.answer, 0.3)[0], moved(step, before.mean, 0.0)[0]
+    means = all_moved(step, (before.mean, before.answer, NOTHING, NOTHING, NOTHING), (0.3, 0.0, 0.0, 0.0))
+    mean, answer = means[0][0], means[1][0]
     after = response_step(
         before, BOAT, NOISE, 0.1, (before.time + DT, mean + share * answer), Rudders(0.3, 0.3, 0.3, 0.0, 1.0)
     )

@@ -18,9 +18,9 @@ from autopilot.supervision.response_filter import (
     Covariance,
     Noise,
     Slide,
-    corrected,
+    all_corrected,
+    all_moved,
     measured,
-    moved,
     predicted,
     slide_learnt,
     slide_share,
@@ -34,6 +34,7 @@ from autopilot.supervision.rudder_response import (
 
 Matrix = npt.NDArray[np.float64]
 NOISE = Noise(heading=2.0e-4, acceleration=3.0e-5, push=4.0e-6, sea=5.0e-3, pace=0.7)
+X = (0.1, -0.05, 0.02, 0.03)
 BOATS = [
     Norrbin(0.2, 5.0),
     Norrbin(0.3, 4.0, n1=-0.5, n3=2.0),
@@ -133,9 +134,12 @@ def test_the_mean_and_the_covariance_move_by_the_same_matrix(model: Norrbin, see
     dt, rudder = 0.4, 0.15
     step, p = step_of(model, 0.1, NOISE, dt), some_covariance(seed)
     f = transition(step)
-    x = np.array([0.1, -0.05, 0.02, 0.03])
+    x = np.array(X)
     driven = np.array([step.drift, step.gain, 0.0, 0.0]) * rudder
-    assert np.allclose(moved(step, (0.1, -0.05, 0.02, 0.03), rudder), f @ x + driven, rtol=1e-12)
+    means = all_moved(step, (X, X, NOTHING, X, NOTHING), (rudder, rudder, 0.0, -rudder))
+    wanted = f @ x, f @ x + driven, driven, f @ x, -driven
+    for mean, of in zip(means, wanted, strict=True):
+        assert np.allclose(mean, of, rtol=1e-12)
     noise = np.zeros((4, 4))
     noise[:2, :2] = NOISE.acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     noise[2, 2] = NOISE.push * dt
@@ -156,8 +160,9 @@ def test_a_heading_is_taken_in_as_a_kalman_filter_takes_it(seed: int) -> None:
     assert np.allclose(gains[1:], gain.ravel(), rtol=1e-12)
     after = kept @ p @ kept.T + NOISE.heading * gain @ gain.T
     assert np.allclose(matrix_of(known), after, rtol=1e-9, atol=1e-14)
-    mean = (0.1, 0.2, -0.3, 0.4)
-    assert np.allclose(corrected(gains, mean, -0.05), np.array(mean) - 0.05 * gain.ravel(), rtol=1e-12)
+    means = all_corrected(gains, (X, X, NOTHING, NOTHING, X), -0.05)
+    for mean, was, innovation in zip(means, (X, X, NOTHING, NOTHING, X), (-0.05, -0.1, 0.0, 0.0, -0.1), strict=True):
+        assert np.allclose(mean, np.array(was) + innovation * gain.ravel(), rtol=1e-12)
 
 
 def slid(share: float, seconds: float, before: Slide = NO_SLIDE, learns: bool = True) -> Slide:
