@@ -263,14 +263,14 @@ def _quickest(steered: Steered, worst: float, least_error: float) -> float:
         return found.stable and found.sensitivity <= worst and found.saturation >= least_error
 
     slowest, quickest = 1.0e-3 / model.time_constant, 1.0e2 / model.time_constant
-    grid = [slowest * math.pow(quickest / slowest, index / 120) for index in range(121)]
-    good = [k for k in grid if holds(k)]
-    if not good:
-        raise ValueError(
-            "design: no gain gives a stable loop with margins: the steering gear is too slow for this boat"
-            + (", or its rudder cannot be spared" if at(slowest).smoothing > 0.0 else "")
-        )
-    return good[-1]
+    for index in range(120, -1, -1):
+        k = slowest * math.pow(quickest / slowest, index / 120)
+        if holds(k):
+            return k
+    raise ValueError(
+        "design: no gain gives a stable loop with margins: the steering gear is too slow for this boat"
+        + (", or its rudder cannot be spared" if at(slowest).smoothing > 0.0 else "")
+    )
 
 
 def bandwidths_of(model: Norrbin) -> tuple[float, float]:
