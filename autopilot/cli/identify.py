@@ -377,8 +377,9 @@ def _check_model(arguments: argparse.Namespace, method: Method) -> None:
 
 def _chosen(runs: Sequence[Run], question: Question, progress: Callable[[int, int], None]) -> Choice:
     """Return the candidates fitted to the runs, stated at one speed, and the one to take."""
-    from autopilot.identification.identify import identify, mean_speed
+    from autopilot.identification.identify import identify
     from autopilot.identification.model_choice import choose
+    from autopilot.identification.runs import mean_speed
 
     speed = mean_speed(runs) if question.reference_speed is None else question.reference_speed
 

@@ -28,7 +28,7 @@ from autopilot.identification.likelihood_model import SURELY_TURNS, ordered
 from autopilot.identification.likelihood_record import Form
 from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
-from autopilot.identification.runs import FloatArray, Run, Segment, seconds
+from autopilot.identification.runs import FloatArray, Run, Segment, mean_speed, seconds
 from autopilot.models.drives import THROTTLE_FLOOR, DriveLaw, Needs, effect_of
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin
 
@@ -137,7 +137,7 @@ def _begin(stack: _Stack, exponent: float, *, by_throttle: bool) -> FloatArray:
 def fit_drive(runs: Sequence[Run], usual: DriveLaw, needs: Needs) -> DriveFit:
     """Return the model of the runs and how it goes with speed and throttle."""
     total = sum(seconds(run) for run in runs)
-    speeds = [_mean_speed(run) for run in runs]
+    speeds = [mean_speed([run]) for run in runs]
     reference = sum(speed * seconds(run) for speed, run in zip(speeds, runs, strict=True)) / total
     throttles = [abs(run.throttle) for run in runs]
     throttle = sum(each * seconds(run) for each, run in zip(throttles, runs, strict=True)) / total
@@ -252,11 +252,6 @@ def _covariance(stack: _Stack, known: NDArray[np.bool_], jacobian: FloatArray, l
             break
         times += 2.0 * alike
     return np.asarray(np.linalg.pinv(jacobian.T @ jacobian) * spread * times)
-
-
-def _mean_speed(run: Run) -> float:
-    way = sum(float(np.trapezoid(np.abs(part.speed), part.time)) for part in run.segments)
-    return way / seconds(run)
 
 
 def _span(values: Sequence[float]) -> float:

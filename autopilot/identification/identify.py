@@ -32,7 +32,15 @@ from autopilot.identification.model_choice import CUBIC, START_N3, extended, may
 from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
 from autopilot.identification.prediction_bands import in_the_race
 from autopilot.identification.residuals import Fitted, RunTrims, initial_state, own_trims, triangle, typical_rate
-from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind, shortest_time_constant
+from autopilot.identification.runs import (
+    FloatArray,
+    Run,
+    Segment,
+    has_propeller,
+    has_wind,
+    mean_speed,
+    shortest_time_constant,
+)
 from autopilot.identification.simulation import RATE_BOUND_RAD_S, Forcing, at_samples, forcing, linear_responses
 from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, folds, yaw_acceleration
@@ -204,13 +212,6 @@ def _solve(columns: FloatArray, left: FloatArray, unit: Norrbin) -> StartingPoin
     total = float(np.sum((left - others @ np.linalg.lstsq(others, left, rcond=None)[0]) ** 2))
     explained = 1.0 - rest / total if total > 0.0 else 0.0
     return StartingPoint(unit._replace(gain=float(coefficients[0]), n0=-float(coefficients[1])), explained)
-
-
-def mean_speed(runs: Sequence[Run]) -> float:
-    """Return the mean speed [m/s] over the runs' recorded time: the reference at which parameters are stated."""
-    way = [float(np.trapezoid(np.abs(s.speed), s.time)) for run in runs for s in run.segments]
-    time = [float(s.time[-1] - s.time[0]) for run in runs for s in run.segments]
-    return sum(way) / sum(time)
 
 
 def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:

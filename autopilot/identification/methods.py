@@ -17,7 +17,6 @@ from autopilot.identification.identify import (
     check_excitation,
     check_response,
     identify,
-    mean_speed,
     sources_of,
     starting_point,
     steady_damping,
@@ -25,7 +24,7 @@ from autopilot.identification.identify import (
 )
 from autopilot.identification.residual_tests import simulate_run
 from autopilot.identification.residuals import residual_noise
-from autopilot.identification.runs import FloatArray, Run, shortest_time_constant
+from autopilot.identification.runs import FloatArray, Run, mean_speed, shortest_time_constant
 from autopilot.identification.two_stage import nomoto_at_end, nomoto_path
 from autopilot.models.norrbin import Norrbin
 

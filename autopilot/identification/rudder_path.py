@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.blas import dtbsv
 
-from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.runs import FloatArray, Run
 
 STRAIGHT_RAD_S = np.radians(0.05)
 """Neighbouring slopes this close count as one line; noise on the record exceeds it, and nothing is carried on then."""
@@ -175,17 +175,13 @@ class _Slope(NamedTuple):
     travel: float
 
 
-def measured_rudder_rate(segments: Sequence[Segment]) -> RudderRate | None:
-    """Return the fastest rate at which the recorded rudder slews; None where the record cannot show one.
-
-    segments: rudder [rad] over time [s]. A rudder that gets from one angle to another between two or three samples
-    shows no rate: it moved at that rate or any faster one; fewer than FEWEST_MOVEMENTS are none either.
-    """
-    return measured_rate([(segment.time, segment.rudder) for segment in segments])
-
-
 def measured_rate(records: Sequence[tuple[FloatArray, FloatArray]]) -> RudderRate | None:
-    """Return the same of records of times [s] and rudder angles [rad]."""
+    """Return the fastest rate at which the rudder slews in records of times [s] and angles [rad]; None where they
+    cannot show one.
+
+    A rudder that gets from one angle to another between two or three samples shows no rate: it moved at that rate or
+    any faster one; fewer than FEWEST_MOVEMENTS are none either.
+    """
     slopes = [slope for time, rudder in records for slope in _slopes(time, rudder)]
     group = _fastest_group(slopes) if slopes else []
     if len(group) < FEWEST_MOVEMENTS:
@@ -201,7 +197,8 @@ def measured_rate(records: Sequence[tuple[FloatArray, FloatArray]]) -> RudderRat
 
 def rudder_rate_of(runs: Sequence[Run]) -> RudderRate | None:
     """Return the rate at which the rudder moved in the runs that have a sensor on it."""
-    return measured_rudder_rate([segment for run in runs if run.rudder == "measured" for segment in run.segments])
+    segments = (segment for run in runs if run.rudder == "measured" for segment in run.segments)
+    return measured_rate([(segment.time, segment.rudder) for segment in segments])
 
 
 def rate_sentence(rate: RudderRate) -> str:

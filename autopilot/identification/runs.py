@@ -281,6 +281,13 @@ def seconds(run: Run) -> float:
     return float(sum(segment.time[-1] - segment.time[0] for segment in run.segments))
 
 
+def mean_speed(runs: Sequence[Run]) -> float:
+    """Return the mean speed [m/s] over the runs' recorded time: the reference at which parameters are stated."""
+    way = [float(np.trapezoid(np.abs(s.speed), s.time)) for run in runs for s in run.segments]
+    time = [float(s.time[-1] - s.time[0]) for run in runs for s in run.segments]
+    return sum(way) / sum(time)
+
+
 def spacing_of(segments: Sequence[Segment]) -> float:
     """Return how far apart [s] samples are on average."""
     steps = sum(segment.time.size - 1 for segment in segments)

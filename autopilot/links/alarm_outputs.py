@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import AlarmNews, SilentLink
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT
+from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT, vehicle_command
 from autopilot.signals import AcknowledgeSample, AlarmEvent, Sample, Siren, Tick
 from autopilot.supervision.alarms import kind_of
 
@@ -204,7 +204,5 @@ class VehicleSounder:
             # an order lost on a bad line is given again while the alarm lasts, and once more when it is over
             self._next_relay = now + RELAY_REPEAT_S
             self._relay_on = is_on
-            values = (float(self._relay), float(is_on), 0.0, 0.0, 0.0, 0.0, 0.0)
-            command = dialect.MAV_CMD_DO_SET_RELAY
-            messages.append(dialect.MAVLink_command_long_message(vehicle, AUTOPILOT_COMPONENT, command, 0, *values))
+            messages.append(vehicle_command(vehicle, dialect.MAV_CMD_DO_SET_RELAY, self._relay, is_on))
         return messages

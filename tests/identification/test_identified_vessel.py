@@ -16,7 +16,7 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Identified
 from autopilot.identification.residual_tests import predict
 from autopilot.identification.residuals import Noise
-from autopilot.identification.rudder_path import DIRECT, measured_rudder_rate, rudder_rate_of
+from autopilot.identification.rudder_path import DIRECT, measured_rate, rudder_rate_of
 from autopilot.identification.runs import Segment
 from autopilot.models.norrbin import Norrbin
 from autopilot.report.identification import Result, as_json, as_text
@@ -192,7 +192,8 @@ def test_a_filed_rate_that_the_rudder_denies_is_remarked(tmp_path: Path) -> None
 def test_the_rudders_rate_is_measured_within_a_tenth_and_knows_its_error(rate_deg_s: float, noise_deg: float) -> None:
     errors, scores = [], []
     for seed in range(12):
-        found = measured_rudder_rate([slewing(rate_deg_s, noise_deg, seed)])
+        segment = slewing(rate_deg_s, noise_deg, seed)
+        found = measured_rate([(segment.time, segment.rudder)])
         assert found is not None
         errors.append(math.degrees(found.rate) / rate_deg_s - 1.0)
         scores.append(math.radians(errors[-1] * rate_deg_s) / found.standard_error)

@@ -11,8 +11,9 @@ from zigzag_trials import LANXIN, noisy, run_of, zigzag
 from autopilot.errors import InputError
 from autopilot.identification import output_error
 from autopilot.identification.identified import Question, SteadyTurns
-from autopilot.identification.identify import identify, mean_speed
+from autopilot.identification.identify import identify
 from autopilot.identification.residual_tests import predict
+from autopilot.identification.runs import mean_speed
 from autopilot.identification.simulation import Forcing, at_samples, forcing, simulate
 from autopilot.identification.two_stage import cubic_damping_stage, nomoto_stage
 from autopilot.models.norrbin import Norrbin, steady_rate

@@ -285,11 +285,11 @@ class DriveLink(CarriedLink):
             raise
 
     def _push(self, now: float) -> None:
-        if now >= self._line_free:
-            self._order.send(now, lambda angle: self._write(now, self._telegram(now, angle)))
+        def write(angle: float | None) -> bool:
+            return self._write(now, self.drive.release(now) if angle is None else self.drive.order(now, angle))
 
-    def _telegram(self, now: float, angle: float | None) -> bytes:
-        return self.drive.release(now) if angle is None else self.drive.order(now, angle)
+        if now >= self._line_free:
+            self._order.send(now, write)
 
     def _write(self, now: float, data: bytes) -> bool:
         if not data or not self._transport.send(data):

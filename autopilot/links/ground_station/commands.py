@@ -408,7 +408,7 @@ class Commands:
             return self._refuse(DENIED, f"give a latitude of up to {most}")
         if self.mission.guide.settings.magnetic:
             return self._refuse(DENIED, MAGNETIC_LEADS)
-        if not self._has_position(tick):
+        if tick is None or not self.mission.guide.fix.is_fresh(tick.now):
             return self._refuse(REJECTED, NO_POSITION)
         changes_mode = math.isfinite(flags) and int(flags) & dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
         if tick is None or not _steers(tick):
@@ -541,9 +541,6 @@ class Commands:
     def _is_armed(self, tick: Tick | None) -> bool:
         """Armed, or engaged from the terminal: what the heartbeat calls armed."""
         return self.armed or (tick is not None and tick.mode is Mode.ENGAGED)
-
-    def _has_position(self, tick: Tick | None) -> bool:
-        return tick is not None and self.mission.guide.fix.is_fresh(tick.now)
 
     def _arm(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         if parameters[0] not in (0.0, 1.0):

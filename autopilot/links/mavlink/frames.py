@@ -313,7 +313,7 @@ class TlogPackets:
     def __iter__(self) -> Iterator[tuple[float, int, bytes]]:
         data, place, end = self._data, 0, len(self._data)
         while place + STAMP + 2 <= end:
-            length = packet_length(data, place + STAMP)
+            length = frame_length(data, place + STAMP, ANY)
             follows = place + STAMP + length
             if length == 0 or (follows > end and not self._goes_on(place)):
                 self.torn = end - place
@@ -348,20 +348,7 @@ class TlogPackets:
             if magic >= end:
                 return end
             start = magic - STAMP
-            length = packet_length(data, magic)
+            length = frame_length(data, magic, ANY)
             if self._is_start(start) and length > 0 and magic + length < end and self._is_start(magic + length):
                 return start
             magic += 1
-
-
-def packet_length(data: bytes, start: int) -> int:
-    """Return the length of the packet, known or not, that begins at `start`; 0: cut off in its header; -1: none."""
-    magic, waiting = data[start], len(data) - start
-    if magic == MAGIC_V2:
-        if waiting < 10:
-            return 0
-        flags = data[start + 2]
-        return -1 if flags & ~SIGNED else data[start + 1] + 12 + 13 * flags
-    if magic == MAGIC_V1:
-        return data[start + 1] + 8 if waiting >= 6 else 0
-    return -1

@@ -407,21 +407,15 @@ def station_heartbeat() -> Message:
     )
 
 
+def vehicle_command(vehicle: int, command: int, *parameters: float) -> Message:
+    """Return a command to the vehicle's flight controller; what is not given of its seven `parameters` is 0."""
+    values = (*parameters, *(0.0,) * (7 - len(parameters)))
+    return dialect.MAVLink_command_long_message(vehicle, AUTOPILOT_COMPONENT, command, 0, *values)
+
+
 def interval_request(vehicle: int, identity: int, interval_us: int) -> Message:
     """Return the request to stream the message `identity` every `interval_us`."""
-    return dialect.MAVLink_command_long_message(
-        vehicle,
-        AUTOPILOT_COMPONENT,
-        dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
-        0,
-        identity,
-        interval_us,
-        0,
-        0,
-        0,
-        0,
-        0,
-    )
+    return vehicle_command(vehicle, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, identity, interval_us)
 
 
 def parameter_request(vehicle: int, name: str) -> Message:
@@ -468,12 +462,7 @@ class ModeHandover:
             return []
         self._next = now + HANDOVER_REPEAT_S
         flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        command = dialect.MAV_CMD_DO_SET_MODE
-        return [
-            dialect.MAVLink_command_long_message(
-                vehicle, AUTOPILOT_COMPONENT, command, 0, flags, self._mode, 0, 0, 0, 0, 0
-            )
-        ]
+        return [vehicle_command(vehicle, dialect.MAV_CMD_DO_SET_MODE, flags, self._mode)]
 
     def seen(self, now: float, mode: int, link: str) -> list[ConditionSample]:
         """Take the vehicle's mode; return what has changed in whether it refuses."""
