@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import math
+import dataclasses
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from autopilot.links.drives import DriveLink, DriveLinkSettings
 from autopilot.links.drives.pypilot_motor import FLAGS, NO_SENSOR, RUDDER, PypilotMotor, packet
 from autopilot.links.nmea.link import NmeaLink
-from autopilot.links.rudder_order import FollowSettings, RudderFollow
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.runtime.build import follow_of
+from autopilot.runtime.build import build_pilot, patience_of
 from autopilot.runtime.build_links import drive_settings_of, nmea_settings_of
-from autopilot.signals import HelmCause, HelmSample, RudderCommand, Sample
+from autopilot.signals import HelmCause, HelmSample, Mode, Order, OrderKind, RudderCommand, Sample
 from autopilot.vessel.file import load_vessel
+from sitl.scenario import FaultSection, load_scenario
+from sitl.wire_nmea import NmeaInstruments
+from sitl.world import World
 
 LANXIN = load_vessel("lanxin")
 PATIENCE_S = 3.0
@@ -24,7 +28,7 @@ PATIENCE_S = 3.0
 def opened(kind: str) -> NmeaLink | DriveLink:
     near, _ = loopback_pair()
     if kind == "drive":
-        return DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(follow=follow_of(LANXIN)))
+        return DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(patience=patience_of(LANXIN)))
     steers = "" if kind == "nmea" else "?steer=no"
     return NmeaLink(near, nmea_settings_of(LANXIN, parse_url(f"nmea:udpin:127.0.0.1:10110{steers}")))
 
@@ -55,20 +59,40 @@ def test_a_link_that_carries_no_orders_may_be_left_alone() -> None:
     assert helms(link.receive(10.0 * PATIENCE_S)) == []
 
 
-def test_no_more_is_said_than_what_the_standstill_was() -> None:
-    follow = RudderFollow(FollowSettings(patience=1.0))
-    follow.ordered(0.0, math.radians(10.0))
-    for step in range(14):
-        follow.measured(0.1 * step, 0.0, "rudder")  # stuck, and nearly found so
-    follow.measured(2.5, 0.0, "rudder")
-    assert "stood still for 2.5 s" in follow.reason(2.5)
-    follow.released()
-    assert (follow.reason(2.6), follow.cause) == ("", HelmCause.TAKEN)
+def sailed_with_a_stuck_rudder(began: float, lasts: float) -> tuple[Mode, set[str]]:
+    """Return mode and alarms after 12 s of a boat whose rudder has stuck, its loop standing still for `lasts` [s]."""
+    faults = (FaultSection("rudder_stuck", 0.0, 100.0),)
+    world = World(LANXIN, dataclasses.replace(load_scenario("calm"), faults=faults))
+    instruments = NmeaInstruments(world, {"HDT": 10.0, "ROT": 10.0, "RSA": 5.0}, 38400)
+    near, far = loopback_pair()
+    near.is_stream = True
+    link = NmeaLink(near, nmea_settings_of(LANXIN, parse_url("nmea:/dev/x:38400")))
+    pilot = build_pilot(LANXIN)
+    for step in range(600):
+        now = 0.02 * step
+        for data in instruments.transmit(now):
+            far.send(data)
+        if began <= now < began + lasts:
+            continue
+        tick = pilot.step(now, tuple(link.receive(now)), Order(OrderKind.HEADING, 2.5, serial=1))
+        link.send(now, tick.command)
+        link.poll(now)
+        if tick.mode is Mode.FAILSAFE:
+            break
+    return tick.mode, {alarm.name for alarm in tick.alarms}
+
+
+@given(st.floats(0.5, 4.0), st.floats(0.0, 2.9))
+@example(1.63342, 0.43746)
+@settings(max_examples=6, deadline=None)
+def test_a_stuck_rudder_is_the_fail_safe_whenever_this_computer_stands_still(began: float, lasts: float) -> None:
+    mode, alarms = sailed_with_a_stuck_rudder(began, lasts)
+    assert mode is Mode.FAILSAFE and "rudder_stuck" in alarms
 
 
 def test_a_drive_that_nobody_asked_for_a_while_has_not_failed_to_answer() -> None:
     near, far = loopback_pair()
-    link = DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(follow=follow_of(LANXIN)))
+    link = DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(patience=patience_of(LANXIN)))
     link.receive(0.0)
     far.send(3 * (packet(FLAGS, 0) + packet(RUDDER, 32768)))
     assert helms(link.receive(0.1)) == [(True, HelmCause.TAKEN)]
@@ -84,7 +108,7 @@ def test_a_drive_that_nobody_asked_for_a_while_has_not_failed_to_answer() -> Non
 
 def test_a_fault_that_a_drive_reports_outlasts_our_own_standstills() -> None:
     near, far = loopback_pair()
-    link = DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(follow=follow_of(LANXIN)))
+    link = DriveLink(near, PypilotMotor(drive_settings_of(LANXIN)), DriveLinkSettings(patience=patience_of(LANXIN)))
     link.receive(0.0)
     far.send(3 * (packet(FLAGS, 0) + packet(RUDDER, 32768)))
     assert helms(link.receive(0.1)) == [(True, HelmCause.TAKEN)]
