@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -66,6 +67,42 @@ def test_a_leg_that_a_busy_machine_disturbs_is_sailed_slower_and_slower(
     monkeypatch.setattr(demo_legs, "_sail_once", held_up)
     assert demo_legs.sail(Leg("turn", "pid", ()), load_vessel("lanxin"), tmp_path, 1) == 0.5  # type: ignore[comparison-overlap]
     assert capsys.readouterr().err.count("busy: turn is sailed again, slower\n") == 3
+
+
+def test_a_leg_whose_ticks_the_machine_left_out_is_sailed_slower(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Shown:
+        def __init__(self, *anything: object) -> None:
+            pass
+
+        def __enter__(self) -> Shown:
+            return self
+
+        def __exit__(self, *anything: object) -> None:
+            pass
+
+        def run(self, longest: float, watch: Callable[[Tick], bool]) -> None:
+            for each in turned():
+                watch(each)
+
+    class Script:
+        is_over, is_complete, begun_at = False, True, (0.0, 1.0)
+
+    for name, stand_in in (("App", Shown), ("TrialScript", lambda steps: Script())):
+        monkeypatch.setattr(demo_legs, name, stand_in)
+    boat = load_vessel("lanxin")
+    with pytest.raises(RefusedError, match="left most of the ticks out"):
+        demo_legs._steer(Leg("turn", "pid", ()), boat, "udpin:127.0.0.1:0", tmp_path / "turn.tlog", 4.0)
+    slowest = demo_legs.PACES[-1]
+    ticks, _ = demo_legs._steer(Leg("turn", "pid", ()), boat, "udpin:127.0.0.1:0", tmp_path / "turn.tlog", slowest)
+    assert len(ticks) == len(turned())
+
+
+def test_the_verdict_is_that_of_the_worse_turn_of_the_designed_law(result: DemoResult) -> None:
+    summary = as_json(result._replace(turns={**result.turns, "turn-serial": TurnMeasures(0.9, math.nan, 0.5)}))
+    said = demo_legs.verdict_of_demo(summary)
+    assert said.grade == "fair" and "does not settle, 51.6 deg past" in said.sentence
 
 
 def test_a_turn_is_measured() -> None:
