@@ -176,6 +176,7 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         return int(ExitCode.OK)
     from autopilot.cli.identify_drive_roll import identified_by_thrust
     from autopilot.cli.log import log_options, print_newer, refuse_twice, vessel_of
+    from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.ordered_rudder import slower_rudder, with_rudder_of
     from autopilot.identification.verdict import gear_check
     from autopilot.logs.reading import load_run
@@ -186,10 +187,12 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     refuse_twice(arguments.logs)
     refuse_twice(arguments.holdout)
     print_newer([*arguments.logs, *arguments.holdout])
-    fitted, held_out = (
-        [load_run(path, None, arguments.reverse_rudder, options) for path in paths]
-        for paths in (arguments.logs, arguments.holdout)
-    )
+    with ProgressBar("reading") as bar:
+        shown = options._replace(reading=options.reading._replace(progress=bar.update_share))
+        fitted, held_out = (
+            [load_run(path, None, arguments.reverse_rudder, shown) for path in paths]
+            for paths in (arguments.logs, arguments.holdout)
+        )
     known = recorded_vessel(fitted) if vessel is None else vessel
     filed = math.inf if known is None else known.rudder.slower_rate
     by_thrust = known is not None and known.drive.kind != "rudder"

@@ -261,6 +261,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the log and do what was asked; return the exit code."""
+    from autopilot.cli.terminal import ProgressBar
     from autopilot.logs.reading import load_recording
 
     print_newer([arguments.log])
@@ -269,7 +270,8 @@ def run(arguments: argparse.Namespace) -> int:
     options = log_options(arguments, vessel_of(arguments))
     if arguments.action in ("csv", "export") and not arguments.overwrite:
         refuse_existing(arguments.to)
-    recording = load_recording(arguments.log, options.reading)
+    with ProgressBar("reading") as bar:
+        recording = load_recording(arguments.log, options.reading._replace(progress=bar.update_share))
     if arguments.action in ("csv", "export"):
         return _rewrite(arguments, recording, options)
     if arguments.action == "measures":

@@ -22,6 +22,7 @@ from autopilot.logs.series import (
     RUDDER,
     SPEED,
     LogFormat,
+    ReadOptions,
     Recording,
     Series,
     on_one_clock,
@@ -42,9 +43,9 @@ def is_own(data: bytes) -> bool:
     return data[8:9] == bytes([MAGIC_V2]) and data[15:20] == tunnel
 
 
-def read_own(path: str) -> Recording:
+def read_own(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
     """Return the first run in a file that `--log` wrote, over the gaps that a full disk left. Raises InputError."""
-    logs = read_logs(Path(path))
+    logs = read_logs(Path(path), progress=options.progress)
     log: Log = logs[0]
     began = began_of(path, log)
     run = log.header.get("run")
@@ -106,7 +107,7 @@ def _samples(ticks: list[Tick]) -> list[Series]:
 FORMAT = LogFormat(
     "",
     lambda data: is_tlog(data) and is_own(data),
-    lambda path, data, options: read_own(path),
+    lambda path, data, options: read_own(path, options),
     packets=True,
     ticks=True,
 )

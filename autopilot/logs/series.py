@@ -267,7 +267,7 @@ class ReadOptions(NamedTuple):
 
     servo: the steering servo, or only its scale.
     variation [rad], east positive: of magnetic compasses in NMEA sentences. thrusters: what two of them do, beside
-    what the firmware's parameters say.
+    what the firmware's parameters say. progress: called with the bytes of a .tlog that are read, and all of them.
     """
 
     columns: Mapping[str, str] | None = None
@@ -275,6 +275,7 @@ class ReadOptions(NamedTuple):
     servo: Servo | ServoScale | None = None
     variation: float | None = None
     thrusters: Mixing = PLAIN
+    progress: Callable[[int, int], None] = lambda done, total: None
 
 
 class LogFormat(NamedTuple):

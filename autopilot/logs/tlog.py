@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.errors import InputError
 from autopilot.firmware.protocol import BYTEWISE_AUTOPILOTS, decode
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
-from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2, TlogPackets
+from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2, STAMP, TlogPackets
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -208,7 +208,10 @@ def read_tlog(path: str, data: bytes, options: ReadOptions = ReadOptions()) -> R
     vehicles: defaultdict[Sender, VehicleLog] = defaultdict(VehicleLog)
     attitudes: Counter[Sender] = Counter()
     codec = MavlinkCodec()
+    done = 0
     for stamp, identity, packet in packets:
+        done += STAMP + len(packet)
+        options.progress(done, len(data))
         if identity not in USED:
             continue
         for message in codec.decode(packet):

@@ -53,6 +53,14 @@ def written(folder: Path, data: bytes, name: str) -> str:
     return str(path)
 
 
+def test_a_tlog_says_how_much_of_it_is_read(tmp_path: Path) -> None:
+    data = tlog(tlog_events(BOAT))
+    shown: list[tuple[int, int]] = []
+    options = ReadOptions(progress=lambda done, total: shown.append((done, total)))
+    read_recording(written(tmp_path, data, "a.tlog"), options)
+    assert shown == sorted(shown) and shown[0][0] < 0.1 * len(data) and shown[-1] == (len(data), len(data))
+
+
 def assert_sailed(recording: Recording, boat: Boat, tolerance: float) -> None:
     """Heading, rate and steering lie on the boat's, each at its own time."""
     for quantity, truth in ((HEADING, boat.heading), (RATE, boat.rate), (SHARE, boat.order / FULL)):

@@ -14,6 +14,7 @@ from lockstep import Lockstep
 
 from autopilot.errors import InputError
 from autopilot.logs.own_log import read_own
+from autopilot.logs.reading import ReadOptions, read_recording
 from autopilot.logs.series import ORDER
 from autopilot.runtime import log_files
 from autopilot.runtime.log_files import FileSink, FolderLimits, FolderSink, ThreadedSink, appended, following_parts
@@ -75,6 +76,9 @@ def test_parts_are_read_alone_and_replayed_as_one(tmp_path: Path) -> None:
     read, size = [done for done, total in progress if total == parts[0].stat().st_size], parts[0].stat().st_size
     assert read == sorted(read) and read[0] < 0.1 * size and 0.9 * size < read[-1] <= size
     assert progress[-1] == (len(run.ticks) - 1, len(run.ticks)), "the ticks are counted after what was read"
+    listed = progress.copy()
+    read_recording(str(parts[0]), ReadOptions(progress=lambda done, total: listed.append((done, total))))
+    assert listed[len(progress) :] == [each for each in progress if each[1] == size], "an own log is read just so"
     with pytest.raises(InputError, match="is part 2 of a log; a replay starts with part 1"):
         replay(parts[1])
 
