@@ -178,7 +178,8 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
   body { font-size: 10pt; max-width: none; margin: 0; padding: 0; color: #000; }
   h1 { font-size: 17pt; } h2 { font-size: 12.5pt; margin-top: 1.2rem; break-after: avoid; }
   header + figure svg { max-height: 150mm; } /* the verdict stands on the first page too */
-  figure, table, .verdict { break-inside: avoid; } thead { display: table-header-group; } p { orphans: 3; widows: 3; }
+  section, figure, table, .verdict { break-inside: avoid; } /* with its heading, where a sheet holds it */
+  figure { break-before: avoid; } thead { display: table-header-group; } p { orphans: 3; widows: 3; }
   .verdict { font-size: 12pt; print-color-adjust: exact; } .wide { overflow: visible; }
   table { width: 100%; font-size: 8.5pt; } th, td { padding: .15rem .35rem; }
   th button { font-size: inherit; } th button::after { content: "" !important; }
@@ -194,7 +195,7 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 <p>{{ lead }}</p>
 <p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }}.</p>
 {% for section in sections %}
-<h2>{{ section.title }}</h2>
+<section><h2>{{ section.title }}</h2>
 {% if section.table %}<div class="wide"><table>
 <thead><tr>{% for cell in section.table[0] %}<th>{{ cell }}</th>{% endfor %}</tr></thead><tbody>
 {% for row in section.table[1:] %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
@@ -202,7 +203,7 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 {% for paragraph in section.text %}<p>{{ paragraph }}</p>{% endfor %}
 {% if section.figure %}<figure>{{ section.figure | safe }}
 <figcaption>{{ section.caption }}</figcaption></figure>{% endif %}
-{% endfor %}
+</section>{% endfor %}
 <script>
 // a click on a head sorts its table: by the first number of each cell where all have one, else as text
 const text = cell => cell?.textContent ?? "";
