@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 class Bounds(NamedTuple):
-    """Closed range of a number (`None`: no bound) and what the number means, in a few words.
+    """Closed range of a number (`None`: no bound) and what it means, in a few words; of a choice the meaning alone.
 
     usual: what real ones lie within, where that is less than what is allowed: beyond it a number is taken and doubted.
     """

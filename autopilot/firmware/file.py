@@ -418,7 +418,7 @@ def _of(hint: Any, bounds: Bounds | None) -> Schema:
     if origin in (Union, types.UnionType):
         return _any_of([_of(member, bounds) for member in arguments])
     if origin is Literal:
-        return {"enum": list(arguments)}
+        return {"enum": list(arguments), **(_range(bounds) if bounds else {})}
     if origin is tuple:
         return _array(arguments, bounds)
     if origin is dict:

@@ -191,13 +191,13 @@ def _of_field(path: str, key: str, hint: Any, counts: Counts) -> typing.Iterator
     kind, bounds = _kind_and_bounds(hint)
     where = f"{path}.{key}"
     name, unit = _name(path, key), _unit(key)
-    if kind is bool:
-        yield VesselParameter(name, where, 0.0, 1.0, "", key.replace("_", " "), counts, choices=("false", "true"))
-    elif typing.get_origin(kind) is Literal:
+    low, high, doc, _ = bounds or Bounds(None, None, key.replace("_", " "))
+    words = ("false", "true") if kind is bool else ()
+    if typing.get_origin(kind) is Literal:
         words = tuple(str(word) for word in typing.get_args(kind))
-        yield VesselParameter(name, where, 0.0, len(words) - 1.0, "", key.replace("_", " "), counts, choices=words)
+    if words:
+        yield VesselParameter(name, where, 0.0, len(words) - 1.0, "", doc, counts, choices=words)
     elif kind in (int, float):
-        low, high, doc, _ = bounds or Bounds(None, None, key)
         yield VesselParameter(name, where, low, high, unit, doc, counts, is_whole=kind is int)
 
 

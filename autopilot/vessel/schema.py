@@ -50,9 +50,9 @@ class Model:
         float, NOW, Bounds(1.0e-3, 100.0, "speed at which K, T and n0..n3 hold", (0.1, 30.0))
     ]
     n1: Annotated[float, NOW, Bounds(-1.0, 1.0, "+1 course-stable, -1 course-unstable")] = 1.0
-    n3_s2_rad2: Annotated[float, NOW, Bounds(0.0, 1.0e9, "cubic damping")] = 0.0
-    n2_s_rad: Annotated[float, NOW, Bounds(-1.0e6, 1.0e6, "quadratic damping (asymmetry)")] = 0.0
-    n0_rad_s: Annotated[float, NOW, Bounds(-10.0, 10.0, "trim or wind bias")] = 0.0
+    n3_s2_rad2: Annotated[float, NOW, Bounds(0.0, 1.0e9, "cubic damping", (0.0, 1.0e6))] = 0.0
+    n2_s_rad: Annotated[float, NOW, Bounds(-1.0e6, 1.0e6, "quadratic damping (asymmetry)", (-1.0e3, 1.0e3))] = 0.0
+    n0_rad_s: Annotated[float, NOW, Bounds(-10.0, 10.0, "trim or wind bias", (-0.2, 0.2))] = 0.0
     speed_exponent: Annotated[float, NOW, Bounds(-1.0, 3.0, "K/T goes with this power of the speed")] | None = None
     throttle_exponent: Annotated[float, NOW, Bounds(0.0, 3.0, "K/T goes with this power of the throttle")] | None = None
     damping_share: (
@@ -116,13 +116,13 @@ class Sensors:
     heading_noise_deg: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the heading")] = 0.3
     heading_latency_s: Annotated[float, RESTART, Bounds(0.0, 5.0, "age of a heading when it arrives", (0.0, 2.0))] = 0.0
     rate_noise_deg_s: Annotated[float, NOW, Bounds(0.001, 30.0, "standard deviation of the yaw rate")] = 0.2
-    gyro: Annotated[bool, NOW] = True
-    """false: nothing aboard measures the rate of turn, and gains are designed for a compass alone."""
+    gyro: Annotated[bool, NOW, Bounds(None, None, "something aboard measures the rate of turn")] = True
+    """false: gains are designed for a compass alone."""
     variation_deg: Annotated[float, RESTART, Bounds(-180.0, 180.0, "magnetic variation, east positive")] | None = None
-    earth_field: Annotated[bool, RESTART] = False
+    earth_field: Annotated[bool, RESTART, Bounds(None, None, "variation by the World Magnetic Model")] = False
     """Where neither variation_deg nor an instrument gives the variation, the World Magnetic Model does, at the boat's
     position and today's date (extra `field`)."""
-    magnetic: Annotated[bool, RESTART] = False
+    magnetic: Annotated[bool, RESTART, Bounds(None, None, "headings and courses are magnetic")] = False
     """Headings and courses are magnetic: a compass course is held, and no variation is needed; no routes then."""
     deviation_deg: Annotated[tuple[tuple[float, float], ...], RESTART] = ()
     """Compass deviation table: [compass heading deg, deviation deg, east positive], interpolated round the card."""
@@ -147,7 +147,7 @@ class Roll:
 
 @dataclass(frozen=True)
 class _Loop:
-    law: Annotated[LawName, RESTART] = "backstepping"
+    law: Annotated[LawName, RESTART, Bounds(None, None, "heading law that steers")] = "backstepping"
     rate_hz: Annotated[float, RESTART, Bounds(1.0, 200.0, "control rate")] = 20.0
     loop_delay_s: Annotated[
         float, NOW, Bounds(0.0, 5.0, "dead time from heading to rudder order, all links", (0.0, 2.0))
@@ -215,7 +215,7 @@ class Guidance:
 class Estimator:
     """What is made of heading and rate before the law sees them."""
 
-    wave_filter: Annotated[Literal["auto", "off", "meet"], NOW] = "auto"
+    wave_filter: Annotated[Literal["auto", "off", "meet"], NOW, Bounds(None, None, "what is done about waves")] = "auto"
     """auto: wave motion is learnt; gains with smoothing_s undo of it what is worth their rudder's travel, other laws
     are shown slow waves alone. meet: the same, kept for files that say so."""
     bias_time_s: Annotated[float, NOW, Bounds(1.0, 100000.0, "wind, current and trim change in so long")] | None = None
@@ -241,18 +241,23 @@ class Failsafe:
     """What happens when the heading is lost: the action at once, the release after `release_after_s`."""
 
     heading_timeout_s: Annotated[float, RESTART, Bounds(0.1, 60.0, "age at which a heading is stale")] = 1.0
-    action: Annotated[Literal["release", "amidships", "hold", "dead_reckoning", "windward", "firmware"], RESTART] = (
-        "amidships"
-    )
+    action: Annotated[
+        Literal["release", "amidships", "hold", "dead_reckoning", "windward", "firmware"],
+        RESTART,
+        Bounds(None, None, "what the rudder does when the heading is lost"),
+    ] = "amidships"
     """dead_reckoning: hold the last heading by model and rate of turn; windward: turn slowly into the wind; firmware:
     release, and order the flight controller into firmware_mode."""
-    firmware_mode: Annotated[Literal["HOLD", "LOITER", "RTL"], RESTART] = "HOLD"
+    firmware_mode: Annotated[
+        Literal["HOLD", "LOITER", "RTL"], RESTART, Bounds(None, None, "mode that action firmware orders")
+    ] = "HOLD"
     windward_rudder_deg: Annotated[float, NOW, Bounds(1.0, 45.0, "rudder of the slow turn to windward")] = 10.0
     release_after_s: Annotated[float, NOW, Bounds(0.0, 600.0, "action held this long, then rudder released")] = 10.0
-    resume: Annotated[bool, NOW] = False
-    """Engage again by itself when the heading is back: only where the skipper has said so."""
-    reengage_after_reboot: Annotated[bool, NOW] = False
-    """Engage again by itself when a flight controller that rebooted is ready again, armed and in the mode to steer."""
+    resume: Annotated[bool, NOW, Bounds(None, None, "engage again by itself when the heading is back")] = False
+    reengage_after_reboot: Annotated[bool, NOW, Bounds(None, None, "engage again when a rebooted vehicle is ready")] = (
+        False
+    )
+    """Ready is: armed, and in the mode to steer."""
     reengage_after_restart_s: Annotated[
         float,
         RESTART,
@@ -271,7 +276,7 @@ class Alarms:
     roll_deg: Annotated[float, NOW, Bounds(5.0, 180.0, "alarm at this heel")] | None = None
     wind_shift_deg: Annotated[float, NOW, Bounds(5.0, 180.0, "alarm where the wind has shifted by more")] | None = 30.0
     """Against the heading held, or in a wind hold against the course that it began with."""
-    frozen_heading: Annotated[bool, RESTART] = True
+    frozen_heading: Annotated[bool, RESTART, Bounds(None, None, "a compass that stands still is found")] = True
     """A compass that stands still to the last digit while the boat turns ends steering, as a silent one does."""
     heading_jump_deg: (
         Annotated[float, RESTART, Bounds(5.0, 180.0, "no boat turns this far between two headings")] | None
@@ -283,7 +288,7 @@ class Alarms:
     innovation_sigmas: (
         Annotated[float, NOW, Bounds(1.0, 5.0, "alarm where measurements lie this far to one side for 20 s")] | None
     ) = 3.0
-    reversed_rudder: Annotated[bool, NOW] = True
+    reversed_rudder: Annotated[bool, NOW, Bounds(None, None, "a boat that turns against its rudder is found")] = True
     """A boat that does not answer to its rudder, or to its opposite, ends steering, rudder sensor or not."""
     outputs: Annotated[tuple[str, ...], RESTART] = ("bell",)
     """Where alarms are heard: bell (the terminal's), tune (the vehicle's buzzer), relay:N (the vehicle's relay N),
@@ -298,14 +303,16 @@ Pulse = Annotated[float, Bounds(500.0, 2500.0, "pulse of the steering servo in u
 class Helm:
     """How rudder commands reach a MAVLink flight controller."""
 
-    method: Annotated[Literal["rc_override", "manual_control", "guided"], RESTART] = "rc_override"
+    method: Annotated[
+        Literal["rc_override", "manual_control", "guided"], RESTART, Bounds(None, None, "how orders reach the vehicle")
+    ] = "rc_override"
     """guided: the firmware steers by itself to the headings it is given; the other two move the rudder."""
     rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
     rudder_at_full_pwm_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "rudder at full servo travel")] | None = None
     servo_us: Annotated[tuple[Pulse, Pulse, Pulse], RESTART] | None = None
     """Pulses at full rudder to one side, amidships and to the other, for which that angle was measured; null: whatever
     SERVOn_MIN, _TRIM and _MAX of the flight controller are."""
-    reversed: Annotated[bool, RESTART] = False
+    reversed: Annotated[bool, RESTART, Bounds(None, None, "orders go out to the other side")] = False
     guided_speed_share: Annotated[
         float, RESTART, Bounds(0.0, 1.0, "guided: thrust as a share of WP_SPEED; 0: the stick's")
     ] = 0.0
@@ -333,11 +340,10 @@ class BowThruster:
     rate_time_s: Annotated[float, RESTART, Bounds(0.1, 120.0, "time in which 63 % of that rate is there")]
     useless_above_m_s: Annotated[float, RESTART, Bounds(0.1, 10.0, "speed through the water at which it does nothing")]
     channel: Annotated[int, RESTART, Bounds(5, 16, "channel of the radio that its output passes on")]
-    proportional: Annotated[bool, RESTART] = False
+    proportional: Annotated[bool, RESTART, Bounds(None, None, "it runs at less than full, too")] = False
     """false: it knows full and nothing."""
     least_share: Annotated[float, RESTART, Bounds(0.01, 1.0, "proportional: least share of full it turns with")] = 0.2
-    reversed: Annotated[bool, RESTART] = False
-    """true: the longer pulse turns the bow to port."""
+    reversed: Annotated[bool, RESTART, Bounds(None, None, "the longer pulse turns the bow to port")] = False
     delay_s: Annotated[float, RESTART, Bounds(0.0, 3.0, "dead time from order to thrust")] = 0.3
     run_s: Annotated[float, RESTART, Bounds(1.0, 3600.0, "so long it may run at full, cold")] = 60.0
     rest_s: Annotated[float, RESTART, Bounds(1.0, 36000.0, "so long it takes to cool from there")] = 600.0
@@ -351,7 +357,7 @@ class Drive:
     """What steers the boat; and of a rudder drive on a line of its own (pypilot, Jrk, Maestro) what its scale from -1
     to 1 means."""
 
-    kind: Annotated[DriveName, RESTART] = "rudder"
+    kind: Annotated[DriveName, RESTART, Bounds(None, None, "what steers the boat")] = "rudder"
     """rudder; outboard, jet, vectored: thrust that is turned; two_thrusters: their difference steers, mixed by the
     flight controller (servo functions 73 and 74)."""
     thrust_exponent: (
@@ -364,7 +370,7 @@ class Drive:
     """null: as MOT_THST_ASYM says."""
     angle_at_full_deg: Annotated[float, RESTART, Bounds(1.0, 180.0, "rudder at each end of the scale")] | None = None
     amidships: Annotated[float, RESTART, Bounds(-0.9, 0.9, "where amidships is on the scale from -1 to 1")] = 0.0
-    reversed: Annotated[bool, RESTART] = False
+    reversed: Annotated[bool, RESTART, Bounds(None, None, "orders go out to the other side")] = False
     current_max_a: Annotated[float, RESTART, Bounds(0.1, 60.0, "motor current of a stall")] | None = None
     channel: Annotated[int, RESTART, Bounds(0, 23, "servo channel of a Maestro; of two valves that to port")] = 0
     device: Annotated[int, RESTART, Bounds(0, 127, "Pololu device number; null: compact protocol")] | None = None
@@ -391,7 +397,7 @@ class Security:
     writes_per_s: Annotated[
         float, RESTART, Bounds(0.1, 1000.0, "parameter writes taken, four seconds' worth at once")
     ] = 25.0
-    orders_without_key: Annotated[bool, RESTART] = False
+    orders_without_key: Annotated[bool, RESTART, Bounds(None, None, "orders are taken without a signing key")] = False
     """Whether orders are taken over --serve from other machines and serial lines where no signing key is set."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -35,3 +36,19 @@ def test_what_lies_across_the_date_line_is_near_on_the_chart() -> None:
     )
     (across, north), (back, _) = json.loads(done.stdout)
     assert (across, north, back) == (pytest.approx(222.39), 0.0, pytest.approx(-111.195))
+
+
+def test_the_colours_of_alarms_are_for_alarms_alone() -> None:
+    """Red, orange and yellow stand for a priority on a bridge (IEC 62923): no button and no field borrows them."""
+    style = re.sub(r"/\*.*?\*/", "", (PAGE / "style.css").read_text(), flags=re.DOTALL)
+    used = [
+        rule
+        for rule, body in re.findall(r"([^{}]+)\{([^{}]*)\}", style)
+        if re.search(r"var\(--(danger|warn|cau)", body)
+    ]
+    assert len(used) > 5
+    for rule in used:
+        for selector in rule.split(","):
+            assert re.match(r"\s*(#bar|#stale|#overboard|\.tag|#alarm-count|\.mode\[data-state=.bad)", selector), (
+                selector
+            )

@@ -74,7 +74,8 @@ export function drawChart() {
     const bearing = state.mob_bearing * Math.PI / 180, overboard = [Math.sin(bearing), Math.cos(bearing)].map((part) => part * state.mob_distance);
     path([[0, 0], overboard], "port", 3);
     pen.fillStyle = colour("port");
-    pen.fillText("MOB", ...at(overboard));
+    const [x, y] = at(overboard);
+    pen.fillText("MOB", x + 12, y + 5); // beside the boat that lies over the place
   }
   drawBoat(pen, width / 2, height / 2, state.heading);
   drawFrame(pen, width, height, perPixel, state);

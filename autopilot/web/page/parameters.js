@@ -3,6 +3,7 @@ import { get, may } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
 const UNITS = { hz: "Hz", deg: "°", "deg/s": "°/s" };
+const short = (number) => number === 1e-9 ? "above 0" : Math.abs(number) >= 1e5 || (number !== 0 && Math.abs(number) < 1e-3) ? number.toExponential().replace("e+", "e") : String(number);
 const unitOf = ({ units }) => UNITS[units] ?? units.replace(/([a-z])2/g, "$1²");
 let timer = 0, order = null, say = null, shown = "";
 
@@ -52,7 +53,7 @@ function line(row) {
   const when = Object.assign(document.createElement("b"), { textContent: row.rebootRequired ? "RESTART" : "NOW", className: "when" });
   const name = Object.assign(document.createElement("code"), { textContent: row.name });
   const unit = row.units ? ` ${unitOf(row)}` : "";
-  const range = row.values ? "" : row.min !== undefined && row.max !== undefined ? `${row.min} to ${row.max}${unit}` : row.min !== undefined ? `at least ${row.min}${unit}` : unit;
+  const range = row.values ? "" : row.min !== undefined && row.max !== undefined ? `${short(row.min)} to ${short(row.max)}${unit}` : row.min !== undefined ? `at least ${short(row.min)}${unit}` : unit;
   const about = Object.assign(document.createElement("span"), { className: "range", textContent: range.trim() });
   about.prepend(when, " ");
   element.dataset.words = `${row.name} ${row.shortDesc ?? ""} ${row.group ?? ""}`.toLowerCase();
