@@ -188,9 +188,9 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     refuse_twice(arguments.holdout)
     print_newer([*arguments.logs, *arguments.holdout])
     with ProgressBar("reading") as bar:
-        shown = options._replace(reading=options.reading._replace(progress=bar.update_share))
+        counted = options._replace(reading=options.reading._replace(progress=bar.update_share))
         fitted, held_out = (
-            [load_run(path, None, arguments.reverse_rudder, shown) for path in paths]
+            [load_run(path, None, arguments.reverse_rudder, counted) for path in paths]
             for paths in (arguments.logs, arguments.holdout)
         )
     known = recorded_vessel(fitted) if vessel is None else vessel

@@ -192,7 +192,7 @@ def _of_field(path: str, key: str, hint: Any, counts: Counts) -> typing.Iterator
     where = f"{path}.{key}"
     name, unit = _name(path, key), _unit(key)
     low, high, doc, _ = bounds or Bounds(None, None, key.replace("_", " "))
-    words = ("false", "true") if kind is bool else ()
+    words: tuple[str, ...] = ("false", "true") if kind is bool else ()
     if typing.get_origin(kind) is Literal:
         words = tuple(str(word) for word in typing.get_args(kind))
     if words:
