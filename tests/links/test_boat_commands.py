@@ -13,7 +13,18 @@ from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint
 from autopilot.links.ground_station.commands import Commands, TuningCommands
 from autopilot.links.ground_station.mission import Mission, MissionItem
-from autopilot.signals import Mode, NavState, Order, OrderKind, PositionSample, Reference, RudderCommand, Tick
+from autopilot.signals import (
+    HelmCause,
+    HelmSample,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    PositionSample,
+    Reference,
+    RudderCommand,
+    Tick,
+)
 from autopilot.supervision.alarms import CATALOGUE
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, IN_PROGRESS = 0, 1, 2, 3, 5
@@ -114,11 +125,44 @@ def test_arming_and_disarming() -> None:
     assert service.give(ARM, -1.0) == service.give(ARM, math.nan) == service.give(ARM, 0.5) == UNSUPPORTED
 
 
-@pytest.mark.parametrize("at", [None, STANDBY, tick(Mode.OVERRIDE), tick(Mode.FAILSAFE), tick(kind=OrderKind.RUDDER)])
+@pytest.mark.parametrize("at", [STANDBY, tick(Mode.OVERRIDE), tick(Mode.FAILSAFE), tick(kind=OrderKind.RUDDER)])
 def test_the_heading_mode_engages_where_none_is_steered(at: Tick | None) -> None:
     service = Service()
     assert service.give(SET_MODE, 1.0, 15.0, at=at) == ACCEPTED
     assert service.hand.orders == [("engage", None)]
+
+
+SILENT = STANDBY._replace(state=STANDBY.state._replace(heading_age=3.1))
+NEVER_HEARD = STANDBY._replace(state=STANDBY.state._replace(valid=False))
+ORDERS_THAT_ENGAGE = [
+    (SET_MODE, 1.0, 15.0), (SET_MODE, 1.0, 10.0), (MISSION_START, 0.0, 0.0), (ZIGZAG, 10.0, 10.0, 60.0),
+    (PATTERN, 1.0, 0.0), (REPOSITION, -1.0, 1.0, 0.0, math.nan, 0.001, 0.001),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("order", ORDERS_THAT_ENGAGE)
+@pytest.mark.parametrize("at", [SILENT, NEVER_HEARD])
+def test_nothing_engages_a_boat_that_is_silent(at: Tick, order: tuple[float, ...]) -> None:
+    service = Service()
+    assert service.give(int(order[0]), *order[1:], at=at) == REJECTED
+    assert service.said == "no heading comes: nothing to steer by" and service.hand.orders == []
+    assert service.give(int(order[0]), *order[1:]) in (ACCEPTED, IN_PROGRESS)
+
+
+def test_nothing_engages_where_somebody_else_has_the_helm() -> None:
+    service = Service()
+
+    def helm(available: bool, reason: str, cause: HelmCause = HelmCause.TAKEN) -> Tick:
+        return STANDBY._replace(samples=(HelmSample(1.0, available, reason, "vehicle", cause),))
+
+    service.commands.on_tick(helm(False, "the vehicle is not armed"))
+    assert service.give(SET_MODE, 1.0, 15.0) == REJECTED and service.said == "the vehicle is not armed"
+    service.commands.on_tick(helm(False, "to be proved on engaging", HelmCause.UNPROVEN))
+    assert service.give(SET_MODE, 1.0, 15.0) == ACCEPTED
+    service.commands.on_tick(helm(False, "the vehicle is not armed"))
+    assert service.give(SET_MODE, 1.0, 0.0) == ACCEPTED, "to stand by needs nothing"
+    service.commands.on_tick(helm(True, ""))
+    assert service.give(SET_MODE, 1.0, 15.0) == ACCEPTED
 
 
 def test_the_heading_mode_keeps_the_heading_that_is_steered() -> None:
@@ -179,7 +223,7 @@ def test_the_track_mode_follows_the_route_once() -> None:
     ("service", "at", "says"),
     [
         (Service(position=False), STANDBY, "no position: check the GPS and its link"),
-        (Service(), None, "no position: check the GPS and its link"),
+        (Service(), None, "no heading comes: nothing to steer by"),
         (Service(magnetic=True), STANDBY, "courses are magnetic"),
     ],
 )

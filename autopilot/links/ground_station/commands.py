@@ -30,10 +30,12 @@ from autopilot.links.ground_station.mission import NO_POSITION, Mission
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import AvailableModes, CurrentMode
 from autopilot.links.north import MAGNETIC_LEADS
-from autopilot.signals import Mode, OrderKind, Tick
+from autopilot.signals import HelmCause, HelmSample, Mode, OrderKind, Tick
 from autopilot.supervision.alarms import BY_NUMBER
 
 HEADING, TRACK, TRIAL, WIND = 15, 10, 3, 1
+HEADING_FRESH_S = 3.0
+"""Without a heading of so late nobody engages from a station."""
 NON_STANDARD, MISSION = 0, 6
 """MAV_STANDARD_MODE."""
 NOT_SELECTABLE = 2
@@ -311,6 +313,7 @@ class Commands:
         self.refusal = ""
         """Why the last command was refused, for people."""
         self.running: LongCommand | None = None
+        self._helms: dict[str, HelmSample] = {}
         self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
             int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
@@ -330,6 +333,12 @@ class Commands:
             LEVEL: lambda _, parameters: self._tune(LEVEL, parameters[0]),
         }
 
+    def on_tick(self, tick: Tick) -> None:
+        """Take who has the helm, as the tick's samples say."""
+        for sample in tick.samples:
+            if type(sample) is HelmSample:
+                self._helms[sample.source] = sample
+
     def execute(self, command: int, parameters: tuple[float, ...], tick: Tick | None) -> int:
         """Carry out `command` with its parameters 1 to 7, the pilot being at `tick`; return the MAV_RESULT."""
         self.refusal = ""
@@ -347,8 +356,8 @@ class Commands:
         if mode not in (HEADING, TRACK, WIND):
             known = f"MANUAL ({MANUAL}), GUIDED ({HEADING}), AUTO ({TRACK}) and ACRO, the wind ({WIND}),"
             return self._refuse(DENIED, f"mode {mode} is not known: {known} are")
-        if not self._is_armed(tick):
-            return self._refuse(REJECTED, "arm first")
+        if obstacle := self._obstacle(tick):
+            return self._refuse(REJECTED, obstacle)
         if mode == TRACK:
             return self._follow_mission(tick)
         if mode == WIND:
@@ -384,8 +393,8 @@ class Commands:
         first, last = parameters[:2]
         if last not in (0.0, len(self.mission.items) - 1.0) or not math.isfinite(first):
             return self._refuse(DENIED, "a route is followed to its end: set the last item to 0")
-        if not self._is_armed(tick):
-            return self._refuse(REJECTED, "arm first")
+        if obstacle := self._obstacle(tick):
+            return self._refuse(REJECTED, obstacle)
         if not self.mission.set_current(int(first)):
             return self._refuse(DENIED, f"there is no waypoint {first:g} in a route of {len(self.mission.items)}")
         return self._follow_mission(tick)
@@ -414,6 +423,8 @@ class Commands:
         if tick is None or not _steers(tick):
             if not changes_mode or not self._is_armed(tick):
                 return self._refuse(REJECTED, "not engaged: arm, and set mode GUIDED or the flag that changes it")
+            if obstacle := self._obstacle(tick):
+                return self._refuse(REJECTED, obstacle)
         elif self.mission.is_followed and not changes_mode:
             return self._refuse(REJECTED, "a route is followed: set mode GUIDED first, or the flag that changes it")
         within = radius if math.isfinite(radius) and radius > 0.0 else math.nan
@@ -440,8 +451,8 @@ class Commands:
         number, side, *sizes = parameters[:4]
         if not (math.isfinite(number) and number == int(number)):
             return DENIED
-        if not self._is_armed(tick):
-            return self._refuse(REJECTED, "arm first")
+        if obstacle := self._obstacle(tick):
+            return self._refuse(REJECTED, obstacle)
         try:
             self._helmsman.pattern(int(number), side, tuple(sizes))
         except InputError as error:
@@ -461,8 +472,8 @@ class Commands:
         if self.wind is None:
             return UNSUPPORTED
         if action in (HOLD_APPARENT, HOLD_TRUE):
-            if not self._is_armed(tick):
-                return self._refuse(REJECTED, "arm first")
+            if obstacle := self._obstacle(tick):
+                return self._refuse(REJECTED, obstacle)
             return self._hold_wind(action == HOLD_TRUE, None if math.isnan(value) else math.radians(value))
         if action in (TACK, GYBE) and value in (-1.0, 0.0, 1.0):
             manoeuvre = Manoeuvre.TACK if action == TACK else Manoeuvre.GYBE
@@ -530,8 +541,8 @@ class Commands:
             if (running.command, running.parameters) == (command, parameters):
                 return IN_PROGRESS
             return self._refuse(REJECTED, "a trial is being sailed: cancel it first")
-        if not self._is_armed(tick):
-            return self._refuse(REJECTED, "arm first")
+        if obstacle := self._obstacle(tick):
+            return self._refuse(REJECTED, obstacle)
         try:
             self.running = LongCommand(command, parameters, begin())
         except InputError as error:
@@ -541,6 +552,20 @@ class Commands:
     def _is_armed(self, tick: Tick | None) -> bool:
         """Armed, or engaged from the terminal: what the heartbeat calls armed."""
         return self.armed or (tick is not None and tick.mode is Mode.ENGAGED)
+
+    def _obstacle(self, tick: Tick | None) -> str:
+        """Return why an order that engages is not taken at `tick`; '' where it is, or where the pilot steers anyway.
+
+        An order that waited for its boat would engage when nobody expects it any more.
+        """
+        if not self._is_armed(tick):
+            return "arm first"
+        if tick is not None and tick.mode is Mode.ENGAGED:
+            return ""
+        if tick is None or not (tick.state.valid and tick.state.heading_age <= HEADING_FRESH_S):
+            return "no heading comes: nothing to steer by"
+        away = (helm for helm in self._helms.values() if not helm.available and helm.cause is not HelmCause.UNPROVEN)
+        return next((helm.reason for helm in away), "")
 
     def _arm(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         if parameters[0] not in (0.0, 1.0):
