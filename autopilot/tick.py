@@ -149,7 +149,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
     unknown = state.way.guide.unknown
     steering = with_slide(steering, unknown) if unknown else steering
-    gap = 0.0 if math.isnan(state.now) else now - state.now
+    gap = now - state.now if state.now == state.now else 0.0  # what is no number is not itself
     dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
     supervisor = Supervisor(config.envelope, boat.failsafe, state.supervisor)
     was, timely = MODES[state.supervisor.state], timely_of(now, samples)
@@ -381,7 +381,7 @@ def view_of(
     is_engaged, on_heading = state.supervisor.state in ENGAGED, order.kind is OrderKind.HEADING
     gyro = estimate.fusion.gyro
     ours, speeds = is_engaged and boat.rudder_is_ours, estimate.speeds
-    has_both = not math.isnan(speeds.water.value + speeds.ground.value)
+    both = speeds.water.value + speeds.ground.value
     return MonitorInput(
         now,
         estimate.model,
@@ -399,7 +399,7 @@ def view_of(
         # not so before the first tick, when there was no time
         now - state.now > boat.alarms.late,
         ours and on_heading and not waits,
-        speeds_apart(speeds) if has_both else 0.0,
+        speeds_apart(speeds) if both == both else 0.0,
         boat.model.reference_speed,
         is_measured,
         damps_roll,

@@ -244,7 +244,7 @@ def fuse_measured(
     off, innovation, deviation = innovations(state, noise, heading, rate)
     off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
     mean -= math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - mean)
-    if not math.isnan(heading):
+    if heading == heading:  # what is no number is not itself
         gate = GATE_SIGMAS * deviation
         gate = gate if gate > GATE_LEAST else GATE_LEAST
         if innovation > gate or innovation < -gate:
@@ -264,7 +264,7 @@ def fuse_measured(
             lasts = does_lean(leans, noise)
             intensity = raised_intensity(state.intensity, changes, dt) if lasts else reset_density(state.intensity)
             state = FilterState(*state[:-1], intensity)
-    if not math.isnan(rate):
+    if rate == rate:
         unknown = state.p11 + 2.0 * state.p14 + state.p44 + doubt
         innovation = rate - state.rate - state.wave_rate
         rates = noise_step(rates, filed_rate, innovation, unknown, time, longest)
@@ -618,7 +618,7 @@ def _fused(
         return state
     if beliefs.holds_bias or speed < config.steerage:
         fusion = fusion._replace(state=ekf.with_bias_of(lively, config.noises.usual, before.state, fusion.state))
-    if sample.time > heading_time and not math.isnan(heading):
+    if sample.time > heading_time and heading == heading:
         heading_time = sample.time
     return EstimatorState(
         model,
@@ -641,7 +641,7 @@ def _fused(
 
 def nav_state(config: EstimatorConfig, state: EstimatorState, now: float) -> NavState:
     """Return what is known of the boat at `now` [s], carried forward from the newest measurement."""
-    speed = config.model.reference_speed if math.isnan(state.speed) else state.speed
+    speed = state.speed if state.speed == state.speed else config.model.reference_speed
     past = RudderPast(state.memory.times, state.memory.angles, state.rudder.ticks)
     if not state.has_begun:
         return NavState(now, 0.0, 0.0, speed, newest_angle(past), 0.0, math.inf, False)

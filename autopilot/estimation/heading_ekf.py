@@ -416,7 +416,7 @@ def innovations(state: FilterState, noise: FilterNoise, heading: float, rate: fl
     innovation = heading - state.psi - state.wave
     innovation = innovation if -PI < innovation <= PI else wrap(innovation)
     deviation = math.sqrt(state.p00 + 2.0 * state.p03 + state.p33 + noise.heading)
-    if math.isnan(rate):
+    if rate != rate:  # what is no number is not itself
         return innovation / deviation, innovation, deviation
     total = state.p11 + 2.0 * state.p14 + state.p44 + noise.rate
     return (rate - state.rate - state.wave_rate) / math.sqrt(total), innovation, deviation
@@ -435,7 +435,7 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
     ) = state  # fmt: skip
     has_sea = sea.heading > 0.0
     for measured, is_heading in ((heading, True), (rate, False)):
-        if math.isnan(measured):
+        if measured != measured:
             continue
         # the innovation, its variance, and its covariance P H' with the state
         if is_heading:
@@ -485,7 +485,7 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
             p55 -= g5 * c5
     if not has_sea:
         sea, intensity = NO_SEA, NO_INTENSITY
-    if not math.isnan(rudder):
+    if rudder == rudder:
         # see `is_extreme`
         if not h * h > EXTREME_SQUARED * sea.heading + EXTREME_LEAST_SQUARED:
             sea = learn(sea, h * h + p33, s * s + p44, dt)

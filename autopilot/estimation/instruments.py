@@ -96,7 +96,7 @@ class Speeds(NamedTuple):
     def ground_ahead(self) -> float:
         """The speed over the ground [m/s] that is way ahead; all of it where no course is known."""
         share = self.ahead.value
-        return self.ground.value if math.isnan(share) else self.ground.value * (share if share > 0.0 else 0.0)
+        return self.ground.value if share != share else self.ground.value * (share if share > 0.0 else 0.0)
 
     @property
     def is_over_ground(self) -> bool:

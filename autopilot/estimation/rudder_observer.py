@@ -334,7 +334,7 @@ def rudder_rate_step(
     passed = GEAR_PASSED * time_constant
     share, kept = -math.expm1(-dt / passed), math.exp(-dt / (GEAR_FADES * time_constant))
     damping = ((n3 * rate + n2) * rate + n1) * rate + n0
-    if math.isnan(last):
+    if last != last:
         # nothing has moved yet: each gear begins in balance with what the boat does
         last, damped = rate, damping
         filed, half, quarter, eighth = (

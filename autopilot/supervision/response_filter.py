@@ -23,6 +23,7 @@ from typing import NamedTuple
 from autopilot.angles import shortest_turn
 from autopilot.estimation.tuning import SLIDE_LASTS, SLIDE_UNKNOWN, WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin
+from autopilot.signals import NavState
 from autopilot.supervision.tuning import (
     CHANGED_LEAST,
     CHANGED_TIME,
@@ -106,7 +107,7 @@ def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Se
     """Return what has been met by `time` [s] with waves that yaw the boat by `swing` [rad] on a `heading` [rad]."""
     north, east = math.cos(heading), math.sin(heading)
     last, largest, mean_north, mean_east = before
-    if math.isnan(last):
+    if last != last:
         return Seaway(time, swing, north, east)
     kept = math.exp(-(time - last) / SEA_KNOWN_S)
     largest *= math.exp(-(time - last) / SEA_LASTS)
@@ -132,18 +133,20 @@ def sea_of(model: Norrbin, swing: float, pace: float) -> float:
     return sea if sea > SEA_LEAST else SEA_LEAST
 
 
-def seaway_noise(model: Norrbin, noise: Noise, seaway: Seaway, heading: float, worked: float) -> Noise:
-    """Return the noise of a boat that has turned away to `heading` [rad] from where the sea was estimated: of that one,
-    the largest that has been met, and one that nobody has met yet, at the slowest pace, the one that pushes hardest.
-    A sea from right ahead or astern turns no boat, until it leaves that course.
+def seaway_noise(model: Norrbin, heading: float, state: NavState, seaway: Seaway, worked: float) -> Noise:
+    """Return the noise of a boat in this `state`, with a compass of `heading` [rad^2]; where it has turned away from
+    where the sea was estimated, of that one, the largest that has been met, and one that nobody has met yet, at the
+    slowest pace, the one that pushes hardest. A sea from right ahead or astern turns no boat, until it leaves that
+    course.
 
     worked [rad^2]: the mean square of a rudder that works against the sea. The yaw that is left is less than the sea is
     worth then, and the rudder of a boat that is quicker than the waves makes up for it.
     """
+    noise = noise_of(model, heading, state.wave_deviation, state.wave_frequency)
     sea, pace = noise.sea, noise.pace
     swing = seaway.swing if seaway.swing > SEA_UNMET else SEA_UNMET
     largest = sea_of(model, swing, SEA_SLOWEST)
-    if largest > sea and abs(shortest_turn(math.atan2(seaway.east, seaway.north), heading)) > SEA_TURNED:
+    if largest > sea and abs(shortest_turn(math.atan2(seaway.east, seaway.north), state.heading)) > SEA_TURNED:
         sea, pace = largest, SEA_SLOWEST
     return Noise(noise.heading, noise.acceleration, noise.push, sea + worked, pace)
 

@@ -30,7 +30,6 @@ from autopilot.supervision.response_filter import (
     SEA_KNOWN_S,
     Seaway,
     changing_noise,
-    noise_of,
     seaway_noise,
     seaway_step,
 )
@@ -230,20 +229,19 @@ def evidence_step(
     rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
     since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked = before
     (time, heading), state, now, model = measured, seen.state, seen.now, seen.model
-    since = now if math.isnan(since) else since
+    since = since if since == since else now  # what is no number is not itself
     late_until = now + LATE_LASTS if seen.is_late else late_until
     if seen.rudder_is_measured or not math.isfinite(limits.rudder_rate):
         slow_time, slow = math.nan, math.nan
-    elif math.isnan(slow_time):
+    elif slow_time != slow_time:
         slow_time, slow = now, state.rudder
     else:
         reach, left = limits.rudder_rate / SLOW * (now - slow_time if now > slow_time else 0.0), seen.rudder - slow
         slow_time, slow = now, slow + (-reach if left < -reach else reach if left > reach else left)
-    if math.isnan(heading):
+    if heading != heading:
         return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
-    noise = noise_of(model, limits.heading_noise, state.wave_deviation, state.wave_frequency)
-    noise = seaway_noise(model, noise, seaway, state.heading, worked)
+    noise = seaway_noise(model, limits.heading_noise, state, seaway, worked)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
         return Evidence(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide, worked)
@@ -264,7 +262,7 @@ def evidence_step(
             off = in_time + state.bias
             worked -= math.expm1(-(time - known) / WORKED_TIME) * (off * off - worked)
         noise = changing_noise(model, noise, rate, speed)
-        at = Rudders(in_time, rudders[1], in_time if math.isnan(slow) else slow, slide, seen.weaker)
+        at = Rudders(in_time, rudders[1], slow if slow == slow else in_time, slide, seen.weaker)
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
     return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked)
@@ -296,7 +294,7 @@ def judge_response(
     known = _in_order(headings)
     if not known:
         evidence = evidence_step(evidence, limits, seen, NO_HEADING, NO_HEADING)
-    since = now if math.isnan(evidence.since) else evidence.since
+    since = evidence.since if evidence.since == evidence.since else now
     earliest = now - PAST_S if now - PAST_S > since else since
     for sample in known:
         if sample.source != source:
@@ -437,7 +435,7 @@ def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
     # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
     step = heading - last
     step = step if -PI < step <= PI else wrap(step)
-    step = 0.0 if math.isnan(step) else step
+    step = step if step == step else 0.0
     elapsed = now - time
     if elapsed > 0.0:
         # a low pass leaves at most 2 deviations of heading / time constant of what waves add to the rate; that is to
@@ -508,7 +506,7 @@ def update(
         return State(trial_doubted=before.trial_doubted), ()
     since, following, response, overpowered, runaway, stop_since, doubted, other, _, rests, doubts = before
     now = seen.now
-    since = now if math.isnan(since) else since
+    since = since if since == since else now
     if seen.is_late:
         following = following._replace(late_until=now + LATE_LASTS)
     if measured.angles:

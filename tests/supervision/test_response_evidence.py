@@ -217,6 +217,10 @@ def test_a_wild_heading_is_left_out_four_times_in_a_row(wild_so_far: int, side: 
         assert side * after.mean[0] > 0.1
 
 
+def in_waves(heading: float, deviation: float = 0.0, frequency: float = 0.0) -> NavState:
+    return NavState(0.0, heading, 0.0, 1.0, 0.0, 0.0, 0.0, True, 0.0, 0.0, deviation, frequency)
+
+
 def test_the_noise_of_a_boat_in_a_sea() -> None:
     """K = 0.3, T = 4 s; the sea yaws by w psi, for which the rudder would be worth w psi sqrt(1 + (w T)^2)/K."""
     noise = noise_of(BOAT, 2.0e-4, 0.05, 0.8)
@@ -245,7 +249,7 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
     assert seaway.swing == pytest.approx(swing * math.exp(-age / 3600.0))
     # the sea that is estimated turns the boat as much as what was met an hour ago, at the slowest pace
     noise = noise_of(BOAT, 2.0e-4, swing / math.e, 0.5)
-    met = seaway_noise(BOAT, noise, seaway, 1.0 + side * math.radians(turned_deg), 0.0)
+    met = seaway_noise(BOAT, 2.0e-4, in_waves(1.0 + side * math.radians(turned_deg), swing / math.e, 0.5), seaway, 0.0)
     assert met == (noise_of(BOAT, 2.0e-4, seaway.swing, 0.5) if is_met else noise)
     seaway = seaway_step(seaway._replace(time=0.0), 2.0 * math.pi / 0.4, 1.0 + side * math.radians(25.0), 0.0)
     assert math.atan2(seaway.east, seaway.north) == pytest.approx(1.0 + side * 0.2767, abs=1e-4)
@@ -255,8 +259,8 @@ def test_a_sea_that_nobody_has_met_may_come_on_a_new_course_only() -> None:
     """A launch that had held a course right before the sea for minutes, without a yaw, turned by 20 deg into waves that
     swung it by 12: its rudder was called slow, then stuck, and let go."""
     noise, calm = noise_of(BOAT, 2.0e-4, 0.0, 0.0), seaway_step(NO_SEAWAY, 0.0, 0.0, 0.0)
-    assert seaway_noise(BOAT, noise, calm, math.radians(9.5), 0.0) == noise
-    assert seaway_noise(BOAT, noise, calm, 2.0, 0.0) == noise_of(BOAT, 2.0e-4, math.radians(1.0), 0.5)
+    assert seaway_noise(BOAT, 2.0e-4, in_waves(math.radians(9.5)), calm, 0.0) == noise
+    assert seaway_noise(BOAT, 2.0e-4, in_waves(2.0), calm, 0.0) == noise_of(BOAT, 2.0e-4, math.radians(1.0), 0.5)
 
 
 @pytest.mark.parametrize(

@@ -99,8 +99,8 @@ class VehicleClock:
         silence = now - self._received
         if boot < silence:
             return Belongs.REBOOTED
-        is_behind, offset = behind > REBOOT_S, self.offset
-        if not is_behind and (offset is None or boot + offset <= now + AHEAD_S):
+        is_behind, least = behind > REBOOT_S, self._previous if self._previous < self._current else self._current
+        if not is_behind and (self._newest == -math.inf or boot + least <= now + AHEAD_S):
             return Belongs.OURS
         strange = self._strange
         strange.append(now)
