@@ -17,7 +17,7 @@ from autopilot.estimation.estimator import EstimatorConfig, sliding
 from autopilot.estimation.tuning import WAVE_SHARPNESS, WAVE_STIFFENING
 from autopilot.guidance.manoeuvres import zigzag_side
 from autopilot.guidance.stop import TurnLimits, preset_rate, turn_limits
-from autopilot.guidance.tuning import HARD_OVER
+from autopilot.guidance.tuning import HARD_OVER, RESET_BEYOND_EARLY
 from autopilot.guidance.turn import (
     NO_EVIDENCE,
     VirtualBoat,
@@ -312,11 +312,12 @@ def referred(
     hard_over = 0 if -stop < command < stop else 1 if command > 0.0 else -1
     is_late = now >= guide.turning_until
     free_time = now if hard_over == 0 else guide.free_time
-    beyond = reset_threshold(model, limits, is_late, now - free_time) if is_ours else RESET_BEYOND_GUIDED
     off = heading - boat.heading
     off = off if -PI < off <= PI else wrap(off)
-    if off > beyond or off < -beyond:
-        boat = reset_reference(model, limits, heading, rate, state.rudder + state.bias)
+    if off > RESET_BEYOND_EARLY or off < -RESET_BEYOND_EARLY:  # no threshold is less
+        beyond = reset_threshold(model, limits, is_late, now - free_time) if is_ours else RESET_BEYOND_GUIDED
+        if off > beyond or off < -beyond:
+            boat = reset_reference(model, limits, heading, rate, state.rudder + state.bias)
     # an integrator needs the error that a plan keeps from it
     if is_ours and config.uses_bias and is_late and boat.rate != 0.0:
         boat = advance(model, limits, boat, heading, guide.heading)
