@@ -286,14 +286,21 @@ class Station:
         ]
 
     def _watch_start(self, now: float, boot_ms: int) -> None:
-        """A boat whose clock goes backwards has started again: its parameters may be others, our rates are gone."""
-        if boot_ms < self._boot_ms:
+        """A boat whose clock goes back has started again: its parameters may be others, our rates are gone.
+
+        Where it goes back by less than `REBOOT_MS` messages have overtaken one another; where by all that 32 bits hold,
+        it has begun again from 0 after 49.7 days.
+        """
+        behind = self._boot_ms - boot_ms
+        if REBOOT_MS < behind < WRAP_MS:
             self.parameters.forget()
             self.alarms.forget()
             self._next_rates = now
-        self._boot_ms = boot_ms
+        if not 0 <= behind <= REBOOT_MS:
+            self._boot_ms = boot_ms
 
 
+REBOOT_MS, WRAP_MS = 1000, (1 << 32) - 60_000
 REOPEN_S = 1.0
 SILENCE_S = 3.0
 """After this a listening line lets another peer in: a boat that starts again speaks from another port."""

@@ -489,6 +489,26 @@ def test_a_place_overboard_and_a_wind_are_shown_though_a_part_of_them_is_lost(lo
     assert len(words) == 1 and "--" in words[0] and "200" in words[0]
 
 
+@pytest.mark.parametrize(
+    ("times_ms", "starts"),
+    [
+        ((5000, 5050, 4900, 5100, 4101), 0),
+        ((5000, 3), 1),
+        ((2**32 - 20, 30, 2**32 - 70, 80), 0),
+        ((2**31 + 5000, 3, 50), 1),
+        ((4_000_000_000, 100, 150, 90), 1),
+    ],
+)
+def test_only_a_boat_that_starts_again_is_forgotten(times_ms: tuple[int, ...], starts: int) -> None:
+    station, boat, forgotten = Station(), MavlinkCodec(1, 1), []
+    station.parameters.forget = lambda: forgotten.append(1)  # type: ignore[method-assign]
+    boat_ = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, 0, 0, 4, 3)
+    for message in (boat_, *(dialect.MAVLink_attitude_message(ms, 0, 0, 1, 0, 0, 0) for ms in times_ms)):
+        (read,) = MavlinkCodec().decode(boat.encode(message))
+        station.receive(1.0, read)
+    assert len(forgotten) == starts
+
+
 @pytest.mark.parametrize("word", ["release", "standby"])
 def test_what_takes_the_pilot_from_the_helm_goes_before_all_that_waits(word: str) -> None:
     station, ends = Station(), list[tuple[str, bool]]()
