@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         from autopilot.report import require_extra
 
-        require_extra("by leaving out --report")
+        require_extra("by leaving out --report", arguments.report)
     vessel = named_vessel(arguments.vessel)
     _check_bandwidth(vessel, request)
     better = (

@@ -154,7 +154,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         from autopilot.report import require_extra
 
-        require_extra("by leaving out --report")
+        require_extra("by leaving out --report", arguments.report)
     from autopilot.files.saving import check_folder
 
     for path in filter(None, (arguments.out, arguments.report)):

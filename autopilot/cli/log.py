@@ -288,7 +288,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     from autopilot.runtime.record import read_logs
 
     if arguments.report:
-        require_extra("without --report")
+        require_extra("without --report", arguments.report)
     refuse_twice([arguments.log, arguments.second])
     paths = [Path(name) for name in (arguments.log, arguments.second)]
     # a name is enough, where both are not alike
@@ -322,7 +322,7 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
 
     length = arguments.length_m
     if arguments.report:
-        require_extra("without --report")
+        require_extra("without --report", arguments.report)
     record = record_of(arguments.log, table_of(recording, options.rudder).columns)
     measures = measures_of(record)
     shown = measures_as_json if arguments.json else measures_as_text

@@ -248,7 +248,11 @@ class Parser(argparse.ArgumentParser):
             known = re.findall(r"[^\s',]+", listed)
             what = f"command of `{self.prog}`" if name in commands else f"choice for {name}"
             self._refuse(f"{typed!r} is no {what}{nearest(typed, known)}")
-        self._refuse(message.replace("the following arguments are required", "missing"))
+        sentence = message.replace("the following arguments are required", "missing")
+        for each in self._actions:
+            if isinstance(each, argparse._SubParsersAction) and sentence == f"missing: {each.metavar}":
+                sentence += f"; there are {', '.join(each.choices)}"
+        self._refuse(sentence)
 
     def _is_stray(self, word: str) -> bool:
         name = word.split("=")[0]

@@ -123,7 +123,11 @@ def run(arguments: argparse.Namespace) -> int:
         refuse_wind_hold(arguments.link)
         skipper.await_wind()
     elif arguments.engage is not None:
-        skipper.engage(None if arguments.engage == "present" else heading_of(arguments.engage))
+        try:
+            skipper.engage(None if arguments.engage == "present" else heading_of(arguments.engage))
+        except InputError:
+            needed = "needed are degrees from 0 to 360, `present` or `wind`"
+            raise InputError(f"--engage {arguments.engage}: {needed}") from None
     if arguments.follow is not None:
         skipper.follow()
     must_engage = arguments.engage is not None or arguments.follow is not None

@@ -57,6 +57,19 @@ def read_regular(path: str | Path, most: int = SIZE_MOST) -> bytes:
             raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)) from None
 
 
+def alike(path: str | Path) -> str:
+    """Return "; did you mean X?" for the file beside `path` whose name comes nearest; "" where none does."""
+    from difflib import get_close_matches  # only a mistake needs it
+
+    wanted = Path(path)
+    try:
+        names = [each.name for each in wanted.parent.iterdir() if each.is_file()]
+    except OSError:
+        return ""
+    found = get_close_matches(wanted.name, names, n=1)
+    return f"; did you mean {printable(found[0], SHOWN)}?" if found else ""
+
+
 DEEPEST = 32
 """Lists and objects in one another; what we read and write has at most five."""
 DIGITS_MOST = 18

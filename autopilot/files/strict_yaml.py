@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from autopilot.errors import InputError
-from autopilot.files.outside import read_regular
+from autopilot.files.outside import alike, read_regular
 
 SIZE_MAX_BYTES = 4_000_000
 DEPTH_MAX = 20
@@ -85,7 +85,7 @@ def text_of(path: str | Path) -> str:
     try:
         data = read_regular(path, SIZE_MAX_BYTES + 1)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; check the name and the folder.") from None
+        raise InputError(f"{path}: no such file{alike(path) or '; check the name and the folder.'}") from None
     except IsADirectoryError:
         raise InputError(f"{path}: this is a folder, a file is needed.") from None
     except (OSError, ValueError) as error:
@@ -93,6 +93,8 @@ def text_of(path: str | Path) -> str:
         raise InputError(f"{path}: cannot be read ({reason}).") from None
     if len(data) > SIZE_MAX_BYTES:
         raise InputError(f"{path}: larger than {SIZE_MAX_BYTES} bytes, which no parameter file needs.")
+    if b"\0" in data:
+        raise InputError(f"{path}: is no text; a file of parameters (YAML) is needed.")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -81,6 +81,10 @@ def split_scheme(text: str) -> tuple[str, str]:
 
 def _what_to_write(scheme: str) -> str:
     """Return examples of the kinds that come nearest, or of those that most boats have and the names of the others."""
+    if "/" in scheme:
+        return f"write serial:{scheme}:57600 for MAVLink, nmea:{scheme}:4800 for instruments"
+    if "." in scheme or scheme.casefold() == "localhost":
+        return f"write udpin:{scheme}:14550, udpout:{scheme}:14550 or tcp:{scheme}:5760"
     near = difflib.get_close_matches(scheme.casefold(), list(EXAMPLES), n=3)
     if near:
         return f"write one of {', '.join(EXAMPLES[name] for name in near)}"

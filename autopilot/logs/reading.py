@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.files.outside import read_regular
+from autopilot.files.outside import alike, read_regular
 from autopilot.identification.runs import Run, gap_limit, run_from_columns, seconds
 from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2
 from autopilot.logs.merge import merged, sources_of
@@ -117,6 +117,7 @@ BINARY = (
 )
 TEXT = (
     Kind("a DataFlash log turned into text", "give the .BIN that it was made from", _begins(b"FMT, 128")),
+    Kind("a file of parameters, no log", "give the log of a run", _matches(rb"(?:#[^\n]*\s*)*schema_version:")),
     Kind("a GPX track", NO_RUDDER, _matches(rb"<(?:[^<]*<){0,9}?gpx\b")),
     Kind("a KML track", NO_RUDDER, _matches(rb"<(?:[^<]*<){0,9}?kml\b")),
     Kind("a web page", NO_LOG, _matches(rb"<!doctype html|<html")),
@@ -220,7 +221,8 @@ def bytes_of(path: str) -> bytes:
     try:
         data = read_regular(path)
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; give a log that exists and can be read") from error
+        advice = alike(path) if isinstance(error, FileNotFoundError) else ""
+        raise InputError(f"{path}: {error.strerror}{advice or '; give a log that exists and can be read'}") from error
     if not data:
         raise InputError(f"{path}: is empty; a log is needed: {examples()}.")
     return data

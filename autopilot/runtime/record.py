@@ -328,7 +328,10 @@ def _bytes_of(path: Path) -> bytes:
     if not data:
         raise InputError(f"{path}: the log is empty; give one that `autopilot run` has written")
     if len(data) > STAMP and data[STAMP] not in (MAGIC_V1, MAGIC_V2):
-        raise InputError(f"{path}: no MAVLink packet at byte {STAMP}: this is not a .tlog, or it is damaged there")
+        raise InputError(
+            f"{path}: no MAVLink packet at byte {STAMP}: this is not a .tlog, or it is damaged there; give "
+            "one that `autopilot run --log` has written"
+        )
     return data
 
 

@@ -97,7 +97,7 @@ def _campaign(job: Job, arguments: argparse.Namespace) -> int:
     if arguments.report:
         from autopilot.report import require_extra
 
-        require_extra("by leaving out --report")
+        require_extra("by leaving out --report", arguments.report)
     workers, runs = arguments.workers or default_workers(), number_of_runs(job)
     engine = engine_of(arguments.engine, arguments.address)
     if arguments.out and not arguments.overwrite:
@@ -256,7 +256,7 @@ def run_envelope(arguments: argparse.Namespace) -> int:
     if arguments.report:
         from autopilot.report import require_extra
 
-        require_extra("by leaving out --report")
+        require_extra("by leaving out --report", arguments.report)
     vessel = load_vessel(arguments.vessel)
     check_vessel(vessel)
     found: list[Found] = []

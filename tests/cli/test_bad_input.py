@@ -159,3 +159,33 @@ def test_unknown_keys_and_wrong_units_name_the_line(tmp_path: Path, capsys: pyte
         code, line = run(capsys, str(path), "--link", "udpin:127.0.0.1:0")
         assert code == 2
         assert all(part in line for part in ("boat.yaml", "line", wrong.split(":")[0])), line
+
+
+SLIPS = {
+    "identify zigzag.log": "did you mean zigzag.tlog?",
+    "gains my-boot.yaml": "did you mean my-boat.yaml?",
+    "identify my-boat.yaml": "is a file of parameters, no log, which is not read; give the log of a run",
+    "gains zigzag.tlog": "is no text; a file of parameters (YAML) is needed",
+    "replay my-boat.yaml": "give one that `autopilot run --log` has written",
+    "run my-boat.yaml --link /dev/ttyUSB0": "write serial:/dev/ttyUSB0:57600 for MAVLink, nmea:/dev/ttyUSB0:4800 for",
+    "run my-boat.yaml --link 127.0.0.1:14550": "write udpin:127.0.0.1:14550, udpout:127.0.0.1:14550 or tcp:",
+    "run my-boat.yaml --link udpin:127.0.0.1:0 --engage north": "--engage north: needed are degrees from 0 to 360",
+    "gains my-boat.yaml --report x.pdf": "write x.html, which a browser prints as PDF",
+}
+
+
+@pytest.mark.parametrize("typed", SLIPS)
+def test_a_newcomers_slip_is_answered_with_what_to_write(
+    tmp_path: Path, typed: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("zigzag.tlog").write_bytes(b"\0\1\2\3\4\5\6\7\xfd" + bytes(40))
+    Path("my-boat.yaml").write_text(dump_vessel(load_vessel("lanxin")))
+    assert main(typed.split()) in (2, 3)
+    assert SLIPS[typed] in capsys.readouterr().err
+
+
+def test_where_a_command_is_missing_the_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["trial"])
+    assert "missing: TRIAL; there are zigzag, turning" in capsys.readouterr().err

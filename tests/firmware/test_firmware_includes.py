@@ -74,7 +74,7 @@ def test_an_override_is_held_to_the_range_it_inherits(folder: Path) -> None:
     ("old", "new", "sentence"),
     [
         ("base.yaml", "bose.yaml", "boat.yaml, line 4, column 10: include: "),
-        ("base.yaml", "bose.yaml", "bose.yaml: no such file; check the name and the folder."),
+        ("base.yaml", "bose.yaml", "bose.yaml: no such file; did you mean base.yaml?"),
         ("base.yaml", "boat.yaml", "the files include each other without end"),
         ("CRUISE_SPEED]", "CRUISE_SPED]", "leave_out: CRUISE_SPED is not in what this file includes; did you mean"),
         ("SERVO1_TRIM", "MAV_GCS_SYSID", "MAV_GCS_SYSID is another name of SYSID_MYGCS, which is included"),
