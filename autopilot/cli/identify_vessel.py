@@ -7,7 +7,6 @@ stands in for it.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import datetime
 import math
@@ -224,14 +223,7 @@ def _play(path: str, runs: Sequence[Run], filed_deg: float, fitted_deg: float) -
 def with_path(path: str, vessel: Vessel, runs: Sequence[Run]) -> tuple[Vessel, list[str]]:
     """Return the vessel with how late orders came to the rudder, where logs of ours show it, and what is to be said of
     it. Of several logs the latest."""
-    from autopilot.logs.own_log import path_of
-
-    found = []
-    for run in runs:
-        # a header that is not understood any more holds no model up
-        with contextlib.suppress(InputError):
-            found += [path_of(run.source).measured] if run.vessel and Path(run.source).is_file() else []
-    known = [delay for delay in found if math.isfinite(delay)]
+    known = [run.late for run in runs if math.isfinite(run.late)]
     if not known:
         return vessel, []
     delay = round(known[-1], 2)

@@ -254,7 +254,8 @@ class Orders(NamedTuple):
 class Run(NamedTuple):
     """One recording: where it came from, its segments in order of time, and a sentence for each kind of bad sample
     that was left out; what its rudder is, and the text of the vessel file of the pilot that recorded it, if one did.
-    throttle: its mean, share of full, where that was recorded. orders: beside a sensor on the rudder, where both were.
+    late: how long after a heading that pilot's order came to the rudder [s], nan where it does not show. throttle:
+    its mean, share of full, where that was recorded. orders: beside a sensor on the rudder, where both were.
     """
 
     source: str
@@ -262,6 +263,7 @@ class Run(NamedTuple):
     notes: tuple[str, ...] = ()
     rudder: RudderOrigin = "measured"
     vessel: str = ""
+    late: float = math.nan
     throttle: float = math.nan
     orders: Orders | None = None
 

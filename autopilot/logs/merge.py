@@ -10,6 +10,7 @@ comes within SECOND_BEST of the first, nothing is guessed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -96,7 +97,8 @@ def merged(recordings: Sequence[Recording], offsets: Sequence[float | None]) -> 
     source = "+".join(recording.source for recording in recordings)
     kinds = " and ".join(dict.fromkeys(recording.kind for recording in recordings))
     vessel = next((recording.vessel for recording in recordings if recording.vessel), "")
-    return from_zero(Recording(source, kinds, tuple(series), first.began, tuple(notes), vessel))
+    late = next((recording.late for recording in recordings if recording.vessel), math.nan)
+    return from_zero(Recording(source, kinds, tuple(series), first.began, tuple(notes), vessel, late))
 
 
 def _named(recording: Recording) -> list[Series]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import defaultdict
 from itertools import pairwise
@@ -11,6 +12,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.control.registry import TRIAL_LAW
+from autopilot.errors import InputError
 from autopilot.estimation.estimator import estimated, first_state
 from autopilot.estimation.rudder_observer import write_command
 from autopilot.links.mavlink.frames import MAGIC_V2
@@ -63,7 +65,12 @@ def read_own(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # n
         notes.append(f"{path}: holds other runs too; the first is read.")
     ticks = [tick for part in parts for tick in part.ticks]
     series = (*_estimates(ticks), *_samples(ticks))
-    return on_one_clock(Recording(path, "Norrbin log", series, began, tuple(notes), log.header.get("vessel", "")))
+    late = math.nan
+    # a header that is not understood any more holds nothing else up
+    with contextlib.suppress(InputError):
+        late = _path_of(path, log).measured
+    vessel = log.header.get("vessel", "")
+    return on_one_clock(Recording(path, "Norrbin log", series, began, tuple(notes), vessel, late))
 
 
 def began_of(path: str, log: Log) -> float | None:
@@ -125,7 +132,10 @@ def path_of(path: str) -> LoggedPath:
 
     Raises InputError.
     """
-    log = read_logs(Path(path))[0]
+    return _path_of(path, read_logs(Path(path))[0])
+
+
+def _path_of(path: str, log: Log) -> LoggedPath:
     vessel = parse_vessel(str(log.header.get("vessel", "")), f"{path} (header)")
     config = configured(pilot_config(vessel, TRIAL_LAW), law_of(vessel, TRIAL_LAW)).steering.estimator
     state = first_state(config)

@@ -355,7 +355,7 @@ def load_run(
     mean = float(np.nanmean(throttle)) if throttle is not None and known else math.nan
     orders = None if reverse_rudder else orders_of(recording)
     run = run._replace(notes=(*notes, *run.notes), rudder=table.rudder, orders=orders)
-    return run._replace(vessel=recording.vessel, throttle=mean)
+    return run._replace(vessel=recording.vessel, late=recording.late, throttle=mean)
 
 
 def _turned(columns: Mapping[str, FloatArray], reverse_rudder: bool) -> Mapping[str, FloatArray]:

@@ -11,6 +11,7 @@ between two marks is spread evenly by its place in the file: right to within the
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
@@ -99,7 +100,8 @@ class Recording(NamedTuple):
 
     source: the file. kind: what it is, in words. series: those of a quantity in the order in which they are
     preferred. began: Unix time [s] of the clock's zero, None where the log does not tell. notes: sentences about
-    what was damaged, guessed or left out. vessel: text of the vessel file that the pilot had, in its own logs.
+    what was damaged, guessed or left out. vessel: text of the vessel file that the pilot had, in its own logs. late:
+    how long after a heading its order came to the rudder [s], there too, nan where it does not show.
     """
 
     source: str
@@ -108,6 +110,7 @@ class Recording(NamedTuple):
     began: float | None = None
     notes: tuple[str, ...] = ()
     vessel: str = ""
+    late: float = math.nan
 
     def of(self, quantity: str) -> list[Series]:
         """Return the series of `quantity`, the preferred one first."""

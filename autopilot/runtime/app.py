@@ -89,7 +89,8 @@ class App:
         self._clock, self._saver = clock, BackgroundSaver(plan.options.warn)
         self.notices: list[str] = []
         has_file = machine is not None and plan.path
-        self._path = PathNote(path_file(plan.path), plan.urls, self._saver) if has_file else None
+        filed = plan.vessel.control.path_delay_s
+        self._path = PathNote(path_file(plan.path), plan.urls, filed, self._saver) if has_file else None
         vessel = self._begun = self._as_measured(plan.vessel)
         self.pilot = build_pilot(vessel, plan.law, learns=plan.learns)
         self.recorder: Recorder | None = None

@@ -359,24 +359,28 @@ class PathNote:
     """Keeps the note of how late orders come to the rudder over these `links`, and reads what an earlier run has left.
 
     Args:
-        path: the file.  save: writes a text to a file, later and from another thread.
+        path: the file.  filed: `control.path_delay_s` of the vessel file [s]; a note from when it was another is older
+            than what the skipper has written since.  save: writes a text to a file, later and from another thread.
 
     Attributes:
         kept: the delay [s] that is known; nothing is noted while it is the measured one.
     """
 
-    def __init__(self, path: Path, links: Sequence[str], save: Callable[[Path, str], None]) -> None:
-        self._path, self._links, self._save = path, list(links), save
+    def __init__(
+        self, path: Path, links: Sequence[str], filed: float | None, save: Callable[[Path, str], None]
+    ) -> None:
+        self._path, self._links, self._filed, self._save = path, list(links), filed, save
         self.kept = math.nan
 
     def left(self) -> float | None:
-        """Return the delay [s] that was measured over the same links; None where none was, or it can be none."""
+        """Return the delay [s] that was measured over the same links, and the file has said nothing else since; None
+        where none was, or it can be none."""
         try:
             fields = parse_json(read_regular(self._path, LONGEST), str(self._path), LONGEST)
-            links, delay = fields["links"], float(fields["path_delay_s"])
+            links, filed, delay = fields["links"], fields["filed_s"], float(fields["path_delay_s"])
         except (InputError, OSError, ValueError, KeyError, TypeError):
             return None
-        return delay if links == self._links and 0.0 <= delay <= PATH_MOST else None
+        return delay if (links, filed) == (self._links, self._filed) and 0.0 <= delay <= PATH_MOST else None
 
     def steered_by(self, path: PathDelay, filed: float) -> None:
         """Note the delay [s] that is steered by, where it was measured and is another than is known; filed [s]: what
@@ -384,7 +388,8 @@ class PathNote:
         delay = filed + path.late
         if not math.isnan(path.delay) and abs(delay - self.kept) > PATH_LATER:
             self.kept = delay
-            note = {"links": self._links, "path_delay_s": round(min(delay, PATH_MOST), 3)}
+            delay = round(min(delay, PATH_MOST), 3)
+            note = {"links": self._links, "filed_s": self._filed, "path_delay_s": delay}
             self._save(self._path, json.dumps(note) + "\n")
 
 

@@ -158,29 +158,36 @@ def test_a_note_that_is_none_is_none_and_holds_nothing_up(tmp_path: Path, conten
 
 def test_a_path_that_was_measured_is_known_to_the_next_run_over_the_same_links(tmp_path: Path) -> None:
     path = tmp_path / "boat.path.json"
-    note = PathNote(path, ["udpin:127.0.0.1:14550"], save_text)
+    links = ["udpin:127.0.0.1:14550"]
+    note = PathNote(path, links, None, save_text)
     assert note.left() is None
     note.kept = 0.05
     for delay, late in ((math.nan, 0.3), (0.08, 0.0), (0.14, 0.0)):
         note.steered_by(NOT_ECHOED._replace(delay=delay, late=late), 0.05)
     assert not path.exists(), "what is not steered by is not noted"
     note.steered_by(NOT_ECHOED._replace(delay=0.63, late=0.57), 0.05)
-    assert PathNote(path, ["udpin:127.0.0.1:14550"], save_text).left() == 0.62
-    assert PathNote(path, ["serial:/dev/ttyUSB0:57600"], save_text).left() is None
+    assert PathNote(path, links, None, save_text).left() == 0.62
+    assert PathNote(path, links, 0.3, save_text).left() is None, "the skipper has written another since"
+    assert PathNote(path, ["serial:/dev/ttyUSB0:57600"], None, save_text).left() is None
     note.steered_by(NOT_ECHOED._replace(delay=1.18, late=1.13), 0.05)
     assert note.left() == pytest.approx(1.1)
 
 
-@pytest.mark.parametrize("text", ["", "[1]", '{"links": [], "path_delay_s": NaN}', '{"links": [], "path_delay_s": 3}'])
+@pytest.mark.parametrize("text", ["", "[1]", "NaN", "3"])
 def test_a_path_that_can_be_none_is_not_believed(tmp_path: Path, text: str) -> None:
+    text = f'{{"links": [], "filed_s": null, "path_delay_s": {text}}}' if text.isalnum() else text
     (tmp_path / "x.json").write_text(text)
-    assert PathNote(tmp_path / "x.json", [], save_text).left() is None
+    assert PathNote(tmp_path / "x.json", [], None, save_text).left() is None
 
 
 def test_a_run_begins_with_what_was_noted_and_its_log_says_so(tmp_path: Path) -> None:
     place = str(tmp_path / "boat.yaml")
-    path_file(place).write_text('{"links": [], "path_delay_s": 0.85}')
+    path_file(place).write_text('{"links": [], "filed_s": null, "path_delay_s": 0.85}')
     app = App(Plan(VESSEL, lambda now, tick: Order(), place, machine=Machine()), ManualClock())
     assert app.pilot.state.estimate.path.late == pytest.approx(0.8)
     assert app.notices == ["an earlier run measured a path delay of 0.85 s over these links: it counts"]
+    app.session.close()
+    written = replace(VESSEL, control=replace(VESSEL.control, path_delay_s=0.3))
+    app = App(Plan(written, lambda now, tick: Order(), place, machine=Machine()), ManualClock())
+    assert app.pilot.state.estimate.path.late == pytest.approx(0.25), "what the skipper has written since wins"
     app.session.close()
