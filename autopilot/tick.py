@@ -147,8 +147,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         config = limited_by_thrust(config, state, now)
     boat, rudder, bow = config.boat, state.rudder, state.bow
     steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
-    unknown = state.way.guide.unknown
-    steering = with_slide(steering, unknown) if unknown else steering
+    unknown, path = state.way.guide.unknown, state.estimate.path
+    steering = with_slide(steering, unknown, path.late / state.estimate.model.time_constant) if unknown else steering
     gap = now - state.now if state.now == state.now else 0.0  # what is no number is not itself
     dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
     supervisor = Supervisor(config.envelope, boat.failsafe, state.supervisor)
@@ -174,8 +174,9 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         control = begun(config, control, rudder.command.angle)
 
     ratio, softer = quickness(boat.law, boat.model, model), monitors.course.softer
-    ratio = paced(steering, model, ratio, late) if late and now >= state.way.guide.turning_until else ratio
     steady = steered_by(steering, model, seen, ratio)
+    holds = now >= state.way.guide.turning_until
+    ratio = paced(steering, model, ratio, late) if late and holds else ratio
     mean_bias = averaged(0.0 if is_other_boat else state.mean_bias, steady.bias, model, dt)
     if softer > 1.0:
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
@@ -185,7 +186,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     if is_engaged and late > 0.0:
         # an order of now finds the boat where it will be when it comes
         on_way = estimate.rudder, estimate.memory
-        steady = when_heard(estimate.lively_model, steering.estimator.gear, steady, on_way, late)
+        lively, gear = estimate.lively_model, steering.estimator.gear
+        steady = when_heard(lively, gear, steady, on_way, late, estimate.fusion.unlearnt if holds else 0.0)
     on_course = is_engaged and order.kind is OrderKind.HEADING
     waits = on_course and lacks_way(boat, way, estimate, steady.speed)
     if is_engaged and (is_other_boat or waits != way.waits):

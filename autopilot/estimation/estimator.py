@@ -74,6 +74,7 @@ from autopilot.estimation.tuning import (
     RUDDER_MOST,
     SAMPLES_KEPT,
     SPEED_MOST,
+    UNLEARNT_TIME,
     WAVE_MEMORY,
 )
 from autopilot.models.drives import RUDDER_LAW, DriveLaw, way_of
@@ -95,7 +96,8 @@ class Fusion(NamedTuple):
     """What the measurements have left: the filter's state, what lies between expectation and measurement on average
     [standard deviations], how many spikes in a row agree, and the newest of them [rad]; lean: the average of the
     headings alone over the time of gusts, and leans [s]: for how long it has been more than white noise leaves; gyro:
-    what is known of the rate sensor's standing error; headings and rates: how noisy they turn out to be."""
+    what is known of the rate sensor's standing error; headings and rates: how noisy they turn out to be; unlearnt [rad
+    of rudder]: what pushes the boat beyond model and bias, see `unlearnt_step`."""
 
     state: FilterState
     innovation_mean: float = 0.0
@@ -106,6 +108,7 @@ class Fusion(NamedTuple):
     gyro: RateBias = NO_RATE_BIAS
     headings: Noise = NO_NOISE
     rates: Noise = NO_NOISE
+    unlearnt: float = 0.0
 
 
 def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
@@ -231,7 +234,7 @@ def fuse_measured(
 ) -> tuple[Fusion, bool]:
     """Return what a measurement leaves, and whether it was fused: a spike is not. measured: see `Measured`."""
     time, heading, rate = measured
-    before, mean, spikes, spike, lean, leans, gyro, headings, rates = fusion
+    before, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt = fusion
     noise, dt = noises.usual, time - before.time
     filed_heading, filed_rate = noise.heading, noise.rate
     longest = model.time_constant if model.time_constant < NOISE_GAP else NOISE_GAP
@@ -250,7 +253,7 @@ def fuse_measured(
         if innovation > gate or innovation < -gate:
             agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
             spikes = spikes + 1 if agrees else 1
-            return Fusion(before, mean, spikes, heading, lean, leans, gyro, headings, rates), False
+            return Fusion(before, mean, spikes, heading, lean, leans, gyro, headings, rates, unlearnt), False
         spikes = 0
         unknown = deviation * deviation - of_heading
         headings = noise_step(headings, filed_heading, innovation, unknown, time, longest)
@@ -272,8 +275,25 @@ def fuse_measured(
     learns = noise.waves and -INNOVATION_LASTING < mean < INNOVATION_LASTING
     rudder = angle_at(past, time) if learns else math.nan
     gyro = rate_bias_step(gyro, measured, (of_heading, of_rate))
-    state = fused(state, noise, heading, rate, rudder, dt)
-    return Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates), True
+    expected, state = state, fused(state, noise, heading, rate, rudder, dt)
+    unlearnt = unlearnt_step(model, unlearnt, expected, state, dt)
+    return Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt), True
+
+
+def unlearnt_step(model: Norrbin, before: float, expected: FilterState, found: FilterState, dt: float) -> float:
+    """Return what pushes the boat beyond model and bias [rad of rudder], `dt` [s] after it was `before`.
+
+    By T r' + n1 r = K (delta + b + d), d is what a measurement has corrected, `expected` to `found`, in the time
+    since the last: d = (T dr + n1 dpsi)/(K dt), averaged over as long as the boat shows a push. A bias that is slow,
+    as waves are not to move it, has not learnt it yet.
+    """
+    if dt <= 0.0:
+        return before
+    turned = found.psi - expected.psi
+    turned = turned if -PI < turned <= PI else wrap(turned)
+    corrected = model.time_constant * (found.rate - expected.rate) + model.n1 * turned
+    share = -math.expm1(-dt / (UNLEARNT_TIME * model.time_constant))
+    return before + share * (corrected / (model.gain * dt) - before)
 
 
 MEASURED_AT = attrgetter("time")
@@ -409,7 +429,8 @@ def without_bias(state: EstimatorState) -> EstimatorState:
     """Return the state with a bias of which nothing is known: somebody who did not tell us has moved the rudder."""
     if not state.has_begun:
         return state
-    return state._replace(fusion=state.fusion._replace(state=ekf.without_bias(state.fusion.state)), taken=())
+    alone = ekf.without_bias(state.fusion.state)
+    return state._replace(fusion=state.fusion._replace(state=alone, unlearnt=0.0), taken=())
 
 
 def without_disturbances(state: EstimatorState) -> EstimatorState:
@@ -417,7 +438,7 @@ def without_disturbances(state: EstimatorState) -> EstimatorState:
     if not state.has_begun:
         return state
     alone = ekf.without_sea(ekf.without_bias(state.fusion.state))
-    return state._replace(fusion=state.fusion._replace(state=alone), taken=())
+    return state._replace(fusion=state.fusion._replace(state=alone, unlearnt=0.0), taken=())
 
 
 def believing(config: EstimatorConfig, state: EstimatorState, beliefs: Beliefs) -> EstimatorState:
@@ -617,7 +638,8 @@ def _fused(
             return _begun(config, state, sample)
         return state
     if beliefs.holds_bias or speed < config.steerage:
-        fusion = fusion._replace(state=ekf.with_bias_of(lively, config.noises.usual, before.state, fusion.state))
+        held = ekf.with_bias_of(lively, config.noises.usual, before.state, fusion.state)
+        fusion = fusion._replace(state=held, unlearnt=before.unlearnt)
     if sample.time > heading_time and heading == heading:
         heading_time = sample.time
     return EstimatorState(

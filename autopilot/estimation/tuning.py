@@ -105,6 +105,8 @@ PATH_WENT = math.radians(0.5)
 """It is held to go at its filed rate as if it had gone so far [rad] at it."""
 PATH_MEMORY = 60.0
 """Echoes that moved are remembered for about so many more."""
+UNLEARNT_TIME = 2.0
+"""What pushes the boat and is not learnt as bias is averaged over so many time constants; see `unlearnt_step`."""
 PATH_EXPLAINS = 0.3
 """The best delay must leave less than this share of what the worst leaves."""
 PATH_ERROR_MOST = 0.02

@@ -135,7 +135,7 @@ def initial_state(
     config = campaign.config
     model = model_at(config.estimator.model, measurement.speed, config.estimator.law)
     speed = Smoothed(measurement.speed, now)
-    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, 0.0, NO_RATE_BIAS, NO_NOISE, NO_NOISE)
+    fusion = Fusion(state, 0.0, 0, 0.0, 0.0, 0.0, NO_RATE_BIAS, NO_NOISE, NO_NOISE, 0.0)
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
     history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
@@ -327,7 +327,7 @@ def _listen(
     if not math.isnan(measured.heading):
         compass, turned = _compass(compass, measured)
         # the monitor's own reckoning is a little closer; what is half its measure is left to it
-        since, before = measured.time - pilot_state.compass.time, fusion.state
+        since, before, unlearnt = measured.time - pilot_state.compass.time, fusion.state, fusion.unlearnt
         gone = gone or abs(turned - before.rate * since) > 0.5 * campaign.alarms.heading_jump
         gone = gone or measured.time - before.time > PREDICT_LONGEST
         # the gap that a restart of the filter ends is not carried over
@@ -339,9 +339,9 @@ def _listen(
             pilot_state.model, pilot_state.turning.limits, pilot_state.guide.boat
         )
         if is_fused and is_planned:
-            state, mean, spikes, spike, lean, leans, gyro, headings, rates = fusion
+            state, mean, spikes, spike, lean, leans, gyro, headings, rates, _ = fusion
             state = with_bias_of(model, noises.usual, before, state)
-            fusion = Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates)
+            fusion = Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt)
         heading_time = time if is_fused else heading_time
         gone = gone or fusion.spikes > GATE_PATIENCE
     return State(

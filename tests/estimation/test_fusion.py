@@ -249,3 +249,16 @@ def test_a_slide_goes_with_time_as_a_state_of_its_own_would() -> None:
     assert (after.p02, after.p12) == (pytest.approx(kept * still.p02), pytest.approx(kept * still.p12))
     held = ekf.with_bias_of(model, noise, start, after._replace(bias=9.0))
     assert held.bias == pytest.approx(after.bias) and held.p22 == pytest.approx(after.p22)
+
+
+def test_a_push_that_the_bias_is_too_slow_for_is_known_beside_it() -> None:
+    """A boat that lies still under a rudder of -2 deg, as something pushes it, with a bias that must not move."""
+    boat, push = Norrbin(0.5, 2.0), math.radians(2.0)
+    held = NOISES.usual._replace(bias=0.0, gust_bias=0.0, waves=False)
+    noises, past = noises_of(held), RudderPast([0.0, 0.0], [-push, -push], 2)
+    now = Fusion(ekf.initial(0.0, 0.0, 0.0, held)._replace(p02=0.0, p12=0.0, p22=1e-12))
+    assert now.unlearnt == 0.0
+    for step in range(1, 400):
+        now, _ = fuse_measured(boat, noises, now, past, Measured(0.05 * step, 0.0, 0.0))
+    assert abs(now.state.bias) < 0.1 * push
+    assert now.unlearnt == pytest.approx(push, rel=0.05)

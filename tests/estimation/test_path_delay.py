@@ -17,7 +17,7 @@ from autopilot.pilot_state import configured
 from autopilot.runtime.build import law_of, pilot_config
 from autopilot.runtime.tuning import designed
 from autopilot.signals import NavState
-from autopilot.steering import PACED, paced
+from autopilot.steering import PACED, paced, with_slide
 from autopilot.vessel.file import load_vessel
 
 FILED = 0.05
@@ -109,12 +109,15 @@ def test_the_boat_is_reckoned_under_the_orders_that_are_on_their_way() -> None:
     for tick in range(9):
         observer = ordered(observer, memory, 0.05 * tick, 0.1 if tick >= 4 else 0.0)
     now = NavState(0.4, 0.0, 0.0, 1.0, 0.0, 0.02, 0.0, True)
-    then = when_heard(model, gear, now, (observer, memory), late)
+    then = when_heard(model, gear, now, (observer, memory), late, 0.0)
     # at rest but for the bias, and from 0.2 s on under the order, half a step later: r = K (delta + b)(1 - e^-t)
     rest = 0.5 * 0.02 * (1.0 - math.exp(-0.4))
     assert 0.05 * (1.0 - math.exp(-0.15)) < then.rate - rest < 0.05 * (1.0 - math.exp(-0.2))
     assert then.time == now.time
     assert then.rudder == pytest.approx(0.1)
+    pushed = when_heard(model, gear, now, (observer, memory), late, 0.03)
+    assert pushed.rate - then.rate == pytest.approx(0.5 * 0.03 * (1.0 - math.exp(-0.4)))
+    assert pushed.bias == now.bias, "only what is reckoned ahead goes by it"
 
 
 def by_sensor(
@@ -182,3 +185,11 @@ def test_a_course_is_held_more_slowly_only_by_a_law_that_is_too_quick_for_the_de
     assert paced(quick.steering, model, 0.4, 0.7) == 0.4, "at a low speed it is slow enough"
     unstable = configured(pilot_config(small), law_of(small))
     assert paced(unstable.steering, unstable.boat.model, 1.0, 5.0) == 1.0
+
+
+def test_a_slide_is_learnt_only_where_it_can_be_acted_on_in_time() -> None:
+    """BlueBoat behind 0.4 s each way went 12 deg past its course in calm water, with a slide that came and went."""
+    boat = load_vessel("blueboat")
+    steering = configured(pilot_config(boat), law_of(boat)).steering
+    assert with_slide(steering, 1.0e-4, 0.1).estimator.noises.usual.slide == 1.0e-4
+    assert with_slide(steering, 1.0e-4, 0.8) is steering

@@ -23,7 +23,7 @@ def test_every_shipped_scenario_loads_under_its_name(name: str) -> None:
 
 
 def test_the_expected_scenarios_ship() -> None:
-    assert {"calm", "jiang", "ittc", "sea-state-5"} <= set(shipped_scenarios())
+    assert {"calm", "jiang", "ittc", "sea-state-3", "sea-state-5"} <= set(shipped_scenarios())
 
 
 def test_defaults_are_a_calm_sea() -> None:
