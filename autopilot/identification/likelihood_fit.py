@@ -16,6 +16,7 @@ import numpy as np
 from autopilot.identification.likelihood_record import (
     NORRBIN,
     Form,
+    Record,
     Scales,
     instruments,
     record_of,
@@ -65,13 +66,22 @@ NO_PART = 12.0
 class Unseen(NamedTuple):
     """By how much a delay, and by how much a play of the rudder, would raise the logarithm of the likelihood where they
     were not fitted; the likeliest play [rad], to either side, and the least that the record excludes; by how much a
-    boat that slides would."""
+    boat that slides would, and by how much a rudder that stops short of its record; the likeliest such stop [rad].
+    maybe_play: `play` may as well be a pilot's answers to waves."""
 
     late_worth: float
     play_worth: float
     play: float
     excluded: float
     sway_worth: float = 0.0
+    stop_worth: float = 0.0
+    stop: float = math.inf
+    maybe_play: bool = False
+
+    @property
+    def stops(self) -> bool:
+        """Whether the rudder surely stops short of its record, likelier than all else that was not fitted."""
+        return self.stop_worth > max(SURELY_STOPS, self.play_worth, self.late_worth, self.sway_worth)
 
 
 class SpeedPower(NamedTuple):
@@ -302,8 +312,8 @@ def _unseen(space: Space, z: FloatArray, memory: float, least: float) -> Unseen:
     loss = space.found(z).loss
     rates, weather, train = space.opened(z)
 
-    def worth(changed: RudderTrain) -> float:
-        trial = Space(space.record, rates, weather, changed, (), space.scale)
+    def worth(changed: RudderTrain, record: Record = space.record) -> float:
+        trial = Space(record, rates, weather, changed, (), space.scale)
         trial.priors, trial.path = space.priors, space.path
         there, slope, known = trial.slope(trial.start, boat_only=True)
         if not math.isfinite(there):
@@ -318,9 +328,29 @@ def _unseen(space: Space, z: FloatArray, memory: float, least: float) -> Unseen:
     likeliest = max(plays, key=lambda play: plays[play])
     unlikely = [play for play in plays if play > likeliest and plays[play] < plays[likeliest] - UNLIKELY]
     slides = worth(train._replace(**sliding(memory))) if train.lead == 0.0 else 0.0
-    return Unseen(max([0.0, *late]), plays[likeliest], likeliest, min(unlikely, default=math.inf), slides)
+    largest = max(float(np.quantile(np.abs(angle), LARGEST_ANGLE)) for _, angle in space.record.paths)
+    stops = {share * largest: worth(train, _stopped(space.record, share * largest)) for share in STOPS}
+    stop = max(stops, key=lambda each: stops[each])
+    return Unseen(
+        max([0.0, *late]),
+        plays[likeliest],
+        likeliest,
+        min(unlikely, default=math.inf),
+        slides,
+        max(stops[stop], 0.0),
+        stop,
+    )
 
 
+def _stopped(record: Record, stop: float) -> Record:
+    """Return the record of a rudder that went no further than `stop` [rad] to either side."""
+    return record._replace(paths=tuple((time, np.clip(angle, -stop, stop)) for time, angle in record.paths))
+
+
+SURELY_STOPS = 8.0
+"""A stop that nothing shows is believed where it raises the logarithm of the likelihood by so much."""
+LARGEST_ANGLE, STOPS = 0.98, (0.4, 0.5, 0.6, 0.7, 0.8)
+"""The largest angle of a rudder is this quantile of its record; stops are tried at so many times it."""
 LATE_SHARES = (0.03, 0.1)
 """Delays that are tried, as shares of the boat's time constant."""
 PLAYS = tuple(math.radians(each) for each in (0.25, 0.5, 1.0, 2.0))

@@ -38,7 +38,7 @@ from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.one_boat import differing
 from autopilot.identification.residual_tests import answered_share, predict, simulate_run
 from autopilot.identification.residuals import Noise, residual_noise
-from autopilot.identification.rudder_path import RudderTrain
+from autopilot.identification.rudder_path import RudderTrain, small_swings
 from autopilot.identification.runs import FloatArray, Run, Segment, spacing_of
 from autopilot.models.norrbin import Norrbin
 
@@ -86,12 +86,12 @@ def as_doubtful(answer: Identified, runs: Sequence[Run], steps: Steps) -> Identi
     """Return the answer with the doubt that one model of all runs hides: of parts that are not of one boat, where
     propeller, wind and drift do not explain that, and of compass and gyro that turn by different angles."""
     speed, apart, differ = answer.model.reference_speed, turned_apart(runs), None
-    if answer.around is None and answer.predictor is not None:
-        differ = differing(answer.predictor, runs, speed, steps.next)
+    if answer.around is None and answer.likely is not None:
+        differ = differing(answer.likely, runs, speed, steps.next)
     said = [*([f"{differ.sentence()}."] if differ else []), *([apart.sentence()] if apart else [])]
     if answer.around is None and answer.likely is not None and said:
         more = np.zeros((4, 4))
-        more += differ.doubt if differ is not None and answer.sliding is None else 0.0
+        more += differ.doubt if differ is not None else 0.0
         more += apart.doubt(answer.likely.rates) if apart is not None else 0.0
         wide = answer_of(answer.likely.with_doubt(more), runs, speed, None, {})
         assert wide is not None
@@ -185,6 +185,8 @@ def likeliest_fit(
     if found is None or not set(train) <= set(ORDERED):
         return found, reasons
     kept = tuple(found.train_errors)
+    if found.unseen.stops:
+        return found, reasons
     for part in _worth_a_try(found.unseen):
         behind = likelihood_fit(segments, speed, found.rates, (*kept, part), steps.next)
         if behind is None:
@@ -192,11 +194,29 @@ def likeliest_fit(
         if part == "dead_band":
             sure = SURELY_TURNS * behind.train_errors["dead_band"]
             shown = behind.train.dead_band > max(sure, least_play(segments))
+            if shown and small_swings(segments) > MOST_SMALL:
+                return _between(found, behind), reasons
         else:
             shown = _is_late(behind) and behind.train.delay > 0.5 * spacing_of(segments)
         if shown:
             return behind, reasons
     return found, reasons
+
+
+def _between(found: LikelihoodFit, behind: LikelihoodFit) -> LikelihoodFit:
+    """Return the boat between one without play and one `behind` it, with the doubt which of them it is.
+
+    A rudder that answers waves goes with what they do to the boat. Where the waves are taken for a motion of their own
+    that makes the small swings of the rudder seem idle, as a play makes them.
+    """
+    middle = Rates(*(0.5 * (a + b) for a, b in zip(found.rates, behind.rates, strict=True)))
+    half = 0.5 * (np.array(behind.rates) - found.rates)
+    unseen = found.unseen._replace(play=behind.train.dead_band, maybe_play=True)
+    return found.with_doubt(np.outer(half, half))._replace(rates=middle, unseen=unseen)
+
+
+MOST_SMALL = 0.1
+"""Share of the rudder's travel in small swings up to which a play can be parted from answers to waves."""
 
 
 def _worth_a_try(unseen: Unseen) -> tuple[str, ...]:
@@ -280,6 +300,9 @@ def answer_of(
 def _behind(found: LikelihoodFit, runs: Sequence[Run]) -> tuple[str, ...]:
     """Return what is to be said of the way from the recorded rudder to the water, where nobody expects it."""
     said, unseen, train = [], found.unseen, found.train
+    if unseen.stops:
+        sentence = stopped_short(unseen)
+        said.append(f"{sentence[0].upper()}{sentence[1:]}. Below that angle K is larger than these runs say.")
     if not ordered(runs) and train.delay > 0.0:
         said.append(
             f"The motion follows the measured rudder {train.delay:.2g} +- {SURE_OF_IT * found.late_error:.1g} s late: "
@@ -291,8 +314,14 @@ def _behind(found: LikelihoodFit, runs: Sequence[Run]) -> tuple[str, ...]:
         error = math.degrees(SURE_OF_IT * found.train_errors["dead_band"])
         said.append(
             f"It looks as if the rudder had {math.degrees(train.dead_band):.2g} +- {error:.1g} deg of play to either "
-            "side between its record and the water; it is taken into account. A pilot that answers waves looks alike: "
-            "measure it at the dock, and take it out of the gear."
+            "side between its record and the water; it is taken into account. Measure it at the dock, and take it out "
+            "of the gear."
+        )
+    elif unseen.maybe_play:
+        said.append(
+            f"A rudder with {math.degrees(unseen.play):.2g} deg of play to either side would explain the runs better, "
+            "and so would a pilot or a hand that answered waves, for most swings of the rudder were small: K and T lie "
+            "between both, and their intervals hold both. Measure the play at the dock, or sail a zigzag."
         )
     elif not ordered(runs) and unseen.excluded > LEAST_PLAY:
         most = f"up to {math.degrees(unseen.excluded):.2g} deg" if math.isfinite(unseen.excluded) else "of some degrees"
@@ -301,6 +330,14 @@ def _behind(found: LikelihoodFit, runs: Sequence[Run]) -> tuple[str, ...]:
             "zigzags with two rudder angles (5/5 and 20/20) would."
         )
     return tuple(said)
+
+
+def stopped_short(unseen: Unseen) -> str:
+    """Return how a rudder that stops short of its record shows."""
+    return (
+        f"the boat turns as if its rudder stopped at some {math.degrees(unseen.stop):.0f} deg, though its record goes "
+        "further: look for an end stop, a stall at large angles, or something that slips between sensor and rudder"
+    )
 
 
 def _off_zero(found: LikelihoodFit) -> tuple[str, ...]:

@@ -25,6 +25,9 @@ from autopilot.identification.runs import FloatArray, Run, Segment
 
 LOOKED_AT, BY_CHANCE = 0.02, 0.002
 """Of healthy recordings this share is looked at more closely, and at most this share is said to differ."""
+MOST_APART = 0.3
+"""Share by which K or T of two parts of a good model's runs may differ: a model between them is then off by half of it
+to either side, which is half of what designed gains bear. No boat is quite Norrbin's, and its parts differ by less."""
 SHORTEST_PART = 32
 """A part of fewer samples tells of no boat."""
 
@@ -58,6 +61,11 @@ class Differing(NamedTuple):
         a, b = max(float(rates[0]), LEAST), float(rates[1])
         return (a / b, 1.0 / b) if min(float(each[1]) for each in (*self.rates, self.whole)) > 0.0 else (a,)
 
+    @property
+    def are_two(self) -> bool:
+        """Whether the parts differ by more than one boat's do that is not quite Norrbin's."""
+        return self.share > MOST_APART
+
     def sentence(self) -> str:
         """Return what differs, and what to look for."""
         first, second = (self._values(rates) for rates in self.rates)
@@ -67,10 +75,12 @@ class Differing(NamedTuple):
         ]
         if any(self.late):
             said.append(f"a rudder late by {self.late[0]:.2g} and {self.late[1]:.2g} s")
+        apart = f"{', '.join(said)} by each alone"
+        if not self.are_two:
+            return f"{self.one} and {self.other} differ by more than gusts explain: {apart}; the intervals hold both"
         return (
-            f"{self.one} and {self.other} do not tell of one boat: {', '.join(said)} by each alone; look for what "
-            "changed between them (loading, throttle, the rudder's or the log's scale, a sensor's delay) and identify "
-            "each by itself"
+            f"{self.one} and {self.other} do not tell of one boat: {apart}; look for what changed between them "
+            "(loading, throttle, the rudder's or the log's scale, a sensor's delay) and identify each by itself"
         )
 
 

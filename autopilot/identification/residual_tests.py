@@ -9,6 +9,7 @@ How well a model predicts a run: open loop over its whole length, from rudder an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
@@ -141,14 +142,15 @@ SURE = 0.01
 """Probability below which chance is not believed."""
 QUANTILE = 2.58
 """Normal deviate that chance exceeds in `SURE` of all cases."""
-NOTEWORTHY = 0.1
-"""A correlation with the rudder smaller than this changes no prediction that matters, however sure it is."""
+NOTEWORTHY, MATTERS = 0.1, 0.06
+"""A correlation with the rudder smaller than the one, or what goes with it of the motion smaller than the other, root
+mean squares, changes no prediction that matters, however sure it is."""
 
 
 class ResidualTest(NamedTuple):
     """Of yaw rate or heading (`signal`): Ljung and Box's probability of residuals as correlated as these if they were
     white; `memory` [s] after which their correlation is below chance; and their largest correlation with the rudder,
-    `rudder_lag` [s] before, beside what chance would give at most."""
+    `rudder_lag` [s] before, beside what chance would give at most; size: of the residuals, as a share of the signal."""
 
     signal: str
     whiteness: float
@@ -157,6 +159,7 @@ class ResidualTest(NamedTuple):
     rudder: float
     rudder_lag: float
     by_chance: float
+    size: float = 1.0
 
     @property
     def is_white(self) -> bool:
@@ -166,7 +169,7 @@ class ResidualTest(NamedTuple):
     @property
     def follows_rudder(self) -> bool:
         """Return whether the rudder is in the residuals, more than chance would and enough to matter."""
-        return abs(self.rudder) > max(self.by_chance, NOTEWORTHY)
+        return abs(self.rudder) > max(self.by_chance, NOTEWORTHY, MATTERS / max(self.size, MATTERS))
 
     def sentences(self) -> list[str]:
         """Return what this means for whoever uses the model."""
@@ -207,7 +210,8 @@ def residual_tests(
         measured = [segment.rate if column == 0 else segment.heading for segment in segments]
         residuals = [_centred(m - s[:, column]) for m, s in zip(measured, simulated, strict=True)]
         if sum(int(np.count_nonzero(np.isfinite(e))) for e in residuals) > 2 * WHITENESS_LAGS:
-            result.append(_test(signal, residuals, segments, spacing, model.time_constant))
+            size = math.sqrt(_power(residuals) / max(_power([_centred(values) for values in measured]), 1.0e-300))
+            result.append(_test(signal, residuals, segments, spacing, model.time_constant)._replace(size=size))
     return result
 
 

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.blas import dtbsv
 
-from autopilot.identification.runs import FloatArray, Run
+from autopilot.identification.runs import FloatArray, Run, Segment
 
 STRAIGHT_RAD_S = np.radians(0.05)
 """Neighbouring slopes this close count as one line; noise on the record exceeds it, and nothing is carried on then."""
@@ -246,6 +246,25 @@ def _slope(time: FloatArray, rudder: FloatArray, noise: float) -> _Slope | None:
     error = max(scatter, noise, 1.0e-6) / math.sqrt(spread)
     travel = abs(float(rudder[-1] - rudder[0]))
     return None if error > WORST_ERROR * abs(rate) else _Slope(abs(rate), error, travel)
+
+
+def small_swings(segments: Sequence[Segment]) -> float:
+    """Return the share of the rudder's travel that is in swings much smaller than the largest of their segment: none in
+    a zigzag, much of it where a hand or a pilot steers a course."""
+    small = whole = 0.0
+    for segment in segments:
+        noise = _noise(segment.rudder) if segment.rudder.size > FEWEST_SAMPLES else 0.0
+        at = _corners(segment.time, segment.rudder, max(CORNER_NOISES * noise, 0.05 * SMALLEST_TRAVEL))
+        moved = np.diff(segment.rudder[at])
+        turns = np.flatnonzero(np.diff(np.sign(moved))) + 1
+        swings = np.abs(np.add.reduceat(moved, np.concatenate([[0], turns])))
+        small += float(np.sum(swings[swings < SMALL_SWING * np.max(swings)]))
+        whole += float(np.sum(swings))
+    return small / whole if whole > 0.0 else 0.0
+
+
+SMALL_SWING = 0.4
+"""Share of the largest swing below which one is small: of zigzags with 10 and 20 deg in one record none is."""
 
 
 def _noise(rudder: FloatArray) -> float:

@@ -18,10 +18,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from autopilot.identification.compass_and_gyro import on_one_course
 from autopilot.identification.drive_effect import DriveFit
 from autopilot.identification.drive_effect import Prediction as DrivePrediction
 from autopilot.identification.identified import Identified
 from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by, serves
+from autopilot.identification.likelihood_model import stopped_short
 from autopilot.identification.ordered_rudder import shows_rate, with_rudder_of
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rudder_rate_of
@@ -203,17 +205,18 @@ def gear_check(runs: Sequence[Run], filed: float, measured: RudderRate | None) -
 
 
 Grade = Literal["good", "start", "not enough"]
+IN_WORDS: Mapping[Grade, str] = {"good": "good, steer with it", "start": "good for a start", "not enough": "not enough"}
 
 MOST_LEANING = 0.5
 """Share of what is known of K/T or n1/T that other boats may have said of a good model."""
-MOST_APART = 0.15
-"""Share by which K or T of two parts of the runs may differ in a good model: half of what designed gains bear."""
 MOST_ANSWERED = 0.5
 """Share of the rudder's motion that may go with what pushes the boat, or what the model misses: the lesser part."""
-LEAST_R2 = 0.5
-"""Share of the yaw rate that must be predicted open loop from rudder and speed for a good model of a stable boat."""
+LEAST_R2, MOSTLY = 0.5, 0.8
+"""Share of the yaw rate that must be predicted open loop from rudder and speed for a good model of a stable boat, and
+for one to start with whose rudder goes with what it misses."""
 LEAST_R2_BY_THRUST = 0.9
 """The same of a boat that steers by thrust, of each run."""
+UNCHECKED = "K is as good as the compass, which neither a gyro nor another course checks"
 KNOT_M_S = 1852.0 / 3600.0
 
 
@@ -231,9 +234,10 @@ class Verdict(NamedTuple):
 def verdict_on_runs(found: Identified, runs: Sequence[Run], filed: float) -> Verdict:
     """Return what the model is good for, fitted to the `runs`, which are as they were recorded; `filed` is the rudder's
     rate by the vessel file [rad/s], inf where none is known."""
-    rate = found.rudder_rate
+    rate, by_compass = found.rudder_rate, UNCHECKED if on_one_course(runs) else ""
     fitted = runs if rate is None else [with_rudder_of(run, rate) for run in runs]
     gear = gear_check(runs, filed, rate or rudder_rate_of(fitted))
+    gear = gear._replace(beside="; ".join(filter(None, [gear.beside, by_compass])))
     return verdict_of(found, [found.predict(run) for run in fitted], found.residual_tests(fitted), gear)
 
 
@@ -293,20 +297,26 @@ def _doubts(found: Identified) -> dict[str, tuple[float, float]]:
     }
 
 
-def _undetermined(found: Identified, doubts: Mapping[str, float], again: str) -> Verdict | None:
-    """Return the verdict where the runs are not of one boat, or do not tell of it; None where they do."""
+def _undetermined(found: Identified, doubts: Mapping[str, float], explained: float, again: str) -> Verdict | None:
+    """Return the verdict where the runs are not of one boat, or do not tell of it; None where they do; explained: share
+    of the yaw rate that the model explains."""
     unknown = [symbol for symbol in ("K", "T") if symbol in found.unidentifiable]
     is_on_ridge = found.ratios is not None and found.ratios.on_ridge
-    if found.differing is not None and found.differing.share > MOST_APART:
-        if unknown or is_on_ridge or not max(doubts.values()) <= ENOUGH:
-            return Verdict("not enough", f"not enough: {found.differing.sentence()}.")
-        return Verdict("start", f"good for a start: {found.differing.sentence()}.")
+    grade: Grade
+    is_known = not unknown and not is_on_ridge and max(doubts.values(), default=math.inf) <= ENOUGH
+    if found.differing is not None and found.differing.are_two:
+        grade = "start" if is_known else "not enough"
+        return Verdict(grade, f"{IN_WORDS[grade]}: {found.differing.sentence()}.")
+    if is_known and found.around is None and found.likely is not None and found.likely.unseen.stops:
+        return Verdict("start", f"good for a start: {stopped_short(found.likely.unseen)}.")
     if found.answers > MOST_ANSWERED:
+        grade = "start" if is_known and explained > MOSTLY else "not enough"
         return Verdict(
-            "not enough",
-            f"not enough: {100.0 * found.answers:.0f} % of the rudder's motion goes with what it does not explain of "
-            "the turning: a pilot or a hand answered waves, or the model misses what the rudder does; look over "
-            f"compass, speed and clock, and sail {again}.",
+            grade,
+            f"{IN_WORDS[grade]}: {100.0 * found.answers:.0f} % of the rudder's motion goes with what it does not "
+            "explain of the turning: a pilot or a hand answered waves, or the model misses what the rudder does; look "
+            "over compass, speed and clock, and "
+            f"sail {again}.",
         )
     if is_on_ridge:
         return Verdict(
@@ -330,7 +340,9 @@ def verdict_of(
     again = f"20/20 once more at {found.model.reference_speed / KNOT_M_S:.3g} kn"
     sides = _doubts(found)
     doubts = {symbol: max(each) for symbol, each in sides.items()}
-    if (undetermined := _undetermined(found, doubts, again)) is not None:
+    scores = sorted(each.yaw_rate_r2 for each in predictions if each.yaw_rate_r2 is not None)
+    explained = scores[len(scores) // 2] if scores else math.nan
+    if (undetermined := _undetermined(found, doubts, explained, again)) is not None:
         return undetermined
     if not doubts:
         return Verdict(
@@ -346,8 +358,7 @@ def verdict_of(
     if leaning > MOST_LEANING:
         whose = f"{100.0 * leaning:.0f} % of what is known is other boats'"
         return Verdict("start", f"good for a start ({share}, 95 %; {whose}): sail {again}.")
-    scores = [each.yaw_rate_r2 for each in predictions if each.yaw_rate_r2 is not None]
-    if found.model.n1 > 0.0 and scores and sorted(scores)[len(scores) // 2] < LEAST_R2:
+    if found.model.n1 > 0.0 and explained < LEAST_R2:
         return Verdict(
             "start", f"good for a start: the model explains less than half of the yaw rate; sail {again} in less wind."
         )

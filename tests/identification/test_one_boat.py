@@ -1,4 +1,5 @@
-"""Logs that are not of one boat, and a compass that turns otherwise than the gyro, are said to be so.
+"""Logs that are not of one boat, a compass that turns otherwise than the gyro, a rudder that stops short of its record,
+and a pilot that answers waves, are said to be so.
 
 The boats are those of `benchmarks/independent_boat.py`, which imports nothing of the project.
 """
@@ -14,6 +15,7 @@ from independent_boat import Boat, Sea, sailed
 from autopilot.identification.compass_and_gyro import on_one_course, turned_apart
 from autopilot.identification.identify import identify
 from autopilot.identification.marginal_likelihood import Rates
+from autopilot.identification.residual_tests import ResidualTest
 from autopilot.identification.runs import Run, run_from_columns
 from autopilot.identification.verdict import verdict_on_runs
 
@@ -55,7 +57,7 @@ def test_one_boat_in_two_logs_is_good() -> None:
     found = identify(runs)
     assert found.differing is None and verdict_on_runs(found, runs, math.inf).grade == "good"
     answering = verdict_on_runs(found._replace(answers=0.7), runs, math.inf)
-    assert answering.grade == "not enough" and "70 % of the rudder's motion goes with" in answering.sentence
+    assert answering.grade == "start" and "70 % of the rudder's motion goes with" in answering.sentence
 
 
 @pytest.mark.parametrize(
@@ -81,4 +83,42 @@ def test_what_a_compass_alone_does_not_show_on_one_course_is_said(
 ) -> None:
     sea = GUSTS._replace(gyro_deg_s=gyro)
     tables = [sailed(BOAT, sea, 3, 20.0, heading=course) for course in (0.0, second)]
-    assert bool(on_one_course([run_from_columns(str(k), table) for k, table in enumerate(tables)])) == is_said
+    runs = [run_from_columns(str(k), table) for k, table in enumerate(tables)]
+    assert bool(on_one_course(runs)) == is_said
+    if is_said:
+        grade, sentence = verdict_on_runs(identify(runs), runs, math.inf)
+        assert grade != "good" or "K is as good as the compass" in sentence
+
+
+@pytest.mark.parametrize(("stop_deg", "seed"), [(12.0, 5), (16.0, 6)])
+def test_a_rudder_that_stops_short_of_its_record_is_named_and_no_play(stop_deg: float, seed: int) -> None:
+    stop = math.radians(stop_deg)
+    runs = [
+        run_from_columns(f"{k}.csv", sailed(BOAT, GUSTS, [seed, k], 40.0, side=1 - 2 * k, stop=stop)) for k in (0, 1)
+    ]
+    found = identify(runs)
+    grade, sentence = verdict_on_runs(found, runs, math.inf)
+    assert grade == "start" and "rudder stopped at some 1" in sentence
+    assert found.likely is not None and math.degrees(found.likely.unseen.stop) == pytest.approx(stop_deg, abs=2.1)
+    assert found.train.dead_band == 0.0
+
+
+def test_a_pilot_that_answers_waves_is_not_taken_for_play() -> None:
+    waves = GUSTS._replace(gust_deg=0.5, wave_deg=3.0, wave_period_s=5.0)
+    quick = Boat(0.25 / 2.0, 1.0 / 2.0, 3.0 / 2.0, 0.001)
+
+    def helm(time: float, heading: float, rate: float) -> float:
+        return float(np.clip(2.0 * (0.35 * (int(time / 40.0) % 2) - heading) - 2.0 * rate, -0.5, 0.5))
+
+    runs = [run_from_columns(f"{k}.csv", sailed(quick, waves, [11, k], 150.0, helm=helm)) for k in (0, 1)]
+    found = identify(runs)
+    assert found.train.dead_band == 0.0
+    assert any("so would a pilot or a hand that answered waves" in note for note in found.notes)
+    for name, truth in (("gain", 0.25), ("time_constant", 2.0)):
+        assert abs(getattr(found.model, name) - truth) < 1.96 * (found.standard_errors[name] or 0.0)
+
+
+@pytest.mark.parametrize(("size", "is_said"), [(0.2, True), (0.05, False)])
+def test_what_goes_with_the_rudder_is_said_where_it_matters(size: float, is_said: bool) -> None:
+    test = ResidualTest("heading", 0.0, 0.9, 3.0, 0.5, 1.0, 0.1, size)
+    assert test.follows_rudder == is_said

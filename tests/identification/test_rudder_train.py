@@ -17,7 +17,7 @@ from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.likelihood_model import answer_of, follows_surely
 from autopilot.identification.marginal_likelihood import Rates, Weather
-from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, small_swings
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.verdict import verdict_of
 
@@ -147,6 +147,18 @@ def shortened(run: Run, seconds: float) -> Run:
     (segment,) = run.segments
     count = int(np.count_nonzero(segment.time < seconds))
     return run._replace(segments=(Segment(*(values[:count] for values in segment)),))
+
+
+def test_swings_of_a_zigzag_are_large_and_those_of_a_steered_course_small() -> None:
+    time = np.arange(0.0, 60.0, 0.1)
+    zigzag = np.clip(60.0 * np.sin(0.4 * time), -10.0, 10.0) * (1.0 + (time > 30.0))
+    courses = 20.0 * (time % 30.0 > 28.0) + 4.0 * np.sin(1.3 * time)
+    known, noise = np.full(time.size, np.nan), np.random.default_rng(1).normal(size=time.size)
+    share = [
+        small_swings([Segment(time, known, known, np.radians(angle + 0.1 * noise), known)])
+        for angle in (zigzag, courses)
+    ]
+    assert share[0] < 0.1 < 0.4 < share[1]
 
 
 @pytest.mark.parametrize("play_deg", [0.5, 1.0])

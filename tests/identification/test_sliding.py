@@ -44,7 +44,7 @@ def found(run: Run) -> Identified:
 @pytest.mark.parametrize("rudder", ["measured", "ordered"])
 def test_lag_and_lead_of_a_boat_that_slides_are_found_and_predict_another_run(rudder: RudderOrigin) -> None:
     answer = found(zigzag(300.0, 3.0, 9.0, gust=math.radians(0.3))._replace(rudder=rudder))
-    assert answer.sliding is not None
+    assert answer.sliding is not None and answer.differing is None
     model, fit = answer.sliding
     errors = fit.train_errors
     assert abs(fit.train.lag - 3.0) < 3.0 * errors["lag"] < 3.0
