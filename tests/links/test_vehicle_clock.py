@@ -86,6 +86,17 @@ def test_the_wrap_does_not_shift_samples_into_the_future() -> None:
     assert clock.local(2.5, 1.5) == pytest.approx(2.5, abs=1e-6)
 
 
+@pytest.mark.parametrize("late", [0.3, 0.9])
+def test_messages_overtaken_as_the_counter_begins_again_are_no_reboot(late: float) -> None:
+    clock, made = VehicleClock(), [(step * 0.05, (step * 0.05 - 1.0) % WRAP_S) for step in range(80)]
+    arrived = sorted((time + (late if number % 3 == 1 else 0.01), boot) for number, (time, boot) in enumerate(made))
+    for now, boot in arrived:
+        found = clock.judge(now, boot)
+        assert found is not Belongs.REBOOTED
+        if found is Belongs.OURS:
+            assert clock.local(now, boot) == pytest.approx((boot + 1.0) % WRAP_S, abs=0.02)
+
+
 def test_reset_forgets() -> None:
     clock = VehicleClock()
     clock.local(0.0, 100.0)

@@ -91,15 +91,18 @@ class VehicleClock:
         """Return whether a message of `boot` [s], arrived at `now` [s], is of the clock that is followed.
 
         One that lies far behind what was seen is of a vehicle that has started anew where it can have started since it
-        was last heard. Else it is a straggler, unless more like it follow.
+        was last heard. Else it is a straggler, unless more like it follow. So is one from before the counter began
+        again that those since then have overtaken.
         """
         behind = self._newest - boot
         if behind > WRAP_S / 2.0:
             return Belongs.OURS
+        if -WRAP_S <= behind < AHEAD_S - WRAP_S:
+            return Belongs.STRANGE
         silence = now - self._received
-        if boot < silence:
-            return Belongs.REBOOTED
         is_behind, least = behind > REBOOT_S, self._previous if self._previous < self._current else self._current
+        if boot < silence and (is_behind or now - boot - least > REBOOT_S):
+            return Belongs.REBOOTED
         if not is_behind and (self._newest == -math.inf or boot + least <= now + AHEAD_S):
             return Belongs.OURS
         strange = self._strange
