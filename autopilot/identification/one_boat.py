@@ -25,9 +25,10 @@ from autopilot.identification.runs import FloatArray, Run, Segment
 
 LOOKED_AT, BY_CHANCE = 0.02, 0.002
 """Of healthy recordings this share is looked at more closely, and at most this share is said to differ."""
-MOST_APART = 0.3
-"""Share by which K or T of two parts of a good model's runs may differ: a model between them is then off by half of it
-to either side, which is half of what designed gains bear. No boat is quite Norrbin's, and its parts differ by less."""
+LEAST_APART, MOST_APART = 0.1, 0.3
+"""Shares by which K or T of two parts differ before anything is said, and may differ in a good model: one between them
+is then off by half of it to either side, which is half of what designed gains bear. No boat is quite Norrbin's, and its
+parts differ by less."""
 SHORTEST_PART = 32
 """A part of fewer samples tells of no boat."""
 
@@ -120,7 +121,8 @@ def differing(
     if not chance < BY_CHANCE:
         return None
     rates, late = zip(*((np.array(fit.rates), fit.train.delay + fit.train.lag) for fit in (first, second)), strict=True)
-    return Differing(*names, rates, np.array(found.rates), late, chance)
+    differ = Differing(*names, rates, np.array(found.rates), late, chance)
+    return differ if differ.share > LEAST_APART else None
 
 
 def _alone(fit: LikelihoodFit) -> tuple[FloatArray, FloatArray]:

@@ -60,6 +60,12 @@ def test_one_boat_in_two_logs_is_good() -> None:
     assert answering.grade == "start" and "70 % of the rudder's motion goes with" in answering.sentence
 
 
+def test_parts_that_differ_by_little_are_one_boat() -> None:
+    unstable, sea = Boat(0.2, -0.5, 10.0, 0.003), GUSTS._replace(gyro_deg_s=None)
+    tables = [sailed(unstable, sea, [64089188, k], 60.0, side=1 - 2 * k) for k in (0, 1)]
+    assert identify([run_from_columns(f"{k}.csv", table) for k, table in enumerate(tables)]).differing is None
+
+
 @pytest.mark.parametrize(
     ("deviates", "scale", "share"), [(0.0, 1.0, 0.0), (8.0, 1.0, 0.14), (0.0, 1.15, 1.0 / 1.15 - 1.0)]
 )
