@@ -23,6 +23,7 @@ from autopilot.identification.identified import (
 from autopilot.identification.likelihood_model import (
     ORDERED,
     as_doubtful,
+    beside_surroundings,
     follows_surely,
     likeliest,
     likeliest_fit,
@@ -293,7 +294,8 @@ def _with_surroundings(fit: _Fit, likely: Identified) -> Identified:
         fitted = (
             None if speed == more.model.reference_speed else likeliest_fit(runs, speed, more.model, train, fit.steps)
         )
-        return at_least_as_doubtful(more, likely)._replace(likely=fitted[0] if fitted else likely.likely)
+        whole = beside_surroundings(more, likely, fit.runs, fit.steps) or more
+        return at_least_as_doubtful(whole, likely)._replace(likely=fitted[0] if fitted else likely.likely)
     notes = tuple(dict.fromkeys((*likely.notes, *more.notes)))
     return likely._replace(unidentifiable={**more.unidentifiable, **likely.unidentifiable}, notes=notes)
 

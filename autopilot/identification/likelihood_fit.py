@@ -33,6 +33,7 @@ from autopilot.identification.likelihood_search import (
     inverse,
     maximised,
 )
+from autopilot.identification.likelihood_surroundings import Beside, Surroundings, beside_of
 from autopilot.identification.marginal_likelihood import (
     Rates,
     Weather,
@@ -43,6 +44,7 @@ from autopilot.identification.marginal_likelihood import (
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.identification.weather_average import averaged, mixed
+from autopilot.models.weather import RaceAndWind
 
 USUALLY_LATE_S, START_LATE = 0.15, 0.1
 """Where the search for delay and lag begins, as a share of the boat's time constant at most."""
@@ -84,6 +86,9 @@ class Unseen(NamedTuple):
         return self.stop_worth > max(SURELY_STOPS, self.play_worth, self.late_worth, self.sway_worth)
 
 
+NOTHING_UNSEEN = Unseen(0.0, 0.0, 0.0, math.inf)
+
+
 class SpeedPower(NamedTuple):
     """With how many powers of the speed beyond the second a rudder steers: mean and deviation; the weather that the
     mean leaves. What is to be added to a, b, d, e and the logarithms of the train's parts for a boat that steers with
@@ -103,7 +108,8 @@ class LikelihoodFit(NamedTuple):
     of the rudder's way was not fitted; motions: of each segment time [s], heading [rad] and rate [rad/s] of the boat,
     as all of the recording tells them, shape (3, N); form: which d is meant, and how the boat goes with speed;
     joint: covariance of a, b, d, e and the logarithms of what `train_errors` names, in that order; power: of the
-    speed with which the rudder steers; None where a law says it."""
+    speed with which the rudder steers; None where a law says it. around: what was fitted of `Surroundings`, whose own
+    part of `joint` comes last, of a race its logarithm's."""
 
     rates: Rates
     covariance: FloatArray
@@ -112,11 +118,12 @@ class LikelihoodFit(NamedTuple):
     weather: Weather
     loss: float
     late_error: float = 0.0
-    unseen: Unseen = Unseen(0.0, 0.0, 0.0, math.inf)
+    unseen: Unseen = NOTHING_UNSEEN
     motions: tuple[FloatArray, ...] = ()
     form: Form = NORRBIN
     joint: FloatArray | None = None
     power: SpeedPower | None = None
+    around: RaceAndWind | None = None
 
     @property
     def pushes(self) -> Weather:
@@ -139,11 +146,13 @@ def likelihood_fit(
     parts: tuple[str, ...] = (),
     progress: Callable[[], None] = lambda: None,
     form: Form = NORRBIN,
+    surroundings: Surroundings | None = None,
 ) -> LikelihoodFit | None:
     """Return the most likely boat near `guess`, and its covariance; None where the search cannot begin there, or ends
     nowhere.
 
-    parts: of the rudder's train, to be fitted too. form: how the terms go with speed and rate.
+    parts: of the rudder's train, to be fitted too. form: how the terms go with speed and rate. surroundings: what else
+    turns the boat; then nothing else that might is looked for.
     """
     memory = memory_of(guess, segments, form.power)
     record = record_of(segments, reference_speed, memory, form)
@@ -154,24 +163,34 @@ def likelihood_fit(
     # a lag longer than the boat's own would change places with it
     shortly = min(USUALLY_LATE_S, START_LATE * memory)
     train = DIRECT._replace(**{part: PLAYS[1] if part == "dead_band" else shortly for part in parts})
+
+    def beside(record: Record, segments: Sequence[Segment]) -> Beside | None:
+        if surroundings is None:
+            return None
+        return beside_of(record, segments, surroundings, reference_speed, scale.e, form)
+
     starts = [(guess, train)]
     if set(SWAY) <= set(parts):
         starts = [(guess, train._replace(**sliding(memory))), _as_slow(guess, train, memory)]
     if record.nodes > LONG or len(starts) > 1:
         parted = [_liveliest(segment) for segment in segments] if record.nodes > LONG else segments
         part = record_of(parted, reference_speed, memory, form) if record.nodes > LONG else record
-        rough = [Space(part, rates, calm, behind, parts, scale) for rates, behind in starts]
+        on_part = beside(part, parted)
+        rough = [Space(part, rates, calm, behind, parts, scale, on_part) for rates, behind in starts]
         ends = [approached(each, each.start) for each in rough if math.isfinite(each.keep(each.start))]
         if ends:
             nearest, _ = min(ends, key=lambda end: end[1])
             guess, weather, train = rough[0].opened(nearest)
             # gusts that are over within a step are none to begin a search with
             calm = weather if weather.gust_time > float(record.step[0]) else calm
-    space = Space(record, guess, calm, train, parts, scale)
+    space = Space(record, guess, calm, train, parts, scale, beside(record, segments))
     if not math.isfinite(space.found(space.start).loss):
         return None
     draws = DRAWS if record.nodes <= LONG else DRAWS // 2
     tried = [(space, *maximised(space, space.start))]
+    if surroundings is not None and len(segments) > 1:
+        space.suit_gusts(tried[0][1])
+        tried = [(space, *maximised(space, tried[0][1]))]
     progress()
     tried += [(other, *maximised(other, other.start)) for other in _with_waves(space, *tried[0][1:3], usual)]
     progress()
@@ -184,24 +203,31 @@ def likelihood_fit(
     known = mixed(found)
     units = np.array([getattr(scale, name) for name in RATE_NAMES])
     units = np.append(units, np.ones(len(parts)))
+    around, own = space.beside, len(units)
+    if around is not None:
+        units = np.append(units, around.units)
+        around = around._replace(start=around.opened(dict(zip(around.names, known.mean[own:].tolist(), strict=True))))
     values, joint = known.mean[:4] * units[:4], known.covariance * np.outer(units, units)
     if not (np.isfinite(values).all() and np.isfinite(joint).all()):
         return None
     train = train._replace(**{name: math.exp(float(known.mean[4 + k])) for k, name in enumerate(parts)})
     size = np.array([getattr(train, name) for name in parts])
-    way = joint[4:, 4:] * np.outer(size, size)
+    way = joint[4:own, 4:own] * np.outer(size, size)
     errors = dict(zip(parts, np.sqrt(np.maximum(np.diag(way), 0.0)).tolist(), strict=True))
     boat = Rates(**dict(zip(RATE_NAMES, values.tolist(), strict=True)))
     late = np.array([part != "dead_band" for part in parts], dtype=float)
     late_error = math.sqrt(max(float(late @ way @ late), 0.0))
-    unseen = _unseen(space, best, memory, least_play(segments))
     motions = _motions(space, best)
+    fit = LikelihoodFit(
+        boat, joint[:4, :4], train, errors, weather, loss, late_error, NOTHING_UNSEEN, motions, form, joint
+    )
+    if around is not None:
+        return fit._replace(form=form, around=around.start)
+    unseen = _unseen(space, best, memory, least_play(segments))
     power = _speed_power(space, best) if form.law.is_rudder else None
     if power is not None:
         power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
-    return LikelihoodFit(
-        boat, joint[:4, :4], train, errors, weather, loss, late_error, unseen, motions, form, joint, power
-    )
+    return fit._replace(form=form, unseen=unseen, power=power)
 
 
 def sliding(memory: float) -> dict[str, float]:
@@ -499,8 +525,9 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
     hurried = weather.gust_time < HURRIED_S or weather.white > ROUGH_WHITE * usual.white
     if hurried:
         wavy = wavy._replace(gust=USUAL_GUST * usual.gust, gust_time=GUST_TIME_S, white=usual.white)
+    beside = space.beside_at(z)
     starts = [
-        Space(space.record, rates, wavy._replace(wave=size * wavy.wave), train, space.parts, space.scale)
+        Space(space.record, rates, wavy._replace(wave=size * wavy.wave), train, space.parts, space.scale, beside)
         for size in WAVE_SIZES
     ]
     for start in starts:
@@ -514,7 +541,7 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
 def _wave_start(space: Space, z: FloatArray) -> Weather:
     """Return the weather with waves at the strongest frequency of what pushes the boat and is no lasting gust."""
     rates, weather, train = space.opened(z)
-    record, states = space.record, space.found(z).states
+    record, states = space.record_at(z), space.found(z).states
     motion = motion_of(rates, record, rudder_on(record, train), states)
     push = states[record.begin, 2] + motion.rate / record.step
     spacing = float(np.median(record.step))

@@ -34,13 +34,15 @@ from autopilot.identification.likelihood_fit import (
     start_rates,
 )
 from autopilot.identification.likelihood_search import SWAY
+from autopilot.identification.likelihood_surroundings import USUAL_RACE, Surroundings
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.one_boat import differing
 from autopilot.identification.residual_tests import answered_share, predict, simulate_run
 from autopilot.identification.residuals import Noise, residual_noise
 from autopilot.identification.rudder_path import RudderTrain, small_swings
-from autopilot.identification.runs import FloatArray, Run, Segment, spacing_of
+from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind, spacing_of
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.weather import RaceAndWind
 
 ORDERED = ("delay", "lag")
 """What lies between an ordered rudder and the water."""
@@ -150,6 +152,86 @@ def _slides(sliding: Sliding) -> str:
         f"{model.gain:.3g} 1/s, T1 {model.time_constant:.3g} s and n1 {model.n1:+.0f}. Predictions are made with it. "
         "The boat is steered by K, T and n3 above, of the first order."
     )
+
+
+def beside_surroundings(more: Identified, likely: Identified, runs: Sequence[Run], steps: Steps) -> Identified | None:
+    """Return the answer `more`, which the residuals weigh, with all its numbers as the likelihood of the runs has them,
+    so that gusts, wind and race keep their doubt in one another; None of a boat that drifts, of a race that nobody
+    recorded, and where that leaves no course-stable boat.
+
+    What was recorded is fitted, shown or not: what the runs do not tell of it is a doubt about K and T.
+    """
+    found, around, speed = likely.likely, more.around, more.model.reference_speed
+    if found is None or around is None or around.drifts or around.steady_race > 0.0:
+        return None
+    names: tuple[str, ...] = ("race",) if has_propeller(runs) and around.reference_propeller > 0.0 else ()
+    names += ("wind_beam", "wind_quarter") if has_wind(runs) else ()
+    if "race" in names and around.race <= 0.0:
+        around = around._replace(race=USUAL_RACE * (speed / around.reference_propeller) ** 2)
+    K, T, n3, _, _, n0, _ = more.model
+    parts = tuple(name for name in found.train_errors if getattr(found.train, name) > 0.0)
+    segments = tuple(segment for run in runs for segment in run.segments)
+    surroundings = Surroundings(names, around)
+    fit = likelihood_fit(
+        segments, speed, Rates(K / T, 1.0 / T, n3 / T, n0 / T), parts, steps.next, surroundings=surroundings
+    )
+    if fit is None or fit.joint is None or fit.around is None:
+        return None
+    free = ("gain", "time_constant", "n3", "n0", *parts, *names)
+    own = [float(getattr(fit.around, name)) for name in names]
+    logs = [math.log(float(getattr(fit.train, name))) for name in parts]
+    searched = [math.log(value) if name == "race" else value for name, value in zip(names, own, strict=True)]
+    vector = np.array([*fit.rates, *logs, *searched])
+    spread = np.sqrt(np.maximum(np.diag(fit.joint), 0.0))
+    if vector[0] <= 0.0 or vector[1] < SURE_OF_IT * spread[1]:
+        return None
+    here = _as_named(vector, free)
+    slope = np.empty((here.size, vector.size))
+    for i, by in enumerate(np.maximum(NUDGE * spread, 1.0e-300)):
+        beside = vector.copy()
+        beside[i] += by
+        slope[:, i] = (_as_named(beside, free) - here) / by
+    covariance = slope @ fit.joint @ slope.T
+    values = dict(zip(free, here.tolist(), strict=True))
+    errors = dict(zip(free, np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), strict=True))
+    a, b, d, e = spread[:4].tolist()
+    ratios = Ratios((fit.rates.a, fit.rates.b, fit.rates.d, fit.rates.e), (a, b, d, e))
+    model = more.model._replace(**{name: values[name] for name in Norrbin._fields if name in values})
+    around = around._replace(**{name: values[name] for name in names})
+    every = {**dict.fromkeys(more.standard_errors), **errors}
+    reasons = {symbol: why for symbol, why in more.unidentifiable.items() if symbol not in (*names, "n3")}
+    for name in names:
+        if errors[name] > LARGEST_RELATIVE_ERROR * abs(values[name]):
+            reasons[name] = (
+                f"{name}: {values[name]:.3g} with a standard error of {errors[name]:.2g} cannot be distinguished from "
+                "0; it is kept with its doubt, which K and T share; trials at other speeds and in stronger wind would "
+                "tell it."
+            )
+    return more._replace(
+        model=model,
+        around=around,
+        ratios=ratios,
+        unidentifiable={**reasons, **reasons_of(ratios, model, every)},
+        standard_errors=every,
+        noise=_noises(model, runs, fit.train, around),
+        free=free,
+        covariance=covariance,
+        train=fit.train,
+    )
+
+
+NUDGE = 1.0e-3
+"""Of a standard error, over which slopes are taken."""
+
+
+def _as_named(vector: FloatArray, free: Sequence[str]) -> FloatArray:
+    """Return K, T, n3, n0 and what else is `free` of a, b, d, e and what else the likelihood's `vector` has: logarithms
+    of the train's parts and of the race."""
+    a, b, d, e = vector[:4].tolist()
+    values = [a / b, 1.0 / b, max(d, 0.0) / b, e / b]
+    for name, value in zip(free[4:], vector[4:].tolist(), strict=True):
+        values.append(math.exp(value) if name == "race" or name in RudderTrain._fields else value)
+    return np.array(values)
 
 
 def follows_surely(answer: Identified) -> bool:
@@ -376,11 +458,13 @@ def _said(together: Combined | None, expected: Expected | None) -> tuple[str, ..
     )
 
 
-def _noises(model: Norrbin, runs: Sequence[Run], train: RudderTrain) -> tuple[Noise, Noise]:
+def _noises(
+    model: Norrbin, runs: Sequence[Run], train: RudderTrain, around: RaceAndWind | None = None
+) -> tuple[Noise, Noise]:
     off = [
         values - np.stack([segment.rate, segment.heading], axis=1)
         for run in runs
-        for segment, values in zip(run.segments, simulate_run(model, run, None, train), strict=True)
+        for segment, values in zip(run.segments, simulate_run(model, run, around, train), strict=True)
     ]
     return residual_noise([values[:, 0] for values in off]), residual_noise([values[:, 1] for values in off])
 

@@ -65,8 +65,9 @@ class Record(NamedTuple):
 
     begin: the node at which each step begins, shape (M,). first: of each segment. step [s], shape (M,). rate [rad/s]
     and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. scales: at the
-    speed of each substep, shape (S, M); power: `Form.power`. edges: per segment the times [s] of the substeps' ends;
-    paths: its rudder.
+    speed of each substep, shape (S, M); push [rad/s^2]: what else is known to turn the boat there, likewise; power:
+    `Form.power`. edges: per segment the times [s] of the substeps' ends; paths: its rudder. rough: by how much gusts
+    are stronger in each segment than in all, shape (segments,).
     """
 
     begin: IntArray
@@ -77,9 +78,15 @@ class Record(NamedTuple):
     rate_count: FloatArray
     heading_count: FloatArray
     scales: Scales
+    push: FloatArray
     power: int
     edges: tuple[FloatArray, ...]
     paths: tuple[tuple[FloatArray, FloatArray], ...]
+    rough: FloatArray
+
+    def segment_of(self, nodes: IntArray) -> IntArray:
+        """Return in which segment nodes lie."""
+        return np.asarray(np.searchsorted(self.first, nodes, side="right") - 1)
 
     @property
     def nodes(self) -> int:
@@ -139,6 +146,7 @@ def record_of(
         speed = np.interp(middle, segment.time, without_noise(np.abs(segment.speed)))
         ratios.append(np.maximum(speed / reference_speed, SPEED_FLOOR_RATIO).T)
         paths.append(with_corners(segment.time, rudder_without_noise(segment.time, segment.rudder)))
+    ratio = np.concatenate(ratios, axis=1)
     joined = [np.concatenate([part[i] for part in parts]) for i in range(1, 5)]
     return Record(
         np.concatenate(begins),
@@ -148,10 +156,12 @@ def record_of(
         np.nan_to_num(joined[1]),
         joined[2],
         joined[3],
-        scales_of(form, np.concatenate(ratios, axis=1)),
+        scales_of(form, ratio),
+        np.zeros_like(ratio),
         form.power,
         tuple(edges),
         tuple(paths),
+        np.ones(len(parts)),
     )
 
 

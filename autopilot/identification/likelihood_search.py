@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from autopilot.identification.likelihood_record import Record, rudder_on
+from autopilot.identification.likelihood_surroundings import RACE_DOUBT, WIDE, Beside
 from autopilot.identification.marginal_likelihood import (
     Path,
     Rates,
@@ -61,8 +62,10 @@ LATE_S, PLAY_RAD = 0.15, math.radians(0.5)
 SWAY = {"lag": 0.15, "lead": 0.45}
 """Where the search for a boat that slides begins, and what is usual of one, as shares of the time in which it forgets
 its rate: T2 and T3 of the second order of Nomoto et al. 1957. Tankers and container ships have T3 of 1.2 to 3 T2."""
-WIDE = 40.0
-"""Logarithms beyond this are held."""
+
+
+ROUGHER = 0.7
+"""By how much gusts are stronger in one run than in another: the deviation of its logarithm."""
 
 
 class _Prior(NamedTuple):
@@ -89,8 +92,8 @@ def _usual(part: str, train: RudderTrain, parts: tuple[str, ...]) -> float:
 def _lasting(name: str, weather: Weather, record: Record, moments: Moments) -> float:
     """Return what of the loss a time of gusts, or the shape of waves, has to do with."""
     if name == "gust_time":
-        keep, gust = gust_noise(weather, record.step)
-        return 0.5 * (gust_worth(moments, keep, gust) - float(np.log(gust).sum()))
+        keep, gust = gust_noise(weather, record)
+        return 0.5 * float((gust_worth(moments, keep, gust) - np.log(gust)).sum())
     wave, log = wave_noise(weather, record.step)
     still = still_waves(weather)
     first = float((moments.first[:, 3:] / still).sum()) + record.first.size * float(np.log(still).sum())
@@ -105,9 +108,17 @@ class Space:
     """The vector of what is searched for, in units that make it of order one."""
 
     def __init__(
-        self, record: Record, start: Rates, weather: Weather, train: RudderTrain, parts: tuple[str, ...], scale: Rates
+        self,
+        record: Record,
+        start: Rates,
+        weather: Weather,
+        train: RudderTrain,
+        parts: tuple[str, ...],
+        scale: Rates,
+        beside: Beside | None = None,
     ) -> None:
         self.record, self.scale, self.train, self.parts = record, scale, train, parts
+        self.beside, self.around = beside, () if beside is None else beside.names
         self.has_gyro = bool(record.rate_count.any())
         self.has_compass = bool(record.heading_count.any())
         self.base = weather
@@ -115,9 +126,9 @@ class Space:
         self.names += ["gyro"] if self.has_gyro else []
         self.names += ["compass"] if self.has_compass else []
         self.names += ["wave", "wave_frequency", "wave_damping"] if weather.wave > 0.0 else []
-        self.names += parts
+        self.names += (*parts, *self.around)
         gust = scale.a * math.radians(0.3)
-        self.boat = [i for i, name in enumerate(self.names) if name in RATE_NAMES or name in parts]
+        self.boat = [i for i, name in enumerate(self.names) if name in (*RATE_NAMES, *parts, *self.around)]
         self.sky = [i for i in range(len(self.names)) if i not in self.boat]
         self.priors = {
             "gust": _Prior(math.log(0.1 * gust), 2.5),
@@ -130,26 +141,44 @@ class Space:
             "wave_damping": _Prior(math.log(0.1), 0.7),
             **{part: _Prior(math.log(_usual(part, train, parts)), 1.2) for part in parts},
         }
+        if beside is not None:
+            self.priors |= dict.fromkeys(beside.names, _Prior(0.0, 1.0)) | {
+                "race": _Prior(beside.usual_race, RACE_DOUBT)
+            }
         self.path = begin_path(record)
         if weather.wave > 0.0:
             self.path = np.concatenate([self.path, np.zeros((record.nodes, 2))], axis=1)
         self.rudder = rudder_on(record, train)
         first = [getattr(start, name) / getattr(scale, name) for name in RATE_NAMES]
-        rest = [
-            math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in self.names[4:]
-        ]
-        self.start = np.array([*first, *rest])
+        named = self.names[4 : len(self.names) - len(self.around)]
+        rest = [math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in named]
+        self.start = np.array([*first, *rest, *([] if beside is None else beside.closed())])
 
     def opened(self, z: FloatArray) -> tuple[Rates, Weather, RudderTrain]:
         """Return what the vector stands for."""
         known = dict(zip(self.names, z.tolist(), strict=True))
         rates = Rates(**{name: known[name] * getattr(self.scale, name) for name in RATE_NAMES})
-        others = {name: math.exp(min(max(known[name], -WIDE), WIDE)) for name in self.names[4:]}
+        named = self.names[4 : len(self.names) - len(self.around)]
+        others = {name: math.exp(min(max(known[name], -WIDE), WIDE)) for name in named}
         train = self.train._replace(**{name: others[name] for name in self.parts})
         weather = self.base._replace(**{name: value for name, value in others.items() if name not in self.parts})
         if "wave_damping" in others:
             weather = weather._replace(wave_damping=min(others["wave_damping"], 0.9))
         return rates, weather, train
+
+    def beside_at(self, z: FloatArray) -> Beside | None:
+        """Return the surroundings with those of the vector to begin with."""
+        if self.beside is None:
+            return None
+        return self.beside._replace(start=self.beside.opened(dict(zip(self.names, z.tolist(), strict=True))))
+
+    def record_at(self, z: FloatArray) -> Record:
+        """Return the record with what the vector says of the surroundings in it."""
+        beside = self.beside_at(z)
+        if beside is None:
+            return self.record
+        scales, push = beside.turning(beside.start)
+        return self.record._replace(scales=scales, push=push)
 
     def before(self, z: FloatArray) -> float:
         """Return the negative logarithm of what is known beforehand."""
@@ -162,7 +191,7 @@ class Space:
         """Return path and loss at the vector, the search beginning at the latest best path."""
         rates, weather, train = self.opened(z)
         rudder = rudder_on(self.record, train) if self.parts else self.rudder
-        path = best_path(rates, weather, self.record, rudder, self.path, rounds)
+        path = best_path(rates, weather, self.record_at(z), rudder, self.path, rounds)
         return path._replace(loss=path.loss + self.before(z))
 
     def slope(self, z: FloatArray, boat_only: bool = False, informed: bool = True) -> Slope:
@@ -178,20 +207,47 @@ class Space:
         rudder = rudder_on(self.record, train) if self.parts else self.rudder
         noise = noise_of(weather, self.record)
         try:
-            held = held_at(path, rates, self.record, noise)
+            held = held_at(path, rates, self.record_at(z), noise)
         except np.linalg.LinAlgError:
             return math.inf, slope, np.eye(len(self.boat))
         rudders = self._rudders_beside(z)
-        size = np.array([*(getattr(self.scale, name) for name in RATE_NAMES), *(1.0 for _ in rudders)])
+        numbers = dict(zip(self.names, z.tolist(), strict=True))
+        besides = [] if self.beside is None else self.beside.changes(numbers, NEXT)
+        size = np.array([*(getattr(self.scale, name) for name in RATE_NAMES), *(1.0 for _ in (*rudders, *besides))])
         adjoint = adjoint_of(held, rates, end_worth(held, noise))
         before = self.slope_before(z)
-        slope[self.boat] = size * worth_by_boat(held, rates, rudder, rudders, adjoint).sum(axis=1) + before[self.boat]
+        worth = worth_by_boat(held, rates, rudder, rudders, adjoint, besides)
+        slope[self.boat] = size * worth.sum(axis=1) + before[self.boat]
         if not boat_only:
             slope[self.sky] = self._by_weather(z, held, noise) + before[self.sky]
         if not informed:
             return path.loss, slope, np.eye(len(self.boat))
-        known = np.outer(size, size) * information(path.factor, held, rates, rudder, rudders, noise)
+        known = np.outer(size, size) * information(path.factor, held, rates, rudder, rudders, noise, besides)
         return path.loss, slope, known + np.diag([self.curvature_before(i) for i in self.boat])
+
+    def suit_gusts(self, z: FloatArray) -> None:
+        """Let gusts be as strong in each segment as is likeliest there, for the boat and the weather of the vector.
+
+        Runs of other speeds, sides and days have other gusts: taken for alike, the rough ones count too much, and what
+        is known looks better known than it is.
+        """
+        rates, weather, _ = self.opened(z)
+        segment = self.record.segment_of(self.record.begin)
+        gusts = np.bincount(segment) + 1.0
+
+        def both(logs: FloatArray) -> tuple[float, FloatArray]:
+            self.record = self.record._replace(rough=np.exp(np.clip(logs, -WIDE, WIDE)))
+            path, noise = self.found(z), noise_of(weather, self.record)
+            if path.factor is None:
+                return 1.0e10, np.zeros_like(logs)
+            self.path = path.states
+            moments = moments_of(held_at(path, rates, self.record_at(z), noise))
+            first = noise.initial[:, 2] * moments.first[:, 2]
+            worth = np.bincount(segment, gust_worth(moments, noise.keep, noise.gust)) + first
+            return path.loss + 0.5 * float(logs @ logs) / ROUGHER**2, gusts - worth + logs / ROUGHER**2
+
+        found = minimize(both, np.log(self.record.rough), jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS})
+        self.record = self.record._replace(rough=np.exp(found.x))
 
     def _rudders_beside(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Return how mean and rise of the rudder change with each part of its way that is searched for."""

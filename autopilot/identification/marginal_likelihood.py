@@ -146,9 +146,10 @@ WaveNoise = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 class StepNoise(NamedTuple):
     """Inverse covariances of what drives each step, by their entries, shape (M,): (heading, heading), (heading, rate),
-    (rate, rate), gust. initial: 1/variance of the states where a segment begins, shape (D,). gyro, compass: 1/variance
-    of what was measured at each node, 0 where nothing was. keep: of the gust, shape (M,). wave: transition of the
-    waves, inverse of what drives them, and both products that the curvature needs, each of shape (4, M) by rows."""
+    (rate, rate), gust. initial: 1/variance of the states where each segment begins, shape (segments, D). gyro, compass:
+    1/variance of what was measured at each node, 0 where nothing was. keep: of the gust, shape (M,). wave: transition
+    of the waves, inverse of what drives them, and both products that the curvature needs, each of shape (4, M) by rows.
+    """
 
     angle: FloatArray
     cross: FloatArray
@@ -170,16 +171,17 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
     q = weather.white**2 + least
     # the inverse of [[h^3/3, h^2/2], [h^2/2, h]] q
     per = 1.0 / (q * h)
-    keep, gust = gust_noise(weather, h)
+    keep, gust = gust_noise(weather, record)
     logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + h.size * 2.0 * math.log(q) - h.size * math.log(12.0)
     segments = record.first.size
-    logs += segments * 2.0 * math.log(weather.gust)
-    initial, wave = np.array([0.0, 0.0, weather.gust**-2.0]), None
+    logs += 2.0 * float(np.log(weather.gust * record.rough).sum())
+    initial, wave = np.zeros((segments, 3)), None
+    initial[:, 2] = (weather.gust * record.rough) ** -2.0
     if weather.wave > 0.0:
         still = still_waves(weather)
         wave, log = wave_noise(weather, h)
         logs += log + segments * float(np.log(still).sum())
-        initial = np.append(initial, 1.0 / still)
+        initial = np.append(initial, np.tile(1.0 / still, (segments, 1)), axis=1)
     gyro, compass = record.rate_count / weather.gyro**2, record.heading_count / weather.compass**2
     logs += 2.0 * (record.rates_known * math.log(weather.gyro) + record.headings_known * math.log(weather.compass))
     return StepNoise(
@@ -187,9 +189,10 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
     )
 
 
-def gust_noise(weather: Weather, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how much of a gust is left after steps of `h` [s], and the inverse variance of what is new."""
-    return np.exp(-h / weather.gust_time), -1.0 / (weather.gust**2 * np.expm1(-2.0 * h / weather.gust_time))
+def gust_noise(weather: Weather, record: Record) -> tuple[FloatArray, FloatArray]:
+    """Return how much of a gust is left after each step, and the inverse variance of what is new."""
+    h, size = record.step, weather.gust * record.rough[record.segment_of(record.begin)]
+    return np.exp(-h / weather.gust_time), -1.0 / (size**2 * np.expm1(-2.0 * h / weather.gust_time))
 
 
 def _least_seen(weather: Weather, record: Record) -> float:
@@ -245,7 +248,7 @@ def motion_of(rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray
     points = np.empty((3, 2 * S + 1, r.size))
     for s in range(S):
         steering = record.scales.steering[s]
-        drive = steering * (a * rudder[0][s] - e) + push
+        drive = steering * (a * rudder[0][s] - e) + push + record.push[s]
         half = (0.5 * a) * steering * rudder[1][s]
         terms = b * record.scales.linear[s], d * record.scales.higher[s], record.power
         k1, by1 = _turning(terms, drive - half, r, by)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
-from autopilot.identification.likelihood_record import Record
+from autopilot.identification.likelihood_record import Record, Scales
 from autopilot.identification.marginal_likelihood import (
     Motion,
     Path,
@@ -136,26 +136,32 @@ def _behind(values: FloatArray, record: Record, scale: FloatArray | float = 1.0)
     return result
 
 
-def worth_by_boat(held: Held, rates: Rates, rudder: Rudder, rudders: Sequence[Rudder], adjoint: Adjoint) -> FloatArray:
-    """Return what a, b, d and e, and changes of the rudder, are worth in each step, shape (4 + P, M)."""
+def worth_by_boat(
+    held: Held,
+    rates: Rates,
+    rudder: Rudder,
+    rudders: Sequence[Rudder],
+    adjoint: Adjoint,
+    besides: Sequence[tuple[Scales, FloatArray]] = (),
+) -> FloatArray:
+    """Return what a, b, d and e, changes of the rudder, and changes of scales and push are worth in each step, shape
+    (4 + P + Q, M)."""
     record, power = held.record, held.record.power
     steering, linear, higher = record.scales
     r, whole = held.motion.inside[0], adjoint.rate
     bent = r * r if power == 3 else np.abs(r)
-    driven = steering * _simpson(whole, record)
+    driven = _simpson(whole, record)
     # what a rudder that moves while it is worth more and more brings beside its mean
-    moving = steering * (whole[2::2] - whole[:-1:2]) * (record.step / (12.0 * record.substeps))
-
-    def drive(mean: FloatArray, rise: FloatArray) -> FloatArray:
-        return np.asarray((driven * mean + moving * rise).sum(axis=0))
-
-    rows = [
-        drive(*rudder),
-        -(linear * _simpson(whole * r + adjoint.damping, record)).sum(axis=0),
-        -(higher * _simpson(bent * (whole * r + power * adjoint.damping), record)).sum(axis=0),
-        -driven.sum(axis=0),
-    ]
-    return np.array([*rows, *(rates.a * drive(*changed) for changed in rudders)])
+    moving = (whole[2::2] - whole[:-1:2]) * (record.step / (12.0 * record.substeps))
+    damped = _simpson(whole * r + adjoint.damping, record)
+    bending = _simpson(bent * (whole * r + power * adjoint.damping), record)
+    steered = driven * rudder[0] + moving * rudder[1]
+    rows = [steering * steered, -linear * damped, -higher * bending, -steering * driven]
+    rows += [rates.a * steering * (driven * mean + moving * rise) for mean, rise in rudders]
+    a, b, d, e = rates
+    for (more, straighter, firmer), push in besides:
+        rows.append(more * (a * steered - e * driven) - b * straighter * damped - d * firmer * bending + push * driven)
+    return np.array([row.sum(axis=0) for row in rows])
 
 
 def _pairs(band: FloatArray, factor: FloatArray, record: Record, D: int) -> FloatArray:
@@ -310,17 +316,17 @@ def worth_of(moments: Moments, noise: StepNoise) -> Worth:
     hh, hr, rr = moments.driven
     return Worth(
         float(noise.angle @ hh + 2.0 * (noise.cross @ hr) + noise.rate @ rr),
-        gust_worth(moments, noise.keep, noise.gust),
+        float(gust_worth(moments, noise.keep, noise.gust).sum()),
         float(noise.gyro @ moments.gyro),
         float(noise.compass @ moments.compass),
-        np.asarray(noise.initial * moments.first.sum(axis=0)),
+        np.asarray((noise.initial * moments.first).sum(axis=0)),
     )
 
 
-def gust_worth(moments: Moments, keep: FloatArray, gust: FloatArray) -> float:
-    """Return what the gusts' moments are worth."""
+def gust_worth(moments: Moments, keep: FloatArray, gust: FloatArray) -> FloatArray:
+    """Return what the gusts' moments are worth in each step, shape (M,)."""
     after, between, before = moments.gust
-    return float(gust @ (after - keep * (2.0 * between - keep * before)))
+    return np.asarray(gust * (after - keep * (2.0 * between - keep * before)))
 
 
 def waves_worth(moments: Moments, wave: WaveNoise) -> float:
@@ -335,13 +341,19 @@ def waves_worth(moments: Moments, wave: WaveNoise) -> float:
 
 
 def information(
-    factor: FloatArray, held: Held, rates: Rates, rudder: Rudder, rudders: Sequence[Rudder], noise: StepNoise
+    factor: FloatArray,
+    held: Held,
+    rates: Rates,
+    rudder: Rudder,
+    rudders: Sequence[Rudder],
+    noise: StepNoise,
+    besides: Sequence[tuple[Scales, FloatArray]] = (),
 ) -> FloatArray:
     """Return the information about what `worth_by_boat` names, the path being found anew for each; of Gauss and Newton,
-    shape (4 + P, 4 + P)."""
+    shape (4 + P + Q, 4 + P + Q)."""
     begin, end, m, none = held.record.begin, held.record.begin + 1, held.motion.inside[1], np.zeros(1)
     ends = (_behind(m, held.record), held.motion.rate_by_rate)
-    e0, e1 = (worth_by_boat(held, rates, rudder, rudders, Adjoint(each / m, none)) for each in ends)
+    e0, e1 = (worth_by_boat(held, rates, rudder, rudders, Adjoint(each / m, none), besides) for each in ends)
     _, _, t, u, by_rate, by_gust, _ = held.motion
     w0, w1 = noise.angle * e0 + noise.cross * e1, noise.cross * e0 + noise.rate * e1
     slope = np.zeros((e0.shape[0], *held.states.shape))

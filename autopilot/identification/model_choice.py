@@ -46,6 +46,9 @@ START_DRIFT = 0.3
 """Where the fit of the drift begins; its time begins at half of T, its wind at none."""
 SURELY = 1.0 / 3.0
 """Drift brings three parameters at once, so its share must be distinguished from zero at three standard errors."""
+SETTLED, MOST_DRIFT = 0.5, 0.9
+"""Drift's time must be below this share of the longest run, and its share below this one: near 1, what is left of the
+boat's own T and K is nothing, and anything slow is explained by it."""
 SPEED_VARIES = 0.1
 """A race at revolutions that nobody recorded is looked for where the speed varies by this share of its mean."""
 START_RACE = 0.5
@@ -147,7 +150,9 @@ def _with_drift(runs: Sequence[Run], found: Solution, steps: Steps) -> Solution 
     is_significant = (
         _relative_error(drifting, "drift") < SURELY and drifting.noise[0].size < WORTH_IT * found.noise[0].size
     )
-    return drifting if is_significant and 0.0 < drifting.around.drift < 1.0 else None
+    # what has not settled when a run ends is no drift, but gusts or an offset of that run
+    settles = drifting.around.drift_time < SETTLED * max(float(s.time[-1] - s.time[0]) for s in _segments(runs))
+    return drifting if is_significant and settles and 0.0 < drifting.around.drift < MOST_DRIFT else None
 
 
 def _extended(found: Solution, plain: Identified, reasons: dict[str, str], runs: Sequence[Run]) -> Identified:

@@ -6,11 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from surroundings_intervals import errors_of
 from zigzag_trials import RECORDINGS
 
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
+from autopilot.identification.likelihood_fit import memory_of, scales
+from autopilot.identification.likelihood_record import NORRBIN, record_of
+from autopilot.identification.likelihood_search import Space
+from autopilot.identification.likelihood_surroundings import Surroundings, beside_of
+from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.model_choice import steering_errors, steering_model
+from autopilot.identification.rudder_path import DIRECT
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.weather import RaceAndWind, inflow_ratio, without_drift
@@ -77,6 +84,57 @@ def test_race_and_wind_are_recovered_and_predict_another_trial() -> None:
     assert found.plain is not None
     alone = found.predict(without(other, "propeller", "beam_wind", "quarter_wind")).yaw_rate_r2
     assert alone is not None and alone < score
+
+
+def test_the_slope_of_the_loss_by_race_and_wind_is_that_of_its_differences() -> None:
+    """With gusts of their own strength in each run."""
+    segments = [s for k, n in enumerate((8.0, 16.0)) for s in trial(k, n, L2, 4.0e-4, seconds=60.0).segments]
+    guess = Rates(0.008, 0.07, 15.0, 1.0e-4)
+    record = record_of(segments, U0, memory_of(guess, segments))._replace(rough=np.array([0.5, 1.5]))
+    scale = scales(segments, guess)
+    start = RaceAndWind(6.0e-4, 12.0, 3.0e-4, -2.5e-4)
+    beside = beside_of(
+        record, segments, Surroundings(("race", "wind_beam", "wind_quarter"), start), U0, scale.e, NORRBIN
+    )
+    space = Space(record, guess, Weather(5.0e-4, 6.0, 1.0e-4, 1.0e-3, 5.0e-3), DIRECT, (), scale, beside)
+    assert space.beside_at(space.start).start == pytest.approx(start)
+    _, slope, known = space.slope(space.start)
+    assert known.shape == (7, 7)
+    assert np.linalg.eigvalsh(known).min() > 0.0
+    for i, name in enumerate(space.names):
+        losses = []
+        for by in (1.0e-4, -1.0e-4):
+            at = space.start.copy()
+            at[i] += by
+            losses.append(space.found(at).loss)
+        assert slope[i] == pytest.approx((losses[0] - losses[1]) / 2.0e-4, rel=1.0e-3, abs=0.01), name
+
+
+def test_each_runs_gusts_are_as_strong_as_they_were() -> None:
+    """Two runs on the straight, pushed by gusts of which those of the second are four times as strong."""
+    segments, random, dt, keep = [], np.random.default_rng(3), 0.5, math.exp(-0.5 / 6.0)
+    for size in (2.0e-4, 8.0e-4):
+        gust, rate, heading, rows = size * random.normal(), 0.0, 0.0, []
+        for k in range(800):
+            rows.append((k * dt, heading, rate, 0.02 * math.sin(0.1 * k), U0))
+            gust = keep * gust + size * math.sqrt(1.0 - keep * keep) * random.normal()
+            rate += dt * (0.01 * rows[-1][3] - rate / 12.0 + gust)
+            heading += dt * rate
+        table = np.array(rows)
+        table[:, 1:3] += np.array([2.0e-3, 1.0e-3]) * random.normal(size=(800, 2))
+        segments += run_from_columns("straight", dict(zip(COLUMNS[:5], table.T, strict=True))).segments
+    truth = Rates(0.01, 1.0 / 12.0)
+    record = record_of(segments, U0, 12.0)
+    space = Space(record, truth, Weather(4.0e-4, 6.0, 1.0e-5, 1.0e-3, 2.0e-3), DIRECT, (), scales(segments, truth))
+    space.suit_gusts(space.start)
+    assert space.record.rough == pytest.approx([0.5, 2.0], rel=0.3)
+
+
+@pytest.mark.parametrize("seed", [2002, 2011])
+def test_intervals_hold_the_boat_the_race_and_the_wind_in_gusts_that_nobody_recorded(seed: int) -> None:
+    errors = errors_of(seed, 1.0, 0.2)
+    assert {"gain", "time_constant", "n3", "n0", "race", "wind_beam", "wind_quarter"} <= set(errors)
+    assert max(abs(error) for error, _ in errors.values()) < 3.0
 
 
 def test_what_is_not_there_is_not_found() -> None:
