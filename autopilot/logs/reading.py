@@ -117,7 +117,7 @@ BINARY = (
 )
 TEXT = (
     Kind("a DataFlash log turned into text", "give the .BIN that it was made from", _begins(b"FMT, 128")),
-    Kind("a file of parameters, no log", "give the log of a run", _matches(rb"(?:#[^\n]*\s*)*schema_version:")),
+    Kind("a file of parameters, no log", "give the log of a run", _matches(rb"(?:#[^\n]*\n\s*)*schema_version:")),
     Kind("a GPX track", NO_RUDDER, _matches(rb"<(?:[^<]*<){0,9}?gpx\b")),
     Kind("a KML track", NO_RUDDER, _matches(rb"<(?:[^<]*<){0,9}?kml\b")),
     Kind("a web page", NO_LOG, _matches(rb"<!doctype html|<html")),
@@ -128,7 +128,7 @@ TEXT = (
     Kind("SavvyCAN's CSV of frames", "save the frames as candump's text", _matches(rb"Time Stamp,ID,Extended,")),
     Kind("a PCAN trace (.trc)", FRAMES, _matches(rb";\$FILEVERSION=")),
     Kind("a Vector CAN log (.asc)", FRAMES, _matches(rb"date [^\n]{1,80}\n\s*base\s+(?:hex|dec)")),
-    Kind("a MOOS log (.alog)", TABLE, _matches(rb"%%+[^\n]*\n?%% LOG FILE|%% LOG FILE")),
+    Kind("a MOOS log (.alog)", TABLE, _matches(rb"%%[^\n]*\n?%% LOG FILE|%% LOG FILE")),
     Kind("an OpenCPN log without NMEA 0183", RECORD, _lines(rb"received_at,protocol,")),
     Kind("NMEA 2000 inside NMEA 0183 ($PCDIN, $MXPGN)", CANBOAT, _lines(rb"\$(?:PCDIN|MXPGN),")),
     Kind(

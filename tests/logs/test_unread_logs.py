@@ -74,6 +74,10 @@ FILES: dict[str, tuple[bytes | str, str]] = {
     "a.ebl": (bytes(range(1, 200)) + b"\0", "an Actisense log (.ebl)"),
     "a.vdr": (bytes(range(1, 200)) + b"\0", "a voyage data recorder's file (.vdr)"),
     "a.sl2": (b"\2\0\0\0" + bytes(40), "a sonar log (.sl2)"),
+    "boat.txt": (
+        "#" * 60 + "\n# a boat\n\n  #\n" + "#\n" * 200 + "\nschema_version: 1\n",
+        "a file of parameters, no log",
+    ),
 }
 
 
@@ -154,6 +158,8 @@ def test_no_kind_is_slow_to_look_for() -> None:
         b'{"',
         b"date ",
         b"%% ",
+        b"#",
+        b"# banner\n",
         b"$PCDIN",
         b"received_at",
         b"1234567890123;a;{",
