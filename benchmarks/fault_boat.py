@@ -28,7 +28,7 @@ from autopilot.links.reconnect import SelectingLink
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.operators.skipper import RouteSkipper
 from autopilot.runtime.app import App, Plan
-from autopilot.runtime.build import limits_of, patience_of, track_settings_of
+from autopilot.runtime.build import follow_of, limits_of, track_settings_of
 from autopilot.runtime.build_links import selection_of
 from autopilot.signals import Mode, Order, OrderKind, SupervisorState, Tick
 from autopilot.vessel.file import load_vessel
@@ -134,7 +134,7 @@ class FaultBoat:
     def _instruments(self, vessel: Vessel, steers: bool) -> Link:
         baud = 38400
         near = self._line(NmeaInstruments(self.world, SENTENCES, baud), is_stream=True)
-        return NmeaLink(near, NmeaSettings(baud=baud, variation=0.0, steers=steers, patience=patience_of(vessel)))
+        return NmeaLink(near, NmeaSettings(baud=baud, variation=0.0, steers=steers, follow=follow_of(vessel)))
 
     def _line(self, endpoint: Endpoint, is_stream: bool = False) -> LoopbackTransport:
         near, far = loopback_pair(f"line {len(self._lines)}")

@@ -25,7 +25,7 @@ from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import Gate, Valve
-from autopilot.runtime.build import build_pilot, patience_of
+from autopilot.runtime.build import build_pilot, follow_of
 from autopilot.runtime.build_links import drive_settings_of, nmea_settings_of
 from autopilot.signals import Order, OrderKind
 from autopilot.vessel.file import load_vessel
@@ -117,7 +117,7 @@ def held(vessel: Vessel, sea: Scenario, seed: int, seconds: float, band: float |
     drive_near, drive_far = loopback_pair()
     settings = drive_settings_of(vessel)
     drive = ValveDrive(settings) if band is None else ThreePoint(settings, math.radians(band))
-    link = DriveLink(drive_near, drive, DriveLinkSettings(115200, 20.0, patience_of(vessel)))
+    link = DriveLink(drive_near, drive, DriveLinkSettings(115200, 20.0, follow_of(vessel)))
     pilot = build_pilot(vessel)
     order = Order(OrderKind.HEADING, COURSE, serial=1)
     errors, before = [], (0, 0.0)

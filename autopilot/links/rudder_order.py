@@ -1,6 +1,14 @@
-"""A rudder order on a link: renewed, and given back. Pure.
+"""A rudder order on a link: renewed, followed by the rudder, and given back. Pure.
 
-Whether the rudder follows it is for the rudder watch of the tick, wherever the angle comes from.
+Time in which the rudder is off its order by more than `tolerance` and does not move towards it fills a bucket;
+time in which it is right, or on its way, empties it. A full bucket is a rudder that does not follow:
+
+    bucket' = 1 while |order - angle| > tolerance and the rudder moves slower towards it than a third of its rate
+    bucket' = -1 otherwise, never below 0;  disobeyed at bucket > FOLLOW_PATIENCE + delay
+
+A bucket, not a timer: a stuck rudder is right for an instant whenever a swinging order crosses it. An order may reach
+the gear at any time until the next one is sent, so an angle is held against that of the last two which explains it
+better; of a burst of angles that was read at once, and has one time, the last counts.
 
 What is still to be said to a rudder drive: the newest order while it is renewed, or the releases that are left.
 
@@ -19,40 +27,98 @@ from typing import NamedTuple
 
 from autopilot.signals import HelmCause, RudderCommand
 
-STOOD_STILL_S = 3.0
-"""Nobody looked for so long: this computer stood still. By then a vehicle has taken its rudder back (RC_OVERRIDE_TIME
-of ArduPilot), and who sent an order has given it up or sent it again."""
+FOLLOW_PATIENCE_S = 2.5
+"""Beyond that of the pilot's own rudder watch by more than this computer can stand still between two of its looks, so
+that a rudder that sticks is the fail-safe. A link's watch is for what that one does not see: the sensors that are not
+selected, and the rudder while a fail-safe steers."""
+PROGRESS_SHARE = 0.3
+ASSUMED_RATE = math.radians(5.0)
+"""A steering gear of unknown rate is asked for a share of this [rad/s]."""
+LONGEST_GAP_S = 1.0
+"""Between two reports further apart than this nobody can say what the rudder did."""
+FORGIVEN_S = 2.0
+"""This long after our last order a rudder that did not obey may be tried again."""
 
 
-class Attendance:
-    """Whether orders keep coming while we steer: a drive that was left without one for longer than `patience` [s] is
-    not ours until the rudder has been released."""
+class FollowSettings(NamedTuple):
+    """tolerance [rad]; rate [rad/s] of the gear, inf where unlimited; delay [s]: dead time and lag together.
 
-    def __init__(self, patience: float = math.inf) -> None:
-        self._patience = patience
-        self._ordered = math.nan
+    patience [s]: how long the drive may be left without an order while we steer.
+    """
+
+    tolerance: float = math.radians(5.0)
+    rate: float = math.inf
+    delay: float = 0.0
+    patience: float = math.inf
+
+
+class RudderFollow:
+    """Compares orders with measured angles; `reason` gives the sentence, or nothing where the rudder obeys."""
+
+    def __init__(self, settings: FollowSettings = FollowSettings()) -> None:  # noqa: B008
+        self._settings = settings
+        rate = settings.rate if math.isfinite(settings.rate) else ASSUMED_RATE
+        self._progress = PROGRESS_SHARE * min(rate, ASSUMED_RATE)
+        self._order: float | None = None
+        self._before_it = 0.0
+        self._order_time = math.nan
+        self._seen: tuple[float, float] | None = None
+        self._bucket = 0.0
+        self._earlier: tuple[tuple[float, float] | None, float] = None, 0.0
+        """What was seen, and in the bucket, before the newest time."""
+        self._shown = ""
+        self._disobeyed = ""
         self._stood_still = 0.0
 
-    def ordered(self, now: float) -> None:
-        """Take that an order was sent at `now` [s]."""
-        self._ordered = now
+    def ordered(self, now: float, angle: float) -> None:
+        """Take an order [rad] as it was sent at `now` [s]."""
+        self._before_it = angle if self._order is None else self._order
+        self._order, self._order_time = angle, now
 
     def released(self) -> None:
         """Take note that the rudder is not ours now."""
-        self._ordered, self._stood_still = math.nan, 0.0
+        self._order, self._seen, self._bucket, self._stood_still = None, None, 0.0, 0.0
 
     @property
     def cause(self) -> HelmCause:
         """What kind the reason given last is of."""
         return HelmCause.STOOD_STILL if self._stood_still else HelmCause.TAKEN
 
+    def measured(self, now: float, angle: float, source: str) -> None:
+        """Compare an `angle` [rad] of `source`, measured at `now` [s], with the order in force."""
+        if self._seen is None or now != self._seen[0]:
+            self._earlier = self._seen, self._bucket
+        before, self._bucket = self._earlier
+        self._seen = (now, angle)
+        if self._order is None or before is None:
+            return
+        elapsed = now - before[0]
+        if not 0.0 < elapsed <= LONGEST_GAP_S:
+            return
+        is_right = False
+        for each in (self._before_it, self._order):
+            moved = math.copysign(1.0, each - angle) * (angle - before[1])
+            is_right = is_right or abs(each - angle) <= self._settings.tolerance or moved >= self._progress * elapsed
+        self._bucket = max(self._bucket + (-elapsed if is_right else elapsed), 0.0)
+        self._shown = (
+            f"{source} shows {math.degrees(angle):.1f} deg while {math.degrees(self._order):.1f} deg is ordered"
+        )
+
     def reason(self, now: float) -> str:
-        """Return why the rudder is not ours at `now` [s]; empty where it is."""
-        if not self._stood_still and now - self._ordered > self._patience:
-            self._stood_still = now - self._ordered
-        if not self._stood_still:
-            return ""
-        return f"this computer stood still for {self._stood_still:.1f} s: nobody looked after the rudder"
+        """Return why the rudder cannot be steered at `now` [s]; empty where it obeys or nobody shows its angle.
+
+        Orders that stayed away for too long stay a reason until the rudder is released.
+        """
+        gap = now - self._order_time
+        if self._order is not None and not self._stood_still and gap > self._settings.patience:
+            self._stood_still, self._bucket = gap, 0.0
+        if self._stood_still:
+            return f"this computer stood still for {self._stood_still:.1f} s: nobody looked after the rudder"
+        if self._bucket > FOLLOW_PATIENCE_S + self._settings.delay and not self._disobeyed:
+            self._disobeyed = f"the rudder does not follow: {self._shown}; check drive, clutch, fuse and rudder sensor"
+        if self._disobeyed and self._order is None and now - self._order_time > FORGIVEN_S:
+            self._disobeyed = ""
+        return self._disobeyed
 
 
 RELEASES = 5

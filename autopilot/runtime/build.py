@@ -18,7 +18,7 @@ from autopilot.guidance.stop import lag_of_plan, preset_rate, stop_angle, symmet
 from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_SLUGGISH, SLUGGISH, TrackSettings
 from autopilot.guidance.tuning import HARD_OVER
 from autopilot.guidance.wind_vane import WindSettings
-from autopilot.links.rudder_order import STOOD_STILL_S
+from autopilot.links.rudder_order import FollowSettings
 from autopilot.models.drives import DRIVES, PLAIN, Mixing, Needs, at_point, quickness
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, rudder_for
 from autopilot.models.steering_gear import SteeringGear, sided
@@ -137,6 +137,8 @@ def radians_or_unlimited(degrees: float | None) -> float:
     return math.inf if degrees is None else math.radians(degrees)
 
 
+UNATTENDED_S = 3.0
+"""A rudder drive without a time-out of its own is left without orders for so long, as ArduPilot's overrides are."""
 FILTER_SHARE = 0.4
 """Waves quicker than this share of the steering loop's natural frequency are filtered out: below it the rudder still
 lessens them, above it rudder and waves get out of step (docs/wave_filter.md)."""
@@ -335,7 +337,7 @@ def _steerage_of(vessel: Vessel) -> float:
 
 def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
     """Return what the monitors of the vessel go by."""
-    alarms, rudder = vessel.alarms, vessel.rudder
+    alarms, follow = vessel.alarms, follow_of(vessel)
     return AlarmLimits(
         radians_or_unlimited(alarms.off_course_deg),
         alarms.off_course_s,
@@ -345,9 +347,9 @@ def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
         radians_or_unlimited(alarms.rate_disagrees_deg),
         math.inf if alarms.innovation_sigmas is None else alarms.innovation_sigmas,
         alarms.reversed_rudder,
-        math.radians(rudder.follow_tolerance_deg),
-        rudder.slower_rate,
-        rudder.delay_s + rudder.lag_s,
+        follow.tolerance,
+        follow.rate,
+        follow.delay,
         vessel.failsafe.action == "windward",
         math.radians(max(vessel.sensors.heading_noise_deg, HEADING_NOISE_LEAST_DEG)) ** 2,
         LATE_PERIODS / vessel.control.rate_hz,
@@ -416,6 +418,9 @@ def roll_damping_of(vessel: Vessel) -> RollDamping | None:
     return checked(RollDamping(roll.rate_gain_s, math.radians(roll.rudder_max_deg), roll.lowest_rad_s))
 
 
-def patience_of(vessel: Vessel) -> float:
-    """Return for how long [s] the vessel's rudder drive may be left without an order."""
-    return max(STOOD_STILL_S, vessel.failsafe.heading_timeout_s, LATE_PERIODS / vessel.control.rate_hz)
+def follow_of(vessel: Vessel) -> FollowSettings:
+    """Return how closely the vessel's rudder must follow its orders, and how long it may be left without one."""
+    rudder = vessel.rudder
+    tolerance = math.radians(rudder.follow_tolerance_deg)
+    patience = max(UNATTENDED_S, vessel.failsafe.heading_timeout_s, LATE_PERIODS / vessel.control.rate_hz)
+    return FollowSettings(tolerance, rudder.slower_rate, rudder.delay_s + rudder.lag_s, patience)

@@ -22,10 +22,11 @@ from autopilot.links.ground_station.access import LOOKING_ONLY, AccessPolicy, Ac
 from autopilot.links.mavlink.requests import MODES
 from autopilot.links.mavlink.signing import Signing
 from autopilot.links.reconnect import ReconnectingLink, SelectingLink
+from autopilot.links.rudder_order import FollowSettings
 from autopilot.links.transports.medium import Network, network_of
 from autopilot.links.url import FORWARD_OPTIONS, NETWORKS, LinkUrl, RecordingTransport, open_transport, parse_url
 from autopilot.models.steering_gear import Valve
-from autopilot.runtime.build import patience_of, radians_or_unlimited
+from autopilot.runtime.build import follow_of, radians_or_unlimited
 from autopilot.supervision.supervisor import STEERING_ACTIONS
 from autopilot.vessel.schema import Valves, Vessel
 
@@ -57,9 +58,10 @@ def selection_of(vessel: Vessel) -> SelectionSettings:
     )
 
 
-def _patience_on(vessel: Vessel, url: LinkUrl) -> float:
-    """Return for how long [s] a link may be left without an order: one that carries none, for any time."""
-    return patience_of(vessel) if url.options.steers else math.inf
+def _follow_on(vessel: Vessel, url: LinkUrl) -> FollowSettings:
+    """Return what is asked of the rudder on a link: one that carries no orders may be left without for any time."""
+    follow = follow_of(vessel)
+    return follow if url.options.steers else follow._replace(patience=math.inf)
 
 
 def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
@@ -73,7 +75,7 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
         variation=None if sensors.variation_deg is None else math.radians(sensors.variation_deg),
         deviation=tuple((math.radians(at), math.radians(deviation)) for at, deviation in sensors.deviation_deg),
         steers=url.options.steers,
-        patience=_patience_on(vessel, url),
+        follow=_follow_on(vessel, url),
         sends=url.options.sends,
         talker=url.options.talker,
         magnetic=sensors.magnetic,
@@ -102,7 +104,7 @@ def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
         heading_latency=vessel.sensors.heading_latency_s,
         variation=None if variation is None else math.radians(variation),
         steers=url.options.steers,
-        patience=_patience_on(vessel, url),
+        follow=_follow_on(vessel, url),
         magnetic=vessel.sensors.magnetic,
         rudder_limit=math.radians(vessel.rudder.angle_max_deg),
         device=Device(machine_number(), __version__),
@@ -285,7 +287,7 @@ def _instruments(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Rou
 
 
 def _rudder_drive(vessel: Vessel, url: LinkUrl, options: LinkOptions, router: Router | None) -> Link:
-    settings = DriveLinkSettings(url.baud, vessel.drive.rate_hz, patience_of(vessel))
+    settings = DriveLinkSettings(url.baud, vessel.drive.rate_hz, follow_of(vessel))
     drive = drive_of(url.protocol, drive_settings_of(vessel))
     return DriveLink(_transport(vessel, url, options), drive, settings)
 

@@ -19,7 +19,7 @@ from autopilot.links.drives.pypilot_motor import PypilotMotor, crc8, packet
 from autopilot.links.rudder_order import Release, ReleaseState
 from autopilot.links.transports import loopback_pair
 from autopilot.models.steering_gear import Valve
-from autopilot.runtime.build import patience_of
+from autopilot.runtime.build import follow_of
 from autopilot.runtime.build_links import DRIVES, drive_of, drive_settings_of
 from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.session import Session
@@ -50,7 +50,7 @@ class Bench:
         self.world = World(vessel, dataclasses.replace(load_scenario("calm"), faults=faults))
         self.twin = TWINS[kind](self.world, 38400)
         self.near, self.far = loopback_pair()
-        settings = DriveLinkSettings(38400, 20.0, patience_of(vessel))
+        settings = DriveLinkSettings(38400, 20.0, follow_of(vessel))
         self.link = DriveLink(self.near, drive_of(kind, drive_settings_of(vessel)), settings)
         self.now = 0.0
         self.samples: list[object] = []
@@ -106,6 +106,15 @@ def test_a_drive_that_falls_silent_takes_the_helm_away_and_gives_it_back(kind: s
     assert "does not answer; check its power" in bench.helm.reason
     bench.sail(2.0, None)
     assert bench.helm.available
+
+
+@pytest.mark.parametrize("kind", ["pypilot", "jrk"])
+def test_a_jammed_rudder_is_found_by_the_drive_s_own_sensor(kind: str) -> None:
+    bench = Bench(kind, Drive(), (FaultSection("rudder_stuck", 3.0, 100.0),))
+    bench.sail(6.0, 15.0)
+    bench.sail(6.0, -15.0)
+    assert not bench.helm.available
+    assert "the rudder does not follow" in bench.helm.reason
 
 
 def test_a_jammed_motor_trips_the_controller_and_the_reason_is_passed_on() -> None:

@@ -222,6 +222,17 @@ def test_who_only_listens_claims_no_address() -> None:
     bus.far.shutdown()
 
 
+def test_a_rudder_that_does_not_follow_on_the_bus_gives_the_helm_up(bus: Bus) -> None:
+    helm = []
+    for step in range(50):
+        now = step * 0.1
+        bus.put(127245, struct.pack("<BBhhH", 0, 0xF8, 0x7FFF, 0, 0xFFFF))
+        helm += [sample for sample in bus.link.receive(now) if isinstance(sample, HelmSample)]
+        bus.link.send(now, RudderCommand(now, 0.3, True))
+    assert [sample.available for sample in helm] == [True, False]
+    assert "the rudder does not follow: N2K127245.35 shows 0.0 deg while 17.2 deg" in helm[-1].reason
+
+
 def test_a_drive_on_the_bus_obeys_our_frames(bus: Bus) -> None:
     """The other side reads the order's bytes itself, moves a rudder and reports its position."""
     gear = SteeringGear(math.radians(30.0), math.radians(20.0), 0.1, 0.0, 0.0)

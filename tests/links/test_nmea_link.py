@@ -15,7 +15,7 @@ from autopilot.links.base import LinkError
 from autopilot.links.nmea import sentences as encoders
 from autopilot.links.nmea.link import NmeaLink, NmeaSettings
 from autopilot.links.transports import loopback_pair
-from autopilot.links.url import open_transport, parse_url
+from autopilot.links.url import open_transport
 from autopilot.signals import HeadingSample, HelmSample, PositionSample, RudderCommand, Sample, SpeedSample
 
 
@@ -318,32 +318,3 @@ def test_times_of_the_line_to_the_bit() -> None:
     for now, count in ((0.0, 2), (0.0999, 0), (0.1, 1)):
         link.send(now, RudderCommand(now, 0.1, False))
         assert len(orders(far)) == count, now
-
-
-def test_options_of_a_link() -> None:
-    link = parse_url("nmea-tcpin:0.0.0.0:10110?steer=no&send=HDT:5,RSA")
-    assert (link.host, link.port, link.options.steers) == ("0.0.0.0", 10110, False)
-    assert link.options.sends == (("HDT", 5.0), ("RSA", 1.0))
-    assert parse_url("nmea:/dev/ttyUSB0:4800").options.steers
-
-
-@pytest.mark.parametrize(
-    ("url", "words"),
-    [
-        ("nmea:/dev/x:4800?speed=3", "option 'speed' behind the ? is unknown or repeated; allowed here"),
-        ("nmea:/dev/x:4800?steer=no&steer=no", "option 'steer' behind the ? is unknown or repeated"),
-        ("nmea:/dev/x:4800?steer=maybe", "write steer=yes or steer=no"),
-        ("nmea:/dev/x:4800?send=GGA", "sentence 'GGA' cannot be sent"),
-        ("nmea:/dev/x:4800?send=HDT:fast", "the rate 'fast' of HDT is not a number from 0.1 to 50 (Hz)"),
-        ("nmea:/dev/x:4800?talker=ii", "write two capital letters"),
-        ("nmea:/dev/x:4800?talker=I", "write two capital letters"),
-        ("nmea:/dev/x:4800?talker=Ä1", "write two capital letters"),
-        ("nmea:/dev/x:4800?", "option '' behind the ? is unknown"),
-        ("udpout:127.0.0.1:14550?steer=no", "this kind of link takes none"),
-    ],
-)
-def test_bad_options_are_one_sentence(url: str, words: str) -> None:
-    with pytest.raises(LinkError) as caught:
-        parse_url(url)
-    assert words in str(caught.value)
-    assert url in str(caught.value)

@@ -84,6 +84,15 @@ def test_the_way_out_says_every_release_at_once_and_what_became_of_it() -> None:
     assert found is not None and found.state is ReleaseState.UNSHOWN
 
 
+def test_a_rudder_that_does_not_follow_takes_control_away() -> None:
+    session, said = NmeaSession("line"), []
+    for step in range(60):
+        now = 0.1 * step
+        session.send(now, STEER._replace(angle=math.radians(25.0)))
+        said += of(HelmSample, session.receive(now, [RSA]))
+    assert [sample.available for sample in said] == [True, False]
+
+
 def test_another_autopilot_that_orders_the_rudder_on_the_line_has_it() -> None:
     def reasons(session: NmeaSession, now: float, *sentences: bytes) -> list[str]:
         return [each.reason for each in session.receive(now, [b"".join(sentences)]) if isinstance(each, HelmSample)]

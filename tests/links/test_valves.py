@@ -19,9 +19,9 @@ from autopilot.links.rudder_order import ReleaseState
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
 from autopilot.models.steering_gear import Gate, Reckoned, Swing, Valve, reckoned, switched, swung, zone_in
-from autopilot.runtime.build import build_pilot, gear_of, limits_of, patience_of
+from autopilot.runtime.build import build_pilot, follow_of, gear_of, limits_of
 from autopilot.runtime.build_links import drive_settings_of, nmea_settings_of
-from autopilot.signals import HelmSample, Mode, Order, OrderKind, RudderCommand, RudderSample, Tick
+from autopilot.signals import HelmSample, Mode, Order, OrderKind, RudderCommand, RudderSample
 from autopilot.vessel.file import load_vessel, parse_vessel
 from autopilot.vessel.schema import Drive, Valves, Vessel
 from sitl.drives import ValveController
@@ -53,7 +53,7 @@ class Bench:
         self.board = ValveController(self.world, 115200)
         self.near, self.far = loopback_pair()
         self.drive = ValveDrive(drive_settings_of(vessel))
-        self.link = DriveLink(self.near, self.drive, DriveLinkSettings(115200, 20.0, patience_of(vessel)))
+        self.link = DriveLink(self.near, self.drive, DriveLinkSettings(115200, 20.0, follow_of(vessel)))
         self.now, self.samples = 0.0, [HelmSample(0.0, True, "")]
         self.angles: list[RudderSample] = []
 
@@ -79,29 +79,6 @@ class Bench:
     @property
     def rudder_deg(self) -> float:
         return math.degrees(self.world.boat.state.rudder)
-
-
-class Sailing(Bench):
-    """The same with a compass on another line, and the pilot."""
-
-    def __init__(self, vessel: Vessel, faults: tuple[FaultSection, ...] = ()) -> None:
-        sensors = dataclasses.replace(vessel.sensors, variation_deg=0.0)
-        super().__init__(design(dataclasses.replace(vessel, sensors=sensors)), faults)
-        self.compass = NmeaInstruments(self.world, {"HDT": 10.0, "ROT": 10.0}, 38400)
-        near, self.line = loopback_pair()
-        self.instruments = NmeaLink(near, nmea_settings_of(self.vessel, parse_url("nmea:/dev/x:38400?steer=no")))
-        self.pilot = build_pilot(self.vessel)
-
-    def tick(self, course: float) -> Tick:
-        samples = self.carry()
-        for data in self.compass.transmit(self.now):
-            self.line.send(data)
-        samples += self.instruments.receive(self.now)
-        order = Order(OrderKind.HEADING, course, serial=int(course > 0))
-        tick = self.pilot.step(self.now, tuple(samples), order)  # type: ignore[arg-type]
-        self.link.send(self.now, tick.command)
-        self.link.poll(self.now)
-        return tick
 
 
 angles = st.floats(-0.5, 0.5)
@@ -192,13 +169,12 @@ def test_the_board_shuts_the_valves_when_the_pilot_is_silent() -> None:
 
 
 @pytest.mark.parametrize(("kind", "size"), [("rudder_hard_over", 1.0), ("rudder_one_way", -1.0), ("rudder_stuck", 1.0)])
-def test_a_valve_that_sticks_is_the_fail_safe_where_a_sensor_shows_it(kind: str, size: float) -> None:
-    bench = Sailing(boat(), (FaultSection(kind, 3.0, size=size),))  # type: ignore[arg-type]
-    for number in range(round(12.0 / STEP)):
-        tick = bench.tick(0.0 if number * STEP < 3.0 else math.radians(40.0))
-        if tick.mode is Mode.FAILSAFE:
-            break
-    assert {alarm.name for alarm in tick.alarms} & {"rudder_stuck", "rudder_not_following", "rudder_reversed"}
+def test_a_valve_that_sticks_takes_the_helm_away_where_a_sensor_shows_it(kind: str, size: float) -> None:
+    bench = Bench(boat(), (FaultSection(kind, 3.0, size=size),))  # type: ignore[arg-type]
+    bench.sail(3.0, 0.0)
+    bench.sail(5.0, 15.0 if kind != "rudder_hard_over" else -10.0)
+    assert not bench.samples[-1].available
+    assert "the rudder does not follow" in bench.samples[-1].reason
 
 
 def test_a_leaking_valve_is_worked_against() -> None:
@@ -210,11 +186,23 @@ def test_a_leaking_valve_is_worked_against() -> None:
 
 @pytest.mark.parametrize("sensor", [5, None])
 def test_a_course_is_held_and_turned_to_with_valves(sensor: int | None) -> None:
-    bench = Sailing(boat(sensor))
+    vessel = boat(sensor)
+    sensors = dataclasses.replace(vessel.sensors, variation_deg=0.0)
+    bench = Bench(design(dataclasses.replace(vessel, sensors=sensors)))
+    compass = NmeaInstruments(bench.world, {"HDT": 10.0, "ROT": 10.0}, 38400)
+    near, far = loopback_pair()
+    instruments = NmeaLink(near, nmea_settings_of(bench.vessel, parse_url("nmea:/dev/x:38400?steer=no")))
+    pilot = build_pilot(bench.vessel)
     worst, opened = 0.0, 0
     for number in range(round(120.0 / STEP)):
+        samples = bench.carry()
+        for data in compass.transmit(bench.now):
+            far.send(data)
+        samples += instruments.receive(bench.now)
         course = math.radians(20.0 if number * STEP < 60.0 else -20.0)
-        tick = bench.tick(course)
+        tick = pilot.step(bench.now, tuple(samples), Order(OrderKind.HEADING, course, serial=int(course > 0)))  # type: ignore[arg-type]
+        bench.link.send(bench.now, tick.command)
+        bench.link.poll(bench.now)
         if number * STEP % 60.0 > 40.0:
             worst = max(worst, abs(math.degrees(wrap(bench.world.boat.state.heading - course))))
         else:

@@ -12,21 +12,23 @@ from typing import NamedTuple, Protocol, cast, runtime_checkable
 
 from autopilot.links.base import AlarmNews, CarriedLink, HelmNews, LinkError, Transport
 from autopilot.links.rudder_order import (
+    LONGEST_GAP_S,
     PATIENCE_S,
     RELEASE_SPACING_S,
-    Attendance,
+    FollowSettings,
     Release,
     ReleaseState,
+    RudderFollow,
     StandingOrder,
     not_held,
 )
 from autopilot.models.steering_gear import Valve
-from autopilot.signals import AlarmEvent, RudderCommand, RudderSample, Sample
+from autopilot.signals import AlarmEvent, HelmCause, RudderCommand, RudderSample, Sample
 
 SILENT_S = 1.5
 """A drive that answers requests and has not been heard for this long is gone."""
-LOOK_S = 0.5
-"""Of the time between two looks at the line so much counts as a drive's silence: the rest is ours."""
+EXCUSED_S = 0.5
+"""So long a drive has to answer again when this computer has stood still."""
 JUMP_LEAST = math.radians(2.0)
 JUMP_RATES = 1.5
 POLOLU = 0xAA
@@ -177,11 +179,11 @@ BITS_PER_BYTE = 10
 
 
 class DriveLinkSettings(NamedTuple):
-    """baud of the line, rate [Hz] of orders and requests, and how long [s] it may be left without an order."""
+    """baud of the line, rate [Hz] of orders and requests, and how closely the rudder must follow."""
 
     baud: int = 38400
     rate: float = 20.0
-    patience: float = math.inf
+    follow: FollowSettings = FollowSettings()
 
 
 class DriveLink(CarriedLink):
@@ -192,46 +194,52 @@ class DriveLink(CarriedLink):
         self.drive = drive
         self._settings = settings
         self._seconds_per_byte = BITS_PER_BYTE / settings.baud
-        self._attendance = Attendance(settings.patience)
+        self._follow = RudderFollow(settings.follow)
         self._order = StandingOrder(1.0 / settings.rate, RELEASE_SPACING_S)
         self._line_free = -math.inf
         self._helm, self._warning = HelmNews(self.name), AlarmNews(self.name)
         self._leaving, self._patient_until = math.nan, math.nan
-        self._looked, self._unseen = math.inf, 0.0
+        self._looked, self._excused_until, self._said = math.nan, -math.inf, ""
         self._has_ordered = self._is_gone = False
 
     def receive(self, now: float) -> list[Sample]:
         """Return what the drive reports; LinkError when the transport is gone."""
         samples: list[Sample] = []
-        self._unseen += max(now - self._looked - LOOK_S, 0.0)
+        if now - self._looked > LONGEST_GAP_S and now > self._excused_until + SILENT_S:
+            self._excused_until = now + EXCUSED_S
         self._looked = now
         for chunk in self._arrived():
-            self._unseen = 0.0
-            samples += [
-                RudderSample(now, angle, not self.drive.measures, self.drive.name)
-                for angle in self.drive.feed(now, chunk)
-            ]
-        reason = self._attendance.reason(now) or self._fault(now)
-        samples += self._helm.of(now, reason, self._attendance.cause)
+            for angle in self.drive.feed(now, chunk):
+                samples.append(RudderSample(now, angle, not self.drive.measures, self.drive.name))
+                if self.drive.measures:
+                    self._follow.measured(now, angle, self.drive.name)
+        reason = self._follow.reason(now)
+        if self._follow.cause is not HelmCause.STOOD_STILL:  # after which a drive has seemed silent
+            reason = self._fault(now) or reason
+        samples += self._helm.of(now, reason, self._follow.cause)
         return samples + self._warning.of(now, self.drive.warning(now))
 
     def _fault(self, now: float) -> str:
-        """Return why the drive cannot steer; one that has just been spoken to for the first time may yet answer."""
+        """Return why the drive cannot steer; one that has just been spoken to for the first time may yet answer, and
+        one that nobody spoke to for a while has had nothing to answer: what it said last stands."""
         if math.isnan(self._patient_until):
             self._patient_until = now + SILENT_S
-        fault = self.drive.fault(now - self._unseen)
+        fault = self.drive.fault(now)
         if not fault:
             self._patient_until = -math.inf
+        if self._patient_until == -math.inf and now <= self._excused_until:
+            return self._said
+        self._said = fault
         return f"waiting for the {self.drive.name} to answer" if fault and now <= self._patient_until else fault
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Take the newest command, and send it when the drive's turn has come; not engaged is a release."""
         angle = self._order.take(now, command)
         if angle is None:
-            self._attendance.released()
+            self._follow.released()
         else:
             self._has_ordered = True
-            self._attendance.ordered(now)
+            self._follow.ordered(now, angle)
         self._push(now)
 
     def poll(self, now: float) -> None:

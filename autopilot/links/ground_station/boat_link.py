@@ -24,7 +24,6 @@ from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import STATES
 from autopilot.links.mavlink.signing import LinkSigning
-from autopilot.links.rudder_order import STOOD_STILL_S
 from autopilot.links.transports.medium import peer_of
 from autopilot.links.url import accept_signed
 from autopilot.signals import (
@@ -50,8 +49,9 @@ NOT_ALLOWED = "refused: a system id that is not allowed"
 STOPPED_S = 30.0
 LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
 CAME_LATE = "orders from while this computer stood still are not carried out: order again"
-CAUGHT_UP_S = 0.5
-"""What is read so soon after this computer stood still has waited: who sent it has given it up or sent it again."""
+STOOD_STILL_S, CAUGHT_UP_S = 3.0, 0.5
+"""What has waited here for so long, and is read within this time, was given up by who sent it, or sent again. By then a
+vehicle has taken its rudder back."""
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
 
 

@@ -86,7 +86,7 @@ from autopilot.links.n2k.samples import (
     source_name,
 )
 from autopilot.links.north import UnusableHeadings, Variation, known_as, steered
-from autopilot.links.rudder_order import Attendance, Release, StandingOrder, UnshownRelease
+from autopilot.links.rudder_order import FollowSettings, Release, RudderFollow, StandingOrder, UnshownRelease
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmState,
@@ -95,6 +95,7 @@ from autopilot.signals import (
     OrderKind,
     PositionSample,
     RudderCommand,
+    RudderSample,
     Sample,
     Tick,
 )
@@ -226,8 +227,7 @@ class Helm(Protocol):
 
 
 class N2kSettings(NamedTuple):
-    """heading_latency [s]; variation [rad], None to take it from the bus; whether rudder orders leave; patience [s]
-    without an order;
+    """heading_latency [s]; variation [rad], None to take it from the bus; whether rudder orders leave; follow;
     magnetic: whether magnetic courses are steered; rudder_limit [rad]; device: what tells this node from others;
     takes_orders: whether other nodes may engage the pilot and change its course, and not only end its steering.
     with_other_pilot: steer although another autopilot of the network orders the rudder.
@@ -236,7 +236,7 @@ class N2kSettings(NamedTuple):
     heading_latency: float = 0.0
     variation: float | None = None
     steers: bool = True
-    patience: float = math.inf
+    follow: FollowSettings = FollowSettings()
     magnetic: bool = False
     rudder_limit: float = math.inf
     device: Device = Device()
@@ -274,7 +274,7 @@ class N2kSession:
         self._plotter = PlotterReader(self._variation, settings.magnetic)
         self._unusable, self._unusable_headings = 0, UnusableHeadings(name)
         self._jumped = AlarmNews(f"{name}, jumped variation")
-        self._attendance = Attendance(settings.patience)
+        self._follow = RudderFollow(settings.follow)
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._release = UnshownRelease(name, LAPSE)
         self._helm_news = HelmNews(name, settings.steers)
@@ -295,7 +295,7 @@ class N2kSession:
             self._take(now, message, samples)
         samples += self._unusable_headings.news(now, samples, self._unusable)
         samples += self._jumped.of(now, None if self.settings.magnetic else self._variation.alarm(self))
-        samples += self._helm_news.of(now, self._attendance.reason(now) or self._barred(now), self._attendance.cause)
+        samples += self._helm_news.of(now, self._follow.reason(now) or self._barred(now), self._follow.cause)
         if self._guide is not None:
             samples += self._guide_alarm.of(now, self._guide.alarm)
         return samples
@@ -353,6 +353,9 @@ class N2kSession:
         self._unusable += sample is None and is_heading(group, fields)
         if isinstance(sample, HeadingSample):
             sample = sample._replace(time=now - self.settings.heading_latency)
+        elif isinstance(sample, RudderSample) and ":" not in source:
+            # the angle of a further rudder is for the log
+            self._follow.measured(now, sample.angle, sample.source)
         elif isinstance(sample, PositionSample):
             self._variation.move(sample.latitude, sample.longitude)
         if sample is not None:
@@ -364,9 +367,9 @@ class N2kSession:
         """Take the rudder command of `now` [s]; one that is not engaged is a release."""
         angle = self._order.take(now, command)
         if angle is None:
-            self._attendance.released()
+            self._follow.released()
         else:
-            self._attendance.ordered(now)
+            self._follow.ordered(now, angle)
             self._release.has_ordered = self._release.has_ordered or self.settings.steers
         self._say_order(now)
 

@@ -40,8 +40,9 @@ from autopilot.links.rudder_order import (
     ORDER_AGE_S,
     RELEASE_SPACING_S,
     RELEASES,
-    Attendance,
+    FollowSettings,
     Release,
+    RudderFollow,
     UnshownRelease,
 )
 from autopilot.signals import (
@@ -180,9 +181,9 @@ class NmeaSettings(NamedTuple):
 
     baud: of the line, 0 where there is none (UDP).  heading_latency [s]: age of a heading when its sentence
     begins.  variation [rad], east positive, None to take it from the instruments.  deviation: (compass heading,
-    deviation) pairs [rad].  steers: whether a rudder drive listens on this link.  patience [s]: how
-    long it may be left without an order.  sends: sentences to repeat, with rates [Hz], under the name `talker`, which
-    is then not read on this link.  magnetic: whether magnetic courses are steered.
+    deviation) pairs [rad].  steers: whether a rudder drive listens on this link.  follow: how closely the
+    rudder must follow its orders where a sensor on this link shows it.  sends: sentences to repeat, with rates [Hz],
+    under the name `talker`, which is then not read on this link.  magnetic: whether magnetic courses are steered.
     with_other_pilot: steer although another autopilot orders the rudder on this line.
     """
 
@@ -191,7 +192,7 @@ class NmeaSettings(NamedTuple):
     variation: float | None = None
     deviation: tuple[tuple[float, float], ...] = ()
     steers: bool = True
-    patience: float = math.inf
+    follow: FollowSettings = FollowSettings()
     sends: tuple[tuple[str, float], ...] = ()
     talker: str = OWN_TALKER
     magnetic: bool = False
@@ -240,7 +241,7 @@ class NmeaSession:
         self._releases_left = 0
         self._orders_in_row = 0
         self._offered = 0
-        self._attendance = Attendance(settings.patience)
+        self._follow = RudderFollow(settings.follow)
         self._helm = HelmNews(name, settings.steers)
         self._release = UnshownRelease(name, LAPSE)
 
@@ -268,7 +269,7 @@ class NmeaSession:
             self._read(now, chunks, samples)
             if (self._framer.counts.sentences, self._framer.counts.ignored) != (known.sentences, known.ignored):
                 self.received_time = now
-        samples += self._helm.of(now, self._attendance.reason(now) or self._barred(now), self._attendance.cause)
+        samples += self._helm.of(now, self._follow.reason(now) or self._barred(now), self._follow.cause)
         samples += self._unusable.news(now, samples, self._reader.unusable)
         samples += self._jumped.of(now, self._reader.alarm)
         if self._guide is not None:
@@ -296,6 +297,8 @@ class NmeaSession:
                 continue
             if isinstance(sample, HeadingSample):
                 sample = sample._replace(time=sample.time - self.settings.heading_latency)
+            elif isinstance(sample, RudderSample) and not sample.ordered:
+                self._follow.measured(sample.time, sample.angle, sample.source)
             samples.append(sample)
             samples += [other._replace(source=sample.source) for other in self._reader.take_others()]
 
@@ -306,9 +309,9 @@ class NmeaSession:
         """
         engaged = command.engaged and math.isfinite(command.angle)
         if engaged:
-            self._attendance.ordered(now)
+            self._follow.ordered(now, command.angle)
         else:
-            self._attendance.released()
+            self._follow.released()
         if not self.settings.steers:
             return
         if engaged:
