@@ -188,10 +188,11 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     refuse_twice(arguments.holdout)
     print_newer([*arguments.logs, *arguments.holdout])
     with ProgressBar("reading") as bar:
-        counted = options._replace(reading=options.reading._replace(progress=bar.update_share))
+        counted = options.reading._replace(progress=bar.update_share)
+        asked = counted._replace(path_delay=bool(arguments.out))
         fitted, held_out = (
-            [load_run(path, None, arguments.reverse_rudder, counted) for path in paths]
-            for paths in (arguments.logs, arguments.holdout)
+            [load_run(path, None, arguments.reverse_rudder, options._replace(reading=reading)) for path in paths]
+            for paths, reading in ((arguments.logs, asked), (arguments.holdout, counted))
         )
     known = recorded_vessel(fitted) if vessel is None else vessel
     filed = math.inf if known is None else known.rudder.slower_rate

@@ -254,8 +254,8 @@ class Orders(NamedTuple):
 class Run(NamedTuple):
     """One recording: where it came from, its segments in order of time, and a sentence for each kind of bad sample
     that was left out; what its rudder is, and the text of the vessel file of the pilot that recorded it, if one did.
-    late: how long after a heading that pilot's order came to the rudder [s], nan where it does not show. throttle:
-    its mean, share of full, where that was recorded. orders: beside a sensor on the rudder, where both were.
+    late: how long after a heading that pilot's order came to the rudder [s], nan where none shows or nobody asked.
+    throttle: its mean, share of full, where that was recorded. orders: beside a sensor on the rudder, where both were.
     """
 
     source: str

@@ -66,9 +66,10 @@ def read_own(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # n
     ticks = [tick for part in parts for tick in part.ticks]
     series = (*_estimates(ticks), *_samples(ticks))
     late = math.nan
-    # a header that is not understood any more holds nothing else up
-    with contextlib.suppress(InputError):
-        late = _path_of(path, log).measured
+    if options.path_delay:
+        # a header that is not understood any more holds nothing else up
+        with contextlib.suppress(InputError):
+            late = path_in(path, log).measured
     vessel = log.header.get("vessel", "")
     return on_one_clock(Recording(path, "Norrbin log", series, began, tuple(notes), vessel, late))
 
@@ -132,10 +133,11 @@ def path_of(path: str) -> LoggedPath:
 
     Raises InputError.
     """
-    return _path_of(path, read_logs(Path(path))[0])
+    return path_in(path, read_logs(Path(path))[0])
 
 
-def _path_of(path: str, log: Log) -> LoggedPath:
+def path_in(path: str, log: Log) -> LoggedPath:
+    """Return how late orders came to the rudder in a log that was read from `path`. Raises InputError."""
     vessel = parse_vessel(str(log.header.get("vessel", "")), f"{path} (header)")
     config = configured(pilot_config(vessel, TRIAL_LAW), law_of(vessel, TRIAL_LAW)).steering.estimator
     state = first_state(config)

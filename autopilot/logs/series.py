@@ -101,7 +101,7 @@ class Recording(NamedTuple):
     source: the file. kind: what it is, in words. series: those of a quantity in the order in which they are
     preferred. began: Unix time [s] of the clock's zero, None where the log does not tell. notes: sentences about
     what was damaged, guessed or left out. vessel: text of the vessel file that the pilot had, in its own logs. late:
-    how long after a heading its order came to the rudder [s], there too, nan where it does not show.
+    how long after a heading its order came to the rudder [s], there too, nan where it does not show or nobody asked.
     """
 
     source: str
@@ -271,6 +271,7 @@ class ReadOptions(NamedTuple):
     servo: the steering servo, or only its scale.
     variation [rad], east positive: of magnetic compasses in NMEA sentences. thrusters: what two of them do, beside
     what the firmware's parameters say. progress: called with the bytes of a .tlog that are read, and all of them.
+    path_delay: reckon how late orders came to the rudder, in our own logs, which takes as long as reading them.
     """
 
     columns: Mapping[str, str] | None = None
@@ -279,6 +280,7 @@ class ReadOptions(NamedTuple):
     variation: float | None = None
     thrusters: Mixing = PLAIN
     progress: Callable[[int, int], None] = lambda done, total: None
+    path_delay: bool = False
 
 
 class LogFormat(NamedTuple):

@@ -15,10 +15,11 @@ from autopilot.cli.identify_vessel import with_path
 from autopilot.cli.main import main
 from autopilot.cli.steering import path_words
 from autopilot.control.registry import TRIAL_LAW
+from autopilot.errors import InputError
 from autopilot.estimation.path_delay import NOT_ECHOED
 from autopilot.identification.runs import Run
-from autopilot.logs.own_log import path_of, read_own
-from autopilot.logs.reading import load_run
+from autopilot.logs.own_log import path_in, path_of, read_own
+from autopilot.logs.reading import LogOptions, ReadOptions, load_run
 from autopilot.runtime.record import Recorder, read_logs, replay
 from autopilot.runtime.tuning import designed
 from autopilot.vessel.file import dump_vessel, load_vessel
@@ -65,7 +66,8 @@ def test_what_was_learnt_replays_bit_for_bit_and_is_read_from_the_log(
     with monkeypatch.context() as once:
         reads = Mock(wraps=read_logs)
         once.setattr("autopilot.logs.own_log.read_logs", reads)
-        vessel, (said,) = with_path("boat.yaml", load_vessel("lanxin"), [load_run(str(log))])
+        asked = LogOptions(ReadOptions(path_delay=True))
+        vessel, (said,) = with_path("boat.yaml", load_vessel("lanxin"), [load_run(str(log), options=asked)])
     reads.assert_called_once()
     assert vessel.control.path_delay_s == round(path.delay, 2)
     assert said.startswith(f"Orders came to the rudder {round(path.delay, 2):g} s after their headings: ")
@@ -81,8 +83,22 @@ def test_a_log_of_a_boat_without_gains_is_read_and_one_that_is_not_understood_ho
     for name, text in (("new", dump_vessel(boat)), ("old", "schema_version: 1\n")):
         Recorder(tmp_path / name, {"vessel": text, "law": TRIAL_LAW}, 0.0).close()
     assert math.isnan(path_of(str(tmp_path / "new")).measured)
-    runs = [Run(name, (), late=read_own(str(tmp_path / name)).late) for name in ("old", "new")]
+    asked = ReadOptions(path_delay=True)
+    runs = [Run(name, (), late=read_own(str(tmp_path / name), asked).late) for name in ("old", "new")]
     assert with_path("boat.yaml", boat, runs) == (boat, [])
+
+
+def test_a_path_is_reckoned_only_where_somebody_wants_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = str(tmp_path / "a.tlog")
+    Recorder(Path(log), {"vessel": dump_vessel(load_vessel("lanxin")), "law": TRIAL_LAW}, 0.0).close()
+    reckoned, load = Mock(wraps=path_in), Mock(side_effect=InputError("that is all"))
+    monkeypatch.setattr("autopilot.logs.own_log.path_in", reckoned)
+    read_own(log)
+    assert not reckoned.called
+    monkeypatch.setattr("autopilot.logs.reading.load_run", load)
+    for out in ([], ["--out", str(tmp_path / "boat.yaml")]):
+        main(["identify", log, *out])
+        assert load.call_args.args[-1].reading.path_delay == bool(out)
 
 
 def test_what_was_made_of_the_rudder_before_its_path_was_known_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
