@@ -8,6 +8,7 @@ from autopilot.control.law import LawInForce
 from autopilot.pilot_state import PilotConfig, configured, first_state, reconfigured
 from autopilot.signals import Mode, Order, RudderCommand, Sample, Tick
 from autopilot.supervision.states import MODES
+from autopilot.supervision.supervisor import against_engaging
 from autopilot.tick import Inputs, step
 
 if TYPE_CHECKING:
@@ -62,6 +63,10 @@ class Pilot:
         """Return the tick at `now` [s]: what the samples say, what the order asks, what the rudder is given."""
         self.state, tick = step(self._config, self.state, Inputs(now, samples, order))
         return tick
+
+    def against_engaging(self, tick: Tick) -> str:
+        """Return what would keep an order to engage waiting after `tick`, the last: no heading, or who has the helm."""
+        return against_engaging(self.state.supervisor, self.config.failsafe, tick.state)
 
     def learn(self, tick: Tick) -> None:
         """Learn from a tick. No command ever depends on it: what a learner proposes counts when it is adopted, by

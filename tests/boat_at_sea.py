@@ -100,7 +100,9 @@ class ServedBoat(Sea):
     def __init__(self, transport: Transport | None = None, armed: bool = False) -> None:
         super().__init__()
         near, self.far = loopback_pair()
-        self.commands = Commands(self.skipper, armed, self.mission, None, self.skipper.wind)
+        self.commands = Commands(
+            self.skipper, armed, self.mission, None, self.skipper.wind, self.pilot.against_engaging
+        )
         self.links = [BoatLink(transport or near, self.commands, ParameterServer(NoParameters()))]
         self.station = MavlinkCodec(255, 190)
         self.heard: list[Any] = []

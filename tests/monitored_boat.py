@@ -69,7 +69,9 @@ class Watched(Sea):
         self.tuner = TuningService(self.store, self.service, AtOnce())
         self.files = metadata_files(parameters_of(self.store.running), "0.2.0")
         self.alarms = BothAlarms(self.alarms, Acknowledgements(self.skipper))
-        self.commands = Commands(self.skipper, False, self.mission, self.tuner, self.skipper.wind)
+        self.commands = Commands(
+            self.skipper, False, self.mission, self.tuner, self.skipper.wind, self.pilot.against_engaging
+        )
         self.is_cut = False
         self.keeps_history = True
         self.station = Station()

@@ -218,7 +218,7 @@ class App:
             return links
         from autopilot.links.ground_station.commands import Commands
 
-        commands = Commands(skipper, plan.armed, mission, self._tuning, skipper.wind)
+        commands = Commands(skipper, plan.armed, mission, self._tuning, skipper.wind, self.pilot.against_engaging)
         return [*links, *build_station_links(plan.vessel, plan.stations, commands, self.store, plan.options)]
 
     def _store(self, skipper: RouteSkipper) -> VesselStore:

@@ -39,6 +39,7 @@ LINK_SILENT = "link_silent"
 STEERING_ACTIONS = ("dead_reckoning", "windward")
 """Fail-safe actions that the law carries out; the others need no more than the rudder's last place."""
 CANNOT_ENGAGE = "cannot_engage"
+NO_HEADING = "no heading comes: nothing to steer by"
 
 
 def waits_to_engage(tick: Tick) -> bool:
@@ -132,11 +133,11 @@ class Supervisor:
         `findings`: what the monitors have found, by the names of the catalogue.
         """
         self._serial = order.serial
-        found, lost = findings or {}, self._lost(state)
+        found, lost = findings or {}, _lost(state, self._failsafe)
         if lost:
             found = {lost: AlarmEvent(lost), **found}
         against = _first(found, Response.FAULT, Response.LET_GO, Response.FAILSAFE) if found else ""
-        before, taken = self.memory, self._taken()
+        before, taken = self.memory, _taken(self.memory)
         away, self._went = taken or self._went, None
         if against or before.heading_since is None:
             self._remember(heading_since=None if against else now)
@@ -159,16 +160,6 @@ class Supervisor:
         if self.memory.alarm is not None or self.memory.over_since is not None:
             self._watch_alarm(now, lost)
         return MODES[self.memory.state]
-
-    def _taken(self) -> HelmSample | None:
-        """Return who says that the helm is away, if anybody; who has only to be proved yet comes last."""
-        away: HelmSample | None = None
-        for sample in self.memory.helm.values():
-            if sample.available:
-                continue
-            if away is None or (away.cause is HelmCause.UNPROVEN and sample.cause is not HelmCause.UNPROVEN):
-                away = sample
-        return away
 
     def _is_taken(self, away: HelmSample) -> bool:
         """Return whether a helm that is away was taken from us, and not only has to be proved on engaging: who steers
@@ -260,14 +251,6 @@ class Supervisor:
     def _remember(self, **news: Any) -> None:
         self.memory = self.memory._replace(**news)
 
-    def _lost(self, state: NavState) -> str:
-        heading, rate = state.heading, state.rate
-        if heading != heading or rate != rate:
-            return NOT_FINITE
-        if not state.valid or not state.heading_age <= self._failsafe.heading_timeout:
-            return HEADING_LOST
-        return ""
-
     def _watch_alarm(self, now: float, lost: str) -> None:
         """Notice when what ended the engagement is over for RESUME_AFTER, as far as it is seen after the engagement."""
         # while it is engaged, or stands by, the alarm is neither of them
@@ -330,6 +313,37 @@ class Supervisor:
             return RudderCommand(now, safe, True)
         reach = rate * dt if math.isfinite(rate) else math.inf
         return RudderCommand(now, math.copysign(max(abs(safe) - reach, 0.0), safe), True)
+
+
+def against_engaging(memory: Memory, failsafe: FailsafeAction, state: NavState) -> str:
+    """Return what would keep an order to engage waiting: no heading, or who has the helm; '' where nothing would.
+
+    A helm that has only to be proved on engaging is none of it: the order is what has it proved.
+    """
+    if _lost(state, failsafe):
+        return NO_HEADING
+    taken = _taken(memory)
+    return "" if taken is None or taken.cause is HelmCause.UNPROVEN else taken.reason
+
+
+def _lost(state: NavState, failsafe: FailsafeAction) -> str:
+    heading, rate = state.heading, state.rate
+    if heading != heading or rate != rate:
+        return NOT_FINITE
+    if not state.valid or not state.heading_age <= failsafe.heading_timeout:
+        return HEADING_LOST
+    return ""
+
+
+def _taken(memory: Memory) -> HelmSample | None:
+    """Return who says that the helm is away, if anybody; who has only to be proved yet comes last."""
+    away: HelmSample | None = None
+    for sample in memory.helm.values():
+        if sample.available:
+            continue
+        if away is None or (away.cause is HelmCause.UNPROVEN and sample.cause is not HelmCause.UNPROVEN):
+            away = sample
+    return away
 
 
 def _first(found: Mapping[str, AlarmEvent], *responses: Response) -> str:

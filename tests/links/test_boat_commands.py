@@ -26,6 +26,7 @@ from autopilot.signals import (
     Tick,
 )
 from autopilot.supervision.alarms import CATALOGUE
+from autopilot.supervision.supervisor import NOTHING_SEEN, FailsafeAction, against_engaging
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, IN_PROGRESS = 0, 1, 2, 3, 5
 ARM, SET_MODE, SET_STANDARD_MODE, YAW, CHANGE_HEADING, REPOSITION = 400, 176, 262, 115, 43002, 192
@@ -106,7 +107,14 @@ class Service:
         if position:
             self.guide.take(PositionSample(1.0, 0.0, 0.0))
         self.mission = Mission(self.guide, ITEMS)
-        self.commands = Commands(self.hand, armed, self.mission, self.tuner if tuner else None)  # type: ignore[arg-type]
+        self.memory, self.failsafe = NOTHING_SEEN, FailsafeAction(1.0, "release", 0.0, resume=False)
+        self.commands = Commands(
+            self.hand,  # type: ignore[arg-type]
+            armed,
+            self.mission,
+            self.tuner if tuner else None,
+            against_engaging=lambda at: against_engaging(self.memory, self.failsafe, at.state),
+        )
 
     def give(self, command: int, *values: float, at: Tick | None = STANDBY) -> int:
         return self.commands.execute(command, (*values, *[0.0] * (7 - len(values))), at)
@@ -132,7 +140,7 @@ def test_the_heading_mode_engages_where_none_is_steered(at: Tick | None) -> None
     assert service.hand.orders == [("engage", None)]
 
 
-SILENT = STANDBY._replace(state=STANDBY.state._replace(heading_age=3.1))
+SILENT = STANDBY._replace(state=STANDBY.state._replace(heading_age=1.1))
 NEVER_HEARD = STANDBY._replace(state=STANDBY.state._replace(valid=False))
 ORDERS_THAT_ENGAGE = [
     (SET_MODE, 1.0, 15.0), (SET_MODE, 1.0, 10.0), (MISSION_START, 0.0, 0.0), (ZIGZAG, 10.0, 10.0, 60.0),
@@ -149,19 +157,27 @@ def test_nothing_engages_a_boat_that_is_silent(at: Tick, order: tuple[float, ...
     assert service.give(int(order[0]), *order[1:]) in (ACCEPTED, IN_PROGRESS)
 
 
+def test_how_old_a_heading_may_be_to_engage_on_is_for_the_vessel_to_say() -> None:
+    service = Service()
+    service.failsafe = service.failsafe._replace(heading_timeout=8.0)
+    aged = [STANDBY._replace(state=STANDBY.state._replace(heading_age=age)) for age in (7.9, 8.1)]
+    assert [service.give(SET_MODE, 1.0, 15.0, at=at) for at in aged] == [ACCEPTED, REJECTED]
+
+
 def test_nothing_engages_where_somebody_else_has_the_helm() -> None:
     service = Service()
 
-    def helm(available: bool, reason: str, cause: HelmCause = HelmCause.TAKEN) -> Tick:
-        return STANDBY._replace(samples=(HelmSample(1.0, available, reason, "vehicle", cause),))
+    def helm(available: bool, reason: str, cause: HelmCause = HelmCause.TAKEN) -> None:
+        sample = HelmSample(1.0, available, reason, "vehicle", cause)
+        service.memory = service.memory._replace(helm={"vehicle": sample})
 
-    service.commands.on_tick(helm(False, "the vehicle is not armed"))
+    helm(False, "the vehicle is not armed")
     assert service.give(SET_MODE, 1.0, 15.0) == REJECTED and service.said == "the vehicle is not armed"
-    service.commands.on_tick(helm(False, "to be proved on engaging", HelmCause.UNPROVEN))
+    helm(False, "to be proved on engaging", HelmCause.UNPROVEN)
     assert service.give(SET_MODE, 1.0, 15.0) == ACCEPTED
-    service.commands.on_tick(helm(False, "the vehicle is not armed"))
+    helm(False, "the vehicle is not armed")
     assert service.give(SET_MODE, 1.0, 0.0) == ACCEPTED, "to stand by needs nothing"
-    service.commands.on_tick(helm(True, ""))
+    helm(True, "")
     assert service.give(SET_MODE, 1.0, 15.0) == ACCEPTED
 
 

@@ -65,9 +65,6 @@ class Carrier:
         self.cancels = True
         self.given: list[tuple[Any, ...]] = []
 
-    def on_tick(self, at: Tick) -> None:
-        """Nobody else has the helm."""
-
     def execute(self, command: int, parameters: tuple[float, ...], at: Tick | None) -> int:
         self.given.append((command, parameters, at))
         return self.result

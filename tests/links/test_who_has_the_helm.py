@@ -127,3 +127,22 @@ def test_nothing_engages_by_itself_and_a_hand_on_the_helm_wins(acts: list[str]) 
     watch = Watch()
     for act in ("arm", "upload", *acts):
         watch.do(act)
+
+
+def test_who_has_the_helm_is_known_though_no_station_was_there_when_it_changed() -> None:
+    boat = ServedBoat(armed=True)
+    line, none = boat.links, []
+    guided = (dialect.MAV_CMD_DO_SET_MODE, 1, 15)
+
+    def away(available: bool, reason: str) -> None:
+        boat.links = none
+        boat.sail(0.5, helm=HelmSample(0.0, available, reason, "vehicle"))
+        boat.links = line
+
+    boat.sail(0.5, helm=HelmSample(0.0, False, "the vehicle is disarmed", "vehicle"))
+    assert boat.command(*guided) == dialect.MAV_RESULT_TEMPORARILY_REJECTED
+    away(True, "")
+    assert boat.command(*guided) == dialect.MAV_RESULT_ACCEPTED
+    boat.command(dialect.MAV_CMD_DO_SET_MODE, 1, 0)
+    away(False, "the vehicle is disarmed")
+    assert boat.command(*guided) == dialect.MAV_RESULT_TEMPORARILY_REJECTED

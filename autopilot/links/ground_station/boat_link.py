@@ -225,7 +225,6 @@ class BoatLink(StationLink):
         A flood that was looked away from may wake the loop again.
         """
         self._access.stops.ticked(tick.now, tick.order.kind is not OrderKind.STANDBY)
-        self._commands.on_tick(tick)
         self._telemetry.take(tick)
         self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
         self._access.crowded = False

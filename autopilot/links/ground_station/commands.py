@@ -30,12 +30,11 @@ from autopilot.links.ground_station.mission import NO_POSITION, Mission
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import AvailableModes, CurrentMode
 from autopilot.links.north import MAGNETIC_LEADS
-from autopilot.signals import HelmCause, HelmSample, Mode, OrderKind, Tick
+from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.alarms import BY_NUMBER
+from autopilot.supervision.supervisor import NO_HEADING
 
 HEADING, TRACK, TRIAL, WIND = 15, 10, 3, 1
-HEADING_FRESH_S = 3.0
-"""Without a heading of so late nobody engages from a station."""
 NON_STANDARD, MISSION = 0, 6
 """MAV_STANDARD_MODE."""
 NOT_SELECTABLE = 2
@@ -294,7 +293,8 @@ class Helmsman(Protocol):
 
 class Commands:
     """Carries commands out. `armed`: a ground station, or `run --engage`, has said that the pilot may engage. `wind`:
-    what the helmsman holds the wind by, None where nobody does."""
+    what the helmsman holds the wind by, None where nobody does. `against_engaging`: what keeps the pilot from engaging
+    after a tick, '' for nothing (`Pilot.against_engaging`)."""
 
     def __init__(
         self,
@@ -303,8 +303,10 @@ class Commands:
         mission: Mission,
         tuner: Tuner | None = None,
         wind: WindGuide | None = None,
+        against_engaging: Callable[[Tick], str] = lambda _: "",
     ) -> None:
         self._helmsman = helmsman
+        self._against_engaging = against_engaging
         self.wind = wind
         self.mission = mission
         self.tuner = tuner
@@ -313,7 +315,6 @@ class Commands:
         self.refusal = ""
         """Why the last command was refused, for people."""
         self.running: LongCommand | None = None
-        self._helms: dict[str, HelmSample] = {}
         self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
             int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
@@ -332,12 +333,6 @@ class Commands:
             LEARNING: lambda _, parameters: self._tune(LEARNING, parameters[0]),
             LEVEL: lambda _, parameters: self._tune(LEVEL, parameters[0]),
         }
-
-    def on_tick(self, tick: Tick) -> None:
-        """Take who has the helm, as the tick's samples say."""
-        for sample in tick.samples:
-            if type(sample) is HelmSample:
-                self._helms[sample.source] = sample
 
     def execute(self, command: int, parameters: tuple[float, ...], tick: Tick | None) -> int:
         """Carry out `command` with its parameters 1 to 7, the pilot being at `tick`; return the MAV_RESULT."""
@@ -560,12 +555,9 @@ class Commands:
         """
         if not self._is_armed(tick):
             return "arm first"
-        if tick is not None and tick.mode is Mode.ENGAGED:
-            return ""
-        if tick is None or not (tick.state.valid and tick.state.heading_age <= HEADING_FRESH_S):
-            return "no heading comes: nothing to steer by"
-        away = (helm for helm in self._helms.values() if not helm.available and helm.cause is not HelmCause.UNPROVEN)
-        return next((helm.reason for helm in away), "")
+        if tick is None:
+            return NO_HEADING
+        return "" if tick.mode is Mode.ENGAGED else self._against_engaging(tick)
 
     def _arm(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         if parameters[0] not in (0.0, 1.0):
