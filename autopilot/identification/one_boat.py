@@ -25,10 +25,10 @@ from autopilot.identification.runs import FloatArray, Run, Segment
 
 LOOKED_AT, BY_CHANCE = 0.02, 0.002
 """Of healthy recordings this share is looked at more closely, and at most this share is said to differ."""
-LEAST_APART, MOST_APART = 0.1, 0.3
-"""Shares by which K or T of two parts differ before anything is said, and may differ in a good model: one between them
-is then off by half of it to either side, which is half of what designed gains bear. No boat is quite Norrbin's, and its
-parts differ by less."""
+LEAST_APART, DOUBTFUL, MOST_APART = 0.1, 0.15, 0.3
+"""Shares by which K or T of two parts differ before anything is said, before the model between them is no longer good,
+and before it is not enough. One between parts that differ by 15 % is off by half of it to either side, which is half of
+what designed gains bear; beyond 30 % it may be off by all of that."""
 SHORTEST_PART = 32
 """A part of fewer samples tells of no boat."""
 
@@ -63,8 +63,13 @@ class Differing(NamedTuple):
         return (a / b, 1.0 / b) if min(float(each[1]) for each in (*self.rates, self.whole)) > 0.0 else (a,)
 
     @property
+    def is_doubtful(self) -> bool:
+        """Whether the parts differ by more than those of a good model may: at best it is one to start with."""
+        return self.share > DOUBTFUL
+
+    @property
     def are_two(self) -> bool:
-        """Whether the parts differ by more than one boat's do that is not quite Norrbin's."""
+        """Whether the parts differ by so much that no model between them is one to start with."""
         return self.share > MOST_APART
 
     def sentence(self) -> str:
@@ -77,7 +82,7 @@ class Differing(NamedTuple):
         if any(self.late):
             said.append(f"a rudder late by {self.late[0]:.2g} and {self.late[1]:.2g} s")
         apart = f"{', '.join(said)} by each alone"
-        if not self.are_two:
+        if not self.is_doubtful:
             return f"{self.one} and {self.other} differ by more than gusts explain: {apart}; the intervals hold both"
         return (
             f"{self.one} and {self.other} do not tell of one boat: {apart}; look for what changed between them "

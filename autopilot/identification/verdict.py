@@ -304,8 +304,8 @@ def _undetermined(found: Identified, doubts: Mapping[str, float], explained: flo
     is_on_ridge = found.ratios is not None and found.ratios.on_ridge
     grade: Grade
     is_known = not unknown and not is_on_ridge and max(doubts.values(), default=math.inf) <= ENOUGH
-    if found.differing is not None and found.differing.are_two:
-        grade = "start" if is_known else "not enough"
+    if found.differing is not None and found.differing.is_doubtful:
+        grade = "start" if is_known and not found.differing.are_two else "not enough"
         return Verdict(grade, f"{IN_WORDS[grade]}: {found.differing.sentence()}.")
     if is_known and found.around is None and found.likely is not None and found.likely.unseen.stops:
         return Verdict("start", f"good for a start: {stopped_short(found.likely.unseen)}.")

@@ -15,9 +15,10 @@ from independent_boat import Boat, Sea, sailed
 from autopilot.identification.compass_and_gyro import on_one_course, turned_apart
 from autopilot.identification.identify import identify
 from autopilot.identification.marginal_likelihood import Rates
+from autopilot.identification.one_boat import Differing
 from autopilot.identification.residual_tests import ResidualTest
 from autopilot.identification.runs import Run, run_from_columns
-from autopilot.identification.verdict import verdict_on_runs
+from autopilot.identification.verdict import verdict_of, verdict_on_runs
 
 BOAT = Boat(0.43 / 3.5, 1.0 / 3.5, 6.0 / 3.5, 0.0015)
 LOADED = BOAT._replace(a=BOAT.a / 1.65)
@@ -43,7 +44,7 @@ def sailed_by(first: Boat, second: Boat, later: Boat | None = None, seed: int = 
 def test_two_boats_are_never_called_good(runs: list[Run], named: tuple[str, ...]) -> None:
     found = identify(runs)
     grade, sentence = verdict_on_runs(found, runs, math.inf)
-    assert grade in ("start", "not enough") and found.differing is not None
+    assert grade == "not enough" and found.differing is not None
     assert all(name in sentence for name in named)
     # by each alone K is that of a boat that was there
     gains = [a / b for a, b, *_ in found.differing.rates]
@@ -58,6 +59,24 @@ def test_one_boat_in_two_logs_is_good() -> None:
     assert found.differing is None and verdict_on_runs(found, runs, math.inf).grade == "good"
     answering = verdict_on_runs(found._replace(answers=0.7), runs, math.inf)
     assert answering.grade == "start" and "70 % of the rudder's motion goes with" in answering.sentence
+    assert verdict_of(found._replace(answers=0.7)).grade == "not enough", (
+        "nothing says that rudder and speed explain it"
+    )
+    whole = np.array(found.likely.rates if found.likely else ())
+    for apart, grade in ((1.12, "good"), (1.25, "start"), (1.4, "not enough")):
+        differ = Differing("one.csv", "two.csv", (whole, whole * (apart, 1.0, 1.0, 1.0)), whole, (0.0, 0.0), 1.0e-6)
+        answer = verdict_on_runs(found._replace(differing=differ), runs, math.inf)
+        assert answer.grade == grade
+        is_named = (
+            "one.csv and two.csv do not tell of one boat: K " in answer.sentence and " s by each" in answer.sentence
+        )
+        assert is_named == (grade != "good")
+
+
+def test_two_boats_a_quarter_apart_are_never_called_good() -> None:
+    runs = sailed_by(BOAT, BOAT._replace(a=BOAT.a / 1.25))
+    grade, sentence = verdict_on_runs(identify(runs), runs, math.inf)
+    assert grade == "start" and "one.csv and two.csv do not tell of one boat: K 0." in sentence
 
 
 def test_parts_that_differ_by_little_are_one_boat() -> None:
