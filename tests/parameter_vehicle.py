@@ -239,16 +239,22 @@ class BadLink:
 
 
 def converse(
-    client: Any, vehicle: ParameterVehicle, up: BadLink, down: BadLink, limit_s: float, rate: int = 20
+    client: Any,
+    vehicle: ParameterVehicle,
+    up: BadLink,
+    down: BadLink,
+    limit_s: float,
+    rate: int = 20,
+    begin: float = 0.0,
 ) -> float:
-    """Let both talk on a manual clock of 20 ms ticks until the client is finished; returns the seconds it took."""
+    """Let both talk on a manual clock of 20 ms ticks from `begin` until the client is finished; returns the seconds."""
     from autopilot.links.mavlink.codec import MavlinkCodec
 
     ground, aboard = MavlinkCodec(255, 190), MavlinkCodec(1, 1)
     tick = 0
     while not client.finished:
-        now = 0.02 * tick
-        assert now < limit_s, f"not finished after {limit_s} s: {client.progress}"
+        now = begin + 0.02 * tick
+        assert 0.02 * tick < limit_s, f"not finished after {limit_s} s: {client.progress}"
         for message in client.due(now):
             up.send(now, ground.encode(message))
         for packet in up.arrived(now):

@@ -40,7 +40,7 @@ from autopilot.firmware.journal import (
 from autopilot.firmware.metadata import Marks, settings_of
 from autopilot.firmware.protocol import Number
 from autopilot.firmware.session import ParameterSession, Vehicle
-from autopilot.firmware.upload import Change, Outcome, Upload, Verdict
+from autopilot.firmware.upload import Change, Outcome, Pause, Upload, Verdict
 from autopilot.links.base import LinkError
 
 INTERRUPTED = 130
@@ -70,6 +70,8 @@ def upload(arguments: argparse.Namespace, *, settles: bool = False) -> int:
             earlier = None
             if not arguments.dry_run:
                 earlier = _unfinished(session, arguments, wanted if settles else [], marks)
+            if earlier is not None:
+                session.run(Pause(), lambda done, total: None)
             attempt = Upload(session.vehicle.target, wanted)
             with ProgressBar("reading") as bar:
                 session.run(attempt, bar.update)

@@ -26,7 +26,7 @@ from autopilot.firmware.file import Wanted
 from autopilot.firmware.metadata import Kept, Marks, kept_by_firmware
 from autopilot.firmware.protocol import Number, ParameterValue, same_value
 from autopilot.firmware.session import ParameterSession, Progress, Vehicle
-from autopilot.firmware.upload import Change, Outcome, Upload, enabled_group
+from autopilot.firmware.upload import Change, Outcome, Pause, Upload, enabled_group
 
 FORMAT = 1
 LONGEST = 16 << 20
@@ -197,7 +197,11 @@ def carry_out(session: ParameterSession, upload: Upload, save: Save, progress: P
 
 
 def put(session: ParameterSession, journal: Journal, side: Holds, progress: Progress) -> list[Outcome]:
-    """Set every parameter of the journal to its old or new value and return what became of each."""
+    """Set every parameter of the journal to its old or new value and return what became of each.
+
+    What the upload sent last arrives first: on a link that reorders, a set may be behind the answer to a read.
+    """
+    session.run(Pause(), progress)
     wanted = [Wanted((change.name,), change.old if side is Holds.OLD else change.new) for change in journal.changes]
     upload = Upload(session.vehicle.target, wanted)
     session.run(upload, progress)
@@ -208,6 +212,7 @@ def put(session: ParameterSession, journal: Journal, side: Holds, progress: Prog
 def held_side(session: ParameterSession, journal: Journal, progress: Progress) -> Holds:
     """Return which of the journal's sets the vehicle holds; where both are the same, the new one."""
     client = NamedDownload(session.vehicle.target, [change.name for change in journal.changes])
+    session.run(Pause(), progress)
     session.run(client, progress)
     if holds_side(journal.changes, client.values, Holds.NEW):
         return Holds.NEW

@@ -140,6 +140,25 @@ class _Item:
         return 0 if self.wanted.value else 2
 
 
+class Pause:
+    """Asks nothing for `SETTLE_S`: the sets of an upload that was cut off, and their answers, arrive meanwhile."""
+
+    progress = (0, 1)
+
+    def __init__(self) -> None:
+        self._until: float | None = None
+        self.finished = False
+
+    def receive(self, now: float, message: Message) -> None:
+        """Pass over it."""
+
+    def due(self, now: float) -> list[Message]:
+        """Return nothing."""
+        self._until = now + SETTLE_S if self._until is None else self._until
+        self.finished = now >= self._until
+        return []
+
+
 class Upload:
     """Writes `wanted` to the target. Give `receive` every message and send what `due` returns, until `finished`.
 

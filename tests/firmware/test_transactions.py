@@ -27,14 +27,18 @@ class PowerLostError(Exception):
 class BenchSession:
     """Stands in for a session: a manual clock, and power until so many packets have been sent."""
 
-    def __init__(self, vehicle: ParameterVehicle, loss: float, packets: int | None = None) -> None:
+    def __init__(
+        self, vehicle: ParameterVehicle, loss: float, packets: int | None = None, seed: int = 1, latest_s: float = 0.05
+    ) -> None:
         self.vehicle = Vehicle(1, 1, 3, 11, False)
         self._device = vehicle
-        self._up, self._down = BadLink(1, loss, 0.1, (0.005, 0.05)), BadLink(2, loss, 0.1, (0.005, 0.05))
+        self._up, self._down = (BadLink(seed + side, loss, 0.1, (0.005, latest_s)) for side in (0, 1))
+        self._now = 0.0
         self._left = packets
         plain = self._up.send
 
         def send(now: float, packet: bytes) -> None:
+            self._now = now
             if self._left is not None:
                 self._left -= 1
                 if self._left < 0:
@@ -51,8 +55,12 @@ class BenchSession:
                 self._device.handle(message)
         self._device.waiting.clear()
 
+    def cut_after(self, packets: int | None) -> None:
+        """Lose the power after so many packets more, None: never."""
+        self._left = packets
+
     def run(self, client: Any, show: Any) -> None:
-        converse(client, self._device, self._up, self._down, limit_s=600.0)
+        self._now += converse(client, self._device, self._up, self._down, limit_s=600.0, begin=self._now)
 
 
 def session(vehicle: ParameterVehicle, loss: float, packets: int | None = None) -> ParameterSession:
@@ -194,3 +202,22 @@ def test_which_side_a_vehicle_is_on(values: dict[str, ParameterValue], old: bool
     changes = (Change("A", REAL32, 1.0, 2.0), Change("G_ENABLE", INT8, 0, 1), Change("G_X", REAL32, 1.0, 2.0))
     assert holds_side(changes, values, Holds.OLD) is old
     assert holds_side(changes, values, Holds.NEW) is new
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_set_that_is_still_under_way_does_not_outlive_the_way_back(seed: int) -> None:
+    old = {f"P{number}": (float(number), REAL32) for number in range(9)}
+    vehicle = ParameterVehicle(old)
+    bench = BenchSession(vehicle, 0.0, None, 100 * seed, 0.5)
+    upload = Upload(bench.vehicle.target, [Wanted((name,), value + 1.0) for name, (value, _) in old.items()])
+    kept: list[list[Change]] = []
+    with pytest.raises(PowerLostError):
+        bench.run(upload, None)
+        bench.cut_after(1 + seed % 8)
+        carry_out(cast(ParameterSession, bench), upload, kept.append, quiet)
+    bench.cut_after(None)
+    journal = Journal("file", "", 1, "", "", "", tuple(kept[-1]))
+    outcomes = put(cast(ParameterSession, bench), journal, Holds.OLD, quiet)
+    assert len(outcomes) == 9 and all(each.is_good for each in outcomes)
+    bench.deliver()
+    assert {name: tuple(entry) for name, entry in vehicle.table.items()} == old
