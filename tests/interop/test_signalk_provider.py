@@ -82,7 +82,7 @@ def test_signal_k_programs_steer_the_boat_and_strangers_do_not(tmp_path: Path) -
             assert server.ask(f"{pilots}/norrbin/engage", None, "POST")[0] == 200
             until("engaged again", lambda: server.value("steering/autopilot/state") == "auto")
             # a bridge that stands still: the order fails, and is not carried out when it goes on
-            before = server.ask(f"{pilots}/norrbin/target")[1]["value"]
+            before = until("a target again", lambda: server.ask(f"{pilots}/norrbin/target")[1]["value"])
             bridging.send_signal(signal.SIGSTOP)
             assert server.ask(f"{pilots}/norrbin/target", 200, "PUT")[0] in (503, 504)
             until("a bridge that is silent", lambda: server.value("steering/autopilot/state") == "off-line")
