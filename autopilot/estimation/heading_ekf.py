@@ -286,8 +286,7 @@ def predict_mean(model: Norrbin, state: FilterState, rudder: float, time: float)
     psi = psi if -PI < psi <= PI else wrap(psi)
     rate += dt * once * acceleration
     if sea.heading > 0.0:
-        w0 = math.sqrt(sea.rate / (sea.heading * WAVE_STIFFENING))
-        a33, a34, a35, a43, a44, a45, _, _, _ = wave_step(w0, dt)
+        a33, a34, a35, a43, a44, a45, _, _, _ = wave_step(frequency(sea), dt)
         h, s = a33 * h + a34 * s + a35 * e, a43 * h + a44 * s + a45 * e
     return psi, rate, h, s
 

@@ -222,12 +222,12 @@ def likelihood_fit(
         boat, joint[:4, :4], train, errors, weather, loss, late_error, NOTHING_UNSEEN, motions, form, joint
     )
     if around is not None:
-        return fit._replace(form=form, around=around.start)
+        return fit._replace(around=around.start)
     unseen = _unseen(space, best, memory, least_play(segments))
     power = _speed_power(space, best) if form.law.is_rudder else None
     if power is not None:
         power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
-    return fit._replace(form=form, unseen=unseen, power=power)
+    return fit._replace(unseen=unseen, power=power)
 
 
 def sliding(memory: float) -> dict[str, float]:

@@ -34,7 +34,7 @@ from autopilot.identification.likelihood_fit import (
     start_rates,
 )
 from autopilot.identification.likelihood_search import SWAY
-from autopilot.identification.likelihood_surroundings import USUAL_RACE, Surroundings
+from autopilot.identification.likelihood_surroundings import Surroundings, usual_race
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.one_boat import differing
 from autopilot.identification.residual_tests import answered_share, predict, simulate_run
@@ -167,7 +167,7 @@ def beside_surroundings(more: Identified, likely: Identified, runs: Sequence[Run
     names: tuple[str, ...] = ("race",) if has_propeller(runs) and around.reference_propeller > 0.0 else ()
     names += ("wind_beam", "wind_quarter") if has_wind(runs) else ()
     if "race" in names and around.race <= 0.0:
-        around = around._replace(race=USUAL_RACE * (speed / around.reference_propeller) ** 2)
+        around = around._replace(race=usual_race(speed, around.reference_propeller))
     K, T, n3, _, _, n0, _ = more.model
     parts = tuple(name for name in found.train_errors if getattr(found.train, name) > 0.0)
     segments = tuple(segment for run in runs for segment in run.segments)

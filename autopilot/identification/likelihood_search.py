@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from autopilot.identification.likelihood_record import Record, rudder_on
-from autopilot.identification.likelihood_surroundings import RACE_DOUBT, WIDE, Beside
+from autopilot.identification.likelihood_surroundings import RACE_DOUBT, WIDE, Beside, usual_race
 from autopilot.identification.marginal_likelihood import (
     Path,
     Rates,
@@ -126,6 +126,7 @@ class Space:
         self.names += ["gyro"] if self.has_gyro else []
         self.names += ["compass"] if self.has_compass else []
         self.names += ["wave", "wave_frequency", "wave_damping"] if weather.wave > 0.0 else []
+        self.logs = (*self.names[len(RATE_NAMES) :], *parts)
         self.names += (*parts, *self.around)
         gust = scale.a * math.radians(0.3)
         self.boat = [i for i, name in enumerate(self.names) if name in (*RATE_NAMES, *parts, *self.around)]
@@ -142,24 +143,21 @@ class Space:
             **{part: _Prior(math.log(_usual(part, train, parts)), 1.2) for part in parts},
         }
         if beside is not None:
-            self.priors |= dict.fromkeys(beside.names, _Prior(0.0, 1.0)) | {
-                "race": _Prior(beside.usual_race, RACE_DOUBT)
-            }
+            usual = math.log(usual_race(beside.reference_speed, beside.start.reference_propeller))
+            self.priors |= dict.fromkeys(beside.names, _Prior(0.0, 1.0)) | {"race": _Prior(usual, RACE_DOUBT)}
         self.path = begin_path(record)
         if weather.wave > 0.0:
             self.path = np.concatenate([self.path, np.zeros((record.nodes, 2))], axis=1)
         self.rudder = rudder_on(record, train)
         first = [getattr(start, name) / getattr(scale, name) for name in RATE_NAMES]
-        named = self.names[4 : len(self.names) - len(self.around)]
-        rest = [math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in named]
+        rest = [math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in self.logs]
         self.start = np.array([*first, *rest, *([] if beside is None else beside.closed())])
 
     def opened(self, z: FloatArray) -> tuple[Rates, Weather, RudderTrain]:
         """Return what the vector stands for."""
         known = dict(zip(self.names, z.tolist(), strict=True))
         rates = Rates(**{name: known[name] * getattr(self.scale, name) for name in RATE_NAMES})
-        named = self.names[4 : len(self.names) - len(self.around)]
-        others = {name: math.exp(min(max(known[name], -WIDE), WIDE)) for name in named}
+        others = {name: math.exp(min(max(known[name], -WIDE), WIDE)) for name in self.logs}
         train = self.train._replace(**{name: others[name] for name in self.parts})
         weather = self.base._replace(**{name: value for name, value in others.items() if name not in self.parts})
         if "wave_damping" in others:

@@ -27,6 +27,11 @@ USUAL_RACE = 0.5
 """Of the speed's square: what a race usually adds to the flow past the rudder at the mean revolutions."""
 
 
+def usual_race(reference_speed: float, reference_propeller: float) -> float:
+    """Return the race that is usual at the reference speed [m/s] and revolutions [1/s]."""
+    return USUAL_RACE * (reference_speed / max(reference_propeller, 1.0e-9)) ** 2
+
+
 class Surroundings(NamedTuple):
     """names: of `RaceAndWind`'s fields, what is searched for, beginning at `start`."""
 
@@ -52,11 +57,6 @@ class Beside(NamedTuple):
     def units(self) -> FloatArray:
         """Of each number that is searched for, as it stands in a covariance."""
         return np.array([1.0 if name == "race" else self.unit for name in self.names])
-
-    @property
-    def usual_race(self) -> float:
-        """The logarithm of what is usual."""
-        return math.log(USUAL_RACE * (self.reference_speed / max(self.start.reference_propeller, 1.0e-9)) ** 2)
 
     def opened(self, z: Mapping[str, float]) -> RaceAndWind:
         """Return what the numbers that are searched for stand for."""

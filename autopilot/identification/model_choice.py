@@ -27,6 +27,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Identified, Question, Steps, identified_from
+from autopilot.identification.likelihood_surroundings import USUAL_RACE, usual_race
 from autopilot.identification.output_error import Solution, solve
 from autopilot.identification.residuals import NO_TRIMS, Fitted, RunTrims, typical_rate
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
@@ -51,8 +52,6 @@ SETTLED, MOST_DRIFT = 0.5, 0.9
 boat's own T and K is nothing, and anything slow is explained by it."""
 SPEED_VARIES = 0.1
 """A race at revolutions that nobody recorded is looked for where the speed varies by this share of its mean."""
-START_RACE = 0.5
-"""Where the fit of the race begins: c n0^2/U0^2."""
 START_N3 = 0.2
 """Where the fit of n3 beside a race begins, in units of the typical rate squared."""
 WORTH_IT = 0.98
@@ -87,9 +86,9 @@ def extended(
         start = start._replace(n3=max(start.n3, START_N3 / typical_rate(_segments(runs)) ** 2))
     around = RaceAndWind(race=0.0, reference_propeller=mean_propeller(runs) if "race" in names else 0.0)
     if "race" in names:
-        around = around._replace(race=START_RACE * (start.reference_speed / around.reference_propeller) ** 2)
+        around = around._replace(race=usual_race(start.reference_speed, around.reference_propeller))
     if "steady_race" in names:
-        around = around._replace(steady_race=START_RACE * start.reference_speed**2)
+        around = around._replace(steady_race=USUAL_RACE * start.reference_speed**2)
     found = solve(runs, Fitted(start, around, train, trims), (*base, *names), steps.next)
     if "n3" in base and has_wind(runs) and (drifting := _with_drift(runs, found, steps)) is not None:
         found, names = drifting, (*names, *DRIFT)

@@ -415,7 +415,7 @@ class Commands:
         if tick is None or not self.mission.guide.fix.is_fresh(tick.now):
             return self._refuse(REJECTED, NO_POSITION)
         changes_mode = math.isfinite(flags) and int(flags) & dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-        if tick is None or not _steers(tick):
+        if not _steers(tick):
             if not changes_mode or not self._is_armed(tick):
                 return self._refuse(REJECTED, "not engaged: arm, and set mode GUIDED or the flag that changes it")
             if obstacle := self._obstacle(tick):

@@ -84,8 +84,11 @@ class VehicleClock:
     @property
     def offset(self) -> float | None:
         """Local time less the vehicle's time since boot [s], None before the first message."""
-        least = self._previous if self._previous < self._current else self._current
-        return least if self._newest > -math.inf else None
+        return self._least if self._newest > -math.inf else None
+
+    @property
+    def _least(self) -> float:
+        return self._previous if self._previous < self._current else self._current
 
     def judge(self, now: float, boot: float) -> Belongs:
         """Return whether a message of `boot` [s], arrived at `now` [s], is of the clock that is followed.
@@ -100,7 +103,7 @@ class VehicleClock:
         if -WRAP_S <= behind < AHEAD_S - WRAP_S:
             return Belongs.STRANGE
         silence = now - self._received
-        is_behind, least = behind > REBOOT_S, self._previous if self._previous < self._current else self._current
+        is_behind, least = behind > REBOOT_S, self._least
         if boot < silence and (is_behind or now - boot - least > REBOOT_S):
             return Belongs.REBOOTED
         if not is_behind and (self._newest == -math.inf or boot + least <= now + AHEAD_S):
