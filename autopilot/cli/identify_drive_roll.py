@@ -196,6 +196,7 @@ def identified_roll(arguments: argparse.Namespace) -> str:
     Raises InputError where the log has no roll or its rudder does not move it, or where no law can be made of it.
     """
     from autopilot.cli.log import log_options, print_newer, vessel_of
+    from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import check_folder
     from autopilot.logs.reading import load_recording
     from autopilot.logs.table import table_of
@@ -218,7 +219,9 @@ def identified_roll(arguments: argparse.Namespace) -> str:
                 f"{arguments.out}: give --vessel FILE with the boat's model and rudder; roll alone steers none."
             )
     print_newer([log])
-    recording = load_recording(log, log_options(arguments, vessel_of(arguments)).reading)
+    with ProgressBar("reading") as bar:
+        reading = log_options(arguments, vessel_of(arguments)).reading
+        recording = load_recording(log, reading._replace(progress=bar.update_share))
     columns = dict(table_of(recording, log_options(arguments, vessel).rudder).columns)
     if arguments.reverse_rudder and "rudder_rad" in columns:
         columns["rudder_rad"] = -columns["rudder_rad"]

@@ -19,7 +19,19 @@ from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
 from autopilot.files.printable import printable
 from autopilot.files.strict_yaml import read_document
-from autopilot.logs.series import LARGEST, STEPS_S, LogFormat, Recording, check_steps, clock_of, on_one_clock, series_of
+from autopilot.logs.series import (
+    LARGEST,
+    STEPS_S,
+    LogFormat,
+    Progress,
+    Recording,
+    check_steps,
+    clock_of,
+    counted,
+    on_one_clock,
+    series_of,
+    silent,
+)
 
 KNOT_M_S = 1852.0 / 3600.0
 NAMED_MOST, NAME_MOST, COMPARED_MOST = 30, 40, 1000
@@ -104,7 +116,9 @@ class Columns(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def read_csv(path: str, column_map: Mapping[str, str] | None = None, needs: Need = RUN_NEEDS) -> Columns:
+def read_csv(
+    path: str, column_map: Mapping[str, str] | None = None, needs: Need = RUN_NEEDS, progress: Progress = silent
+) -> Columns:
     """Return the columns of a CSV file, their times on one clock.
 
     Without a map the columns that are named by quantity and unit are taken. Raises InputError, naming file,
@@ -114,7 +128,7 @@ def read_csv(path: str, column_map: Mapping[str, str] | None = None, needs: Need
     header, lines, rows = _rows(path, column_map is not None)
     places = _places(path, header, column_map, needs)
     columns = {name: np.empty(len(rows)) for name, _, _ in places}
-    for row, (line, cells) in enumerate(zip(lines, rows, strict=True)):
+    for row, (line, cells) in enumerate(counted(list(zip(lines, rows, strict=True)), progress)):
         for name, index, factor in places:
             columns[name][row] = _number(path, line, header[index], cells[index]) * factor
     if "time_s" not in columns:
@@ -300,9 +314,9 @@ def _check_order(path: str, lines: Sequence[int], time: FloatArray, order: IntAr
         )
 
 
-def read_table(path: str, column_map: Mapping[str, str] | None) -> Recording:
+def read_table(path: str, column_map: Mapping[str, str] | None, progress: Progress = silent) -> Recording:
     """Return the recording in a CSV table. Raises InputError."""
-    columns, notes = read_csv(path, column_map, (("time_s",),))
+    columns, notes = read_csv(path, column_map, (("time_s",),), progress)
     time = columns.pop("time_s")
     series = [s for name, values in columns.items() for s in series_of(name, "table", time, values)]
     return on_one_clock(Recording(path, "CSV table", tuple(series), None, notes))
@@ -311,8 +325,8 @@ def read_table(path: str, column_map: Mapping[str, str] | None) -> Recording:
 FORMAT = LogFormat(
     "a CSV table",
     lambda data: True,
-    lambda path, data, options: read_table(path, options.columns),
+    lambda path, data, options: read_table(path, options.columns, options.progress),
     is_text=True,
-    run=lambda path, options: read_csv(path, options.columns, RUN_NEEDS),
+    run=lambda path, options: read_csv(path, options.columns, RUN_NEEDS, options.progress),
 )
 """What is text and nothing else: the last to be asked."""

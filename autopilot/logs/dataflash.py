@@ -31,16 +31,19 @@ from autopilot.logs.series import (
     RATE,
     ROLL,
     SHARE,
+    SHOWN_SHARE,
     SPEED,
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
     LogFormat,
+    Progress,
     ReadOptions,
     Recording,
     Series,
     on_one_clock,
     series_of,
+    silent,
 )
 from autopilot.logs.table import steering_series, steering_servo
 
@@ -88,7 +91,7 @@ class DataFlash:
     Attributes: skipped: bytes that belonged to no message. torn: bytes of a message that the file's end cut off.
     """
 
-    def __init__(self, path: str, data: bytes, wanted: Sequence[str]) -> None:
+    def __init__(self, path: str, data: bytes, wanted: Sequence[str], progress: Progress = silent) -> None:
         self._path = path
         self._lengths = [0] * 256
         self._lengths[FMT] = FMT_LENGTH
@@ -99,7 +102,7 @@ class DataFlash:
         self.skipped = 0
         self.torn = 0
         self._data = np.frombuffer(data, dtype=np.uint8)
-        self._walk(data)
+        self._walk(data, progress)
         if self.skipped > DAMAGED_SHARE * len(data):
             raise InputError(
                 f"{path}: {self.skipped} of {len(data)} bytes belong to no message; the log is damaged beyond use."
@@ -134,9 +137,13 @@ class DataFlash:
         payload = self._data[starts + np.arange(layout.dtype.itemsize)]
         return np.ascontiguousarray(payload).view(layout.dtype)[:, 0]
 
-    def _walk(self, data: bytes) -> None:
+    def _walk(self, data: bytes, progress: Progress) -> None:
         place, end, lengths, lists = 0, len(data), self._lengths, self._lists
+        shown = 0
         while place + 3 <= end:
+            if place >= shown:
+                progress(place, end)
+                shown = place + end // SHOWN_SHARE
             kind = data[place + 2]
             length = lengths[kind] if data[place] == 0xA3 and data[place + 1] == 0x95 else 0
             if not length:
@@ -234,7 +241,7 @@ WEEK_S = 604_800.0
 
 def read_dataflash(path: str, data: bytes, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
     """Return the recording in a .BIN. Raises InputError."""
-    log = DataFlash(path, data, WANTED)
+    log = DataFlash(path, data, WANTED, options.progress)
     with np.errstate(all="ignore"):  # a damaged number may be anything; what is not finite is left out
         return _recording(path, log, options)
 

@@ -14,7 +14,6 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,11 +36,14 @@ from autopilot.logs.series import (
     SPEED,
     WIND_DIRECTION,
     WIND_SPEED,
+    CountedBytes,
     LogFormat,
+    Progress,
     Recording,
     Series,
     on_one_clock,
     series_of,
+    silent,
 )
 from autopilot.logs.table import EXTRA, save
 from autopilot.runtime.record import PAYLOAD_TYPE, Log
@@ -70,7 +72,7 @@ MESSAGE_MOST = 4096
 NAMED_MOST = 8
 
 
-def read_mcap(path: str, data: bytes) -> Recording:
+def read_mcap(path: str, data: bytes, progress: Progress = silent) -> Recording:
     """Return the recording in an exported file. Raises InputError, also without the extra."""
     try:
         import mcap.records as kinds
@@ -80,7 +82,7 @@ def read_mcap(path: str, data: bytes) -> Recording:
     topics: dict[int, tuple[str, str, str]] = {}
     found: defaultdict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
     damage, broken = "", 0
-    records = _records(data)
+    records = _records(data, progress)
     while True:
         try:
             record = next(records, None)
@@ -110,12 +112,12 @@ def read_mcap(path: str, data: bytes) -> Recording:
     return on_one_clock(Recording(path, "MCAP", tuple(series), 0.0 if is_dated else None, notes))
 
 
-def _records(data: bytes) -> Iterator[Any]:
+def _records(data: bytes, progress: Progress) -> Iterator[Any]:
     """Yield the records of a file, those of a chunk unpacked to what it announces and no more than CHUNK_MOST."""
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader, breakup_chunk
 
-    for record in StreamReader(BytesIO(data), emit_chunks=True, record_size_limit=len(data)).records:
+    for record in StreamReader(CountedBytes(data, progress), emit_chunks=True, record_size_limit=len(data)).records:
         if not isinstance(record, Chunk):
             yield record
             continue
@@ -332,7 +334,7 @@ def _word(source: str) -> str:
 FORMAT = LogFormat(
     "an exported .mcap",
     lambda data: data.startswith(HEAD),
-    lambda path, data, options: read_mcap(path, data),
+    lambda path, data, options: read_mcap(path, data, options.progress),
     ".mcap",
     "is no MCAP file, or its beginning is lost.",
 )

@@ -21,7 +21,17 @@ from autopilot.files.outside import parse_json
 from autopilot.links.n2k.packets import LAYOUTS
 from autopilot.links.n2k.samples import INSTRUMENTS
 from autopilot.logs.n2k_text import BAD_SHARE, LOOK_AT, Message, dashed, recording_of
-from autopilot.logs.series import EPOCH_FROM, LogFormat, Recording, stamp_of, stamped, without_outliers
+from autopilot.logs.series import (
+    EPOCH_FROM,
+    LogFormat,
+    Progress,
+    Recording,
+    counted,
+    silent,
+    stamp_of,
+    stamped,
+    without_outliers,
+)
 
 LINE_MOST = 65536
 GROUP = re.compile(rb'"pgn"\s*:\s*(\d{1,6})\b')
@@ -43,11 +53,11 @@ def is_n2k_json(data: bytes) -> bool:
     return data[:3].lstrip(b"\xef\xbb\xbf \r\n")[:1] == b"{" and GROUP.search(head) is not None and b'"fields"' in head
 
 
-def read_n2k_json(path: str, data: bytes, variation: float | None = None) -> Recording:
+def read_n2k_json(path: str, data: bytes, variation: float | None = None, progress: Progress = silent) -> Recording:
     """Return the recording in such lines. variation [rad], east positive. Raises InputError."""
     messages: list[tuple[str, int, int, dict[str, object]]] = []
     good = bad = 0
-    for line in data.splitlines():
+    for line in counted(data.splitlines(), progress):
         group = GROUP.search(line)
         if group is None:
             bad += bool(line.strip()) and not line.lstrip().startswith(b"{")
@@ -138,6 +148,6 @@ def _si(fields: dict[str, object], factor: float) -> dict[str, object]:
 FORMAT = LogFormat(
     "",
     is_n2k_json,
-    lambda path, data, options: read_n2k_json(path, data, options.variation),
+    lambda path, data, options: read_n2k_json(path, data, options.variation, options.progress),
     is_text=True,
 )

@@ -71,11 +71,14 @@ from autopilot.logs.series import (
     WIND_SPEED,
     FloatArray,
     LogFormat,
+    Progress,
     Recording,
     Series,
+    counted,
     on_one_clock,
     quantities_of,
     series_of,
+    silent,
     spread,
     stamp_of,
     stamped,
@@ -230,12 +233,12 @@ def is_n2k_text(data: bytes) -> bool:
     return good > 0 and good >= len(re.findall(rb"\$[A-Z]{5},", head))
 
 
-def read_n2k(path: str, data: bytes, variation: float | None = None) -> Recording:
+def read_n2k(path: str, data: bytes, variation: float | None = None, progress: Progress = silent) -> Recording:
     """Return the recording in a log of such lines. Raises InputError.
 
     variation [rad], east positive: of magnetic headings that bring none.
     """
-    kind, frames, good, bad = lines_of(data)
+    kind, frames, good, bad = lines_of(data, progress)
     count = good + bad
     if bad > BAD_SHARE * count:
         raise InputError(f"{path}: {bad} of {count} lines are none of a {kind}; it is damaged.")
@@ -266,13 +269,13 @@ def read_n2k(path: str, data: bytes, variation: float | None = None) -> Recordin
     return found._replace(notes=(*notes, *found.notes))
 
 
-def lines_of(data: bytes) -> Lines:
+def lines_of(data: bytes, progress: Progress = silent) -> Lines:
     """Return the lines of whatever is in a file; blank ones, comments (#) and a device's status are none."""
     kinds = dict.fromkeys(PATTERNS, 0)
     pattern, kind = PATTERNS["canboat log"], "canboat log"
     frames: list[Frame] = []
     bad = 0
-    for place, raw in enumerate(data.splitlines()):
+    for place, raw in enumerate(counted(data.splitlines(), progress)):
         line = raw[: LINE_MOST + 1].decode("ascii", "replace").strip()
         if not line or line.startswith(("#", "$PDGY,")):
             continue
@@ -368,6 +371,6 @@ def _spread(path: str, kind: str, frames: Sequence[Frame]) -> tuple[list[Message
 FORMAT = LogFormat(
     "an NMEA 2000 log in text",
     is_n2k_text,
-    lambda path, data, options: read_n2k(path, data, options.variation),
+    lambda path, data, options: read_n2k(path, data, options.variation, options.progress),
     is_text=True,
 )

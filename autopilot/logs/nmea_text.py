@@ -40,12 +40,15 @@ from autopilot.logs.series import (
     WIND_SPEED,
     FloatArray,
     LogFormat,
+    Progress,
     Recording,
     Series,
+    counted,
     of_day,
     on_one_clock,
     quantities_of,
     series_of,
+    silent,
     spread,
     stamp_of,
     stamped,
@@ -109,11 +112,11 @@ def is_nmea_text(data: bytes) -> bool:
     return bool(_lines(data[:LOOK_AT])[0])
 
 
-def read_nmea(path: str, data: bytes, variation: float | None = None) -> Recording:
+def read_nmea(path: str, data: bytes, variation: float | None = None, progress: Progress = silent) -> Recording:
     """Return the recording in a file of sentences. variation [rad], east positive: of magnetic compasses, None to take
     what the sentences say, and where they say none leave headings magnetic. Raises InputError.
     """
-    lines, bad = _lines(data)
+    lines, bad = _lines(data, progress)
     if bad > BAD_SHARE * (len(lines) + bad):
         raise InputError(f"{path}: {bad} of {len(lines) + bad} sentences have a wrong checksum or form; it is damaged.")
     time, date, notes = _times(path, lines)
@@ -128,10 +131,10 @@ def read_nmea(path: str, data: bytes, variation: float | None = None) -> Recordi
     return on_one_clock(Recording(path, "NMEA 0183 sentences", tuple(series), date, tuple(notes)))
 
 
-def _lines(data: bytes) -> tuple[list[Line], int]:
+def _lines(data: bytes, progress: Progress = silent) -> tuple[list[Line], int]:
     """Return the sentences, and how many lines had a sentence that was wrong."""
     lines, bad, place = [], 0, 0
-    for raw in data.splitlines(keepends=True):
+    for raw in counted(data.splitlines(keepends=True), progress):
         start = raw.find(b"$")
         if start >= 0:
             framer = NmeaFramer()
@@ -234,6 +237,6 @@ def _around(sentence: Sentence) -> list[tuple[str, float]]:
 FORMAT = LogFormat(
     "NMEA sentences in text",
     is_nmea_text,
-    lambda path, data, options: read_nmea(path, data, options.variation),
+    lambda path, data, options: read_nmea(path, data, options.variation, options.progress),
     is_text=True,
 )

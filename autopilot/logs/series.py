@@ -10,12 +10,13 @@ between two marks is spread evenly by its place in the file: right to within the
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,12 +266,48 @@ def quantities_of(sample: Sample) -> list[tuple[str, float]]:
     return []
 
 
+Progress = Callable[[int, int], None]
+"""Is called with how much of a log is read, and all of it: bytes, lines or rows."""
+SHOWN_SHARE = 100
+"""Progress is said about so often while a log is read."""
+Item = TypeVar("Item")
+
+
+def silent(done: int, total: int) -> None:
+    """Tell nobody how much is read."""
+
+
+def counted(items: Sequence[Item], progress: Progress) -> Iterator[Item]:
+    """Yield each of `items`, and say now and then how many are read."""
+    step = max(len(items) // SHOWN_SHARE, 1)
+    for number, item in enumerate(items):
+        if number % step == 0:
+            progress(number, len(items))
+        yield item
+
+
+class CountedBytes(io.BytesIO):
+    """A file's bytes that say now and then how far they are read."""
+
+    def __init__(self, data: bytes, progress: Progress) -> None:
+        super().__init__(data)
+        self._progress, self._size, self._next = progress, len(data), 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return the next `size` bytes."""
+        data = super().read(size)
+        if (place := self.tell()) >= self._next:
+            self._next = place + self._size // SHOWN_SHARE
+            self._progress(place, self._size)
+        return data
+
+
 class ReadOptions(NamedTuple):
     """columns: what a CSV table calls its columns. system: MAVLink system id to read.
 
     servo: the steering servo, or only its scale.
     variation [rad], east positive: of magnetic compasses in NMEA sentences. thrusters: what two of them do, beside
-    what the firmware's parameters say. progress: called with the bytes of a .tlog that are read, and all of them.
+    what the firmware's parameters say. progress: called with how much of a file is read, and all of it.
     path_delay: reckon how late orders came to the rudder, in our own logs, which takes as long as reading them.
     """
 
@@ -279,7 +316,7 @@ class ReadOptions(NamedTuple):
     servo: Servo | ServoScale | None = None
     variation: float | None = None
     thrusters: Mixing = PLAIN
-    progress: Callable[[int, int], None] = lambda done, total: None
+    progress: Progress = silent
     path_delay: bool = False
 
 

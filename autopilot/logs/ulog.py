@@ -24,12 +24,15 @@ from autopilot.logs.series import (
     RATE,
     SHARE,
     SPEED,
+    CountedBytes,
     FloatArray,
     LogFormat,
+    Progress,
     Recording,
     Series,
     on_one_clock,
     series_of,
+    silent,
 )
 from autopilot.logs.table import Servo, ServoScale, steering_servo
 
@@ -55,7 +58,7 @@ class _StuckError(Exception):
     """pyulog reads the file's end over and over."""
 
 
-class _Bounded(io.BytesIO):
+class _Bounded(CountedBytes):
     """The file as pyulog reads it. pyulog 1.3 goes back and forth for ever at the end of some damaged files."""
 
     _ends = 0
@@ -119,12 +122,14 @@ class _TooManyFieldsError(Exception):
 HEAD = b"ULog\x01\x12\x35"
 
 
-def read_ulog(path: str, data: bytes, servo: Servo | ServoScale | None = None) -> Recording:
+def read_ulog(
+    path: str, data: bytes, servo: Servo | ServoScale | None = None, progress: Progress = silent
+) -> Recording:
     """Return the recording in a .ulg. servo: the steering servo, instead of what the parameters say.
 
     Raises InputError.
     """
-    log, is_corrupt = _load(path, data)
+    log, is_corrupt = _load(path, data, progress)
     topics = {topic: _first_of(log, topic) for topic in TOPICS}
     with np.errstate(all="ignore"):  # a damaged number may be anything; what is not finite is left out
         series = [found for read in (_attitude, _rates, _speeds, _positions) for found in read(topics)]
@@ -140,7 +145,7 @@ def read_ulog(path: str, data: bytes, servo: Servo | ServoScale | None = None) -
     return on_one_clock(Recording(path, "PX4 log", (*series, *steering), _began(topics), notes))
 
 
-def _load(path: str, data: bytes) -> tuple[Any, bool]:
+def _load(path: str, data: bytes, progress: Progress) -> tuple[Any, bool]:
     try:
         from pyulog.core import ULogException
 
@@ -151,7 +156,7 @@ def _load(path: str, data: bytes) -> tuple[Any, bool]:
     try:
         # pyulog prints what it thinks of a damaged file
         with contextlib.redirect_stdout(printed):
-            log = reader(_Bounded(data), list(TOPICS))
+            log = reader(_Bounded(data, progress), list(TOPICS))
     except ULogException as error:
         raise InputError(f"{path}: is no PX4 log that can be read: {error}.") from error
     except _TooManyFieldsError:
@@ -253,7 +258,7 @@ def _began(topics: Mapping[str, Topic]) -> float | None:
 FORMAT = LogFormat(
     "a PX4 .ulg",
     lambda data: data.startswith(HEAD),
-    lambda path, data, options: read_ulog(path, data, options.servo),
+    lambda path, data, options: read_ulog(path, data, options.servo, options.progress),
     ".ulg",
     "does not begin as a PX4 log does: this is no .ulg, or it is damaged there",
 )

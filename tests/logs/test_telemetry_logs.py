@@ -15,13 +15,16 @@ from boat_recordings import (
     Boat,
     ardupilot_parameters,
     dataflash,
+    every,
     pulses,
     tlog,
     tlog_events,
+    ulog,
     zigzag_boat,
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from n2k_boat import lines, sent
 from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -29,7 +32,9 @@ from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
-from autopilot.logs.reading import LogOptions, ReadOptions, load_run, read_recording
+from autopilot.links.nmea.sentences import checksum
+from autopilot.logs.mcap_log import series_entries, write_mcap
+from autopilot.logs.reading import MODULES, LogOptions, ReadOptions, load_run, read_recording
 from autopilot.logs.series import HEADING, PROPELLER, RATE, SHARE, SPEED, WIND_DIRECTION, WIND_SPEED, Recording
 from autopilot.logs.table import (
     RudderSettings,
@@ -53,12 +58,39 @@ def written(folder: Path, data: bytes, name: str) -> str:
     return str(path)
 
 
-def test_a_tlog_says_how_much_of_it_is_read(tmp_path: Path) -> None:
-    data = tlog(tlog_events(BOAT))
-    shown: list[tuple[int, int]] = []
-    options = ReadOptions(progress=lambda done, total: shown.append((done, total)))
-    read_recording(written(tmp_path, data, "a.tlog"), options)
-    assert shown == sorted(shown) and shown[0][0] < 0.1 * len(data) and shown[-1] == (len(data), len(data))
+def in_every_format(folder: Path) -> dict[str, str]:
+    """A boat's log in each format but our own: format -> path. What MCAP holds is what the .tlog does."""
+    table = "".join(f"{t:.2f},{h:.5f}\n" for t, h in zip(BOAT.time, BOAT.heading, strict=True))
+    sentences = [f"HEHDT,{math.degrees(BOAT.heading[i]) % 360.0:.1f},T" for i in every(BOAT, 10.0)]
+    telegrams = [f"{0.1 * at:.1f} ${each}*{checksum(each.encode()):02X}\r\n" for at, each in enumerate(sentences)]
+    decoded = [
+        {"timestamp": f"2026-07-01T12:{at // 600:02}:{at // 10 % 60:02}.{at % 10}00Z", "prio": 2, "src": 1, "dst": 255}
+        | {"pgn": 127250, "fields": {"Heading": math.degrees(BOAT.heading[i]) % 360.0, "Reference": "True"}}
+        for at, i in enumerate(every(BOAT, 10.0))
+    ]
+    texts = {
+        "csv_log": "time_s,heading_rad\n" + table,
+        "nmea_text": "".join(telegrams),
+        "n2k_text": "\n".join(lines(sent(BOAT), "candump -L")),
+        "n2k_json": "\n".join(map(json.dumps, decoded)),
+    }
+    data = {"tlog": tlog(tlog_events(BOAT)), "dataflash": dataflash(BOAT), "ulog": ulog(BOAT)}
+    data |= {name: text.encode() for name, text in texts.items()}
+    paths = {name: written(folder, each, name) for name, each in data.items()}
+    exported = folder / "mcap_log"
+    write_mcap(exported, series_entries(read_recording(paths["tlog"])), "tlog")
+    return {**paths, "mcap_log": str(exported)}
+
+
+def test_every_format_says_how_much_of_a_file_is_read(tmp_path: Path) -> None:
+    paths = in_every_format(tmp_path)
+    assert set(paths) == {*MODULES} - {"own_log"}
+    for name, path in paths.items():
+        shown: list[tuple[int, int]] = []
+        assert read_recording(path, ReadOptions(progress=lambda done, total, to=shown: to.append((done, total)))).series
+        shares = [done / total for done, total in shown]
+        assert shares == sorted(shares) and len(shares) > 20, name
+        assert shares[0] < 0.1 and shares[-1] > 0.95, (name, shares[0], shares[-1])
 
 
 def assert_sailed(recording: Recording, boat: Boat, tolerance: float) -> None:
