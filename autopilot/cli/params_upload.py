@@ -20,7 +20,6 @@ from autopilot.cli.params_reading import (
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.saving import save_unused
-from autopilot.firmware.download import NamedDownload
 from autopilot.firmware.file import Heading, TypedValue, Wanted, dump_firmware
 from autopilot.firmware.foreign_files import load_parameters
 from autopilot.firmware.journal import (
@@ -30,6 +29,7 @@ from autopilot.firmware.journal import (
     continued,
     discard_journal,
     held_side,
+    held_values,
     journal_path,
     of_settings,
     only_writer,
@@ -38,9 +38,9 @@ from autopilot.firmware.journal import (
     write_journal,
 )
 from autopilot.firmware.metadata import Marks, settings_of
-from autopilot.firmware.protocol import Number
+from autopilot.firmware.protocol import Number, ParameterValue
 from autopilot.firmware.session import ParameterSession, Vehicle
-from autopilot.firmware.upload import Change, Outcome, Pause, Upload, Verdict
+from autopilot.firmware.upload import Change, Outcome, Upload, Verdict
 from autopilot.links.base import LinkError
 
 INTERRUPTED = 130
@@ -70,9 +70,7 @@ def upload(arguments: argparse.Namespace, *, settles: bool = False) -> int:
             earlier = None
             if not arguments.dry_run:
                 earlier = _unfinished(session, arguments, wanted if settles else [], marks)
-            if earlier is not None:
-                session.run(Pause(), lambda done, total: None)
-            attempt = Upload(session.vehicle.target, wanted)
+            attempt = Upload(session.vehicle.target, wanted, settles=earlier is not None)
             with ProgressBar("reading") as bar:
                 session.run(attempt, bar.update)
             report = Report(str(arguments.file), left_out=tuple(left))
@@ -224,32 +222,30 @@ def restore(arguments: argparse.Namespace) -> int:
         _refuse_other_board(session, journal, path)
         journal = of_settings(journal, own_marks(session))
         with ProgressBar("reading") as bar:
-            holds = held_side(session, journal, bar.update)
+            held = held_values(session, journal, bar.update)
         if arguments.to == "as-is":
-            return _leave(session, journal)
+            return _leave(session.vehicle, journal, held)
+        holds = held_side(journal.changes, held)
         side = Holds(arguments.to) if arguments.to else (Holds.OLD if holds is Holds.MIXED else holds)
         if holds is side:
             discard_journal(path)
             print(_sentence(session.vehicle, side, journal))
             return int(ExitCode.OK)
         _refuse_armed(arguments, session.vehicle)
-        outcomes = put_back(session, journal, side)
+        outcomes = put_back(session, journal, side, settles=False)
         _report(arguments, session.vehicle, outcomes, Report("restore", journal.backup or None))
         if arguments.to:
             return _settle_on(outcomes, side, session.vehicle, path, arguments.link)
         return _print_end(outcomes, side, session.vehicle, path, arguments.link)
 
 
-def _leave(session: ParameterSession, journal: Journal) -> int:
+def _leave(vehicle: Vehicle, journal: Journal, values: dict[str, ParameterValue]) -> int:
     """Settle an upload that was cut off by what the vehicle holds: say what that is, and forget the rest."""
-    client = NamedDownload(session.vehicle.target, [each.name for each in journal.changes])
-    with ProgressBar("reading") as bar:
-        session.run(client, bar.update)
-    held = {name: each.value for name, each in client.values.items()}
+    held = {name: each.value for name, each in values.items()}
     print(settled_table(journal.changes, held))
     kept = f"the old values are in {journal.backup}" if journal.backup else "the old values are kept nowhere else"
-    print(f"vehicle {session.vehicle.system} is left as it is; {kept}")
-    _settle(session.vehicle, journal)
+    print(f"vehicle {vehicle.system} is left as it is; {kept}")
+    _settle(vehicle, journal)
     return int(ExitCode.OK)
 
 
@@ -273,10 +269,12 @@ def _settle_on(outcomes: list[Outcome], side: Holds, vehicle: Vehicle, path: Pat
     return int(ExitCode.DIFFERENT)
 
 
-def put_back(session: ParameterSession, journal: Journal, side: Holds = Holds.OLD) -> list[Outcome]:
-    """Set one side of the journal and return what became of each parameter."""
+def put_back(
+    session: ParameterSession, journal: Journal, side: Holds = Holds.OLD, *, settles: bool = True
+) -> list[Outcome]:
+    """Set one side of the journal and return what became of each parameter; `settles` as in `journal.put`."""
     with ProgressBar("restoring") as bar:
-        return put(session, journal, side, bar.update)
+        return put(session, journal, side, bar.update, settles=settles)
 
 
 def _print_end(outcomes: list[Outcome], side: Holds, vehicle: Vehicle, path: Path, link: str) -> int:

@@ -21,12 +21,11 @@ from typing import Any
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.outside import read_regular
 from autopilot.files.saving import FULL, replace_file, sync_folder
-from autopilot.firmware.download import NamedDownload
 from autopilot.firmware.file import Wanted
 from autopilot.firmware.metadata import Kept, Marks, kept_by_firmware
 from autopilot.firmware.protocol import Number, ParameterValue, same_value
 from autopilot.firmware.session import ParameterSession, Progress, Vehicle
-from autopilot.firmware.upload import Change, Outcome, Pause, Upload, enabled_group
+from autopilot.firmware.upload import Change, Outcome, Upload, enabled_group
 
 FORMAT = 1
 LONGEST = 16 << 20
@@ -196,27 +195,37 @@ def carry_out(session: ParameterSession, upload: Upload, save: Save, progress: P
         session.run(upload, progress)
 
 
-def put(session: ParameterSession, journal: Journal, side: Holds, progress: Progress) -> list[Outcome]:
+def put(
+    session: ParameterSession, journal: Journal, side: Holds, progress: Progress, *, settles: bool = True
+) -> list[Outcome]:
     """Set every parameter of the journal to its old or new value and return what became of each.
 
-    What the upload sent last arrives first: on a link that reorders, a set may be behind the answer to a read.
+    settles: what the upload sent last may still be on the way; on a link that reorders, a set may be behind the answer
+    to a read.
     """
-    session.run(Pause(), progress)
-    wanted = [Wanted((change.name,), change.old if side is Holds.OLD else change.new) for change in journal.changes]
-    upload = Upload(session.vehicle.target, wanted)
-    session.run(upload, progress)
+    upload = _read(session, journal, side, progress, settles)
     carry_out(session, upload, lambda changes: None, progress)
     return upload.outcomes()
 
 
-def held_side(session: ParameterSession, journal: Journal, progress: Progress) -> Holds:
-    """Return which of the journal's sets the vehicle holds; where both are the same, the new one."""
-    client = NamedDownload(session.vehicle.target, [change.name for change in journal.changes])
-    session.run(Pause(), progress)
-    session.run(client, progress)
-    if holds_side(journal.changes, client.values, Holds.NEW):
+def held_values(session: ParameterSession, journal: Journal, progress: Progress) -> dict[str, ParameterValue]:
+    """Return what the vehicle holds of the journal's parameters, once the upload's last sets have settled."""
+    return _read(session, journal, Holds.NEW, progress, settles=True).held
+
+
+def held_side(changes: tuple[Change, ...], held: Mapping[str, ParameterValue]) -> Holds:
+    """Return which set of values `held` are; where both are the same, the new one."""
+    if holds_side(changes, held, Holds.NEW):
         return Holds.NEW
-    return Holds.OLD if holds_side(journal.changes, client.values, Holds.OLD) else Holds.MIXED
+    return Holds.OLD if holds_side(changes, held, Holds.OLD) else Holds.MIXED
+
+
+def _read(session: ParameterSession, journal: Journal, side: Holds, progress: Progress, settles: bool) -> Upload:
+    """Return an upload of one side of the journal that has read what the vehicle holds, and set nothing."""
+    wanted = [Wanted((change.name,), _value(change, side)) for change in journal.changes]
+    upload = Upload(session.vehicle.target, wanted, settles=settles)
+    session.run(upload, progress)
+    return upload
 
 
 def holds_side(changes: tuple[Change, ...], held: Mapping[str, ParameterValue], side: Holds) -> bool:

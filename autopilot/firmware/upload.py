@@ -140,25 +140,6 @@ class _Item:
         return 0 if self.wanted.value else 2
 
 
-class Pause:
-    """Asks nothing for `SETTLE_S`: the sets of an upload that was cut off, and their answers, arrive meanwhile."""
-
-    progress = (0, 1)
-
-    def __init__(self) -> None:
-        self._until: float | None = None
-        self.finished = False
-
-    def receive(self, now: float, message: Message) -> None:
-        """Pass over it."""
-
-    def due(self, now: float) -> list[Message]:
-        """Return nothing."""
-        self._until = now + SETTLE_S if self._until is None else self._until
-        self.finished = now >= self._until
-        return []
-
-
 class Upload:
     """Writes `wanted` to the target. Give `receive` every message and send what `due` returns, until `finished`.
 
@@ -168,9 +149,12 @@ class Upload:
     values can be kept, and `proceed` goes on. After the last set the vehicle is left alone for `SETTLE_S`, whatever it
     says does not count, and then it is asked for everything. It `is_over` when all is read back. Only `outcomes` after
     that are the vehicle's last word; before they say what is known so far.
+
+    settles: an upload that was cut off came before, and its last sets, with their answers, may be on the way: the
+    vehicle is left alone for as long before the first question, too.
     """
 
-    def __init__(self, target: Target, wanted: Sequence[Wanted]) -> None:
+    def __init__(self, target: Target, wanted: Sequence[Wanted], *, settles: bool = False) -> None:
         self._target = target
         self._quality = LinkQuality()
         self._items = [_Item(each) for each in wanted]
@@ -178,7 +162,7 @@ class Upload:
         self._has_read_again = False
         self._rounds = 0
         self._list_since: float | None = None
-        self._settles = False
+        self._settles = settles
         self._settled_at: float | None = None
         self.phase = Phase.READING
         self._requests = self._reads(self._items)
@@ -210,6 +194,11 @@ class Upload:
         if self.phase is Phase.COMPARED:
             self._set_next()
 
+    @property
+    def held(self) -> dict[str, ParameterValue]:
+        """What the vehicle has said last of each name that it answers for."""
+        return {item.name: item.now for item in self._items if item.now is not None}
+
     def changes(self) -> list[Change]:
         """Return what has been or will be set next, with the values before."""
         return [
@@ -230,7 +219,8 @@ class Upload:
         """Take any message; those that are not the target's PARAM_VALUE of a name wanted are ignored."""
         if is_from(message, self._target):
             self._quality.on_packet(now)
-        if (refused := refused_name(message, self._target)) is not None and self.phase is not Phase.SETTING:
+        is_asking = self.phase is not Phase.SETTING and not self._settles
+        if is_asking and (refused := refused_name(message, self._target)) is not None:
             self._requests.refused(refused)
         if (refusal := refused_value(message, self._target)) is not None and refusal[0] in self._by_name:
             self._by_name[refusal[0]].refusal = f"; the vehicle says: {refusal[1]}"

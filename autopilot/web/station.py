@@ -26,6 +26,7 @@ from autopilot.links.ground_station.file_server import PARAMETERS
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing
+from autopilot.links.mavlink.vehicle import Belongs, VehicleClock
 from autopilot.links.url import accept_signed, open_transport, parse_url
 from autopilot.web.journal import AlarmBoard, Journal, RouteBoard
 from autopilot.web.orders import NO_ANSWER, Answer, Asked, Course, OnDone, Orders, Reasons
@@ -209,7 +210,7 @@ class Station:
         self._reasons = Reasons(self.view.texts)
         self._next_heartbeat = -math.inf
         self._next_rates = -math.inf
-        self._boot_ms = 0
+        self._clock = VehicleClock()
         self._count = 0
 
     @property
@@ -247,7 +248,7 @@ class Station:
         elif kind in ("PARAM_VALUE", "PARAM_ERROR"):
             self.parameters.receive(now, message, target)
         elif kind == "ATTITUDE":
-            self._watch_start(now, message.time_boot_ms)
+            self._watch_start(now, message.time_boot_ms * 1.0e-3)
             self._count += 1
 
     def due(self, now: float) -> list[Message]:
@@ -285,22 +286,18 @@ class Station:
             for identity, rate in WANTED_HZ.items()
         ]
 
-    def _watch_start(self, now: float, boot_ms: int) -> None:
-        """A boat whose clock goes back has started again: its parameters may be others, our rates are gone.
-
-        Where it goes back by less than `REBOOT_MS` messages have overtaken one another; where by all that 32 bits hold,
-        it has begun again from 0 after 49.7 days.
-        """
-        behind = self._boot_ms - boot_ms
-        if REBOOT_MS < behind < WRAP_MS:
+    def _watch_start(self, now: float, boot: float) -> None:
+        """Of a boat that has started again parameters and alarms may be others, and our rates are gone."""
+        belongs = self._clock.judge(now, boot)
+        if belongs is Belongs.REBOOTED:
+            self._clock.reset()
             self.parameters.forget()
             self.alarms.forget()
             self._next_rates = now
-        if not 0 <= behind <= REBOOT_MS:
-            self._boot_ms = boot_ms
+        if belongs is not Belongs.STRANGE:
+            self._clock.local(now, boot)
 
 
-REBOOT_MS, WRAP_MS = 1000, (1 << 32) - 60_000
 REOPEN_S = 1.0
 SILENCE_S = 3.0
 """After this a listening line lets another peer in: a boat that starts again speaks from another port."""

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 
 from autopilot.firmware.file import Wanted
-from autopilot.firmware.journal import Holds, Journal, carry_out, held_side, holds_side, put
+from autopilot.firmware.journal import Holds, Journal, carry_out, held_side, held_values, holds_side, put
 from autopilot.firmware.protocol import ParameterValue
 from autopilot.firmware.session import ParameterSession, Vehicle
-from autopilot.firmware.upload import Change, Upload
+from autopilot.firmware.upload import SETTLE_S, Change, Upload
 from autopilot.links.mavlink.codec import MavlinkCodec
 
 INT8, REAL32 = 2, 9
@@ -33,12 +33,12 @@ class BenchSession:
         self.vehicle = Vehicle(1, 1, 3, 11, False)
         self._device = vehicle
         self._up, self._down = (BadLink(seed + side, loss, 0.1, (0.005, latest_s)) for side in (0, 1))
-        self._now = 0.0
+        self.now = 0.0
         self._left = packets
         plain = self._up.send
 
         def send(now: float, packet: bytes) -> None:
-            self._now = now
+            self.now = now
             if self._left is not None:
                 self._left -= 1
                 if self._left < 0:
@@ -60,7 +60,7 @@ class BenchSession:
         self._left = packets
 
     def run(self, client: Any, show: Any) -> None:
-        self._now += converse(client, self._device, self._up, self._down, limit_s=600.0, begin=self._now)
+        self.now += converse(client, self._device, self._up, self._down, limit_s=600.0, begin=self.now)
 
 
 def session(vehicle: ParameterVehicle, loss: float, packets: int | None = None) -> ParameterSession:
@@ -143,7 +143,7 @@ def test_a_cut_upload_is_made_whole_by_its_journal(
         assert vehicle.everything() == old
         return
     journal = Journal("f", "d", 1, "ardurover", "", "", tuple(kept[-1]))
-    holds = held_side(session(vehicle, loss), journal, quiet)
+    holds = held_side(journal.changes, held_values(session(vehicle, loss), journal, quiet))
     event(holds)
     before = vehicle.everything()
     if holds is not Holds.MIXED:
@@ -180,7 +180,7 @@ def test_power_lost_on_the_way_to_a_side_leaves_a_journal_that_still_leads_there
         cut.deliver()
     assert all(each.is_good for each in put(session(vehicle, loss), journal, side, quiet))
     assert vehicle.everything() == (old if side is Holds.OLD else new)
-    assert held_side(session(vehicle, loss), journal, quiet) in (side, Holds.NEW)
+    assert held_side(journal.changes, held_values(session(vehicle, loss), journal, quiet)) in (side, Holds.NEW)
 
 
 def held(**values: float) -> dict[str, ParameterValue]:
@@ -221,3 +221,18 @@ def test_a_set_that_is_still_under_way_does_not_outlive_the_way_back(seed: int) 
     assert len(outcomes) == 9 and all(each.is_good for each in outcomes)
     bench.deliver()
     assert {name: tuple(entry) for name, entry in vehicle.table.items()} == old
+
+
+def test_a_way_back_from_values_just_read_does_not_wait_for_them_to_settle_again() -> None:
+    def seconds(settles: bool) -> float:
+        vehicle = ParameterVehicle({"A": (1.0, REAL32)})
+        bench = BenchSession(vehicle, 0.0)
+        journal = Journal("file", "", 1, "", "", "", (Change("A", REAL32, 0.0, 1.0),))
+        held_values(cast(ParameterSession, bench), journal, quiet)
+        begin = bench.now
+        assert all(
+            each.is_good for each in put(cast(ParameterSession, bench), journal, Holds.OLD, quiet, settles=settles)
+        )
+        return bench.now - begin
+
+    assert seconds(settles=True) - seconds(settles=False) == pytest.approx(SETTLE_S, abs=0.2)

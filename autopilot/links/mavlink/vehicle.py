@@ -56,6 +56,8 @@ STRANGE_MESSAGES, STRANGE_WITHIN_S = 5, 2.0
 that came by a slower way."""
 WRAP_S = 2.0**32 / 1000.0
 """time_boot_ms is 32 bits wide and begins again after 49.7 days."""
+WRAPPED_S = WRAP_S - 60.0
+"""Less than this behind is none that began again, but a vehicle that has started anew."""
 
 
 class Belongs(Enum):
@@ -98,7 +100,7 @@ class VehicleClock:
         again that those since then have overtaken.
         """
         behind = self._newest - boot
-        if behind > WRAP_S / 2.0:
+        if behind > WRAPPED_S:
             return Belongs.OURS
         if -WRAP_S <= behind < AHEAD_S - WRAP_S:
             return Belongs.STRANGE
@@ -124,7 +126,7 @@ class VehicleClock:
 
         `now` [s] is when the message arrived.
         """
-        if self._newest - boot > WRAP_S / 2.0:
+        if self._newest - boot > WRAPPED_S:
             self.reset()  # the counter began again: so does the offset
         if boot > self._newest:
             self._newest = boot
