@@ -331,7 +331,7 @@ MEASURE = """(all) => Object.fromEntries(all.map((selector) => {
   const letters = parseFloat(getComputedStyle(at).fontSize);
   return [selector, { top, bottom, width, height, letters, stands_out: at.scrollWidth > at.clientWidth }];
 }))"""
-SMALL = ((320, 568), (568, 320), (667, 375), (390, 844), (1280, 800))
+SMALL = ((320, 568), (568, 320), (667, 375), (390, 844), (844, 390), (1280, 800))
 ALL_THAT_STEERS = ["button[data-turn='-10']", "button[data-turn='10']", "#engage", "#route", "#standby"]
 ALL_THAT_STEERS += ["button[data-dodge='-20']", "#back", "button[data-dodge='20']"]
 
@@ -356,8 +356,10 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
         tops = ["#bar", "#bar button", *(["#overboard", "#mob-off"] if is_overboard else [])]
         for width, height in SMALL:
             page.set_viewport_size({"width": width, "height": height})
-            found = page.evaluate(MEASURE, [*wanted, *tops, "footer"])
+            found = page.evaluate(MEASURE, [*wanted, *tops, "#bar small", "footer"])
             below, footer = max(found[top]["bottom"] for top in tops), found["footer"]["top"]
+            advice, bar = found["#bar small"], found["#bar"]
+            assert advice["height"] > 10.0 and advice["bottom"] <= bar["bottom"], "what to do stands in the bar"
             for button in wanted + tops[1::2]:
                 box, where = found[button], f"{button}, {width}x{height}, {is_overboard=}"
                 if button not in (*tops, "#release", "#mob"):
