@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.printable import aligned
-from autopilot.identification.roll import PARAMETERS, RollModel, identify_roll
 from autopilot.identification.runs import Run
 
 if TYPE_CHECKING:
     from autopilot.identification.drive_effect import DriveFit, Prediction
     from autopilot.identification.prediction_bands import Forecast
+    from autopilot.identification.roll import RollModel
     from autopilot.identification.verdict import Verdict
     from autopilot.vessel.schema import Vessel
 
@@ -198,6 +198,7 @@ def identified_roll(arguments: argparse.Namespace) -> str:
     from autopilot.cli.log import log_options, print_newer, vessel_of
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import check_folder
+    from autopilot.identification.roll import identify_roll  # scipy.signal is slow to load
     from autopilot.logs.reading import load_recording
     from autopilot.logs.table import table_of
     from autopilot.vessel.file import load_vessel, refuse_bare_name
@@ -238,7 +239,7 @@ def as_text(log: str, model: RollModel) -> str:
     """Return the model for people, with 95 % intervals."""
     lines = [f"Roll of {log}: {model.seconds:.0f} s, at {model.reference_speed:.2f} m/s", ""]
     lines.append(f"{'':26s} {'value':>10s}   95 % interval")
-    for name in PARAMETERS:
+    for name in NAMES:
         words, unit = NAMES[name]
         low, high = model.interval(name)
         lines.append(f"{words:26s} {getattr(model, name):10.4g}   {low:.4g} to {high:.4g} {unit}")
@@ -249,8 +250,8 @@ def as_text(log: str, model: RollModel) -> str:
 
 def as_json(model: RollModel) -> str:
     """Return the model as JSON, in SI units and radians."""
-    found = {name: getattr(model, name) for name in (*PARAMETERS, "reference_speed", "left_rms", "seconds")}
-    intervals = {name: model.interval(name) for name in PARAMETERS}
+    found = {name: getattr(model, name) for name in (*NAMES, "reference_speed", "left_rms", "seconds")}
+    intervals = {name: model.interval(name) for name in NAMES}
     return json.dumps({**found, "intervals": intervals, "roll_row": model.row()}, indent=2)
 
 

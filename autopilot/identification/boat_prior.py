@@ -17,13 +17,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.runs import FloatArray
 from autopilot.models.norrbin import Norrbin
 
-CONTRADICTS = float(chi2.ppf(0.99, 3))
+CONTRADICTS = float(chdtri(3, 0.01))
 """A recording contradicts the other boats where their squared distance, in deviations, is one in a hundred's."""
 WIDENED, LIKE = 1.3, 2.0
 """What deviations are multiplied by, for boats do not scatter normally, and the distance of the lengths' logarithms

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from autopilot.identification.likelihood_fit import LikelihoodFit, likelihood_fit, memory_of, scales
 from autopilot.identification.likelihood_record import record_of
@@ -206,4 +206,4 @@ def _step(side: Side) -> tuple[FloatArray, FloatArray]:
 def _chance(one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> float:
     """Return the probability that one boat gives two parts, each by its numbers and their covariance, so different."""
     apart, spread = one[0] - other[0], one[1] + other[1]
-    return float(chi2.sf(float(apart @ inverse(spread) @ apart), apart.size))
+    return float(chdtrc(apart.size, float(apart @ inverse(spread) @ apart)))

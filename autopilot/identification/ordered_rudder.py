@@ -23,8 +23,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_banded
 from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Ratios
@@ -256,8 +256,9 @@ def _residual(series: Sequence[_Series], driven: Sequence[FloatArray], time: flo
 
 def _low_pass(values: FloatArray, dt: float, tau: float) -> FloatArray:
     share = -math.expm1(-dt / tau)
-    smooth, _ = lfilter([share], [1.0, share - 1.0], values, zi=[(1.0 - share) * values[0]])
-    return np.asarray(smooth)
+    bands = np.ones((2, values.size))
+    bands[1] = share - 1.0
+    return np.asarray(solve_banded((1, 0), bands, np.append(values[0], share * values[1:])))
 
 
 def _remembered(residual: FloatArray) -> float:

@@ -17,8 +17,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.likelihood_record import scales_of, without_noise
@@ -295,7 +294,7 @@ def widened(fit: LikelihoodFit, runs: Sequence[Run], speed: float) -> Likelihood
     # of so few that do not overlap the size of an error is itself in doubt (Student's t), and the fit, which saw
     # them, is nearer to them than to others by what its numbers take up
     share = min((fit.covariance.shape[0] + len(fit.train_errors) + (fit.power is not None)) / apart, MOST_TAKEN_UP)
-    few = student.ppf(BAND[-1], apart) / norm.ppf(BAND[-1]) * math.sqrt((1.0 + share) / (1.0 - share))
+    few = stdtrit(apart, BAND[-1]) / ndtri(BAND[-1]) * math.sqrt((1.0 + share) / (1.0 - share))
     factor = max(few * float(np.sqrt(np.mean(ratio**2))), 1.0)
 
     def stronger(weather: Weather) -> Weather:

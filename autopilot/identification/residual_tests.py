@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from autopilot.identification.residuals import initial_state
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
@@ -235,11 +235,11 @@ def _test(
     # two signals that both remember are alike by chance more often than white ones
     spread = np.sqrt(max(1.0 + 2.0 * float(np.sum(own[:remembered] * rudder_own)), 1.0) / N)
     # the largest of many is larger by chance than one of them
-    quantile = float(norm.isf(SURE / 2.0 / len(lags)))
+    quantile = -float(ndtri(SURE / 2.0 / len(lags)))
     at = int(np.argmax(np.abs(crossed)))
     return ResidualTest(
         signal,
-        float(chi2.sf(box, first.size)),
+        float(chdtrc(first.size, box)),
         float(own[0]),
         memory,
         float(crossed[at]),

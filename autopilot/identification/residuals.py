@@ -33,7 +33,6 @@ from typing import Literal, NamedTuple, cast
 
 import numpy as np
 from scipy.linalg import expm, helmert, solve_discrete_are
-from scipy.signal import lfilter, ss2tf
 
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
@@ -211,6 +210,8 @@ def disturbance_in(residuals: Sequence[FloatArray], segments: Sequence[Segment],
 def innovations(table: FloatArray, spacing: float, disturbance: DisturbanceModel) -> FloatArray:
     """Return the columns of `table`, shape (N, 2, C), rate and heading every `spacing` [s], through the filter: what is
     new in each sample, in units of its standard deviation. A channel that is not measured gives 0."""
+    from scipy.signal import lfilter, ss2tf  # slow to load, and the likelihood does without
+
     measured = [i for i, size in enumerate((disturbance.rate, disturbance.heading)) if np.isfinite(size)]
     states = 2 if np.isfinite(disturbance.heading) else 1  # an angle that nobody sees counts for nothing
     H = np.eye(2)[measured, :states]

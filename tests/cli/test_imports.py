@@ -63,6 +63,13 @@ def test_steering_loads_neither_numpy_nor_what_is_heavier() -> None:
     assert not loaded & {f"autopilot.{name}" for name in NOT_ASKED_FOR}
 
 
+def test_identifying_loads_neither_statistics_nor_filters_that_take_as_long_as_a_fit() -> None:
+    rooms = "autopilot.cli.identify_drive_roll, autopilot.identification.registry, autopilot.identification.methods"
+    probe = f"import sys, {rooms}\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, timeout=60, check=True)
+    assert not {"scipy.signal", "scipy.stats"} & set(done.stdout.split())
+
+
 def test_the_demo_explains_itself_before_it_loads_what_it_sails_and_identifies_with() -> None:
     assert not modules_of("demo", "--help") & HEAVY
 
