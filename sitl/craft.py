@@ -1,5 +1,5 @@
 """What plants with forces of their own share: the steering gear, wind on the hull, and the motion in surge, sway, roll
-and yaw, one Runge-Kutta step at a time.
+and yaw, one Runge-Kutta step at a time; and of those whose roll moves nothing else, the equations of motion too.
 
 A plant of this kind is a function from its speeds, rudder and engine to accelerations. Speeds are through the water:
 a uniform current carries water and boat alike, and only the path over the ground shows it. What the sea does comes as
@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.errors import InputError
 from autopilot.models.steering_gear import SteeringGear, gear_step_by
+from autopilot.models.weather import GRAVITY
 from sitl.boat import BoatState, Disturbance, Hull, PlantStep, Step
 
 if TYPE_CHECKING:
-    from sitl.scenario import GearSection
+    from autopilot.vessel.schema import Vessel
+    from sitl.scenario import GearSection, Scenario
 
 AIR_DENSITY = 1.225
 """[kg/m^3], the standard atmosphere."""
@@ -106,18 +108,78 @@ def gear_of(own: SteeringGear, section: GearSection) -> SteeringGear:
     return own._replace(rate_max=rate, dead_band=dead_band, lag=lag, play=math.radians(section.play_deg))
 
 
-def refuse_scale(kind: str, scale: float) -> None:
-    """Raise InputError where a scenario enlarges a boat whose drag goes with the speed, not with its square."""
-    if scale != 1.0:
-        raise InputError(f"plant {kind}: scale is {scale:g}, and this boat has one size only: leave scale out.")
-
-
 def turning(accelerations: Accelerations, plant: Any, speed: float) -> float:
     """Return the yaw acceleration [1/s^2] of a radian of rudder amidships, on a straight course at `speed` [m/s]."""
     straight, calm = Motion(speed, 0.0, 0.0, 0.0, 0.0), Disturbance()
     starboard = accelerations(plant, straight, SLIGHT, speed, calm).rate
     port = accelerations(plant, straight, -SLIGHT, speed, calm).rate
     return (starboard - port) / (2.0 * SLIGHT)
+
+
+class Inertia(NamedTuple):
+    """Masses [kg], [kg m], [kg m^2] of surge, sway and yaw, added mass included."""
+
+    m11: float
+    m22: float
+    m23: float
+    m33: float
+
+
+class Push(NamedTuple):
+    """What drives, holds and turns a craft: force ahead and to starboard [N], moment to starboard [N m]."""
+
+    ahead: float
+    starboard: float
+    yaw: float
+
+
+class Craft(NamedTuple):
+    """Everything that does not change about a boat in surge, sway and yaw; its roll moves nothing else. push [1/s^2]:
+    the yaw acceleration of a radian of disturbance."""
+
+    gear: SteeringGear
+    hull: Hull
+    inertia: Inertia
+    push: float = 0.0
+
+
+def planar(craft: Craft, motion: Motion, push: Push, acting: Disturbance) -> Motion:
+    """Return the derivative of a craft's motion under all forces:
+
+    m11 u' = X + (m22 v + m23 r) r
+    m22 v' + m23 r' = Y - m11 u r
+    m23 v' + m33 r' = N + (m11 - m22) u v - m23 u r
+    """
+    u, v, r = motion.surge, motion.sway, motion.rate
+    m11, m22, m23, m33 = craft.inertia
+    x = push.ahead + (m22 * v + m23 * r) * r
+    y = push.starboard - m11 * u * r
+    n = push.yaw + (m11 - m22) * u * v - m23 * u * r
+    divisor = m22 * m33 - m23 * m23
+    return Motion(
+        x / m11,
+        (m33 * y - m23 * n) / divisor,
+        (m22 * n - m23 * y) / divisor + acting.yaw_acceleration + craft.push * acting.rudder,
+        roll_acceleration(craft.hull, motion, acting.roll_slope),
+        motion.roll_rate,
+    )
+
+
+def of_one_size(
+    kind: str, accelerations: Accelerations, craft: Craft, service_speed: float
+) -> Callable[[Vessel, Scenario], Craft]:
+    """Return what makes the craft of a vessel and a scenario. It raises InputError for a scale: the drag of such a boat
+    goes with the speed, not with its square."""
+
+    def of(vessel: Vessel, scenario: Scenario) -> Craft:
+        if scenario.scale != 1.0:
+            raise InputError(
+                f"plant {kind}: scale is {scenario.scale:g}, and this boat has one size only: leave scale out."
+            )
+        found = craft._replace(gear=gear_of(craft.gear, scenario.gear))
+        return found._replace(push=turning(accelerations, found, service_speed))
+
+    return of
 
 
 def step_by(accelerations: Accelerations) -> PlantStep:
@@ -178,5 +240,5 @@ def roll_acceleration(hull: Hull, motion: Motion, slope: float) -> float:
     heel = -lever r U/g is that of a turn, outwards.
     """
     frequency = 2.0 * math.pi / hull.roll_period
-    heel = -hull.roll_lever * motion.rate * motion.surge / 9.80665
+    heel = -hull.roll_lever * motion.rate * motion.surge / GRAVITY
     return frequency * (frequency * (slope + heel - motion.roll) - 2.0 * hull.roll_damping * motion.roll_rate)

@@ -1,9 +1,5 @@
 """CyberShip II, a supply vessel of 1.26 m with two propellers and a rudder behind each, in surge, sway and yaw.
 
-    m11 u' = X + (m22 v + m23 r) r
-    m22 v' + m23 r' = Y - m11 u r
-    m23 v' + m33 r' = N + (m11 - m22) u v - m23 u r
-
     X = X_u u + X_uu |u| u + X_uuu u^3 + 2 T
     Y = Y_v v + Y_r r + (Y_vv |v| + Y_rv |r|) v + (Y_vr |v| + Y_rr |r|) r - 2 L
     N = N_v v + N_r r + (N_vv |v| + N_rv |r|) v + (N_vr |v| + N_rr |r|) r + 2 l L
@@ -25,29 +21,13 @@ full thrust. That it has one is in the paper; its force, and how the flow along 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.vessel.schema import Vessel
 from sitl.boat import BowMotor, Disturbance, Hull, PlantKind
-from sitl.craft import (
-    WATER_DENSITY,
-    Motion,
-    Windage,
-    gear_of,
-    refuse_scale,
-    roll_acceleration,
-    step_by,
-    turning,
-    wind_force,
-)
-
-if TYPE_CHECKING:
-    from sitl.scenario import Scenario
+from sitl.craft import WATER_DENSITY, Craft, Inertia, Motion, Push, Windage, of_one_size, planar, step_by, wind_force
 
 LENGTH, BEAM = 1.255, 0.29
 MASS, CENTRE, INERTIA = 23.8, 0.046, 1.76
-M11, M22, M23, M33 = MASS + 2.0, MASS + 10.0, MASS * CENTRE, INERTIA + 1.0
 X_U, X_UU, X_UUU = -0.72253, -1.32742, -5.86643
 Y_V, Y_VV, Y_RV = -0.88965, -36.47287, -0.805
 Y_R, Y_VR, Y_RR = -7.250, -0.845, -3.450
@@ -72,14 +52,6 @@ WINDAGE = Windage(ahead=0.55, astern=0.80, across=0.90, cross_force=0.55, front=
 """Blendermann's offshore supply vessel."""
 HULL = Hull(length=LENGTH, beam=BEAM, draught=0.1, roll_period=1.2, roll_damping=0.1, roll_lever=0.05, windage=True)
 """The hull that the sea meets; its roll, which moves nothing else, is assumed."""
-
-
-class SmallCraft(NamedTuple):
-    """Everything about the craft that does not change."""
-
-    gear: SteeringGear
-    hull: Hull
-    push: float = 0.0
 
 
 def revolutions_of(speed: float) -> float:
@@ -109,7 +81,7 @@ def lift(rudder: float, u: float, pull: float) -> float:
     return (slope - bend * abs(rudder)) * rudder * abs(flow) * flow
 
 
-def accelerations(craft: SmallCraft, motion: Motion, rudder: float, thrust_speed: float, acting: Disturbance) -> Motion:
+def accelerations(craft: Craft, motion: Motion, rudder: float, thrust_speed: float, acting: Disturbance) -> Motion:
     """Return the derivative of the motion."""
     u, v, r = motion.surge, motion.sway, motion.rate
     av, ar = abs(v), abs(r)
@@ -118,26 +90,16 @@ def accelerations(craft: SmallCraft, motion: Motion, rudder: float, thrust_speed
     wind = wind_force(WINDAGE, acting.wind_ahead, acting.wind_starboard)
     fade = u / BOW_FADES
     bow = BOW_THRUST * acting.bow * math.exp(-fade * fade)
-    across, twist = wind.starboard + bow, wind.yaw + BOW_LEVER * bow
-    x = (X_U + X_UU * abs(u) + X_UUU * u * u) * u + 2.0 * pull + wind.ahead + (M22 * v + M23 * r) * r
-    y = (Y_V + Y_VV * av + Y_RV * ar) * v + (Y_R + Y_VR * av + Y_RR * ar) * r - side + across - M11 * u * r
-    n = (N_V + N_VV * av + N_RV * ar) * v + (N_R + N_VR * av + N_RR * ar) * r + RUDDER_LEVER * side + twist
-    n += (M11 - M22) * u * v - M23 * u * r
-    divisor = M22 * M33 - M23 * M23
-    return Motion(
-        x / M11,
-        (M33 * y - M23 * n) / divisor,
-        (M22 * n - M23 * y) / divisor + acting.yaw_acceleration + craft.push * acting.rudder,
-        roll_acceleration(craft.hull, motion, acting.roll_slope),
-        motion.roll_rate,
-    )
+    x = (X_U + X_UU * abs(u) + X_UUU * u * u) * u + 2.0 * pull + wind.ahead
+    y = (Y_V + Y_VV * av + Y_RV * ar) * v + (Y_R + Y_VR * av + Y_RR * ar) * r - side + wind.starboard + bow
+    n = (N_V + N_VV * av + N_RV * ar) * v + (N_R + N_VR * av + N_RR * ar) * r + RUDDER_LEVER * side
+    return planar(craft, motion, Push(x, y, n + wind.yaw + BOW_LEVER * bow), acting)
 
 
-def of(vessel: Vessel, scenario: Scenario) -> SmallCraft:
-    """Return the craft. InputError for a scale: its drag does not go with the square of the speed."""
-    refuse_scale("small_craft", scenario.scale)
-    craft = SmallCraft(gear_of(GEAR, scenario.gear), HULL)
-    return craft._replace(push=turning(accelerations, craft, SERVICE_SPEED))
-
-
-PLANT = PlantKind("small_craft", of, step_by(accelerations), bow=BOW_MOTOR)
+CRAFT = Craft(GEAR, HULL, Inertia(MASS + 2.0, MASS + 10.0, MASS * CENTRE, INERTIA + 1.0))
+PLANT = PlantKind(
+    "small_craft",
+    of_one_size("small_craft", accelerations, CRAFT, SERVICE_SPEED),
+    step_by(accelerations),
+    bow=BOW_MOTOR,
+)

@@ -7,10 +7,6 @@ rudder sails this boat; the "rudder" that the boat shows is the steering that it
 
 The hull is that of the Otter, a catamaran of 2 m by Maritime Robotics, in surge, sway and yaw:
 
-    m11 u' = X + (m22 v + m23 r) r
-    m22 v' + m23 r' = Y - m11 u r
-    m23 v' + m33 r' = N + (m11 - m22) u v - m23 u r
-
     X = Xu u,   Y = Yv v + cross-flow drag,   N = Nr (1 + 10 |r|) r + cross-flow drag
 
 Source: the model `otter` of the Marine Systems Simulator (Fossen, revision of February 2024) with its payload of 25 kg,
@@ -22,17 +18,11 @@ inertia is taken about the same point as the rest, which the original does twice
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.vessel.schema import Vessel
 from sitl.boat import Disturbance, Hull, PlantKind
-from sitl.craft import Motion, Windage, gear_of, refuse_scale, roll_acceleration, step_by, turning, wind_force
+from sitl.craft import Craft, Inertia, Motion, Push, Windage, of_one_size, planar, step_by, wind_force
 from sitl.firmware_setup import Propulsion
-
-if TYPE_CHECKING:
-    from sitl.scenario import Scenario
-
 
 GRAVITY = 9.81
 DENSITY = 1025.0
@@ -49,6 +39,7 @@ M11 = MASS + 2.7 * DENSITY * (HULL_MASS / DENSITY) ** (5.0 / 3.0) / LENGTH**2
 M22 = MASS + 1.5 * HULL_MASS
 M23 = MASS * CENTRE
 M33 = INERTIA + 1.7 * INERTIA
+MASSES = Inertia(M11, M22, M23, M33)
 PULL, PULL_ASTERN = 24.4 * GRAVITY, 13.6 * GRAVITY
 """Bollard pull of both propellers [N]."""
 TOP_SPEED = 6.0 * 0.5144
@@ -61,14 +52,6 @@ SERVICE_SPEED = 1.5
 """[m/s]: half of the top speed."""
 WINDAGE = Windage(ahead=0.55, astern=0.60, across=0.90, cross_force=0.60, front=0.35, side=0.6, length=LENGTH)
 """Blendermann's speed boat; the areas are assumed."""
-
-
-class Push(NamedTuple):
-    """What drives and turns the boat: force ahead and to starboard [N], moment to starboard [N m]."""
-
-    ahead: float
-    starboard: float
-    yaw: float
 
 
 HULL = Hull(length=LENGTH, beam=BEAM, draught=DRAUGHT, roll_period=1.2, roll_damping=0.2, roll_lever=0.1, windage=True)
@@ -91,22 +74,15 @@ def cross_flow(v: float, r: float) -> tuple[float, float]:
     return -share * cubes / r, -share * (fourths - v * cubes) / (r * r)
 
 
-def moved_by(push: Push, motion: Motion, hull: Hull, turning: float, acting: Disturbance) -> Motion:
-    """Return the derivative of the motion under a push, `turning` [1/s^2] being the yaw acceleration of a radian."""
+def moved_by(craft: Craft, motion: Motion, push: Push, acting: Disturbance) -> Motion:
+    """Return the derivative of the motion of the hull under what its motors give it."""
     u, v, r = motion.surge, motion.sway, motion.rate
     across, twist = cross_flow(v, r)
     wind = wind_force(WINDAGE, acting.wind_ahead, acting.wind_starboard)
-    x = push.ahead - DRAG * u + wind.ahead + (M22 * v + M23 * r) * r
-    y = push.starboard - SWAY_DAMPING * v + across + wind.starboard - M11 * u * r
-    n = push.yaw - YAW_DAMPING * (1.0 + 10.0 * abs(r)) * r + twist + wind.yaw + (M11 - M22) * u * v - M23 * u * r
-    divisor = M22 * M33 - M23 * M23
-    return Motion(
-        x / M11,
-        (M33 * y - M23 * n) / divisor,
-        (M22 * n - M23 * y) / divisor + acting.yaw_acceleration + turning * acting.rudder,
-        roll_acceleration(hull, motion, acting.roll_slope),
-        motion.roll_rate,
-    )
+    x = push.ahead - DRAG * u + wind.ahead
+    y = push.starboard - SWAY_DAMPING * v + across + wind.starboard
+    n = push.yaw - YAW_DAMPING * (1.0 + 10.0 * abs(r)) * r + twist + wind.yaw
+    return planar(craft, motion, Push(x, y, n), acting)
 
 
 FULL = math.radians(30.0)
@@ -115,14 +91,6 @@ LEVER = 0.395
 """Of a propeller from the centre line [m]."""
 GEAR = SteeringGear(FULL, math.radians(300.0), 0.1)
 """Propellers follow within 0.1 s, as in Fossen's simulator, and need another 0.1 s from nothing to full."""
-
-
-class TwinThruster(NamedTuple):
-    """Everything about the boat that does not change."""
-
-    gear: SteeringGear
-    hull: Hull
-    push: float = 0.0
 
 
 def throttle_of(speed: float) -> float:
@@ -144,21 +112,11 @@ def thrust(revolutions: float) -> float:
     return 0.5 * pull * revolutions * abs(revolutions)
 
 
-def accelerations(
-    boat: TwinThruster, motion: Motion, rudder: float, thrust_speed: float, acting: Disturbance
-) -> Motion:
+def accelerations(craft: Craft, motion: Motion, rudder: float, thrust_speed: float, acting: Disturbance) -> Motion:
     """Return the derivative of the motion."""
     left, right = mixed(throttle_of(thrust_speed), rudder / FULL)
     port, starboard = thrust(left), thrust(right)
-    push = Push(port + starboard, 0.0, LEVER * (port - starboard))
-    return moved_by(push, motion, boat.hull, boat.push, acting)
-
-
-def of(vessel: Vessel, scenario: Scenario) -> TwinThruster:
-    """Return the boat. InputError for a scale: its drag does not go with the square of the speed."""
-    refuse_scale("twin_thruster", scenario.scale)
-    boat = TwinThruster(gear_of(GEAR, scenario.gear), HULL)
-    return boat._replace(push=turning(accelerations, boat, SERVICE_SPEED))
+    return moved_by(craft, motion, Push(port + starboard, 0.0, LEVER * (port - starboard)), acting)
 
 
 def speed_of(throttle: float) -> float:
@@ -166,4 +124,9 @@ def speed_of(throttle: float) -> float:
     return 2.0 * thrust(throttle) / DRAG
 
 
-PLANT = PlantKind("twin_thruster", of, step_by(accelerations), Propulsion(speed_of, throttle_of, FULL))
+PLANT = PlantKind(
+    "twin_thruster",
+    of_one_size("twin_thruster", accelerations, Craft(GEAR, HULL, MASSES), SERVICE_SPEED),
+    step_by(accelerations),
+    Propulsion(speed_of, throttle_of, FULL),
+)

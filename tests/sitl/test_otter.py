@@ -13,7 +13,7 @@ from autopilot.errors import InputError
 from autopilot.vessel.file import load_vessel
 from sitl import twin_thruster as otter
 from sitl.boat import STILL, Boat, BoatState
-from sitl.craft import Motion
+from sitl.craft import Craft, Motion, Push
 from sitl.registry import PLANTS
 from sitl.scenario import Scenario
 
@@ -45,8 +45,8 @@ def test_cross_flow_drag_is_the_integral_over_the_length(v: float, r: float) -> 
 @given(u=speeds, v=speeds, r=rates)
 def test_the_hull_never_gives_energy(u: float, v: float, r: float) -> None:
     """d/dt of (m11 u^2 + m22 v^2 + 2 m23 v r + m33 r^2)/2: damping takes it, Coriolis terms leave it alone."""
-    push = otter.Push(0.0, 0.0, 0.0)
-    rate = otter.moved_by(push, Motion(u, v, r, 0.0, 0.0), otter.HULL, 0.0, STILL)
+    craft = Craft(otter.GEAR, otter.HULL, otter.MASSES)
+    rate = otter.moved_by(craft, Motion(u, v, r, 0.0, 0.0), Push(0.0, 0.0, 0.0), STILL)
     power = otter.M11 * u * rate.surge + (otter.M22 * v + otter.M23 * r) * rate.sway
     power += (otter.M23 * v + otter.M33 * r) * rate.rate
     assert power <= 1e-9
