@@ -26,7 +26,7 @@ from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.nmea.link import NmeaLink, NmeaSettings
 from autopilot.links.reconnect import SelectingLink
 from autopilot.links.transports import LoopbackTransport, loopback_pair
-from autopilot.operators.skipper import RouteSkipper
+from autopilot.operators.skipper import Skipper
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import follow_of, limits_of, track_settings_of
 from autopilot.runtime.build_links import selection_of
@@ -103,7 +103,7 @@ class FaultBoat:
         self._lines: list[tuple[LoopbackTransport, Endpoint]] = []
         self._seed = seed
         track = TrackGuide(track_settings_of(vessel))
-        self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), Mission(track))
+        self.skipper = Skipper(limits_of(vessel).angle_max, PlotterGuide(), Mission(track))
         links: list[Link] = []
         if method in ("companion", "both"):
             links.append(self._companion(vessel))

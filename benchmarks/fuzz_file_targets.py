@@ -63,7 +63,7 @@ from autopilot.logs.series import HEADING, RUDDER, SPEED, Recording, Series
 from autopilot.logs.table import RudderSettings, table_of
 from autopilot.logs.tlog import read_tlog
 from autopilot.logs.ulog import read_ulog
-from autopilot.operators.skipper import RouteSkipper
+from autopilot.operators.skipper import Skipper
 from autopilot.report.identification import Result
 from autopilot.report.identification import as_json as identified_json
 from autopilot.report.identification import as_text as identified_text
@@ -229,7 +229,7 @@ def _mission(text: str) -> None:
 
 def _typed(text: str) -> None:
     """A line at the terminal of `run`, and at that of the helm; one may refuse what the other takes."""
-    skipper = RouteSkipper(0.6, PlotterGuide(), Mission(TrackGuide()))
+    skipper = Skipper(0.6, PlotterGuide(), Mission(TrackGuide()))
     skipper.engage(0.0)
     try:
         request = request_of(text)
@@ -392,7 +392,7 @@ def _mavlink_order() -> Callable[[bytes], None]:
     def take(data: bytes) -> None:
         near, far = loopback_pair()
         mission = Mission(TrackGuide())
-        commands = Commands(RouteSkipper(0.6, PlotterGuide(), mission), True, mission)
+        commands = Commands(Skipper(0.6, PlotterGuide(), mission), True, mission)
         boat = BoatLink(near, commands, ParameterServer(Numbers()))
         for frame in _sealed(data):
             far.send(frame)

@@ -22,6 +22,7 @@ from typing import Any
 from fuzz_instruments import Fuzzer, Result, print_table
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
@@ -311,7 +312,7 @@ def fuzz_boat(rng: random.Random, count: int) -> Result:
     """The boat that ground stations see: orders, parameters and missions are sound whatever they send."""
     near, far = loopback_pair()
     vessel = load_vessel("lanxin")
-    skipper = Skipper(FULL)
+    skipper = Skipper(FULL, PlotterGuide(), Mission(TrackGuide()))
     store = VesselStore(vessel, build_pilot(vessel), None, Path("never-written.yaml"), lambda _path, _text: None)
     mission = Mission(TrackGuide())
     server = ParameterServer(store)

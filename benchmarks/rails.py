@@ -49,7 +49,7 @@ from autopilot.guidance.current import Place, offset
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint, on_arc, swept
 from autopilot.links.ground_station.mission import Mission
-from autopilot.operators.skipper import RouteSkipper
+from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
 from autopilot.signals import CourseSample, HeadingSample, PositionSample, Sample, SpeedSample, Tick
 from autopilot.vessel.file import load_vessel
@@ -146,7 +146,7 @@ class Run:
         self.world = World(vessel, self.scenario, seed, pace=Pace(5, 5))
         self.length = self.world.boat.plant.hull.length
         self.guide = TrackGuide(track_settings_of(vessel))
-        self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), Mission(self.guide))
+        self.skipper = Skipper(limits_of(vessel).angle_max, PlotterGuide(), Mission(self.guide))
         self.skipper.engage(0.0)
         self.pilot = build_pilot(vessel)
         self.world.helms.append(self)

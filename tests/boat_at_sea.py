@@ -21,7 +21,7 @@ from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import loopback_pair
-from autopilot.operators.skipper import RouteSkipper
+from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
 from autopilot.signals import HelmSample, PositionSample, Sample, SpeedSample, Tick, WindSample
 from autopilot.vessel.schema import Vessel
@@ -58,7 +58,7 @@ class Sea:
         self.pilot, self.box = build_pilot(vessel, learns=learns), Plant(model_of(real), gear_of(real))
         self.track = TrackGuide(track_settings_of(vessel))
         self.mission = Mission(self.track)
-        self.skipper = RouteSkipper(limits_of(vessel).angle_max, PlotterGuide(), self.mission)
+        self.skipper = Skipper(limits_of(vessel).angle_max, PlotterGuide(), self.mission)
         self.north = self.east = 0.0
         self.current = (0.0, 0.0)
         self.tick: Tick | None = None

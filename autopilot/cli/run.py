@@ -103,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
         PATTERN_HELP,
         ROUTE_HELP,
         WIND_HELP,
-        RouteSkipper,
+        Skipper,
         heading_of,
     )
     from autopilot.runtime.build import limits_of
@@ -118,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.route is not None and vessel.sensors.magnetic:
         raise InputError(f"--route {arguments.route}: {MAGNETIC_LEADS}")
     mission = load_mission(arguments.vessel, arguments.route)
-    skipper = RouteSkipper(limits_of(vessel).angle_max, guide, mission)
+    skipper = Skipper(limits_of(vessel).angle_max, guide, mission)
     if arguments.engage == "wind":
         refuse_wind_hold(arguments.link)
         skipper.await_wind()

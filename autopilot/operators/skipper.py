@@ -1,12 +1,8 @@
-"""Who moves the order at the helm: typed lines, patterns, plotters and routes; every intended action has a new serial.
+"""Who moves the order at the helm: typed lines become orders; every intended action has a new serial.
 
-The skipper at the terminal: typed lines become orders; every line is an intended action with a new serial.
-
-Turn patterns as they are ordered: at the terminal (`p circle + 60`) or by number over MAVLink, checked alike.
-
-The skipper who can hand the course to a chart plotter: `f` follows it, any other order takes the course back.
-
-The skipper who can hand the course to a route or a pattern, or the rudder to a trial; other orders take it back.
+The skipper can hand the course to a chart plotter, a route, a pattern or the wind, and the rudder to a trial; any other
+order takes it back. Turn patterns are ordered at the terminal (`p circle + 60`) or by number over MAVLink, and checked
+alike.
 
 The guides move the heading that is ordered, they give no orders of their own: a route never engages the pilot, and an
 override ends the following of it for good.
@@ -36,89 +32,7 @@ HELP = (
     "a: silence alarms  q: quit"
 )
 LEARN_HELP = "learn: what was learnt  adopt: steer with it  revert: take it back"
-
-
-class Skipper:
-    """Holds the present order. Start with `engage`; `type_line` takes what the skipper types."""
-
-    overboard: Overboard | None = None
-    """Where somebody went overboard, for one who knows where the boat is."""
-
-    def __init__(self, rudder_max: float) -> None:
-        self._rudder_max = rudder_max
-        self._order = Order()
-        self._adopt = False
-        self.quit = False
-        self.acknowledged: list[str] = []
-        """The names of alarms acknowledged since `Acknowledgements` looked last, "" for all that sound."""
-
-    def __call__(self, now: float, tick: Tick | None) -> Order:
-        if self._adopt and tick is not None and tick.mode is Mode.ENGAGED and tick.order.is_same(self._order):
-            self._adopt = False
-            self._order = self._order._replace(heading=tick.state.heading)
-        return self._order
-
-    def engage(self, heading: float | None) -> None:
-        """Order a `heading` [rad], or the present one."""
-        self._adopt = heading is None
-        self._give(OrderKind.HEADING, heading=math.nan if heading is None else wrap(heading))
-
-    def give(self, order: Order) -> None:
-        """Order something else: a trial, a rudder angle."""
-        self._adopt = False
-        self._order = order._replace(serial=self._order.serial + 1)
-
-    def turn_to(self, heading: float) -> None:
-        """Change the heading [rad] ordered; the same serial: no request to engage again after an override."""
-        if self._order.kind is OrderKind.HEADING:
-            self._adopt = False
-            self._order = self._order._replace(heading=wrap(heading), is_led=False)
-
-    def stand_by(self) -> None:
-        """Order the rudder to be given back."""
-        self.give(Order())
-
-    def acknowledge(self, name: str = "") -> None:
-        """Silence the alarms of a name, or all that sound."""
-        self.acknowledged.append(name)
-
-    def type_line(self, line: str) -> str:
-        """Act on a typed line and return what to answer. Raises InputError."""
-        word, _, rest = line.strip().partition(" ")
-        if word in ("", "?", "h", "help"):
-            return HELP
-        if word == "q":
-            self.quit = True
-            return "leaving"
-        if word == "a":
-            self.acknowledge()
-            return "alarms are silent; they are shown while they last"
-        if word == "s":
-            self.give(Order())
-            return "standby: the rudder is yours"
-        if word == "e":
-            self.engage(heading_of(rest) if rest else None)
-            return "engaging"
-        if word == "r":
-            angle = math.radians(_number(rest))
-            if abs(angle) > self._rudder_max:
-                raise InputError(f"rudder {rest}: allowed is up to {math.degrees(self._rudder_max):.0f} deg each side")
-            self.give(Order(OrderKind.RUDDER, rudder=angle))
-            return f"rudder {rest} deg"
-        if word[0] in "+-":
-            return self._change(turn_of(line.strip().replace(" ", "")))
-        raise InputError(f"{printable(repr(word), SHOWN)} is no command; {HELP}")
-
-    def _change(self, turn: float) -> str:
-        if self._order.kind is not OrderKind.HEADING or not math.isfinite(self._order.heading):
-            raise InputError("no heading is being steered yet: engage first with e")
-        heading = wrap(self._order.heading + turn)
-        # the same serial: a change of heading is no request to engage again after an override
-        self._order = self._order._replace(heading=heading, is_led=False)
-        return f"heading {compass_text(heading, 1)} deg"
-
-    def _give(self, kind: OrderKind, heading: float) -> None:
-        self._order = Order(kind, heading, serial=self._order.serial + 1)
+FOLLOW_HELP = "f: follow the chart plotter"
 
 
 def heading_of(text: str) -> float:
@@ -205,59 +119,6 @@ def pattern_typed(text: str) -> Pattern:
     return pattern_of(kind, side, sizes)
 
 
-FOLLOW_HELP = "f: follow the chart plotter"
-
-
-class PlotterSkipper(Skipper):
-    """A `Skipper` whose heading orders come from `guide` while it follows."""
-
-    def __init__(self, rudder_max: float, guide: PlotterGuide) -> None:
-        super().__init__(rudder_max)
-        self._guide = guide
-
-    def __call__(self, now: float, tick: Tick | None) -> Order:
-        order = super().__call__(now, tick)
-        if not self._guide.following or tick is None or order.kind is not OrderKind.HEADING:
-            return order
-        if tick.mode is not Mode.ENGAGED or self._adopt:
-            return order
-        # the same serial: a plotter must not engage the pilot anew after an override
-        course = self._guide.course(now, tick.state.heading, tick.state.speed)
-        self._order = order._replace(heading=course, is_led=True)
-        return self._order
-
-    def engage(self, heading: float | None) -> None:
-        """Order a heading [rad] or the present one; the plotter no longer leads."""
-        self._guide.leave()
-        super().engage(heading)
-
-    def turn_to(self, heading: float) -> None:
-        """Change the heading [rad] ordered; the plotter no longer leads."""
-        self._guide.leave()
-        super().turn_to(heading)
-
-    def stand_by(self) -> None:
-        """Order the rudder to be given back; the plotter no longer leads."""
-        self._guide.leave()
-        super().stand_by()
-
-    def follow(self) -> None:
-        """Follow the plotter, engaging on the present heading where nothing is steered yet."""
-        if self._order.kind is not OrderKind.HEADING:
-            self.engage(None)
-        self._guide.follow()
-
-    def type_line(self, line: str) -> str:
-        """Act on a typed line and return what to answer. Raises InputError."""
-        if line.strip() == "f":
-            self.follow()
-            return "following the chart plotter"
-        answer = super().type_line(line)
-        if line.strip()[:1] in ("e", "s", "r", "+", "-"):
-            self._guide.leave()
-        return answer
-
-
 ROUTE_HELP = "t [N]: follow the route"
 WIND_HELP = "w [true] [DEG]: hold the wind's angle  tack, gybe: ask for it  y: confirm  n: do not"
 MOB_HELP = "mob: man overboard, its bearing and distance  mob off: over"
@@ -270,17 +131,24 @@ DURATION_MOST_S = 3600.0
 NUMBER_DIGITS = 5
 
 
-class RouteSkipper(PlotterSkipper):
-    """A `PlotterSkipper` whose heading orders come from the guides while they lead, and who sails trials.
+class Skipper:
+    """Holds the present order. Start with `engage`; `type_line` takes what the skipper types.
 
     Attributes:
-        mission: the route.  track: leads along it.  patterns: leads through turn patterns.  wind: leads by the wind.
+        mission: the route.  overboard: where somebody went overboard.
+        plotter, track, patterns, wind: who may lead: the chart plotter, the route, a turn pattern, the wind.
+        acknowledged: the names of alarms acknowledged since `Acknowledgements` looked last, "" for all that sound.
     """
 
     def __init__(self, rudder_max: float, plotter: PlotterGuide, mission: Mission) -> None:
-        super().__init__(rudder_max, plotter)
-        self.mission, self.overboard = mission, mission.overboard
-        self.track = mission.guide
+        self._rudder_max = rudder_max
+        self._order = Order()
+        self._adopt = False
+        self.quit = False
+        self.acknowledged: list[str] = []
+        self.mission = mission
+        self.overboard: Overboard | None = mission.overboard
+        self.plotter, self.track = plotter, mission.guide
         self.patterns = PatternGuide()
         self.wind = WindGuide()
         self._awaits_wind = False
@@ -305,10 +173,10 @@ class RouteSkipper(PlotterSkipper):
             self._hear(now, tick)
         if self._script is not None:
             return self._sail(now, tick, self._script)
-        order = super().__call__(now, tick)
+        order = self._helmed(now, tick)
         leader = self.track if self.track.following else self.wind if self.wind.following else self.patterns
         if not leader.following or tick is None:
-            if order.is_led and not self._guide.following:
+            if order.is_led and not self.plotter.following:
                 self._order = order = order._replace(is_led=False)
             return order
         if tick.mode is Mode.OVERRIDE and self._has_led:
@@ -319,6 +187,19 @@ class RouteSkipper(PlotterSkipper):
             # the same serial: a route must not engage the pilot anew after an override
             course = leader.course(now, tick.state.heading, tick.state.speed)
             self._order = order._replace(heading=course, is_led=True)
+        return self._order
+
+    def _helmed(self, now: float, tick: Tick | None) -> Order:
+        """Return the order as it was given, or as the plotter has moved it."""
+        steers = tick is not None and tick.mode is Mode.ENGAGED
+        if self._adopt and tick is not None and steers and tick.order.is_same(self._order):
+            self._adopt = False
+            self._order = self._order._replace(heading=tick.state.heading)
+        leads = self.plotter.following and steers and self._order.kind is OrderKind.HEADING and not self._adopt
+        if leads and tick is not None:
+            # the same serial: a plotter must not engage the pilot anew after an override
+            course = self.plotter.course(now, tick.state.heading, tick.state.speed)
+            self._order = self._order._replace(heading=course, is_led=True)
         return self._order
 
     def _hear(self, now: float, tick: Tick) -> None:
@@ -332,34 +213,86 @@ class RouteSkipper(PlotterSkipper):
                 self.wind.vane.on_wind(sample, tick.state.heading)
         if tick.state.valid:
             self.track.move(now, tick.state.heading, tick.state.speed)
-            self._guide.stream = self.track.stream(now)
+            self.plotter.stream = self.track.stream(now)
         if self._awaits_wind and self.wind.is_known(tick.now):
             self.hold_wind()
 
     def engage(self, heading: float | None) -> None:
-        """Order a heading [rad] or the present one; nobody else leads."""
+        """Order a `heading` [rad], or the present one; nobody else leads."""
         self._take_back()
-        super().engage(heading)
+        self.plotter.leave()
+        self._adopt = heading is None
+        known = math.nan if heading is None else wrap(heading)
+        self._order = Order(OrderKind.HEADING, known, serial=self._order.serial + 1)
 
     def give(self, order: Order) -> None:
-        """Order something else; nobody else leads."""
+        """Order something else: a trial, a rudder angle; no guide leads, but a plotter goes on behind a trial."""
         self._take_back()
-        super().give(order)
+        self._adopt = False
+        self._order = order._replace(serial=self._order.serial + 1)
 
     def turn_to(self, heading: float) -> None:
-        """Change the heading [rad] ordered; nobody else leads."""
+        """Change the heading [rad] ordered; the same serial: no request to engage again after an override. Nobody else
+        leads."""
         self.end_trial()
         self._take_back()
-        super().turn_to(heading)
+        self.plotter.leave()
+        if self._order.kind is OrderKind.HEADING:
+            self._adopt = False
+            self._order = self._order._replace(heading=wrap(heading), is_led=False)
+
+    def stand_by(self) -> None:
+        """Order the rudder to be given back; nobody leads any more."""
+        self.plotter.leave()
+        self.give(Order())
 
     def follow(self) -> None:
-        """Follow the plotter."""
+        """Follow the plotter, engaging on the present heading where nothing is steered yet."""
         self._take_back()
-        super().follow()
+        if self._order.kind is not OrderKind.HEADING:
+            self.engage(None)
+        self.plotter.follow()
+
+    def acknowledge(self, name: str = "") -> None:
+        """Silence the alarms of a name, or all that sound."""
+        self.acknowledged.append(name)
 
     def type_line(self, line: str) -> str:
         """Act on a typed line and return what to answer. Raises InputError."""
         word, _, rest = line.strip().partition(" ")
+        if word in ("", "?", "h", "help"):
+            return HELP
+        if word == "q":
+            self.quit = True
+            return "leaving"
+        if word == "a":
+            self.acknowledge()
+            return "alarms are silent; they are shown while they last"
+        if word == "s":
+            self.stand_by()
+            return "standby: the rudder is yours"
+        if word == "e":
+            self.engage(heading_of(rest) if rest else None)
+            return "engaging"
+        if word == "r":
+            angle = math.radians(_number(rest))
+            if abs(angle) > self._rudder_max:
+                raise InputError(f"rudder {rest}: allowed is up to {math.degrees(self._rudder_max):.0f} deg each side")
+            self.plotter.leave()
+            self.give(Order(OrderKind.RUDDER, rudder=angle))
+            return f"rudder {rest} deg"
+        if word[0] in "+-" and not self.wind.following:
+            return self._change(turn_of(line.strip().replace(" ", "")))
+        answer = self._type_leader(word, rest)
+        if answer is None:
+            raise InputError(f"{printable(repr(word), SHOWN)} is no command; {HELP}")
+        return answer
+
+    def _type_leader(self, word: str, rest: str) -> str | None:
+        """Act on a line for those who may lead, and return what to answer; None where it is none of theirs."""
+        if word == "f" and not rest:
+            self.follow()
+            return "following the chart plotter"
         if word == "p":
             self.sail_pattern(pattern_typed(rest))
             return f"pattern {rest}"
@@ -367,12 +300,17 @@ class RouteSkipper(PlotterSkipper):
             return self._follow_route(rest)
         if word == "mob" and rest in ("", "off"):
             return self._type_overboard(rest)
-        if word in ("w", "tack", "gybe", "y", "n") or (word[:1] in ("+", "-") and self.wind.following):
-            return self._type_wind(word, rest)
-        answer = super().type_line(line)
-        if word[:1] in ("+", "-"):
-            self._take_back()
-        return answer
+        return self._type_wind(word, rest) if word in ("w", "tack", "gybe", "y", "n") or word[0] in "+-" else None
+
+    def _change(self, turn: float) -> str:
+        if self._order.kind is not OrderKind.HEADING or not math.isfinite(self._order.heading):
+            raise InputError("no heading is being steered yet: engage first with e")
+        heading = wrap(self._order.heading + turn)
+        # the same serial: a change of heading is no request to engage again after an override
+        self._order = self._order._replace(heading=heading, is_led=False)
+        self.plotter.leave()
+        self._take_back()
+        return f"heading {compass_text(heading, 1)} deg"
 
     def _type_overboard(self, rest: str) -> str:
         overboard, fix = self.mission.overboard, self.track.fix
@@ -425,7 +363,7 @@ class RouteSkipper(PlotterSkipper):
         tick = self._tick
         if tick is not None and tick.mode is Mode.ENGAGED and self._order.kind is OrderKind.HEADING:
             self._take_back()
-            self._guide.leave()
+            self.plotter.leave()
         else:
             self.engage(None)
         self._has_led = False

@@ -33,7 +33,7 @@ from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
     # loaded where a run has them
-    from autopilot.operators.skipper import RouteSkipper
+    from autopilot.operators.skipper import Skipper
     from autopilot.runtime.log_files import Sink
     from autopilot.runtime.record import Recorder
     from autopilot.runtime.tuning import LearningService, TuningService, VesselStore
@@ -68,7 +68,7 @@ class Plan(NamedTuple):
     links: tuple[Link, ...] = ()
     log: Callable[[], Sink] | None = None
     machine: Machine | None = None
-    skipper: RouteSkipper | None = None
+    skipper: Skipper | None = None
     stations: Stations = Stations(())
     armed: bool = False
     learns: bool = False
@@ -199,7 +199,7 @@ class App:
             self.store.log = recorder
         return recorder
 
-    def _skipper_links(self, skipper: RouteSkipper) -> list[Link]:
+    def _skipper_links(self, skipper: Skipper) -> list[Link]:
         """Have routes followed as the vessel says, and kept; return the links to nobody that bring their alarms, and
         those over which the skipper is given orders."""
         from autopilot.links.ground_station.mission import dump_items
@@ -221,7 +221,7 @@ class App:
         commands = Commands(skipper, plan.armed, mission, self._tuning, skipper.wind, self.pilot.against_engaging)
         return [*links, *build_station_links(plan.vessel, plan.stations, commands, self.store, plan.options)]
 
-    def _store(self, skipper: RouteSkipper) -> VesselStore:
+    def _store(self, skipper: Skipper) -> VesselStore:
         """Let the numbers of the vessel be changed while it runs."""
         from autopilot.runtime.tuning import LearningService, TuningService, VesselStore, tuned_file
 

@@ -18,7 +18,7 @@ from autopilot.links.nmea.link import NmeaLink
 from autopilot.links.nmea.sentences import format_sentence
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.operators.skipper import RouteSkipper
+from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot, limits_of, track_settings_of
 from autopilot.runtime.build_links import nmea_settings_of, refuse_failsafe
 from autopilot.signals import Mode, Tick
@@ -49,7 +49,7 @@ class Boat:
         plotter = PlotterGuide()
         self.link = NmeaLink(near, nmea_settings_of(vessel, parse_url("nmea:/dev/x:38400")), plotter)
         mission = Mission(TrackGuide(track_settings_of(vessel)), parse_items(ROUTE, "route"))
-        self.skipper = RouteSkipper(limits_of(vessel).angle_max, plotter, mission)
+        self.skipper = Skipper(limits_of(vessel).angle_max, plotter, mission)
         self.pilot = build_pilot(vessel)
         self.tick: Tick | None = None
         self.now = 0.0

@@ -18,7 +18,7 @@ from autopilot.links.ground_station.mission import Mission
 from autopilot.links.n2k.link import FORMS, BusLine, GatewayLine, N2kLink, open_bus
 from autopilot.links.transports import loopback_pair
 from autopilot.links.url import parse_url
-from autopilot.operators.skipper import RouteSkipper
+from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot, limits_of
 from autopilot.runtime.build_links import n2k_settings_of
 from autopilot.signals import Mode, Tick, WindSample
@@ -40,7 +40,7 @@ class Voyage:
         self.world = World(vessel, scenario)
         self.network = N2kNetwork(self.world, is_text=not bus)
         self.guide = PlotterGuide()
-        self.skipper = RouteSkipper(limits_of(vessel).angle_max, self.guide, Mission(TrackGuide(), ()))
+        self.skipper = Skipper(limits_of(vessel).angle_max, self.guide, Mission(TrackGuide(), ()))
         if bus:
             line: BusLine | GatewayLine = BusLine(bus, open_bus("x", "virtual", bus))
             self.far: object = BusTransport(bus, open_bus("x", "virtual", bus))

@@ -15,7 +15,7 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.operators.skipper import RouteSkipper
+from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build_links import refuse_wind_hold
 from autopilot.signals import Mode, WindSample
 from autopilot.vessel.file import load_vessel
@@ -27,14 +27,14 @@ VANE = {"WNDVN_TYPE": 4.0, "WNDVN_SPEED_TYPE": 4.0}
 """An NMEA instrument at the flight controller."""
 
 
-def sailing(parameters: dict[str, float], from_deg: float = 40.0, seed: int = 1) -> tuple[Lockstep, RouteSkipper]:
+def sailing(parameters: dict[str, float], from_deg: float = 40.0, seed: int = 1) -> tuple[Lockstep, Skipper]:
     """Return a boat whose skipper waits for the wind, in 6 m/s of it."""
     calm = load_scenario("calm")
     wind = WindSection(speed_m_s=6.0, from_deg=from_deg, gust_m_s=0.5)
     boat = Lockstep(
         load_vessel("lanxin"), parameters=parameters, scenario=dataclasses.replace(calm, wind=wind, seed=seed)
     )
-    skipper = RouteSkipper(math.radians(35.0), PlotterGuide(), Mission(TrackGuide(), ()))
+    skipper = Skipper(math.radians(35.0), PlotterGuide(), Mission(TrackGuide(), ()))
     skipper.await_wind()
     seen: list[int] = []
 

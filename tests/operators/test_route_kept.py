@@ -14,7 +14,7 @@ from autopilot.cli.run import load_mission
 from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.ground_station.mission import dump_items, from_message
-from autopilot.operators.skipper import RouteSkipper
+from autopilot.operators.skipper import Skipper
 from autopilot.runtime.app import App, Plan, mission_file
 from autopilot.runtime.build import limits_of
 from autopilot.runtime.build_links import Stations
@@ -31,7 +31,7 @@ class Start:
         path = str(folder / "boat.yaml")
         self.mission = load_mission(path, route)
         self.track = self.mission.guide
-        self.skipper = RouteSkipper(limits_of(VESSEL).angle_max, PlotterGuide(), self.mission)
+        self.skipper = Skipper(limits_of(VESSEL).angle_max, PlotterGuide(), self.mission)
         stations = Stations((f"udpout:127.0.0.1:{free_port()}",))
         self.app = App(Plan(VESSEL, self.skipper, path, skipper=self.skipper, stations=stations), ManualClock())
         assert self.app.store is not None

@@ -17,6 +17,9 @@ from hypothesis import strategies as st
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.track import TrackGuide
+from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.skipper import HELP, Skipper, heading_of
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 
@@ -31,7 +34,7 @@ def ticked(order: Order, mode: Mode = Mode.ENGAGED, heading: float = 1.0) -> Tic
 
 @pytest.fixture
 def skipper() -> Skipper:
-    return Skipper(RUDDER_MAX)
+    return Skipper(RUDDER_MAX, PlotterGuide(), Mission(TrackGuide()))
 
 
 def test_nothing_is_steered_before_the_first_wish(skipper: Skipper) -> None:
@@ -138,7 +141,7 @@ def test_a_slip_of_the_fingers_is_answered_and_steers_nothing(skipper: Skipper, 
 
 @given(st.text(max_size=12))
 def test_no_line_gives_an_order_outside_what_is_allowed(line: str) -> None:
-    skipper = Skipper(RUDDER_MAX)
+    skipper = Skipper(RUDDER_MAX, PlotterGuide(), Mission(TrackGuide()))
     try:
         answer = skipper.type_line(line)
     except InputError as error:

@@ -14,7 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.errors import InputError
+from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.track import TrackGuide
 from autopilot.links.alarm_outputs import Acknowledgements, Bell, SwitchFile, VehicleSounder, severity_of
+from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import alarm_outputs_of
@@ -238,7 +241,7 @@ def test_an_output_that_cannot_be_is_one_sentence(bad: str) -> None:
 
 
 def test_the_skipper_s_key_reaches_the_pilot_once() -> None:
-    skipper = Skipper(math.radians(30.0))
+    skipper = Skipper(math.radians(30.0), PlotterGuide(), Mission(TrackGuide()))
     heard = Acknowledgements(skipper)
     assert heard.receive(0.0) == []
     assert "silent" in skipper.type_line("a")
