@@ -104,6 +104,10 @@ ROUNDS_MAX = 3
 lost while their reads came through."""
 
 
+GOES_OFF = 2
+"""The rank of what switches a group off: last."""
+
+
 class Phase(StrEnum):
     """Where an upload stands."""
 
@@ -129,6 +133,7 @@ class _Item:
         self.was_sent = False
         self.mismatches = 0
         self.is_settled = False
+        self.was_read = False
 
     def holds_wanted(self) -> bool:
         return self.now is not None and same_value(self.now.value, self.wanted.value, self.now.kind)
@@ -137,7 +142,12 @@ class _Item:
         """What is switched on goes first, for it brings others into being; what is switched off goes last."""
         if enabled_group(self.name) is None and not self.wanted.enables:
             return 1
-        return 0 if self.wanted.value else 2
+        return 0 if self.wanted.value else GOES_OFF
+
+
+def _is_of(item: _Item, switches: Iterable[_Item]) -> bool:
+    """Whether a parameter is in the group of one of the switches."""
+    return any((group := enabled_group(each.name)) and item.name.startswith(group) for each in switches)
 
 
 class Upload:
@@ -147,8 +157,9 @@ class Upload:
     switched on before the rest. Names that were unanswered are asked once more afterwards, because a parameter
     switched on can bring its group into being; where that finds some, it is finished again, so that their old
     values can be kept, and `proceed` goes on. After the last set the vehicle is left alone for `SETTLE_S`, whatever it
-    says does not count, and then it is asked for everything. It `is_over` when all is read back. Only `outcomes` after
-    that are the vehicle's last word; before they say what is known so far.
+    says does not count, and then it is asked for everything; what was set in a group that goes off with this upload is
+    asked for in the same way before it does. It `is_over` when all is read back. Only `outcomes` after that are the
+    vehicle's last word; before they say what is known so far.
 
     settles: an upload that was cut off came before, and its last sets, with their answers, may be on the way: the
     vehicle is left alone for as long before the first question, too.
@@ -159,7 +170,7 @@ class Upload:
         self._quality = LinkQuality()
         self._items = [_Item(each) for each in wanted]
         self._by_name = {name: item for item in self._items for name in item.wanted.names}
-        self._has_read_again = False
+        self._has_read_again = self._has_read_before_off = False
         self._rounds = 0
         self._list_since: float | None = None
         self._settles = settles
@@ -239,7 +250,7 @@ class Upload:
         elif self._is_accepted(item):
             self._requests.answered(value.name, now)
             # a late answer to an earlier question must not overwrite what was read back
-            item.is_settled = self.phase is Phase.VERIFYING
+            item.is_settled = item.was_read = self.phase is Phase.VERIFYING
         # what another station asks for or writes meanwhile brings the same names again and again
         if self._list_since is not None and (is_new or item.is_settled):
             self._list_since = now
@@ -303,36 +314,51 @@ class Upload:
             self._has_read_again = True
             self.phase = Phase.READING_AGAIN
             self._requests = self._reads(self._unknown())
-        elif self.phase is Phase.VERIFYING and not (self._rounds < ROUNDS_MAX and self._find_doubtful()):
-            self.phase = Phase.FINISHED
+        elif self.phase is Phase.VERIFYING:
+            is_again = self._rounds < ROUNDS_MAX and self._find_doubtful()
+            self._has_read_before_off &= not is_again
+            if self.differs:
+                self._set_next()
+            else:
+                self.phase = Phase.FINISHED
         elif self.phase is not Phase.SETTING and any(item.is_due and not item.was_sent for item in self._items):
             self.phase = Phase.COMPARED
         else:
             self._set_next()
 
     def _set_next(self) -> None:
-        """Set what is due and goes first; with nothing due any more, read everything back."""
+        """Set what is due and goes first; with nothing due any more, read everything back.
+
+        A group that goes off is read back before: it may be silent afterwards.
+        """
         due = [item for item in self._items if item.is_due]
         if not due:
-            self._verify()
+            self._verify(self._items)
             return
         first = min(item.rank() for item in due)
         now = [item for item in due if item.rank() == first]
+        if first == GOES_OFF:
+            hidden = [item for item in self._items if item.was_sent and not item.was_read and _is_of(item, now)]
+            if hidden and not self._has_read_before_off:
+                self._has_read_before_off = True
+                self._verify(hidden)
+                return
+            self._rounds = self._rounds if any(item.was_sent for item in now) else 0
         for item in now:
-            item.is_due, item.was_sent, item.mismatches = False, True, 0
+            item.is_due, item.was_sent, item.was_read, item.mismatches = False, True, False, 0
         self.phase = Phase.SETTING
         self._requests = Requests([item.name for item in now], PATIENCE, self._quality)
 
-    def _verify(self) -> None:
+    def _verify(self, items: Sequence[_Item]) -> None:
         self.phase = Phase.VERIFYING
         self._rounds += 1
         for item in self._items:
             item.mismatches, item.is_settled = 0, False
-        sent = any(item.was_sent for item in self._items)
-        known = [item for item in self._items if item.old is not None and not item.reason]
+        sent = any(item.was_sent for item in items)
+        known = [item for item in items if item.old is not None and not item.reason]
         self._requests = Requests([item.name for item in known if sent], PATIENCE, self._quality)
         self._settles = not self._requests.done
-        self._wants_list = self._is_long()
+        self._wants_list = self._is_long() and len(known) >= LIST_FROM
 
     def _is_long(self) -> bool:
         return not self._requests.done and len(self._items) >= LIST_FROM
@@ -371,17 +397,15 @@ class Upload:
             return Verdict.REJECTED, item.reason
         if not item.was_sent:
             return (Verdict.UNCHANGED if item.holds_wanted() else Verdict.WOULD_SET), ""
-        if item.holds_wanted() and not item.is_settled and self.is_over and self._is_hidden(item):
-            return Verdict.SET, "its group is switched off"
-        if not item.is_settled or not self.is_over:
+        is_hidden = not item.is_settled and self._is_hidden(item)
+        if not (self.is_over and item.was_read and (item.is_settled or is_hidden)):
             return Verdict.UNCONFIRMED, "sent, but not read back"
         if item.holds_wanted():
-            return Verdict.SET, ""
+            return Verdict.SET, "its group is switched off" if is_hidden else ""
         if same_value(item.now.value, item.old.value, item.now.kind):
             return Verdict.REJECTED, f"the vehicle keeps its old value{item.wanted.allowed}{item.refusal}"
         return Verdict.CONSTRAINED, f"the vehicle holds another value than was sent{item.wanted.allowed}{item.refusal}"
 
     def _is_hidden(self, item: _Item) -> bool:
         """Whether this upload has switched off the group of a parameter, which is silent since."""
-        groups = [enabled_group(other.name) for other in self._items if other.rank() == 2 and other.holds_wanted()]
-        return any(group and item.name.startswith(group) for group in groups)
+        return _is_of(item, (other for other in self._items if other.rank() == GOES_OFF and other.holds_wanted()))

@@ -90,10 +90,14 @@ def test_another_station_that_writes_all_the_time_does_not_hold_an_upload_up() -
 
 
 class EchoingVehicle(ParameterVehicle):
-    """Answers a set with the value asked for, whatever it does with it; P0 has its old value again `later` turns on."""
+    """Answers a set with the value asked for, whatever it does with it; P_0 has its old value again `later` turns on.
+
+    The group P_ is silent when its switch is off.
+    """
 
     def __init__(self, later: int) -> None:
-        super().__init__({f"P{number}": (float(number), REAL32) for number in range(9)} | {"SIXTEEN_CHARS_16": (0, 2)})
+        super().__init__({f"P_{number}": (float(number), REAL32) for number in range(9)} | {"SIXTEEN_CHARS_16": (0, 2)})
+        self.table["P_ENABLE"] = [1, 2]
         self.later = later
         self.back = -1
 
@@ -101,30 +105,34 @@ class EchoingVehicle(ParameterVehicle):
         value, name = message.param_value, message.param_id
         echo = dialect.MAVLink_param_value_message(name.encode(), value, message.param_type, len(self.table), 65535)
         self.replies.append(bytes(echo.pack(self.mavlink)))
-        if name != "P0" or self.later:
+        if name != "P_0" or self.later:
             self.table[name][0] = value
-        self.back = self.later if name == "P0" else self.back
+        self.back = self.later if name == "P_0" else self.back
 
     def transmit(self, at_most: int) -> list[bytes]:
         self.back -= 1
         if self.back == 0:
-            self.table["P0"][0] = 0.0
+            self.table["P_0"][0] = 0.0
+        if not self.table["P_ENABLE"][0]:
+            self.waiting = [each for each in self.waiting if each[0] == "P_ENABLE" or not each[0].startswith("P_")]
         return super().transmit(at_most)
 
 
 @pytest.mark.parametrize("later", [0, 25])
-@pytest.mark.parametrize("seed", range(4))
-def test_an_echo_of_a_set_is_not_taken_for_what_the_vehicle_holds(later: int, seed: int) -> None:
+@pytest.mark.parametrize("goes_off", [False, True])
+@pytest.mark.parametrize("seed", range(2))
+def test_an_echo_of_a_set_is_not_taken_for_what_the_vehicle_holds(later: int, goes_off: bool, seed: int) -> None:
     vehicle = EchoingVehicle(later)
-    wanted = [Wanted((name,), value + 1.0) for name, (value, _) in vehicle.table.items()]
-    client = Upload(Target(1, 1), wanted)
+    wanted = [Wanted((name,), value + 1.0) for name, (value, _) in vehicle.table.items() if name != "P_ENABLE"]
+    client = Upload(Target(1, 1), [*wanted, *([Wanted(("P_ENABLE",), 0)] if goes_off else [])])
     lines = BadLink(2 * seed, 0.1, 0.3, (0.005, 0.5)), BadLink(2 * seed + 1, 0.1, 0.3, (0.005, 0.5))
     while not client.is_over:
         converse(client, vehicle, *lines, limit_s=400.0)
         client.proceed()
-    assert {each.name for each in client.outcomes() if each.verdict is not Verdict.SET} == {"P0"}
-    assert client.outcomes()[0].verdict is Verdict.REJECTED
-    assert client.outcomes()[0].now == vehicle.table["P0"][0] == 0.0
+    first, *others = client.outcomes()
+    assert (first.verdict, first.now, vehicle.table["P_0"][0]) == (Verdict.REJECTED, 0.0, 0.0)
+    assert {each.verdict for each in others} == {Verdict.SET}
+    assert {each.reason for each in others[:-2]} == {"its group is switched off" if goes_off else ""}
 
 
 @pytest.mark.parametrize(
