@@ -277,9 +277,10 @@ class Shipped(NamedTuple):
 
 
 def is_path(path_or_name: str | Path) -> bool:
-    """Return whether a file is meant, no shipped one's name: what has a folder or a suffix in it, and what exists."""
+    """Return whether a file is meant, no shipped one's name: what has a folder or a suffix in it, and a file that is
+    there; a folder of logs may well be called as the boat is."""
     path = Path(path_or_name)
-    return path.exists() or bool(path.suffix) or path.name != str(path_or_name)
+    return (path.exists() and not path.is_dir()) or bool(path.suffix) or path.name != str(path_or_name)
 
 
 def _stem(key: str) -> str:

@@ -168,6 +168,7 @@ def test_lanxin_pid_has_the_error_dynamics_of_its_backstepping_law() -> None:
 
 def test_names_and_paths_that_lead_nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    shipped = load_vessel("lanxin")
     with pytest.raises(InputError, match=r"^lanxn: neither a file nor shipped; did you mean lanxin\?$"):
         load_vessel("lanxn")
     with pytest.raises(InputError, match="shipped are blueboat"):
@@ -178,6 +179,8 @@ def test_names_and_paths_that_lead_nowhere(tmp_path: Path, monkeypatch: pytest.M
         load_vessel("./lanxin")
     (tmp_path / "lanxin.yaml").write_text(BOAT)
     assert load_vessel("lanxin.yaml").name == "Boat"
+    (tmp_path / "lanxin").mkdir()
+    assert load_vessel("lanxin") == shipped
 
 
 def values_of(hint: typing.Any, bounds: Bounds | None = None) -> st.SearchStrategy[typing.Any]:
