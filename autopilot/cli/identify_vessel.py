@@ -74,7 +74,8 @@ def boat_for(path: str, runs: Sequence[Run], given: Given) -> Vessel | None:
 def _for_new_model(vessel: Vessel, path: str) -> Vessel:
     """Return what stays of a boat's file for a model of its own: all but the name and the gains of the old model."""
     loop = vessel.control
-    control = Control(rate_hz=loop.rate_hz, loop_delay_s=loop.loop_delay_s, path_delay_s=loop.path_delay_s)
+    kept = ("rate_hz", "loop_delay_s", "path_delay_s", "steerage_m_s")
+    control = Control(**{name: getattr(loop, name) for name in kept})
     # off in `trial --unidentified`, where the model was a guess
     limits = Alarms(**{**vars(vessel.alarms), "reversed_rudder": True})
     return dataclasses.replace(vessel, name=Path(path).stem, description="", control=control, alarms=limits)

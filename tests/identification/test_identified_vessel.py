@@ -99,6 +99,13 @@ def test_the_rudder_of_the_boats_file_is_kept_whole(tmp_path: Path, where: str) 
     assert (vessel.name, vessel.model.K_1_s) == ("boat", 0.7)
 
 
+def test_a_bow_thruster_stays_in_the_file_with_the_speed_below_which_it_steers(tmp_path: Path) -> None:
+    boat = load_vessel("bow_thruster")
+    vessel, _ = written(tmp_path / "boat.yaml", result(), Given(boat))
+    assert vessel.drive.bow_thruster == boat.drive.bow_thruster
+    assert vessel.control.steerage_m_s == boat.control.steerage_m_s
+
+
 def test_an_end_stop_that_is_edited_later_does_not_change_the_servos_scale(tmp_path: Path) -> None:
     path = tmp_path / "boat.yaml"
     written(path, result())
