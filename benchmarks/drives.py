@@ -85,7 +85,7 @@ def zigzag(vessel: Vessel, kind: str, speed: float, path: Path, seed: int) -> No
     boat.session.close()
 
 
-def trial(kind: str, folder: Path) -> None:
+def trial(kind: str, folder: Path, first: int = 0) -> None:
     """Sail, identify and design; print R2 of runs that were held out."""
     folder.mkdir(parents=True, exist_ok=True)
     shipped = load_vessel(kind)
@@ -96,7 +96,7 @@ def trial(kind: str, folder: Path) -> None:
     for place, share in enumerate((*SHARES, 0.8, 1.4)):
         path = folder / f"{kind}_{share}.tlog"
         path.unlink(missing_ok=True)
-        zigzag(base, kind, share * TRIAL_SPEED, path, seed=10 * place)
+        zigzag(base, kind, share * TRIAL_SPEED, path, seed=first + 10 * place)
         logs["fit" if place < len(SHARES) else "held"].append(path)
     out = folder / f"{kind}.yaml"
     out.unlink(missing_ok=True)
@@ -124,11 +124,11 @@ def turn(boat: Lockstep, course: float, lasts: float) -> tuple[float, float]:
     return settled, over
 
 
-def hold(vessel: Vessel, kind: str) -> None:
+def hold(vessel: Vessel, kind: str, first: int = 7, count: int = 1) -> None:
     """Print turns and the course at several speeds."""
-    for share in (0.5, 0.7, 1.0, 1.5, 2.0, 3.0):
+    for share, seed in itertools.product((0.5, 0.7, 1.0, 1.5, 2.0, 3.0), range(first, first + count)):
         speed = share * vessel.model.reference_speed_m_s
-        boat = sailed(vessel, kind, speed=speed, seed=7)
+        boat = sailed(vessel, kind, speed=speed, seed=seed)
         boat.engage(0.0)
         assert boat.run(20.0, boat.engaged), boat.tick.alarms
         boat.run(8.0)
@@ -140,7 +140,10 @@ def hold(vessel: Vessel, kind: str) -> None:
         rms = math.sqrt(sum(each * each for each in errors) / len(errors))
         words = ", ".join(f"{time:.1f} s over {over:.1f}" for time, over in found)
         alarms = sorted({alarm.name for tick in boat.ticks for alarm in tick.alarms})
-        print(f"{share} x, {boat.world.boat.state.speed:.2f} m/s: 30, -30, 90 deg: {words}; rms {rms:.2f} deg {alarms}")
+        print(
+            f"{share} x, {boat.world.boat.state.speed:.2f} m/s: 30, -30, 90 deg: {words}; rms {rms:.2f} deg {alarms}",
+            flush=True,
+        )
 
 
 def steps(vessel: Vessel, kind: str, first: int = 1, count: int = 2) -> None:
@@ -163,16 +166,16 @@ def steps(vessel: Vessel, kind: str, first: int = 1, count: int = 2) -> None:
             print(f"{share} x, filter {waves}, seed {seed}: steps 30, -30, 90, -90 deg: {'; '.join(words)}", flush=True)
 
 
-def thrust(vessel: Vessel, kind: str) -> None:
+def thrust(vessel: Vessel, kind: str, first: int = 3, count: int = 1) -> None:
     """Print turns at a third and three times the trial's thrust: settled, and just after the throttle has moved."""
     motors = PLANTS[kind].motors
     assert motors is not None
     of_trial = vessel.model.reference_speed_m_s
-    for times in (1.0 / 3.0, 1.0, 2.0, 3.0):
+    for times, seed in itertools.product((1.0 / 3.0, 1.0, 2.0, 3.0), range(first, first + count)):
         # the hull's drag goes with the speed, so thrust does
         speed = times * of_trial
         for begins in ("settled", "at once"):
-            boat = sailed(vessel, kind, speed=speed if begins == "settled" else of_trial, seed=3)
+            boat = sailed(vessel, kind, speed=speed if begins == "settled" else of_trial, seed=seed)
             boat.engage(0.0)
             assert boat.run(20.0, boat.engaged), boat.tick.alarms
             boat.run(8.0)
@@ -181,22 +184,23 @@ def thrust(vessel: Vessel, kind: str) -> None:
             found = [turn(boat, course, 30.0) for course in (60.0, -30.0)]
             words = ", ".join(f"{time:.1f} s over {over:.1f}" for time, over in found)
             alarms = sorted({alarm.name for tick in boat.ticks for alarm in tick.alarms})
-            print(f"{times:.2f} x thrust, {begins}: {words} {alarms}")
+            print(f"{times:.2f} x thrust, {begins}: {words} {alarms}", flush=True)
 
 
-def pivot(vessel: Vessel, kind: str) -> None:
+def pivot(vessel: Vessel, kind: str, first: int = 5, count: int = 1) -> None:
     """Print how far a boat without throttle goes while it turns."""
-    boat = sailed(vessel, kind, speed=0.0, seed=5)
-    give(boat, 0.0)
-    boat.engage(0.0)
-    assert boat.run(20.0, boat.engaged), boat.tick.alarms
-    boat.run(10.0)
-    for course in (90.0, -90.0, 80.0):
-        start = boat.world.boat.state
-        time, over = turn(boat, course, 30.0)
-        state = boat.world.boat.state
-        moved = math.hypot(state.north - start.north, state.east - start.east)
-        print(f"to {course:.0f}: {time:.1f} s, over {over:.1f} deg, moved {moved / LENGTH:.3f} L")
+    for seed in range(first, first + count):
+        boat = sailed(vessel, kind, speed=0.0, seed=seed)
+        give(boat, 0.0)
+        boat.engage(0.0)
+        assert boat.run(20.0, boat.engaged), boat.tick.alarms
+        boat.run(10.0)
+        for course in (90.0, -90.0, 80.0):
+            start = boat.world.boat.state
+            time, over = turn(boat, course, 30.0)
+            state = boat.world.boat.state
+            moved = math.hypot(state.north - start.north, state.east - start.east)
+            print(f"to {course:.0f}: {time:.1f} s, over {over:.1f} deg, moved {moved / LENGTH:.3f} L", flush=True)
 
 
 class Rover:
@@ -207,6 +211,10 @@ class Rover:
         self._guided = GuidedHelm()
         self._motors = motor_setup(ParameterTable(default_parameters()))._replace(asymmetry=ASYMMETRY)
         self.course = 0.0
+
+    def order(self, course: float) -> None:
+        """Order a course [deg]."""
+        self.course = math.radians(course)
 
     def orders(self, time: float) -> Orders:
         """One loop of the firmware, with the attitude of its own board."""
@@ -221,6 +229,8 @@ class Rover:
 ASYMMETRY = 1.34
 COURSES = (30.0, 0.0, 90.0)
 LASTS, STEP_LASTS = 15.0, 30.0
+SWING, SWINGS = 20.0, 6
+"""Courses of the zigzag [deg], and how often the boat goes over."""
 
 
 def measured(boat: World, order: Callable[[float], None], move: Callable[[float], None]) -> list[tuple[float, float]]:
@@ -243,18 +253,39 @@ def measured(boat: World, order: Callable[[float], None], move: Callable[[float]
     return found
 
 
-def rover_steps(vessel: Vessel, gains: GuidedGains, seed: int, share: float = 1.0) -> list[tuple[float, float]]:
-    """Return the steps of ArduRover's own steering at a share of the trial's speed."""
+def swung(boat: World, order: Callable[[float], None], move: Callable[[float], None]) -> tuple[float, float]:
+    """Return the mean time [s] of legs of a zigzag from course to course, and the most that one goes past [deg].
+
+    The other course is ordered as soon as the boat is within 2 deg of the one before.
+    """
+    begun, over, side = boat.time, 0.0, 1.0
+    for _ in range(SWINGS):
+        order(side * SWING)
+        leg = boat.time
+        while boat.time < leg + LASTS:
+            move(0.05)
+            off = side * math.degrees(boat.boat.state.heading)
+            over = max(over, -off - SWING)
+            if off > SWING - 2.0:
+                break
+        side = -side
+    return (boat.time - begun) / SWINGS, over
+
+
+def rover_boat(vessel: Vessel, gains: GuidedGains, seed: int, share: float) -> tuple[World, Rover]:
+    """Return the boat under ArduRover's own steering at a share of the trial's speed, and its helm."""
     speed = share * vessel.model.reference_speed_m_s
     world = World(vessel, Scenario(1, "rover", plant="twin_thruster", seed=seed, start=Start(speed_m_s=speed)))
     helm = Rover(world, gains, throttle_for("twin_thruster", speed))
     world.helms.append(helm)
     world.advance(3.0)
+    return world, helm
 
-    def order(course: float) -> None:
-        helm.course = math.radians(course)
 
-    return measured(world, order, lambda dt: world.advance(world.time + dt))
+def rover_steps(vessel: Vessel, gains: GuidedGains, seed: int, share: float = 1.0) -> list[tuple[float, float]]:
+    """Return the steps of ArduRover's own steering at a share of the trial's speed."""
+    world, helm = rover_boat(vessel, gains, seed, share)
+    return measured(world, helm.order, lambda dt: world.advance(world.time + dt))
 
 
 def tuned(vessel: Vessel, evaluations: int, seed: int) -> GuidedGains:
@@ -276,21 +307,27 @@ def tuned(vessel: Vessel, evaluations: int, seed: int) -> GuidedGains:
     return best
 
 
-def rover(vessel: Vessel, kind: str) -> None:
-    """Print steps of both at three speeds, the peer tuned on this boat at the trial's."""
+def rover(vessel: Vessel, kind: str, first: int = 7, count: int = 2) -> None:
+    """Print steps and a zigzag of both at three speeds, the peer tuned on this boat at the trial's."""
     gains = tuned(vessel, 120, 20261124)
     print("ArduRover, tuned:", gains)
-    for share in (0.5, 1.0, 2.0):
-        for seed in (7, 8):
-            theirs = rover_steps(vessel, gains, seed, share)
-            boat = sailed(vessel, kind, seed=seed, speed=share * vessel.model.reference_speed_m_s)
-            boat.engage(0.0)
-            assert boat.run(20.0, boat.engaged), boat.tick.alarms
-            boat.run(5.0)
-            ours = measured(boat.world, boat.engage, lambda dt, boat=boat: boat.run(dt) and None)
-            for name, steps in (("ArduRover", theirs), ("Norrbin", ours)):
-                words = ", ".join(f"{time:.1f} s over {over:.2f}" for time, over in steps)
-                print(f"{share} x speed, seed {seed} {name:9} steps 30, -30, 90 deg: {words}", flush=True)
+    for share, seed in itertools.product((0.5, 1.0, 2.0), range(first, first + count)):
+        world, helm = rover_boat(vessel, gains, seed, share)
+        boat = sailed(vessel, kind, seed=seed, speed=share * vessel.model.reference_speed_m_s)
+        boat.engage(0.0)
+        assert boat.run(20.0, boat.engaged), boat.tick.alarms
+        boat.run(5.0)
+        movers: tuple[tuple[str, World, Callable[[float], None], Callable[[float], None]], ...] = (
+            ("ArduRover", world, helm.order, lambda dt, world=world: world.advance(world.time + dt)),
+            ("Norrbin", boat.world, boat.engage, lambda dt, boat=boat: boat.run(dt) and None),
+        )
+        for name, sea, order, move in movers:
+            words = ", ".join(f"{time:.1f} s over {over:.2f}" for time, over in measured(sea, order, move))
+            order(0.0)
+            move(LASTS)
+            time, over = swung(sea, order, move)
+            swings = f"zigzag {SWING:.0f}/{SWING:.0f} deg: {time:.2f} s a leg, past by {over:.1f}"
+            print(f"{share} x speed, seed {seed} {name:9} steps 30, -30, 90 deg: {words}; {swings}", flush=True)
 
 
 FAULTS = {
@@ -388,10 +425,12 @@ def main() -> None:
     parser.add_argument("study", choices=("trial", "hold", "thrust", "pivot", "faults", "alarms", "rover", "steps"))
     parser.add_argument("first")
     parser.add_argument("second")
-    parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "COUNT"), help="of faults, alarms and steps")
+    parser.add_argument(
+        "--seeds", type=int, nargs=2, metavar=("FIRST", "COUNT"), help="of trial (the first) and all others"
+    )
     given = parser.parse_args()
     if given.study == "trial":
-        trial(given.first, Path(given.second))
+        trial(given.first, Path(given.second), *(given.seeds or ())[:1])
         return
     studies = {
         "hold": hold,
