@@ -1,6 +1,7 @@
 """Files that are either old or new, never half: written beside, flushed to disk, renamed.
 
-A link stays and what it leads to is replaced; a pipe, a terminal or another device stays too, and is written into.
+A link stays and what it leads to is replaced; a pipe, a terminal or another device stays too, and is written into. What
+replaces a file has its owner, group and mode, where this user may give them.
 A file that may not be had again (a recording, a backup) never replaces another: it takes the next free name,
 run.tlog, run-2.tlog, run-3.tlog. While it is written it is locked (flock), and nothing here replaces or removes a file
 that is locked.
@@ -291,9 +292,8 @@ def write_new(path: Path, write: Callable[[Path], object], *, private: bool = Fa
     try:
         write(Path(temporary))
         os.fsync(descriptor)
-        # mkstemp's 0600 would lock out the user's other programs
         with _where_it_can_be(not private):
-            os.fchmod(descriptor, 0o600 if private else 0o666 & ~_umask())
+            os.fchmod(descriptor, 0o600 if private else _become(descriptor, path))
         Path(temporary).replace(path)
         sync_folder(path.parent)
     except BaseException:
@@ -302,6 +302,19 @@ def write_new(path: Path, write: Callable[[Path], object], *, private: bool = Fa
         raise
     finally:
         os.close(descriptor)
+
+
+def _become(descriptor: int, path: Path) -> int:
+    """Give the open file to whom the file at `path` is, and return the mode for it: that file's.
+
+    Where there is none, or it may not be given away, it is a new file of this user's.
+    """
+    with contextlib.suppress(OSError):
+        before = path.stat()
+        os.fchown(descriptor, before.st_uid, before.st_gid)
+        return before.st_mode & 0o777
+    # mkstemp's 0600 would lock out the user's other programs
+    return 0o666 & ~_umask()
 
 
 def refuse_in_use(path: Path) -> None:

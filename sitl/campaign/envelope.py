@@ -32,7 +32,7 @@ from sitl.boat import BoatState, plant_of
 from sitl.campaign.compiled_run import figures
 from sitl.campaign.setting import Prepared, campaign_of, course_of, measured_every, sailed, setting_for, workspace_of
 from sitl.campaign.study import Study, TurnSection
-from sitl.campaign.work import compiled_loop
+from sitl.campaign.work import announce, compiled_loop
 from sitl.scenario import GearSection, HullSection, Scenario, SecondOrderSection, Start, WavesSection, WindSection
 from sitl.world import STEP
 
@@ -229,6 +229,7 @@ def found_by(vessel: Vessel, seed: int, run: int, *, gyro: bool = True, is_compi
     )
     quick = compiled_loop(vessel.control.law) if is_compiled and shared.campaign is not None else None
     if quick is not None:
+        announce(vessel.control.law)
         setting = setting_for(shared, study, key)
         score, is_whole = quick(setting, workspace_of(setting))
         if is_whole:

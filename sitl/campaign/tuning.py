@@ -22,7 +22,7 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.build import law_of, verdict_of
 from autopilot.vessel.schema import Vessel
 from sitl.campaign.study import Job, number_of_runs
-from sitl.campaign.work import REFUSED, compiled_loop, do_runs, pool_of
+from sitl.campaign.work import REFUSED, announce, compiled_loop, do_runs, pool_of
 
 SPAN = 6.0
 REFUSED_COST = 1.0e6
@@ -108,6 +108,7 @@ def tune(job: Job, vessel: Vessel, search: Search, workers: int, progress: Calla
     law_of(vessel, law)
     if compiled_loop(law) is None:
         raise InputError("tuning needs numba, which makes it a matter of minutes: pip install '.[fast]'")
+    announce(law)
     begin = np.array(astuple(begun(vessel, law)))
     if not np.all(begin > 0.0):
         raise InputError(f"vessel {vessel.name!r}: a gain in control.{law} is 0; tuning begins with positive ones")

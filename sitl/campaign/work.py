@@ -30,6 +30,7 @@ from typing import Any, NamedTuple, Protocol
 
 from autopilot.control.registry import own_step
 from autopilot.errors import InputError, RefusedError
+from autopilot.files.printable import rewrite_line
 from autopilot.vessel.file import dump_vessel, parse_vessel
 from sitl.campaign.compiled_run import Figures, figures, run_compiled
 from sitl.campaign.setting import measured_every, run_reference, setting_of, workspace_of
@@ -61,6 +62,18 @@ def compiled_loop(law: str) -> Callable[..., Any] | None:
         return None
 
 
+@functools.cache
+def announce(law: str) -> None:
+    """Say on standard error where a law's run is not on disk, so that it is compiled now: a minute without a word."""
+    loop = compiled_loop(law)
+    if loop is not None and not is_kept(loop):
+        said = "compiling, which takes a minute or two; the next campaign finds it on disk"
+        if sys.stderr.isatty():
+            rewrite_line(sys.stderr, said, "\n")
+        else:
+            print(said, file=sys.stderr, flush=True)
+
+
 def warm(job: Job, is_compiled: bool) -> None:
     """Load what a worker needs by one run whose row is thrown away, and have it compiled where that was never done.
 
@@ -72,6 +85,7 @@ def warm(job: Job, is_compiled: bool) -> None:
     for law in job.study.laws:
         quick, own = compiled_loop(law), job._replace(study=replace(job.study, laws=(law,)))
         if quick is not None and not is_kept(quick):
+            announce(law)
             boat = dump_vessel(vessel_of(own, case_and_seed(own, 0)[0]))
             subprocess.run([sys.executable, "-m", __name__, law], input=boat, text=True, check=False)
         load(own)

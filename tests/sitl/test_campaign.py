@@ -359,6 +359,18 @@ def test_a_run_is_replayed(study_file: Iterator[Path], capsys: pytest.CaptureFix
     assert "the study has runs 0 to 3" in capsys.readouterr().err
 
 
+def test_that_a_minute_is_spent_on_compiling_is_said_once_and_into_a_pipe_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(work, "compiled_loop", lambda law: None if law == "no numba" else law)
+    monkeypatch.setattr(work, "is_kept", lambda loop: loop == "on disk")
+    work.announce.cache_clear()
+    for law in ("no numba", "on disk", "new", "new"):
+        work.announce(law)
+    work.announce.cache_clear()
+    assert capsys.readouterr() == ("", "compiling, which takes a minute or two; the next campaign finds it on disk\n")
+
+
 def test_without_numba_it_says_so(
     study_file: Iterator[Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -66,6 +66,31 @@ def test_a_link_stays_and_its_target_is_replaced(save: Callable[..., object], te
 
 
 @EACH
+def test_what_replaces_a_file_is_its_owners_where_it_may_be(
+    save: Callable[..., object], text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mine"
+    save(path, text)
+    new = path.stat()
+    path.chmod(0o640)
+    if os.geteuid() == 0:
+        os.chown(path, 4711, 4712)
+    before = path.stat()
+    save(path, text)
+    after = path.stat()
+    assert after.st_ino != before.st_ino
+    assert (after.st_uid, after.st_gid, after.st_mode) == (before.st_uid, before.st_gid, before.st_mode)
+
+    def refused(*_: object) -> None:
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "fchown", refused)
+    save(path, text)
+    other = path.stat()
+    assert (other.st_uid, other.st_mode) == (os.geteuid(), new.st_mode), "a new file of who wrote it"
+
+
+@EACH
 def test_a_pipe_with_a_reader_gets_the_text(save: Callable[..., object], text: str, tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
