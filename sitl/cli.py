@@ -83,23 +83,27 @@ def run_completion(arguments: argparse.Namespace) -> int:
     return print_completion(build_parser(), arguments.shell)
 
 
-def _add_physics_options(physics: argparse.ArgumentParser) -> None:
-    physics.add_argument(
+def _add_boat_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which boat is simulated, and for how long."""
+    parser.add_argument(
         "vessel",
         metavar="VESSEL.yaml",
         help="vessel file, or the name of a shipped one (lanxin) or of a plant (mmg_tanker)",
     )
-    physics.add_argument(
-        "--listen", metavar="HOST:PORT", default="127.0.0.1:9002", help="where ArduPilot sends (default %(default)s)"
-    )
-    physics.add_argument(
+    parser.add_argument(
         "--scenario",
         metavar="FILE",
         default="calm",
         help=f"scenario file, or a shipped one: {', '.join(shipped_scenarios())} (default calm)",
     )
+    parser.add_argument("--seed", metavar="N", action=SEED, help="seed of all random numbers (default: the scenario's)")
+    parser.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after this many simulated seconds")
+
+
+def _add_physics_options(physics: argparse.ArgumentParser) -> None:
+    _add_boat_options(physics)
     physics.add_argument(
-        "--seed", metavar="N", action=SEED, help="seed of all random numbers (default: the scenario's)"
+        "--listen", metavar="HOST:PORT", default="127.0.0.1:9002", help="where ArduPilot sends (default %(default)s)"
     )
     for name, output in (("steering", 1), ("throttle", 3)):
         physics.add_argument(
@@ -109,16 +113,11 @@ def _add_physics_options(physics: argparse.ArgumentParser) -> None:
             default=output,
             help=f"{name} output (default {output})",
         )
-    physics.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after this many simulated seconds")
     physics.set_defaults(run=run_physics)
 
 
 def _add_serve_options(serve: argparse.ArgumentParser) -> None:
-    serve.add_argument(
-        "vessel",
-        metavar="VESSEL.yaml",
-        help="vessel file, or the name of a shipped one (lanxin) or of a plant (mmg_tanker)",
-    )
+    _add_boat_options(serve)
     serve.add_argument(
         "--mavlink",
         metavar="URL",
@@ -148,12 +147,6 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         help="rudder drive on a pseudo-terminal of its own: pypilot, jrk, maestro, valve; pypilot:/tmp/drive:38400",
     )
     serve.add_argument(
-        "--scenario",
-        metavar="FILE",
-        default="calm",
-        help=f"scenario file, or a shipped one: {', '.join(shipped_scenarios())} (default calm)",
-    )
-    serve.add_argument(
         "--signing-key",
         metavar="FILE",
         help="the flight controller signs with the key in FILE and obeys only messages signed with it",
@@ -168,8 +161,6 @@ def _add_serve_options(serve: argparse.ArgumentParser) -> None:
         "--control", metavar="HOST:PORT", help=f"listen there for `sitl fault`, e.g. {DEFAULT_SERVICE}; loopback only"
     )
     serve.add_argument("--speedup", metavar="X", action=SPEEDUP, default=1.0, help="simulated seconds per second")
-    serve.add_argument("--seed", metavar="N", action=SEED, help="seed of all random numbers (default: the scenario's)")
-    serve.add_argument("--duration", metavar="S", action=SIMULATED, help="stop after this many simulated seconds")
     arming = serve.add_mutually_exclusive_group()
     arming.add_argument(
         "--armed", action="store_true", default=None, help="start armed (default: as the scenario says)"

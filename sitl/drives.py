@@ -422,7 +422,6 @@ class PypilotController(DriveLine):
     def __init__(self, world: World, baud: int) -> None:
         super().__init__(world, baud)
         self.flags = 0
-        self.processed = 0
         self._window = bytearray()
         self._in_sync = 0
         self._speed = 1000
@@ -451,7 +450,6 @@ class PypilotController(DriveLine):
             self._in_sync += 1
             return
         self.flags |= FLAG_SYNC
-        self.processed += 1
         self._process(time, code, low | high << 8)
 
     def _process(self, time: float, code: int, value: int) -> None:

@@ -208,11 +208,6 @@ class RecordingTransport:
             self.kept.append(chunk)
         return chunks
 
-    def waiting_to_send(self) -> int:
-        """Return how many bytes wait in a serial line's driver, 0 elsewhere."""
-        waiting = getattr(self.inside, "waiting_to_send", None)
-        return 0 if waiting is None else int(waiting())
-
     def forget(self) -> None:
         """Keep nothing any more."""
         self.kept, self._room = [], 0

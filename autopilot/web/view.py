@@ -112,13 +112,11 @@ PLACE = ("lat", "lon")
 
 
 class Trial(NamedTuple):
-    """A trial that was begun: its command, share done in per cent, MAV_RESULT (5 while it lasts), when it was
-    reported."""
+    """A trial that was begun: its command, share done in per cent, MAV_RESULT (5 while it lasts)."""
 
     command: int
     percent: int
     result: int
-    reported_time: float
 
 
 class BoatView:
@@ -274,7 +272,7 @@ class BoatView:
 
     def _acknowledged(self, now: float, message: Message) -> None:
         if message.command in TRIAL_COMMANDS:
-            self.trial = Trial(int(message.command), int(message.progress), int(message.result), now)
+            self.trial = Trial(int(message.command), int(message.progress), int(message.result))
 
 
 def _rounded(value: float, digits: int = 2) -> float | None:

@@ -81,7 +81,6 @@ def test_on_a_slow_line_the_newest_command_wins() -> None:
     got = orders(far)
     each = len(encoders.encode_ror(math.radians(5.0), True)) * 10 / 4800.0
     assert len(got) == pytest.approx(1.0 / each, abs=3), "no more than the line can carry"
-    assert link.session.replaced == pytest.approx(100 - len(got), abs=1)
     link.poll(1.2)
     assert orders(far)[-1] == (9.9, "A"), "what waited last leaves as soon as the line is free"
 

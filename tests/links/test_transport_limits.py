@@ -491,36 +491,14 @@ def test_a_serial_line_that_takes_a_part_takes_the_rest_before_anything_else(
     monkeypatch.setattr(os, "write", write)
     transport = line[0]
     assert transport.send(b"abcdef") is True
-    assert transport.waiting_to_send() == 2
     assert transport.send(b"gh") is False
-    assert transport.waiting_to_send() == 1
     assert transport.send(b"gh") is False
     assert transport.send(b"ij") is True
-    assert sent == [b"abcd", b"e", b"f", b"ij"] and transport.waiting_to_send() == 0
+    assert sent == [b"abcd", b"e", b"f", b"ij"]
     taking[:] = [BlockingIOError(), BlockingIOError(), failure("EIO")]
     assert transport.send(b"kl") is False and transport.send(b"") is True
     with pytest.raises(LinkError, match="is gone"):
         transport.send(b"x")
-
-
-def test_what_waits_in_the_driver_is_counted_where_it_can_tell(line: tuple[SerialTransport, int]) -> None:
-    class Port:
-        out_waiting = 7
-
-    transport = line[0]
-    real = transport._port
-    transport._chunks.unsent = b"abc"
-    transport._port = Port()  # type: ignore[assignment]
-    assert transport.waiting_to_send() == 10
-
-    class Mute:
-        @property
-        def out_waiting(self) -> int:
-            raise OSError
-
-    transport._port = Mute()  # type: ignore[assignment]
-    assert transport.waiting_to_send() == 3
-    transport._port = real
 
 
 @pytest.mark.parametrize(

@@ -206,8 +206,7 @@ class NmeaSession:
     said to be on its way by `sent`: a line that is busy, or takes nothing, keeps it waiting.
 
     Attributes:
-        replaced: commands not sent because the line was still busy with an earlier one; the newest is sent.
-        heard_time: when a sentence last came [s], -inf before the first.
+        received_time: when a sentence last came [s], -inf before the first.
     """
 
     def __init__(
@@ -220,7 +219,6 @@ class NmeaSession:
     ) -> None:
         known = self._known = variation or known_as(settings.variation)
         self.name = name
-        self.replaced = 0
         self.received_time = -math.inf
         self.settings = settings
         self._is_stream = is_stream
@@ -315,8 +313,6 @@ class NmeaSession:
         if not self.settings.steers:
             return
         if engaged:
-            if self._pending:
-                self.replaced += 1
             self._command, self._pending, self._given = command, True, now
             self._release.has_ordered = True
             self._releases_left = RELEASES

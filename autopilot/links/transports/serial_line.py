@@ -123,13 +123,6 @@ class SerialTransport:
             raise self._gone()
         return self._chunks.send(data)
 
-    def waiting_to_send(self) -> int:
-        """Return how many bytes have been handed over but have not left; 0 where the driver cannot tell."""
-        try:
-            return int(self._port.out_waiting) + len(self._chunks.unsent)
-        except OSError:
-            return len(self._chunks.unsent)
-
     def forget_peer(self) -> None:
         """Do nothing: the other end is whatever is plugged in."""
 
