@@ -93,7 +93,7 @@ class TruthFile:
             descriptor, self.path = create_unused(path)
         except OSError as error:
             raise InputError(f"--truth: {path} cannot be written: {error.strerror}.") from error
-        self._file: IO[str] = open(descriptor, "w", newline="", encoding="utf-8")  # noqa: PTH123, SIM115
+        self._file: IO[str] = open(descriptor, "w", 1, newline="", encoding="utf-8")  # noqa: PTH123, SIM115
         self._world = world
         self._rows = csv.writer(self._file)
         self._failed = False

@@ -31,7 +31,7 @@ NIGHTLY = Path(__file__).parent / "nightly.txt"
 STALE = pytest.StashKey[list[str]]()
 """Tests that take seconds each and are like others that stay: the night runs them, `.ci/slow tests`."""
 REAL_TIME = Path(__file__).parent / "interop"
-REAL_TIME_GROUPS = 2
+REAL_TIME_SCOPE, REAL_TIME_GROUPS = "real time", 2
 
 
 class MachineWatch:
@@ -117,20 +117,27 @@ def stale_nightly(request: pytest.FixtureRequest) -> list[str]:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Give real-time tests to two workers at most, one after the other, and what shares a costly fixture to one.
 
-    Real-time tests start a simulator and a pilot as a user would, and mostly sleep.
+    Real-time tests start a simulator and a pilot as a user would, and mostly sleep. They come first: a worker that has
+    begun to compute is idle for good where its user may not raise it again, and so would be what it starts.
     """
     if config.getoption("dist") != "loadgroup":
         return None
     from xdist.scheduler import LoadScopeScheduling
 
     class ByKind(LoadScopeScheduling):
+        def _assign_work_unit(self, node: Any) -> None:
+            if not self.assigned_work.get(node):
+                for scope in [each for each in self.workqueue if each.startswith(REAL_TIME_SCOPE)]:
+                    self.workqueue.move_to_end(scope, last=False)
+            super()._assign_work_unit(node)
+
         def _split_scope(self, nodeid: str) -> str:
             file, _, name = nodeid.partition("::")
             marked, shares = _kinds_in(config.rootpath / file)
             together = file if shares else nodeid
             is_real_time = marked is None or name.partition("[")[0] in marked
             if is_real_time and (config.getoption("numprocesses") or 0) > REAL_TIME_GROUPS:
-                return f"real time {crc32(together.encode()) % REAL_TIME_GROUPS}"
+                return f"{REAL_TIME_SCOPE} {crc32(together.encode()) % REAL_TIME_GROUPS}"
             return together
 
     return ByKind(config, log)
@@ -167,7 +174,9 @@ def _is_real_time(item: pytest.Item) -> bool:
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Let what only computes have what tests in real time leave, where several workers share the machine."""
-    if "PYTEST_XDIST_WORKER" in os.environ and hasattr(os, "SCHED_IDLE"):
+    shares, is_root = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")), os.geteuid() == 0
+    # nobody but root raises itself again, and two workers have tests of both kinds
+    if shares and (is_root or shares > REAL_TIME_GROUPS) and hasattr(os, "SCHED_IDLE"):
         with contextlib.suppress(OSError):
             policy = os.SCHED_OTHER if _is_real_time(item) else os.SCHED_IDLE
             os.sched_setscheduler(0, policy, os.sched_param(0))

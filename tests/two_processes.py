@@ -6,12 +6,16 @@ import contextlib
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from autopilot.vessel.file import dump_vessel, load_vessel
 from sitl.faults import ask
+
+PATIENCE_S = 60.0
+"""Wall time in which what is waited for must happen on however busy a machine."""
 
 
 def patient_vessel(folder: Path) -> Path:
@@ -48,6 +52,28 @@ def wait_until_engaged(run: subprocess.Popen[str]) -> None:
     assert run.stdout is not None
     while "ENGAGED" not in run.stdout.readline():
         assert run.poll() is None
+
+
+def truth_of(path: Path) -> dict[str, float]:
+    """Return the last whole row that `sitl serve --truth` has written."""
+    header, *rows = path.read_text().splitlines(keepends=True)
+    last = next(row for row in reversed(rows) if row.endswith("\n"))
+    return dict(zip(header.strip().split(","), map(float, last.split(",")), strict=True))
+
+
+def sailed(path: Path, is_so: Callable[[dict[str, float]], bool]) -> dict[str, float]:
+    """Return the first row of the truth, of those to come too, in which that is so: by the boat's time, not by ours."""
+    end = time.monotonic() + PATIENCE_S
+    while not is_so(row := truth_of(path)):
+        assert time.monotonic() < end, row
+        time.sleep(0.05)
+    return row
+
+
+def sailed_for(path: Path, seconds: float) -> dict[str, float]:
+    """Return the row of the truth when the boat has sailed for so many more seconds."""
+    since = truth_of(path)["time_s"]
+    return sailed(path, lambda row: row["time_s"] >= since + seconds)
 
 
 def provoke(control: int, fault: str) -> None:

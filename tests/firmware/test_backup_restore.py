@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ from typing import Any
 import pytest
 from parameter_vehicle import BadLink, ParameterVehicle, converse
 from served_vehicle import ServedVehicle
-from two_processes import free_port
+from two_processes import free_port, simulator
 
 from autopilot.cli import params as command
 from autopilot.errors import InputError, RefusedError
@@ -321,12 +319,11 @@ def test_shipped_files_hold_settings_alone() -> None:
         assert settings_of(wanted_parameters(file), file.firmware)[1] == []
 
 
+@pytest.mark.real_time
 def test_the_simulated_firmware_is_backed_up_and_restored(capsys: pytest.CaptureFixture[str]) -> None:
     port = free_port()
-    words = ["serve", "lanxin", "--disarmed", "--mavlink", f"udpout:127.0.0.1:{port}", "--duration", "120"]
-    simulator = subprocess.Popen([sys.executable, "-m", "sitl", *words], stdout=subprocess.DEVNULL)
     link = f"udpin:127.0.0.1:{port}"
-    try:
+    with simulator(1.0, "--disarmed", "--mavlink", f"udpout:127.0.0.1:{port}"):
         path = backed_up(link)
         Path("mine.parm").write_text("CRUISE_SPEED 2.5\n")
         assert call(link, "upload", "mine.parm", "--no-backup") == 0
@@ -335,6 +332,3 @@ def test_the_simulated_firmware_is_backed_up_and_restored(capsys: pytest.Capture
         assert call(link, "restore", path) == 0
         assert " unchanged\n" in capsys.readouterr().out
         assert not JOURNAL.exists()
-    finally:
-        simulator.terminate()
-        simulator.wait()

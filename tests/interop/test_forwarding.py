@@ -15,7 +15,8 @@ from autopilot.cli.main import main
 from autopilot.runtime.record import read_log
 from autopilot.signals import HeadingSample, Mode
 
-SPEEDUP = 2
+SPEEDUP = 1
+"""Not speeded up: a pilot that stands still for 3 s of the vehicle's time lets go, as one on a busy machine does."""
 STATION = """
 import json, sys, time
 from pymavlink import mavutil
@@ -54,7 +55,7 @@ from collections import Counter
 from pymavlink import mavutil
 link = mavutil.mavlink_connection(sys.argv[1], source_system=251, source_component=190)
 counts, beaten, times = Counter(), 0, []
-while len(times) < 24:
+while len(times) < 14:
     if not beaten % 40:
         link.mav.heartbeat_send(6, 8, 0, 0, 4)
         link.mav.request_data_stream_send(1, 1, 0, 1, 1)
@@ -125,7 +126,7 @@ def test_a_logger_behind_a_slow_radio_gets_two_headings_a_second_while_we_steer_
         pilot.communicate(timeout=20)
     seen = json.loads(done.stdout)
     assert seen["span"] == pytest.approx(0.5, rel=0.1), "seconds of the vehicle between two headings"
-    assert seen["counts"]["HEARTBEAT"] > 10 and "VFR_HUD" not in seen["counts"], "it stays seen, and no more"
+    assert seen["counts"]["HEARTBEAT"] > 4 and "VFR_HUD" not in seen["counts"], "it stays seen, and no more"
     ticks = read_log(log).ticks
     headings = {sample.time for tick in ticks for sample in tick.samples if isinstance(sample, HeadingSample)}
     # of the twenty a second that come, on a machine that has little time for it too

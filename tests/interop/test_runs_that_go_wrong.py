@@ -34,12 +34,6 @@ def autopilot(*arguments: str) -> subprocess.CompletedProcess[str]:
     return done
 
 
-def steer(vessel: str, port: int, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return autopilot(
-        "run", vessel, "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--speedup", str(SPEEDUP), *arguments
-    )
-
-
 def assert_one_sentence(done: subprocess.CompletedProcess[str], code: int, *parts: str) -> None:
     assert done.returncode == code, done.stderr
     lines = done.stderr.strip().splitlines()
@@ -97,11 +91,23 @@ def test_a_trial_is_identified_even_from_half_of_its_log(tmp_path: Path) -> None
 
 def test_a_full_disk_stops_the_log_and_not_the_boat(vessel: str) -> None:
     port = free_port()
-    with simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}"):
-        done = steer(vessel, port, "--engage", "present", "--duration", "8", "--log", "/dev/full")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "ENGAGED" in done.stdout
-    assert "log stopped" in done.stdout
+    command = [sys.executable, "-m", "autopilot", "run", vessel, "--link", f"udpin:127.0.0.1:{port}", "--as-gcs"]
+    command += ["--speedup", str(SPEEDUP), "--engage", "present", "--log", "/dev/full"]
+    with (
+        simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}"),
+        subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as run,
+    ):
+        assert run.stdout is not None
+        left = {"ENGAGED", "log stopped"}
+        while left:
+            line = run.stdout.readline()
+            left = {each for each in left if each not in line}
+            assert run.poll() is None, left
+        run.terminate()
+        _, err = run.communicate(timeout=60.0)
+    assert (run.returncode, err) == (0, "")
 
 
 def test_other_tools_find_attitude_and_our_values_in_the_log(tmp_path: Path) -> None:

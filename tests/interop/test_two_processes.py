@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from two_processes import free_port, patient_vessel, simulator
+from two_processes import free_port, patient_vessel, sailed, sailed_for, simulator
 
 from autopilot.angles import wrap
 from autopilot.runtime.record import read_log
@@ -53,7 +53,8 @@ def assert_one_sentence(err: str, *parts: str) -> None:
 def assert_reached_and_replays(log: Path) -> None:
     ticks = read_log(log).ticks
     assert ticks[-1].mode is Mode.ENGAGED
-    late = [abs(wrap(tick.state.heading - math.radians(GOAL_DEG))) for tick in ticks[-40:]]
+    # of a busy machine's few ticks the last forty would reach back into the turn
+    late = [abs(wrap(tick.state.heading - math.radians(GOAL_DEG))) for tick in ticks if tick.now > ticks[-1].now - 2.0]
     assert math.degrees(max(late)) < 2.0
     command = [sys.executable, "-m", "autopilot", "replay", str(log)]
     replayed = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -74,10 +75,8 @@ def test_a_heading_is_changed_and_held_over_udp(tmp_path: Path, vessel: Path, st
         )  # fmt: skip
         code, _, err = finish(run)
         assert (code, err) == (0, "")
-        time.sleep(0.7)
+        last = sailed_for(truth, 1.0)
     assert_reached_and_replays(log)
-    rows = truth.read_text().strip().splitlines()
-    last = dict(zip(rows[0].split(","), map(float, rows[-2].split(",")), strict=True))
     assert abs(math.degrees(last["rudder_rad"])) < 1.0, "released: the rudder goes back amidships"
 
 
@@ -134,14 +133,12 @@ def test_a_signal_ends_the_run_cleanly(tmp_path: Path, vessel: Path, number: sig
         assert run.stdout is not None
         while "ENGAGED" not in run.stdout.readline():
             assert run.poll() is None
-        time.sleep(0.7)
+        sailed(truth, lambda row: abs(row["rudder_rad"]) > 0.1)
         run.send_signal(number)
         code, _, err = finish(run)
         assert (code, err) == (0, "")
-        time.sleep(1.0)
+        last = sailed_for(truth, 1.5)
     assert any(abs(tick.command.angle) > 0.1 for tick in read_log(log).ticks)
-    rows = truth.read_text().strip().splitlines()
-    last = dict(zip(rows[0].split(","), map(float, rows[-2].split(",")), strict=True))
     assert abs(math.degrees(last["rudder_rad"])) < 1.0
 
 
@@ -152,13 +149,11 @@ def test_a_killed_pilot_leaves_a_log_and_a_rudder_that_is_let_go(tmp_path: Path,
         assert run.stdout is not None
         while "ENGAGED" not in run.stdout.readline():
             assert run.poll() is None
-        time.sleep(0.7)
+        sailed(truth, lambda row: abs(row["rudder_rad"]) > 0.1)
         run.kill()
         run.communicate()
-        time.sleep(6.0 / SPEEDUP)
+        last = sailed_for(truth, 6.0)
     assert read_log(log).ticks[-1].mode is Mode.ENGAGED
-    rows = truth.read_text().strip().splitlines()
-    last = dict(zip(rows[0].split(","), map(float, rows[-2].split(",")), strict=True))
     assert abs(math.degrees(last["rudder_rad"])) < 1.0, "the override times out"
 
 

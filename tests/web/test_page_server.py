@@ -486,13 +486,13 @@ def test_connections_that_say_nothing_do_not_shut_out_the_skipper(tmp_path: Path
         address, token = re.findall(r"(http://127.0.0.1:\d+)/#token=([\w-]{20,})", web.stdout.readline())[0]
         bearer = {"authorization": f"Bearer {token}"}
         with (
-            httpx2.Client(base_url=address, timeout=10.0) as client,
+            httpx2.Client(base_url=address, timeout=60.0) as client,
             client.stream("GET", "/api/events", headers=bearer) as events,
         ):
             texts = events.iter_text()
             next(texts)
             for _ in range(450):
-                silent.append(socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 10.0))
+                silent.append(socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 60.0))
                 silent[-1].sendall(b"POST /api/order HTTP/1.1\r\nX: ")
             assert client.get("/api/may", headers=bearer).json() == {"may": True}
             next(texts)
