@@ -35,6 +35,7 @@ SEAS = (
     Sea("calm"),
     Sea("noisy rudder and log", rudder_deg=0.2, speed_share=0.015),
     Sea("gusts and waves", gust_deg=1.0, wave_deg=1.0),
+    Sea("gusts, waves, noise", gust_deg=1.0, wave_deg=1.0, rudder_deg=0.2, speed_share=0.015),
     Sea("gusts, noise, gyro", gust_deg=1.0, rudder_deg=0.3, speed_share=0.02, gyro_deg_s=0.1),
 )
 FREE, RATIOS = ("K", "T", "n3", "n0"), ("a", "b", "d", "e")

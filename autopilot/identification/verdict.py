@@ -183,6 +183,16 @@ def _quickest(time: FloatArray, order: FloatArray) -> float:
     return float(np.max(np.abs(later - order))) / LOOKED_AT_S
 
 
+def unchecked(runs: Sequence[Run]) -> str:
+    """Return what K and T depend on that nothing in the runs checks: what is alike in all of them, no fit shows."""
+    what = ["the speed that was recorded (not of a fouled log, nor over the ground in a current)"]
+    if not any(np.isfinite(segment.rate).any() for run in runs for segment in run.segments):
+        what.append("a rudder that goes as far as recorded (no gyro would show an end stop)")
+    if on_one_course(runs):
+        what.append("the compass (neither a gyro nor another course checks it)")
+    return f"K and T count on {' and '.join(filter(None, [', '.join(what[:-1]), what[-1]]))}"
+
+
 def gear_check(runs: Sequence[Run], filed: float, measured: RudderRate | None) -> GearCheck:
     """Return whether the runs' rudder is that of the vessel file, of the `filed` rate [rad/s], inf where none is known.
 
@@ -191,17 +201,20 @@ def gear_check(runs: Sequence[Run], filed: float, measured: RudderRate | None) -
     if any(run.rudder == "measured" for run in runs):
         orders = [run.orders for run in runs if run.orders is not None]
         angles = angles_against([rest for each in orders for rest in rests_of(each)])
-        return GearCheck((*angles, *rate_against(measured, filed, orders)), "", "" if orders else AS_SHOWN)
+        against = (*angles, *rate_against(measured, filed, orders))
+        return GearCheck(against, unchecked(runs), "" if orders else AS_SHOWN)
     if measured is not None:
         rates = f"{math.degrees(measured.rate):.3g} deg/s" + (
             f" in place of {math.degrees(filed):.3g}" if math.isfinite(filed) else ""
         )
-        return GearCheck((), f"its rudder turns out to move at {rates}, its angles are as typed", AS_TYPED)
-    if not math.isfinite(filed):
-        return GearCheck((), "the rudder's angles and rate are as ordered", AS_TYPED)
-    if not shows_rate(runs, filed):
+        shown = f"its rudder turns out to move at {rates}, its angles are as typed"
+    elif not math.isfinite(filed):
+        shown = "the rudder's angles and rate are as ordered"
+    elif shows_rate(runs, filed):
+        shown = "it turns as with a rudder of the typed rate, whose angles are as typed"
+    else:
         return GearCheck((UNKNOWN_RATE,), "", AS_TYPED)
-    return GearCheck((), "it turns as with a rudder of the typed rate, whose angles are as typed", AS_TYPED)
+    return GearCheck((), f"{shown}; {unchecked(runs)}", AS_TYPED)
 
 
 Grade = Literal["good", "start", "not enough"]
@@ -216,7 +229,6 @@ LEAST_R2, MOSTLY = 0.5, 0.8
 for one to start with whose rudder goes with what it misses."""
 LEAST_R2_BY_THRUST = 0.9
 """The same of a boat that steers by thrust, of each run."""
-UNCHECKED = "K is as good as the compass, which neither a gyro nor another course checks"
 KNOT_M_S = 1852.0 / 3600.0
 
 
@@ -234,10 +246,9 @@ class Verdict(NamedTuple):
 def verdict_on_runs(found: Identified, runs: Sequence[Run], filed: float) -> Verdict:
     """Return what the model is good for, fitted to the `runs`, which are as they were recorded; `filed` is the rudder's
     rate by the vessel file [rad/s], inf where none is known."""
-    rate, by_compass = found.rudder_rate, UNCHECKED if on_one_course(runs) else ""
+    rate = found.rudder_rate
     fitted = runs if rate is None else [with_rudder_of(run, rate) for run in runs]
     gear = gear_check(runs, filed, rate or rudder_rate_of(fitted))
-    gear = gear._replace(beside="; ".join(filter(None, [gear.beside, by_compass])))
     return verdict_of(found, [found.predict(run) for run in fitted], found.residual_tests(fitted), gear)
 
 

@@ -20,6 +20,7 @@ from autopilot.identification.verdict import (
     backlash_of,
     gear_check,
     rests_of,
+    unchecked,
 )
 
 FILED = math.radians(20.0)
@@ -110,4 +111,15 @@ def test_where_half_the_rate_would_not_have_shown_nothing_is_called_checked() ->
 
 
 def test_a_recording_whose_rudder_is_measured_without_orders_has_nothing_to_compare() -> None:
-    assert gear_check([zigzag(20.0)._replace(rudder="measured")], FILED, None) == GearCheck(note=AS_SHOWN)
+    run = zigzag(20.0)._replace(rudder="measured")
+    found = gear_check([run], FILED, None)
+    assert found == GearCheck(beside=unchecked([run]), note=AS_SHOWN)
+
+
+def test_what_nothing_in_the_log_checks_is_named() -> None:
+    run = zigzag(20.0)
+    bare = run._replace(segments=tuple(s._replace(rate=np.full(s.time.size, math.nan)) for s in run.segments))
+    with_gyro = run._replace(segments=tuple(s._replace(rate=np.zeros(s.time.size)) for s in run.segments))
+    assert "fouled log" in unchecked([bare]) and "end stop" in unchecked([bare]) and "compass" in unchecked([bare])
+    assert "fouled log" in unchecked([with_gyro])
+    assert "end stop" not in unchecked([with_gyro]) and "compass" not in unchecked([with_gyro])

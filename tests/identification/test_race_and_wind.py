@@ -130,7 +130,7 @@ def test_each_runs_gusts_are_as_strong_as_they_were() -> None:
     assert space.record.rough == pytest.approx([0.5, 2.0], rel=0.3)
 
 
-@pytest.mark.parametrize("seed", [2002, 2011])
+@pytest.mark.parametrize("seed", [1127, 1128])
 def test_intervals_hold_the_boat_the_race_and_the_wind_in_gusts_that_nobody_recorded(seed: int) -> None:
     errors = errors_of(seed, 1.0, 0.2)
     assert {"gain", "time_constant", "n3", "n0", "race", "wind_beam", "wind_quarter"} <= set(errors)
