@@ -172,6 +172,8 @@ def signing_of(arguments: argparse.Namespace) -> Signing | None:
 
 
 EXAMPLES = {
+    "autopilot": "autopilot new-boat my-boat.yaml",
+    "sitl": "sitl serve lanxin --mavlink udpout:127.0.0.1:14550",
     "autopilot new-boat": "autopilot new-boat my-boat.yaml --link udpin:127.0.0.1:14550 --as-gcs",
     "autopilot run": "autopilot run my-boat.yaml --link udpin:127.0.0.1:14550 --as-gcs --engage 90 --log run.tlog",
     "autopilot trial": "autopilot trial zigzag my-boat.yaml --link udpin:127.0.0.1:14550 --as-gcs --log zigzag.tlog",

@@ -87,7 +87,7 @@ def _what_to_write(scheme: str) -> str:
         return f"write udpin:{scheme}:14550, udpout:{scheme}:14550 or tcp:{scheme}:5760"
     near = difflib.get_close_matches(scheme.casefold(), list(EXAMPLES), n=3)
     if near:
-        return f"write one of {', '.join(EXAMPLES[name] for name in near)}"
+        return f"write {'one of ' if near[1:] else ''}{', '.join(EXAMPLES[name] for name in near)}"
     shown = ", ".join(EXAMPLES[name] for name in COMMON)
     return f"write one of {shown}; there are {', '.join(name for name in SCHEMES if name not in COMMON)} as well"
 

@@ -30,6 +30,7 @@ HEARTBEAT = MavlinkCodec(1, 1).encode(dialect.MAVLink_heartbeat_message(11, 3, 0
         ("serial:/dev/null:115200", "/dev/null is not a serial port; name a device such as /dev/ttyUSB0"),
         ("serial:/:115200", "/ is not a serial port"),
         ("upd:127.0.0.1:14550", "unknown kind 'upd'; write one of udpin:"),
+        ("serail:/dev/ttyUSB0:57600", "unknown kind 'serail'; write serial:"),
         ("", "unknown kind ''"),
         ("udpin", "unknown kind 'udpin'; write one of udpin:"),
         ("udpin:14550", "incomplete; write it like udpin:127.0.0.1:14550"),
