@@ -18,8 +18,9 @@ from autopilot.estimation import estimator
 from autopilot.estimation.estimator import EstimatorConfig, EstimatorState, noises_of
 from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.rudder_observer import AS_FILED, RudderRate, gone_by
+from autopilot.estimation.tuning import RATE_BEYOND
 from autopilot.models.drives import RUDDER_LAW, DriveLaw, Needs
-from autopilot.models.norrbin import Norrbin
+from autopilot.models.norrbin import Norrbin, quickest_turn
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import AlarmEvent, RollSample, RudderCommand
 from autopilot.steering import LONGEST_STEP, NOT_TURNING, CornerFrequencies, SteeringConfig, Way
@@ -95,7 +96,12 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
     """Return what steering with the `law` goes by, in numbers."""
     return SteeringConfig(
         estimator=EstimatorConfig(
-            config.model, config.gear, noises_of(config.noise), config.steerage, config.law, config.loop_delay
+            config.model,
+            config.gear,
+            noises_of(config.noise, RATE_BEYOND * quickest_turn(config.model, config.gear.angle_max)),
+            config.steerage,
+            config.law,
+            config.loop_delay,
         ),
         limits=config.limits,
         dead_band=config.dead_band,

@@ -312,7 +312,10 @@ def select(
 ) -> tuple[MonitorState, EstimatorState, Control, failsafe.Memory]:
     """Give each block the samples that are for it; those of the boat's motion are the estimator's."""
     boat, estimate, control, reckoned = config.boat, state.estimate, state.control, state.failsafe
-    monitors = on_samples(boat.alarms, state.monitors, samples)
+    # a speed that reads too low would make any turn too quick
+    quicker = max(estimate.model.gain / boat.model.gain, 1.0)
+    rate_most = quicker * config.steering.estimator.noises.rate_most
+    monitors = on_samples(boat.alarms, state.monitors, samples, rate_most)
     for sample in samples:
         if type(sample) is HeadingSample:
             continue
@@ -334,8 +337,8 @@ def select(
             supervisor.note(sample)
     if boat.failsafe.action in STEERING_ACTIONS:
         steering = FailsafeSteering(reckoned)
-        # which of two that are far apart is wrong nobody can tell; no compass turns to the other side
-        takes_rates, bias = not monitors.consistency.is_opposite, estimate.fusion.gyro.bias
+        # which of two that are far apart is wrong nobody can tell; no compass turns to the other side, nor stands still
+        takes_rates, bias = not monitors.consistency.is_refused, estimate.fusion.gyro.bias
         steering.on_sample(samples, takes_rates, bias)
         reckoned = steering.memory
     return monitors, estimate, control, reckoned
@@ -367,7 +370,9 @@ def believe(
     beliefs = Beliefs(*news)
     estimate = believing(config.estimator, estimate, beliefs)
     if (beliefs.doubts_speed, beliefs.liveliness) == (before.doubts_speed, before.liveliness):
-        return estimate, way, False
+        # what a rate that is wrong has made of the sea is none
+        is_refused = before.takes_rates and monitors.consistency.is_refused
+        return without_disturbances(estimate) if is_refused else estimate, way, False
     return without_disturbances(estimate), way, True
 
 

@@ -141,6 +141,7 @@ ROWS: tuple[Row, ...] = (
     simple("rate off by 5 deg/s", "rate_bias", 5.0),
     simple("rate frozen", "rate_frozen"),
     simple("rate reversed", "rate_reversed"),
+    simple("rate in deg/s for rad/s", "rate_scaled", 57.3),
     simple("rate noise of 5 deg/s", "rate_noise", 5.0),
     simple("speed lost", "speed_lost"),
     simple("speed frozen", "speed_frozen"),

@@ -145,6 +145,7 @@ NEEDS: Mapping[str, Expect] = {
     "rate off by 5 deg/s": noticed("rate of turn"),
     "rate frozen": noticed("rate of turn"),
     "rate reversed": noticed("rate of turn")._replace(within=SOON_S),
+    "rate in deg/s for rad/s": noticed("rate of turn")._replace(within=SOON_S),
     "rate noise of 5 deg/s": BORNE,
     "speed lost": BORNE,
     "speed frozen": BORNE,

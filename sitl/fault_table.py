@@ -215,6 +215,11 @@ def rate_noise(fault: Acting, reading: Reading, dice: Dice) -> Reading:
     return reading._replace(rate=reading.rate + math.radians(fault.size) * dice.deviate())
 
 
+def rate_scaled(fault: Acting, reading: Reading, dice: Dice) -> Reading:
+    """Show so many times the rate."""
+    return reading._replace(rate=reading.rate * fault.size)
+
+
 SPEEDS = ("water_speed", "ground_speed", "north_speed", "east_speed")
 """Through the water, over the ground, and that one's parts: a GPS is wrong in all of them at once."""
 
@@ -355,6 +360,15 @@ KINDS = {
     ),
     "rate_noise": Kind(
         "the rate gyro is noisy, standard deviation", "deg/s", 5.0, 0.0, 90.0, of_a_compass=True, reads=rate_noise
+    ),
+    "rate_scaled": Kind(
+        "the rate gyro's scale is wrong, 57.3 for degrees that are taken for radians",
+        "times",
+        57.3,
+        -100.0,
+        100.0,
+        of_a_compass=True,
+        reads=rate_scaled,
     ),
     "heading_late": Kind("heading, rate and roll leave the sensor late", "s", 1.0, 0.0, 10.0, latency=late),
     "heading_lag": Kind(

@@ -144,24 +144,28 @@ class Moment(NamedTuple):
 
 
 class Noises(NamedTuple):
-    """The filter's noise, that of a boat which something lasting pushes, and with the rudder at its stop."""
+    """The filter's noise, that of a boat which something lasting pushes, and with the rudder at its stop; rate_most
+    [rad/s]: a rate that lies further from what is expected, and not for noise, is none."""
 
     usual: FilterNoise
     pushed: FilterNoise
     stopped: FilterNoise
+    rate_most: float
 
 
-def noises_of(noise: FilterNoise) -> Noises:
+def noises_of(noise: FilterNoise, rate_most: float = math.inf) -> Noises:
     """Return the noises; without waves the bias is quick anyway where something pushes."""
     pushed = noise._replace(bias=noise.gust_bias) if noise.waves else noise
     wandered, gusty = max(pushed.bias, noise.stop_bias), max(noise.gust_bias, noise.stop_bias)
-    return Noises(noise, pushed, noise._replace(bias=wandered, gust_bias=gusty))
+    return Noises(noise, pushed, noise._replace(bias=wandered, gust_bias=gusty), rate_most)
 
 
 def sliding(noises: Noises, slide: float) -> Noises:
     """Return the noises of a boat in which an ordered turn adds so much unknown `slide` [rad^2/s]."""
-    usual, pushed, stopped = noises
-    return Noises(FilterNoise(*usual[:-1], slide), FilterNoise(*pushed[:-1], slide), FilterNoise(*stopped[:-1], slide))
+    usual, pushed, stopped, rate_most = noises
+    return Noises(
+        FilterNoise(*usual[:-1], slide), FilterNoise(*pushed[:-1], slide), FilterNoise(*stopped[:-1], slide), rate_most
+    )
 
 
 def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:
@@ -233,17 +237,23 @@ def fuse_measured(
     model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, measured: tuple[float, float, float]
 ) -> tuple[Fusion, bool]:
     """Return what a measurement leaves, and whether it was fused: a spike is not. measured: see `Measured`."""
-    time, heading, rate = measured
+    time, heading, raw = measured
     before, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt = fusion
     noise, dt = noises.usual, time - before.time
     filed_heading, filed_rate = noise.heading, noise.rate
     longest = model.time_constant if model.time_constant < NOISE_GAP else NOISE_GAP
     of_heading = headings.variance if headings.variance > filed_heading else filed_heading
     of_rate = rates.variance if rates.variance > filed_rate else filed_rate
-    rate -= gyro.bias
+    rate = raw - gyro.bias
     doubt = gyro.p11 if gyro.p11 > RATE_BIAS_FELT * of_rate else 0.0
     noise = FilterNoise(of_heading, of_rate + doubt, *noise[2:])
     state = carried(model, noises, fusion, past, time)
+    unknown = state.p11 + 2.0 * state.p14 + state.p44 + doubt
+    apart = rate - state.rate - state.wave_rate
+    is_far = abs(apart) > noises.rate_most + GATE_SIGMAS * math.sqrt(unknown + of_rate)
+    if is_far and not is_pushed(fusion, noises.usual):
+        # no rudder makes it, and no heading shows that anything else does
+        rate = raw = math.nan
     off, innovation, deviation = innovations(state, noise, heading, rate)
     off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
     mean -= math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - mean)
@@ -255,8 +265,8 @@ def fuse_measured(
             spikes = spikes + 1 if agrees else 1
             return Fusion(before, mean, spikes, heading, lean, leans, gyro, headings, rates, unlearnt), False
         spikes = 0
-        unknown = deviation * deviation - of_heading
-        headings = noise_step(headings, filed_heading, innovation, unknown, time, longest)
+        shown = deviation * deviation - of_heading
+        headings = noise_step(headings, filed_heading, innovation, shown, time, longest)
         share = -math.expm1(-dt / noise.gust_time)
         lean += share * (innovation / deviation - lean)
         # the mean of white noise has the variance share/(2 - share)
@@ -268,13 +278,11 @@ def fuse_measured(
             intensity = raised_intensity(state.intensity, changes, dt) if lasts else reset_density(state.intensity)
             state = FilterState(*state[:-1], intensity)
     if rate == rate:
-        unknown = state.p11 + 2.0 * state.p14 + state.p44 + doubt
-        innovation = rate - state.rate - state.wave_rate
-        rates = noise_step(rates, filed_rate, innovation, unknown, time, longest)
+        rates = noise_step(rates, filed_rate, apart, unknown, time, longest)
     # what lies to one side for seconds is neither sea nor gusts
     learns = noise.waves and -INNOVATION_LASTING < mean < INNOVATION_LASTING
     rudder = angle_at(past, time) if learns else math.nan
-    gyro = rate_bias_step(gyro, measured, (of_heading, of_rate))
+    gyro = rate_bias_step(gyro, (time, heading, raw), (of_heading, of_rate))
     expected, state = state, fused(state, noise, heading, rate, rudder, dt)
     unlearnt = unlearnt_step(model, unlearnt, expected, state, dt)
     return Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt), True

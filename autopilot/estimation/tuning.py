@@ -68,6 +68,8 @@ RATE_MEAN_TIME = 5.0
 RATE_BIAS_APART = math.radians(1.0) ** 2
 """Compass and gyro that are further apart on average over this time [s] than by this angle [rad^2] and by what a lag
 makes in the turns of that time are begun anew: a wave's deviation of the compass goes by in it."""
+RATE_BEYOND = 2.0
+"""No boat turns at so many times the rate that its rudder makes hard over by the model, unless its heading shows it."""
 RATE_HELD = 2.0
 """A rate holds for so long [s]."""
 

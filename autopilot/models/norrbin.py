@@ -7,6 +7,7 @@ Source: Jiang et al. 2016, eqs (1)-(3); Norrbin 1963. Everything in SI units and
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 SPEED_FLOOR_RATIO = 0.05
@@ -139,6 +140,14 @@ def steady_rate(model: Norrbin, rudder: float) -> float:
         else:
             low = middle
     return sign * 0.5 * (low + bound)
+
+
+def quickest_turn(model: Norrbin, angle_max: float) -> float:
+    """Return the rate [rad/s] of the quicker of the steady turns with the rudder hard over, `angle_max` [rad] to either
+    side; inf where nothing bounds it."""
+    if folds(model) or (model.n3 <= 0.0 and model.n1 <= 0.0) or not math.isfinite(angle_max):
+        return math.inf
+    return max(steady_rate(model, angle_max), -steady_rate(model, -angle_max))
 
 
 def _branch_start(model: Norrbin, side: float) -> float:

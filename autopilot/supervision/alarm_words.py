@@ -79,8 +79,9 @@ WORDS = {
     "rate_disagrees": Words(
         "the rate of turn and the heading do not go together",
         "check the rate sensor's sign, scale and zero, and the heading by a second compass",
-        "the turn that the rate adds up to in 5 s is so far from the heading's, or to the other side: then the boat is "
-        "steered by heading alone; or both drift apart by more than 0.75 deg/s, which is taken out of the rate",
+        "the turn that the rate adds up to in 5 s is so far from the heading's, or to the other side, or at twice the "
+        "rate that the rudder makes hard over: then the boat is steered by heading alone; or both drift apart by more "
+        "than 0.75 deg/s, which is taken out of the rate",
         key="alarms.rate_disagrees_deg",
     ),
     "innovation": Words(

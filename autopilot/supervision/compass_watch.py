@@ -30,6 +30,7 @@ from autopilot.supervision.tuning import (
     JUMPS_WITHIN,
     NEWS,
     RATE_FORGOTTEN,
+    RATE_LAG,
     RATE_OFF,
     RATE_RIGHT,
     SEA_DIGITS,
@@ -90,7 +91,8 @@ def are_consistent(turns: Turns) -> bool:
 class Consistency(NamedTuple):
     """heading and rate: the newest of each; turns: what they tell; since [s]: when the turns began to differ, nan: they
     do not; seen [s]: when that was found last; reported [rad]: how far apart they were when it was said; found: what is
-    said, '' where they go together; is_opposite: whether they turn opposite ways."""
+    said, '' where they go together; is_refused: whether it is the rate that is wrong: they turn opposite ways, or no
+    boat like this turns so."""
 
     heading: HeadingSample | None = None
     rate: RateSample | None = None
@@ -99,11 +101,14 @@ class Consistency(NamedTuple):
     seen: float = math.nan
     reported: float = math.nan
     found: str = ""
-    is_opposite: bool = False
+    is_refused: bool = False
 
 
-def consistency_step(before: Consistency, sample: HeadingSample | RateSample, most: float) -> Consistency:
-    """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of, inf: not watched."""
+def consistency_step(
+    before: Consistency, sample: HeadingSample | RateSample, most: float, rate_most: float = math.inf
+) -> Consistency:
+    """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of, inf: not watched; a boat that
+    turns by more than `rate_most` [rad/s] shows it."""
     rate, time = sample.rate, sample.time
     # a sum is finite only where every part of it is
     if not math.isfinite(time if rate is None else time + rate):
@@ -130,16 +135,30 @@ def consistency_step(before: Consistency, sample: HeadingSample | RateSample, mo
     turns = turns_step(before.turns, turn, rate * step, step)
     if not most < math.inf:
         return before._replace(heading=sample, turns=turns)
-    return _judged(before, sample, turns, most)
+    return _judged(before, sample, turns, most, no_turn(turns, rate, most, rate_most))
 
 
-def _judged(before: Consistency, sample: HeadingSample, turns: Turns, most: float) -> Consistency:
-    _, beside, _, since, seen, reported, found, is_opposite = before
+def no_turn(turns: Turns, rate: float, most: float, rate_most: float) -> str:
+    """Return what is said of a `rate` [rad/s] beyond `rate_most` that no heading shows, '' of any other.
+
+    What waves or thrusters turn quicker than the rudder does the heading shows, RATE_LAG later at most.
+    """
+    unseen = -turns.apart if rate > 0.0 else turns.apart
+    if not abs(rate) > rate_most or unseen <= RATE_LAG * abs(rate) + most:
+        return ""
+    return f"{math.degrees(abs(rate)):.0f} deg/s is no turn of this boat"
+
+
+def _judged(before: Consistency, sample: HeadingSample, turns: Turns, most: float, is_none: str) -> Consistency:
+    _, beside, _, since, seen, reported, found, was_refused = before
     # only turns that both tell of alike put an end to it: a boat that lies still shows nothing
-    is_opposite = not are_consistent(turns) if is_opposite else are_opposite(turns)
-    time, apart = sample.time, abs(turns.apart)
-    if is_opposite:
-        seen, found = time, OPPOSITE_WAYS
+    is_kept = was_refused and not are_consistent(turns)
+    time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)
+    is_refused = is_kept or are_turned or is_none != ""
+    if is_refused:
+        seen = time
+        if not is_kept:
+            found = OPPOSITE_WAYS if are_turned else is_none
     elif apart <= most:
         since = math.nan
         if not 0.0 <= time - seen < DISAGREES_SAID:
@@ -150,7 +169,7 @@ def _judged(before: Consistency, sample: HeadingSample, turns: Turns, most: floa
         seen = time
         if not found or (apart - reported > NEWS and found != OPPOSITE_WAYS):
             found, reported = f"{math.degrees(apart):.0f} deg apart", apart
-    return Consistency(sample, beside, turns, since, seen, reported, found, is_opposite)
+    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused)
 
 
 class Standing(NamedTuple):

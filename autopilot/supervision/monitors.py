@@ -184,8 +184,8 @@ def by_other_path(state: State) -> State:
     return state._replace(rudder=rudder, course=course_watch.State())
 
 
-def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...]) -> State:
-    """Return the state with the instruments' samples of this tick."""
+def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...], rate_most: float = math.inf) -> State:
+    """Return the state with the instruments' samples of this tick; rate_most [rad/s]: see `consistency_step`."""
     measured, consistency, compass, rudder, course, conditions, roll, wind_time = before
     headings: tuple[HeadingSample, ...] = ()
     angles: tuple[RudderSample, ...] = ()
@@ -193,7 +193,7 @@ def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...]) 
     for sample in samples:
         if type(sample) is HeadingSample:
             headings += (sample,)
-            consistency = compass_watch.consistency_step(consistency, sample, limits.rate_disagrees)
+            consistency = compass_watch.consistency_step(consistency, sample, limits.rate_disagrees, rate_most)
         elif type(sample) is RollSample:
             if roll is not UPRIGHT or not -limits.roll <= sample.roll <= limits.roll:
                 roll = rolled(roll, sample, limits.roll)

@@ -158,6 +158,9 @@ SENSE_SHARE = 4.0
 """They go opposite ways where the mean square of their difference, over this time [s], is this many times that of
 their sum and by so much [rad^2] more: a compass that lags by less than 120 deg of a wave is right yet, and so is
 a gyro that is off by a degree a second."""
+RATE_LAG = 0.5
+"""A rate that no rudder makes, and that the heading does not show for so long [s] and by the file's limit, is none: it
+is in other units."""
 DISAGREES_LASTS = 1.0
 """Turns by heading and by rate must differ for so long [s]."""
 RATE_OFF, RATE_RIGHT = math.radians(0.75), math.radians(0.5)

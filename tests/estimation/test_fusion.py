@@ -262,3 +262,23 @@ def test_a_push_that_the_bias_is_too_slow_for_is_known_beside_it() -> None:
         now, _ = fuse_measured(boat, noises, now, past, Measured(0.05 * step, 0.0, 0.0))
     assert abs(now.state.bias) < 0.1 * push
     assert now.unlearnt == pytest.approx(push, rel=0.05)
+
+
+def test_a_rate_that_no_rudder_makes_is_left_out_but_where_the_boat_is_turned_so() -> None:
+    bounded = noises_of(NOISE, rate_most=math.radians(4.0))
+    now = fusion()
+    for k in range(1, 11):
+        heading = Measured(0.1 * k, 0.0, NO)
+        alone, _ = fuse_measured(BOAT, bounded, now, PAST, heading)
+        now, is_fused = fuse_measured(BOAT, bounded, now, PAST, heading._replace(rate=math.radians(57.3)))
+        assert is_fused
+        assert now == alone, "as if none had come"
+
+    turned, most = 0.0, math.radians(30.0)
+    for k in range(11, 61):
+        rate = min(0.05 * (k - 10), 1.0) * most
+        turned += 0.1 * rate
+        measured = Measured(0.1 * k, math.remainder(turned, math.tau), rate)
+        now, is_fused = fuse_measured(BOAT, bounded, now, PAST, measured)
+        assert is_fused
+    assert now.state.rate == pytest.approx(most, abs=math.radians(1.0)), "a boat that is turned so, turns so"

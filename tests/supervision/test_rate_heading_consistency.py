@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_consistent, are_opposite, turns_step
+from autopilot.signals import HeadingSample
+from autopilot.supervision.compass_watch import (
+    NO_TURNS,
+    Consistency,
+    Turns,
+    are_consistent,
+    are_opposite,
+    consistency_step,
+    turns_step,
+)
 
 DT = 0.1
 
@@ -113,3 +122,34 @@ def test_opposite_is_four_times_the_other_and_two_degrees_squared_more(more: flo
     size = (4.0 * other + math.radians(2.0) ** 2) * more
     assert are_opposite(Turns(0.0, 0.0, 0.0, size, other)) is holds
     assert are_consistent(Turns(0.0, 0.0, 0.0, other, size)) is holds
+
+
+def judged(
+    seconds: float, swing_deg: float, frequency: float, *, scale: float = 1.0, late_s: float = 0.0, begin: float = 0.0
+) -> Iterator[Consistency]:
+    """The watch of a boat whose rudder makes 4 deg/s by its model, so that 8 are no turn of it, from `begin` [s] on."""
+    known, swing = Consistency(), math.radians(swing_deg)
+    for k in range(round(begin / DT), round((begin + seconds) / DT)):
+        now = k * DT
+        heading, rate = swing * math.sin(frequency * (now - late_s)), swing * frequency * math.cos(frequency * now)
+        sample = HeadingSample(now, math.remainder(heading, math.tau), scale * rate)
+        known = consistency_step(known, sample, math.radians(15.0), math.radians(8.0))
+        yield known
+
+
+@given(swing=st.floats(1.0, 20.0), frequency=st.floats(0.5, 2.0))
+def test_a_rate_in_other_units_is_refused_at_once_and_called_what_it_is(swing: float, frequency: float) -> None:
+    found = [each.found for each in judged(3.0, swing, frequency, scale=57.3)]
+    first = next(k for k, text in enumerate(found) if text)
+    assert first * DT <= 1.5
+    assert found[first].endswith("deg/s is no turn of this boat")
+    known = list(judged(40.0, swing, frequency, scale=57.3))
+    assert known[-1].is_refused and known[-1].found == found[first], "it stays so, in the same words"
+
+
+@given(swing=st.floats(0.0, 90.0), frequency=st.floats(0.1, 1.5), late=st.floats(0.0, 0.4), begin=st.floats(0.0, 9.0))
+def test_a_gyro_is_believed_however_a_sea_or_a_thruster_turns_the_boat(
+    swing: float, frequency: float, late: float, begin: float
+) -> None:
+    swing = min(swing, 32.0 / frequency)  # four times as quick as the limit
+    assert not any(each.is_refused for each in judged(30.0, swing, frequency, late_s=late, begin=begin))
