@@ -12,7 +12,7 @@ better; of a burst of angles that was read at once, and has one time, the last c
 
 What is still to be said to a rudder drive: the newest order while it is renewed, or the releases that are left.
 
-What became of the rudder when it was given back: the result as a value, its sentence, and how an override shows it.
+What became of the rudder when it was given back: the result as a value, and its sentence.
 A release that was sent is not yet one that arrived: a socket that closes at once loses what the other side has not
 worked off. So the way out keeps each link open until the vehicle or drive shows that it has let go, or time is over.
 """
@@ -20,8 +20,7 @@ worked off. So the way out keeps each link open until the vehicle or drive shows
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import NamedTuple
 
@@ -178,16 +177,6 @@ REPORTS = 5
 LONGEST_PERIOD_S = 0.5
 """Reports that come more seldom are not waited for."""
 LONGEST_S = PATIENCE_S + REPORTS * LONGEST_PERIOD_S
-HISTORY_S = 1.0
-"""A report may show any pulse sent within this time."""
-TOLERANCE_US = 3
-DIFFERENT_REPORTS = 2
-"""A stick that a hand moves passes by: so many reports in a row must differ from what was ordered."""
-SAME_S = 0.4
-"""When reports still show the last order after this, the stick may stand there: a mark tells the two apart."""
-MARK_PERIOD_S = 0.1
-MARK_S = 0.6
-OVERRIDE_MARGIN_S = 0.5
 LEAVING_S = 0.3
 """What was sent has left, and was worked off at the other end, after this."""
 
@@ -274,115 +263,3 @@ class UnshownRelease:
 def not_held(link: str) -> Release:
     """Return what a link says that had no rudder in its hand."""
     return Release(link, ReleaseState.NOT_HELD)
-
-
-class OverrideRelease:
-    """Watches the reports of a steering input that was overridden. Pure; times in seconds.
-
-    The override is gone when the input differs from all that was ordered of late. Where the stick stands as the last
-    order did, nothing differs: then a `mark`, an input that moves nothing, is overridden, seen, and released again.
-
-    Attributes:
-        is_asked: whether the release has been sent and no order since.
-    """
-
-    def __init__(self) -> None:
-        self.is_asked = False
-        self._sent: deque[tuple[float, int]] = deque()
-        self._asked_time = math.nan
-        self._last_order = math.nan
-        self._report_time = math.nan
-        self._period = 0.1
-        self._different = 0
-        self._same: int | None = None
-        self._mark: int | None = None
-        self._mark_sent = self._mark_next = math.nan
-        self._is_mark_seen = False
-        self._is_mark_tried = False
-        self.shown_by = ""
-
-    def ordered(self, now: float, pulse: int) -> None:
-        """Take an override as it was sent, of `pulse` [us]."""
-        self.is_asked, self.shown_by = False, ""
-        self._keep(now, pulse)
-
-    def asked(self, now: float) -> None:
-        """Take a release as it was sent."""
-        if not self.is_asked:
-            self.is_asked, self._asked_time = True, now
-            self._different, self._same, self._mark = 0, None, None
-            self._is_mark_seen = self._is_mark_tried = False
-
-    @property
-    def has_ordered(self) -> bool:
-        """Whether an override has ever been sent."""
-        return bool(self._sent)
-
-    def report(self, now: float, pulse: int, name: str, servo_of: Mapping[int, int] | None = None) -> None:
-        """Take what the report `name` shows of the steering input [us], or of the servo: `servo_of` each input [us]."""
-        period = now - self._report_time  # not a number for the first report
-        if period >= 0.0:
-            self._period += 0.2 * ((period if period < LONGEST_PERIOD_S else LONGEST_PERIOD_S) - self._period)
-        self._report_time = now
-        if not self._sent or not self.is_asked or self.shown_by or now <= self._asked_time:
-            return
-        if self._mark is not None and servo_of is None:
-            is_marked = abs(pulse - self._mark) <= TOLERANCE_US
-            if self._is_mark_seen and not is_marked and not self.is_marking(now):
-                self.shown_by = name
-            self._is_mark_seen = self._is_mark_seen or is_marked
-            return
-        ordered = [sent for when, sent in self._sent if self._asked_time - when <= HISTORY_S]
-        if servo_of is not None:
-            ordered = [servo_of[sent] for sent in ordered]
-        if any(abs(pulse - sent) <= TOLERANCE_US for sent in ordered):
-            self._different = 0
-            self._same = pulse if servo_of is None else None
-        else:
-            self._different += 1
-            self._same = None
-            if self._different >= DIFFERENT_REPORTS:
-                self.shown_by = name
-
-    def is_held(self, now: float, override_time: float) -> bool:
-        """Return whether an override of ours may be in force; `override_time` [s]: RC_OVERRIDE_TIME, < 0 for ever."""
-        if not self._sent or self.shown_by:
-            return False
-        return override_time < 0.0 or now - self._last_order <= override_time + OVERRIDE_MARGIN_S
-
-    @property
-    def patience(self) -> float:
-        """Seconds to wait for a report after the release."""
-        return PATIENCE_S + REPORTS * self._period
-
-    def wants_mark(self, now: float) -> int | None:
-        """Return the input [us] to find a mark beside, once, where the reports show what was ordered last."""
-        if self._is_mark_tried or self.shown_by or self._same is None or now - self._asked_time < SAME_S:
-            return None
-        return self._same
-
-    def mark(self, now: float, pulse: int) -> None:
-        """Take the mark [us] that is to be sent when `is_marking` says so."""
-        self._mark, self._is_mark_tried, self._is_mark_seen = pulse, True, False
-        self._mark_sent, self._mark_next = now, now
-
-    def mark_due(self, now: float) -> bool:
-        """Return whether the mark is to be sent (again) at `now`."""
-        if self._mark is None or not self.is_marking(now) or now < self._mark_next:
-            return False
-        self._mark_next = now + MARK_PERIOD_S
-        self._keep(now, self._mark)
-        return True
-
-    def is_marking(self, now: float) -> bool:
-        """Return whether a mark is under way that has not been seen yet."""
-        return self._mark is not None and not self._is_mark_seen and now - self._mark_sent < MARK_S
-
-    def _keep(self, now: float, pulse: int) -> None:
-        self._last_order = now
-        if not self._sent or self._sent[-1][1] != pulse:
-            self._sent.append((now, pulse))
-        else:
-            self._sent[-1] = (now, pulse)
-        while len(self._sent) > 1 and now - self._sent[0][0] > HISTORY_S:
-            self._sent.popleft()

@@ -13,8 +13,8 @@ from lockstep import BadLine, Lockstep, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.control.registry import TRIAL_LAW
-from autopilot.links.mavlink.authority import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.overrides import CHECKED_ON_ENGAGING
 from autopilot.runtime.record import replay
 from autopilot.signals import Mode, Order
 from autopilot.supervision import supervisor

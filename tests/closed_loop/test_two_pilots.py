@@ -11,8 +11,8 @@ from alarm_texts import words_of
 from lockstep import BadLine, Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.authority import CHECKED_ON_ENGAGING
 from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.overrides import CHECKED_ON_ENGAGING
 from autopilot.signals import HelmCause, HelmSample, Mode, Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from sitl.wire_mavlink import MavlinkVehicle

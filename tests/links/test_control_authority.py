@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from autopilot.links.mavlink.authority import ControlAuthority, OverrideProbe
+from autopilot.links.mavlink.authority import ControlAuthority
+from autopilot.links.mavlink.overrides import OverrideProbe
 from autopilot.links.mavlink.requests import TOO_SLOW, WAITING, MessageStreams, VehicleParameters
 from autopilot.links.mavlink.steering import SteeringChannel, SteeringOutput
 from autopilot.signals import AlarmEvent

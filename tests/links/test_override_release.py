@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from autopilot.links.rudder_order import OverrideRelease, Release, ReleaseState, UnshownRelease, release_sentence
+from autopilot.links.mavlink.overrides import OverrideRelease
+from autopilot.links.rudder_order import Release, ReleaseState, UnshownRelease, release_sentence
 
 
 def asked(*pulses: int) -> OverrideRelease:

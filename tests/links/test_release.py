@@ -12,10 +12,10 @@ from lockstep import BadLine, Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.overrides import OverrideRelease
 from autopilot.links.reconnect import ReconnectingLink
 from autopilot.links.rudder_order import (
     LONGEST_S,
-    OverrideRelease,
     Release,
     ReleaseState,
     UnshownRelease,

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.mavlink.authority import RadioWatch
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.links.mavlink.conditions import RadioWatch, VehicleHealth
+from autopilot.links.mavlink.conditions import VehicleHealth
 from autopilot.links.mavlink.requests import VehicleParameters
 from autopilot.signals import ConditionSample
 from autopilot.supervision.alarms import CATALOGUE

@@ -28,6 +28,7 @@ SENTENCES = (
 MAKERS = ("sentence_of", "sentences_of")
 EDGES = {
     "supervision/panel.py": "makes the sentences",
+    "links/mavlink/authority.py": "reads the vehicle's STATUSTEXT",
     "links/mavlink/conditions.py": "reads the vehicle's STATUSTEXT",
     "links/mavlink/vehicle.py": "reads the vehicle's STATUSTEXT",
     "links/transports/serial_line.py": "reads the system's errors",

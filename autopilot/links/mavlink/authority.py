@@ -4,14 +4,17 @@ Only what the vehicle shows counts: mode and arming from its heartbeat, the grou
 while we steer, the echo of our override: our own pulse seen again in RC_CHANNELS or the servo moving in
 SERVO_OUTPUT_RAW. A bow thruster's channel has an echo of its own.
 
-The override probe finds out, before the pilot may engage and without moving the rudder, that our steering is taken.
-ArduPilot ignores overrides in silence: from a system id that is not its ground station's, while the pilot's override
-switch is off, or when its parameters are other than they were read. So a pulse is sent that differs from the present
-one by a few microseconds, inside the dead zone where there is one, and RC_CHANNELS must show exactly that pulse. Then
-nothing is sent for a moment, in which it must stay: whoever else overrides the input shows then.
+Whether the hand's radio still reaches the flight controller. While we override the steering, ArduPilot takes our
+messages for radio input: a receiver that just falls silent makes no fail-safe, and RC_CHANNELS goes on showing its last
+pulses and its count of channels. What does show of a lost radio:
 
-It is proved at the start, so that the skipper hears early of what stands in the way, and anew for each engagement:
-another pilot may have taken the helm since.
+- a receiver that sends a throttle below FS_THR_VALUE: the pulse in RC_CHANNELS, and the firmware's own fail-safe;
+- RC_CHANNELS.rssi where it is measured beside the frames (RSSI_TYPE 1 or 4, a voltage or pulse), 255 where it is not;
+- SYS_STATUS, MAV_SYS_STATUS_SENSOR_RC_RECEIVER: ArduRover 4.6 sets it never, other vehicles do;
+- STATUSTEXT "Radio Failsafe" and, when it is over, "... Failsafe Cleared".
+
+Source: ArduPilot, Rover/radio.cpp (radio_failsafe_check), Rover/failsafe.cpp, Rover/GCS_Rover.cpp,
+libraries/RC_Channel/RC_Channels.cpp (read_input), libraries/AP_RSSI.
 """
 
 from __future__ import annotations
@@ -19,11 +22,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Collection
-from enum import Enum
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.requests import OVERRIDE_TIME, SPEED_SCALING, TWO_PADDLES, VehicleParameters
-from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
 from autopilot.models.drives import DRIVES
 from autopilot.signals import HelmCause
 
@@ -33,7 +36,8 @@ AGREEMENT_WEIGHT = 0.5
 """Reports that agree make good half as much: a rudder that follows somebody else every other time is found out too."""
 PULSE_TOLERANCE_US = 3
 HISTORY_S = 1.0
-PATIENCE_S = 2.5
+"""A report may show any pulse sent within this time."""
+ECHO_PATIENCE_S = 2.5
 """A slow telemetry radio may take this long from our message to the vehicle's report of it."""
 
 
@@ -67,7 +71,7 @@ class OverrideEcho:
             self._earlier.pop(oldest, None)
             self._earlier[oldest] = self.pulses.pop(oldest)
         for oldest in [*self._earlier]:
-            if now - self._earlier[oldest] <= PATIENCE_S:
+            if now - self._earlier[oldest] <= ECHO_PATIENCE_S:
                 break
             del self._earlier[oldest]
 
@@ -261,7 +265,7 @@ class ControlAuthority:
         """
         echo, agrees = self.echo, pulse in expected or agrees_with(pulse, expected)
         # nobody else's: what was reported before our first command of all arrived there, and an echo that comes late
-        if is_input and not agrees and now - echo.began > PATIENCE_S and not echo.is_late(pulse):
+        if is_input and not agrees and now - echo.began > ECHO_PATIENCE_S and not echo.is_late(pulse):
             self._strange.append(now)
         if echo.disagrees(now, what, agrees):
             self.disobeyed = (
@@ -401,169 +405,79 @@ def _without_outputs(parameters: VehicleParameters) -> str:
     return f"no servo outputs have the function {words} that drive.kind {drive.name} steers by{half}; {drive.advice}"
 
 
-REPEAT_S = 0.1
-RETRY_S = 4.0
-SEEN_REPORTS = 3
-"""So many reports in a row must show the pulse: a stick that a hand moves passes by."""
-STRANGE_PROBES = 2
-"""One report may have been overtaken on its way."""
-PAUSE_S = 0.35
-"""Others repeat their overrides at 5 Hz at least."""
-PAUSE_REPORTS = 2
-OTHER = (
-    "another pilot or ground station overrides the steering input: RC channel {number} went to {pulse} us while "
-    "{ours} us was sent last; stop it, or start with --with-other-pilot"
-)
-MOVES = (
-    "another pilot or ground station, or a hand, moves the steering input (RC channel {number}) and ours does not "
-    "show: hold the stick still, and stop what else steers"
-)
-LATE = (
-    "the vehicle shows our steering {seconds:.1f} s after it was sent (RC channel {number}): over so slow a line no "
-    "boat is steered well; raise its baud rate, or let it carry less"
-)
-REPORT_TIMEOUT_S = 3.0
-CHECKED_ON_ENGAGING = "the steering input is checked anew when an order to engage comes"
-CHECKING = "checking the steering input"
+RECEIVER = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+LASTS_S = 0.3
+"""Longer than one or two odd reports at 10 Hz."""
+RSSI_UNKNOWN = 255
+RSSI_THERE, RSSI_GONE = 26, 5
+"""A tenth and a fiftieth of RC_CHANNELS.rssi's 254."""
+SETTLES_S = 1.5
+"""A heartbeat that says critical may be so much older than the text about the fail-safe."""
 
 
-class Stage(Enum):
-    """How far a proof is; the reason says it in words."""
-
-    WAITING = "nothing is reported yet"
-    CHECKING = "a pulse of ours is sent, or will be"
-    NOT_TAKEN = "the vehicle does not take our steering"
-    SHARED = "somebody else, or a hand, moves the input"
-    GROWN_OLD = "tried once, and tried anew when somebody waits for it"
-    PASSED = "the vehicle takes our steering"
-
-
-class OverrideProbe:
-    """One proof when the vehicle starts and one for each engagement. `may_share`: others may override the input too.
+class RadioWatch:
+    """Takes what the vehicle says of its radio; `reason` has the sentence for a lost one, where there is one.
 
     Attributes:
-        reason: why control is not ours yet; empty once the vehicle has shown that it takes our steering.
-        stage: how far the proof is.
-        pulse [us]: the input that the proof asks for.
-        message: what is being sent for the proof, None while nothing is.
+        found: what shows that the radio is lost, as sentences by where it shows.
     """
 
-    def __init__(self, output: SteeringOutput, may_share: bool = False) -> None:
-        self._output = output
-        self._may_share = may_share
-        self._is_waited_for = True
-        self.reset()
+    def __init__(self) -> None:
+        self.found: dict[str, str] = {}
+        self._since: dict[str, float] = {}
+        self._seen: set[str] = set()
+        self._text_time = math.nan
 
-    def reset(self) -> None:
-        """Ask for the proof anew, as after a reboot."""
-        self.stage = Stage.WAITING
-        self.reason = "waiting for the vehicle to report its steering input (RC_CHANNELS)"
-        self._reported: int | None = None
-        self._report_time = -math.inf  # unheard of for ever is silent
-        self.message: Message | None = None
-        self.pulse = 0
-        self._began = self._aimed = self._next = -math.inf
-        self._base = self._seen = self._strange = self._moves = 0
-        self._has_shown = False
-        self._paused: float | None = None
+    def reason(self, parameters: VehicleParameters) -> str:
+        """Return why the radio counts as lost; empty where it does not, or where the firmware does without it."""
+        return "" if parameters.get("FS_THR_ENABLE") == 0.0 else next(iter(self.found.values()), "")
 
-    def wanted(self, waits: bool) -> None:
-        """Take whether an order to engage waits, while we do not steer: a proof that nobody waits for grows old.
+    def channels(self, now: float, message: Message, parameters: VehicleParameters) -> None:
+        """Take RC_CHANNELS. A vehicle without a radio does not lose it."""
+        seen, rssi, count = self._seen, message.rssi, message.chancount
+        if RSSI_THERE <= rssi < RSSI_UNKNOWN:
+            seen.add("rssi")
+        if count > 0 and "count" not in seen:
+            seen.add("count")
+        limit, channel = parameters.throttle_failsafe, parameters.throttle_input
+        pulse = getattr(message, f"chan{channel}_raw") if limit is not None else 0
+        is_low = limit is not None and 0 < pulse < limit
+        is_weak, has_none = "rssi" in seen and rssi <= RSSI_GONE, "count" in seen and count == 0
+        if is_low or is_weak or has_none or self._since:
+            words = f"throttle, RC channel {channel}, is at {pulse} us, below FS_THR_VALUE"
+            self._judge(now, "throttle", is_low, words)
+            self._judge(now, "rssi", is_weak, f"its strength (rssi) has fallen to {rssi} of 254")
+            self._judge(now, "count", has_none, "its receiver sends no channels")
 
-        Where others may override the input too the first proof is enough, and another would not come through.
-        """
-        if self._may_share:
-            return
-        self._is_waited_for = waits
-        if waits and self.stage is Stage.GROWN_OLD:
-            self.stage, self.reason = Stage.CHECKING, CHECKING
-        elif not waits and self.passed:
-            self.stage, self.reason = Stage.GROWN_OLD, CHECKED_ON_ENGAGING
+    def status(self, enabled: int, health: int) -> None:
+        """Take SYS_STATUS: its sensors enabled and healthy."""
+        is_well = bool(enabled & health & RECEIVER)
+        if is_well:
+            self._seen.add("status")
+        is_gone = "status" in self._seen and bool(enabled & RECEIVER) and not is_well
+        self._set("status", is_gone, "the vehicle says that its receiver is not well")
 
-    @property
-    def passed(self) -> bool:
-        """Whether the vehicle has shown that it takes our steering."""
-        return self.stage is Stage.PASSED
+    def text(self, now: float, words: str) -> None:
+        """Take a STATUSTEXT."""
+        if "Failsafe Cleared" in words:
+            self._set("text", False, "")
+        elif words.startswith("Radio Failsafe"):
+            self._text_time = now
+            self._set("text", True, "the vehicle is in its radio fail-safe")
 
-    def report(self, now: float, number: int, pulse: int) -> None:
-        """Take what RC_CHANNELS says of the steering channel `number`."""
-        self._report_time = now
-        if self.message is None:
-            self._reported = pulse
-            return
-        if self._paused is not None:
-            self._judge_pause(now, number, pulse)
-            return
-        self._seen = self._seen + 1 if pulse == self.pulse else 0
-        if self._seen and not self._has_shown and now - self._aimed > DISOBEDIENCE_S:
-            # the same lateness would end the steering as soon as the order moves
-            self._refuse(now, Stage.NOT_TAKEN, LATE.format(number=number, seconds=now - self._aimed))
-            return
-        self._has_shown = self._has_shown or self._seen > 0
-        # an override stays for seconds: what shows behind ours is no stick
-        self._strange += self._has_shown and pulse != self.pulse
-        if self._strange >= STRANGE_PROBES and not self._may_share:
-            self._refuse(now, Stage.SHARED, OTHER.format(number=number, pulse=pulse, ours=self.pulse))
-        elif self._seen >= SEEN_REPORTS:
-            self._paused, self._seen = now, 0
-            if self._may_share:
-                self.stage, self.reason, self.message = Stage.PASSED, "", None
-        elif now - self._began > PATIENCE_S and self._moves >= STRANGE_PROBES:
-            self._refuse(now, Stage.SHARED, MOVES.format(number=number))
-        elif now - self._began > PATIENCE_S:
-            self._refuse(
-                now,
-                Stage.NOT_TAKEN,
-                f"the vehicle does not take our steering: RC channel {number} stays at {pulse} us while {self.pulse} "
-                "us is sent; switch radio override on, close other ground stations, or start with --as-gcs",
-            )
-        elif not self._has_shown and abs(pulse - self._base) > DISTINCT_US:
-            self._moves += 1
-            self._aim(now, pulse)  # where the rudder was is no place to hold it
+    def heartbeat(self, now: float, system_state: int) -> None:
+        """Take the vehicle's MAV_STATE: a fail-safe that is over is no longer critical, though its text was lost."""
+        if system_state != dialect.MAV_STATE_CRITICAL and now - self._text_time > SETTLES_S:
+            self._set("text", False, "")
 
-    def _aim(self, now: float, pulse: int) -> None:
-        """Have a pulse sent that leaves the servo where an input `pulse` [us] has it."""
-        found = self._output.unmoving(pulse)
-        if found is not None:
-            self._aimed = now
-            self._base = pulse
-            self.message, self.pulse = found
+    def _judge(self, now: float, what: str, is_gone: bool, sentence: str) -> None:
+        if not is_gone:
+            self._since.pop(what, None)
+        lasts = is_gone and now - self._since.setdefault(what, now) >= LASTS_S
+        self._set(what, lasts, sentence)
 
-    def _judge_pause(self, now: float, number: int, pulse: int) -> None:
-        assert self._paused is not None
-        if pulse != self.pulse:
-            self._refuse(now, Stage.SHARED, OTHER.format(number=number, pulse=pulse, ours=self.pulse))
-            return
-        self._seen += 1
-        if now - self._paused >= PAUSE_S and self._seen >= PAUSE_REPORTS:
-            self.stage, self.reason, self.message, self._paused = Stage.PASSED, "", None, None
-
-    def _refuse(self, now: float, stage: Stage, reason: str) -> None:
-        self.message, self._reported, self._paused, self._next = None, None, None, now + RETRY_S
-        self.stage, self.reason = stage, reason
-
-    def due(self, now: float) -> Message | None:
-        """Return the message to send at `now` [s], None where none is."""
-        if self.stage in (Stage.PASSED, Stage.GROWN_OLD) or now < self._next:
-            return None
-        if self.message is None and not self._is_waited_for and self.stage is Stage.SHARED:
-            # to try again would disturb who steers; and whether they still do is not known without
-            self.stage, self.reason = Stage.GROWN_OLD, CHECKED_ON_ENGAGING
-            return None
-        if now - self._report_time > REPORT_TIMEOUT_S:
-            self.message = self._paused = None
-            return None
-        if self._paused is not None:
-            return None
-        if self.message is None:
-            if self._reported is None:
-                return None
-            self._aim(now, self._reported)
-            if self.message is None:
-                return None
-            self._began, self._seen, self._strange, self._moves, self._has_shown = now, 0, 0, 0, False
-            # what the last try found stays said while the next is under way
-            if self.stage not in (Stage.NOT_TAKEN, Stage.SHARED):
-                self.stage, self.reason = Stage.CHECKING, CHECKING
-        self._next = now + REPEAT_S
-        return self.message
+    def _set(self, what: str, is_gone: bool, sentence: str) -> None:
+        if is_gone:
+            self.found[what] = f"the radio is lost: {sentence}"
+        else:
+            self.found.pop(what, None)

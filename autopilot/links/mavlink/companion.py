@@ -16,10 +16,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import StatusTexts, VehicleSounder, severity_of
 from autopilot.links.base import CarriedLink, LinkError, Transport
-from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S, Stage
+from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
 from autopilot.links.mavlink.conditions import OtherPilot
 from autopilot.links.mavlink.guided import TIMEOUT_S
+from autopilot.links.mavlink.overrides import OverrideRelease, Stage
 from autopilot.links.mavlink.requests import (
     AUTOPILOT_COMPONENT,
     OVERRIDE_TIME,
@@ -36,7 +37,7 @@ from autopilot.links.mavlink.requests import (
 from autopilot.links.mavlink.signing import CURES, LinkSigning
 from autopilot.links.mavlink.steering import SteeringOutput
 from autopilot.links.mavlink.vehicle import ATTITUDE, HEARTBEAT, CompanionSettings, VehicleReader
-from autopilot.links.rudder_order import LEAVING_S, OverrideRelease, Release, ReleaseState, not_held
+from autopilot.links.rudder_order import LEAVING_S, Release, ReleaseState, not_held
 from autopilot.links.url import let_in
 from autopilot.models.drives import Mixing
 from autopilot.signals import (

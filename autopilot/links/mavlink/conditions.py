@@ -1,4 +1,4 @@
-"""What a vehicle and its surroundings say beside its state: battery, fence, shallow water, its radio, another pilot.
+"""What a vehicle and its surroundings say beside its state: battery, fence, shallow water, another pilot.
 
 SYS_STATUS and BATTERY_STATUS: charge and charge state; SYS_STATUS: fence, compass, AHRS where enabled and unhealthy;
 FENCE_STATUS: breached; STATUSTEXT: "Fence Breached" (ArduPilot, AC_Fence) and what has "shallow" in it; HEARTBEAT: a
@@ -8,18 +8,6 @@ EKF_STATUS_REPORT: the heading in ATTITUDE comes from a filter whose compass inn
 pass, are compass_variance. ArduRover acts from FS_EKF_THRESH (0.8) on, and only where the velocity is as bad, so that a
 disturbed compass alone shows here and nowhere else (Rover/ekf_check.cpp, over_threshold; AP_NavEKF3_Outputs.cpp,
 send_status_report). A vehicle without such a filter sends nothing but zeros.
-
-Whether the hand's radio still reaches the flight controller. While we override the steering, ArduPilot takes our
-messages for radio input: a receiver that just falls silent makes no fail-safe, and RC_CHANNELS goes on showing its last
-pulses and its count of channels. What does show of a lost radio:
-
-- a receiver that sends a throttle below FS_THR_VALUE: the pulse in RC_CHANNELS, and the firmware's own fail-safe;
-- RC_CHANNELS.rssi where it is measured beside the frames (RSSI_TYPE 1 or 4, a voltage or pulse), 255 where it is not;
-- SYS_STATUS, MAV_SYS_STATUS_SENSOR_RC_RECEIVER: ArduRover 4.6 sets it never, other vehicles do;
-- STATUSTEXT "Radio Failsafe" and, when it is over, "... Failsafe Cleared".
-
-Source: ArduPilot, Rover/radio.cpp (radio_failsafe_check), Rover/failsafe.cpp, Rover/GCS_Rover.cpp,
-libraries/RC_Channel/RC_Channels.cpp (read_input), libraries/AP_RSSI.
 
 Another pilot on the same boat is known by what it says of itself every second: NAMED_VALUE_INT "PILOT". Both pilots
 have the vehicle's system id and component 191. ArduPilot passes messages without a target on to its other links, but no
@@ -36,7 +24,6 @@ from enum import IntEnum
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message, message_id
-from autopilot.links.mavlink.requests import VehicleParameters
 from autopilot.signals import AlarmEvent, ConditionSample, Mode, Sample
 from autopilot.supervision.supervisor import CANNOT_ENGAGE
 
@@ -158,84 +145,6 @@ class VehicleHealth:
             return []
         (self._present.add if present else self._present.discard)(name)
         return [ConditionSample(now, name, present, detail if present else "", "vehicle")]
-
-
-RECEIVER = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
-LASTS_S = 0.3
-"""Longer than one or two odd reports at 10 Hz."""
-RSSI_UNKNOWN = 255
-RSSI_THERE, RSSI_GONE = 26, 5
-"""A tenth and a fiftieth of RC_CHANNELS.rssi's 254."""
-SETTLES_S = 1.5
-"""A heartbeat that says critical may be so much older than the text about the fail-safe."""
-
-
-class RadioWatch:
-    """Takes what the vehicle says of its radio; `reason` has the sentence for a lost one, where there is one.
-
-    Attributes:
-        found: what shows that the radio is lost, as sentences by where it shows.
-    """
-
-    def __init__(self) -> None:
-        self.found: dict[str, str] = {}
-        self._since: dict[str, float] = {}
-        self._seen: set[str] = set()
-        self._text_time = math.nan
-
-    def reason(self, parameters: VehicleParameters) -> str:
-        """Return why the radio counts as lost; empty where it does not, or where the firmware does without it."""
-        return "" if parameters.get("FS_THR_ENABLE") == 0.0 else next(iter(self.found.values()), "")
-
-    def channels(self, now: float, message: Message, parameters: VehicleParameters) -> None:
-        """Take RC_CHANNELS. A vehicle without a radio does not lose it."""
-        seen, rssi, count = self._seen, message.rssi, message.chancount
-        if RSSI_THERE <= rssi < RSSI_UNKNOWN:
-            seen.add("rssi")
-        if count > 0 and "count" not in seen:
-            seen.add("count")
-        limit, channel = parameters.throttle_failsafe, parameters.throttle_input
-        pulse = getattr(message, f"chan{channel}_raw") if limit is not None else 0
-        is_low = limit is not None and 0 < pulse < limit
-        is_weak, has_none = "rssi" in seen and rssi <= RSSI_GONE, "count" in seen and count == 0
-        if is_low or is_weak or has_none or self._since:
-            words = f"throttle, RC channel {channel}, is at {pulse} us, below FS_THR_VALUE"
-            self._judge(now, "throttle", is_low, words)
-            self._judge(now, "rssi", is_weak, f"its strength (rssi) has fallen to {rssi} of 254")
-            self._judge(now, "count", has_none, "its receiver sends no channels")
-
-    def status(self, enabled: int, health: int) -> None:
-        """Take SYS_STATUS: its sensors enabled and healthy."""
-        is_well = bool(enabled & health & RECEIVER)
-        if is_well:
-            self._seen.add("status")
-        is_gone = "status" in self._seen and bool(enabled & RECEIVER) and not is_well
-        self._set("status", is_gone, "the vehicle says that its receiver is not well")
-
-    def text(self, now: float, words: str) -> None:
-        """Take a STATUSTEXT."""
-        if "Failsafe Cleared" in words:
-            self._set("text", False, "")
-        elif words.startswith("Radio Failsafe"):
-            self._text_time = now
-            self._set("text", True, "the vehicle is in its radio fail-safe")
-
-    def heartbeat(self, now: float, system_state: int) -> None:
-        """Take the vehicle's MAV_STATE: a fail-safe that is over is no longer critical, though its text was lost."""
-        if system_state != dialect.MAV_STATE_CRITICAL and now - self._text_time > SETTLES_S:
-            self._set("text", False, "")
-
-    def _judge(self, now: float, what: str, is_gone: bool, sentence: str) -> None:
-        if not is_gone:
-            self._since.pop(what, None)
-        lasts = is_gone and now - self._since.setdefault(what, now) >= LASTS_S
-        self._set(what, lasts, sentence)
-
-    def _set(self, what: str, is_gone: bool, sentence: str) -> None:
-        if is_gone:
-            self.found[what] = f"the radio is lost: {sentence}"
-        else:
-            self.found.pop(what, None)
 
 
 NAME = "PILOT"

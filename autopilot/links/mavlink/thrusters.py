@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 from autopilot.links.mavlink.authority import OverrideEcho
 from autopilot.links.mavlink.codec import Message
+from autopilot.links.mavlink.overrides import OverrideRelease
 from autopilot.links.mavlink.requests import (
     OVERRIDE_TIME,
     RADIO_TIMEOUT,
@@ -48,7 +49,6 @@ from autopilot.links.mavlink.steering import (
     share_from_servo,
     way_through,
 )
-from autopilot.links.rudder_order import OverrideRelease
 from autopilot.models.drives import moment, reach, unmixed
 
 STEERING_TOLERANCE = 0.02

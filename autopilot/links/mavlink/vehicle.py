@@ -18,10 +18,11 @@ from typing import Literal, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
-from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, OverrideProbe
+from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, RadioWatch
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.conditions import BATTERY, FENCING, FILTER, SYSTEM, TEXT, RadioWatch, VehicleHealth
+from autopilot.links.mavlink.conditions import BATTERY, FENCING, FILTER, SYSTEM, TEXT, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
+from autopilot.links.mavlink.overrides import OverrideProbe, OverrideRelease
 from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters, obstacle_of
 from autopilot.links.mavlink.steering import MIXED_US, SteeringOutput, share_from_servo
 from autopilot.links.mavlink.thrusters import (
@@ -32,7 +33,6 @@ from autopilot.links.mavlink.thrusters import (
     share_of_output,
     shown_by,
 )
-from autopilot.links.rudder_order import OverrideRelease
 from autopilot.models.drives import DRIVES
 from autopilot.signals import (
     CourseSample,
