@@ -84,6 +84,19 @@ class SlowLine(BadLine):
         super().put(now + self._later, data)
 
 
+class StalledLine(BadLine):
+    """Holds everything from a time on, for so long [s], and then delivers it so many times as fast as it came."""
+
+    def __init__(self, begun: float, lasts: float, drained: float = math.inf) -> None:
+        super().__init__()
+        self._begun, self._end, self._drained = begun, begun + lasts, drained
+
+    def put(self, now: float, data: bytes) -> None:
+        """Send a datagram at `now` [s]."""
+        caught_up = self._end + (now - self._begun) / self._drained
+        super().put(max(now, caught_up) if now >= self._begun else now, data)
+
+
 def goes_guided(boat: Lockstep) -> None:
     """A hook: the hand that drove the boat in MANUAL hands it over to GUIDED under way."""
     if boat.now >= GUIDED_AT_S and boat.firmware.set_mode(15):

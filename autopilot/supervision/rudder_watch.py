@@ -58,6 +58,7 @@ from autopilot.supervision.tuning import (
     CHANGED_TIME,
     FAR,
     FROZEN_SAMPLES,
+    HELD_S,
     HOLDS,
     LATE_LASTS,
     LATE_S,
@@ -75,11 +76,13 @@ from autopilot.supervision.tuning import (
     SLOW_TIME_S,
     SPEED_DOUBT,
     STANDS,
+    STILL,
     STOP_LASTS,
     SUSPECT,
     TAKES_HOLD,
     TOLERANCE,
     TRIAL_SAID,
+    UNSEEN_S,
     WAVES_REACH,
     WORKED_TIME,
 )
@@ -104,7 +107,8 @@ class Following(NamedTuple):
     """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
     how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off;
     is_slow: it goes to its orders, and much slower than filed; name and shown: what is found, '' for nothing;
-    late_until [s]: until then it is not our order that says where it goes."""
+    late_until [s]: until then it is not our order that says where it goes; stood [rad] and stood_since [s]: where it
+    stands, and since when; held_until [s]: until then it may follow what a line has held."""
 
     seen: RudderSample | None = None
     bucket: float = 0.0
@@ -117,12 +121,15 @@ class Following(NamedTuple):
     name: str = ""
     shown: str = ""
     late_until: float = -math.inf
+    stood: float = math.nan
+    stood_since: float = math.nan
+    held_until: float = -math.inf
 
 
 def following_step(
-    before: Following, sample: RudderSample, orders: tuple[float, ...], limits: AlarmLimits
+    before: Following, sample: RudderSample, history: History, since: float, limits: AlarmLimits
 ) -> Following:
-    """Compare a measured angle with the orders [rad] of which one was in force.
+    """Compare a measured angle with the orders that we have given `since` [s], of which one was in force.
 
     Time in which the rudder is off its order by more than the tolerance and not on its way to it fills a bucket, other
     time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that has gone
@@ -130,27 +137,42 @@ def following_step(
     next tick begins: an angle that was measured between two ticks is judged by that one of the two orders, the one
     before and the one of that tick, which explains it better. After a tick that came late it may go on past its order:
     a motor whose speed is ordered runs until the next one.
+
+    A line that stalls holds our orders, or the angles, and delivers them late. So where the rudder stood while its
+    orders moved, or was not seen, it may do what was ordered of late, until it has followed for as long: it goes the
+    wrong way then where it leaves all those orders behind.
     """
-    last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until = before
-    angle, delay, filed = sample.angle, limits.rudder_delay, limits.rudder_rate
-    if last is not None and last.source == sample.source and sample.time <= last.time:
+    last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, stood, stood_since, held = before
+    angle, now, delay, filed = sample.angle, sample.time, limits.rudder_delay, limits.rudder_rate
+    if last is not None and last.source == sample.source and now <= last.time:
         return before
-    elapsed = math.inf if last is None or last.source != sample.source else sample.time - last.time
+    elapsed = math.inf if last is None or last.source != sample.source else now - last.time
+    orders = orders_at(history, since, now)
+    held = now + HELD_S if elapsed > UNSEEN_S else held
+    if not abs(angle - stood) <= STILL:
+        stood, stood_since = angle, now
     if not orders or elapsed > LONGEST_GAP_S or last is None:
-        return before._replace(seen=sample)
+        return before._replace(seen=sample, stood=stood, stood_since=stood_since, held_until=held)
     turned = angle - last.angle
     order = orders[0] if abs(orders[0] - angle) <= abs(orders[-1] - angle) else orders[-1]
     moved = max(
         math.copysign(1.0, orders[0] - last.angle) * turned, math.copysign(1.0, orders[-1] - last.angle) * turned
     )
-    is_off = abs(order - angle) > limits.rudder_tolerance
-    if is_off and moved < PROGRESS_SHARE * min(filed, ASSUMED_RATE) * elapsed:
+    is_off, progress = abs(order - angle) > limits.rudder_tolerance, PROGRESS_SHARE * min(filed, ASSUMED_RATE) * elapsed
+    if is_off and moved < progress:
         bucket, low, high = bucket + elapsed, min(low, angle), max(high, angle)
     else:
         bucket = max(bucket - elapsed, 0.0)
     if bucket == 0.0:
         low, high = math.inf, -math.inf
-    nearer = max(moved, 0.0) if sample.time <= late_until else moved
+    nearer = max(moved, 0.0) if now <= late_until else moved
+    if is_off:
+        least, most = orders_within(history, max(stood_since, now - HELD_S) - delay, now - delay)
+        if now < held or most - least > limits.rudder_tolerance:
+            held = now + HELD_S
+            least, most = orders_within(history, now - HELD_S - delay, now)
+            beyond = angle - max(most, last.angle) if turned > 0.0 else min(least, last.angle) - angle
+            nearer = max(nearer, min(-beyond, 0.0))
     away = max(away - nearer, 0.0) if is_off else 0.0
     if not name:
         if away > limits.rudder_tolerance + delay * min(filed, 4.0 * ASSUMED_RATE):
@@ -162,7 +184,9 @@ def following_step(
     way, way_time = (way + moved, way_time + elapsed) if is_off and math.isfinite(filed) else (0.0, 0.0)
     timed = way_time - delay
     is_slow = is_slow or (timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed)
-    return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until)
+    return Following(
+        sample, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, stood, stood_since, held
+    )
 
 
 def orders_at(history: History, since: float, time: float) -> tuple[float, ...]:
@@ -174,6 +198,22 @@ def orders_at(history: History, since: float, time: float) -> tuple[float, ...]:
     while tick > oldest and times[(tick - 1) & ring] > time:
         tick -= 1
     return tuple(commands[at & ring] for at in (tick - 1, tick) if at > oldest and times[(at - 1) & ring] >= since)
+
+
+def orders_within(history: History, begin: float, end: float) -> tuple[float, float]:
+    """Return the least and the most [rad] of the orders that were in force from `begin` to `end` [s]; the second below
+    the first where there were none of ours."""
+    times, _, commands, ticks = history
+    ring, least, most = len(times) - 1, math.inf, -math.inf
+    for tick in range(ticks - 1, max(ticks - 2 - ring, 0), -1):
+        given = times[(tick - 1) & ring]
+        if given <= end:
+            # what is not a number is smaller and larger than nothing
+            order = commands[tick & ring]
+            least, most = order if order < least else least, order if order > most else most
+        if given < begin:
+            break
+    return least, most
 
 
 def is_anothers(history: History, now: float, report: RudderSample | None) -> bool:
@@ -596,7 +636,7 @@ def _followed(
     known = [each for each in angles if math.isfinite(each.angle) and math.isfinite(each.time)]
     # of a burst that was read at once, and has one time, the last is the newest
     for sample in sorted({(each.time, each.source): each for each in known}.values(), key=lambda each: each.time):
-        before = following_step(before, sample, orders_at(history, since, sample.time), limits)
+        before = following_step(before, sample, history, since, limits)
     return before
 
 

@@ -111,6 +111,12 @@ SLOW_TIME_S = 2.0
 """A rudder that is off its order goes there at its filed rate: less than this share of it for so long is a slow one."""
 STANDS = math.radians(0.5)
 """A rudder that has moved by less while it should have does not move at all."""
+HELD_S = 3.0
+"""A line that stalls may hold an order for so long [s]: RC_OVERRIDE_TIME, after which a vehicle follows none."""
+UNSEEN_S = 0.5
+"""Angles further apart [s] may have been held by their line, too."""
+STILL = math.radians(1.0)
+"""A rudder that has moved by no more [rad] stands, whatever its sensor's noise."""
 REMEMBERED_S = 1.5
 """A report is of one of the orders of this time [s]: it comes at 5 to 10 Hz and is as old as the link."""
 TOLERANCE = math.radians(3.0)

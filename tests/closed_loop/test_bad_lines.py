@@ -12,15 +12,23 @@ from typing import Any
 
 import pytest
 from alarm_texts import words_of
-from lockstep import BadLine, Lockstep, stick_follows
+from lockstep import BadLine, Lockstep, StalledLine, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from autopilot.control.registry import TRIAL_LAW
 from autopilot.links.mavlink.codec import MavlinkCodec
-from autopilot.signals import HeadingSample, HelmSample, Mode, RudderSample, Tick
+from autopilot.links.nmea.link import NmeaLink
+from autopilot.links.transports import loopback_pair
+from autopilot.links.url import parse_url
+from autopilot.runtime.build import build_pilot
+from autopilot.runtime.build_links import nmea_settings_of
+from autopilot.signals import HeadingSample, HelmSample, Mode, Order, OrderKind, RudderSample, Tick
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
+from sitl.scenario import load_scenario
+from sitl.wire_nmea import NmeaInstruments
+from sitl.world import World
 
 GAINS = {"ATC_STR_RAT_FF": 12.0, "ATC_STR_RAT_P": 1.0, "ATC_STR_RAT_I": 1.0, "ATC_STR_ANG_P": 1.0}
 LINES: dict[str, dict[str, float]] = {
@@ -273,3 +281,28 @@ def test_two_vehicles_of_one_id_are_not_steered() -> None:
     assert Mode.ENGAGED not in {tick.mode for tick in boat.ticks}
     reasons = {s.reason for tick in boat.ticks for s in tick.samples if isinstance(s, HelmSample)}
     assert any("rebooted" in reason or "mode HOLD" in reason for reason in reasons)
+
+
+def test_a_rudder_behind_a_line_that_held_its_orders_for_two_seconds_is_not_reversed() -> None:
+    """A drive and its instruments on one line: courses change, and the orders stay away and come late."""
+    vessel, begun = load_vessel("lanxin"), 9.67
+    line, said = StalledLine(begun, lasts=2.0, drained=1.3), set[str]()
+    near, far = loopback_pair()
+    near.is_stream = True
+    link = NmeaLink(near, nmea_settings_of(vessel, parse_url("nmea:/dev/x:38400")))
+    boat = NmeaInstruments(World(vessel, load_scenario("calm")), {"HDT": 10.0, "ROT": 10.0, "RSA": 5.0}, 38400)
+    pilot = build_pilot(vessel)
+    for step in range(round((begun + 7.0) / 0.02)):
+        now, course = 0.02 * step, int(0.25 * 0.02 * step)
+        for data in far.receive():
+            line.put(now, data)
+        for data in line.take(now):
+            boat.receive(now, data)
+        for data in boat.transmit(now):
+            far.send(data)
+        order = Order(OrderKind.HEADING, math.radians(25.0 if course % 2 else -25.0), serial=1 + course)
+        tick = pilot.step(now, tuple(link.receive(now)), order)
+        link.send(now, tick.command)
+        link.poll(now)
+        said |= {alarm.name for alarm in tick.alarms if alarm.name.startswith("rudder")}
+    assert said == {"rudder_stuck"}

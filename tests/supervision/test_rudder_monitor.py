@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
+from random import Random
 
 import pytest
 from watches import Following
@@ -170,3 +172,60 @@ def test_angles_that_come_half_a_second_late_prove_as_much() -> None:
 @pytest.mark.parametrize(("rate_deg_s", "is_slow"), [(0.0, False), (0.1, False), (1.0, True), (-1.0, False)])
 def test_a_rudder_that_does_not_move_at_all_is_not_slow(rate_deg_s: float, is_slow: bool) -> None:
     assert judged(rate_deg_s, 24).is_slow is is_slow
+
+
+def over_a_line(
+    order: Callable[[float], float], stall: tuple[float, float], drained: float, sees: bool = False, sign: float = 1.0
+) -> str:
+    """What was found of a rudder of 20 deg/s in 30 s over a line that holds orders, or `sees` what it shows, from
+    a time on for so long [s] and then delivers what it held so many times as fast. Degrees."""
+    monitor, angle, dt = Following(LIMITS), 0.0, 0.1
+    (begun, lasts), shown = stall, [0.0]
+    for step in range(300):
+        now = dt * step
+        late = max(min(now - begun, lasts - (drained - 1.0) * (now - begun - lasts)), 0.0) if now > begun else 0.0
+        wanted = sign * order(now if sees else now - late)
+        angle += min(max(wanted - angle, -2.0), 2.0)
+        shown.append(angle)
+        if not (sees and begun < now < begun + lasts):
+            seen = shown[max(step + 1 - round(late / dt), 0)] if sees else angle
+            monitor.on_sample(RudderSample(now, math.radians(seen), False, "RSA"))
+        monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, math.radians(order(now)), 0.6, True))
+        if monitor.found:
+            break
+    return monitor.found
+
+
+def wandering(seed: int) -> Callable[[float], float]:
+    """Orders [deg] that go from one angle to the next at 20 deg/s and stay there for a while, or not."""
+    random, legs = Random(seed), [(0.0, 0.0)]
+    while legs[-1][0] < 30.0:
+        begun, angle = legs[-1]
+        to = random.uniform(-25.0, 25.0)
+        legs.append((begun + abs(to - angle) / 20.0 + random.choice([0.05, 0.05, random.uniform(0.0, 2.0)]), to))
+
+    def order(now: float) -> float:
+        (begun, angle), (_, to) = next(pair for pair in pairwise(legs) if pair[1][0] > now)
+        return angle + math.copysign(min(abs(to - angle), 20.0 * (now - begun)), to - angle)
+
+    return order
+
+
+@pytest.mark.parametrize(
+    ("seed", "lasts", "drained", "sees"),
+    [
+        *((seed, 2.0, drained, False) for seed in (8, 12, 13) for drained in (1.3, 2.0)),
+        *((seed, 2.9, 2.0, False) for seed in (0, 35)),
+        *((seed, 2.0, drained, True) for seed in (5, 8) for drained in (1.3, 2.0, 5.0)),
+    ],
+)
+def test_a_rudder_that_does_what_a_line_has_held_goes_no_wrong_way(
+    seed: int, lasts: float, drained: float, sees: bool
+) -> None:
+    assert over_a_line(wandering(seed), (6.0, lasts), drained, sees) != "rudder_reversed"
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("lasts", [0.0, 0.6, 1.0])
+def test_a_rudder_that_leaves_every_order_of_late_is_reversed_though_its_line_stalls(seed: int, lasts: float) -> None:
+    assert over_a_line(wandering(seed), (6.0, lasts), 2.0, sign=-1.0) == "rudder_reversed"
