@@ -136,3 +136,19 @@ def test_a_vehicle_whose_key_is_changed_while_we_listen_is_said_to_have_another(
         reasons += [each.reason for each in link.receive(float(second)) if isinstance(each, HelmSample)]
     assert "no heartbeat from the vehicle" in reasons[-1] and "use the same key on both sides" in reasons[-1]
     assert not any("key" in reason for reason in reasons[: len(reasons) // 3])
+
+
+@pytest.mark.parametrize("signs", [True, False])
+def test_a_vehicle_that_begins_to_sign_and_obeys_no_more_is_said_to_sign(signs: bool) -> None:
+    """A ground station gives the vehicle a key while we listen without one: it answers no question of ours then."""
+    near, far = loopback_pair()
+    link = CompanionLink(near, CompanionSettings(rudder_at_full=0.6))
+    plain, signed = (MavlinkCodec(1, 1, signing=each) for each in (None, Signing(KEY, CountingTimestamps(NOW)).link()))
+    reasons: list[str] = []
+    for step in range(600):
+        if step % 10 == 0:
+            far.send((signed if signs and step >= 50 else plain).encode(BEAT))
+        reasons += [each.reason for each in link.receive(0.1 * step) if isinstance(each, HelmSample)]
+        link.poll(0.1 * step)
+    assert "does not answer" in reasons[-1]
+    assert reasons[-1].endswith("(it signs its messages: without --signing-key it may take none of ours)") is signs

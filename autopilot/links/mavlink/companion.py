@@ -19,6 +19,7 @@ from autopilot.links.base import CarriedLink, LinkError, Transport
 from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
 from autopilot.links.mavlink.conditions import OtherPilot
+from autopilot.links.mavlink.frames import SIGNED
 from autopilot.links.mavlink.guided import TIMEOUT_S
 from autopilot.links.mavlink.overrides import OverrideRelease, Stage
 from autopilot.links.mavlink.requests import (
@@ -70,6 +71,7 @@ WITHOUT_RECEIVER = (
     "the rudder was ordered amidships first, where it stays: without a radio receiver the flight controller keeps "
     "the last input"
 )
+UNSIGNED_ORDERS = " (it signs its messages: without --signing-key it may take none of ours)"
 SEVERITIES = {
     Mode.STANDBY: dialect.MAV_SEVERITY_NOTICE,
     Mode.ENGAGED: dialect.MAV_SEVERITY_WARNING,
@@ -112,6 +114,7 @@ class CompanionSession:
         self._settings = settings
         self._signing = signing
         self._refused_before = 0
+        self._it_signs = False
         self._sounder = sounder
         self._codec = MavlinkCodec(settings.vehicle_system or 1, COMPONENT, is_stream, signing)
         self._gcs_codec = MavlinkCodec(
@@ -182,6 +185,8 @@ class CompanionSession:
             if vehicle and header.srcSystem == vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
                 reader.take(now, message, samples)
                 news = news or header.msgId != ATTITUDE
+                if header.msgId == HEARTBEAT:
+                    self._it_signs = bool(header.incompat_flags & SIGNED)
             elif header.msgId == HEARTBEAT and self._is_ours(message) and self._is_vacant(now, message):
                 vehicle = self._latch(message)
                 reader.take(now, message, samples)
@@ -406,6 +411,13 @@ class CompanionSession:
             self._guided.target = self.vehicle
         return self.vehicle
 
+    def _with_signing(self, reason: str) -> str:
+        """Return the reason why a vehicle does not obey us with word of its signing, where it signs and we do not."""
+        if not reason or not self._it_signs or self._signing is not None:
+            return reason
+        is_deaf = self._authority.disobeyed or self._probe.stage is Stage.NOT_TAKEN
+        return reason + UNSIGNED_ORDERS if is_deaf or self._reader.parameters.unanswered else reason
+
     def _judge(self, now: float, samples: list[Sample]) -> None:
         """Work out whether control is ours, and put word of a change before the other samples, of alarms behind."""
         reader, authority, is_beat = self._reader, self._authority, self._helm is None
@@ -428,7 +440,7 @@ class CompanionSession:
         self._may_prove = not obstacle
         # once we steer, the age of each heading decides
         waits = "" if authority.steering else reader.streams.waiting or self._other.waiting(now)
-        self._reason = obstacle or proof.reason or waits
+        self._reason = self._with_signing(obstacle or proof.reason or waits)
         is_old = self._guided is None and not obstacle and self._probe.stage is Stage.GROWN_OLD
         cause = HelmCause.UNPROVEN if is_old else authority.cause
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):
