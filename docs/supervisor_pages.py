@@ -45,11 +45,12 @@ def alarms_page() -> str:
     kinds = sorted(CATALOGUE.values(), key=lambda kind: list(Response).index(kind.response))
     parts = [
         "# Alarms",
-        f"Drawn from `autopilot/supervision/alarms.py` and `alarm_words.py` by `{COMMAND}`. An alarm is shown and\n"
-        "logged as long as it lasts, and sounds until it is acknowledged or over; one that ends steering sounds until\n"
-        "it is acknowledged. What nobody has acknowledged for 30 s is said again, louder.",
-        "Where a lost heading, or a silent vehicle, has ended steering and is back for 2 s, the alarm says `(past)`;\n"
-        "acknowledged, it goes, while the mode goes on to say that nothing is steered. Lost again, it is a new alarm.",
+        "An alarm is shown and logged for as long as it lasts. It sounds until it is acknowledged or over. An\n"
+        "alarm that ends steering sounds until it is acknowledged. After 30 s without an acknowledgement an alarm\n"
+        "is repeated, louder.",
+        "If a lost heading or a silent vehicle has ended the steering and has been back for 2 s, its alarm says\n"
+        "`(past)`. Once acknowledged, it goes; the mode still shows that nothing is steered. If it is lost again,\n"
+        "that is a new alarm.",
         "Priorities are those of bridge alert management (IMO MSC.302(87), IEC 62923):",
         _rows(
             ("Priority", "What it asks", "On the displays", "Heard until acknowledged"),
@@ -63,20 +64,41 @@ def alarms_page() -> str:
                 )
             ),
         ),
-        "An acknowledged alarm stays, steady, until it is over. A warning that nobody acknowledges within 30 s sounds\n"
-        "like an alarm. The page and the terminal helm keep a history: when each alarm was raised, acknowledged and\n"
-        "cleared. It is kept as long as `autopilot web` runs, also while no page is open.",
-        "Alarms are acknowledged one by one or all together on the page, with `A` and `a` in the terminal helm. `a`\n"
-        "on the pilot's own terminal acknowledges all, and so does any order, and the MAVLink command SPATIAL_USER_5\n"
-        "(31009) with parameter 1 at 0; parameter 1 may be an alarm's number: the CRC-32 of its name, its lowest 24\n"
-        "bits. The list is read over MAVLink FTP (`/alarms.json`).",
-        "`alarms.outputs` in the vessel file says where alarms are heard: `bell` (the terminal's), `tune` (the\n"
-        "vehicle's buzzer, PLAY_TUNE), `relay:N` (the vehicle's relay, DO_SET_RELAY), `file:PATH` (1 while an alarm\n"
-        "sounds, else 0: the value of a GPIO in sysfs). Over MAVLink alarms go out as STATUSTEXT and as unhealthy\n"
-        "subsystems in SYS_STATUS.",
+        "An acknowledged alarm stays on the displays, steady, until it is over. A warning that nobody\n"
+        "acknowledges within 30 s sounds like an alarm. The page and the terminal helm keep a history of when\n"
+        "each alarm was raised, acknowledged and cleared. The page's history lasts as long as `autopilot web`\n"
+        "runs, with or without an open page.",
+        "To acknowledge alarms:",
+        _rows(
+            ("Where", "One alarm", "All alarms"),
+            (
+                ("the page", "*Acknowledge* beside it", "*Acknowledge all*, or any order"),
+                ("the terminal helm", "`A`", "`a`, or any order"),
+                ("the pilot's own terminal", "", "`a`, or any order"),
+                (
+                    "MAVLink command SPATIAL_USER_5 (31009)",
+                    "parameter 1: the lowest 24 bits of the CRC-32 of the alarm's name",
+                    "parameter 1: 0",
+                ),
+            ),
+        ),
+        "The list of alarms can be read over MAVLink FTP (`/alarms.json`). Alarms are also sent as STATUSTEXT and as\n"
+        "unhealthy subsystems in SYS_STATUS.",
+        "`alarms.outputs` in the vessel file sets where alarms are heard:",
+        _rows(
+            ("Output", "What sounds"),
+            (
+                ("`bell`", "the terminal's bell"),
+                ("`tune`", "the vehicle's buzzer (PLAY_TUNE)"),
+                ("`relay:N`", "the vehicle's relay N (DO_SET_RELAY)"),
+                ("`file:PATH`", "1 is written while an alarm sounds, else 0: the value of a GPIO in sysfs"),
+            ),
+        ),
     ]
     for response, group in groupby(kinds, key=lambda kind: kind.response):
         parts += [f"## {response.value[0].upper()}{response.value[1:]}", _alarm_table(group)]
+    source = "`autopilot/supervision/alarms.py` and `alarm_words.py`"
+    parts.append(f"This page is generated from {source} by `{COMMAND}`.")
     return "\n\n".join(parts) + "\n"
 
 

@@ -45,155 +45,159 @@ WORDS = {
     "heading_frozen": Words(
         "heading frozen: the compass stands still while the boat turns",
         "steer by hand, restart the compass",
-        "the same to the last digit while the rate of turn spans 5 deg, the rudder is worth 15 deg of turn, or a "
-        "sea that moved it until then goes on for 3 s",
+        "the heading stays the same to the last digit while the rate of turn spans 5 deg, the rudder is worth 15 deg "
+        "of turn, or a sea that moved it before goes on for 3 s",
         key="alarms.frozen_heading",
     ),
     "heading_jumping": Words(
         "the heading jumps further than the boat can turn",
         "steer by hand, look for iron, loose plugs or a second compass at the same line",
-        "this far between two headings, three times within 10 s, or once and for good",
+        "two headings in a row differ by this angle three times within 10 s, or once for good",
         key="alarms.heading_jump_deg",
     ),
     "heading_disagrees": Words(
         "heading monitor: two compasses disagree",
         "compare both with the hand-bearing compass, take the wrong one out of sensors.priority",
-        "further apart than the file says for several seconds",
+        "the two headings differ by more than the file's limit for several seconds",
         key="sensors.heading_monitor_deg",
         watcher=Watcher.LINK,
     ),
     "variation_unknown": Words(
         "headings come that take the magnetic variation, and it is not known",
         "set sensors.variation_deg, or sensors.magnetic: true to steer magnetic courses",
-        "for 3 s, and no other headings on the same link",
+        "for 3 s, while no other headings come over the same link",
         key="sensors.variation_deg",
         watcher=Watcher.LINK,
     ),
     "variation_jumped": Words(
         "an instrument's magnetic variation has jumped; the old one is used while we steer",
         "check the instrument's place and date; if the new one is right, release for 10 s and engage again",
-        "more than 2 deg from what the same instrument said; taken after 10 s in standby, at once from 0, 0 never",
+        "it differs by more than 2 deg from what the same instrument gave before; the new value is taken after 10 s "
+        "in standby, at once where the old one was 0; a value of 0 is never taken",
         key="sensors.variation_deg",
         watcher=Watcher.LINK,
     ),
     "rate_disagrees": Words(
         "the rate of turn and the heading do not go together",
         "check the rate sensor's sign, scale and zero, and the heading by a second compass",
-        "the turn that the rate adds up to in 5 s is so far from the heading's, or to the other side, or at twice the "
-        "rate that the rudder makes hard over: then the boat is steered by heading alone; or both drift apart by more "
-        "than 0.75 deg/s, which is taken out of the rate",
+        "over 5 s the rate of turn adds up to an angle that differs by this much from the change of heading, or goes "
+        "to the other side, or is twice what the rudder makes hard over: the boat is then steered by heading alone; or "
+        "both drift apart by more than 0.75 deg/s, which is then subtracted from the rate",
         key="alarms.rate_disagrees_deg",
     ),
     "innovation": Words(
         "the boat does not move as its model says",
         "look for a fouled propeller, a tow or a shifted load; identify the boat anew if it stays",
-        "measurements off to one side by so many standard deviations for 20 s",
+        "the measurements are off the model's forecast, to one side, by this many standard deviations for 20 s",
         key="alarms.innovation_sigmas",
     ),
     "rudder_stuck": Words(
         "steering gear: rudder not responding",
         "steer by hand, check drive, clutch and fuse",
-        "off its order by more than the tolerance and standing for 1.2 s and the gear's delay and lag, or the boat "
-        "does not answer to it",
+        "off its order by more than the tolerance, and standing still, for 1.2 s plus the gear's delay and lag; or "
+        "the boat does not answer its rudder",
         key="rudder.follow_tolerance_deg, alarms.reversed_rudder",
     ),
     "rudder_not_following": Words(
         "steering gear: rudder does not follow its orders",
         "steer by hand, check drive, clutch and rudder sensor",
-        "off its order by more than the tolerance and not on its way for 1.2 s and the gear's delay and lag; a "
-        "rudder a quarter as quick as filed, with a course-unstable boat",
+        "off its order by more than the tolerance, and not moving towards it, for 1.2 s plus the gear's delay and "
+        "lag; on a course-unstable boat also a rudder at a quarter of its filed rate",
         key="rudder.follow_tolerance_deg",
     ),
     "rudder_reversed": Words(
         "steering gear: rudder moves the wrong way",
         "steer by hand, check drive.reversed or helm.reversed and the rudder sensor's sign",
-        "its sensor shows it going away from its order, or the boat answers as to the opposite rudder",
+        "the rudder sensor shows it moving away from its order, or the boat answers as if the rudder were on the "
+        "other side",
         key="alarms.reversed_rudder",
     ),
     "runaway": Words(
         "the boat turns against its rudder",
         "steer by hand, check that the rudder moves, its sign, and the way through the water",
-        "rudder hard over for three time constants, the boat turning to the other side as fast, on average too, by "
-        "20 deg and twice the waves' yaw since the rudder came over; or a zigzag turning against its rudder, 45 "
-        "deg beyond",
+        "with the rudder hard over for three time constants, the boat turns to the other side nearly as fast as a "
+        "rudder hard over there would turn it, on average too, and by 20 deg and twice the waves' yaw since the rudder "
+        "came over; or in a zigzag it turns against its rudder, 45 deg beyond",
     ),
     "rudder_at_stop": Words(
         "rudder limit: the rudder stands at its stop",
         "slow down or ease sheets: there is no rudder left to steer with",
-        "nine tenths of the limit for 15 s, turns apart",
+        "beyond nine tenths of the limit for 15 s, turns not counted",
         key="limits.angle_max_deg",
     ),
     "off_course": Words(
         "off heading",
         "check rudder, speed and wind, or order another course",
-        "this angle for this time; in a turn for 2 s, past its course",
+        "off the course by this angle for this time; in a turn, past the new course for 2 s",
         key="alarms.off_course_deg, alarms.off_course_s",
         sentence="{text} {detail}: {remedy}",
     ),
     "overpowered": Words(
         "the boat is pushed harder than its rudder can hold",
         "take way off, ease sheets, cut what the boat tows or has in its rudder",
-        "what turns the boat beside rudder and waves, by the model, is worth more than the rudder's limit for 2 s, "
-        "the rudder hard over against it or held by a trial; or, rudder hard over for a time constant, it turns to "
-        "the other side by 20 deg and twice the waves' yaw",
+        "by the model, what turns the boat besides rudder and waves exceeds the rudder's limit for 2 s, with the "
+        "rudder hard over against it or held by a trial; or, with the rudder hard over for a time constant, the boat "
+        "turns to the other side by 20 deg and twice the waves' yaw",
         key="alarms.reversed_rudder",
     ),
     "trial_doubtful": Words(
         "the boat does not turn as the trial's rudder should turn it",
         "the trial ends: see whether the heading is held; wait for the gust to pass, or look at the rudder",
-        "in a trial, two thirds of the evidence that tells a rudder that does not answer; or a push to the other "
-        "side that is heavier than the trial's rudder for 0.3 s",
+        "in a trial, the evidence that the rudder does not answer reaches two thirds of that alarm's limit; or for "
+        "0.3 s something pushes the boat to the other side harder than the trial's rudder does",
         key="alarms.reversed_rudder",
     ),
     "low_speed": Words(
         "too slow to steer, or astern",
         "make way ahead; until then the rudder waits amidships",
-        "slower than this",
+        "the speed is below this",
         key="control.steerage_m_s",
     ),
     "hunting": Words(
         "the boat swings from side to side by its own rudder",
         "slow down; check the speed log, the rudder's rate and play; stand by and engage again for the full gains",
-        "four like or growing sweeps of the rudder in a row by half its limit, each with 10 deg of heading, or four "
-        "from stop to stop, the rate of turn to 98 % the rudder's, or two of 8 s or more that swing the boat three "
-        "times as far as its model, or twice the rate that the rudder hard over gives; then a quarter of the gain, "
-        "and a sixteenth if need be; a speed below the trial's is doubted first",
+        "four sweeps of the rudder in a row, alike or growing, by half its limit, each with 10 deg of heading; or "
+        "four from stop to stop, where the rudder makes 98 % of the rate of turn; or two of 8 s or more that swing "
+        "the boat three times as far as its model; or twice the rate that the rudder hard over gives. The law then "
+        "uses a quarter of the gain, and a sixteenth if need be; a speed below the trial's is doubted first",
     ),
     "swinging": Words(
         "the boat swings from side to side however softly it is steered",
         "steer by hand; check speed log, rudder rate and rudder angle, then identify the boat anew",
-        "six such sweeps from stop to stop under the soft law, or four of any with a sixteenth of the gain; at once "
-        "with a course-unstable boat",
+        "six such sweeps from stop to stop under the soft law, or four of any size with a sixteenth of the gain; at "
+        "once on a course-unstable boat",
     ),
     "circling": Words(
         "the boat goes round in circles",
         "steer by hand; check that the rudder moves, its sign, the speed log and the compass",
-        "390 deg away from the heading ordered, on balance; 300 deg where the speed is doubted",
+        "a net turn of 390 deg away from the heading ordered; 300 deg where the speed is doubted",
     ),
     "too_quick": Words(
         "the boat turns much faster than its file says",
         "steer by hand; check that the vessel file is this boat's, and the rudder angle at full PWM",
-        "three times the rate that the rudder hard over gives by the model, for a second or 0.3 time constants, or "
-        "twice with a sixteenth of the gain; or an answer to the rudder of more than four times the model's, to "
-        "both sides",
+        "the boat turns at three times the rate that the model gives for the rudder hard over, for a second or 0.3 "
+        "time constants, or at twice that rate with a sixteenth of the gain; or it answers its rudder more than four "
+        "times as strongly as the model, to both sides",
         key="model.K_1_s, helm.rudder_at_full_pwm_deg",
     ),
     "lively": Words(
         "the boat answers its rudder more than its file says",
         "check the vessel file, the load and the rudder angle at full PWM; the boat is steered softly",
-        "two and a half to four times the model's answer, to both sides; the law has a quarter of the gain then",
+        "the answer to the rudder is 2.5 to 4 times the model's, to both sides; the law then uses a quarter of the "
+        "gain",
         key="model.K_1_s, helm.rudder_at_full_pwm_deg",
     ),
     "rudder_slow": Words(
         "the rudder is much slower than its file says",
         "check the drive's supply and oil, and rudder.rate_max_deg_s; the boat is steered softly",
-        "its sensor, or the boat's answer, shows a quarter of the rate; the law has a quarter of the gain then",
+        "the rudder sensor, or the boat's answer, shows a quarter of the filed rate; the law then uses a quarter of "
+        "the gain",
         key="rudder.rate_max_deg_s",
     ),
     "path_late": Words(
         "orders come to the rudder later than the file says",
         "use a quicker line, or let this one, or the computer, do less; the boat is steered by what is measured",
-        "by the echo of the orders, or by a rudder sensor, they come 0.05 s later than filed, or more",
+        "the echo of the orders, or a rudder sensor, shows that they arrive at least 0.05 s later than filed",
         key="control.loop_delay_s",
     ),
     "speed_doubtful": Words(
@@ -207,7 +211,8 @@ WORDS = {
     "thruster_weak": Words(
         "one of two thrusters gives less thrust than it is asked for",
         "look for weed, a rope or a motor that stands still on that side; without it the boat is held, but not driven",
-        "pushed to its side by 0.3 of that thruster's moment and slowed by a tenth, at the same throttle, for 0.6 s",
+        "at the same throttle, for 0.6 s, the boat is pushed to that side by 0.3 of the thruster's moment and is a "
+        "tenth slower",
         key="drive.kind",
     ),
     "bow_thruster_off": Words(
@@ -225,7 +230,7 @@ WORDS = {
     "bow_thruster_hot": Words(
         "the bow thruster has run for as long as it may, and cools",
         "make way, or let the boat lie; it runs again when it has half cooled",
-        "run at full for so long, less what it has rested",
+        "it has run at full for this long, less the time it has rested",
         key="drive.bow_thruster.run_s",
     ),
     "bow_thruster_weak": Words(
@@ -238,7 +243,7 @@ WORDS = {
     "speeds_disagree": Words(
         "the speed log and the speed over ground do not go together",
         "clean or check the log's impeller; the boat is steered as for the mean of both",
-        "one more than twice the other, and 5 kn apart",
+        "one is more than twice the other, and they differ by 5 kn",
     ),
     "roll": Words(
         "heeling",
@@ -256,18 +261,18 @@ WORDS = {
     "not_finite": Words(
         "a value was not finite",
         "steer by hand, keep the log and report it",
-        "a state, demand or command that is no number",
+        "a state, demand or command is not a finite number",
     ),
     "envelope": Words(
         "a command was outside its envelope",
         "steer by hand, keep the log and report it",
-        "angle, rate, age or side of a command, by the second implementation",
+        "angle, rate, age or side of a command, as a second, independent check computes it",
         key="limits.angle_max_deg, limits.rate_max_deg_s",
     ),
     "deadline_missed": Words(
         "the loop runs late",
         "stop other programs on this machine, run autopilot doctor",
-        "three ticks within 10 s that come three control periods after the one before, or one a second after it",
+        "within 10 s, three ticks come three control periods after the tick before, or one comes a second after it",
         key="control.rate_hz",
         watcher=Watcher.LOOP,
     ),
@@ -388,7 +393,7 @@ WORDS = {
     "cannot_engage": Words(
         "not engaged",
         "put right what is said here; the order waits for it 30 s",
-        "an order to engage while the helm is taken or a trouble lasts",
+        "an order to engage comes while somebody else has the helm, or a fault lasts",
         sentence="{text}: {detail}",
     ),
     "order_dropped": Words(
@@ -428,7 +433,7 @@ WORDS = {
     "position_jumped": Words(
         "position jumped",
         "check the GPS, then begin the route again",
-        "further than the boat can have gone, while a route leads",
+        "the position moves further than the boat can have gone, while a route leads",
         sentence="{text} by {detail}; {remedy}",
         watcher=Watcher.LOOP,
     ),
@@ -442,14 +447,14 @@ WORDS = {
     "current_too_strong": Words(
         "the current is too strong for the route",
         "go faster, wait for slack water or choose another route",
-        "on this leg or a later one more current across or against than the boat can hold at its speed",
+        "on this leg or a later one, the current across or against is more than the boat can hold at its speed",
         sentence="{text}, {detail}: {remedy}",
         watcher=Watcher.LOOP,
     ),
     "plotter_turn": Words(
         "the chart plotter wants a turn",
         "not turning; type f to turn",
-        "its new leg turns the boat further than 100 deg",
+        "its new leg needs a turn of more than 100 deg",
         sentence="{text} to {detail}: {remedy}",
         watcher=Watcher.LOOP,
     ),
@@ -520,7 +525,7 @@ WORDS = {
         "headings come more slowly than asked for",
         "raise the link's baud rate (SERIALn_BAUD), let ground stations ask for less (SRn_ parameters), or lower "
         "control.rate_hz",
-        "asked for again and again",
+        "asked for repeatedly, and still too slow",
         sentence="headings (ATTITUDE) come at {detail} were asked for again and again: {remedy}",
         watcher=Watcher.LINK,
     ),
@@ -528,7 +533,7 @@ WORDS = {
         "the vehicle takes our headings but does not turn",
         "check that it makes way (throttle stick, helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, "
         "ATC_STR_ANG_P)",
-        "far off the heading ordered, and no nearer for long",
+        "far off the heading ordered for long, and no nearer",
         watcher=Watcher.LINK,
     ),
     "other_pilot": Words(
