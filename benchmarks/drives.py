@@ -116,7 +116,8 @@ def turn(boat: Lockstep, course: float, lasts: float) -> tuple[float, float]:
     while boat.now < begun + lasts:
         boat.run(0.1)
         error = math.degrees(wrap(boat.world.boat.state.heading - math.radians(course)))
-        over = max(over, error * math.copysign(1.0, change))
+        # a turn of 180 deg may go either way round
+        over = max(over, error * math.copysign(1.0, change) if abs(error) < 90.0 else 0.0)
         if abs(error) > 2.0:
             settled = math.nan
         elif math.isnan(settled):

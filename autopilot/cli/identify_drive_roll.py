@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.printable import aligned
-from autopilot.identification.runs import Run
+from autopilot.identification.runs import Run, seconds
 
 if TYPE_CHECKING:
     from autopilot.identification.drive_effect import DriveFit, Prediction
@@ -61,7 +61,7 @@ def identified_by_thrust(
     rows = [
         (run, role, predict_drive(run, fit)) for role, runs in (("fit", fitted), ("holdout", held_out)) for run in runs
     ]
-    verdict = verdict_by_thrust(fit, [found for _, _, found in rows])
+    verdict = verdict_by_thrust(fit, [found for _, _, found in rows], sum(map(seconds, fitted)))
     is_written = arguments.out and verdict.serves(arguments.at_least)
     if is_written:
         _write(arguments.out, vessel, fit, fitted)

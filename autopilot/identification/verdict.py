@@ -229,6 +229,9 @@ LEAST_R2, MOSTLY = 0.5, 0.8
 for one to start with whose rudder goes with what it misses."""
 LEAST_R2_BY_THRUST = 0.9
 """The same of a boat that steers by thrust, of each run."""
+LEAST_LENGTH_BY_THRUST = 10.0
+"""Time constants T that all runs together have to last: what the hull's drift adds outlasts one T, and is in K and T of
+shorter runs, not in their doubt. Of five runs that were cut to 5 s K came out 40 to 80 % too large."""
 KNOT_M_S = 1852.0 / 3600.0
 
 
@@ -252,8 +255,9 @@ def verdict_on_runs(found: Identified, runs: Sequence[Run], filed: float) -> Ver
     return verdict_of(found, [found.predict(run) for run in fitted], found.residual_tests(fitted), gear)
 
 
-def verdict_by_thrust(fit: DriveFit, predictions: Sequence[DrivePrediction]) -> Verdict:
-    """Return what the model of a boat that steers by thrust is good for; predictions of all its runs."""
+def verdict_by_thrust(fit: DriveFit, predictions: Sequence[DrivePrediction], lasted: float) -> Verdict:
+    """Return what the model of a boat that steers by thrust is good for; predictions of all its runs; lasted [s]: those
+    that it was fitted to, together."""
     values = {"K": (fit.model.gain, fit.errors["gain"]), "T": (fit.model.time_constant, fit.errors["time_constant"])}
     doubts = {symbol: SURE_OF_IT * error / abs(value) for symbol, (value, error) in values.items()}
     worst = max(doubts, key=lambda symbol: doubts[symbol])
@@ -261,6 +265,8 @@ def verdict_by_thrust(fit: DriveFit, predictions: Sequence[DrivePrediction]) -> 
     if not doubts[worst] <= ENOUGH or not least >= LEAST_R2:
         why = share if not doubts[worst] <= ENOUGH else f"of the yaw rate of one run R2 is {least:.2f}"
         return Verdict("not enough", f"not enough ({why}): sail the zigzags once more, each for twice as long.")
+    if not lasted >= (least_s := LEAST_LENGTH_BY_THRUST * fit.model.time_constant):
+        return Verdict("not enough", f"not enough ({lasted:.0f} s, {least_s:.0f} s at the least): sail longer zigzags.")
     if doubts[worst] > GOOD:
         return Verdict("start", f"good for a start ({share}): sail one more zigzag at each throttle.")
     if least < LEAST_R2_BY_THRUST:

@@ -126,22 +126,25 @@ def test_a_boat_that_does_not_follow_is_not_forecast(runs: list[Run], fit: Drive
 
 
 @pytest.mark.parametrize(
-    ("gain", "r2", "spread", "grade"),
+    ("gain", "r2", "spread", "lasted", "grade"),
     [
-        (0.05, 0.95, True, "good"),
-        (0.05, 0.95, False, "start"),
-        (0.05, 0.8, True, "start"),
-        (0.2, 0.95, True, "start"),
-        (0.4, 0.95, True, "not enough"),
-        (0.05, 0.2, True, "not enough"),
-        (math.nan, 0.95, True, "not enough"),
+        (0.05, 0.95, True, 11.0, "good"),
+        (0.05, 0.95, False, 11.0, "start"),
+        (0.05, 0.8, True, 11.0, "start"),
+        (0.2, 0.95, True, 11.0, "start"),
+        (0.4, 0.95, True, 11.0, "not enough"),
+        (0.05, 0.2, True, 11.0, "not enough"),
+        (math.nan, 0.95, True, 11.0, "not enough"),
+        (0.05, 0.95, True, 9.0, "not enough"),
     ],
 )
 def test_what_is_little_known_is_not_called_good(
-    fit: DriveFit, gain: float, r2: float, spread: bool, grade: str
+    fit: DriveFit, gain: float, r2: float, spread: bool, lasted: float, grade: str
 ) -> None:
+    """lasted: in time constants."""
     errors = {"gain": gain * fit.model.gain, "time_constant": 0.0} | ({"exponent": 0.1} if spread else {})
-    verdict = verdict_by_thrust(fit._replace(errors=errors), [Prediction(0.99, 0.0), Prediction(r2, 0.0)])
+    predictions = [Prediction(0.99, 0.0), Prediction(r2, 0.0)]
+    verdict = verdict_by_thrust(fit._replace(errors=errors), predictions, lasted * fit.model.time_constant)
     assert verdict.grade == grade and verdict.sentence.endswith(".")
 
 
