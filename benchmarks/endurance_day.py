@@ -15,12 +15,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from endurance_page import Reading, reading_of
 from lockstep import STEP, Lockstep
+from manual_clock import ManualClock
 from plant import Plant
 
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import gear_of, model_of
 from autopilot.runtime.log_files import FolderLimits, FolderSink
-from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import Recorder
 from autopilot.signals import HelmSample, Mode, Order, OrderKind, RudderCommand, Sample, Tick
 from autopilot.vessel.file import dump_vessel, load_vessel

@@ -79,27 +79,6 @@ class MonotonicClock:
             select.select(descriptors, (), (), left)
 
 
-class ManualClock:
-    """A clock that moves when it is ordered to: waiting is arriving."""
-
-    def __init__(self, start: float = 0.0) -> None:
-        self._now = start
-
-    def now(self) -> float:
-        """Return the time last set."""
-        return self._now
-
-    def advance(self, seconds: float) -> None:
-        """Move on by `seconds` >= 0."""
-        if seconds < 0.0:
-            raise ValueError(f"a clock does not go backwards: {seconds}")
-        self._now += seconds
-
-    def wait(self, descriptors: Sequence[int], until: float) -> None:
-        """Arrive at `until` at once."""
-        self._now = max(self._now, until)
-
-
 LATE_COUNT = 3
 LATE_WITHIN_S = 10.0
 """So many late ticks within this time are an alarm, until so long passes without one."""

@@ -11,6 +11,7 @@ import pytest
 from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
+from manual_clock import ManualClock
 
 from autopilot.links.drives import DriveLink, DriveLinkSettings, DriveSettings, JumpGate
 from autopilot.links.drives.jrk import HEALTH, MOTION, JrkG2
@@ -21,7 +22,6 @@ from autopilot.links.transports import loopback_pair
 from autopilot.models.steering_gear import Valve
 from autopilot.runtime.build import follow_of
 from autopilot.runtime.build_links import DRIVES, drive_of, drive_settings_of
-from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.session import Session
 from autopilot.signals import AlarmSample, HelmSample, Order, RudderCommand, RudderSample
 from autopilot.vessel.file import load_vessel

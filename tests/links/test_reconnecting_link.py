@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from alarm_texts import other, words, words_of
 from lockstep import Lockstep
+from manual_clock import ManualClock
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.estimation.sensor_selection import SensorSelection
@@ -32,7 +33,6 @@ from autopilot.links.transports import SerialTransport, loopback_pair
 from autopilot.links.transports.serial_line import device_of
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import LinkOptions, build_links
-from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.session import Session
 from autopilot.signals import AlarmEvent, AlarmSample, HeadingSample, HelmSample, Mode, Order, OrderKind, Sample
 from autopilot.vessel.file import load_vessel

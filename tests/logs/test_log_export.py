@@ -17,6 +17,7 @@ import pytest
 from alarm_texts import words_of
 from boat_recordings import dataflash, tlog, tlog_events, zigzag_boat
 from lockstep import Lockstep
+from manual_clock import ManualClock
 from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -26,7 +27,6 @@ from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.signing import CountingTimestamps, LinkSigning, Signing
 from autopilot.logs.mcap_log import message_entries
 from autopilot.logs.replay_onto import replay_onto
-from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import read_log
 from autopilot.vessel.file import load_vessel
 

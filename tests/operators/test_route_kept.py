@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from boat_at_sea import item, place
+from manual_clock import ManualClock
 from two_processes import free_port
 
 from autopilot.cli.run import load_mission
@@ -18,7 +19,6 @@ from autopilot.operators.skipper import Skipper
 from autopilot.runtime.app import App, Plan, mission_file
 from autopilot.runtime.build import limits_of
 from autopilot.runtime.build_links import Stations
-from autopilot.runtime.machine import ManualClock
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")

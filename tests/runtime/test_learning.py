@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from manual_clock import ManualClock
 from plant import Plant
 
 from autopilot.errors import InputError, RefusedError
@@ -20,7 +21,6 @@ from autopilot.identification.learning import CHANCE, Learner, Outcome, Predicti
 from autopilot.models.norrbin import Norrbin
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of, learner_of, model_of
-from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import Recorder, read_log, replay
 from autopilot.runtime.session import Session
 from autopilot.runtime.tuning import LearningService, VesselStore, designed, with_learnt

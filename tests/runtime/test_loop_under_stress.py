@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 
 import pytest
+from manual_clock import ManualClock
 
 from autopilot.links.base import LinkError
 from autopilot.runtime.build import build_pilot
-from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import Recorder, read_log
 from autopilot.runtime.session import Session, newest
 from autopilot.signals import (

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from lockstep import Lockstep
+from manual_clock import ManualClock
 
 from autopilot.cli.steering import restart_file
 from autopilot.errors import RefusedError
@@ -20,7 +21,7 @@ from autopilot.files.saving import save_text
 from autopilot.links.base import LinkError
 from autopilot.runtime.app import App, Machine, Plan, path_file
 from autopilot.runtime.build_links import to_stderr
-from autopilot.runtime.machine import BOOT_ID, ManualClock, PathNote, RealTime, RestartState, ServiceHooks
+from autopilot.runtime.machine import BOOT_ID, PathNote, RealTime, RestartState, ServiceHooks
 from autopilot.signals import Order
 from autopilot.vessel.file import load_vessel
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from manual_clock import ManualClock
 from plant import Plant
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -20,7 +21,6 @@ from autopilot.logs.own_log import read_own
 from autopilot.logs.table import RudderSettings, table_of
 from autopilot.runtime import record
 from autopilot.runtime.build import build_pilot, gear_of, model_of
-from autopilot.runtime.machine import ManualClock
 from autopilot.runtime.record import PAYLOAD_TYPE, Recorder, read_log, read_logs, read_packets, replay
 from autopilot.runtime.session import Session
 from autopilot.runtime.tick_codec import (
