@@ -156,7 +156,7 @@ def test_orders_typed_slowly_under_a_running_status_line(tmp_path: Path) -> None
         last = at.until(r"no log was kept")
         # how well it was steered is said of a course that was come to: not of a second
         assert re.search(r"ended by Ctrl-C: rudder released.*; steered \d+ s, last course 100", last)
-        assert at.pilot.wait(20) == 0
+        assert at.pilot.wait(60) == 0
         assert at.modes() == at.before
     finally:
         at.close()
@@ -171,7 +171,7 @@ def test_a_terminal_that_is_stopped_does_not_stop_the_steering(tmp_path: Path) -
         at.type("\x13")  # Ctrl-S
         time.sleep(2.0)
         at.pilot.send_signal(signal.SIGTERM)
-        assert at.pilot.wait(20) == 0
+        assert at.pilot.wait(60) == 0
     finally:
         at.close()
 

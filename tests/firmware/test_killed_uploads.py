@@ -49,7 +49,7 @@ class Zygote:
 
     def close(self) -> None:
         self._process.stdin.close()
-        self._process.wait(10.0)
+        self._process.wait(60.0)
         self._process.stdout.close()
 
 

@@ -44,7 +44,7 @@ while time.monotonic() < until and (count is None or len(values) < count or (1, 
     if message.get_type() == "PARAM_VALUE" and message.param_index < message.param_count:
         values[message.param_index] = message.param_id
         count = message.param_count
-heading = link.recv_match(type="ATTITUDE", blocking=True, timeout=10)
+heading = link.recv_match(type="ATTITUDE", blocking=True, timeout=60)
 print(json.dumps({"senders": sorted(senders), "count": count, "got": len(values), "heading": heading is not None}))
 """
 
@@ -97,7 +97,7 @@ def test_mavutil_behind_us_reads_every_parameter_of_the_vehicle_while_we_steer(t
             station, capture_output=True, text=True, timeout=80, check=False, env={**os.environ, "MAVLINK20": "1"}
         )
         pilot.terminate()
-        _, err = pilot.communicate(timeout=20)
+        _, err = pilot.communicate(timeout=60)
     assert (pilot.returncode, err) == (0, "")
     assert done.returncode == 0, done.stderr
     seen = json.loads(done.stdout.strip().splitlines()[-1])
@@ -123,7 +123,7 @@ def test_a_logger_behind_a_slow_radio_gets_two_headings_a_second_while_we_steer_
             logger, capture_output=True, text=True, timeout=80, check=True, env={**os.environ, "MAVLINK20": "1"}
         )
         pilot.terminate()
-        pilot.communicate(timeout=20)
+        pilot.communicate(timeout=60)
     seen = json.loads(done.stdout)
     assert seen["span"] == pytest.approx(0.5, rel=0.1), "seconds of the vehicle between two headings"
     assert seen["counts"]["HEARTBEAT"] > 4 and "VFR_HUD" not in seen["counts"], "it stays seen, and no more"

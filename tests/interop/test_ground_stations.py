@@ -27,7 +27,7 @@ from autopilot.vessel.parameters import parameters_of, value_of
 
 MAVPROXY = shutil.which("mavproxy.py")
 HAS_MAVSDK = importlib.util.find_spec("mavsdk") is not None
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 AGAIN_S = 2.0
 CONNECTED = """\
 async def first(stream):
@@ -155,7 +155,7 @@ def running_boat(folder: Path, *serve: str, more: tuple[str, ...] = ()) -> Itera
                 yield vessel
             finally:
                 steering.terminate()
-                code = steering.wait(20)
+                code = steering.wait(60)
                 simulated.terminate()
                 simulated.communicate()
     text = (folder / "pilot.txt").read_text()
@@ -271,7 +271,7 @@ def test_mavproxy_behind_us_sees_the_flight_controller_and_its_parameters(tmp_pa
         console.expect("yaw :", "status ATTITUDE")
         console.expect("Mode HOLD", "mode HOLD")
         steering.terminate()
-        assert steering.wait(20) == 0
+        assert steering.wait(60) == 0
     modes = [tick.mode for tick in read_log(tmp_path / "run.tlog").ticks]
     assert Mode.ENGAGED in modes and modes[-1] is Mode.OVERRIDE, "and its change of mode takes the helm"
 

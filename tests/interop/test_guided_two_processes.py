@@ -41,11 +41,11 @@ class Station:
         self.line = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255)
 
     def tune(self) -> None:
-        assert self.line.wait_heartbeat(timeout=20) is not None
+        assert self.line.wait_heartbeat(timeout=60) is not None
         for name, value in GAINS.items():
             self.line.param_set_send(name, value)
             wanted = f"PARAM_VALUE.param_id=='{name}'"
-            answer = self.line.recv_match(type="PARAM_VALUE", condition=wanted, blocking=True, timeout=5)
+            answer = self.line.recv_match(type="PARAM_VALUE", condition=wanted, blocking=True, timeout=60)
             assert answer is not None
 
     def set_mode(self, number: int) -> None:
@@ -122,7 +122,7 @@ def test_a_line_that_falls_silent_is_an_override_and_a_link_error(tmp_path: Path
             str(patient_vessel(tmp_path)), "--link", f"udpin:127.0.0.1:{port}", "--engage", "60", "--duration", "120",
             "--log", str(log),
         )  # fmt: skip
-        assert station[0].line.wait_heartbeat(timeout=20) is not None
+        assert station[0].line.wait_heartbeat(timeout=60) is not None
         station[0].hand_over(run)
         wait_until_engaged(run)
         provoke(control, "silence")

@@ -173,10 +173,10 @@ def test_the_page_ends_at_once_while_browsers_follow_the_boat(tmp_path: Path) ->
     page = start(COMMANDS["web"], tmp_path)
     assert page.stdout is not None
     address = [page.stdout.readline(), page.stdout.readline()][1].split()[-1]
-    browsers = [urllib.request.urlopen(f"{address}api/events", timeout=20) for _ in range(3)]
+    browsers = [urllib.request.urlopen(f"{address}api/events", timeout=60) for _ in range(3)]
     assert all(browser.readline() for browser in browsers)
     page.send_signal(signal.SIGTERM)
-    _, complained = page.communicate(timeout=20)
+    _, complained = page.communicate(timeout=60)
     for browser in browsers:
         browser.close()
     assert (page.returncode, complained) == (0, "autopilot: ended by a termination signal\n")
@@ -193,7 +193,7 @@ def test_output_to_a_full_disk_leaves_the_steering_and_the_log_alone(tmp_path: P
             cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=full, stderr=full, timeout=60, check=False,
         )  # fmt: skip
     boat.terminate()
-    boat.communicate(timeout=20)
+    boat.communicate(timeout=60)
     assert pilot.returncode == 0
     assert (tmp_path / "run.tlog").read_bytes() == b"a sea trial"
     ticks = read_log(tmp_path / "run-2.tlog").ticks
@@ -234,7 +234,7 @@ def test_a_closed_terminal_ends_a_run_in_good_order(tmp_path: Path) -> None:
     assert pilot.stdout is not None
     assert "STANDBY" in pilot.stdout.readline()
     pilot.send_signal(signal.SIGHUP)
-    said, complained = pilot.communicate(timeout=20)
+    said, complained = pilot.communicate(timeout=60)
     assert (pilot.returncode, complained) == (0, "")
     assert said.startswith("ended by the terminal's end: rudder not held; nothing was steered; log ")
 
@@ -263,7 +263,7 @@ def test_a_pilot_cannot_be_stopped_with_the_rudder_where_it_is(tmp_path: Path) -
             pilot.send_signal(number)
         time.sleep(0.5)
         pilot.send_signal(signal.SIGQUIT)
-        said, complained = pilot.communicate(timeout=20)
+        said, complained = pilot.communicate(timeout=60)
     finally:
         pilot.kill()
     assert (pilot.returncode, complained) == (0, "")
@@ -284,7 +284,7 @@ def test_the_helm_in_a_terminal_gives_it_back(number: signal.Signals, tmp_path: 
         shown += os.read(ours, 65536)
     time.sleep(0.5)
     helm.send_signal(number)
-    assert helm.wait(20) == 0
+    assert helm.wait(60) == 0
     # a terminal hands out what was written in pieces
     while select.select([ours], [], [], 0.0)[0]:
         shown += os.read(ours, 65536)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from alarm_texts import words_of
+from two_processes import patient_vessel
 
 from autopilot.angles import wrap
 from autopilot.runtime.record import read_log
@@ -48,17 +49,9 @@ def boat(tmp_path: Path, request: pytest.FixtureRequest):
 @pytest.mark.parametrize("kind", ["pypilot", "jrk", "maestro"])
 def test_a_heading_is_changed_by_a_rudder_drive_on_its_own_line(tmp_path: Path, kind: str) -> None:
     line, drive, log = tmp_path / "line", tmp_path / "drive", tmp_path / "run.tlog"
-    vessel = load_vessel("lanxin")
-    boat = tmp_path / "boat.yaml"
-    boat.write_text(
-        dump_vessel(
-            replace(
-                vessel,
-                drive=Drive(angle_at_full_deg=45.0, amidships=0.05, current_max_a=8.0),
-                failsafe=replace(vessel.failsafe, heading_timeout_s=6.0),
-            )
-        )
-    )
+    boat = patient_vessel(tmp_path)
+    filed = Drive(angle_at_full_deg=45.0, amidships=0.05, current_max_a=8.0)
+    boat.write_text(dump_vessel(replace(load_vessel(boat), drive=filed)))
     command = [sys.executable, "-m", "sitl", "serve", str(boat), "--speedup", str(SPEEDUP)]
     command += ["--nmea", f"{line}:38400", "--sentences", "HDG:10,ROT:10", "--drive", f"{kind}:{drive}:38400"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -90,7 +83,7 @@ def test_a_heading_is_changed_over_a_network(tmp_path: Path, theirs: str, ours: 
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         place = f"127.0.0.1:{probe.getsockname()[1]}"
-    log = tmp_path / "run.tlog"
+    boat, log = patient_vessel(tmp_path), tmp_path / "run.tlog"
     command = [
         sys.executable,
         "-m",
@@ -105,8 +98,8 @@ def test_a_heading_is_changed_over_a_network(tmp_path: Path, theirs: str, ours: 
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith(f"ready nmea {theirs}")
-        command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"{ours}:{place}", "--engage", "25"]
-        command += ["--duration", "8", "--log", str(log), "--speedup", str(SPEEDUP)]
+        command = [sys.executable, "-m", "autopilot", "run", str(boat), "--link", f"{ours}:{place}"]
+        command += ["--engage", "25", "--duration", "8", "--log", str(log), "--speedup", str(SPEEDUP)]
         run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
         process.terminate()
     assert (run.returncode, run.stderr) == (0, "")
@@ -134,8 +127,19 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("ready")
-        command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{line}:115200"]
-        command += ["--follow", "plotter", "--duration", "70", "--log", str(log), "--speedup", str(SPEEDUP)]
+        command = [sys.executable, "-m", "autopilot", "run", str(patient_vessel(tmp_path))]
+        command += [
+            "--link",
+            f"nmea:{line}:115200",
+            "--follow",
+            "plotter",
+            "--duration",
+            "70",
+            "--log",
+            str(log),
+            "--speedup",
+            str(SPEEDUP),
+        ]
         run = subprocess.run(
             command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120, check=False
         )
@@ -153,8 +157,8 @@ def test_a_chart_plotter_steers_the_boat_along_its_route_and_hears_us(tmp_path: 
 
 def test_a_rudder_that_sticks_ends_in_the_fail_safe_with_the_reason(boat: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.tlog"
-    command = [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{boat}:38400", "--engage", "170"]
-    command += ["--duration", "8", "--log", str(log), "--speedup", str(SPEEDUP)]
+    command = [sys.executable, "-m", "autopilot", "run", str(patient_vessel(tmp_path)), "--link", f"nmea:{boat}:38400"]
+    command += ["--engage", "170", "--duration", "8", "--log", str(log), "--speedup", str(SPEEDUP)]
     run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
     assert run.returncode == 5, run.stderr
     assert "steering gear: rudder not responding" in run.stderr

@@ -31,7 +31,7 @@ class Witness:
 
     def __init__(self, port: int) -> None:
         self.line = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255)
-        assert self.line.wait_heartbeat(timeout=20) is not None
+        assert self.line.wait_heartbeat(timeout=60) is not None
         command = mavutil.mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
         self.line.mav.command_long_send(
             1, 1, command, 0, mavutil.mavlink.MAVLINK_MSG_ID_RC_CHANNELS, 50_000, 0, 0, 0, 0, 0
@@ -39,7 +39,7 @@ class Witness:
 
     def boot_time_when(self, steers: Callable[[int], bool]) -> float:
         """Return the vehicle's time [s] of the first report of a steering input of which that is so."""
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + 60.0
         while time.monotonic() < end:
             report = self.line.recv_match(type="RC_CHANNELS", blocking=True, timeout=1)
             if report is not None and steers(report.chan1_raw):
@@ -93,7 +93,7 @@ def test_the_rudder_is_back_at_once(tmp_path: Path, way: str) -> None:
             run.send_signal(getattr(signal, way))
         ordered = witness.boot_time_when(lambda pulse: True)
         freed = witness.boot_time_when(is_free)
-        out, err = run.communicate(timeout=20.0)
+        out, err = run.communicate(timeout=60.0)
     assert freed - ordered < HELD_BACK_S
     assert (run.returncode, err) == (0, "")
     assert "rudder released, confirmed by RC_CHANNELS" in out.splitlines()[-1]

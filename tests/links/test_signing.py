@@ -208,7 +208,7 @@ import sys
 from pymavlink import mavutil
 link = mavutil.mavlink_connection(sys.argv[1], source_system=255)
 link.setup_signing(bytes.fromhex(sys.argv[2]))
-heard = link.recv_match(type="ATTITUDE", blocking=True, timeout=20)
+heard = link.recv_match(type="ATTITUDE", blocking=True, timeout=60)
 link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
 print(heard.yaw, heard.get_signed(), link.mav.signing.goodsig_count > 0)
 """

@@ -157,7 +157,7 @@ def test_the_physics_process_answers_servo_packets_over_udp() -> None:
             last = read(line.recv(4096))
         assert last["timestamp"] == pytest.approx(0.5)
         process.terminate()
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=60)
     assert process.returncode == 0
     assert "200 frames, 0 repeated, 0 restarts, 1 datagrams" in out
     assert "--model JSON" in err and "Traceback" not in err

@@ -23,7 +23,7 @@ from sitl.serve import LAG_MAX_S, Pace
 os.environ.setdefault("MAVLINK20", "1")
 from pymavlink import mavutil
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 Serve = Callable[..., subprocess.Popen[str]]
 
 
