@@ -113,7 +113,8 @@ class PlotterGuide:
         self.cross_track = math.nan
         self._message: PlotterLeg | PlotterHeading | None = None
         self._candidate: PlotterLeg | PlotterHeading | None = None
-        self._invalid = ""
+        self._invalid: dict[str, float] = {}
+        """Why it does not lead, each with when [s] that was said last: its sentences say it in turn."""
         self._held: float | None = None
         self._drift = 0.0
         self._now: float | None = None
@@ -142,10 +143,12 @@ class PlotterGuide:
     def take(self, message: PlotterMessage) -> None:
         """Take what the plotter says."""
         if isinstance(message, PlotterInvalid):
-            self._invalid = message.reason
+            since = message.time - TIMEOUT_S
+            self._invalid = {reason: time for reason, time in self._invalid.items() if time >= since}
+            self._invalid[message.reason] = message.time
             self._message = self._candidate = None
             return
-        self._invalid = ""
+        self._invalid.clear()
         before, self._candidate = self._candidate, message
         if self._message is not None and _is_same(self._message, message):
             self._message = message
@@ -204,7 +207,7 @@ class PlotterGuide:
         if message is not None or is_fresh or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
             return None
         if self._invalid:
-            return AlarmEvent("plotter_invalid", f"({self._invalid}): {held}")
+            return AlarmEvent("plotter_invalid", f"({', '.join(self._invalid)}): {held}")
         return AlarmEvent("plotter_silent", f"for {TIMEOUT_S:.0f} s or more: {held}")
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:

@@ -178,6 +178,25 @@ def test_a_plotter_that_does_not_lead_holds_the_present_heading() -> None:
     assert guide.alarm is None
 
 
+def test_what_a_plotter_that_does_not_lead_says_in_turn_is_one_alarm() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    said = set()
+    for second in range(10):
+        for part, reason in ((0.0, "129284 holds no valid data"), (0.5, "its navigation has ended")):
+            guide.take(PlotterInvalid(second + part, reason))
+            guide.course(second + part + 0.1, 2.0, SPEED)
+            said.add(guide.alarm)
+    _, both = sorted(said, key=lambda alarm: len(words(alarm)))
+    assert "(129284 holds no valid data, its navigation has ended)" in words(both)
+    for second in range(10, 19):
+        guide.take(PlotterInvalid(float(second), "its navigation has ended"))
+        guide.course(second + 0.1, 2.0, SPEED)
+    assert "(its navigation has ended)" in words(guide.alarm)
+    guide.leave()
+    assert guide.alarm is None
+
+
 def test_a_heading_to_steer_is_followed_but_one_wild_value_is_not() -> None:
     guide = PlotterGuide()
     guide.follow()
