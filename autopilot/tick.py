@@ -423,8 +423,8 @@ def with_doubts(found: Mapping[str, AlarmEvent], noted: Mapping[str, AlarmEvent]
 
 
 def path_event(path: PathDelay, filed: float) -> AlarmEvent:
-    """Return that the path's delay is not as `filed` [s]."""
-    return AlarmEvent("path_late", f"measured {filed + path.late:.2f} s, filed {filed:.2f} s")
+    """Return that the path's delay is not as `filed` [s], to a tenth: the hundredths of what is learnt are no news."""
+    return AlarmEvent("path_late", f"measured {filed + path.late:.1f} s, filed {filed:.2f} s")
 
 
 def watch_thrusters(

@@ -49,7 +49,7 @@ def test_a_slow_line_is_learnt_and_turns_do_not_go_too_far() -> None:
     assert path.delay == pytest.approx(0.8, abs=0.05)
     assert over < 3.0
     assert [each.name for each in boat.tick.alarms] == ["path_late"]
-    assert boat.tick.alarms[0].detail == f"measured {0.05 + path.late:.2f} s, filed 0.05 s"
+    assert boat.tick.alarms[0].detail == f"measured {0.05 + path.late:.1f} s, filed 0.05 s"
     assert path_words(path, 0.05).startswith(f"path delay measured {path.delay:.2f} s, filed 0.05 s; ")
 
 
