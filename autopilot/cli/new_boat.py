@@ -22,7 +22,7 @@ from autopilot.files.outside import parse_json, read_regular, typed_number
 from autopilot.files.saving import check_folder, numbered, save_text
 from autopilot.interruption import as_exceptions, run_child
 from autopilot.models.drives import DRIVES
-from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Helm, Rudder, Vessel
+from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Guidance, Helm, Rudder, Vessel
 
 MOST_BYTES = 1 << 16
 SWINGS = 20.0
@@ -504,6 +504,7 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     if kind.is_mixed:
         stop, source = FULL_STEERING_DEG, "full steering, by definition"
         rudder = Rudder(stop, THRUSTERS_DEG_S, THRUSTERS_LAG_S, source=f"{source}; rate and lag assumed")
+        guidance = Guidance(rudder_share=1.0, source="thrusters answer at once: turns are planned with all of them")
     else:
         stop = asked(
             arguments.rudder_max_deg, "End stop of the rudder in degrees, each side", "--rudder-max-deg", STOPS
@@ -514,6 +515,7 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
         side = asked(side, "Seconds from one end stop to the other", "--side-to-side-s", SIDES)
         source = "assumed to be the end stop; measure it"
         rudder = Rudder(stop, rounded(2.0 * stop / side), source="stops and time from side to side, measured")
+        guidance = Guidance()
     boat = Vessel(
         schema_version=SCHEMA_VERSION,
         name=file.stem,
@@ -521,6 +523,7 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
         model=first_model(length, speed * KNOT_M_S),
         rudder=rudder,
         drive=Drive(kind=kind.name),
+        guidance=guidance,
         helm=Helm(rudder_at_full_pwm_deg=stop, source=source),
     )
     save_text(file, dump_vessel(boat), overwrite=False)

@@ -108,6 +108,7 @@ def test_a_boat_of_two_thrusters_is_asked_for_no_rudder(tmp_path: Path, commands
     assert main(["new-boat", str(file), *given]) == 4
     boat = load_vessel(file)
     assert boat.drive.kind == "two_thrusters" and boat.rudder.angle_max_deg == 30.0
+    assert boat.guidance.rudder_share == 1.0
     assert boat.helm.rudder_at_full_pwm_deg == 30.0 and "by definition" in boat.helm.source
     assert [command[0] for command in commands] == ["doctor", "trial", "trial", "identify", "gains"]
 
