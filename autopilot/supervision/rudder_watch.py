@@ -140,7 +140,7 @@ def following_step(
 
     A line that stalls holds our orders, or the angles, and delivers them late. So where the rudder stood while its
     orders moved, or was not seen, it may do what was ordered of late, until it has followed for as long: it goes the
-    wrong way then where it leaves all those orders behind.
+    wrong way then where it leaves all those orders behind. Where both ways stall what is seen is late by both.
     """
     last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, stood, stood_since, held = before
     angle, now, delay, filed = sample.angle, sample.time, limits.rudder_delay, limits.rudder_rate
@@ -170,7 +170,7 @@ def following_step(
         least, most = orders_within(history, max(stood_since, now - HELD_S) - delay, now - delay)
         if now < held or most - least > limits.rudder_tolerance:
             held = now + HELD_S
-            least, most = orders_within(history, now - HELD_S - delay, now)
+            least, most = orders_within(history, now - 2.0 * HELD_S - delay, now)
             beyond = angle - max(most, last.angle) if turned > 0.0 else min(least, last.angle) - angle
             nearer = max(nearer, min(-beyond, 0.0))
     away = max(away - nearer, 0.0) if is_off else 0.0

@@ -175,20 +175,20 @@ def test_a_rudder_that_does_not_move_at_all_is_not_slow(rate_deg_s: float, is_sl
 
 
 def over_a_line(
-    order: Callable[[float], float], stall: tuple[float, float], drained: float, sees: bool = False, sign: float = 1.0
+    order: Callable[[float], float], stall: tuple[float, float], drained: float, held: str = "orders", sign: float = 1.0
 ) -> str:
-    """What was found of a rudder of 20 deg/s in 30 s over a line that holds orders, or `sees` what it shows, from
-    a time on for so long [s] and then delivers what it held so many times as fast. Degrees."""
+    """What was found of a rudder of 20 deg/s in 30 s over a line that holds orders, the angles shown, or both, from a
+    time on for so long [s] and then delivers what it held so many times as fast. Degrees."""
     monitor, angle, dt = Following(LIMITS), 0.0, 0.1
     (begun, lasts), shown = stall, [0.0]
     for step in range(300):
         now = dt * step
         late = max(min(now - begun, lasts - (drained - 1.0) * (now - begun - lasts)), 0.0) if now > begun else 0.0
-        wanted = sign * order(now if sees else now - late)
+        wanted = sign * order(now if held == "angles" else now - late)
         angle += min(max(wanted - angle, -2.0), 2.0)
         shown.append(angle)
-        if not (sees and begun < now < begun + lasts):
-            seen = shown[max(step + 1 - round(late / dt), 0)] if sees else angle
+        if held == "orders" or not begun < now < begun + lasts:
+            seen = angle if held == "orders" else shown[max(step + 1 - round(late / dt), 0)]
             monitor.on_sample(RudderSample(now, math.radians(seen), False, "RSA"))
         monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, math.radians(order(now)), 0.6, True))
         if monitor.found:
@@ -212,17 +212,18 @@ def wandering(seed: int) -> Callable[[float], float]:
 
 
 @pytest.mark.parametrize(
-    ("seed", "lasts", "drained", "sees"),
+    ("seed", "lasts", "drained", "held"),
     [
-        *((seed, 2.0, drained, False) for seed in (8, 12, 13) for drained in (1.3, 2.0)),
-        *((seed, 2.9, 2.0, False) for seed in (0, 35)),
-        *((seed, 2.0, drained, True) for seed in (5, 8) for drained in (1.3, 2.0, 5.0)),
+        *((seed, 2.0, drained, "orders") for seed in (8, 12, 13) for drained in (1.3, 2.0)),
+        *((seed, 2.9, 2.0, "orders") for seed in (0, 35)),
+        *((seed, 2.0, drained, "angles") for seed in (5, 8) for drained in (1.3, 2.0, 5.0)),
+        *((seed, 2.9, 1.3, "both") for seed in (24, 37)),
     ],
 )
 def test_a_rudder_that_does_what_a_line_has_held_goes_no_wrong_way(
-    seed: int, lasts: float, drained: float, sees: bool
+    seed: int, lasts: float, drained: float, held: str
 ) -> None:
-    assert over_a_line(wandering(seed), (6.0, lasts), drained, sees) != "rudder_reversed"
+    assert over_a_line(wandering(seed), (6.0, lasts), drained, held) != "rudder_reversed"
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
