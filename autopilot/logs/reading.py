@@ -23,7 +23,7 @@ from autopilot.files.outside import alike, read_regular
 from autopilot.identification.runs import Run, gap_limit, run_from_columns, seconds
 from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2
 from autopilot.logs.merge import merged, sources_of
-from autopilot.logs.series import ANGLES, THROTTLE, FloatArray, LogFormat, Recording, Series, duration
+from autopilot.logs.series import ANGLES, THROTTLE, WIND_DIRECTION, FloatArray, LogFormat, Recording, Series, duration
 from autopilot.logs.series import ReadOptions as ReadOptions
 from autopilot.logs.table import RudderSettings, Table, orders_of, table_of
 
@@ -297,6 +297,9 @@ def _use(recording: Recording, settings: RudderSettings) -> tuple[dict[str, str]
 
 def _info(series: Series) -> SeriesInfo:
     values = np.unwrap(series.values) if series.quantity in ANGLES else series.values
+    if series.quantity == WIND_DIRECTION:
+        # a boat turns on and on; a vane is somewhere between port and starboard
+        values = np.angle(np.exp(1j * values))
     apart = np.diff(series.time)
     limit = gap_limit(series.time) if apart.size else 0.0
     return SeriesInfo(

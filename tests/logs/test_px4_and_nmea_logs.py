@@ -23,7 +23,7 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.links.nmea.sentences import checksum
-from autopilot.logs.reading import LogOptions, ReadOptions, load_run, read_recording
+from autopilot.logs.reading import LogOptions, ReadOptions, info_of, load_run, read_recording
 from autopilot.logs.series import (
     HEADING,
     LATITUDE,
@@ -261,6 +261,15 @@ def test_sentences_that_cannot_be_used_are_one_sentence(tmp_path: Path, lines: l
     with pytest.raises(InputError, match=expected) as refusal:
         read_recording(path)
     assert "\n" not in str(refusal.value)
+
+
+def test_the_range_of_a_wind_is_an_angle_off_the_bow_however_often_the_vane_has_gone_round(tmp_path: Path) -> None:
+    """Four recorded hours with light airs were shown as -38 to 923 deg."""
+    bows = [sentence(f"WIMWV,{60.0 * t % 360.0:.1f},R,5.00,M,A") for t in range(40)]
+    lines = [f"{t} {each}" for t, each in enumerate(bows)] + [f"{t} {sentence('HEHDT,10.0,T')}" for t in range(40, 50)]
+    info = info_of(read_recording(written(tmp_path, "\n".join(lines), "boat.txt")), RudderSettings())
+    (wind,) = (each for each in info.series if each.quantity == WIND_DIRECTION)
+    assert max(abs(wind.low), abs(wind.high)) <= math.pi and wind.high - wind.low > math.radians(200.0)
 
 
 def test_a_few_wrong_checksums_are_left_out_and_reported(tmp_path: Path) -> None:
