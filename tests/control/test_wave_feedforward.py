@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov, solve_sylvester
 
-from autopilot.control.backstepping import lqr_gains
+from autopilot.control.backstepping import BoundedGains, in_proportion, lqr_gains
+from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.control.limits import RudderLimits
 from autopilot.control.wave_feedforward import (
     LAGGED,
@@ -27,6 +28,7 @@ from autopilot.estimation.tuning import (
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.signals import NavState, Reference
 from autopilot.steering import REACHED, CornerFrequencies, filtered_share, followed_share, wave_shares
 
 LANXIN = Norrbin(0.701, 0.332, 3.2828, reference_speed=4.63)
@@ -72,6 +74,28 @@ def test_the_wave_rudder_is_the_best_that_a_riccati_equation_finds(model: Norrbi
         state = np.array([heading, rate, LAGGED * rate / w0])
         wanted = -float(on_waves @ state) / loop.k3
         assert wave_rudder(model, loop, heading, rate, w0) == pytest.approx(wanted, rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize("model", [LANXIN, UNSTABLE])
+@pytest.mark.parametrize("bandwidth", [0.1, 0.5, 2.0])
+def test_a_wind_that_wanders_is_met_as_quickly_as_a_riccati_equation_meets_it(
+    model: Norrbin, bandwidth: float
+) -> None:
+    """The rudder u is a state, u' = -K x - K_u u - K_d d, and a push d that wanders has K_d = K_u: d goes through the
+    low-pass of the third step, and through no other."""
+    n, drive = model.n1 / model.time_constant, model.gain / model.time_constant
+    a = np.array([[0.0, 1.0, 0.0], [0.0, -n, drive], [0.0, 0.0, 0.0]])
+    b, weight = np.array([[0.0], [0.0], [1.0]]), np.array([[(drive / bandwidth**3) ** 2]])
+    riccati = solve_continuous_are(a, b, np.diag([1.0, 0.0, 0.0]), weight)
+    feedback = np.linalg.solve(weight, b.T @ riccati)
+    coupled = np.linalg.solve((a - b @ feedback).T, -riccati @ a[:, 2])
+    on_push = float(np.linalg.solve(weight, b.T @ coupled)[0])
+    assert on_push == pytest.approx(float(feedback[0, 2]), rel=1e-6)
+    bounded, dt, push = BoundedGains(lqr_gains(model, bandwidth)), 1.0e-6, 0.01
+    at = NavState(0.0, 0.0, 0.0, model.reference_speed, 0.0, push, 0.0, True)
+    given = LawInput(model, 1.0, Reference(0.0), at, NO_ROLL, 0.0, 0.5, dt)
+    still = in_proportion(bounded, given._replace(state=at._replace(bias=0.0)))
+    assert (in_proportion(bounded, given) - still) / dt == pytest.approx(-on_push * push, rel=1e-4)
 
 
 def test_the_lag_is_the_regression_on_heading_and_rate() -> None:
