@@ -78,9 +78,7 @@ def test_the_wave_rudder_is_the_best_that_a_riccati_equation_finds(model: Norrbi
 
 @pytest.mark.parametrize("model", [LANXIN, UNSTABLE])
 @pytest.mark.parametrize("bandwidth", [0.1, 0.5, 2.0])
-def test_a_wind_that_wanders_is_met_as_quickly_as_a_riccati_equation_meets_it(
-    model: Norrbin, bandwidth: float
-) -> None:
+def test_a_wind_that_wanders_is_met_as_quickly_as_a_riccati_equation_meets_it(model: Norrbin, bandwidth: float) -> None:
     """The rudder u is a state, u' = -K x - K_u u - K_d d, and a push d that wanders has K_d = K_u: d goes through the
     low-pass of the third step, and through no other."""
     n, drive = model.n1 / model.time_constant, model.gain / model.time_constant
