@@ -294,8 +294,8 @@ def _with_surroundings(fit: _Fit, likely: Identified) -> Identified:
         fitted = (
             None if speed == more.model.reference_speed else likeliest_fit(runs, speed, more.model, train, fit.steps)
         )
-        whole = beside_surroundings(more, likely, fit.runs, fit.steps) or more
-        return at_least_as_doubtful(whole, likely)._replace(likely=fitted[0] if fitted else likely.likely)
+        whole = beside_surroundings(more, likely, fit.runs, fit.steps) or at_least_as_doubtful(more, likely)
+        return whole._replace(likely=fitted[0] if fitted else likely.likely, is_blind=False)
     notes = tuple(dict.fromkeys((*likely.notes, *more.notes)))
     return likely._replace(unidentifiable={**more.unidentifiable, **likely.unidentifiable}, notes=notes)
 

@@ -18,6 +18,7 @@ from autopilot.identification.likelihood_record import (
     Form,
     Record,
     Scales,
+    blur_of,
     instruments,
     record_of,
     rudder_on,
@@ -157,6 +158,8 @@ def likelihood_fit(
     memory = memory_of(guess, segments, form.power)
     record = record_of(segments, reference_speed, memory, form)
     scale = scales(segments, guess, form.power)
+    around = None if surroundings is None else surroundings.start
+    record = record._replace(blur=blur_of(segments, scale.a, reference_speed, form, around))
     gyro, compass = instruments(segments)
     gust = scale.a * math.radians(0.3)
     calm = usual = Weather(gust, GUST_TIME_S, 0.3 * gust, gyro, compass)
@@ -175,6 +178,7 @@ def likelihood_fit(
     if record.nodes > LONG or len(starts) > 1:
         parted = [_liveliest(segment) for segment in segments] if record.nodes > LONG else segments
         part = record_of(parted, reference_speed, memory, form) if record.nodes > LONG else record
+        part = part._replace(blur=record.blur)
         on_part = beside(part, parted)
         rough = [Space(part, rates, calm, behind, parts, scale, on_part) for rates, behind in starts]
         ends = [approached(each, each.start) for each in rough if math.isfinite(each.keep(each.start))]
@@ -203,10 +207,10 @@ def likelihood_fit(
     known = mixed(found)
     units = np.array([getattr(scale, name) for name in RATE_NAMES])
     units = np.append(units, np.ones(len(parts)))
-    around, own = space.beside, len(units)
-    if around is not None:
-        units = np.append(units, around.units)
-        around = around._replace(start=around.opened(dict(zip(around.names, known.mean[own:].tolist(), strict=True))))
+    own, found_beside = len(units), space.beside
+    if found_beside is not None:
+        units = np.append(units, found_beside.units)
+        around = found_beside.opened(dict(zip(found_beside.names, known.mean[own:].tolist(), strict=True)))
     values, joint = known.mean[:4] * units[:4], known.covariance * np.outer(units, units)
     if not (np.isfinite(values).all() and np.isfinite(joint).all()):
         return None
@@ -222,7 +226,7 @@ def likelihood_fit(
         boat, joint[:4, :4], train, errors, weather, loss, late_error, NOTHING_UNSEEN, motions, form, joint
     )
     if around is not None:
-        return fit._replace(around=around.start)
+        return fit._replace(around=around)
     unseen = _unseen(space, best, memory, least_play(segments))
     power = _speed_power(space, best) if form.law.is_rudder else None
     if power is not None:

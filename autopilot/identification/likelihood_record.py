@@ -15,6 +15,7 @@ from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_tra
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.drives import BEYOND, RUDDER_LAW, DriveLaw
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO
+from autopilot.models.weather import RaceAndWind
 
 SUBSTEP = 0.3
 """Steps of the integration, as a share of the time constant at most."""
@@ -67,7 +68,8 @@ class Record(NamedTuple):
     and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. scales: at the
     speed of each substep, shape (S, M); push [rad/s^2]: what else is known to turn the boat there, likewise; power:
     `Form.power`. edges: per segment the times [s] of the substeps' ends; paths: its rudder. rough: by how much gusts
-    are stronger in each segment than in all, shape (segments,).
+    are stronger in each segment than in all, shape (segments,). blur [rad^2/s^3]: the white push that noise left in
+    rudder, speed and wind makes.
     """
 
     begin: IntArray
@@ -83,6 +85,7 @@ class Record(NamedTuple):
     edges: tuple[FloatArray, ...]
     paths: tuple[tuple[FloatArray, FloatArray], ...]
     rough: FloatArray
+    blur: float = 0.0
 
     def segment_of(self, nodes: IntArray) -> IntArray:
         """Return in which segment nodes lie."""
@@ -181,10 +184,25 @@ def without_noise(values: FloatArray) -> FloatArray:
     misses does not go with the estimate, and is one more push among others (regression calibration, Carroll et al.
     2006). A record without noise stays as it is.
     """
+    coefficients, kept = _kept(values)
+    return np.asarray(idct(kept * coefficients, norm="ortho")) if kept.size else values
+
+
+def noise_left(values: FloatArray) -> float:
+    """Return the white noise that `without_noise` leaves where the signal is, in the unit of `values`: at frequencies
+    that stand out of the noise it is as large as it was."""
+    coefficients, kept = _kept(values)
+    power = coefficients[1:] ** 2
+    return white_noise(values) * math.sqrt(float(kept[1:] @ power / power.sum())) if kept.size else 0.0
+
+
+def _kept(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients of the cosine transform and the share of each that is no noise; empty where there is
+    none."""
     noise = white_noise(values)
     if noise <= NO_NOISE * float(np.ptp(values)):
-        return values
-    coefficients = dct(values, norm="ortho")
+        return np.empty(0), np.empty(0)
+    coefficients = np.asarray(dct(values, norm="ortho"))
     total = np.concatenate([[0.0], np.cumsum(coefficients**2)])
     index = np.arange(values.size)
     reach = np.maximum(NEIGHBOURS, (NEIGHBOURHOOD * index).astype(np.intp))
@@ -193,7 +211,7 @@ def without_noise(values: FloatArray) -> FloatArray:
     kept = np.maximum(1.0 - noise * noise / np.maximum(power, noise * noise), 0.0)
     # the mean is no noise
     kept[0] = 1.0
-    return np.asarray(idct(kept * coefficients, norm="ortho"))
+    return coefficients, kept
 
 
 def rudder_without_noise(time: FloatArray, rudder: FloatArray) -> FloatArray:
@@ -203,9 +221,49 @@ def rudder_without_noise(time: FloatArray, rudder: FloatArray) -> FloatArray:
     quickly that motion is smooth; seldom, or larger than any sensor's noise, it is taken for what it looks like: a
     rudder that moves.
     """
-    if white_noise(rudder) > LARGEST_RUDDER_NOISE or float(np.median(np.diff(time))) > SMOOTH_WITHIN_S:
-        return rudder
-    return without_noise(rudder)
+    return without_noise(rudder) if _is_smooth(time, rudder) else rudder
+
+
+def _is_smooth(time: FloatArray, rudder: FloatArray) -> bool:
+    """Return whether what is rough of a recorded rudder is its noise."""
+    return white_noise(rudder) <= LARGEST_RUDDER_NOISE and float(np.median(np.diff(time))) <= SMOOTH_WITHIN_S
+
+
+def _unseen_between(values: FloatArray) -> float:
+    """Return the noise of a mean over a sample of evenly sampled `values`, in their unit: their white noise, and what
+    lies between two samples of a walk.
+
+    Second differences of white noise are alike at every spacing, those of a walk grow with it; a walk strays from the
+    straight line between two samples by a twelfth of what it goes (Brownian bridge), in the mean's variance.
+    """
+    near, far = white_noise(values), white_noise(values[::2])
+    walk = max(3.0 * (far * far - near * near), 0.0)
+    return math.sqrt(max(2.0 * near * near - far * far, 0.0) + walk / 12.0)
+
+
+def blur_of(
+    segments: Sequence[Segment], gain: float, reference_speed: float, form: Form, around: RaceAndWind | None
+) -> float:
+    """Return `Record.blur` for a boat whose rudder turns it by `gain` [1/s^2] at the reference speed [m/s], in the wind
+    of `around`, where there is any; none where thrust steers.
+
+    What noise leaves in what drives the boat no fit can part from a push, and there it stands as one of a size that is
+    known (errors in variables, Carroll et al. 2006).
+    """
+    total, lasts = 0.0, 0.0
+    wind = (0.0, 0.0) if around is None else (around.wind_beam, around.wind_quarter)
+    for segment in segments if form.law.is_rudder else ():
+        spacing, speed = float(np.median(np.diff(segment.time))), np.abs(segment.speed)
+        usual = max(float(np.mean(speed)), SPEED_FLOOR_RATIO * reference_speed)
+        rudder = noise_left(segment.rudder) if _is_smooth(segment.time, segment.rudder) else 0.0
+        # the rudder's force goes with the square of the speed
+        by_speed = 2.0 * noise_left(speed) / usual * float(np.std(segment.rudder))
+        pushes = [gain * (usual / reference_speed) ** 2 * math.hypot(rudder, by_speed)]
+        for each, blown in zip(wind, (segment.beam_wind, segment.quarter_wind), strict=True):
+            pushes.append(each * _unseen_between(blown))
+        total += segment.time.size * spacing**2 * float(np.square(pushes).sum())
+        lasts += segment.time.size * spacing
+    return total / lasts if lasts > 0.0 else 0.0
 
 
 LARGEST_RUDDER_NOISE = np.radians(0.5)

@@ -272,11 +272,11 @@ class Space:
         driven = 2.0 * M - worth.driven
         slopes = {
             "gust": M + segments - worth.gust - float(worth.first[2]),
-            "white": driven * (1.0 - noise.kept),
+            "white": driven * noise.by_white,
             "gyro": record.rates_known - worth.gyro,
             "compass": record.headings_known - worth.compass,
         }
-        slopes["compass" if record.headings_known else "gyro"] += driven * noise.kept
+        slopes["compass" if record.headings_known else "gyro"] += driven * noise.by_instrument
         if noise.wave is not None:
             slopes["wave"] = 2.0 * (M + segments) - waves_worth(moments, noise.wave) - float(worth.first[3:].sum())
         lasting = ("gust_time", *(name for name in ("wave_frequency", "wave_damping") if name in self.names))

@@ -149,6 +149,7 @@ class StepNoise(NamedTuple):
     (rate, rate), gust. initial: 1/variance of the states where each segment begins, shape (segments, D). gyro, compass:
     1/variance of what was measured at each node, 0 where nothing was. keep: of the gust, shape (M,). wave: transition
     of the waves, inverse of what drives them, and both products that the curvature needs, each of shape (4, M) by rows.
+    by_instrument, by_white: shares of the white push that go with the instruments' noise, and with the weather's.
     """
 
     angle: FloatArray
@@ -161,14 +162,15 @@ class StepNoise(NamedTuple):
     keep: FloatArray
     wave: WaveNoise | None
     constant: float
-    kept: float
+    by_instrument: float
+    by_white: float
 
 
 def noise_of(weather: Weather, record: Record) -> StepNoise:
     h = record.step
     # of less the curvature would lose the instruments in its last digits
     least = 12.0 * np.median(h) ** -3.0 * _least_seen(weather, record) / WORST_RATIO
-    q = weather.white**2 + least
+    q = weather.white**2 + least + record.blur
     # the inverse of [[h^3/3, h^2/2], [h^2/2, h]] q
     per = 1.0 / (q * h)
     keep, gust = gust_noise(weather, record)
@@ -185,7 +187,18 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
     gyro, compass = record.rate_count / weather.gyro**2, record.heading_count / weather.compass**2
     logs += 2.0 * (record.rates_known * math.log(weather.gyro) + record.headings_known * math.log(weather.compass))
     return StepNoise(
-        12.0 * per / (h * h), -6.0 * per / h, 4.0 * per, gust, initial, gyro, compass, keep, wave, 0.5 * logs, least / q
+        12.0 * per / (h * h),
+        -6.0 * per / h,
+        4.0 * per,
+        gust,
+        initial,
+        gyro,
+        compass,
+        keep,
+        wave,
+        0.5 * logs,
+        least / q,
+        weather.white**2 / q,
     )
 
 

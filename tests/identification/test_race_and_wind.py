@@ -12,13 +12,13 @@ from zigzag_trials import RECORDINGS
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_fit import memory_of, scales
-from autopilot.identification.likelihood_record import NORRBIN, record_of
+from autopilot.identification.likelihood_record import NORRBIN, blur_of, record_of
 from autopilot.identification.likelihood_search import Space
 from autopilot.identification.likelihood_surroundings import Surroundings, beside_of
 from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import DIRECT
-from autopilot.identification.runs import FloatArray, Run, run_from_columns
+from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.weather import RaceAndWind, inflow_ratio, without_drift
 
@@ -90,7 +90,7 @@ def test_the_slope_of_the_loss_by_race_and_wind_is_that_of_its_differences() -> 
     """With gusts of their own strength in each run."""
     segments = [s for k, n in enumerate((8.0, 16.0)) for s in trial(k, n, L2, 4.0e-4, seconds=60.0).segments]
     guess = Rates(0.008, 0.07, 15.0, 1.0e-4)
-    record = record_of(segments, U0, memory_of(guess, segments))._replace(rough=np.array([0.5, 1.5]))
+    record = record_of(segments, U0, memory_of(guess, segments))._replace(rough=np.array([0.5, 1.5]), blur=1.0e-8)
     scale = scales(segments, guess)
     start = RaceAndWind(6.0e-4, 12.0, 3.0e-4, -2.5e-4)
     beside = beside_of(
@@ -128,6 +128,20 @@ def test_each_runs_gusts_are_as_strong_as_they_were() -> None:
     space = Space(record, truth, Weather(4.0e-4, 6.0, 1.0e-5, 1.0e-3, 2.0e-3), DIRECT, (), scales(segments, truth))
     space.suit_gusts(space.start)
     assert space.record.rough == pytest.approx([0.5, 2.0], rel=0.3)
+
+
+def test_noise_left_in_rudder_and_wind_stands_as_a_push_of_known_size() -> None:
+    """Of a rudder its noise, of a wind that walks what lies between two samples; nothing where all is exact."""
+    time, random, dt = np.arange(3000) * 0.1, np.random.default_rng(4), 0.1
+    rudder, walk = 0.3 * np.sign(np.sin(0.2 * time)), 9.0 + np.cumsum(0.2 * random.normal(size=time.size))
+    noisy = rudder + math.radians(0.2) * random.normal(size=time.size)
+    exact = Segment(time, 0.0 * time, 0.0 * time, rudder, np.full(time.size, U0))
+    around = RaceAndWind(wind_beam=4.0e-4)
+    assert blur_of([exact], 0.01, U0, NORRBIN, None) == 0.0
+    by_rudder = blur_of([exact._replace(rudder=noisy)], 0.01, U0, NORRBIN, None)
+    assert by_rudder == pytest.approx((0.01 * math.radians(0.2)) ** 2 * dt, rel=0.3)
+    by_wind = blur_of([exact._replace(beam_wind=walk, quarter_wind=0.0 * walk)], 0.01, U0, NORRBIN, around)
+    assert by_wind == pytest.approx((4.0e-4 * 0.2) ** 2 / 12.0 * dt, rel=0.3)
 
 
 @pytest.mark.parametrize("seed", [1127, 1128])
