@@ -10,6 +10,8 @@ import math
 from enum import IntEnum
 from typing import Protocol
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
 from sitl.fault_kind import GPS
 from sitl.faults import VehicleFaults
 from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, Parameter, ParameterTable, default_parameters
@@ -99,13 +101,19 @@ class Port(Protocol):
 
 
 class Firmware:
-    """The simulated flight controller. It is a helm of the world: each step of the world is one of its loops."""
+    """The simulated flight controller. It is a helm of the world: each step of the world is one of its loops.
+
+    autopilot: MAV_AUTOPILOT of its heartbeat.  mode_refusal: MAV_RESULT of a mode that it does not take.
+    """
+
+    autopilot = int(dialect.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    mode_refusal = int(dialect.MAV_RESULT_FAILED)
 
     def __init__(self, world: World) -> None:
         self.world = world
         vehicle = world.scenario.vehicle
         vessel = world.vessel
-        major, minor = vehicle.firmware.split(".")
+        major, minor = vehicle.firmware.rpartition("-")[2].split(".")
         self.version = (int(major), int(minor))
         self.parameters = ParameterTable(default_parameters())
         self.parameters.set("CRUISE_SPEED", world.cruise_speed)
@@ -235,6 +243,18 @@ class Firmware:
             self.guided.clear()
         self.mode = FirmwareMode(number)
         return True
+
+    @property
+    def custom_mode(self) -> int:
+        """What the heartbeat says of the mode."""
+        return int(self.mode)
+
+    def mode_of(self, main: int, sub: int) -> int:
+        """Return the custom_mode that parameters 2 and 3 of MAV_CMD_DO_SET_MODE mean."""
+        return main
+
+    def go(self, north: float, east: float, time: float) -> None:
+        """Take a velocity [m/s] in the place of a heading; not simulated here."""
 
     def guide(self, target: Target) -> None:
         """Take a target for GUIDED mode; in any other it is ignored in silence, from whomever it comes."""

@@ -17,7 +17,7 @@ from autopilot.runtime.build_links import LinkOptions, companion_settings_of
 from autopilot.runtime.log_files import FileSink
 from autopilot.signals import Order, Tick
 from autopilot.vessel.schema import Vessel
-from sitl.firmware import Firmware
+from sitl.px4 import firmware_of
 from sitl.scenario import Scenario, load_scenario
 from sitl.serve import afloat
 from sitl.wire_mavlink import MavlinkVehicle
@@ -63,9 +63,9 @@ def simulate(
     sailing = vessel if boat is None else load_vessel(boat) if isinstance(boat, str) else boat
     loaded = load_scenario(scenario) if isinstance(scenario, str) else scenario
     world = World(sailing, afloat(boat if isinstance(boat, str) else "", loaded, sailing.drive.kind))
-    vehicle = MavlinkVehicle(Firmware(world))
+    vehicle = MavlinkVehicle(firmware_of(world))
     near, far = loopback_pair("line")
-    link = CompanionLink(near, companion_settings_of(vessel, LinkOptions(as_gcs=vessel.helm.method != "guided")))
+    link = CompanionLink(near, companion_settings_of(vessel, LinkOptions(as_gcs=not vessel.helm.firmware_steers)))
 
     def carry(now: float) -> None:
         for data in far.receive():

@@ -158,9 +158,9 @@ class VehicleSection:
     mode: Literal["MANUAL", "HOLD", "GUIDED"] = "MANUAL"
     receiver: bool = True
     """Whether a radio receiver is fitted, whose sticks stand still: steering centred, throttle at the start speed."""
-    firmware: Literal["4.5", "4.6", "4.7", "4.8"] = "4.6"
-    """Its version: from 4.8 on RC_OPTIONS bit 14 lets a stick that moves end overrides, and in GUIDED the heading of a
-    target is reported."""
+    firmware: Literal["4.5", "4.6", "4.7", "4.8", "px4-1.17"] = "4.6"
+    """ArduRover of this version, or PX4's rover, whose Offboard mode is then GUIDED. From 4.8 on RC_OPTIONS bit 14 lets
+    a stick that moves end overrides, and in GUIDED the heading of a target is reported."""
     boot_s: Annotated[float, Bounds(0.0, 120.0, "time after power-up before the firmware is ready")] = 0.0
     position_after_s: Annotated[float, Bounds(0.0, 600.0, "time after power-up before there is a position")] = 0.0
 

@@ -37,6 +37,7 @@ from sitl.fault_kind import Damage
 from sitl.faults import Fault, FaultBoard
 from sitl.firmware import Firmware
 from sitl.lines import FirmwareTcpServer, PtyTransport
+from sitl.px4 import firmware_of
 from sitl.registry import KINDS, PLANTS, USUAL, that_act_at
 from sitl.scenario import Scenario, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
@@ -405,7 +406,7 @@ def open_ports(world: World, urls: list[str], lines: Lines, signing: Signing | N
     ports: list[tuple[str, Port]] = []
     try:
         if urls:
-            firmware = Firmware(world)
+            firmware = firmware_of(world)
             for url in urls:
                 port = mavlink_port(firmware, url, signing.link() if signing else None)
                 ports.append((f"mavlink {url}", port))

@@ -35,7 +35,7 @@ def boot_ms(firmware: Firmware, time: float) -> int:
 
 
 def heartbeat(firmware: Firmware) -> Any:
-    """HEARTBEAT of an ArduPilot surface boat."""
+    """HEARTBEAT of a surface boat."""
     base_mode = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     if firmware.mode is FirmwareMode.MANUAL:
         base_mode |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
@@ -45,9 +45,9 @@ def heartbeat(firmware: Firmware) -> Any:
         base_mode |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
     return dialect.MAVLink_heartbeat_message(
         dialect.MAV_TYPE_SURFACE_BOAT,
-        dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        firmware.autopilot,
         base_mode,
-        int(firmware.mode),
+        firmware.custom_mode,
         _state(firmware),
         3,
     )
@@ -150,7 +150,7 @@ def navigation(firmware: Firmware, time: float, reading: Reading) -> Any | None:
     Sent in the modes in which the firmware steers by itself. While it holds a heading and a speed in GUIDED all but the
     speed error is 0, whatever the target (Rover/mode_guided.cpp up to 4.7); a boat that loiters shows its bearing.
     """
-    if firmware.mode is not FirmwareMode.GUIDED:
+    if firmware.mode is not FirmwareMode.GUIDED or firmware.autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
         return None
     wanted = firmware.throttle / 100.0 * firmware.guided.fastest(firmware.setup.guided)
     bearing, target = firmware.guided.bearings_deg(firmware.version)

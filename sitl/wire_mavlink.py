@@ -29,6 +29,8 @@ FAILED = int(dialect.MAV_RESULT_FAILED)
 FORCED_REBOOT = 20190226.0
 """MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, parameter 6 (libraries/GCS_MAVLink/GCS_Common.cpp)."""
 UNSUPPORTED = int(dialect.MAV_RESULT_UNSUPPORTED)
+VELOCITY = dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_VY_IGNORE
+PLACE = dialect.POSITION_TARGET_TYPEMASK_X_IGNORE | dialect.POSITION_TARGET_TYPEMASK_Y_IGNORE
 
 
 def execute(vehicle: MavlinkVehicle, time: float, command: int, parameters: Parameters) -> int:
@@ -46,7 +48,9 @@ def _arm(vehicle: MavlinkVehicle, time: float, parameters: Parameters) -> int:
 def _set_mode(vehicle: MavlinkVehicle, time: float, parameters: Parameters) -> int:
     if not int(_whole(parameters[0])) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return DENIED
-    return ACCEPTED if vehicle.firmware.set_mode(_whole(parameters[1])) else FAILED
+    firmware = vehicle.firmware
+    number = firmware.mode_of(_whole(parameters[1]), _whole(parameters[2]))
+    return ACCEPTED if firmware.set_mode(number) else firmware.mode_refusal
 
 
 def _set_interval(vehicle: MavlinkVehicle, time: float, parameters: Parameters) -> int:
@@ -149,6 +153,7 @@ class MavlinkVehicle:
             dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._on_override,
             dialect.MAVLINK_MSG_ID_MANUAL_CONTROL: self._on_manual_control,
             dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_target,
+            dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_position_target,
             dialect.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
             dialect.MAVLINK_MSG_ID_COMMAND_INT: self._on_command_int,
@@ -293,6 +298,13 @@ class MavlinkVehicle:
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         thrust = min(max(message.thrust, -1.0), 1.0)
         self.firmware.guide(Target(heading if is_heading else None, message.body_yaw_rate, thrust, time))
+
+    def _on_position_target(self, message: Any, time: float) -> None:
+        """Of all that it may carry, a velocity over the ground alone."""
+        carries = VELOCITY & ~message.type_mask == VELOCITY and PLACE & message.type_mask == PLACE
+        is_silenced = self.world.faults.silences(message.get_type(), time)
+        if carries and message.coordinate_frame == dialect.MAV_FRAME_LOCAL_NED and not is_silenced:
+            self.firmware.go(message.vx, message.vy, time)
 
     def _on_set_mode(self, message: Any, time: float) -> None:
         is_custom = message.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

@@ -11,6 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.runtime.app import App, Plan
@@ -18,8 +19,8 @@ from autopilot.runtime.build_links import LinkOptions, companion_settings_of
 from autopilot.runtime.log_files import FileSink
 from autopilot.signals import Mode, Order, OrderKind, Tick
 from autopilot.vessel.schema import Vessel
-from sitl.firmware import Firmware
 from sitl.lockstep import STEP, Clock
+from sitl.px4 import firmware_of
 from sitl.scenario import Scenario, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.world import Pace, World
@@ -133,7 +134,7 @@ class Lockstep:
         scenario = scenario or load_scenario("calm")
         scenario = dataclasses.replace(scenario, vehicle=dataclasses.replace(scenario.vehicle, **(vehicle or {})))
         self.world = World(vessel, scenario, pace=Pace(measured_every, measured_every))
-        self.firmware = Firmware(self.world)
+        self.firmware = firmware_of(self.world)
         for name, value in (parameters or {}).items():
             assert self.firmware.parameters.set(name, value) is not None, name
         self.ahead_us = self.firmware.sticks[2]
@@ -142,7 +143,7 @@ class Lockstep:
         near.is_stream = is_stream
         self.near: LoopbackTransport = near
         self.up, self.down = lines or (BadLine(), BadLine())
-        wired = companion_settings_of(vessel, LinkOptions(as_gcs=vessel.helm.method != "guided"))
+        wired = companion_settings_of(vessel, LinkOptions(as_gcs=not vessel.helm.firmware_steers))
         self.link = CompanionLink(near, wired._replace(**(settings or {})))
         self.order = Order()
         self.clock = Clock(lambda now: self.carry(now))
@@ -198,3 +199,18 @@ class Lockstep:
     def engaged(self, tick: Tick) -> bool:
         """For `until`."""
         return tick.mode is Mode.ENGAGED
+
+
+def keep_packets(boat: Lockstep) -> list[Any]:
+    """Return a list that everything received and sent from now on is added to."""
+    kept: list[Any] = []
+    take = boat.link.take_packets
+
+    def taken() -> list[tuple[float, bytes]]:
+        found = take()
+        reader = MavlinkCodec()
+        kept.extend((time, message) for time, data in found for message in reader.decode(data))
+        return found
+
+    boat.link.take_packets = taken  # type: ignore[method-assign]
+    return kept

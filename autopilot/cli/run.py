@@ -26,7 +26,7 @@ ROUTE_MOST_BYTES = 1 << 20
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     """Add the subcommand."""
-    from autopilot.cli.options import SECONDS, SYSTEM_ID, NumberOption
+    from autopilot.cli.options import SECONDS, SYSTEM_ID, NumberOption, number
     from autopilot.cli.steering import add_steering_options
 
     parser = subparsers.add_parser(
@@ -53,8 +53,15 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     parser.add_argument("--follow", choices=("plotter",), help="follow the chart plotter on the NMEA links")
     parser.add_argument(
         "--steer",
-        choices=("rc_override", "manual_control", "guided"),
-        help="how to steer over MAVLink (default: the file's helm.method); guided: the firmware steers to headings",
+        choices=("rc_override", "manual_control", "guided", "offboard"),
+        help="how to steer over MAVLink (default: the file's helm.method); guided: the firmware steers to headings; "
+        "offboard: so does PX4, which works the throttle too",
+    )
+    parser.add_argument(
+        "--offboard-speed-m-s",
+        metavar="V",
+        action=number(0.1, 50.0),
+        help="speed that PX4 goes at with --steer offboard (default: the file's helm.offboard_speed_m_s)",
     )
     parser.add_argument(
         "--route",
@@ -112,6 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
     vessel = named_vessel(arguments.vessel)
     if arguments.steer is not None:
         vessel = replace(vessel, helm=replace(vessel.helm, method=arguments.steer))
+    vessel = with_offboard_speed(vessel, arguments.offboard_speed_m_s)
     vessel = turning_as_asked(vessel, arguments.turn_rate_deg_s, arguments.turn_radius_m)
     law = law_of_run(vessel, arguments.law)
     guide = PlotterGuide()
@@ -181,12 +189,28 @@ def turning_as_asked(vessel: Vessel, rate_deg_s: float | None, radius_m: float |
     return turning
 
 
+def with_offboard_speed(vessel: Vessel, speed: float | None) -> Vessel:
+    """Return the vessel with the speed [m/s] to go at in PX4's Offboard mode. InputError where one lacks."""
+    from dataclasses import replace
+
+    if speed is not None and vessel.helm.method != "offboard":
+        raise InputError(f"--offboard-speed-m-s {speed:g}: only with --steer offboard is the speed ours; leave it out")
+    if speed is not None:
+        return replace(vessel, helm=replace(vessel.helm, offboard_speed_m_s=speed))
+    if vessel.helm.method == "offboard" and vessel.helm.offboard_speed_m_s is None:
+        raise InputError(
+            "--steer offboard: PX4 works the throttle and must be given a speed; add --offboard-speed-m-s, as 1.5"
+        )
+    return vessel
+
+
 def law_of_run(vessel: Vessel, law: str | None) -> str | None:
     """Return the law to steer with: none of ours, and so no gains needed, where the firmware steers. InputError."""
-    if vessel.helm.method != "guided":
+    if not vessel.helm.firmware_steers:
         return law
     if law is not None:
-        raise InputError(f"--law {law}: with --steer guided the firmware's own controller steers; leave --law out")
+        method = vessel.helm.method
+        raise InputError(f"--law {law}: with --steer {method} the firmware's own controller steers; leave --law out")
     return TRIAL_LAW
 
 

@@ -45,6 +45,7 @@ from autopilot.runtime.machine import MonotonicClock, RealTime, cpus_of
 from autopilot.runtime.session import Orders
 from autopilot.signals import Mode, Tick
 from autopilot.supervision.panel import sentences_of
+from autopilot.supervision.supervisor import ORDER_WAITS
 from autopilot.vessel.schema import Vessel
 
 if TYPE_CHECKING:
@@ -103,7 +104,8 @@ def log_place(arguments: argparse.Namespace) -> Sink:
 
 
 ENGAGE_PATIENCE = 20.0
-"""Time [s] after the first heading in which an ordered engagement must come about."""
+"""Time [s] after the first heading in which an ordered engagement must come about; in PX4's Offboard mode, whose proof
+is sailed when a human has given it, as long as an order waits."""
 BACKGROUND = (signal.SIGTTIN, signal.SIGTTOU)
 NOT_STOPPED = "Ctrl-Z is not obeyed: a stopped pilot leaves the rudder where it is; s: standby  q: quit"
 
@@ -121,6 +123,7 @@ class Ending:
         self._links = ", ".join(plan.urls)
         self._wait = wait
         self._must_engage = must_engage
+        self._patience = ORDER_WAITS if plan.vessel.helm.method == "offboard" else ENGAGE_PATIENCE
         self._first_heading: float | None = None
         self.engaged = False
 
@@ -135,7 +138,7 @@ class Ending:
                     line.forget()
             elif 0.0 < self._wait <= tick.now:
                 raise self._silence(self._wait)
-        elif self._must_engage and not self.engaged and tick.now - self._first_heading > ENGAGE_PATIENCE:
+        elif self._must_engage and not self.engaged and tick.now - self._first_heading > self._patience:
             raise self._refusal(tick)
         return self.stop
 

@@ -139,8 +139,9 @@ def run(arguments: argparse.Namespace) -> int:
     from autopilot.report.steered import trial_verdict
 
     vessel = named_vessel(arguments.vessel)
-    if vessel.helm.method == "guided":
-        raise InputError(f"{arguments.vessel}: helm.method guided moves no rudder; write rc_override for trials")
+    if vessel.helm.firmware_steers:
+        method = vessel.helm.method
+        raise InputError(f"{arguments.vessel}: helm.method {method} moves no rudder; write rc_override for trials")
     if arguments.unidentified:
         vessel = replace(vessel, alarms=replace(vessel.alarms, reversed_rudder=False))
     script = _script(arguments, vessel)

@@ -37,7 +37,7 @@ PAGE = "docs/flight_controllers.md"
 def firmware_findings(parameters: VehicleParameters, vessel: Vessel | None = None) -> list[Finding]:
     """Return what the parameters that have come mean for steering this vessel; nothing of those that have not."""
     looked = [_arming(parameters), _radio(parameters), _station(parameters), _action(parameters), _takeover(parameters)]
-    if vessel is not None and vessel.helm.method != "guided":
+    if vessel is not None and not vessel.helm.firmware_steers:
         looked += [_servo(parameters, vessel), _stick(parameters)]
     return [finding for finding in looked if finding is not None]
 

@@ -281,7 +281,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         rudder_share=planned_share(vessel),
         turn_rate_max=radians_or_unlimited(vessel.guidance.turn_rate_max_deg_s),
         turn_curvature_max=curvature_max_of(vessel),
-        rudder_is_ours=vessel.helm.method != "guided",
+        rudder_is_ours=not vessel.helm.firmware_steers,
         corner_frequencies=corner_frequencies_of(vessel, law),
         steerage=_steerage_of(vessel),
         steerage_over_ground=steerage is not None,

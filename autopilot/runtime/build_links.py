@@ -309,6 +309,7 @@ def companion_settings_of(vessel: Vessel, options: LinkOptions) -> CompanionSett
         as_gcs=options.as_gcs,
         with_other_pilot=options.with_other_pilot,
         guided_speed_share=helm.guided_speed_share,
+        offboard_speed=_or_nan(helm.offboard_speed_m_s),
         handover_mode=MODES[vessel.failsafe.firmware_mode] if vessel.failsafe.action == "firmware" else None,
         servo_us=helm.servo_us,
         angle_max=math.radians(vessel.rudder.angle_max_deg),
@@ -425,7 +426,7 @@ def build_station_links(
 def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
     """Raise RefusedError where the vessel's fail-safe asks for what no link of `urls` can do."""
     action, protocols = vessel.failsafe.action, {parse_url(url).protocol for url in urls}
-    steers_itself = vessel.helm.method == "guided"
+    steers_itself, is_px4 = vessel.helm.firmware_steers, vessel.helm.method == "offboard"
     if vessel.sensors.magnetic and "mavlink" in protocols:
         raise RefusedError(
             f"vessel {vessel.name!r}: sensors.magnetic is for compasses, and a flight controller's headings are true; "
@@ -436,7 +437,10 @@ def refuse_failsafe(vessel: Vessel, urls: Sequence[str]) -> None:
     elif action == "windward" and protocols.isdisjoint(WITH_VANE):
         needed = f"{WIND_VANE}; add that --link, or choose amidships, hold or release"
     elif action in STEERING_ACTIONS and steers_itself:
-        needed = "a rudder that is ours, and with helm.method guided the firmware has it; choose firmware"
+        instead = "release or hold" if is_px4 else "firmware"
+        needed = f"a rudder that is ours, and with --steer {vessel.helm.method} the firmware has it; choose {instead}"
+    elif action == "firmware" and is_px4:
+        needed = "ArduRover, for PX4's mode is a human's to change; choose release, and set COM_OBL_RC_ACT"
     else:
         return
     raise RefusedError(f"vessel {vessel.name!r}: failsafe.action {action} needs {needed}")

@@ -304,9 +304,12 @@ class Helm:
     """How rudder commands reach a MAVLink flight controller."""
 
     method: Annotated[
-        Literal["rc_override", "manual_control", "guided"], RESTART, Bounds(None, None, "how orders reach the vehicle")
+        Literal["rc_override", "manual_control", "guided", "offboard"],
+        RESTART,
+        Bounds(None, None, "how orders reach the vehicle"),
     ] = "rc_override"
-    """guided: the firmware steers by itself to the headings it is given; the other two move the rudder."""
+    """guided: the firmware steers by itself to the headings it is given; offboard: so does PX4, and works the throttle;
+    the other two move the rudder."""
     rate_hz: Annotated[float, RESTART, Bounds(5.0, 100.0, "least rate at which the command is repeated")] = 10.0
     rudder_at_full_pwm_deg: Annotated[float, RESTART, Bounds(1.0, 90.0, "rudder at full servo travel")] | None = None
     servo_us: Annotated[tuple[Pulse, Pulse, Pulse], RESTART] | None = None
@@ -316,8 +319,14 @@ class Helm:
     guided_speed_share: Annotated[
         float, RESTART, Bounds(0.0, 1.0, "guided: thrust as a share of WP_SPEED; 0: the stick's")
     ] = 0.0
+    offboard_speed_m_s: Annotated[float, RESTART, Bounds(0.1, 50.0, "offboard: speed that PX4 goes at")] | None = None
     source: Annotated[str, RESTART] = ""
     date: Annotated[str, RESTART] = ""
+
+    @property
+    def firmware_steers(self) -> bool:
+        """Whether the firmware's own controller moves the rudder."""
+        return self.method in ("guided", "offboard")
 
 
 @dataclass(frozen=True)

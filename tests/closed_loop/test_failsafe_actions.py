@@ -196,3 +196,7 @@ def test_a_vessel_whose_links_cannot_do_its_fail_safe_is_refused() -> None:
     guided = dataclasses.replace(reckoned, helm=dataclasses.replace(reckoned.helm, method="guided"))
     with pytest.raises(RefusedError, match="a rudder that is ours"):
         build_links(guided, ["udpin:127.0.0.1:0"])
+    handed = vessel("firmware")
+    offboard = dataclasses.replace(handed, helm=dataclasses.replace(handed.helm, method="offboard"))
+    with pytest.raises(RefusedError, match="PX4's mode is a human's to change"):
+        build_links(offboard, ["udpin:127.0.0.1:0"])

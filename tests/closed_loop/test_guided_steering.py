@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from alarm_texts import words_of
-from lockstep import BadLine, Lockstep, goes_guided
+from lockstep import BadLine, Lockstep, goes_guided, keep_packets
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
@@ -40,21 +40,6 @@ def guided(vessel: Vessel | None = None, mode: str = "", **options: Any) -> Lock
     if not mode:
         boat.hooks.append(goes_guided)
     return boat
-
-
-def keep_packets(boat: Lockstep) -> list[Any]:
-    """Return a list that everything received and sent from now on is added to."""
-    kept: list[Any] = []
-    take = boat.link.take_packets
-
-    def taken() -> list[tuple[float, bytes]]:
-        found = take()
-        reader = MavlinkCodec()
-        kept.extend((time, message) for time, data in found for message in reader.decode(data))
-        return found
-
-    boat.link.take_packets = taken  # type: ignore[method-assign]
-    return kept
 
 
 def targets(kept: list[Any]) -> list[tuple[float, Any]]:

@@ -43,13 +43,22 @@ def test_neither_heartbeat_can_be_taken_for_the_vehicles() -> None:
     [
         (3, 11, ""),
         (3, 10, ""),
-        (12, 11, "does not run ArduPilot"),
+        (12, 11, "start with --steer offboard"),
+        (13, 11, "does not run ArduPilot"),
         (3, 2, "MAV_TYPE 2, not a boat"),
         (8, 2, "ArduPilot"),
     ],
 )
 def test_only_ardupilots_boats_and_rovers_can_be_steered(autopilot: int, kind: int, words: str) -> None:
     said = obstacle_of(autopilot, kind)
+    assert (words in said) if words else said == ""
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind", "words"), [(12, 11, ""), (3, 11, "does not run PX4"), (12, 2, "MAV_TYPE 2")]
+)
+def test_only_px4s_boats_and_rovers_can_be_steered_in_offboard(autopilot: int, kind: int, words: str) -> None:
+    said = obstacle_of(autopilot, kind, offboard=True)
     assert (words in said) if words else said == ""
 
 

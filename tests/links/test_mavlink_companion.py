@@ -475,7 +475,7 @@ def test_px4_is_refused_with_a_sentence() -> None:
     bench = Bench()
     bench.rover.send(dialect.MAVLink_heartbeat_message(11, dialect.MAV_AUTOPILOT_PX4, 0, 0, 4, 3))
     samples = bench.link.receive(bench.now)
-    assert "does not run ArduPilot" in samples[0].reason
+    assert "start with --steer offboard" in samples[0].reason
 
 
 def test_long_texts_leave_in_pieces() -> None:

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.vessel.file import load_vessel
-from sitl.firmware import Firmware
+from sitl.px4 import firmware_of
 from sitl.scenario import Scenario, load_scenario
 from sitl.wire_mavlink import MavlinkVehicle
 from sitl.world import World
@@ -21,7 +21,7 @@ class Bench:
 
     def __init__(self, scenario: Scenario, system: int = 255, component: int = 191) -> None:
         self.world = World(load_vessel("lanxin"), scenario)
-        self.firmware = Firmware(self.world)
+        self.firmware = firmware_of(self.world)
         self.vehicle = MavlinkVehicle(self.firmware)
         self.now = 0.0
         self.codec = dialect.MAVLink(None, srcSystem=system, srcComponent=component)

@@ -116,6 +116,7 @@ def differing(what: str, pulse: int, expected: Collection[int]) -> str:
 
 MANUAL_MODE = 0
 GUIDED_MODE = 15
+OFFBOARD_MODE = 6 << 16
 MODE_NAMES = {
     0: "MANUAL",
     1: "ACRO",
@@ -131,8 +132,18 @@ MODE_NAMES = {
     12: "SMART_RTL",
     15: "GUIDED",
     16: "INITIALISING",
+    1 << 16: "Manual",
+    3 << 16: "Position",
+    4 << 16 | 3 << 24: "Hold",
+    4 << 16 | 4 << 24: "Mission",
+    4 << 16 | 5 << 24: "Return",
+    5 << 16: "Acro",
+    OFFBOARD_MODE: "Offboard",
+    7 << 16: "Stabilised",
 }
-"""ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
+"""ArduRover's custom modes, and PX4's, main mode << 16 | sub mode << 24 (Rover/mode.h; px4_custom_mode.h)."""
+TERMINATED_STATE = 8
+"""MAV_STATE of a PX4 whose outputs the kill switch has stopped; it counts as armed for some seconds more."""
 HEARTBEAT_S = 1.0
 SILENCE_S = 3.0
 """Nothing at all from the vehicle for this long ends our right to steer."""
@@ -158,6 +169,7 @@ class ControlAuthority:
 
     Args:
         guided: whether we steer by heading targets in GUIDED mode, rather than by the rudder in MANUAL.
+        offboard: whether we do by velocities in PX4's Offboard mode, of whose parameters and reports nothing is known.
 
     Attributes:
         obstacle: why this vehicle cannot be steered at all; empty where it can.
@@ -170,8 +182,9 @@ class ControlAuthority:
         disobeyed: why the rudder did not obey while we steered; empty where it did.
     """
 
-    def __init__(self, guided: bool = False) -> None:
-        self._guided = guided
+    def __init__(self, guided: bool = False, offboard: bool = False) -> None:
+        self._guided, self._offboard = guided or offboard, offboard
+        self._is_killed = False
         self.obstacle = "waiting for the heartbeat of a vehicle"
         self.misfit = ""
         self.mode = -1
@@ -203,6 +216,7 @@ class ControlAuthority:
         self.mode = mode
         self.armed = armed
         self.booted = system_state >= STANDBY_STATE
+        self._is_killed = system_state == TERMINATED_STATE
         self._note_taken()
 
     def switch(self, is_off: bool) -> None:
@@ -309,7 +323,8 @@ class ControlAuthority:
         judged = (parameters.revision, system)
         if judged != self._judged:
             self._judged = judged
-            self._parameter_reason = _parameter_reason(parameters, system, self._guided)
+            asks = not self._offboard
+            self._parameter_reason = _parameter_reason(parameters, system, self._guided) if asks else ""
         waiting = self._parameter_reason or ("" if self._guided else self.misfit)
         if waiting and self._rebooted:
             self.cause = HelmCause.REBOOTED
@@ -321,11 +336,14 @@ class ControlAuthority:
 
     def _state_reason(self) -> str:
         needed, ours = (GUIDED_MODE, "heading targets") if self._guided else (MANUAL_MODE, "rudder commands")
+        needed = OFFBOARD_MODE if self._offboard else needed
         if self.mode != needed:
             name = MODE_NAMES.get(self.mode, str(self.mode))
             return f"the vehicle is in mode {name}, where {ours} are not obeyed; switch it to {MODE_NAMES[needed]}"
         if not self.armed:
             return "the vehicle is disarmed; arm it"
+        if self._is_killed:
+            return "the vehicle's outputs are stopped (kill switch or termination); release it, and arm anew"
         if self.switched_off and not self._guided:
             return "the radio's switch for overrides is off; switch it on"
         return ""
@@ -338,7 +356,7 @@ class ControlAuthority:
         # where the heartbeats stay away too, silence is the better word
         reported = self.echo.report_time
         talks = self.received_time > reported + HEARTBEAT_S
-        if self.steering and talks and now - reported > BLIND_S:
+        if self.steering and talks and now - reported > BLIND_S and not self._offboard:
             if self._guided:
                 return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"
             return "the vehicle reports neither RC_CHANNELS nor SERVO_OUTPUT_RAW, so nobody can see the rudder obey"

@@ -1,4 +1,4 @@
-"""The session of a companion computer with an ArduRover boat: attitude and speed in, rudder out.
+"""The session of a companion computer with an ArduRover boat, or PX4's: attitude and speed in, rudder out.
 
 Bytes in, typed samples out; commands in, bytes out. The session owns no transport, clock or thread, and never raises;
 `CompanionLink` carries its bytes over a transport.
@@ -20,7 +20,6 @@ from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
 from autopilot.links.mavlink.conditions import OtherPilot
 from autopilot.links.mavlink.frames import SIGNED
-from autopilot.links.mavlink.guided import TIMEOUT_S
 from autopilot.links.mavlink.overrides import OverrideRelease, Stage
 from autopilot.links.mavlink.requests import (
     AUTOPILOT_COMPONENT,
@@ -173,7 +172,7 @@ class CompanionSession:
         if now - self._looked_at > SILENCE_S:
             reader.silence()
         self._looked_at = now
-        patience = reader.parameters.patience if self._guided is None else TIMEOUT_S
+        patience = reader.parameters.patience if self._guided is None else self._guided.timeout
         if authority.steering and now - authority.last_command > patience:
             authority.let_go(now)
         samples: list[Sample] = []
@@ -295,6 +294,8 @@ class CompanionSession:
         """Return what gives the rudder back, several times over."""
         self._authority.released()
         self._leaving, self._released_at = now, math.inf
+        if self._guided is not None:
+            return [self._steering_codec.encode(message) for message in self._guided.parting(now)]
         amidships = self._output.amidships() if self._is_held(now) and self._reader.lacks_receiver else None
         if amidships is None:
             return self._releases(now)
@@ -400,12 +401,12 @@ class CompanionSession:
         gives_way = (self._authority.obstacle and not self._is_boat) or (
             silence > HEARTBEAT_TIMEOUT_S and not self._reader.parameters.complete and not self._has_steered
         )
-        return bool(gives_way) and not obstacle_of(message.autopilot, message.type)
+        return bool(gives_way) and not obstacle_of(message.autopilot, message.type, self._reader.is_px4)
 
     def _latch(self, message: Message) -> int:
         if self.vehicle:
             self._reader.another()
-        self._is_boat = not obstacle_of(message.autopilot, message.type)
+        self._is_boat = not obstacle_of(message.autopilot, message.type, self._reader.is_px4)
         self.vehicle = self._output.target = self._codec.system = message._header.srcSystem
         if self._guided is not None:
             self._guided.target = self.vehicle

@@ -177,7 +177,8 @@ class GuidedProof:
         shows = "its steering servo does not move" if self._by_servo else "it does not turn"
         return (
             f"the vehicle does not take our heading targets: {shows} to their side, from port to starboard and back; "
-            "stop what else guides it, and check its steering gains (ATC_STR_RAT_FF, ATC_STR_ANG_P)"
+            "stop what else guides it, and check its steering gains (ATC_STR_RAT_FF, ATC_STR_ANG_P; with PX4 RO_YAW_P, "
+            "RO_YAW_RATE_P)"
         )
 
     def _is_settled(self, now: float) -> bool:
@@ -242,7 +243,13 @@ class GuidedTargets:
 
     Attributes:
         target: the vehicle's system id.  alarm: what the skipper should know though steering goes on.
+        timeout [s]: a target older than this ends.  goes_on: what the vehicle does then, once we have left.
+        unproven: what is said while the proof is under way.
     """
+
+    timeout = TIMEOUT_S
+    goes_on = GOES_ON
+    unproven = UNPROVEN
 
     def __init__(self, authority: ControlAuthority, speed_share: float) -> None:
         if not 0.0 <= speed_share <= 1.0:
@@ -262,7 +269,7 @@ class GuidedTargets:
     def reset(self) -> None:
         """Ask for the proof anew, as after a reboot, an override, or a pause."""
         self._authority.released()
-        self._refusal, self._has_failed = UNPROVEN, False
+        self._refusal, self._has_failed = self.unproven, False
         self._passed = False
         self._proof: GuidedProof | None = None
         self._was_at_rest = True
@@ -342,14 +349,17 @@ class GuidedTargets:
         if tick.command.engaged:
             self._engaged_time = now
             self._authority.commanded(now, None)
-        # a proof goes on with what we ran the boat at, and starts none
-        return self._message(now, heading, self._thrust if now - self._engaged_time <= RUN_S else 0.0)
+        return self._message(now, heading, self._pace(now))
+
+    def parting(self, now: float) -> list[Message]:
+        """Return what is sent last, on the way out."""
+        return []
 
     def release(self, now: float, link: str) -> Release:
         """Return what becomes of the rudder when no more targets are sent: there is no message that takes one back."""
-        if self._last_target is None or now - self._last_target > TIMEOUT_S:
+        if self._last_target is None or now - self._last_target > self.timeout:
             return not_held(link)
-        return Release(link, ReleaseState.UNSHOWN, lapse=GOES_ON)
+        return Release(link, ReleaseState.UNSHOWN, lapse=self.goes_on)
 
     def _request(self, tick: Tick, may_prove: bool) -> float | None:
         """Return the heading [rad] that the vehicle shall steer now, None for none."""
@@ -371,13 +381,13 @@ class GuidedTargets:
         if self._proof is None:
             if now < self._next_try:
                 return None
-            if obstacle := shown.obstacle(now):
+            if obstacle := self._obstacle(now):
                 self._refusal, self._has_failed = obstacle, False
                 return None
             self._proof, self._passed = GuidedProof(now, shown.has_servo), False
             self._was_at_rest = not shown.is_under_way(now)
             # what the last try found stays said while the next is under way
-            self._refusal = self._refusal if self._has_failed else UNPROVEN
+            self._refusal = self._refusal if self._has_failed else self.unproven
         elif self._was_at_rest and shown.stick_asks and not self._passed:
             self._fail(now, STICK)
             self._has_failed = False
@@ -391,6 +401,14 @@ class GuidedTargets:
                 return None
             self._passed, self._echoes = verdict is Verdict.PASSED, self._proof.echoes
         return self._proof.heading(tick.state.heading) if not self._passed else tick.state.heading
+
+    def _obstacle(self, now: float) -> str:
+        """Return why no proof may begin; empty where one may."""
+        return self._shown.obstacle(now)
+
+    def _pace(self, now: float) -> float:
+        """Return the thrust: a proof goes on with what we ran the boat at, and starts none."""
+        return self._thrust if now - self._engaged_time <= RUN_S else 0.0
 
     def _fail(self, now: float, refusal: str) -> None:
         self._proof, self._refusal, self._has_failed, self._next_try = None, refusal, True, now + RETRY_S
@@ -418,12 +436,15 @@ class GuidedTargets:
         elif tick.now - self._away_since > AWAY_S:
             self._authority.refuse(TURNS_AWAY)
 
-    def _message(self, now: float, heading: float, thrust: float) -> Message:
+    def _elapsed_ms(self, now: float) -> int:
+        """Return the time that a target of now carries, and take that it is sent."""
         self._last_target = now
         if self._start is None:
             self._start = now
-        elapsed_ms = int((now - self._start) * 1000.0) & 0xFFFFFFFF
+        return int((now - self._start) * 1000.0) & 0xFFFFFFFF
+
+    def _message(self, now: float, heading: float, pace: float) -> Message:
         turn = [math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)]
         return dialect.MAVLink_set_attitude_target_message(
-            elapsed_ms, self.target, 1, IGNORED, turn, 0.0, 0.0, 0.0, thrust
+            self._elapsed_ms(now), self.target, 1, IGNORED, turn, 0.0, 0.0, 0.0, pace
         )

@@ -176,6 +176,7 @@ RELEVANT = frozenset(
 
 class VehicleParameters:
     """What is known of the vehicle's parameters and what has still to be asked; `throttle`: of that stick too.
+    `asks`: anything at all; False for a vehicle that has others, of which nothing is needed.
 
     What follows from them is worked out whenever one comes.
 
@@ -199,8 +200,13 @@ class VehicleParameters:
     """
 
     def __init__(
-        self, throttle: bool = False, drive: DriveKind = DRIVES["rudder"], thruster: int | None = None
+        self,
+        throttle: bool = False,
+        drive: DriveKind = DRIVES["rudder"],
+        thruster: int | None = None,
+        asks: bool = True,
     ) -> None:
+        self._asks = asks
         self._throttle, self._thruster = throttle, thruster
         self.drive = drive
         self.revision = 0
@@ -217,7 +223,7 @@ class VehicleParameters:
 
     def take(self, name: str, value: float) -> bool:
         """Keep a value that the vehicle reports; return whether it is one of those used here and new."""
-        if not math.isfinite(value) or name not in RELEVANT or self._values.get(name) == value:
+        if not (self._asks and math.isfinite(value)) or name not in RELEVANT or self._values.get(name) == value:
             return False
         self._values[name] = value
         self._changed()
@@ -245,11 +251,14 @@ class VehicleParameters:
     @property
     def complete(self) -> bool:
         """Whether all that steering needs is known; what old firmware lacks was asked for often enough."""
-        return self.gcs_system is not None and all(
-            self._given_up(name)
-            or name in self._unneeded
-            or (name in (OVERRIDE_TIME, GCS_HIGH, *WELCOME) and not (self.drive.is_mixed and name in MIXING))
-            for name in self._missing
+        return not self._asks or (
+            self.gcs_system is not None
+            and all(
+                self._given_up(name)
+                or name in self._unneeded
+                or (name in (OVERRIDE_TIME, GCS_HIGH, *WELCOME) and not (self.drive.is_mixed and name in MIXING))
+                for name in self._missing
+            )
         )
 
     def due(self, now: float) -> list[str]:
@@ -327,6 +336,8 @@ class VehicleParameters:
         self.to_ask = [name for name in self._missing if not self._given_up(name)]
 
     def _find_missing(self) -> list[str]:
+        if not self._asks:
+            return []
         names = [] if self.gcs_system is not None else list(GCS_NAMES)
         names += ["RCMAP_ROLL", EXPO, OVERRIDE_TIME, GCS_HIGH]
         rc, servos = self.steering_input, self.steering_servos
@@ -423,9 +434,16 @@ def parameter_request(vehicle: int, name: str) -> Message:
     return dialect.MAVLink_param_request_read_message(vehicle, AUTOPILOT_COMPONENT, name.encode(), -1)
 
 
-def obstacle_of(autopilot: int, kind: int) -> str:
-    """Return why a vehicle of this MAV_AUTOPILOT and MAV_TYPE cannot be steered; '' where it can."""
-    if autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+def obstacle_of(autopilot: int, kind: int, offboard: bool = False) -> str:
+    """Return why a vehicle of this MAV_AUTOPILOT and MAV_TYPE cannot be steered; '' where it can. `offboard`: in that
+    mode of PX4's."""
+    if offboard and autopilot != dialect.MAV_AUTOPILOT_PX4:
+        return (
+            "the vehicle does not run PX4, whose mode Offboard is; start with --steer rc_override or guided (ArduRover)"
+        )
+    if not offboard and autopilot == dialect.MAV_AUTOPILOT_PX4:
+        return "the vehicle runs PX4, which takes no rudder of ours; start with --steer offboard (throttle by PX4)"
+    if not offboard and autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
         return "the vehicle does not run ArduPilot, whose steering input is the only one known so far; use ArduRover"
     if kind not in BOATS:
         return f"the vehicle is of MAV_TYPE {kind}, not a boat or rover; connect to the boat's flight controller"

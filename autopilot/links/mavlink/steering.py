@@ -293,7 +293,7 @@ class SteeringOutput:
 
     def __init__(
         self,
-        method: Literal["rc_override", "manual_control", "guided"],
+        method: Literal["rc_override", "manual_control", "guided", "offboard"],
         rudder_at_full: float,
         reversed_: bool,
         servo_us: tuple[float, float, float] | None = None,

@@ -22,6 +22,7 @@ from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, Rad
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.conditions import BATTERY, FENCING, FILTER, SYSTEM, TEXT, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
+from autopilot.links.mavlink.offboard import OffboardTargets
 from autopilot.links.mavlink.overrides import OverrideProbe, OverrideRelease
 from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters, obstacle_of
 from autopilot.links.mavlink.steering import MIXED_US, SteeringOutput, share_from_servo
@@ -185,7 +186,8 @@ class CompanionSettings(NamedTuple):
     """How to steer one vehicle.
 
     rudder_at_full [rad]: rudder angle at full servo travel.  reversed: full positive steering is port.
-    method: RC_CHANNELS_OVERRIDE or MANUAL_CONTROL, or headings for the firmware's own controller (guided).
+    method: RC_CHANNELS_OVERRIDE or MANUAL_CONTROL, or headings for the firmware's own controller (guided), to PX4 as
+    velocities (offboard) of offboard_speed [m/s].
     command_rate_hz: least rate at which commands are repeated.
     guided_speed_share: thrust in each heading target, a share of the vehicle's default speed.
     attitude_rate_hz: rate asked of ATTITUDE.  heading_latency [s]: age of an attitude when the vehicle stamps it.
@@ -205,7 +207,7 @@ class CompanionSettings(NamedTuple):
 
     rudder_at_full: float
     reversed: bool = False
-    method: Literal["rc_override", "manual_control", "guided"] = "rc_override"
+    method: Literal["rc_override", "manual_control", "guided", "offboard"] = "rc_override"
     command_rate_hz: float = 10.0
     attitude_rate_hz: float = 20.0
     heading_latency: float = 0.0
@@ -213,6 +215,7 @@ class CompanionSettings(NamedTuple):
     as_gcs: bool = False
     gcs_system: int | None = None
     guided_speed_share: float = 0.0
+    offboard_speed: float = math.nan
     handover_mode: int | None = None
     battery_percent: float = -math.inf
     servo_us: tuple[float, float, float] | None = None
@@ -236,21 +239,26 @@ class VehicleReader:
     Attributes:
         authority, probe: learn whether the vehicle lets us steer, and takes it.
         guided: who hears the bearing of a vehicle that is given headings rather than rudder angles; None: none is.
+        is_px4: whether these are velocities for PX4.
         release: learns from the reports whether a release arrived.
         bow: what is sent to a bow thruster, None where none is commanded.
         lacks_receiver: whether no radio has ever put a pulse on the steering input.
     """
 
     def __init__(self, output: SteeringOutput, settings: CompanionSettings) -> None:
-        steers_itself = settings.method == "guided"
-        self.authority = ControlAuthority(steers_itself)
+        is_guided, self.is_px4 = settings.method == "guided", settings.method == "offboard"
+        self.authority = ControlAuthority(is_guided, self.is_px4)
         self.probe = OverrideProbe(output, settings.with_other_pilot)
-        self.guided = GuidedTargets(self.authority, settings.guided_speed_share) if steers_itself else None
+        self.guided: GuidedTargets | None = None
+        if is_guided:
+            self.guided = GuidedTargets(self.authority, settings.guided_speed_share)
+        elif self.is_px4:
+            self.guided = OffboardTargets(self.authority, settings.offboard_speed)
         self.health = VehicleHealth(settings.battery_percent)
         self.radio = RadioWatch()
         self.release = OverrideRelease()
         self.lacks_receiver = False
-        self.parameters = VehicleParameters(steers_itself, DRIVES[settings.drive], settings.bow_channel)
+        self.parameters = VehicleParameters(is_guided, DRIVES[settings.drive], settings.bow_channel, not self.is_px4)
         channel = settings.bow_channel
         self.bow = None if channel is None else BowThrusterOutput(channel, is_reversed=settings.bow_reversed)
         output.bow = self.bow
@@ -264,7 +272,9 @@ class VehicleReader:
             GPS: 1.0,
             SYSTEM: 1.0,
         }
-        if steers_itself:
+        if self.is_px4:
+            del rates_hz[SERVOS], rates_hz[CHANNELS]  # which output steers, and which stick, is not asked
+        if is_guided:
             rates_hz[NAVIGATION] = rates_hz[HUD] = 5.0
         self.streams = MessageStreams(rates_hz, settings.heading_timeout, {WIND: 2.0, FILTER: 1.0})
         self._output = output
@@ -308,7 +318,8 @@ class VehicleReader:
         handler = self.handlers.get(message._header.msgId)
         if handler is not None:
             handler(now, message, samples)
-        authority.radio = self.radio.reason(self.parameters) if self.radio.found else ""
+        # PX4 leaves Offboard for a lost radio by itself, where it is set to
+        authority.radio = self.radio.reason(self.parameters) if self.radio.found and not self.is_px4 else ""
 
     def _system(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[SYSTEM] += 1
@@ -327,7 +338,7 @@ class VehicleReader:
     def _heartbeat(self, now: float, message: Message, samples: list[Sample]) -> None:
         if message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
             return  # somebody else's, under the vehicle's ids
-        self.authority.obstacle = obstacle_of(message.autopilot, message.type)
+        self.authority.obstacle = obstacle_of(message.autopilot, message.type, self.is_px4)
         if now - self.authority.heartbeat_time > LONG_SILENCE_S and self._clock.offset is not None:
             self._ask_anew()
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -363,7 +374,7 @@ class VehicleReader:
 
     def _hud(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[HUD] += 1
-        if self.guided is not None:
+        if self.guided is not None and not self.is_px4:
             is_guided = self.authority.mode == GUIDED_MODE
             self.guided.outputs(self.parameters.steering_servo is not None)
             self.guided.engine(now, self.authority.armed and message.throttle != 0, is_guided)
@@ -384,6 +395,8 @@ class VehicleReader:
         self._has_fix = message.fix_type >= FIX_2D
 
     def _servos(self, now: float, message: Message, samples: list[Sample]) -> None:
+        if self.is_px4:
+            return
         self.streams.counts[SERVOS] += 1
         servo, channel = self.parameters.steering_servo, self._output.channel
         if self.bow is not None and message.port == 0 and 0 < self.bow.output <= SHOWN_OUTPUTS:
@@ -438,6 +451,8 @@ class VehicleReader:
         samples.append(RudderSample(time, shown.moment / output.share_per_radian, True, SERVO_SOURCE))
 
     def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
+        if self.is_px4:
+            return
         authority, parameters = self.authority, self.parameters
         self.streams.counts[CHANNELS] += 1
         if 0 < self._channels_boot - message.time_boot_ms <= OVERTAKEN_MS:
@@ -468,7 +483,7 @@ class VehicleReader:
             authority.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
-        if self.guided is not None:
+        if self.guided is not None and not self.is_px4:
             self.streams.counts[NAVIGATION] += 1
             bearing, target = math.radians(message.nav_bearing), math.radians(message.target_bearing)
             self.guided.report(now, bearing, target, float(message.wp_dist))
