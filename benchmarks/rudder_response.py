@@ -5,7 +5,8 @@
 The closed loop is `sitl.campaign`'s, compiled, and so is the watch, `autopilot.supervision.rudder_response` itself. The
 courses are held for a minute each, and then changed by 10 to 60 deg. The sea is that of `off_course.py`, from five
 sides; K of the real boat is the model's, 30 % less, and 40 % more. `evidence` is how much likelier, as a natural
-logarithm, the watch ever held it that the boat does not answer: 10.4 and more is an alarm.
+logarithm, the watch ever held it that the boat does not answer, in both its seas together: 14 and more is an alarm, 11
+and more in a turn.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from off_course import SIDES_DEG, STATE_5
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
 from autopilot.estimation.estimator import Measured
-from autopilot.supervision.rudder_response import verdict
+from autopilot.supervision.rudder_response import by_blocks, by_headings, enough, verdict
 from sitl.boat import boat_step
 from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, readings
 from sitl.campaign.compiled_tick import Measurement, initial_state, tick
@@ -85,10 +86,10 @@ def watched_run(setting: Setting, workspace: Workspace, fault: int, begins: floa
             pilot_state = tick(setting.campaign, pilot_state, workspace.rudder, now, measurement, target)
             command = pilot_state.command
             response = pilot_state.answer.response
-            found = verdict(response)
+            found = verdict(response, enough(pilot_state.answer.carried, now >= pilot_state.guide.turning_until))
             if now < begins:
-                stuck, wrong = min(response.stuck, response.stuck_late), min(response.reversed, response.reversed_late)
-                most = max(most, stuck, wrong)
+                (stuck, wrong), (stuck_too, wrong_too) = by_headings(response), by_blocks(response)
+                most = max(most, stuck + stuck_too, wrong + wrong_too)
             if found != 0 and now >= begins:
                 return Seen(alarms, most, now - begins, abs(shortest_turn(target, state.heading)), found < 0, moved)
             alarms += found != 0 and before == 0

@@ -28,6 +28,7 @@ REORDERED = (
     "sitl.boat",
     "sitl.campaign.environment",
     "autopilot.supervision.response_filter",
+    "autopilot.supervision.response_spectrum",
     "autopilot.supervision.rudder_response",
 )
 """What the quick compilation may do to sums and quotients, another order, one rounding less, and where: in smooth

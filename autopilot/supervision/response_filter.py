@@ -25,6 +25,7 @@ from autopilot.estimation.tuning import SLIDE_LASTS, SLIDE_UNKNOWN, WAVE_FREQUEN
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
 from autopilot.supervision.tuning import (
+    ANSWERS_MOST,
     CHANGED_LEAST,
     CHANGED_TIME,
     FADES_TIME,
@@ -86,6 +87,9 @@ Mean = tuple[float, float, float, float]
 """psi [rad], r [rad/s], p [rad], w [rad]."""
 
 NOTHING: Mean = (0.0, 0.0, 0.0, 0.0)
+RATE_UNKNOWN = 0.2**2
+PUSH_UNKNOWN = math.radians(20.0) ** 2
+"""Variances of a rate [(rad/s)^2] and a push [rad^2] of which nothing is known."""
 Means = tuple[Mean, Mean, Mean, Mean, Mean]
 """Of the heading without a rudder, and of what adds to it: the rudder, a late one, a slide's braking, a slow one."""
 
@@ -324,3 +328,18 @@ def all_corrected(gains: Gains, means: Means, innovation: float) -> Means:
         (psi_3 - k0 * psi_3, r_3 - k1 * psi_3, p_3 - k2 * psi_3, w_3 - k3 * psi_3),
         (psi_4 - k0 * psi_4, r_4 - k1 * psi_4, p_4 - k2 * psi_4, w_4 - k3 * psi_4),
     )
+
+
+def first_covariance(noise: Noise) -> Covariance:
+    """Return the covariance after the first heading."""
+    return Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
+
+
+def unlike(off: float, s: float, s_slow: float, opposite: float) -> float:
+    """Return the square [rad^2] of what is left of a heading that is so far `off` by that share of the answer `s` which
+    explains most, of the opposite one no more than `opposite`, or by a slow rudder's, which is no gust either."""
+    ahead, size = (-off, -s) if s < 0.0 else (off, s)
+    least, most = -opposite * size, ANSWERS_MOST * size
+    left = ahead - least if ahead < least else ahead - most if ahead > most else 0.0
+    by_slow = off - s_slow
+    return left * left if left * left < by_slow * by_slow else by_slow * by_slow

@@ -12,6 +12,10 @@ Of a boat that answers and slides in its turn nu - a s - c g is left: g is the a
 is estimated from the headings before, none where the boat has sailed turns without a slide. A boat that turns against
 its rudder, or on with it where the rudder has come back, is none that is braked: that counts in full.
 
+A sea other than the one that is estimated accuses a healthy rudder, as the rudder follows it. So the same is weighed in
+the sea as it was learnt, too (`response_spectrum`): a verdict takes both together, and something of each. In a turn it
+takes less: there the order moves the rudder, and not the sea.
+
 Sources: Willsky and Jones 1976, the generalised likelihood ratio of an additive change, here of a change in a; Page
 1954, the cumulative sum. Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
 """
@@ -32,10 +36,13 @@ from autopilot.supervision.response_filter import (
     Noise,
     Slide,
     all_corrected,
+    first_covariance,
     foreseen,
     slide_learnt,
     slide_share,
+    unlike,
 )
+from autopilot.supervision.response_spectrum import OUTLIER_SQUARE, Blocks, blocks_step, first_blocks, no_more_blocks
 from autopilot.supervision.tuning import (
     ANSWERS_MOST,
     COLOUR_KNOWN,
@@ -50,12 +57,13 @@ from autopilot.supervision.tuning import (
     MISFIT,
     MISFIT_TIME,
     MOST_AT_ONCE,
-    OUTLIER,
     OUTLIERS_MOST,
     PUSHED_SIGMAS,
     QUICK,
     REVERSED_SHARE,
     SURE,
+    SURE_OTHER,
+    SURE_TURNING,
     SUSPECT,
     UNEXPLAINED,
     UNEXPLAINED_TIME,
@@ -66,10 +74,6 @@ from autopilot.supervision.tuning import (
 
 WEAK, STRONG = LEAST[0], ANSWERS_MOST
 """The least and the most that a boat answers whose rudder is not slow."""
-RATE_UNKNOWN = 0.2**2
-PUSH_UNKNOWN = math.radians(20.0) ** 2
-"""Variances of a rate [(rad/s)^2] and a push [rad^2] of which nothing is known."""
-OUTLIER_SQUARE = OUTLIER * OUTLIER
 
 
 class Rudders(NamedTuple):
@@ -134,16 +138,16 @@ class ResponseState(NamedTuple):
     shown: float
     others: Others
     usual_colour: float
+    blocks: Blocks
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
     """Return what is known after the first heading [rad]."""
-    covariance = Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
     mean, usual = (heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
     # every field is given: what numba compiles has no defaults
     return ResponseState(
         time,
-        covariance,
+        first_covariance(noise),
         mean,
         NOTHING,
         NOTHING,
@@ -159,6 +163,7 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         shown=USUAL_SURE,
         others=NO_OTHERS,
         usual_colour=1.0,
+        blocks=first_blocks(noise, heading),
     )
 
 
@@ -208,32 +213,30 @@ def response_step(
     dt = time - last
     unexplained = before.unexplained
     is_gust = unexplained > UNEXPLAINED
+    least = LEAST_SHARE * usual / shown
+    least = least if least > LEAST[0] else LEAST[0]
+    least = weaker * (least if least < LEAST[1] else LEAST[1])
     means, at = (mean, answer, late, slide, others.slow), (rudder, rudder_late, braked, rudder_slow)
+    shares = least, usual / shown, slide_share(slid)
+    blocks = blocks_step(before.blocks, model, noise, (rate, at), (time, dt, heading), shares)
     passed = noise.push + GUST if is_gust else noise.push, dt
     covariance, gains, known, means = foreseen(model, noise, known, means, (rate, at), passed)
     variance = gains[0]
     mean, answer, late, slide, slow = means
     off, s, s_late = heading - mean[0], answer[0], late[0]
     off = off if -PI < off <= PI else wrap(off)
-    # of the shares of the answer, the opposite one allowed, the one that explains most; a slow rudder is no gust either
-    ahead, size = (-off, -s) if s < 0.0 else (off, s)
-    left = ahead + size if ahead < -size else ahead - ANSWERS_MOST * size if ahead > ANSWERS_MOST * size else 0.0
-    by_slow = off - slow[0]
-    square = (left * left if left * left < by_slow * by_slow else by_slow * by_slow) / variance
+    square = unlike(off, s, slow[0], 1.0) / variance
     if square > OUTLIER_SQUARE:
         if outliers < OUTLIERS_MOST:
-            return _without_heading(before, time, Covariance(*covariance), means)
+            return _without_heading(before, time, Covariance(*covariance), means, blocks)
         square = OUTLIER_SQUARE
     kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
     # while a gust sets in nothing that the rudder does against it is evidence
     most = 0.0 if is_gust else MOST_AT_ONCE
-    least = LEAST_SHARE * usual / shown
-    least = least if least > LEAST[0] else LEAST[0]
-    least = weaker * (least if least < LEAST[1] else LEAST[1])
     off_some, off_some_late = off - least * s, off - least * s_late
     # how much the boat slides is known by what came before, so that no heading explains itself
     g, left_over = slide[0], off_some
-    off_some -= slide_share(slid) * g
+    off_some -= shares[2] * g
     off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
     square_none, square_some, square_some_late = off * off, off_some * off_some, off_some_late * off_some_late
     stuck, stuck_late, turned, turned_late = all_grown(
@@ -270,10 +273,13 @@ def response_step(
         USUAL_SURE + remembered * (shown - USUAL_SURE) + learns * s * s,
         others,
         others.colour if learns > 0.0 else before.usual_colour,
+        blocks,
     )
 
 
-def _without_heading(before: ResponseState, time: float, covariance: Covariance, means: Means) -> ResponseState:
+def _without_heading(
+    before: ResponseState, time: float, covariance: Covariance, means: Means, blocks: Blocks
+) -> ResponseState:
     """Return what is known at `time` [s] of a heading that is left out."""
     mean, answer, late, slide, slow = means
     _, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before.others
@@ -296,6 +302,7 @@ def _without_heading(before: ResponseState, time: float, covariance: Covariance,
         before.shown,
         others,
         before.usual_colour,
+        blocks,
     )
 
 
@@ -407,28 +414,72 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
             others.colour,
         ),
         after.usual_colour,
+        no_more_blocks(before.blocks, after.blocks),
     )
 
 
 def acquitted(response: ResponseState) -> ResponseState:
-    """Return the same with no more evidence against the rudder than makes as much again as was a doubt a verdict."""
-    most = SURE - DOUBTED
+    """Return the same with no more evidence against the rudder, in both seas together, than makes as much again as was
+    a doubt a verdict."""
+    most, blocks = 0.5 * (SURE_TURNING[0] - DOUBTED), response.blocks
     return response._replace(
         stuck=min(response.stuck, most),
         stuck_late=min(response.stuck_late, most),
         reversed=min(response.reversed, most),
         reversed_late=min(response.reversed_late, most),
+        blocks=blocks._replace(
+            stuck=min(blocks.stuck, most),
+            stuck_late=min(blocks.stuck_late, most),
+            reversed=min(blocks.reversed, most),
+            reversed_late=min(blocks.reversed_late, most),
+        ),
     )
 
 
-def verdict(response: ResponseState) -> int:
-    """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite."""
-    if response.stuck < SURE and response.reversed < SURE:
+def verdict(response: ResponseState, sure: tuple[float, float, float]) -> int:
+    """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite. sure:
+    so much evidence together, by headings, and by blocks is `enough`."""
+    together, headings, blocks = sure
+    if response.stuck < headings and response.reversed < headings:
         return 0
-    sure = SURE * max(response.usual_colour / COLOUR_KNOWN, 1.0)
-    if response.reversed >= sure and response.reversed_late >= sure:
+    (stuck, wrong), (stuck_too, wrong_too) = by_headings(response), by_blocks(response)
+    if wrong >= headings and wrong_too >= blocks and wrong + wrong_too >= together:
         return -1
-    return 1 if response.stuck >= sure and response.stuck_late >= sure else 0
+    return 1 if stuck >= headings and stuck_too >= blocks and stuck + stuck_too >= together else 0
+
+
+def by_headings(response: ResponseState) -> tuple[float, float]:
+    """Return how much likelier it is, heading by heading in the sea that is estimated, that the rudder is stuck than
+    that the boat answers, and that it is reversed; less where the sea is another."""
+    known = 1.0 / max(response.usual_colour / COLOUR_KNOWN, 1.0)
+    return known * min(response.stuck, response.stuck_late), known * min(response.reversed, response.reversed_late)
+
+
+def by_blocks(response: ResponseState) -> tuple[float, float]:
+    """Return the same in the sea that was learnt."""
+    blocks = response.blocks
+    return min(blocks.stuck, blocks.stuck_late), min(blocks.reversed, blocks.reversed_late)
+
+
+def enough(carried: float, holds_course: bool) -> tuple[float, float, float]:
+    """Return how much evidence is enough on a course, or in a turn: there what was `carried` into it counts as the same
+    share of a verdict as on the course."""
+    share = 1.0 if holds_course else carried
+    return (
+        SURE_TURNING[0] + (SURE[0] - SURE_TURNING[0]) * share,
+        SURE_TURNING[1] + (SURE[1] - SURE_TURNING[1]) * share,
+        SURE_TURNING[2] + (SURE[2] - SURE_TURNING[2]) * share,
+    )
+
+
+def carried_on(before: float, response: ResponseState, holds_course: bool, dt: float) -> float:
+    """Return what a turn carries of evidence from before it, as a share of a verdict, `dt` [s] after `before`: it fades
+    as all evidence does."""
+    if not holds_course:
+        return before * math.exp(-dt / FADES_TIME)
+    (stuck, wrong), (stuck_too, wrong_too) = by_headings(response), by_blocks(response)
+    share = max(stuck + stuck_too, wrong + wrong_too) / SURE[0]
+    return share if share < 1.0 else 1.0
 
 
 def is_doubtful(response: ResponseState) -> bool:
@@ -452,12 +503,17 @@ slow rudder, or a boat that turns more than the model allows for. Of several the
 
 def other_verdict(others: Others) -> int:
     """Return what boat and rudder turn out to be."""
-    if others.right >= SURE and others.weak >= SURE and others.strong >= SURE and others.late >= SURE:
+    if (
+        others.right >= SURE_OTHER
+        and others.weak >= SURE_OTHER
+        and others.strong >= SURE_OTHER
+        and others.late >= SURE_OTHER
+    ):
         return SLOW_RUDDER
     quick, lively = others.quick, others.lively
-    if quick[0] < SURE and lively[0] < SURE:
+    if quick[0] < SURE_OTHER and lively[0] < SURE_OTHER:
         return FILED
-    sure = SURE * max(others.colour, 1.0)
+    sure = SURE_OTHER * max(others.colour, 1.0)
     if quick[0] >= sure and quick[1] >= sure:
         return QUICKER
     return LIVELIER if lively[0] >= sure and lively[1] >= sure else FILED

@@ -42,6 +42,8 @@ from autopilot.supervision.rudder_response import (
     ResponseState,
     Rudders,
     acquitted,
+    carried_on,
+    enough,
     first_response,
     is_doubtful,
     other_verdict,
@@ -240,7 +242,7 @@ class Evidence(NamedTuple):
     response: what is known; seaway: the seas met; heading [rad]: the newest, and how many `same` ones there were in a
     row; late_until [s]: until then nothing is evidence; slow [rad]: where a slow rudder would stand at slow_time [s],
     nan where that is out of question; speed [m/s]: the model's of late; worked [rad^2]: the mean square of the
-    rudder on a course in a sea."""
+    rudder on a course in a sea; carried: into a turn, see `carried_on`."""
 
     since: float = math.nan
     response: ResponseState = NO_RESPONSE
@@ -253,6 +255,7 @@ class Evidence(NamedTuple):
     speed: float = math.nan
     slide: float = 0.0
     worked: float = 0.0
+    carried: float = 0.0
 
 
 NOTHING_KNOWN = Evidence()
@@ -267,7 +270,7 @@ def evidence_step(
 ) -> Evidence:
     """Return what is known after a tick and a heading [rad] `measured` at its time [s], not numbers where none came.
     rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
-    since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked = before
+    since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried = before
     (time, heading), state, now, model = measured, seen.state, seen.now, seen.model
     since = since if since == since else now  # what is no number is not itself
     late_until = now + LATE_LASTS if seen.is_late else late_until
@@ -279,12 +282,14 @@ def evidence_step(
         reach, left = limits.rudder_rate / SLOW * (now - slow_time if now > slow_time else 0.0), seen.rudder - slow
         slow_time, slow = now, slow + (-reach if left < -reach else reach if left > reach else left)
     if heading != heading:
-        return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked)
+        return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
     noise = seaway_noise(model, limits.heading_noise, state, seaway, worked)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
-        return Evidence(since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide, worked)
+        return Evidence(
+            since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide, worked, carried
+        )
     known = response.time
     # written so that it holds where nothing is known
     if not time - known <= LONGEST_GAP_S:
@@ -305,7 +310,8 @@ def evidence_step(
         at = Rudders(in_time, rudders[1], slow if slow == slow else in_time, slide, seen.weaker)
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
-    return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked)
+        carried = carried_on(carried, response, seen.holds_course, time - known)
+    return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried)
 
 
 class Response(NamedTuple):
@@ -345,7 +351,8 @@ def judge_response(
         evidence = evidence_step(evidence, limits, seen, (sample.time, sample.heading), rudders)
     response = evidence.response
     # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
-    other, found = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED, verdict(response)
+    other = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED
+    found = verdict(response, enough(evidence.carried, seen.holds_course))
     if seen.follows:
         return Response(evidence, source, other=other, verdict=found)
     is_known = not math.isnan(response.time)
@@ -354,8 +361,7 @@ def judge_response(
     is_doubted = is_doubtful(response) or now - held_off_since >= PUSHED_S
     if not is_known or doubted_trial or not is_doubted:
         return Response(evidence, source, held_off_since, doubted_trial, False, other, found)
-    response = acquitted(response)
-    return Response(evidence._replace(response=response), source, held_off_since, True, True, other, verdict(response))
+    return Response(evidence._replace(response=acquitted(response)), source, held_off_since, True, True, other)
 
 
 UNJUDGED = Response()

@@ -37,6 +37,8 @@ from autopilot.supervision.rudder_response import (
     ResponseState,
     Rudders,
     acquitted,
+    carried_on,
+    enough,
     first_response,
     is_doubtful,
     other_verdict,
@@ -53,6 +55,7 @@ BOAT = Norrbin(0.3, 4.0, n3=1.0)
 NOISE = Noise(heading=1.0e-4, acceleration=1.0e-5, push=1.0e-4, sea=1.0e-3, pace=0.6)
 DT = 0.2
 SURE = 10.4
+ON_COURSE, IN_A_TURN = (14.0, 6.0, 3.0), (11.0, 8.0, 1.0)
 
 
 class Judge:
@@ -263,33 +266,64 @@ def test_a_sea_that_nobody_has_met_may_come_on_a_new_course_only() -> None:
     assert seaway_noise(BOAT, 2.0e-4, in_waves(2.0), calm, 0.0) == noise_of(BOAT, 2.0e-4, math.radians(1.0), 0.5)
 
 
+def accused(stuck: float, stuck_too: float, wrong: float = 0.0, wrong_too: float = 0.0) -> ResponseState:
+    """Evidence by headings, and by blocks, that the rudder is stuck, and reversed, in time and late."""
+    plain = first_response(NOISE, 0.0, 0.0)
+    blocks = plain.blocks._replace(stuck=stuck_too, stuck_late=stuck_too, reversed=wrong_too, reversed_late=wrong_too)
+    return plain._replace(stuck=stuck, stuck_late=stuck, reversed=wrong, reversed_late=wrong, blocks=blocks)
+
+
 @pytest.mark.parametrize(
-    ("silent", "silent_late", "opposite", "opposite_late", "wanted"),
+    ("silent", "opposite", "wanted"),
     [
-        (SURE, SURE, 0.0, 0.0, 1),
-        (SURE, 10.3, 0.0, 0.0, 0),
-        (10.3, SURE, 0.0, 0.0, 0),
-        (99.0, 99.0, SURE, SURE, -1),
-        (99.0, 99.0, SURE, 10.3, 1),
-        (0.0, 0.0, 10.3, SURE, 0),
+        ((11.0, 3.0), (0.0, 0.0), 1),
+        ((10.9, 3.0), (0.0, 0.0), 0),
+        ((99.0, 2.9), (0.0, 0.0), 0),
+        ((6.0, 8.0), (0.0, 0.0), 1),
+        ((5.9, 99.0), (0.0, 0.0), 0),
+        ((99.0, 99.0), (6.0, 8.0), -1),
+        ((99.0, 99.0), (6.0, 7.9), 1),
+        ((0.0, 0.0), (99.0, 2.9), 0),
     ],
 )
-def test_a_verdict_takes_both_in_time_and_late(
-    silent: float, silent_late: float, opposite: float, opposite_late: float, wanted: int
+def test_a_verdict_takes_both_seas_in_time_and_late(
+    silent: tuple[float, float], opposite: tuple[float, float], wanted: int
 ) -> None:
-    memory = first_response(NOISE, 0.0, 0.0)._replace(stuck=silent, stuck_late=silent_late)
-    accused = memory._replace(reversed=opposite, reversed_late=opposite_late)
-    assert verdict(accused) == wanted
-    assert verdict(accused._replace(usual_colour=2.5)) == wanted
-    assert verdict(accused._replace(usual_colour=2.6)) == (1 if silent > SURE and wanted else 0)
+    memory = accused(*silent, *opposite)
+    assert verdict(memory, ON_COURSE) == wanted
+    assert verdict(memory._replace(usual_colour=2.5), ON_COURSE) == wanted
+    for name, less in (("stuck", 0), ("stuck_late", 0), ("reversed", -1), ("reversed_late", -1)):
+        if wanted == (1 if less == 0 else -1):
+            assert verdict(memory._replace(**{name: 0.0}), ON_COURSE) != wanted
+            assert verdict(memory._replace(blocks=memory.blocks._replace(**{name: 0.0})), ON_COURSE) != wanted
+
+
+def test_a_turn_asks_for_less_evidence_but_for_what_was_carried_into_it() -> None:
+    """14 on a course, 11 in a turn; what was four fifths of a verdict on the course is as much as the turn begins, and
+    fades in 20 s."""
+    assert (enough(0.0, True), enough(1.0, True)) == (ON_COURSE, ON_COURSE)
+    assert (enough(0.0, False), enough(1.0, False)) == (IN_A_TURN, ON_COURSE)
+    nearly = accused(8.2, 3.0)
+    carried = carried_on(0.0, nearly, True, 0.1)
+    assert carried == pytest.approx(0.8)
+    assert carried_on(0.3, accused(99.0, 9.0), True, 0.1) == 1.0
+    assert carried_on(0.3, accused(0.0, 0.0, 4.0, 3.0), True, 0.1) == pytest.approx(0.5)
+    turning = carried_on(carried, nearly, False, 0.1)
+    assert enough(turning, False)[0] == pytest.approx(11.0 + 3.0 * 0.8 * math.exp(-0.1 / 20.0))
+    assert verdict(nearly, enough(turning, False)) == 0
+    for _ in range(200):
+        turning = carried_on(turning, nearly, False, 0.1)
+    assert enough(turning, False)[1:] == pytest.approx(
+        (8.0 - 2.0 * 0.8 * math.exp(-20.1 / 20.0), 1.0 + 2.0 * 0.8 * math.exp(-20.1 / 20.0))
+    )
+    assert verdict(nearly, enough(0.0, False)) == 1
 
 
 def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() -> None:
     """Of a sea eight times as coloured as noise; what is suspect is not the sea's."""
     for share, wanted in ((1.01, -1), (0.99, 0)):
-        evidence = share * 8.0 / 2.5 * SURE
-        memory = first_response(NOISE, 0.0, 0.0)._replace(reversed=evidence, reversed_late=evidence, usual_colour=8.0)
-        assert verdict(memory) == wanted
+        memory = accused(0.0, 0.0, share * 8.0 / 2.5 * 6.0, 8.0)._replace(usual_colour=8.0)
+        assert verdict(memory, ON_COURSE) == wanted
     for opposite, learns in ((0.0, True), (5.0, False)):
         memory = first_response(NOISE, 0.0, 0.0)._replace(reversed=opposite)
         memory = memory._replace(others=NO_OTHERS._replace(left=8.0, colour=8.0))
@@ -358,10 +392,12 @@ def test_a_doubt_is_evidence_of_seven_and_what_was_doubted_begins_with_half_a_ve
     memory = first_response(NOISE, 0.0, 0.0)._replace(stuck=silent[0], stuck_late=silent[1])
     memory = memory._replace(reversed=opposite[0], reversed_late=opposite[1])
     assert is_doubtful(memory) is (min(silent) >= 7.0 or min(opposite) >= 7.0)
-    most = pytest.approx(SURE - 7.0)
-    found = acquitted(memory)
-    assert (found.stuck, found.stuck_late, found.reversed, found.reversed_late) == (most, most, most, most)
-    little = memory._replace(stuck=1.0, stuck_late=2.0, reversed=3.0, reversed_late=0.5)
+    # a doubt more makes a verdict
+    most = pytest.approx(0.5 * (11.0 - 7.0))
+    found = acquitted(memory._replace(blocks=accused(0.0, 9.0, 0.0, 9.0).blocks))
+    for each in (found, found.blocks):
+        assert (each.stuck, each.stuck_late, each.reversed, each.reversed_late) == (most, most, most, most)
+    little = memory._replace(stuck=1.0, stuck_late=2.0, reversed=2.0, reversed_late=0.5)
     assert acquitted(little) == little
 
 
@@ -453,7 +489,7 @@ def test_after_a_second_without_a_heading_and_with_another_compass_it_begins_ane
 
 
 def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks = Looks(monkeypatch, reversed=99.0, reversed_late=99.0)
+    looks = Looks(monkeypatch, reversed=99.0, reversed_late=99.0, blocks=accused(0.0, 0.0, 0.0, 9.0).blocks)
     looks.update(0.1, is_late=True)
     assert [looks.update(0.1) for _ in range(10)] == [""] * 8 + ["rudder_reversed"] * 2
 
@@ -575,7 +611,7 @@ def test_what_is_three_times_as_strange_is_not_what_turns_the_boat(misfit: float
     assert (after.others.weak > 1.0, after.others.right > 1.0) == (counts, counts), "nor what a slow rudder explains"
 
 
-def evidence_after(number: int) -> tuple[float, float, float]:
+def evidence_after(number: int) -> tuple[float, float, float, float, float]:
     """Of a boat that turns beside its rudder, with a wild heading now and then."""
     memory = first_response(NOISE, 0.0, 0.1)
     for tick in range(1, number):
@@ -585,7 +621,7 @@ def evidence_after(number: int) -> tuple[float, float, float]:
         memory = response_step(
             memory, BOAT, noise, 0.01, (now, heading), Rudders(rudder, 0.9 * rudder, rudder, 0.0, 1.0)
         )
-    return memory.stuck, memory.reversed, memory.others.colour
+    return memory.stuck, memory.reversed, memory.blocks.stuck, memory.blocks.reversed, memory.others.colour
 
 
 def test_compiled_evidence_is_the_same() -> None:
@@ -612,8 +648,8 @@ def judged_turn(share: float, drag: float, slides: bool) -> tuple[int, float]:
         slide = slide_step(BOAT, slide, rate, 0.6, DT) if slides else 0.0
         shown = heading + 0.005 * random.standard_normal()
         memory = response_step(memory, BOAT, NOISE, rate, (now, shown), Rudders(rudder, late, rudder, slide, 1.0))
-        if verdict(memory):
-            return verdict(memory), now
+        if verdict(memory, IN_A_TURN):
+            return verdict(memory, IN_A_TURN), now
     return 0, math.inf
 
 

@@ -14,6 +14,8 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.supervision.response_filter import (
     NO_SLIDE,
     NOTHING,
+    PUSH_UNKNOWN,
+    RATE_UNKNOWN,
     STEEPEST,
     Covariance,
     Noise,
@@ -27,8 +29,6 @@ from autopilot.supervision.response_filter import (
     transition_of,
 )
 from autopilot.supervision.rudder_response import (
-    PUSH_UNKNOWN,
-    RATE_UNKNOWN,
     first_response,
 )
 

@@ -1,0 +1,316 @@
+"""What the rudder's answer leaves over, in blocks, with its spectrum learnt: so that a sea is weighed as it is.
+
+A boat that answers leaves d, what sea, wind and gusts do; one that does not leaves d and what it was ordered, L d, the
+loop's own answer to d. By a filter that supposes a spectrum F of d, and with S = 1/(1 + L) what the loop leaves of d,
+a healthy boat shows evidence against its rudder of
+
+    1/2 integral (D/F) (1 - |S|^2) df    a second,
+
+D being the true spectrum of d. Where D/F is the same everywhere that is never positive: the integral of log |S|^2 is 0
+(Bode 1945), and 1 - x <= -log x. Where D is larger than F just where the rudder works, in a gust or in a narrow swell
+that is quicker or slower than supposed, a healthy rudder is accused. So F must be D in its shape: it is learnt.
+
+The innovations and the answers of a filter that supposes a slight sea, over their standard deviation, are summed over
+blocks. Of what the usual share of the answer leaves, the covariances of up to four blocks are kept, while nothing is
+suspect; the predictor of each block from the four before it, and its variance, follow by Levinson's recursion. The same
+predictor is taken from innovation and answers alike, and what is then left of a boat that answers is white: a fault is
+weighed in the sea that was there before it.
+
+Sources: Bode 1945, Network Analysis and Feedback Amplifier Design; Levinson 1947; Ljung 1999, System Identification,
+section 13.4: in a closed loop the answer to an input is found without bias where the noise has a model of its own.
+Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import PI, wrap
+from autopilot.models.norrbin import Norrbin
+from autopilot.supervision.response_filter import (
+    NOTHING,
+    Covariance,
+    Mean,
+    Noise,
+    all_corrected,
+    first_covariance,
+    foreseen,
+    unlike,
+)
+from autopilot.supervision.tuning import (
+    ANSWERS_MOST,
+    BLOCK_S,
+    FADES_TIME,
+    GUST,
+    LITTLE,
+    MOST_OF_BLOCK,
+    OUTLIER,
+    OUTLIERS_MOST,
+    REVERSED_SHARE,
+    SEA_SLIGHT,
+    SEA_SLOWEST,
+    SPECTRUM_FIRST,
+    SPECTRUM_LEAST,
+    SPECTRUM_SURE,
+    SPECTRUM_TIME,
+    TAILS,
+    UNEXPLAINED,
+    UNEXPLAINED_TIME,
+)
+
+OUTLIER_SQUARE = OUTLIER * OUTLIER
+"""Beyond so many variances a heading is left out."""
+
+Block = tuple[float, float, float, float]
+"""Innovation, answers to the rudder, in time and late, and to what brakes a boat that slides [standard deviations]."""
+EMPTY: Block = (0.0, 0.0, 0.0, 0.0)
+Covariances = tuple[float, float, float, float, float]
+"""Of blocks no, one, two, three and four apart."""
+REFLECTED_MOST = 0.98
+"""A swell whose waves die away no slower than by 2 % a block."""
+
+
+class Spectrum(NamedTuple):
+    """begun [s]: the first heading of the block that is going on, many: how many it has, sums: of theirs; past: the
+    last four blocks, the newest first; sums_apart and weight: what the usual share of the answer left, its products
+    with what it left so many blocks before, and how many there were; lately and lately_weight: the same since there was
+    no evidence of a fault last, which is not learnt yet."""
+
+    begun: float
+    many: float
+    sums: Block
+    past: tuple[Block, Block, Block, Block]
+    sums_apart: Covariances
+    weight: float
+    lately: Covariances
+    lately_weight: float
+
+
+NOTHING_LATELY: Covariances = (0.0, 0.0, 0.0, 0.0, 0.0)
+NO_SPECTRUM = Spectrum(
+    math.nan, 0.0, EMPTY, (EMPTY, EMPTY, EMPTY, EMPTY), SPECTRUM_FIRST, SPECTRUM_SURE, NOTHING_LATELY, 0.0
+)
+
+
+def strength(spectrum: Spectrum) -> float:
+    """Return how many times the supposed sea's variance that of a block is, 1 at least."""
+    found = (spectrum.sums_apart[0] + SPECTRUM_LEAST) / (spectrum.weight + SPECTRUM_LEAST)
+    return found if found > 1.0 else 1.0
+
+
+def summed(before: Spectrum, time: float, seen: Block, variance: float) -> tuple[Spectrum, bool]:
+    """Return the same with what is `seen` [rad] at `time` [s], the innovation's variance being so large [rad^2], and
+    whether the block is whole."""
+    begun, many, (off, s, late, braked), past, apart, weight, lately, lately_weight = before
+    root, begun = 1.0 / math.sqrt(variance), time if many == 0.0 else begun
+    sums = (off + root * seen[0], s + root * seen[1], late + root * seen[2], braked + root * seen[3])
+    # half a tick's jitter is no more than that
+    return Spectrum(begun, many + 1.0, sums, past, apart, weight, lately, lately_weight), time - begun > BLOCK_S - 0.01
+
+
+def emptied(before: Spectrum) -> Spectrum:
+    """Return the same without the block that is going on."""
+    _, _, _, past, apart, weight, lately, lately_weight = before
+    return Spectrum(math.nan, 0.0, EMPTY, past, apart, weight, lately, lately_weight)
+
+
+def whitened(before: Spectrum, share: float) -> tuple[Block, float, Spectrum]:
+    """Return what of a whole block the four before it did not predict, its variance, and what is known after it.
+    share: of the answer that the boat usually has."""
+    _, many, (off, s, late, braked), past, apart, weight, lately, lately_weight = before
+    root, (one, two, three, four) = 1.0 / math.sqrt(many), past
+    now = (root * off, root * s, root * late, root * braked)
+    a1, a2, a3, a4, variance = predictor(apart, weight)
+    off, s, late, braked = (
+        now[0] - a1 * one[0] - a2 * two[0] - a3 * three[0] - a4 * four[0],
+        now[1] - a1 * one[1] - a2 * two[1] - a3 * three[1] - a4 * four[1],
+        now[2] - a1 * one[2] - a2 * two[2] - a3 * three[2] - a4 * four[2],
+        now[3] - a1 * one[3] - a2 * two[3] - a3 * three[3] - a4 * four[3],
+    )
+    left = now[0] - share * now[1] - now[3]
+    lately = (
+        lately[0] + left * left,
+        lately[1] + left * (one[0] - share * one[1] - one[3]),
+        lately[2] + left * (two[0] - share * two[1] - two[3]),
+        lately[3] + left * (three[0] - share * three[1] - three[3]),
+        lately[4] + left * (four[0] - share * four[1] - four[3]),
+    )
+    after = Spectrum(math.nan, 0.0, EMPTY, (now, one, two, three), apart, weight, lately, lately_weight + 1.0)
+    return (off, s, late, braked), variance, after
+
+
+def learnt(before: Spectrum) -> Spectrum:
+    """Return the same where there is no evidence of a fault: none had begun until now, and what was left lately is the
+    sea's."""
+    begun, many, sums, past, apart, weight, lately, more = before
+    kept = math.exp(-BLOCK_S * more / SPECTRUM_TIME)
+    apart = (
+        kept * apart[0] + lately[0],
+        kept * apart[1] + lately[1],
+        kept * apart[2] + lately[2],
+        kept * apart[3] + lately[3],
+        kept * apart[4] + lately[4],
+    )
+    return Spectrum(begun, many, sums, past, apart, kept * weight + more, NOTHING_LATELY, 0.0)
+
+
+def predictor(apart: Covariances, weight: float) -> tuple[float, float, float, float, float]:
+    """Return how much of each of the four blocks before is in the next, and the variance of what is not, by Levinson's
+    recursion. SPECTRUM_LEAST blocks of white noise are supposed beside those that were seen."""
+    total = weight + SPECTRUM_LEAST
+    r0, r1, r2 = (apart[0] + SPECTRUM_LEAST) / total, apart[1] / total, apart[2] / total
+    r3, r4 = apart[3] / total, apart[4] / total
+    a1 = _reflected(r1 / r0)
+    left = r0 * (1.0 - a1 * a1)
+    k = _reflected((r2 - a1 * r1) / left)
+    a1, a2, left = a1 - k * a1, k, left * (1.0 - k * k)
+    k = _reflected((r3 - a1 * r2 - a2 * r1) / left)
+    a1, a2, a3, left = a1 - k * a2, a2 - k * a1, k, left * (1.0 - k * k)
+    k = _reflected((r4 - a1 * r3 - a2 * r2 - a3 * r1) / left)
+    return a1 - k * a3, a2 - k * a2, a3 - k * a1, k, left * (1.0 - k * k)
+
+
+def _reflected(k: float) -> float:
+    """Return a reflection coefficient within what a spectrum can have: products that fade are not quite one's."""
+    return REFLECTED_MOST if k > REFLECTED_MOST else k if k > -REFLECTED_MOST else -REFLECTED_MOST
+
+
+class Blocks(NamedTuple):
+    """What is known in the sea that was learnt. In a slight sea covariance and mean of a boat without a rudder, answers
+    to the rudder [rad], in time, late and of a slow one, and to what brakes a boat that slides; spectrum: of what is
+    left; how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it is
+    reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were."""
+
+    covariance: Covariance
+    mean: Mean
+    answer: Mean
+    late: Mean
+    slide: Mean
+    slow: Mean
+    spectrum: Spectrum
+    stuck: float
+    stuck_late: float
+    reversed: float
+    reversed_late: float
+    unexplained: float
+    outliers: int
+
+
+def slight_sea(noise: Noise) -> Noise:
+    """Return the noise in a slight sea, whatever sea there is: how that differs is learnt."""
+    return Noise(noise.heading, noise.acceleration, noise.push, SEA_SLIGHT, SEA_SLOWEST)
+
+
+def first_blocks(noise: Noise, heading: float) -> Blocks:
+    """Return what is known after the first heading [rad]."""
+    covariance, mean = first_covariance(slight_sea(noise)), (heading, 0.0, 0.0, 0.0)
+    return Blocks(covariance, mean, NOTHING, NOTHING, NOTHING, NOTHING, NO_SPECTRUM, 0.0, 0.0, 0.0, 0.0, 1.0, 0)
+
+
+def likelier(evidence: float, square: float, other: float, variance: float, most: float) -> float:
+    """Return the `evidence` with what a block adds, `most` at most, of which one answer leaves a `square` and the other
+    one another: how much likelier the other is, both over the variance as Student's t."""
+    more = 0.5 * (TAILS + 1.0) * math.log((TAILS * variance + square) / (TAILS * variance + other))
+    evidence += most if more > most else more
+    return evidence if evidence > 0.0 else 0.0
+
+
+def blocks_step(
+    before: Blocks,
+    model: Norrbin,
+    noise: Noise,
+    steered: tuple[float, tuple[float, float, float, float]],
+    newest: tuple[float, float, float],
+    shares: tuple[float, float, float],
+) -> Blocks:
+    """Return what is known after the `newest` heading [rad], at a time [s] and so long [s] after the one before, in a
+    slight sea, whatever sea there is. steered: as `foreseen` has it; shares: the least of the model's answer of a boat
+    that answers, the usual one, and how much this one slides."""
+    known, mean, answer, late, slide, slow, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = (
+        before
+    )
+    (time, dt, heading), (least, usual, slides) = newest, shares
+    is_gust = unexplained > UNEXPLAINED
+    noise, passed = slight_sea(noise), (noise.push + GUST if is_gust else noise.push, dt)
+    covariance, gains, known, means = foreseen(model, noise, known, (mean, answer, late, slide, slow), steered, passed)
+    variance = gains[0]
+    mean, answer, late, slide, slow = means
+    off, s, s_late = heading - mean[0], answer[0], late[0]
+    off = off if -PI < off <= PI else wrap(off)
+    square = unlike(off, s, slow[0], ANSWERS_MOST) / (variance * strength(spectrum))
+    if square > OUTLIER_SQUARE:
+        square = OUTLIER_SQUARE
+        if outliers < OUTLIERS_MOST:
+            known = Covariance(*covariance)
+            return Blocks(
+                known,
+                mean,
+                answer,
+                late,
+                slide,
+                slow,
+                spectrum,
+                stuck,
+                stuck_late,
+                wrong,
+                wrong_late,
+                unexplained,
+                outliers + 1,
+            )
+    unexplained += (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained)
+    spectrum, is_whole = summed(spectrum, time, (off, s, s_late, slides * slide[0]), variance)
+    if is_whole:
+        (z, x, x_late, braked), left, spectrum = whitened(spectrum, usual)
+        kept = math.exp(-BLOCK_S / FADES_TIME)
+        some, some_late = z - least * x - braked, z - least * x_late
+        opposite, opposite_late = z - REVERSED_SHARE * x, z - REVERSED_SHARE * x_late
+        # while a gust sets in nothing that the rudder does against it is evidence; one that sets in gently, or turns a
+        # slow boat, shows in no single heading but in the block
+        now = spectrum.past[0]
+        is_gust = is_gust or unlike(now[0], now[1], math.inf, ANSWERS_MOST) > UNEXPLAINED * strength(spectrum)
+        most = 0.0 if is_gust else MOST_OF_BLOCK
+        stuck = likelier(kept * stuck, some * some, z * z, left, most)
+        stuck_late = likelier(kept * stuck_late, some_late * some_late, z * z, left, most)
+        wrong = likelier(kept * wrong, some * some, opposite * opposite, left, most)
+        wrong_late = likelier(kept * wrong_late, some_late * some_late, opposite_late * opposite_late, left, most)
+        # a cumulative sum that is nothing says that no fault has begun until now
+        spectrum = learnt(spectrum) if stuck < LITTLE and wrong < LITTLE else spectrum
+    mean, answer, late, slide, slow = all_corrected(gains, means, off)
+    return Blocks(
+        known,
+        mean,
+        answer,
+        late,
+        slide,
+        slow,
+        spectrum,
+        stuck,
+        stuck_late,
+        wrong,
+        wrong_late,
+        unexplained,
+        0,
+    )
+
+
+def no_more_blocks(before: Blocks, after: Blocks) -> Blocks:
+    """Return `after` with no more evidence against the rudder than `before`."""
+    known, mean, answer, late, slide, slow, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = (
+        after
+    )
+    return Blocks(
+        known,
+        mean,
+        answer,
+        late,
+        slide,
+        slow,
+        emptied(spectrum),
+        min(before.stuck, stuck),
+        min(before.stuck_late, stuck_late),
+        min(before.reversed, wrong),
+        min(before.reversed_late, wrong_late),
+        unexplained,
+        outliers,
+    )
