@@ -114,7 +114,8 @@ class Killed(NamedTuple):
     until it let go, 0 where it was not held.  ticks: in the log; replays: whether they replay bit for bit, False
     where there was no log yet.  unlogged_s: age, at the kill, of the
     last override that reached the vehicle and is not in the log, behind the first such one: 0 where all are.
-    resumed: the process had engaged by itself, from the note of the one before.
+    resumed: the process had engaged by itself, from the note of the one before.  starved: it had waited for a core for
+    longer than it ran.
     """
 
     had_engaged: bool
@@ -124,6 +125,7 @@ class Killed(NamedTuple):
     replays: bool
     unlogged_s: float
     resumed: bool
+    starved: bool
 
 
 def waited_more_than_it_ran(pid: int) -> bool:
@@ -169,6 +171,7 @@ class KillingField:
                     self._turn += 1
                     return None
                 self.vehicle.run_for(self._random.uniform(0.0, 3.0))
+            starved = waited_more_than_it_ran(process.pid)
             process.send_signal(signal.SIGKILL)
             process.wait()
         # what was under way arrives, in the vehicle's time of now: the wait for the end may have been long
@@ -181,7 +184,8 @@ class KillingField:
         assert abs(self.vehicle.rudder) < math.radians(1.0), "the rudder did not come back"
         self._turn += 1
         ticks, replays, unlogged = self._look_into(logs, self.vehicle.overrides[first:])
-        return Killed(was_held and not is_early, over, released, ticks, replays, unlogged, resumes and not is_early)
+        engaged, resumed = was_held and not is_early, resumes and not is_early
+        return Killed(engaged, over, released, ticks, replays, unlogged, resumed, starved)
 
     def _is_steered(self, first: int) -> bool:
         """The pulse that proves who steers is an override too: steering is a rudder laid over, or many of them."""
