@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.errors import InputError
 from autopilot.models.steering_gear import SteeringGear, gear_step_by
-from autopilot.models.weather import GRAVITY
 from sitl.boat import BoatState, Disturbance, Hull, PlantStep, Step
 
 if TYPE_CHECKING:
@@ -28,6 +27,8 @@ AIR_DENSITY = 1.225
 """[kg/m^3], the standard atmosphere."""
 WATER_DENSITY = 1000.0
 """[kg/m^3] of a towing tank."""
+GRAVITY = 9.80665
+"""[m/s^2], the standard one."""
 SLIGHT = math.radians(0.5)
 """Rudder [rad] that shows what a rudder near amidships does."""
 
