@@ -67,7 +67,7 @@ class Px4(Firmware):
         self._integral = 0.0
         model = world.vessel.model
         self._wheel_base = model.reference_speed_m_s / model.K_1_s
-        """RA_WHEEL_BASE as who tunes it for a boat would have it: a rudder turns it as the wheels turn so long a car."""
+        """RA_WHEEL_BASE as who tunes it for a boat would have it: a rudder turns it as wheels turn so long a car."""
         self._angle_max = math.radians(world.vessel.rudder.angle_max_deg)
         super().__init__(world)
 
