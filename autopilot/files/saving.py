@@ -293,7 +293,7 @@ def write_new(path: Path, write: Callable[[Path], object], *, private: bool = Fa
         write(Path(temporary))
         os.fsync(descriptor)
         with _where_it_can_be(not private):
-            os.fchmod(descriptor, 0o600 if private else _become(descriptor, path))
+            os.fchmod(descriptor, _become(descriptor, path, private=private))
         Path(temporary).replace(path)
         sync_folder(path.parent)
     except BaseException:
@@ -304,17 +304,23 @@ def write_new(path: Path, write: Callable[[Path], object], *, private: bool = Fa
         os.close(descriptor)
 
 
-def _become(descriptor: int, path: Path) -> int:
-    """Give the open file to whom the file at `path` is, and return the mode for it: that file's.
-
-    Where there is none, or it may not be given away, it is a new file of this user's.
+def _become(descriptor: int, path: Path, *, private: bool) -> int:
+    """Give the open file to whom the file at `path` is, as far as this user may, and return the mode for it: that
+    file's, or 0600 for a private one. That is given to the owner of the folder alone: somebody else who put a file
+    there would get to know what is in it.
     """
-    with contextlib.suppress(OSError):
-        before = path.stat()
-        os.fchown(descriptor, before.st_uid, before.st_gid)
-        return before.st_mode & 0o777
-    # mkstemp's 0600 would lock out the user's other programs
-    return 0o666 & ~_umask()
+    try:
+        before, folder = path.stat(), path.parent.stat()
+    except OSError:
+        # mkstemp's 0600 would lock out the user's other programs
+        return 0o600 if private else 0o666 & ~_umask()
+    if private and before.st_uid != folder.st_uid:
+        return 0o600
+    for owner in (before.st_uid, -1):
+        with contextlib.suppress(OSError):
+            os.fchown(descriptor, owner, before.st_gid)
+            break
+    return 0o600 if private else before.st_mode & 0o777
 
 
 def refuse_in_use(path: Path) -> None:

@@ -71,7 +71,6 @@ def test_what_replaces_a_file_is_its_owners_where_it_may_be(
 ) -> None:
     path = tmp_path / "mine"
     save(path, text)
-    new = path.stat()
     path.chmod(0o640)
     if os.geteuid() == 0:
         os.chown(path, 4711, 4712)
@@ -81,13 +80,28 @@ def test_what_replaces_a_file_is_its_owners_where_it_may_be(
     assert after.st_ino != before.st_ino
     assert (after.st_uid, after.st_gid, after.st_mode) == (before.st_uid, before.st_gid, before.st_mode)
 
-    def refused(*_: object) -> None:
-        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+    asked = []
+
+    def refused(_: int, owner: int, group: int) -> None:
+        asked.append((owner, group))
+        if owner != -1:
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
 
     monkeypatch.setattr(os, "fchown", refused)
     save(path, text)
-    other = path.stat()
-    assert (other.st_uid, other.st_mode) == (os.geteuid(), new.st_mode), "a new file of who wrote it"
+    assert asked == [(before.st_uid, before.st_gid), (-1, before.st_gid)], "the group at least"
+    assert path.stat().st_mode == before.st_mode, "and nobody else may read it"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_a_private_file_stays_that_of_the_folders_owner_and_of_nobody_else(tmp_path: Path) -> None:
+    path = tmp_path / "key"
+    for folder, owner in ((0, 0), (4711, 4711)):
+        path.write_text("of somebody")
+        os.chown(path, 4711, 4712)
+        os.chown(tmp_path, folder, 0)
+        replace_file(path, "secret", private=True)
+        assert (path.stat().st_uid, path.stat().st_mode & 0o777) == (owner, 0o600)
 
 
 @EACH
