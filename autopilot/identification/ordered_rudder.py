@@ -258,7 +258,8 @@ def _low_pass(values: FloatArray, dt: float, tau: float) -> FloatArray:
     share = -math.expm1(-dt / tau)
     bands = np.ones((2, values.size))
     bands[1] = share - 1.0
-    return np.asarray(solve_banded((1, 0), bands, np.append(values[0], share * values[1:])))
+    driven = np.append(values[0], share * values[1:])
+    return np.asarray(solve_banded((1, 0), bands, driven, check_finite=False))
 
 
 def _remembered(residual: FloatArray) -> float:
