@@ -98,7 +98,7 @@ def tree(wheel: Path, folder: Path, architecture: str, python: str) -> None:
     commands = folder / "usr/bin"
     commands.mkdir(parents=True)
     for name, call in (
-        ("autopilot", "from autopilot.entry import autopilot as main"),
+        ("autopilot", "from autopilot.__main__ import autopilot as main"),
         ("sitl", "from sitl.__main__ import main"),
     ):
         script = home / "bin" / name

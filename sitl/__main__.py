@@ -1,6 +1,6 @@
 """`python -m sitl` is the `sitl` command, and how it is started."""
 
-from autopilot.entry import start
+from autopilot.__main__ import start
 
 
 def main(program: str = "sitl") -> None:

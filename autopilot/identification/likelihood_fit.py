@@ -15,9 +15,12 @@ import numpy as np
 
 from autopilot.identification.likelihood_record import (
     NORRBIN,
+    Beside,
     Form,
     Record,
     Scales,
+    Surroundings,
+    beside_of,
     blur_of,
     instruments,
     record_of,
@@ -34,7 +37,6 @@ from autopilot.identification.likelihood_search import (
     inverse,
     maximised,
 )
-from autopilot.identification.likelihood_surroundings import Beside, Surroundings, beside_of
 from autopilot.identification.marginal_likelihood import (
     Rates,
     Weather,

@@ -33,8 +33,8 @@ from autopilot.identification.likelihood_fit import (
     likelihood_fit,
     start_rates,
 )
+from autopilot.identification.likelihood_record import Surroundings, usual_race
 from autopilot.identification.likelihood_search import SWAY
-from autopilot.identification.likelihood_surroundings import Surroundings, usual_race
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.one_boat import differing
 from autopilot.identification.residual_tests import answered_share, predict, simulate_run

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from autopilot.identification.likelihood_record import Record, rudder_on
-from autopilot.identification.likelihood_surroundings import RACE_DOUBT, WIDE, Beside, usual_race
+from autopilot.identification.likelihood_record import RACE_DOUBT, WIDE, Beside, Record, rudder_on, usual_race
 from autopilot.identification.marginal_likelihood import (
     Path,
     Rates,

@@ -27,7 +27,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Identified, Question, Steps, identified_from
-from autopilot.identification.likelihood_surroundings import USUAL_RACE, usual_race
+from autopilot.identification.likelihood_record import USUAL_RACE, usual_race
 from autopilot.identification.output_error import Solution, solve
 from autopilot.identification.residuals import NO_TRIMS, Fitted, RunTrims, typical_rate
 from autopilot.identification.rudder_path import DIRECT, RudderTrain

@@ -49,7 +49,7 @@ def test_a_command_ends_as_it_does_with_open_streams(words: str, code: int, clos
 @pytest.mark.parametrize("closing", CLOSINGS)
 def test_no_file_that_is_opened_later_becomes_a_standard_stream(closing: str) -> None:
     script = (
-        "import os, subprocess, sys; from autopilot.entry import start\n"
+        "import os, subprocess, sys; from autopilot.__main__ import start\n"
         "def run():\n"
         "    opened = os.open(os.devnull, os.O_RDONLY)\n"
         "    subprocess.run(['sh', '-c', ': <&0 >&1 2>&2'], check=True)\n"

@@ -12,9 +12,8 @@ from zigzag_trials import RECORDINGS
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_fit import memory_of, scales
-from autopilot.identification.likelihood_record import NORRBIN, blur_of, record_of
+from autopilot.identification.likelihood_record import NORRBIN, Surroundings, beside_of, blur_of, record_of
 from autopilot.identification.likelihood_search import Space
-from autopilot.identification.likelihood_surroundings import Surroundings, beside_of
 from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import DIRECT
