@@ -57,9 +57,11 @@ from autopilot.supervision.tuning import (
     ASSUMED_RATE,
     AT_THE_STOP,
     AT_THE_STOP_TIME,
+    CATCHES_UP,
     CHANGED_TIME,
     FAR,
     FROZEN_SAMPLES,
+    HELD_PERIODS,
     HELD_S,
     HOLDS,
     LATE_LASTS,
@@ -85,6 +87,7 @@ from autopilot.supervision.tuning import (
     TOLERANCE,
     TRIAL_SAID,
     UNSEEN_S,
+    USUAL_SHARE,
     WAVES_REACH,
     WORKED_TIME,
 )
@@ -105,12 +108,60 @@ class History(NamedTuple):
     ticks: int
 
 
+class Line(NamedTuple):
+    """What a line may have held, as the rudder shows it at time [s]. usual [s]: how far apart its angles usually are;
+    stood [rad] and stood_since [s]: where it stands, and since when; off_at [s]: when it was off its order last; held
+    and unseen [s]: how late our orders, and its angles, may be; held_since [s]: since when, nan: it has followed
+    since."""
+
+    time: float = math.nan
+    usual: float = math.inf
+    stood: float = math.nan
+    stood_since: float = math.nan
+    off_at: float = -math.inf
+    held: float = 0.0
+    unseen: float = 0.0
+    held_since: float = math.nan
+
+
+def line_step(before: Line, now: float, angle: float, elapsed: float, history: History, limits: AlarmLimits) -> Line:
+    """Judge whether a line has held orders or angles, by an angle [rad] that comes at `now` [s], so long after the one
+    before, or is the first.
+
+    Where the rudder stood while its orders moved they may be late by as long. Where it was not seen for much longer
+    than usual both may be: both ways may stall. A line catches up; and a rudder that has not followed since is excused
+    by nothing that comes later: one that is reversed stands at each turn of its order. Where we let go meanwhile what
+    is still held may be as old as anything.
+    """
+    time, usual, stood, stood_since, off_at, held, unseen, held_since = before
+    if not abs(angle - stood) <= STILL:
+        stood, stood_since = angle, now
+    caught_up = CATCHES_UP * (now - time if now > time else 0.0)
+    held, unseen = max(held - caught_up, 0.0), max(unseen - caught_up, 0.0)
+    if now - off_at > held + unseen:
+        held = unseen = 0.0
+    if now - off_at > HELD_S:
+        held_since = math.nan
+    if elapsed == math.inf:
+        return Line(now, usual, stood, stood_since, now, HELD_S if held > 0.0 else 0.0, unseen, held_since)
+    unusual, stands = max(HELD_PERIODS * usual, UNSEEN_S), min(now - stood_since, HELD_S)
+    is_gap = elapsed > unusual
+    usual = elapsed if usual == math.inf else usual + USUAL_SHARE * (min(elapsed, HELD_PERIODS * usual) - usual)
+    least, most = orders_within(history, now - max(stands, elapsed) - limits.rudder_delay, now - limits.rudder_delay)
+    if max(stands, elapsed) > unusual and most - least > limits.rudder_tolerance:
+        off_at, held_since = now, now if math.isnan(held_since) else held_since
+        if now - held_since <= HELD_S:
+            held = max(held, min(elapsed, HELD_S) if is_gap else stands)
+            unseen = max(unseen, min(elapsed, HELD_S) if is_gap else 0.0)
+    return Line(now, usual, stood, stood_since, off_at, held, unseen, held_since)
+
+
 class Following(NamedTuple):
     """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
     how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off;
     is_slow: it goes to its orders, and much slower than filed; name and shown: what is found, '' for nothing;
-    late_until [s]: until then it is not our order that says where it goes; stood [rad] and stood_since [s]: where it
-    stands, and since when; held_until [s]: until then it may follow what a line has held."""
+    late_until [s]: until then it is not our order that says where it goes; line: what its
+    line may have held."""
 
     seen: RudderSample | None = None
     bucket: float = 0.0
@@ -123,9 +174,7 @@ class Following(NamedTuple):
     name: str = ""
     shown: str = ""
     late_until: float = -math.inf
-    stood: float = math.nan
-    stood_since: float = math.nan
-    held_until: float = -math.inf
+    line: Line = Line()
 
 
 def following_step(
@@ -140,21 +189,18 @@ def following_step(
     before and the one of that tick, which explains it better. After a tick that came late it may go on past its order:
     a motor whose speed is ordered runs until the next one.
 
-    A line that stalls holds our orders, or the angles, and delivers them late. So where the rudder stood while its
-    orders moved, or was not seen, it may do what was ordered of late, until it has followed for as long: it goes the
-    wrong way then where it leaves all those orders behind. Where both ways stall what is seen is late by both.
+    A line that stalls holds our orders, or the angles, and delivers them late: as long as it may do so (`line_step`)
+    the rudder goes the wrong way where it leaves all those orders behind that may still be on their way.
     """
-    last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, stood, stood_since, held = before
+    last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line = before
     angle, now, delay, filed = sample.angle, sample.time, limits.rudder_delay, limits.rudder_rate
     if last is not None and last.source == sample.source and now <= last.time:
         return before
     elapsed = math.inf if last is None or last.source != sample.source else now - last.time
     orders = orders_at(history, since, now)
-    held = now + HELD_S if elapsed > UNSEEN_S else held
-    if not abs(angle - stood) <= STILL:
-        stood, stood_since = angle, now
+    line = line_step(line, now, angle, elapsed, history, limits)
     if not orders or elapsed > LONGEST_GAP_S or last is None:
-        return before._replace(seen=sample, stood=stood, stood_since=stood_since, held_until=held)
+        return before._replace(seen=sample, line=line._replace(off_at=now))
     turned = angle - last.angle
     order = orders[0] if abs(orders[0] - angle) <= abs(orders[-1] - angle) else orders[-1]
     moved = max(
@@ -169,10 +215,9 @@ def following_step(
         low, high = math.inf, -math.inf
     nearer = max(moved, 0.0) if now <= late_until else moved
     if is_off:
-        least, most = orders_within(history, max(stood_since, now - HELD_S) - delay, now - delay)
-        if now < held or most - least > limits.rudder_tolerance:
-            held = now + HELD_S
-            least, most = orders_within(history, now - 2.0 * HELD_S - delay, now)
+        line = line._replace(off_at=now)
+        if line.held + line.unseen > 0.0:
+            least, most = orders_within(history, now - line.held - line.unseen - delay, now)
             beyond = angle - max(most, last.angle) if turned > 0.0 else min(least, last.angle) - angle
             nearer = max(nearer, min(-beyond, 0.0))
     away = max(away - nearer, 0.0) if is_off else 0.0
@@ -186,9 +231,7 @@ def following_step(
     way, way_time = (way + moved, way_time + elapsed) if is_off and math.isfinite(filed) else (0.0, 0.0)
     timed = way_time - delay
     is_slow = is_slow or (timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed)
-    return Following(
-        sample, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, stood, stood_since, held
-    )
+    return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line)
 
 
 def orders_at(history: History, since: float, time: float) -> tuple[float, ...]:
@@ -548,8 +591,8 @@ def update(
 ) -> tuple[State, tuple[AlarmEvent, ...]]:
     """Judge a tick, with the rudder's `history` until now; return what is remembered, and what is found."""
     if not seen.steers:
-        # what is done by others proves nothing
-        return State(trial_doubted=before.trial_doubted), ()
+        # what is done by others proves nothing; what a line holds it still does
+        return State(following=Following(line=before.following.line), trial_doubted=before.trial_doubted), ()
     since, following, response, overpowered, runaway, stop_since, doubted, other, _, rests, doubts = before
     now = seen.now
     since = since if since == since else now

@@ -138,8 +138,12 @@ STANDS = math.radians(0.5)
 """A rudder that has moved by less while it should have does not move at all."""
 HELD_S = 3.0
 """A line that stalls may hold an order for so long [s]: RC_OVERRIDE_TIME, after which a vehicle follows none."""
-UNSEEN_S = 0.5
-"""Angles further apart [s] may have been held by their line, too."""
+CATCHES_UP = 0.3
+"""A line that held something is late by so much less each second."""
+UNSEEN_S, HELD_PERIODS = 0.5, 3.0
+"""What may be held shows for longer than this [s], and than so many times as far apart as angles usually are."""
+USUAL_SHARE = 0.2
+"""What one interval adds to how far apart angles usually are."""
 STILL = math.radians(1.0)
 """A rudder that has moved by no more [rad] stands, whatever its sensor's noise."""
 REMEMBERED_S = 1.5

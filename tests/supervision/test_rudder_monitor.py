@@ -175,25 +175,36 @@ def test_a_rudder_that_does_not_move_at_all_is_not_slow(rate_deg_s: float, is_sl
 
 
 def over_a_line(
-    order: Callable[[float], float], stall: tuple[float, float], drained: float, held: str = "orders", sign: float = 1.0
-) -> str:
-    """What was found of a rudder of 20 deg/s in 30 s over a line that holds orders, the angles shown, or both, from a
-    time on for so long [s] and then delivers what it held so many times as fast. Degrees."""
-    monitor, angle, dt = Following(LIMITS), 0.0, 0.1
-    (begun, lasts), shown = stall, [0.0]
+    order: Callable[[float], float],
+    stall: tuple[float, float],
+    drained: float,
+    held: str = "orders",
+    reversed_at: float = math.inf,
+    per_second: float = 10.0,
+    delay: float = 0.1,
+) -> tuple[str, float]:
+    """What was found, and when [s], of a rudder of 20 deg/s in 30 s over a line that holds orders, the angles shown, or
+    both, from a time on for so long [s] and then delivers what it held so many times as fast. Degrees."""
+    monitor, angle, dt = Following(LIMITS._replace(rudder_delay=delay)), 0.0, 0.1
+    (begun, lasts), shown, next_shown = stall, [0.0], 0.0
     for step in range(300):
         now = dt * step
         late = max(min(now - begun, lasts - (drained - 1.0) * (now - begun - lasts)), 0.0) if now > begun else 0.0
-        wanted = sign * order(now if held == "angles" else now - late)
+        wanted = order(max(now - (0.0 if held == "angles" else late) - (delay - 0.1), 0.0))
+        wanted = wanted if now < reversed_at else -wanted
         angle += min(max(wanted - angle, -2.0), 2.0)
         shown.append(angle)
-        if held == "orders" or not begun < now < begun + lasts:
+        is_shown, next_shown = (
+            now > next_shown - 1e-9,
+            next_shown + (now > next_shown - 1e-9) / per_second,
+        )
+        if is_shown and (held == "orders" or not begun < now < begun + lasts):
             seen = angle if held == "orders" else shown[max(step + 1 - round(late / dt), 0)]
             monitor.on_sample(RudderSample(now, math.radians(seen), False, "RSA"))
         monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, math.radians(order(now)), 0.6, True))
         if monitor.found:
-            break
-    return monitor.found
+            return monitor.found, now
+    return "", math.inf
 
 
 def wandering(seed: int) -> Callable[[float], float]:
@@ -223,10 +234,34 @@ def wandering(seed: int) -> Callable[[float], float]:
 def test_a_rudder_that_does_what_a_line_has_held_goes_no_wrong_way(
     seed: int, lasts: float, drained: float, held: str
 ) -> None:
-    assert over_a_line(wandering(seed), (6.0, lasts), drained, held) != "rudder_reversed"
+    assert over_a_line(wandering(seed), (6.0, lasts), drained, held)[0] != "rudder_reversed"
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("lasts", [0.0, 0.6, 1.0])
 def test_a_rudder_that_leaves_every_order_of_late_is_reversed_though_its_line_stalls(seed: int, lasts: float) -> None:
-    assert over_a_line(wandering(seed), (6.0, lasts), 2.0, sign=-1.0) == "rudder_reversed"
+    assert over_a_line(wandering(seed), (6.0, lasts), 2.0, reversed_at=0.0)[0] == "rudder_reversed"
+
+
+@pytest.mark.parametrize(
+    ("per_second", "size", "period", "reversed_at", "stalled", "delay"),
+    [
+        *((per_second, 12.0, 4.0, 20.3, 0.0, 0.1) for per_second in (1.0, 1.8)),
+        *((10.0, 25.0, 5.0, reversed_at, 0.0, 0.3) for reversed_at in (20.0, 21.5)),
+        *((per_second, 12.0, 4.0, 4.0, 1.0, 0.1) for per_second in (1.0, 1.8, 10.0)),
+    ],
+)
+def test_a_reversed_rudder_is_named_within_a_swing_of_its_orders_as_seldom_as_its_sensor_may_come(
+    per_second: float, size: float, period: float, reversed_at: float, stalled: float, delay: float
+) -> None:
+    """It stands at each turn of its order, and seldom seen it does what was ordered half a swing ago: no excuse."""
+    kind, when = over_a_line(
+        lambda now: size * math.sin(2.0 * math.pi * now / period),
+        (reversed_at - stalled, stalled),
+        2.0,
+        reversed_at=reversed_at,
+        per_second=per_second,
+        delay=delay,
+    )
+    assert kind == "rudder_reversed"
+    assert when - reversed_at <= period
