@@ -155,7 +155,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     was, timely = MODES[state.supervisor.state], timely_of(now, samples)
 
     monitors, estimate, control, failsafe = select(config, state, supervisor, now, timely)
-    estimate, way, is_other_boat = believe(steering, monitors, estimate, state.way, now)
+    estimate, way, is_other_boat = believe(steering, state, monitors, estimate, now)
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
@@ -356,24 +356,28 @@ def with_roll(config: Config, control: Control, sample: RollSample) -> Control:
 
 
 def believe(
-    config: SteeringConfig, monitors: MonitorState, estimate: EstimatorState, way: Way, now: float
+    config: SteeringConfig, state: State, monitors: MonitorState, estimate: EstimatorState, now: float
 ) -> tuple[EstimatorState, Way, bool]:
-    """Go by what monitors and guidance say of the samples; return whether the boat turned out to be another, too."""
-    before, model, turns = estimate.beliefs, estimate.model, False
+    """Go by what monitors and guidance say of the samples; return whether the boat turned out to be another, too.
+
+    state: that from before the tick.
+    """
+    before, model, way, turns = estimate.beliefs, estimate.model, state.way, False
     if now < way.guide.turning_until:
         way = with_turning(config, way, model)
         turns = is_turning(model, way.turning.limits, way.guide.boat)
     # where rate of turn and heading do not go together the heading is what is steered by
     news = not monitors.consistency.found, monitors.rudder.doubts_speed, monitors.course.softer, turns
-    if news == before:
+    was, known = state.monitors.consistency, monitors.consistency
+    is_wild = before.takes_rates and known.found != "" and known.wild != ()
+    is_wrong = is_wild or (known.is_refused and not was.is_refused)
+    if news == before and not is_wrong:
         return estimate, way, False
     beliefs = Beliefs(*news)
     estimate = believing(config.estimator, estimate, beliefs)
-    if (beliefs.doubts_speed, beliefs.liveliness) == (before.doubts_speed, before.liveliness):
-        # what a rate that is wrong has made of the sea is none
-        is_refused = before.takes_rates and monitors.consistency.is_refused
-        return without_disturbances(estimate) if is_refused else estimate, way, False
-    return without_disturbances(estimate), way, True
+    is_other_boat = (beliefs.doubts_speed, beliefs.liveliness) != (before.doubts_speed, before.liveliness)
+    # what a rate that is wrong has made of the sea is none
+    return without_disturbances(estimate) if is_other_boat or is_wrong else estimate, way, is_other_boat
 
 
 def view_of(

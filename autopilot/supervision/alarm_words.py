@@ -81,8 +81,9 @@ WORDS = {
         "the rate of turn and the heading do not go together",
         "check the rate sensor's sign, scale and zero, and the heading by a second compass",
         "over 5 s the rate of turn adds up to an angle that differs by this much from the change of heading, or goes "
-        "to the other side, or is twice what the rudder makes hard over: the boat is then steered by heading alone; or "
-        "both drift apart by more than 0.75 deg/s, which is then subtracted from the rate",
+        "to the other side; or two rates within 5 s are each more than twice what the rudder gives hard over, and the "
+        "heading shows no such turn: the boat is then steered by heading alone; or both drift apart by more than "
+        "0.75 deg/s, which is then subtracted from the rate",
         key="alarms.rate_disagrees_deg",
     ),
     "innovation": Words(

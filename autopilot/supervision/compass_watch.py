@@ -41,6 +41,7 @@ from autopilot.supervision.tuning import (
     SENSE_LEAST,
     SENSE_SHARE,
     SENSE_TIME,
+    WILD_RATES,
 )
 
 OPPOSITE_WAYS = "they turn opposite ways"
@@ -92,7 +93,7 @@ class Consistency(NamedTuple):
     """heading and rate: the newest of each; turns: what they tell; since [s]: when the turns began to differ, nan: they
     do not; seen [s]: when that was found last; reported [rad]: how far apart they were when it was said; found: what is
     said, '' where they go together; is_refused: whether it is the rate that is wrong: they turn opposite ways, or no
-    boat like this turns so."""
+    boat like this turns so; wild [s]: when rates came of late that are beyond what a boat like this turns by."""
 
     heading: HeadingSample | None = None
     rate: RateSample | None = None
@@ -102,6 +103,7 @@ class Consistency(NamedTuple):
     reported: float = math.nan
     found: str = ""
     is_refused: bool = False
+    wild: tuple[float, ...] = ()
 
 
 def consistency_step(
@@ -113,9 +115,14 @@ def consistency_step(
     # a sum is finite only where every part of it is
     if not math.isfinite(time if rate is None else time + rate):
         return before
+    last, beside, wild = before.heading, before.rate, before.wild
+    # a rate that is held for the headings beside it is one, however many they are
+    if rate is not None and abs(rate) > rate_most:
+        wild = (*wild, time)[-WILD_RATES:]
     if isinstance(sample, RateSample):
-        return before._replace(rate=sample)
-    last, beside = before.heading, before.rate
+        # that of the heading's own instrument goes before
+        is_used = last is None or last.rate is None
+        return before._replace(rate=sample, wild=wild if is_used else before.wild)
     is_same = last is not None and last.source == sample.source
     if is_same and time < last.time:  # type: ignore[union-attr]
         return before
@@ -133,32 +140,39 @@ def consistency_step(
     step, turn = time - last.time, sample.heading - last.heading
     turn = turn if -PI < turn <= PI else wrap(turn)
     turns = turns_step(before.turns, turn, rate * step, step)
-    if not most < math.inf:
-        return before._replace(heading=sample, turns=turns)
-    return _judged(before, sample, turns, most, no_turn(turns, rate, most, rate_most))
+    after = before._replace(heading=sample, turns=turns, wild=wild)
+    return _judged(after, rate, most, abs(rate) > rate_most) if most < math.inf else after
 
 
-def no_turn(turns: Turns, rate: float, most: float, rate_most: float) -> str:
-    """Return what is said of a `rate` [rad/s] beyond `rate_most` that no heading shows, '' of any other.
+def is_no_turn(turns: Turns, rate: float, most: float) -> bool:
+    """Return whether no heading shows a `rate` [rad/s] that is too quick for the rudder.
 
     What waves or thrusters turn quicker than the rudder does the heading shows, RATE_LAG later at most.
     """
     unseen = -turns.apart if rate > 0.0 else turns.apart
-    if not abs(rate) > rate_most or unseen <= RATE_LAG * abs(rate) + most:
-        return ""
-    return f"{math.degrees(abs(rate)):.0f} deg/s is no turn of this boat"
+    return unseen > RATE_LAG * abs(rate) + most
 
 
-def _judged(before: Consistency, sample: HeadingSample, turns: Turns, most: float, is_none: str) -> Consistency:
-    _, beside, _, since, seen, reported, found, was_refused = before
-    # only turns that both tell of alike put an end to it: a boat that lies still shows nothing
-    is_kept = was_refused and not are_consistent(turns)
-    time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)
-    is_refused = is_kept or are_turned or is_none != ""
+def _judged(known: Consistency, rate: float, most: float, is_wild: bool) -> Consistency:
+    sample, beside, turns, since, seen, reported, found, was_refused, wild = known
+    time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)  # type: ignore[union-attr]
+    if wild and time - wild[0] > APART_TIME:
+        wild = wild[1:]
+    # turns that both tell of alike put an end to it; that they went opposite ways nothing else does: a boat that lies
+    # still shows nothing
+    was_turned = found == OPPOSITE_WAYS
+    lasts = was_refused and not are_consistent(turns)
+    is_kept = lasts and (was_turned or 0.0 <= time - seen < DISAGREES_SAID)
+    is_none = is_wild and len(wild) >= WILD_RATES and is_no_turn(turns, rate, most)
+    is_refused = is_kept or are_turned or is_none
     if is_refused:
-        seen = time
-        if not is_kept:
-            found = OPPOSITE_WAYS if are_turned else is_none
+        if are_turned:
+            found = OPPOSITE_WAYS
+        elif not is_kept:
+            found = f"{math.degrees(abs(rate)):.0f} deg/s is no turn of this boat"
+        # in other units a boat on its course turns by less than is impossible, and yet by more than its heading shows
+        if are_turned or was_turned or is_wild or (turns.heading - turns.rate) ** 2 > SENSE_LEAST:
+            seen = time
     elif apart <= most:
         since = math.nan
         if not 0.0 <= time - seen < DISAGREES_SAID:
@@ -169,7 +183,7 @@ def _judged(before: Consistency, sample: HeadingSample, turns: Turns, most: floa
         seen = time
         if not found or (apart - reported > NEWS and found != OPPOSITE_WAYS):
             found, reported = f"{math.degrees(apart):.0f} deg apart", apart
-    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused)
+    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild)
 
 
 class Standing(NamedTuple):

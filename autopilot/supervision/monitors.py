@@ -203,7 +203,7 @@ def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...], 
             else:
                 angles += (sample,)
         elif type(sample) is RateSample:
-            consistency = compass_watch.consistency_step(consistency, sample, limits.rate_disagrees)
+            consistency = compass_watch.consistency_step(consistency, sample, limits.rate_disagrees, rate_most)
         elif type(sample) is WindSample:
             wind_time = sample.time
         elif type(sample) is ConditionSample:

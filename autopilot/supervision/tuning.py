@@ -196,6 +196,8 @@ a gyro that is off by a degree a second."""
 RATE_LAG = 0.5
 """A rate that no rudder makes, and that the heading does not show for so long [s] and by the file's limit, is none: it
 is in other units."""
+WILD_RATES = 2
+"""So many such rates within `APART_TIME` are wanted, each a measurement of its own: a single one is a spike."""
 DISAGREES_LASTS = 1.0
 """Turns by heading and by rate must differ for so long [s]."""
 RATE_OFF, RATE_RIGHT = math.radians(0.75), math.radians(0.5)

@@ -15,7 +15,8 @@ from plant import Plant
 from autopilot.angles import wrap
 from autopilot.estimation.instruments import NO_NOISE, NO_RATE_BIAS, RateBias, noise_step, rate_bias_step
 from autopilot.runtime.build import build_pilot, gear_of, model_of
-from autopilot.signals import HeadingSample, Order, OrderKind, RateSample, Sample
+from autopilot.signals import HeadingSample, Order, OrderKind, RateSample, Sample, SpeedSample
+from autopilot.vessel.file import load_vessel
 
 NOISE = math.radians(0.3) ** 2, math.radians(0.05) ** 2
 DT = 0.1
@@ -188,3 +189,20 @@ def test_an_instrument_noisier_than_filed_wears_no_rudder(real: tuple[float, flo
         return moved
 
     assert travel((0.3, 0.2)) < 2.0 * travel(real)
+
+
+def test_what_wild_rates_made_of_the_sea_is_forgotten_when_they_are_found_apart_from_the_heading() -> None:
+    pilot, swing, pace, ticks = build_pilot(load_vessel("lanxin")), math.radians(1.0), 2.0, []
+    for k in range(220):
+        now = 0.1 * k
+        angle = pace * now + 1.4
+        samples: list[Sample] = [HeadingSample(now, swing * math.sin(angle)), SpeedSample(now, 2.0)]
+        if k % 5 == 0:
+            scale = 57.3 if now >= 20.0 else 1.0
+            samples.append(RateSample(now, scale * swing * pace * math.cos(angle)))
+        ticks.append(pilot.step(now, tuple(samples), Order()))
+    known = [[event.detail for event in tick.alarms if event.name == "rate_disagrees"] for tick in ticks]
+    found = next(k for k, details in enumerate(known) if details)
+    assert known[found] == ["22 deg apart"], "too few yet to say that it is in other units"
+    assert abs(ticks[found - 1].state.bias) > math.radians(20.0)
+    assert abs(ticks[found].state.bias) < math.radians(0.1)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.signals import HeadingSample
+from autopilot.signals import HeadingSample, RateSample
 from autopilot.supervision.compass_watch import (
     NO_TURNS,
     Consistency,
@@ -153,3 +153,43 @@ def test_a_gyro_is_believed_however_a_sea_or_a_thruster_turns_the_boat(
 ) -> None:
     swing = min(swing, 32.0 / frequency)  # four times as quick as the limit
     assert not any(each.is_refused for each in judged(30.0, swing, frequency, late_s=late, begin=begin))
+
+
+def beside(
+    seconds: float, period: float, rates_deg_s: Callable[[float], float], turn: Callable[[float], float] = lambda _: 0.0
+) -> Iterator[tuple[float, Consistency]]:
+    """The watch of that boat, whose headings `turn` [deg] come at 10 Hz and whose rates every `period` [s]."""
+    known, most, rate_most = Consistency(), math.radians(15.0), math.radians(8.0)
+    for k in range(round(seconds / DT)):
+        now = k * DT
+        if k % round(period / DT) == 0:
+            known = consistency_step(known, RateSample(now, math.radians(rates_deg_s(now))), most, rate_most)
+        known = consistency_step(known, HeadingSample(now, math.radians(turn(now))), most, rate_most)
+        yield now, known
+
+
+@pytest.mark.parametrize(("period", "wild"), [(1.0, 1), (1.0, 2), (0.5, 1), (0.5, 2), (0.5, 3), (0.2, 5), (0.1, 10)])
+@pytest.mark.parametrize("rate_deg_s", [40.0, -60.0, 200.0])
+def test_a_gyro_of_a_few_wild_rates_is_believed_again_soon(period: float, wild: int, rate_deg_s: float) -> None:
+    last = 30.0 + period * wild
+    said = list(beside(90.0, period, lambda now: rate_deg_s if 30.0 <= now < last - 0.01 else 0.1))
+    assert not any(known.is_refused for now, known in said if wild < 2 or now > last + 31.0)
+    # as long as what differs by so much is said of any rate: it fades over 5 s to the limit, and is said 20 s more
+    assert not any(known.found for now, known in said if now > last + 36.0)
+
+
+@pytest.mark.parametrize(("period", "within"), [(0.1, 1.5), (0.5, 1.5), (1.0, 2.2)])
+def test_rates_in_other_units_stay_refused_on_a_course_where_they_are_small(period: float, within: float) -> None:
+    def heading(now: float) -> float:
+        # a turn of 20 deg, and then so small a swing that the rate times 57.3 lies below what no boat turns by
+        return 2.0 * now if now < 10.0 else 20.0 + 0.1 * math.sin(now)
+
+    def rate(now: float) -> float:
+        return 57.3 * (2.0 if now < 10.0 else 0.1 * math.cos(now))
+
+    said = list(beside(200.0, period, rate, heading))
+    first = next(now for now, known in said if known.is_refused)
+    assert first <= within
+    texts = {known.found for now, known in said if now >= first}
+    assert texts == {"115 deg/s is no turn of this boat"}
+    assert all(known.is_refused for now, known in said if now >= first)
