@@ -82,7 +82,23 @@ class Steady(io.TextIOBase):
     """Output to a descriptor that neither waits nor fails: what cannot be written now is lost."""
 
     def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+        self._descriptor = self._unwaiting = descriptor
+        self._blocks_again = False
+        if os.isatty(descriptor):
+            # that there is room says nothing of a terminal: one that is stopped a moment later, or has room for a part
+            # alone, keeps who writes until somebody takes it
+            self._unwaiting = _opened_anew(descriptor)
+            self._blocks_again = self._unwaiting == descriptor and os.get_blocking(descriptor)
+        if self._blocks_again:
+            os.set_blocking(descriptor, False)
+
+    def give_back(self) -> None:
+        """Leave the descriptor as it was found."""
+        if self._blocks_again:
+            os.set_blocking(self._descriptor, True)
+        elif self._unwaiting != self._descriptor:
+            os.close(self._unwaiting)
+        self._unwaiting, self._blocks_again = self._descriptor, False
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
@@ -106,30 +122,43 @@ class Steady(io.TextIOBase):
         data = text.encode(errors="replace")
         with contextlib.suppress(OSError, ValueError):
             for at in range(0, len(data), CHUNK):
-                if not select.select((), (self._descriptor,), (), 0.0)[1]:
+                if not select.select((), (self._unwaiting,), (), 0.0)[1]:
                     break
-                os.write(self._descriptor, data[at : at + CHUNK])
+                os.write(self._unwaiting, data[at : at + CHUNK])
         return len(text)
+
+
+def _opened_anew(descriptor: int) -> int:
+    """Return a descriptor of the same terminal that never waits, for us alone: the shell and what it starts share the
+    one that we were given. That one where it may not be opened, as after sudo -u."""
+    try:
+        return os.open(os.ttyname(descriptor), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return descriptor
 
 
 @contextlib.contextmanager
 def steady_output() -> Iterator[None]:
     """Let standard output and error be `Steady` within the block."""
     before = sys.stdout, sys.stderr
-    try:
-        sys.stdout, sys.stderr = _steady(before[0]), _steady(before[1])
+    with contextlib.ExitStack() as after:
+        after.callback(_put_back, before)
+        sys.stdout, sys.stderr = _steady(before[0], after), _steady(before[1], after)
         yield
-    finally:
-        sys.stdout, sys.stderr = before
 
 
-def _steady(stream: TextIO) -> TextIO:
+def _put_back(streams: tuple[TextIO, TextIO]) -> None:
+    sys.stdout, sys.stderr = streams
+
+
+def _steady(stream: TextIO, after: contextlib.ExitStack) -> TextIO:
     try:
         stream.flush()
         descriptor = stream.fileno()
     except (OSError, ValueError, AttributeError):  # a test's, or none
         return stream
     steady: Any = Steady(descriptor)
+    after.callback(steady.give_back)
     kept: Any = PrintableStream(steady) if isinstance(stream, PrintableStream) else steady
     return cast("TextIO", kept)
 

@@ -7,11 +7,13 @@ import math
 import os
 import pty
 import re
+import select
 import signal
 import struct
 import subprocess
 import sys
 import termios
+import threading
 import time
 from pathlib import Path
 
@@ -77,6 +79,32 @@ def test_output_that_nobody_takes_keeps_nobody_waiting() -> None:
     full = os.open("/dev/full", os.O_WRONLY)
     Steady(full).write("x")
     os.close(full)
+
+
+@pytest.mark.parametrize("may_be_opened", [True, False], ids=["its own", "somebody else's"])
+@pytest.mark.parametrize("is_stopped", [True, False], ids=["stopped after the look", "full"])
+def test_a_terminal_keeps_nobody_waiting_either(
+    may_be_opened: bool, is_stopped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_: int) -> str:
+        raise PermissionError
+
+    ours, theirs = pty.openpty()
+    if not may_be_opened:
+        monkeypatch.setattr(os, "ttyname", refused)
+    output = Steady(theirs)
+    if is_stopped:
+        termios.tcflow(theirs, termios.TCOOFF)
+    monkeypatch.setattr(select, "select", lambda readers, writers, others, timeout: (readers, writers, others))
+    writing = threading.Thread(target=lambda: [output.write("x" * 1000) for _ in range(1000)], daemon=True)
+    writing.start()
+    writing.join(30.0)
+    is_done = not writing.is_alive()
+    os.close(ours)  # lets go of who waits
+    assert is_done
+    output.give_back()
+    assert os.get_blocking(theirs), "the shell's as it was"
+    os.close(theirs)
 
 
 class AtTerminal:
