@@ -87,7 +87,7 @@ class Steady(io.TextIOBase):
         if os.isatty(descriptor):
             # that there is room says nothing of a terminal: one that is stopped a moment later, or has room for a part
             # alone, keeps who writes until somebody takes it
-            self._unwaiting = _opened_anew(descriptor)
+            self._unwaiting = _opened_anew(descriptor, os.O_WRONLY)
             self._blocks_again = self._unwaiting == descriptor and os.get_blocking(descriptor)
         if self._blocks_again:
             os.set_blocking(descriptor, False)
@@ -128,11 +128,11 @@ class Steady(io.TextIOBase):
         return len(text)
 
 
-def _opened_anew(descriptor: int) -> int:
-    """Return a descriptor of the same terminal that never waits, for us alone: the shell and what it starts share the
-    one that we were given. That one where it may not be opened, as after sudo -u."""
+def _opened_anew(descriptor: int, to: int) -> int:
+    """Return a descriptor of the same terminal that never waits, `to` read or write, for us alone: the shell and what
+    it starts share the one that we were given. That one where it may not be opened, as after sudo -u."""
     try:
-        return os.open(os.ttyname(descriptor), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        return os.open(os.ttyname(descriptor), to | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
         return descriptor
 
@@ -172,7 +172,7 @@ class TypedLines:
     def __init__(self) -> None:
         self.text = ""
         """What has been typed of the next line."""
-        self._input = sys.stdin.fileno()
+        self._input = self._unwaiting = sys.stdin.fileno()
         self._before: list[object] | None = None
 
     def poll(self) -> list[str]:
@@ -200,7 +200,9 @@ class TypedLines:
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(self._input, termios.TCSANOW, self._before)  # type: ignore[arg-type]
         self._before = None
-        self._input = -1
+        if self._unwaiting != self._input >= 0:
+            os.close(self._unwaiting)
+        self._input = self._unwaiting = -1
 
     def _is_ours(self) -> bool:
         try:
@@ -209,23 +211,25 @@ class TypedLines:
             return False
 
     def _take_keys(self) -> None:
+        self._unwaiting = _opened_anew(self._input, os.O_RDONLY)
         with contextlib.suppress(termios.error):
             self._before = termios.tcgetattr(self._input)
             after = termios.tcgetattr(self._input)
             after[3] &= ~(termios.ICANON | termios.ECHO)
-            after[6][termios.VMIN], after[6][termios.VTIME] = 1, 0
+            after[6][termios.VMIN], after[6][termios.VTIME] = 0, 0
             termios.tcsetattr(self._input, termios.TCSANOW, after)
 
     def _keys(self) -> str:
         try:
-            if not select.select((self._input,), (), (), 0.0)[0]:
+            if not select.select((self._unwaiting,), (), (), 0.0)[0]:
                 return ""
-            data = os.read(self._input, CHUNK)
-        except OSError:
-            data = b""
-        if not data:  # the terminal is gone
-            self._input = -1
-        return data.decode(errors="replace")
+            # nothing where another reader of the terminal, such as a pager behind us, was quicker
+            return os.read(self._unwaiting, CHUNK).decode(errors="replace")
+        except BlockingIOError:
+            return ""
+        except OSError:  # the terminal is gone
+            self.close()
+            return ""
 
 
 class StatusLine:

@@ -16,6 +16,7 @@ import termios
 import threading
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from lockstep import Lockstep
@@ -86,12 +87,9 @@ def test_output_that_nobody_takes_keeps_nobody_waiting() -> None:
 def test_a_terminal_keeps_nobody_waiting_either(
     may_be_opened: bool, is_stopped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refused(_: int) -> str:
-        raise PermissionError
-
     ours, theirs = pty.openpty()
     if not may_be_opened:
-        monkeypatch.setattr(os, "ttyname", refused)
+        monkeypatch.setattr(os, "ttyname", Mock(side_effect=PermissionError))
     output = Steady(theirs)
     if is_stopped:
         termios.tcflow(theirs, termios.TCOOFF)
@@ -104,6 +102,33 @@ def test_a_terminal_keeps_nobody_waiting_either(
     assert is_done
     output.give_back()
     assert os.get_blocking(theirs), "the shell's as it was"
+    os.close(theirs)
+
+
+@pytest.mark.parametrize("may_be_opened", [True, False], ids=["its own", "somebody else's"])
+def test_keys_that_another_program_takes_first_keep_nobody_waiting(
+    may_be_opened: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = pty.openpty()
+    if not may_be_opened:
+        monkeypatch.setattr(os, "ttyname", Mock(side_effect=PermissionError))
+    with os.fdopen(theirs, closefd=False) as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        typed, found = TypedLines(), list[list[str]]()
+        monkeypatch.setattr(typed, "_is_ours", lambda: True)
+        os.write(ours, b"+1")
+        assert typed.poll() == [] and typed.text == "+1"
+        with monkeypatch.context() as patch:
+            patch.setattr(select, "select", lambda readers, writers, others, timeout: (readers, writers, others))
+            asking = threading.Thread(target=lambda: found.append(typed.poll()), daemon=True)
+            asking.start()
+            asking.join(30.0)
+        is_done = not asking.is_alive()
+        os.write(ours, b"0\r")
+        assert is_done
+        assert typed.poll() == ["+10"], "and the next ones come"
+        typed.close()
+    os.close(ours)
     os.close(theirs)
 
 
