@@ -337,7 +337,6 @@ def plan_of(vessel: Vessel, arguments: argparse.Namespace, orders: Orders) -> Pl
         opened=patience_of(arguments),
         arrivals={},
     )
-    bell = terminal_of(sys.stderr) if sys.stderr.isatty() else None
     return Plan(
         vessel,
         orders,
@@ -345,7 +344,7 @@ def plan_of(vessel: Vessel, arguments: argparse.Namespace, orders: Orders) -> Pl
         urls=tuple(arguments.link),
         options=options,
         log=partial(log_place, arguments) if arguments.log or arguments.log_dir else None,
-        machine=Machine(RealTime(arguments.realtime, cpus), bell, restart_file(arguments)),
+        machine=Machine(RealTime(arguments.realtime, cpus), restart_file=restart_file(arguments)),
     )
 
 
@@ -356,12 +355,21 @@ def restart_file(arguments: argparse.Namespace) -> Path | None:
     return place or (Path(folder) / NOTE_NAME if folder else None)
 
 
+def with_bell(plan: Plan) -> Plan:
+    """Return the plan with the bell of the terminal that error output goes to now: inside `steady_output` one that
+    keeps nobody waiting."""
+    if plan.machine is None or not sys.stderr.isatty():
+        return plan
+    return plan._replace(machine=plan.machine._replace(bell=terminal_of(sys.stderr)))
+
+
 @steady_output()
 def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
     """Carry out a plan to its end and return the exit code; a signal ends it with the rudder released.
 
     The last lines printed say how well it was steered, and what became of rudder, course and log.
     """
+    plan = with_bell(plan)
     vessel, options = plan.vessel, plan.options
     ending = Ending(plan, arguments.wait, voyage.must_engage)
     clock = MonotonicClock(arguments.speedup)

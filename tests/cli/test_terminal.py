@@ -23,6 +23,7 @@ from lockstep import Lockstep
 
 from autopilot.angles import compass_text
 from autopilot.cli.terminal import TYPED_MOST, Steady, TypedLines, course_text, line_of, status_text
+from autopilot.errors import ExitCode
 from autopilot.signals import Order, OrderKind, Tick
 from autopilot.vessel.file import load_vessel
 
@@ -174,6 +175,10 @@ class AtTerminal:
         """Press keys."""
         os.write(self._ours, text.encode())
 
+    def lose_headings(self) -> None:
+        """Stop the boat's instruments."""
+        self._boat.send_signal(signal.SIGSTOP)
+
     def modes(self) -> list[object]:
         """Return the terminal's modes."""
         return termios.tcgetattr(self._theirs)
@@ -222,9 +227,10 @@ def test_a_terminal_that_is_stopped_does_not_stop_the_steering(tmp_path: Path) -
         at.type("e 90\r")
         at.until("ENGAGED  course 090")
         at.type("\x13")  # Ctrl-S
-        time.sleep(2.0)
+        at.lose_headings()  # an alarm, which rings the bell
+        time.sleep(3.0)
         at.pilot.send_signal(signal.SIGTERM)
-        assert at.pilot.wait(60) == 0
+        assert at.pilot.wait(60) == ExitCode.FAILSAFE
     finally:
         at.close()
 
