@@ -10,6 +10,7 @@ the alarms of a guide into the pilot, and so into the log and on to other links.
 from __future__ import annotations
 
 import math
+import os
 from collections import deque
 from pathlib import Path
 from typing import Protocol, TextIO
@@ -25,6 +26,8 @@ from autopilot.supervision.alarms import kind_of
 PIECE = 50
 SPACING_S = 0.2
 WAITING_LIMIT = 40
+UNWAITING = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+"""As a switch is opened: a pipe that nobody reads would hold up the steering."""
 REPEAT_S = 10.0
 """The same text is sent again only after this."""
 
@@ -172,7 +175,11 @@ class SwitchFile(SilentLink):
             return
         self._is_on = is_on
         try:
-            self._path.write_text("1\n" if is_on else "0\n", encoding="ascii")
+            descriptor = os.open(self._path, UNWAITING)
+            try:
+                os.write(descriptor, b"1\n" if is_on else b"0\n")
+            finally:
+                os.close(descriptor)
             self._failed = None
         except OSError as error:
             self._failed = AlarmEvent("output_failed", str(error))

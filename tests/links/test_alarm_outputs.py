@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +96,20 @@ def test_the_output_file_is_1_while_an_alarm_sounds(tmp_path: Path) -> None:
     (tmp_path / "none").mkdir()
     broken.publish_tick(tick(5.0, Siren.QUIET))
     assert [words(sample.event) for sample in broken.receive(5.0)] == [""]  # type: ignore[union-attr]
+
+
+def test_a_switch_that_is_a_pipe_without_a_reader_is_an_alarm_and_keeps_nobody_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "relay")
+    output = SwitchFile(tmp_path / "relay")
+    switching = threading.Thread(target=output.publish_tick, args=(tick(0.0, Siren.SOUNDING),), daemon=True)
+    switching.start()
+    switching.join(30.0)
+    is_done = not switching.is_alive()
+    reader = os.open(tmp_path / "relay", os.O_RDONLY | os.O_NONBLOCK)  # lets go of who waits
+    assert is_done and len(output.receive(0.0)) == 1
+    output.publish_tick(tick(1.0, Siren.QUIET))
+    assert os.read(reader, 10) == b"0\n"
+    os.close(reader)
 
 
 def test_an_acknowledgement_is_passed_on_once() -> None:
