@@ -31,11 +31,11 @@ FADES_TIME = 20.0  # 30 %: faults noticed later: 1
 """Evidence is forgotten in this time [s]: a fault that matters shows more of it."""
 FADES_SLOW = 8.0  # 30 %: nothing
 """Or, of the boat and its gear, in so many time constants if that is longer."""
-SURE, SURE_TURNING = (14.0, 6.0, 3.0), (11.0, 8.0, 1.0)
+SURE, SURE_TURNING = (14.0, 6.0, 3.0), (11.0, 10.4, 1.0)
 """So much more likely, as a natural logarithm, must it be that the boat does not answer: together, by headings in the
 sea as it is estimated now, and by blocks in the sea as it was learnt; on a course, and in a turn. There the rudder
-moves by the order and not against the sea, which then looks less like a rudder that does nothing. With 6 by headings in
-a turn, too, a boat with T = 5 s was accused in three gusts of 19 h in place of one."""
+moves by the order and not against the sea, which then looks less like a rudder that does nothing; but with less than
+SURE_OTHER by headings a slow boat that drifts sideways was accused in one."""
 LITTLE = 1.0
 """With less evidence in blocks no fault has begun: what was left since the last time is the sea's."""
 SURE_OTHER = 10.4  # 30 %: nothing

@@ -55,7 +55,7 @@ BOAT = Norrbin(0.3, 4.0, n3=1.0)
 NOISE = Noise(heading=1.0e-4, acceleration=1.0e-5, push=1.0e-4, sea=1.0e-3, pace=0.6)
 DT = 0.2
 SURE = 10.4
-ON_COURSE, IN_A_TURN = (14.0, 6.0, 3.0), (11.0, 8.0, 1.0)
+ON_COURSE, IN_A_TURN = (14.0, 6.0, 3.0), (11.0, 10.4, 1.0)
 
 
 class Judge:
@@ -314,9 +314,10 @@ def test_a_turn_asks_for_less_evidence_but_for_what_was_carried_into_it() -> Non
     for _ in range(200):
         turning = carried_on(turning, nearly, False, 0.1)
     assert enough(turning, False)[1:] == pytest.approx(
-        (8.0 - 2.0 * 0.8 * math.exp(-20.1 / 20.0), 1.0 + 2.0 * 0.8 * math.exp(-20.1 / 20.0))
+        (10.4 - 4.4 * 0.8 * math.exp(-20.1 / 20.0), 1.0 + 2.0 * 0.8 * math.exp(-20.1 / 20.0))
     )
-    assert verdict(nearly, enough(0.0, False)) == 1
+    turned = accused(10.5, 1.5)
+    assert (verdict(turned, enough(0.0, False)), verdict(turned, enough(0.0, True))) == (1, 0)
 
 
 def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() -> None:
