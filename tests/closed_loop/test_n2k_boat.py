@@ -111,7 +111,7 @@ def test_a_plotter_s_route_is_followed_past_its_waypoints() -> None:
     assert swing > math.radians(-8.0), "never to port before the first turn, which is to starboard"
     voyage.sail(10.0)
     (words,) = words_of(voyage.sail(0.1)[-1])
-    assert words.startswith("the chart plotter does not lead (129284 holds no valid data")
+    assert words.startswith("the chart plotter does not lead (129284 holds no valid data, its navigation has ended)")
 
 
 def distance_to_route(north: float, east: float) -> float:

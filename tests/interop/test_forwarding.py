@@ -57,7 +57,7 @@ from collections import Counter
 from pymavlink import mavutil
 link = mavutil.mavlink_connection(sys.argv[1], source_system=251, source_component=190)
 counts, beaten, times = Counter(), 0, []
-while len(times) < 14:
+while len(times) < 24:
     if not beaten % 40:
         link.mav.heartbeat_send(6, 8, 0, 0, 4)
         link.mav.request_data_stream_send(1, 1, 0, 1, 1)
@@ -79,10 +79,10 @@ def run_command(vessel: Path, port: int, forward: str, log: Path, *more: str) ->
 
 
 def assert_steered_to_the_end(ticks: Sequence[Tick]) -> None:
-    """Nothing takes the helm or stops the steering, unless the machine lets the pilot stand still for 3 s and more."""
-    engaged = [tick.mode for tick in ticks].index(Mode.ENGAGED)
-    left = next((tick for tick in ticks[engaged:] if tick.mode is not Mode.ENGAGED), None)
-    assert left is None or "stood_still" in {event.name for event in left.alarms}, words_of(left)
+    """Nothing takes the helm or stops the steering, once it has begun."""
+    modes = [tick.mode for tick in ticks]
+    left = next((tick for tick in ticks[modes.index(Mode.ENGAGED) :] if tick.mode is not Mode.ENGAGED), None)
+    assert left is None, words_of(left)
 
 
 @pytest.mark.parametrize("signed", [False, True])
@@ -133,7 +133,7 @@ def test_a_logger_behind_a_slow_radio_gets_two_headings_a_second_while_we_steer_
         pilot.communicate(timeout=60)
     seen = json.loads(done.stdout)
     assert seen["span"] == pytest.approx(0.5, rel=0.1), "seconds of the vehicle between two headings"
-    assert seen["counts"]["HEARTBEAT"] > 4 and "VFR_HUD" not in seen["counts"], "it stays seen, and no more"
+    assert seen["counts"]["HEARTBEAT"] > 10 and "VFR_HUD" not in seen["counts"], "it stays seen, and no more"
     ticks = read_log(log).ticks
     headings = {sample.time for tick in ticks for sample in tick.samples if isinstance(sample, HeadingSample)}
     # of the twenty a second that come, on a machine that has little time for it too

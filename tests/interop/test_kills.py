@@ -15,6 +15,7 @@ def test_a_killed_process_leaves_a_whole_log_a_free_rudder_and_the_next_one_stee
     finally:
         field.close()
     # what must hold of each is asserted where it is looked into; one that stood still for long had let go before
+    assert len(left) == 3 or any(each.starved for each in left)
     assert all(each.had_engaged or each.starved for each in left)
     engaged = [each for each in left if each.had_engaged]
     assert engaged and (len(engaged) < 3 or any(each.resumed for each in engaged))

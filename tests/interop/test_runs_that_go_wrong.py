@@ -93,7 +93,7 @@ def test_a_full_disk_stops_the_log_and_not_the_boat(vessel: str) -> None:
     port = free_port()
     command = [sys.executable, "-m", "autopilot", "run", vessel, "--link", f"udpin:127.0.0.1:{port}", "--as-gcs"]
     command += ["--speedup", str(SPEEDUP), "--engage", "present", "--log", "/dev/full"]
-    command += ["--duration", "120"]  # where it is not said
+    command += ["--duration", "120"]  # it ends by itself where that is never said
     with (
         simulator(SPEEDUP, "--mavlink", f"udpout:127.0.0.1:{port}"),
         subprocess.Popen(
