@@ -239,44 +239,17 @@ def blocks_step(
     off, s, s_late = heading - mean[0], answer[0], late[0]
     off = off if -PI < off <= PI else wrap(off)
     square = unlike(off, s, slow[0], ANSWERS_MOST) / (variance * strength(spectrum))
-    if square > OUTLIER_SQUARE:
-        square = OUTLIER_SQUARE
-        if outliers < OUTLIERS_MOST:
-            known = Covariance(*covariance)
-            return Blocks(
-                known,
-                mean,
-                answer,
-                late,
-                slide,
-                slow,
-                spectrum,
-                stuck,
-                stuck_late,
-                wrong,
-                wrong_late,
-                unexplained,
-                outliers + 1,
-            )
-    unexplained += (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained)
-    spectrum, is_whole = summed(spectrum, time, (off, s, s_late, slides * slide[0]), variance)
-    if is_whole:
-        (z, x, x_late, braked), left, spectrum = whitened(spectrum, usual)
-        kept = math.exp(-BLOCK_S / FADES_TIME)
-        some, some_late = z - least * x - braked, z - least * x_late
-        opposite, opposite_late = z - REVERSED_SHARE * x, z - REVERSED_SHARE * x_late
-        # while a gust sets in nothing that the rudder does against it is evidence; one that sets in gently, or turns a
-        # slow boat, shows in no single heading but in the block
-        now = spectrum.past[0]
-        is_gust = is_gust or unlike(now[0], now[1], math.inf, ANSWERS_MOST) > UNEXPLAINED * strength(spectrum)
-        most = 0.0 if is_gust else MOST_OF_BLOCK
-        stuck = likelier(kept * stuck, some * some, z * z, left, most)
-        stuck_late = likelier(kept * stuck_late, some_late * some_late, z * z, left, most)
-        wrong = likelier(kept * wrong, some * some, opposite * opposite, left, most)
-        wrong_late = likelier(kept * wrong_late, some_late * some_late, opposite_late * opposite_late, left, most)
-        # a cumulative sum that is nothing says that no fault has begun until now
-        spectrum = learnt(spectrum) if stuck < LITTLE and wrong < LITTLE else spectrum
-    mean, answer, late, slide, slow = all_corrected(gains, means, off)
+    is_left_out = square > OUTLIER_SQUARE and outliers < OUTLIERS_MOST
+    if is_left_out:
+        known = Covariance(*covariance)
+    else:
+        square = OUTLIER_SQUARE if square > OUTLIER_SQUARE else square
+        unexplained += (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained)
+        spectrum, is_whole = summed(spectrum, time, (off, s, s_late, slides * slide[0]), variance)
+        if is_whole:
+            evidence, spectrum = weighed((stuck, stuck_late, wrong, wrong_late), spectrum, (least, usual), is_gust)
+            stuck, stuck_late, wrong, wrong_late = evidence
+        mean, answer, late, slide, slow = all_corrected(gains, means, off)
     return Blocks(
         known,
         mean,
@@ -290,8 +263,32 @@ def blocks_step(
         wrong,
         wrong_late,
         unexplained,
-        0,
+        outliers + 1 if is_left_out else 0,
     )
+
+
+def weighed(
+    evidence: tuple[float, float, float, float], spectrum: Spectrum, shares: tuple[float, float], is_gust: bool
+) -> tuple[tuple[float, float, float, float], Spectrum]:
+    """Return the `evidence` of `Blocks`, that the rudder is stuck and reversed, with what a whole block adds to it, and
+    what is known of the sea then. shares: as `blocks_step` has them; is_gust: a heading showed one."""
+    (stuck, stuck_late, wrong, wrong_late), (least, usual) = evidence, shares
+    (z, x, x_late, braked), left, spectrum = whitened(spectrum, usual)
+    kept = math.exp(-BLOCK_S / FADES_TIME)
+    some, some_late = z - least * x - braked, z - least * x_late
+    opposite, opposite_late = z - REVERSED_SHARE * x, z - REVERSED_SHARE * x_late
+    # while a gust sets in nothing that the rudder does against it is evidence; one that sets in gently, or turns a
+    # slow boat, shows in no single heading but in the block
+    now = spectrum.past[0]
+    is_gust = is_gust or unlike(now[0], now[1], math.inf, ANSWERS_MOST) > UNEXPLAINED * strength(spectrum)
+    most = 0.0 if is_gust else MOST_OF_BLOCK
+    stuck = likelier(kept * stuck, some * some, z * z, left, most)
+    stuck_late = likelier(kept * stuck_late, some_late * some_late, z * z, left, most)
+    wrong = likelier(kept * wrong, some * some, opposite * opposite, left, most)
+    wrong_late = likelier(kept * wrong_late, some_late * some_late, opposite_late * opposite_late, left, most)
+    # a cumulative sum that is nothing says that no fault has begun until now
+    spectrum = learnt(spectrum) if stuck < LITTLE and wrong < LITTLE else spectrum
+    return (stuck, stuck_late, wrong, wrong_late), spectrum
 
 
 def no_more_blocks(before: Blocks, after: Blocks) -> Blocks:

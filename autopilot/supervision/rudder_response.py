@@ -23,7 +23,7 @@ Sources: Willsky and Jones 1976, the generalised likelihood ratio of an additive
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from autopilot.angles import PI, wrap
 from autopilot.models.norrbin import Norrbin
@@ -418,21 +418,22 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
     )
 
 
+Evident = TypeVar("Evident", ResponseState, Blocks)
+
+
 def acquitted(response: ResponseState) -> ResponseState:
     """Return the same with no more evidence against the rudder, in both seas together, than makes as much again as was
     a doubt a verdict."""
-    most, blocks = 0.5 * (SURE_TURNING[0] - DOUBTED), response.blocks
-    return response._replace(
-        stuck=min(response.stuck, most),
-        stuck_late=min(response.stuck_late, most),
-        reversed=min(response.reversed, most),
-        reversed_late=min(response.reversed_late, most),
-        blocks=blocks._replace(
-            stuck=min(blocks.stuck, most),
-            stuck_late=min(blocks.stuck_late, most),
-            reversed=min(blocks.reversed, most),
-            reversed_late=min(blocks.reversed_late, most),
-        ),
+    most = 0.5 * (SURE_TURNING[0] - DOUBTED)
+    return _at_most(response, most)._replace(blocks=_at_most(response.blocks, most))
+
+
+def _at_most(known: Evident, most: float) -> Evident:
+    return known._replace(
+        stuck=min(known.stuck, most),
+        stuck_late=min(known.stuck_late, most),
+        reversed=min(known.reversed, most),
+        reversed_late=min(known.reversed_late, most),
     )
 
 
