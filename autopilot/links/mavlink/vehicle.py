@@ -272,11 +272,8 @@ class VehicleReader:
             GPS: 1.0,
             SYSTEM: 1.0,
         }
-        if self.is_px4:
-            del rates_hz[SERVOS], rates_hz[CHANNELS]  # which output steers, and which stick, is not asked
         if is_guided:
             rates_hz[NAVIGATION] = rates_hz[HUD] = 5.0
-        self.streams = MessageStreams(rates_hz, settings.heading_timeout, {WIND: 2.0, FILTER: 1.0})
         self._output = output
         self._latency = settings.heading_latency
         self._clock = VehicleClock()
@@ -300,6 +297,12 @@ class VehicleReader:
             FILTER: self._condition,
             NAMED: self._named,
         }
+        if self.is_px4:
+            # which output steers, and which stick, is not asked, and no bearing is of our headings
+            for identity in (SERVOS, CHANNELS, NAVIGATION):
+                rates_hz.pop(identity, None)
+                del self.handlers[identity]
+        self.streams = MessageStreams(rates_hz, settings.heading_timeout, {WIND: 2.0, FILTER: 1.0})
         self._wind_speed = math.nan
 
     def silence(self) -> None:
@@ -395,8 +398,6 @@ class VehicleReader:
         self._has_fix = message.fix_type >= FIX_2D
 
     def _servos(self, now: float, message: Message, samples: list[Sample]) -> None:
-        if self.is_px4:
-            return
         self.streams.counts[SERVOS] += 1
         servo, channel = self.parameters.steering_servo, self._output.channel
         if self.bow is not None and message.port == 0 and 0 < self.bow.output <= SHOWN_OUTPUTS:
@@ -451,8 +452,6 @@ class VehicleReader:
         samples.append(RudderSample(time, shown.moment / output.share_per_radian, True, SERVO_SOURCE))
 
     def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
-        if self.is_px4:
-            return
         authority, parameters = self.authority, self.parameters
         self.streams.counts[CHANNELS] += 1
         if 0 < self._channels_boot - message.time_boot_ms <= OVERTAKEN_MS:
@@ -483,7 +482,7 @@ class VehicleReader:
             authority.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
-        if self.guided is not None and not self.is_px4:
+        if self.guided is not None:
             self.streams.counts[NAVIGATION] += 1
             bearing, target = math.radians(message.nav_bearing), math.radians(message.target_bearing)
             self.guided.report(now, bearing, target, float(message.wp_dist))
