@@ -140,15 +140,10 @@ def _opened_anew(descriptor: int, to: int) -> int:
 @contextlib.contextmanager
 def steady_output() -> Iterator[None]:
     """Let standard output and error be `Steady` within the block."""
-    before = sys.stdout, sys.stderr
     with contextlib.ExitStack() as after:
-        after.callback(_put_back, before)
-        sys.stdout, sys.stderr = _steady(before[0], after), _steady(before[1], after)
-        yield
-
-
-def _put_back(streams: tuple[TextIO, TextIO]) -> None:
-    sys.stdout, sys.stderr = streams
+        output, error = _steady(sys.stdout, after), _steady(sys.stderr, after)
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(error):
+            yield
 
 
 def _steady(stream: TextIO, after: contextlib.ExitStack) -> TextIO:
@@ -211,9 +206,9 @@ class TypedLines:
             return False
 
     def _take_keys(self) -> None:
-        self._unwaiting = _opened_anew(self._input, os.O_RDONLY)
         with contextlib.suppress(termios.error):
             self._before = termios.tcgetattr(self._input)
+            self._unwaiting = _opened_anew(self._input, os.O_RDONLY)
             after = termios.tcgetattr(self._input)
             after[3] &= ~(termios.ICANON | termios.ECHO)
             after[6][termios.VMIN], after[6][termios.VTIME] = 0, 0

@@ -317,7 +317,7 @@ def at_least_as_doubtful(more: Identified, likely: Identified) -> Identified:
             wanted = left * least * scale
             errors[name], grown[more.free.index(name)] = wanted, wanted / max(own, 1.0e-300)
     covariance = None if more.covariance is None else more.covariance * np.outer(grown, grown)
-    return more._replace(standard_errors=errors, covariance=covariance, is_blind=False)
+    return more._replace(standard_errors=errors, covariance=covariance)
 
 
 def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[str]) -> Identified:

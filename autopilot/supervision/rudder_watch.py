@@ -160,8 +160,7 @@ class Following(NamedTuple):
     """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
     how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off;
     is_slow: it goes to its orders, and much slower than filed; name and shown: what is found, '' for nothing;
-    late_until [s]: until then it is not our order that says where it goes; line: what its
-    line may have held."""
+    late_until [s]: until then it is not our order that says where it goes; line: what its line may have held."""
 
     seen: RudderSample | None = None
     bucket: float = 0.0
