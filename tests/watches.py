@@ -1,17 +1,23 @@
-"""The monitors' steps with the value that they go on from, for tests that show them one tick after the other."""
+"""The monitors' steps with the value that they go on from, for tests that show them one tick after the other; and the
+filter of the rudder watch once more, by matrices, for tests that reckon its evidence again."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from autopilot.angles import shortest_turn
+from autopilot.models.norrbin import Norrbin
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample, Sample
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.monitors import NOTHING_SEEN, State, judged, on_samples, without_past
 from autopilot.supervision.panel import sentences_of
+from autopilot.supervision.response_filter import Noise, transition_of
 
 
 class Stepped:
@@ -234,3 +240,43 @@ def alarms(monitors: Monitors) -> tuple[AlarmEvent, ...]:
 def said(monitors: Monitors) -> tuple[str, ...]:
     """Return the sentences of that."""
     return sentences_of(alarms(monitors))
+
+
+BOAT = Norrbin(0.3, 4.0, n3=1.0)
+NOISE = Noise(heading=1.0e-4, acceleration=1.0e-5, push=1.0e-4, sea=1.0e-3, pace=0.6)
+DT = 0.2
+
+
+class MatrixFilter:
+    """A boat without a rudder, BOAT every DT in a sea of so much variance [rad^2] and of that pace, and what it would
+    not see of each rudder's answer. odd: squares that nothing explains."""
+
+    def __init__(self, heading: float, sea: float, pace: float, rudders: Sequence[str]) -> None:
+        self.p = np.diag([NOISE.heading, 0.2**2, math.radians(20.0) ** 2, sea])
+        self.x = np.array([heading, 0.0, 0.0, 0.0])
+        self.answers = {name: np.zeros(4) for name in rudders}
+        self.odd = 1.0
+        self._sea, self._pace = sea, pace
+
+    def predict(self, heading: float, rate: float, rudders: Mapping[str, float]) -> tuple[float, float]:
+        """Go on to the next heading, and return its innovation and the standard deviation of that [rad]."""
+        turn, drift, decay, gain, kept = transition_of(BOAT, rate, self._pace, DT)
+        f = np.eye(4)
+        f[0, 1:] = turn, drift, drift
+        f[1, 1:] = decay, gain, gain
+        f[3, 3] = kept
+        q = np.zeros((4, 4))
+        q[:2, :2] = NOISE.acceleration * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
+        q[2, 2] = (NOISE.push + (math.radians(25.0) ** 2 if self.odd > 3.0 else 0.0)) * DT
+        q[3, 3] = (1.0 - kept**2) * self._sea
+        self.p, self.x = f @ self.p @ f.T + q, f @ self.x
+        for name, rudder in rudders.items():
+            self.answers[name] = f @ self.answers[name] + np.array([drift, gain, 0.0, 0.0]) * rudder
+        return heading - self.x[0], math.sqrt(self.p[0, 0] + NOISE.heading)
+
+    def correct(self, off: float) -> None:
+        """Take the innovation [rad]."""
+        gains: npt.NDArray[np.float64] = self.p[:, 0] / (self.p[0, 0] + NOISE.heading)
+        self.x = self.x + gains * off
+        self.answers = {name: answer - gains * answer[0] for name, answer in self.answers.items()}
+        self.p = self.p - np.outer(gains, self.p[0])

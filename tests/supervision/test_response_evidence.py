@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from watches import Answering
+from watches import BOAT, DT, NOISE, Answering, MatrixFilter
 
 from autopilot.estimation.disturbance import slide_step
-from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, NavState
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.response_filter import (
     NO_SEAWAY,
     NOTHING,
-    Noise,
     all_moved,
     noise_of,
     predicted,
@@ -51,49 +49,27 @@ from autopilot.supervision.tuning import WORKED_TIME
 from sitl.compiled import compiled
 
 Matrix = npt.NDArray[np.float64]
-BOAT = Norrbin(0.3, 4.0, n3=1.0)
-NOISE = Noise(heading=1.0e-4, acceleration=1.0e-5, push=1.0e-4, sea=1.0e-3, pace=0.6)
-DT = 0.2
 SURE = 10.4
 ON_COURSE, IN_A_TURN = (14.0, 6.0, 3.0), (11.0, 10.4, 1.0)
 
 
-class Judge:
-    """The same by matrices: one filter that knows of no rudder, and what of each rudder's answer it would not see."""
+class Judge(MatrixFilter):
+    """The same by matrices."""
 
     def __init__(self, heading: float) -> None:
-        self.p = np.diag([NOISE.heading, 0.2**2, math.radians(20.0) ** 2, NOISE.sea])
-        self.x = np.array([heading, 0.0, 0.0, 0.0])
-        self.answers = {name: np.zeros(4) for name in ("in time", "late", "slow")}
+        super().__init__(heading, NOISE.sea, NOISE.pace, ("in time", "late", "slow"))
         self.sums = dict.fromkeys(("silent", "silent_late", "opposite", "opposite_late"), 0.0)
         self.sums |= dict.fromkeys(("weak", "right", "strong", "late"), 0.0)
         self.pairs = {"lively": [0.0, 0.0], "quick": [0.0, 0.0]}
-        self.usual, self.shown, self.odd, self.misfit, self.misfit_slow = 45.0, 60.0, 1.0, 0.5, 1.0
+        self.usual, self.shown, self.misfit, self.misfit_slow = 45.0, 60.0, 0.5, 1.0
         self.past: list[tuple[float, float, float]] = []
         self.left, self.colour = 0.0, 1.0
 
     def on_sample(self, heading: float, rate: float, rudders: dict[str, float]) -> None:
-        turn, drift, decay, gain, kept = transition_of(BOAT, rate, NOISE.pace, DT)
-        f = np.eye(4)
-        f[0, 1:] = turn, drift, drift
-        f[1, 1:] = decay, gain, gain
-        f[3, 3] = kept
-        q = np.zeros((4, 4))
-        q[:2, :2] = NOISE.acceleration * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
-        q[2, 2] = (NOISE.push + (math.radians(25.0) ** 2 if self.odd > 3.0 else 0.0)) * DT
-        q[3, 3] = (1.0 - kept**2) * NOISE.sea
-        self.p = f @ self.p @ f.T + q
-        self.x = f @ self.x
-        for name, rudder in rudders.items():
-            self.answers[name] = f @ self.answers[name] + np.array([drift, gain, 0.0, 0.0]) * rudder
-        total = self.p[0, 0] + NOISE.heading
-        off = heading - self.x[0]
+        off, sigma = self.predict(heading, rate, rudders)
         s, late, slow = (float(self.answers[name][0]) for name in ("in time", "late", "slow"))
-        self._weigh(off, math.sqrt(total), s, late, slow)
-        gain = self.p[:, 0] / total
-        self.x = self.x + gain * off
-        self.answers = {name: a - gain * a[0] for name, a in self.answers.items()}
-        self.p = self.p - np.outer(gain, self.p[0])
+        self._weigh(off, sigma, s, late, slow)
+        self.correct(off)
 
     def _weigh(self, off: float, sigma: float, s: float, late: float, slow: float) -> None:
         def more(one: float, other: float, most: float) -> float:

@@ -9,9 +9,10 @@ import numpy.typing as npt
 import pytest
 from scipy.linalg import solve_toeplitz
 from scipy.stats import t as student
+from watches import BOAT, DT, NOISE, MatrixFilter
 
 from autopilot.models.norrbin import Norrbin
-from autopilot.supervision.response_filter import Noise, noise_of, transition_of
+from autopilot.supervision.response_filter import noise_of
 from autopilot.supervision.response_spectrum import blocks_step, first_blocks, no_more_blocks
 from autopilot.supervision.rudder_response import (
     ResponseState,
@@ -24,20 +25,16 @@ from autopilot.supervision.rudder_response import (
 )
 
 Matrix = npt.NDArray[np.float64]
-BOAT = Norrbin(0.3, 4.0, n3=1.0)
-NOISE = Noise(heading=1.0e-4, acceleration=1.0e-5, push=1.0e-4, sea=1.0e-3, pace=0.6)
 LEAST, USUAL, SLIDES = 0.6, 0.9, 0.3
-DT = 0.2
+RUDDERS = ("in time", "late", "braked", "slow")
 SEAS = [(31, 5.0, 3), (79, 2.0, 2), (157, 5.0, 3), (162, 5.0, 3)]
 
 
-class Judge:
+class Judge(MatrixFilter):
     """The same by matrices: blocks of four headings at 5 Hz, from the first to the one more than half a second on."""
 
     def __init__(self, heading: float) -> None:
-        self.p = np.diag([NOISE.heading, 0.2**2, math.radians(20.0) ** 2, math.radians(2.0) ** 2])
-        self.x, self.odd = np.array([heading, 0.0, 0.0, 0.0]), 1.0
-        self.answers = [np.zeros(4) for _ in range(4)]
+        super().__init__(heading, math.radians(2.0) ** 2, 0.5, RUDDERS)
         self.sums = dict.fromkeys(("silent", "silent_late", "opposite", "opposite_late"), 0.0)
         self.open: list[Matrix] = []
         self.past = [np.zeros(4)] * 4
@@ -45,25 +42,9 @@ class Judge:
         self.lately, self.more = np.zeros(5), 0.0
 
     def on_sample(self, heading: float, rate: float, rudders: tuple[float, float, float, float]) -> None:
-        turn, drift, decay, gain, kept = transition_of(BOAT, rate, 0.5, DT)
-        f = np.eye(4)
-        f[0, 1:] = turn, drift, drift
-        f[1, 1:] = decay, gain, gain
-        f[3, 3] = kept
-        q = np.zeros((4, 4))
-        q[:2, :2] = NOISE.acceleration * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
-        q[2, 2] = (NOISE.push + (math.radians(25.0) ** 2 if self.odd > 3.0 else 0.0)) * DT
-        q[3, 3] = (1.0 - kept**2) * math.radians(2.0) ** 2
-        self.p, self.x = f @ self.p @ f.T + q, f @ self.x
-        moved = np.array([drift, gain, 0.0, 0.0])
-        self.answers = [f @ answer + moved * rudder for answer, rudder in zip(self.answers, rudders, strict=True)]
-        total = self.p[0, 0] + NOISE.heading
-        off = heading - self.x[0]
-        self._weigh(off, math.sqrt(total), *(float(answer[0]) for answer in self.answers))
-        gains = self.p[:, 0] / total
-        self.x = self.x + gains * off
-        self.answers = [answer - gains * answer[0] for answer in self.answers]
-        self.p = self.p - np.outer(gains, self.p[0])
+        off, sigma = self.predict(heading, rate, dict(zip(RUDDERS, rudders, strict=True)))
+        self._weigh(off, sigma, *(float(self.answers[name][0]) for name in RUDDERS))
+        self.correct(off)
 
     def _weigh(self, off: float, sigma: float, s: float, late: float, braked: float, slow: float) -> None:
         shares = np.linspace(-1.6, 1.6, 20001)
@@ -117,7 +98,7 @@ def test_the_evidence_of_blocks_is_the_difference_of_log_likelihoods(share: floa
         memory = blocks_step(memory, BOAT, NOISE, (rate, rudders), (now, DT, shown), (LEAST, USUAL, SLIDES))
         judge.on_sample(shown, rate, rudders)
         found = [*memory.mean, *memory.answer, *memory.late, *memory.slide, *memory.slow]
-        assert found == pytest.approx(np.concatenate([judge.x, *judge.answers]), abs=1e-9)
+        assert found == pytest.approx(np.concatenate([judge.x, *judge.answers.values()]), abs=1e-9)
         found = [memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late]
         assert found == pytest.approx(list(judge.sums.values()), abs=1e-6)
         assert memory.spectrum.sums_apart == pytest.approx(judge.apart, abs=1e-6)
