@@ -6,7 +6,7 @@ The closed loop is `sitl.campaign`'s, compiled, and so is the watch, `autopilot.
 courses are held for a minute each, and then changed by 10 to 60 deg. The sea is that of `off_course.py`, from five
 sides; K of the real boat is the model's, 30 % less, and 40 % more. `evidence` is how much likelier, as a natural
 logarithm, the watch ever held it that the boat does not answer, in both its seas together: 14 and more is an alarm, 11
-and more in a turn.
+and more in a turn, where each of both is enough, too.
 """
 
 from __future__ import annotations
