@@ -295,7 +295,7 @@ def _with_surroundings(fit: _Fit, likely: Identified) -> Identified:
             None if speed == more.model.reference_speed else likeliest_fit(runs, speed, more.model, train, fit.steps)
         )
         whole = beside_surroundings(more, likely, fit.runs, fit.steps) or at_least_as_doubtful(more, likely)
-        return whole._replace(likely=fitted[0] if fitted else likely.likely, is_blind=False)
+        return whole._replace(likely=fitted[0] if fitted else likely.likely)
     notes = tuple(dict.fromkeys((*likely.notes, *more.notes)))
     return likely._replace(unidentifiable={**more.unidentifiable, **likely.unidentifiable}, notes=notes)
 
@@ -317,7 +317,7 @@ def at_least_as_doubtful(more: Identified, likely: Identified) -> Identified:
             wanted = left * least * scale
             errors[name], grown[more.free.index(name)] = wanted, wanted / max(own, 1.0e-300)
     covariance = None if more.covariance is None else more.covariance * np.outer(grown, grown)
-    return more._replace(standard_errors=errors, covariance=covariance)
+    return more._replace(standard_errors=errors, covariance=covariance, is_blind=False)
 
 
 def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[str]) -> Identified:

@@ -217,6 +217,7 @@ def beside_surroundings(more: Identified, likely: Identified, runs: Sequence[Run
         free=free,
         covariance=covariance,
         train=fit.train,
+        is_blind=False,
     )
 
 
