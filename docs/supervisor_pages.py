@@ -9,12 +9,28 @@ from collections.abc import Iterable
 from itertools import groupby
 from pathlib import Path
 
+from alarm_conditions import CONDITIONS
+
 from autopilot.signals import Mode, SupervisorState
 from autopilot.supervision.alarm_words import WORDS
 from autopilot.supervision.alarms import CATALOGUE, SOUNDS, AlarmKind, Priority, Response
-from autopilot.supervision.states import MEANING, MODES, TABLE, Action, Event, Row, Says
+from autopilot.supervision.states import MODES, TABLE, Action, Event, Row, Says
 
 COMMAND = "python docs/supervisor_pages.py"
+MEANING = {
+    SupervisorState.STANDBY: "the rudder is released; nothing is asked of the pilot",
+    SupervisorState.HEADING: "the law holds the heading ordered",
+    SupervisorState.TRACK: "the law holds the heading that a route, a pattern or a chart plotter leads to",
+    SupervisorState.TRIAL: "the rudder goes where a trial puts it: a held angle, a zigzag",
+    SupervisorState.DEGRADED: "the law steers on, though something it rests on is in doubt",
+    SupervisorState.OVERRIDE: "a human or the firmware has taken the helm; the rudder is released",
+    SupervisorState.FAILSAFE: (
+        "steering has ended for a trouble; the rudder does what the vessel file says, and is released in the end"
+    ),
+    SupervisorState.FAULT: (
+        "a command was not fit to leave: the pilot itself is in doubt; the rudder is held, then released"
+    ),
+}
 
 
 def supervisor_page() -> str:
@@ -111,12 +127,12 @@ def _alarm_table(kinds: Iterable[AlarmKind]) -> str:
                 kind.priority.name.lower(),
                 words.text,
                 words.remedy,
-                words.limit,
-                ", ".join(f"`{key}`" for key in words.key.split(", ")) if words.key else "",
+                condition.limit,
+                ", ".join(f"`{key}`" for key in condition.key.split(", ")) if condition.key else "",
                 kind.severity.name.lower(),
-                words.watcher.value,
+                condition.watcher.value,
             )
-            for kind, words in ((kind, WORDS[kind.name]) for kind in kinds)
+            for kind, words, condition in ((kind, WORDS[kind.name], CONDITIONS[kind.name]) for kind in kinds)
         ),
     )
 

@@ -34,17 +34,6 @@ MODES = {
     FAULT: Mode.FAULT,
 }
 
-MEANING = {
-    STANDBY: "the rudder is released; nothing is asked of the pilot",
-    HEADING: "the law holds the heading ordered",
-    TRACK: "the law holds the heading that a route, a pattern or a chart plotter leads to",
-    TRIAL: "the rudder goes where a trial puts it: a held angle, a zigzag",
-    DEGRADED: "the law steers on, though something it rests on is in doubt",
-    OVERRIDE: "a human or the firmware has taken the helm; the rudder is released",
-    FAILSAFE: "steering has ended for a trouble; the rudder does what the vessel file says, and is released in the end",
-    FAULT: "a command was not fit to leave: the pilot itself is in doubt; the rudder is held, then released",
-}
-
 
 class Event(Enum):
     """What the supervisor notices in a tick; the value says what it is."""
