@@ -21,9 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 from integral_recursion import RECURSION
+from particle_gains import GalerkinGain, KernelGain, moved_by
 
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import InputError
+from autopilot.identification.filter_methods import particle_filter
 from autopilot.identification.identified import Question
 from autopilot.identification.methods import Method
 from autopilot.identification.registry import METHODS as REGISTERED
@@ -58,8 +60,8 @@ BOATS = (
 
 METHODS: dict[str, Method] = {
     **{method.name: method for method in (*REGISTERED, RECURSION)},
-    "fpf-galerkin": method_named("fpf"),
-    "fpf-kernel": method_named("fpf"),
+    "fpf-galerkin": method_named("fpf")._replace(identify=partial(particle_filter, moved=moved_by(GalerkinGain()))),
+    "fpf-kernel": method_named("fpf")._replace(identify=partial(particle_filter, moved=moved_by(KernelGain()))),
 }
 """Every method, the particle filter with each of its gains."""
 
@@ -76,7 +78,6 @@ class Estimate(NamedTuple):
 def estimate_by(method: str, run: Run, boat: Boat) -> Estimate:
     """Return what a method makes of a recording."""
     question, began = Question(reference_speed=SPEED, course_unstable=boat.model.n1 < 0.0), time.process_time()
-    question = question._replace(particle_gain=method.partition("fpf-")[2] or "constant")
     try:
         found = METHODS[method].identify([run], question)
     except InputError as refused:

@@ -72,12 +72,6 @@ def add_parser(subparsers: Any) -> None:
         help="output-error (default), two-stage, ...; `--method list` says what each does",
     )
     parser.add_argument(
-        "--gain",
-        choices=("constant", "galerkin", "kernel"),
-        default="constant",
-        help="of --method fpf (default constant); what each costs: docs/identification.md",
-    )
-    parser.add_argument(
         "--forgetting",
         action=number(0.001, 1.0),
         default=1.0,
@@ -257,7 +251,6 @@ def _methods() -> str:
 def _check(arguments: argparse.Namespace, method: Method) -> None:
     from autopilot.identification.registry import that_take
 
-    _check_gain(arguments, method)
     _check_model(arguments, method)
     if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
         raise InputError(
@@ -309,7 +302,6 @@ def _identify(
             gain=arguments.gain_1_s,
             forgetting=arguments.forgetting,
             weighting=arguments.weighting,
-            particle_gain=arguments.gain,
             progress=bar.update,
             prior=prior if method.name == METHODS[0].name else None,
         )
@@ -347,16 +339,6 @@ def _form_of(arguments: argparse.Namespace) -> Question:
     train = (*named.rudder_train, *(name for name in _rudder_train(arguments) if name not in named.rudder_train))
     own = {"course_unstable": arguments.course_unstable, "rudder_train": train, "trim": arguments.trim}
     return named._replace(weighting=arguments.weighting, **own)
-
-
-def _check_gain(arguments: argparse.Namespace, method: Method) -> None:
-    """Raise InputError where --gain does not go with the method."""
-    from autopilot.identification.registry import that_take
-
-    if arguments.gain != "constant" and "gain" not in method.takes:
-        raise InputError(
-            f"--gain {arguments.gain} goes with --method {that_take('gain')} alone; leave one of them out."
-        )
 
 
 def _check_model(arguments: argparse.Namespace, method: Method) -> None:

@@ -7,18 +7,13 @@ then moves the particles while lambda goes from 0 to 1 (in units where R = I):
 
 where the gain K_j = grad phi_j solves  div(p grad phi_j) = -(h_j - h^_j) p. Where K is constant and h linear the flow
 has a closed form: each step of lambda damps the innovation by it, so that a step is exact for Gaussians and stable for
-any size. Three gains (`autopilot.filters.feedback_particle`): constant, the covariance of x and h, which makes the
-filter an ensemble Kalman filter; Galerkin, in polynomials; kernel, from a diffusion map. The flow follows Bayes' rule
-exactly where a measurement tells little at a time, as in continuous observation; a single strong measurement of a
-density far from Gaussian is where its feedback form is approximate.
+any size. Here it is constant, the covariance of x and h, which makes the filter an ensemble Kalman filter; gains that
+follow the density are in benchmarks/particle_gains.py, for where the record has narrowed the belief it is a Gaussian,
+whose gain is constant. The flow follows Bayes' rule exactly where a measurement tells little at a time, as in
+continuous observation; a single strong measurement of a density far from Gaussian is where it is approximate.
 
 Source: Yang, Blom and Mehta 2014 (continuous-discrete FPF); Zheng et al. 2019, eqs (6)-(11), whose (7) prints Q for
 its root and whose (8) and (11) need the continuous intensity R dt; Bergemann and Reich 2010 for the closed form.
-
-Gains of the feedback particle filter: div(p grad phi) = -g p solved for p known only by its particles.
-
-Each gain works in the particles' own coordinates y = L^-1 (x - mean), covariance L L', so that units do not matter;
-carried back, K = L grad_y phi solves the same equation.
 
 Parameters are appended to the state of the model, as states that stay as they are, and found from a record (`Case`).
 
@@ -28,9 +23,7 @@ One step of a stochastic differential equation x' = f(x, u) + w goes for many st
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
-from itertools import combinations_with_replacement
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,165 +87,32 @@ class Gaussian(NamedTuple):
     covariance: FloatArray
 
 
-ISOLATED = 1.0e-6
-"""Share of phi that a particle forgets: far below any error of the gain."""
-
-
-class Gain(Protocol):
-    """A way to solve the gain's equation. varies: whether the gain differs from particle to particle."""
-
-    @property
-    def varies(self) -> bool:
-        """Whether the gain differs from particle to particle."""
-
-    def steer(self, particles: FloatArray, g: FloatArray, innovation: FloatArray) -> FloatArray:
-        """Return sum_j K_j innovation_j, shape (N, d): K_j solves the equation for g_j, zero mean, shape (N, m)."""
-
-
-class ConstantGain(NamedTuple):
-    """K = cov(x, g): the best gain that is the same for all particles; Zheng et al. 2019, eq. (8)."""
-
-    @property
-    def varies(self) -> bool:
-        """One gain for all."""
-        return False
-
-    def steer(self, particles: FloatArray, g: FloatArray, innovation: FloatArray) -> FloatArray:
-        """Return sum_j K_j innovation_j, shape (N, d)."""
-        around = particles - particles.mean(axis=0)
-        return np.asarray(innovation @ (around.T @ g / (particles.shape[0] - 1)).T)
-
-
-class GalerkinGain(NamedTuple):
-    """phi as a polynomial in the particles' own coordinates, of total degree `degree` and with at most `mixed`
-    coordinates in a term: mean(grad psi_k . grad psi_l) c_l = mean(psi_k g). Degree 1 is the constant gain.
-
-    Source: Yang, Mehta and Meyn 2013, section on the Galerkin approximation.
-    """
-
-    degree: int = 2
-    mixed: int = 2
-
-    @property
-    def varies(self) -> bool:
-        """A linear phi has a constant gradient."""
-        return self.degree > 1
-
-    def steer(self, particles: FloatArray, g: FloatArray, innovation: FloatArray) -> FloatArray:
-        """Return sum_j K_j innovation_j, shape (N, d)."""
-        y, L = own_coordinates(particles)
-        N, d = y.shape
-        values, slopes = _polynomials(y, _growths(d, self.degree, self.mixed))
-        A = np.sum(slopes @ slopes.transpose(0, 2, 1), axis=0) / N
-        A[np.diag_indices_from(A)] *= 1.0 + 1.0e-9
-        coefficients = np.linalg.solve(A, values @ g / (N - 1))
-        along = np.einsum("ekn,kn->en", slopes, coefficients @ innovation.T)
-        return np.asarray((L @ along).T)
-
-
-class KernelGain(NamedTuple):
-    """phi by the diffusion map of a Gaussian kernel exp(-|y - y'|^2/(4 eps)): phi = T phi + eps g, T the kernel's
-    Markov matrix, and grad phi from T's own differences. A wide kernel gives the constant gain.
-
-    bandwidth: eps, in the square of the particles' own standard deviation. Source: Taghvaei, Mehta and Meyn 2020,
-    "Diffusion map-based algorithm for gain function approximation in the feedback particle filter".
-    """
-
-    bandwidth: float = 0.3
-
-    @property
-    def varies(self) -> bool:
-        """It follows the density."""
-        return True
-
-    def steer(self, particles: FloatArray, g: FloatArray, innovation: FloatArray) -> FloatArray:
-        """Return sum_j K_j innovation_j, shape (N, d)."""
-        y, L = own_coordinates(particles)
-        T, stationary = _markov(y, self.bandwidth)
-        source = self.bandwidth * (g - stationary @ g)
-        # a particle that none is near has no neighbours to tell its phi from: the small share keeps it solvable
-        system = (1.0 + ISOLATED) * np.eye(y.shape[0]) - T + stationary[None, :]
-        r = np.linalg.solve(system, source) + source
-        around, pulled = T @ y, T @ r
-        velocity = np.zeros_like(y)
-        for j in range(g.shape[1]):
-            slope = T @ (r[:, [j]] * y) - around * pulled[:, [j]]
-            velocity += slope * innovation[:, [j]] / (2.0 * self.bandwidth)
-        return np.asarray(velocity @ L.T)
-
-
-GAINS: dict[str, Gain] = {"constant": ConstantGain(), "galerkin": GalerkinGain(), "kernel": KernelGain()}
-"""Every gain by the name that the command line has for it."""
-
-
-def _markov(y: FloatArray, bandwidth: float) -> tuple[FloatArray, FloatArray]:
-    """Return the diffusion map's Markov matrix T, shape (N, N), and its stationary distribution, shape (N,)."""
-    squares = np.sum(y * y, axis=1)
-    distance = np.maximum(squares[:, None] + squares[None, :] - 2.0 * (y @ y.T), 0.0)
-    kernel = np.exp(-distance / (4.0 * bandwidth))
-    weight = 1.0 / np.sqrt(kernel.sum(axis=1))
-    kernel *= weight[:, None] * weight[None, :]
-    mass = kernel.sum(axis=1)
-    return kernel / mass[:, None], np.asarray(mass / mass.sum())
-
-
-def own_coordinates(particles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the particles with zero mean and unit covariance, shape (N, d), and L with x = mean + L y."""
-    around = particles - particles.mean(axis=0)
-    covariance = np.atleast_2d(around.T @ around) / (particles.shape[0] - 1)
-    size = np.sqrt(np.diag(covariance)) + 1.0e-300
-    # scaled first: standard deviations may be orders of magnitude apart, and some particles may lie on a plane
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    root = np.sqrt(np.maximum(values, 1.0e-12 * values[-1]))
-    return (around / size) @ (vectors / root), np.asarray(size[:, None] * vectors * root)
-
-
-class _Growth(NamedTuple):
-    """How the monomials of one total degree come from those of the degree below: by which of them, shape (k,), is
-    multiplied with which coordinate, shape (k,)."""
-
-    parent: NDArray[np.intp]
-    by: NDArray[np.intp]
-
-
-@lru_cache
-def _growths(d: int, degree: int, mixed: int) -> tuple[_Growth, ...]:
-    """Return the growths up to `degree` from 1, of monomials with at most `mixed` different coordinates."""
-    below: list[tuple[int, ...]] = [()]
-    growths = []
-    for total in range(1, degree + 1):
-        terms = [t for t in combinations_with_replacement(range(d), total) if len(set(t)) <= mixed]
-        places = {term: place for place, term in enumerate(below)}
-        parents = np.array([places[term[:-1]] for term in terms], dtype=np.intp)
-        growths.append(_Growth(parents, np.array([term[-1] for term in terms], dtype=np.intp)))
-        below = terms
-    return tuple(growths)
-
-
-def _polynomials(y: FloatArray, growths: tuple[_Growth, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return the monomials at the particles, shape (k, N), and their gradients, shape (d, k, N)."""
-    across = np.ascontiguousarray(y.T)
-    d, N = across.shape
-    value, slope = np.ones((1, N)), np.zeros((d, 1, N))
-    values, slopes = [], []
-    for parent, by in growths:
-        factor, before = across[by], value[parent]
-        slope = slope[:, parent] * factor
-        slope[by, np.arange(by.size)] += before
-        value = before * factor
-        values.append(value)
-        slopes.append(slope)
-    return np.concatenate(values), np.concatenate(slopes, axis=1)
-
-
 LARGEST_STEP = 0.4
 """A step of lambda is at most this over trace(P_zz R^-1), and the gain is found anew for each."""
 
 MOST_STEPS = 200
 """So many steps are never needed by a sensible prior; the last one then goes to the end."""
 
-LARGEST_MOVE = 0.25
-"""Where the gain varies, it is found anew after moves of this many standard deviations, root mean square."""
+
+Moved = Callable[[FloatArray, FloatArray, FloatArray, float], tuple[float, FloatArray]]
+"""Of particles, shape (N, d), what each shows, whitened, shape (N, m), what was measured, and a step of lambda: the
+step that is taken, and dx/dlambda, shape (N, d)."""
+
+
+def by_constant_gain(particles: FloatArray, h: FloatArray, z: FloatArray, step: float) -> tuple[float, FloatArray]:
+    """Return the step and dx/dlambda by K = cov(x, h), the best gain that is the same for all particles, so that a step
+    is exact for a linear h; Zheng et al. 2019, eq. (8)."""
+    spread, innovation = damped(h, z, step)
+    around = particles - particles.mean(axis=0)
+    return step, np.asarray(innovation @ (around.T @ spread / (particles.shape[0] - 1)).T)
+
+
+def damped(h: FloatArray, z: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+    """Return how far each particle shows something else than their mean, and the innovation of each, damped so that a
+    step of size `step` is exact for a linear h and constant gain; shape (N, m) each."""
+    spread = h - h.mean(axis=0)
+    pull, shrink = damping_matrices(spread.T @ spread / (h.shape[0] - 1), step)
+    return spread, (z - h.mean(axis=0)) @ pull.T - spread @ shrink.T
 
 
 def fpf_start(belief: Gaussian, count: int, random: np.random.Generator) -> FloatArray:
@@ -279,13 +139,12 @@ def fpf_predict(
 
 
 def fpf_update(
-    particles: FloatArray, observe: Observe, measured: FloatArray, R: FloatArray, gain: Gain | None = None
+    particles: FloatArray, observe: Observe, measured: FloatArray, R: FloatArray, moved: Moved = by_constant_gain
 ) -> FloatArray:
     """Return the particles, shape (N, d), after the measurement z, shape (m,), of covariance R, shape (m, m).
 
-    gain: ConstantGain() by default. Values of z that are not finite do not count.
+    moved: how a gain moves them. Values of z that are not finite do not count.
     """
-    gain = gain or ConstantGain()
     there = np.isfinite(measured)
     if not there.any():
         return particles
@@ -300,9 +159,7 @@ def fpf_update(
         h = shown(particles)
         trace = float(np.sum(np.var(h, axis=0, ddof=1)))
         step = min(LARGEST_STEP / max(trace, 1.0e-300), 1.0 - done)
-        move = _velocity(particles, h, z, gain, step)
-        if gain.varies:
-            step, move = _held_back(particles, move, step)
+        step, move = moved(particles, h, z, step)
         if not taken:
             lost = _chance_shrinkage(h)
         taken += 1
@@ -310,23 +167,6 @@ def fpf_update(
         particles = particles + step * move
         done = 1.0 if step >= 1.0 - done else done + step
     return np.asarray(particles + lost * (particles - particles.mean(axis=0)))
-
-
-def _held_back(particles: FloatArray, velocity: FloatArray, step: float) -> tuple[float, FloatArray]:
-    """Return a step in which the particles move `LARGEST_MOVE` standard deviations rms at most, and velocities of
-    which none goes beyond twice that: where there are few particles their gain is mostly chance."""
-    speed = np.sqrt(np.mean((velocity / (particles.std(axis=0) + 1.0e-300)) ** 2, axis=1))
-    step = min(step, LARGEST_MOVE / max(float(np.sqrt(np.mean(speed**2))), 1.0e-300))
-    allowed = 2.0 * LARGEST_MOVE / step
-    return step, velocity * np.minimum(1.0, allowed / np.maximum(speed, 1.0e-300))[:, None]
-
-
-def _velocity(particles: FloatArray, h: FloatArray, z: FloatArray, gain: Gain, step: float) -> FloatArray:
-    """Return dx/dlambda, shape (N, d), so that a step of size `step` is exact for a linear h and constant gain."""
-    spread = h - h.mean(axis=0)
-    pull, shrink = damping_matrices(spread.T @ spread / (h.shape[0] - 1), step)
-    innovation = (z - h.mean(axis=0)) @ pull.T - spread @ shrink.T
-    return gain.steer(particles, spread, innovation)
 
 
 def _chance_shrinkage(h: FloatArray) -> float:
@@ -409,12 +249,12 @@ class _History:
 
 
 def by_particle_filter(
-    case: Case, steps: Steps, count: int, random: np.random.Generator, gain: Gain | None = None
+    case: Case, steps: Steps, count: int, random: np.random.Generator, moved: Moved = by_constant_gain
 ) -> Found:
-    """Return the feedback particle filter's estimates with `count` particles; gain: constant by default."""
+    """Return the feedback particle filter's estimates with `count` particles; moved: how a gain moves them."""
     particles, history = fpf_start(case.prior, count, random), _History(case)
     for dt, inputs, z in zip(steps.dt, steps.inputs, steps.measured, strict=True):
         particles = fpf_predict(particles, case.motion, inputs, float(dt), random)
-        particles = fpf_update(particles, case.observe, z, case.R, gain)
+        particles = fpf_update(particles, case.observe, z, case.R, moved)
         history.add(particles.mean(axis=0), particles.var(axis=0, ddof=1))
     return history.found(fpf_belief(particles).covariance)

@@ -12,7 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.filters.feedback_particle import GAINS, Case, Found, Gaussian, Steps, by_particle_filter
+from autopilot.filters.feedback_particle import (
+    Case,
+    Found,
+    Gaussian,
+    Moved,
+    Steps,
+    by_constant_gain,
+    by_particle_filter,
+)
 from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Convergence, Identified, Question
 from autopilot.identification.identified import Steps as ProgressSteps
 from autopilot.identification.identify import sources_of
@@ -190,13 +198,13 @@ def kalman_filter(runs: Sequence[Run], question: Question) -> Identified:
     return _identify(runs, question, None, "ekf")
 
 
-def particle_filter(runs: Sequence[Run], question: Question, particles: int = PARTICLES) -> Identified:
+def particle_filter(runs: Sequence[Run], question: Question, moved: Moved = by_constant_gain) -> Identified:
     """Return the last belief of the feedback particle filter, the parameters as states; see `Method`. n3 is held at 0
-    where it cannot be determined. Raises KeyError for a gain that there is not."""
-    random, gain = np.random.default_rng(SEED), GAINS[question.particle_gain]
+    where it cannot be determined. moved: how a gain moves the particles."""
+    random = np.random.default_rng(SEED)
 
     def filtered(case: Case, steps: Steps) -> Found:
-        return by_particle_filter(case, steps, particles, random, gain)
+        return by_particle_filter(case, steps, PARTICLES, random, moved)
 
     return _identify(runs, question, filtered, "fpf")
 
@@ -261,8 +269,7 @@ METHODS = (
     ),
     Method(
         "fpf",
-        "feedback particle filter (Zheng et al. 2019), 300 particles; --gain constant, galerkin or kernel",
+        "feedback particle filter (Zheng et al. 2019), 300 particles",
         particle_filter,
-        frozenset({"gain"}),
     ),
 )

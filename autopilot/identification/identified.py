@@ -64,9 +64,8 @@ class Question(NamedTuple):
     recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
     rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water.
     weighting: "likelihood" and "prediction-error" know gusts from instrument noise.  quadratic: n2 too, of a boat that
-    turns otherwise to one side.  trim: "per-run" fits an n0 for each run; the model has their mean.  particle_gain: of
-    the particle filter.  progress: called with how far it is.  prior: what other boats of its length say of
-    the boat.
+    turns otherwise to one side.  trim: "per-run" fits an n0 for each run; the model has their mean.  progress: called
+    with how far it is.  prior: what other boats of its length say of the boat.
     """
 
     kind: ModelKind = "norrbin"
@@ -80,7 +79,6 @@ class Question(NamedTuple):
     weighting: Weighting = "likelihood"
     quadratic: bool = False
     trim: Trim = "common"
-    particle_gain: str = "constant"
     prior: BoatPrior | None = None
     progress: Progress = silent
 

@@ -37,7 +37,7 @@ class Method(NamedTuple):
 
     name: what `autopilot identify --method` calls it.  summary: what it does, in a line.  takes: what it can be asked
     beyond the usual question: `models` (n2, Nomoto's second order, or to choose), `trim`, `rudder` (what lies before
-    it), `weighting`, and the `gain` of a particle filter.
+    it), and `weighting`.
 
     identify: returns the model that all runs together give. The runs are not changed; the same runs give the same
     model. Raises InputError, in one sentence that names the runs, where they tell nothing: the rudder never moves, the

@@ -15,7 +15,6 @@ import pytest
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification import registry
-from autopilot.identification.filter_methods import particle_filter
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.methods import PARAMETERS, Method, begin, identified_as
 from autopilot.identification.registry import METHODS, NAMES, method_named
@@ -51,26 +50,7 @@ def run_of(table: dict[str, Any], source: str = "zigzag.csv") -> Run:
     return run_from_columns(source, table)
 
 
-# fewer particles than the command has: the gain is what differs, and a kernel's cost goes with their square
-
-
-def with_gain(gain: str, particles: int) -> Method:
-    def identified(runs: Sequence[Run], question: Question) -> Identified:
-        return particle_filter(runs, question._replace(particle_gain=gain), particles)
-
-    return method_named("fpf")._replace(identify=identified)
-
-
-OTHER_GAINS = {"fpf-galerkin": with_gain("galerkin", 60), "fpf-kernel": with_gain("kernel", 120)}
-
-
-@pytest.fixture(
-    params=[
-        *(pytest.param(method, id=method.name) for method in METHODS),
-        pytest.param(OTHER_GAINS["fpf-galerkin"], id="fpf-galerkin"),
-        pytest.param(OTHER_GAINS["fpf-kernel"], id="fpf-kernel"),
-    ]
-)
+@pytest.fixture(params=[pytest.param(method, id=method.name) for method in METHODS])
 def method(request: pytest.FixtureRequest) -> Method:
     return request.param
 
@@ -205,8 +185,6 @@ def test_a_record_that_tells_nothing_is_refused(method: Method) -> None:
 
 def test_a_course_unstable_boat_is_found_or_refused_in_a_sentence(method: Method) -> None:
     """T r' - r + 20 r^3 = K delta."""
-    if method is OTHER_GAINS["fpf-kernel"]:
-        pytest.skip("a record without noise takes a kernel gain minutes")
     dt, rows = 0.01, []
     rate = heading = 0.0
     order = 0.25

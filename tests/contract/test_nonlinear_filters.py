@@ -8,17 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from extended_kalman import ekf_predict, ekf_update
+from particle_gains import GalerkinGain, KernelGain, moved_by
 
 from autopilot.filters.feedback_particle import (
-    ConstantGain,
     Drift,
     FloatArray,
-    Gain,
-    GalerkinGain,
     Gaussian,
-    KernelGain,
     Motion,
+    Moved,
     Observe,
+    by_constant_gain,
     fpf_belief,
     fpf_predict,
     fpf_start,
@@ -53,13 +52,13 @@ def extended_kalman(problem: Problem) -> list[Gaussian]:
     return found
 
 
-def feedback_particles(gain: Gain, count: int = PARTICLES, seed: int = 5) -> Filter:
+def feedback_particles(moved: Moved, count: int = PARTICLES, seed: int = 5) -> Filter:
     def filtered(problem: Problem) -> list[Gaussian]:
         random = np.random.default_rng(seed)
         particles, found = fpf_start(problem.start, count, random), []
         for inputs, z in zip(problem.inputs, problem.measured, strict=True):
             particles = fpf_predict(particles, Motion(problem.drift, problem.noise), inputs, problem.dt, random)
-            particles = fpf_update(particles, problem.observe, z, problem.R, gain)
+            particles = fpf_update(particles, problem.observe, z, problem.R, moved)
             found.append(fpf_belief(particles))
         return found
 
@@ -69,10 +68,10 @@ def feedback_particles(gain: Gain, count: int = PARTICLES, seed: int = 5) -> Fil
 FILTERS: dict[str, tuple[Filter, float]] = {
     # the filter, and how far from the Kalman filter chance may carry it, in standard deviations
     "extended Kalman": (extended_kalman, 1.0e-6),
-    "constant gain": (feedback_particles(ConstantGain()), 0.25),
-    "Galerkin, linear": (feedback_particles(GalerkinGain(1)), 0.25),
-    "Galerkin, quadratic": (feedback_particles(GalerkinGain(2)), 0.35),
-    "kernel": (feedback_particles(KernelGain(4.0), count=120), 0.55),
+    "constant gain": (feedback_particles(by_constant_gain), 0.25),
+    "Galerkin, linear": (feedback_particles(moved_by(GalerkinGain(1))), 0.25),
+    "Galerkin, quadratic": (feedback_particles(moved_by(GalerkinGain(2))), 0.35),
+    "kernel": (feedback_particles(moved_by(KernelGain(4.0)), count=120), 0.55),
 }
 
 
@@ -242,9 +241,9 @@ def distance_from_bayes(filtered: Filter, problems: list[Problem]) -> float:
 def test_only_adaptive_gains_follow_bayes_between_two_wells() -> None:
     problems = [wells_problem(seed) for seed in range(4)]
     kalman_distance = distance_from_bayes(extended_kalman, problems)
-    constant = distance_from_bayes(feedback_particles(ConstantGain(), 150), problems)
-    galerkin = distance_from_bayes(feedback_particles(GalerkinGain(5), 150), problems)
-    kernel = distance_from_bayes(feedback_particles(KernelGain(0.2), 150), problems)
+    constant = distance_from_bayes(feedback_particles(by_constant_gain, 150), problems)
+    galerkin = distance_from_bayes(feedback_particles(moved_by(GalerkinGain(5)), 150), problems)
+    kernel = distance_from_bayes(feedback_particles(moved_by(KernelGain(0.2)), 150), problems)
     assert kalman_distance > 0.3
     assert constant < 0.2
     assert galerkin < 0.09
@@ -254,9 +253,9 @@ def test_only_adaptive_gains_follow_bayes_between_two_wells() -> None:
 
 def test_the_same_generator_gives_the_same_particles() -> None:
     problem = linear_problem(steps=5)
-    once, again = feedback_particles(ConstantGain())(problem), feedback_particles(ConstantGain())(problem)
+    once, again = feedback_particles(by_constant_gain)(problem), feedback_particles(by_constant_gain)(problem)
     assert all(np.array_equal(a.mean, b.mean) for a, b in zip(once, again, strict=True))
-    other = feedback_particles(ConstantGain(), seed=6)(problem)
+    other = feedback_particles(by_constant_gain, seed=6)(problem)
     assert not np.array_equal(once[-1].mean, other[-1].mean)
 
 
@@ -265,14 +264,21 @@ def test_fewer_than_two_particles_are_refused() -> None:
         fpf_start(Gaussian(np.zeros(2), np.eye(2)), 1, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("gain", [ConstantGain(), GalerkinGain(1), GalerkinGain(3), KernelGain(50.0)])
-def test_a_gain_of_a_gaussian_is_its_covariance(gain: Gain) -> None:
+def steered_by_the_constant_gain(particles: FloatArray, g: FloatArray, innovation: FloatArray) -> FloatArray:
+    return by_constant_gain(particles, g, innovation[0], 1.0e-12)[1]
+
+
+STEERED = (steered_by_the_constant_gain, GalerkinGain(1).steer, GalerkinGain(3).steer, KernelGain(50.0).steer)
+
+
+@pytest.mark.parametrize("steered", STEERED, ids=("constant", "linear", "cubic", "kernel"))
+def test_a_gain_of_a_gaussian_is_its_covariance(steered: Callable[..., FloatArray]) -> None:
     """For g linear in x the equation's solution is cov(x, g), whatever the basis; particles are symmetric pairs."""
     random = np.random.default_rng(3)
     half = random.standard_normal((400, 2)) @ np.array([[1.0, 0.0], [0.6, 0.2]])
     particles = np.vstack([half, -half])
     g = (particles @ np.array([[1.0], [-2.0]])) - (particles @ np.array([[1.0], [-2.0]])).mean(axis=0)
-    velocity = gain.steer(particles, g, np.ones((800, 1)))
+    velocity = steered(particles, g, np.ones((800, 1)))
     expected = np.cov(particles.T) @ np.array([1.0, -2.0])
     np.testing.assert_allclose(velocity.mean(axis=0), expected, rtol=0.06, atol=0.02)
 

@@ -7,7 +7,6 @@ import pytest
 from extended_kalman import by_kalman_filter
 from zigzag_trials import zigzag
 
-from autopilot.cli.main import main
 from autopilot.filters.feedback_particle import Gaussian
 from autopilot.identification.filter_methods import kalman_filter
 from autopilot.identification.identified import Identified, Question
@@ -25,7 +24,6 @@ from autopilot.identification.norrbin_filter import (
     stacked,
     yaw_case,
 )
-from autopilot.identification.registry import METHODS
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.models.norrbin import Norrbin
 
@@ -117,12 +115,3 @@ def test_what_a_record_does_not_tell_stays_as_unsure_as_it_was() -> None:
     covariance = covariance_of([Innovations(value, slope)], np.zeros(2), np.diag([0.5, 0.25]))
     assert covariance[0, 0] == pytest.approx(1.0 / 40_000.0, rel=0.3)
     assert covariance[1, 1] == pytest.approx(0.25, rel=0.01)
-
-
-def test_a_gain_is_chosen_by_name_and_goes_with_the_particle_filter_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    assert [method.name for method in METHODS if "gain" in method.takes] == ["fpf"]
-    assert main(["identify", "log.csv", "--method", "ekf", "--gain", "kernel"]) == 2
-    assert "--gain kernel goes with --method fpf alone" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        main(["identify", "log.csv", "--method", "fpf", "--gain", "magic"])
-    assert "galerkin" in capsys.readouterr().err
