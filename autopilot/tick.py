@@ -42,7 +42,7 @@ from autopilot.estimation.rudder_observer import (
 )
 from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, PATH_LATER, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
-from autopilot.models.drives import THROTTLE_FLOOR, Needs, quickness
+from autopilot.models.drives import THROTTLE_FLOOR, Needs
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import clip
 from autopilot.pilot_state import Config, Control, PilotConfig, Rudder, State, begun, steering_with
@@ -170,14 +170,15 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     is_engaged, model = mode is Mode.ENGAGED, estimate.model
     if is_engaged and was is not Mode.ENGAGED:
         estimate, seen = with_known_rudder(estimate, seen, now)
-        way, rudder = taken_over(steering, way, rudder, model, seen)
+        way, rudder = taken_over(steering, way, rudder, estimate, seen)
         control = begun(config, control, rudder.command.angle)
 
-    ratio, softer = quickness(boat.law, boat.model, model), monitors.course.softer
+    ratio, softer = estimate.quickness, monitors.course.softer
     steady = steered_by(steering, model, seen, ratio)
     holds = now >= state.way.guide.turning_until
     ratio = paced(steering, model, ratio, late) if late and holds else ratio
-    mean_bias = averaged(0.0 if is_other_boat else state.mean_bias, steady.bias, model, dt)
+    mean_bias = 0.0 if is_other_boat else state.mean_bias
+    mean_bias -= math.expm1(-dt / (CALM * model.time_constant)) * (steady.bias - mean_bias)
     if softer > 1.0:
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
         # against that keeps it swinging
@@ -202,7 +203,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         control = against_roll(boat.roll, control, now, dt, engaged=steers and boat.rudder_is_ours)
     reckons = mode is Mode.FAILSAFE and supervisor.law_steers
     if reckons:
-        failsafe, control, steady, reference, demand = reckon(config, failsafe, control, rudder, (model, steady), dt)
+        failsafe, control, steady, reference, demand = reckon(config, failsafe, control, rudder, (estimate, steady), dt)
         present = steady
     elif steers:
         way, reference = refer(steering, way, order, model, steady, (rudder.command.angle, dt))
@@ -313,8 +314,8 @@ def select(
     """Give each block the samples that are for it; those of the boat's motion are the estimator's."""
     boat, estimate, control, reckoned = config.boat, state.estimate, state.control, state.failsafe
     # a speed that reads too low would make any turn too quick
-    quicker = max(estimate.model.gain / boat.model.gain, 1.0)
-    rate_most = quicker * config.steering.estimator.noises.rate_most
+    quicker = estimate.model.gain / boat.model.gain
+    rate_most = (quicker if quicker > 1.0 else 1.0) * config.steering.estimator.noises.rate_most
     monitors = on_samples(boat.alarms, state.monitors, samples, rate_most)
     for sample in samples:
         if type(sample) is HeadingSample:
@@ -469,20 +470,17 @@ def with_known_rudder(estimate: EstimatorState, seen: NavState, now: float) -> t
     return without_bias(estimate), seen._replace(bias=0.0)
 
 
-def taken_over(config: SteeringConfig, way: Way, rudder: Rudder, model: Norrbin, seen: NavState) -> tuple[Way, Rudder]:
+def taken_over(
+    config: SteeringConfig, way: Way, rudder: Rudder, estimate: EstimatorState, seen: NavState
+) -> tuple[Way, Rudder]:
     """Return the helm taken without a bump: from the heading, rate and rudder that are."""
     # a fail-safe that still holds the rudder hands over what it commanded
     there = rudder.command.angle if rudder.command.engaged else seen.rudder
     start = clip(there, -config.limits.angle_max, config.limits.angle_max)
-    ratio = quickness(config.estimator.law, config.estimator.model, model)
-    way = planned_anew(config, way, model, steered_by(config, model, seen, ratio))
+    model = estimate.model
+    way = planned_anew(config, way, model, steered_by(config, model, seen, estimate.quickness))
     command = RudderCommand(seen.time, start, True)
     return way._replace(order=Order()), rudder._replace(command=command, rest=Rest(start, start))
-
-
-def averaged(mean_bias: float, bias: float, model: Norrbin, dt: float) -> float:
-    """Return the bias [rad] of late, `dt` [s] later."""
-    return mean_bias - math.expm1(-dt / (CALM * model.time_constant)) * (bias - mean_bias)
 
 
 def lacks_way(boat: PilotConfig, way: Way, estimate: EstimatorState, speed: float) -> bool:
@@ -501,15 +499,15 @@ def reckon(
     memory: failsafe.Memory,
     control: Control,
     rudder: Rudder,
-    boat: tuple[Norrbin, NavState],
+    boat: tuple[EstimatorState, NavState],
     dt: float,
 ) -> tuple[failsafe.Memory, Control, NavState, Reference, float]:
     """Return the state that the fail-safe reckons with, what it holds, and its demand [rad]: no heading counts.
 
-    boat: its model and the state so far.
+    boat: what is known of it, and its state so far.
     """
-    (model, steady), angle, action = boat, rudder.command.angle, config.boat.failsafe
-    steering, now = FailsafeSteering(memory), steady.time
+    (estimate, steady), angle, action = boat, rudder.command.angle, config.boat.failsafe
+    steering, model, now = FailsafeSteering(memory), estimate.model, steady.time
     if not rudder.is_reckoned:
         steering.begin(steady)
         control = begun(config, control, angle)
@@ -518,7 +516,7 @@ def reckon(
         wanted = steering.windward(now, action.windward_rudder)
         held = Reference(reckoned.heading, reckoned.rate)
         return steering.memory, control, reckoned, held, 0.0 if wanted is None else wanted - reckoned.bias
-    answers = answering(config.boat, model), quickness(config.boat.law, config.boat.model, model)
+    answers = answering(config.boat, model), estimate.quickness
     control, demand = ask_law(config, control, answers, reference, reckoned, (angle, dt))
     return steering.memory, control, reckoned, reference, demand
 

@@ -251,9 +251,11 @@ def slide_step(model: Norrbin, before: float, rate: float, most: float, dt: floa
     own damping, and more, or take from a course-unstable one what turns it. They build up with about its
     time constant, last longer than the turn, and turn no boat against its rudder: what a fault does.
     """
-    own = (abs(model.n1) + abs(model.n2 * rate) + model.n3 * rate * rate) * rate / model.gain
+    one, square = model.n1, model.n2 * rate
+    damped = (one if one > 0.0 else -one) + (square if square > 0.0 else -square) + model.n3 * rate * rate
+    own = damped * rate / model.gain
     own = -most if own > most else most if own < -most else -own
-    fades = own * before >= 0.0 and abs(own) < abs(before)
+    fades = 0.0 <= own < before or before < own <= 0.0
     lasts = SLIDE_LASTS * model.time_constant if fades else model.time_constant
     return before - math.expm1(-dt / lasts) * (own - before)
 

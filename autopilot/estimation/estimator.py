@@ -77,7 +77,7 @@ from autopilot.estimation.tuning import (
     UNLEARNT_TIME,
     WAVE_MEMORY,
 )
-from autopilot.models.drives import RUDDER_LAW, DriveLaw, way_of
+from autopilot.models.drives import RUDDER_LAW, DriveLaw, quickness, way_of
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import (
@@ -355,7 +355,8 @@ class Beliefs(NamedTuple):
 class EstimatorState(NamedTuple):
     """All that is remembered of the samples.
 
-    model: at the scheduled speed. speed [m/s]: nan where none is known. fusion counts from the first heading on,
+    model: at the scheduled speed, at which the loop is `quickness` times as quick as in the trial. speed [m/s]: nan
+    where none is known. fusion counts from the first heading on,
     has_begun. heading_time and first_time [s]: of the newest and the first heading. needs_reinit: the next heading
     begins anew. taken: the newest samples, in order of time, and begun, which the filter began with. path: how late our
     orders come to the steering gear.
@@ -376,6 +377,7 @@ class EstimatorState(NamedTuple):
     beliefs: Beliefs = Beliefs()
     counters: Counters = Counters()
     path: PathDelay = NOT_ECHOED
+    quickness: float = 1.0
 
     @property
     def lively_model(self) -> Norrbin:
@@ -551,7 +553,7 @@ def _scheduled(config: EstimatorConfig, state: EstimatorState) -> EstimatorState
     expected = way_of(config.law, reference.reference_speed, throttle)
     followed = math.nan if state.beliefs.doubts_speed else scheduled_speed(state.speeds, expected)
     model = model_at(reference, followed, config.law, throttle)
-    return state._replace(model=model, speed=speed)
+    return state._replace(model=model, speed=speed, quickness=quickness(config.law, reference, model))
 
 
 def _counted(state: EstimatorState, **more: int) -> EstimatorState:
@@ -566,10 +568,11 @@ def _with_heading(
     now: float,
     sample: HeadingSample | RateSample,
 ) -> EstimatorState:
-    heading = sample.heading if isinstance(sample, HeadingSample) else 0.0
+    heading = sample.heading if type(sample) is HeadingSample else 0.0
     time, rate, taken, newest = sample.time, sample.rate, state.taken, state.fusion.state.time
     is_bounded = rate is None or -RATE_MOST <= rate <= RATE_MOST
-    if not (is_bounded and math.isfinite(time) and math.isfinite(heading)):
+    # a sum is finite only where every part of it is
+    if not (is_bounded and math.isfinite(time + heading)):
         return _counted(state, implausible=1)
     # a clock that is a little ahead must not carry the filter into the future
     if time > now:
@@ -629,10 +632,10 @@ def _fused(
 ) -> EstimatorState:
     (
         model, _, memory, speeds, speed, before, has_begun, heading_time, first_time, taken, begun, reinit, beliefs, _,
-        path,
+        path, quick,
     ) = state  # fmt: skip
     rate = math.nan if sample.rate is None else sample.rate
-    heading = sample.heading if isinstance(sample, HeadingSample) else math.nan
+    heading = sample.heading if type(sample) is HeadingSample else math.nan
     measured = sample.time, heading, rate
     lively = model if beliefs.liveliness == 1.0 else state.lively_model
     past = RudderPast(memory.times, memory.angles, rudder.ticks)
@@ -666,6 +669,7 @@ def _fused(
         beliefs,
         Counters(counters.fused + 1, *counters[1:]),
         path,
+        quick,
     )
 
 

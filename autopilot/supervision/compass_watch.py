@@ -117,7 +117,7 @@ def consistency_step(
         return before
     last, beside, wild = before.heading, before.rate, before.wild
     # a rate that is held for the headings beside it is one, however many they are
-    if rate is not None and abs(rate) > rate_most:
+    if rate is not None and not -rate_most <= rate <= rate_most:
         wild = (*wild, time)[-WILD_RATES:]
     if isinstance(sample, RateSample):
         # that of the heading's own instrument goes before
@@ -141,7 +141,7 @@ def consistency_step(
     turn = turn if -PI < turn <= PI else wrap(turn)
     turns = turns_step(before.turns, turn, rate * step, step)
     after = before._replace(heading=sample, turns=turns, wild=wild)
-    return _judged(after, rate, most, abs(rate) > rate_most) if most < math.inf else after
+    return _judged(after, rate, most, not -rate_most <= rate <= rate_most) if most < math.inf else after
 
 
 def is_no_turn(turns: Turns, rate: float, most: float) -> bool:

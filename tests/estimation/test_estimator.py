@@ -18,10 +18,11 @@ from autopilot.angles import wrap
 from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation.estimator import Counters
 from autopilot.estimation.heading_ekf import FilterNoise, fuse_heading, fuse_rate
+from autopilot.models.drives import DriveLaw, quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import gear_of, model_of, noise_of
-from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample, Sample, SpeedSample, ThrustSample
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Estimator as EstimatorSection
 
@@ -406,3 +407,14 @@ def test_a_late_sample_leaves_what_it_would_have_left_in_its_turn(late: int) -> 
     assert shuffled.counters.late == 2
     assert shuffled.state.fusion.innovation_mean == pytest.approx(in_turn.state.fusion.innovation_mean, rel=1.0e-12)
     assert shuffled.state.fusion == in_turn.state.fusion
+
+
+def test_how_quick_the_loop_is_follows_speed_and_throttle() -> None:
+    by_speed, by_thrust = estimator(), estimator()
+    by_thrust.config = by_thrust.config._replace(law=DriveLaw(0.0, 2.0, -0.5, throttle=0.5))
+    assert by_speed.state.quickness == by_thrust.state.quickness == 1.0
+    by_speed.update(0.0, (SpeedSample(0.0, 2.315),))
+    by_thrust.update(0.0, (ThrustSample(0.0, 0.25), SpeedSample(0.0, 4.63)))
+    for tested, expected in ((by_speed, 0.5), (by_thrust, 0.5)):
+        assert tested.state.quickness == pytest.approx(expected)
+        assert tested.state.quickness == quickness(tested.config.law, MODEL, tested.state.model)

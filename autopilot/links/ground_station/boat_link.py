@@ -140,7 +140,7 @@ class BoatLink(StationLink):
         if word:
             return word
         for data in self._access.taken(now, chunks):
-            for message in self._codec.decode(data):
+            for message in self._codec.decoded([data]):
                 heeded += 1
                 if heeded > MESSAGES_PER_TURN:
                     self.dropped += 1

@@ -169,19 +169,20 @@ class MavlinkCodec:
     def decoded(self, chunks: list[bytes]) -> list[Message]:
         """Return the messages in what has arrived, datagrams or pieces of a stream; never raises."""
         messages: list[Message] = []
-        for chunk in chunks:
-            messages += self.decode(chunk)
+        for data in chunks:
+            end, message = len(data), None
+            if end > SHORTEST and data[0] == MAGIC_V2 and end == data[1] + SHORTEST and not self._rest and not data[2]:
+                # one frame without a signature, as nearly all datagrams are
+                message = self._decode_frame(data) if self._signing is None else None
+            if message is None:
+                messages += self.decode(data)
+            else:
+                self.received += 1
+                messages += (message,)
         return messages
 
     def decode(self, data: bytes) -> list[Message]:
         """Return the messages in a datagram, or those completed by a chunk of the stream; never raises."""
-        end = len(data)
-        if end > SHORTEST and data[0] == MAGIC_V2 and end == data[1] + SHORTEST and not self._rest and not data[2]:
-            # one frame without a signature, as nearly all datagrams are
-            message = self._decode_frame(data) if self._signing is None else None
-            if message is not None:
-                self.received += 1
-                return [message]
         messages: list[Message] = []
         buffer = self._rest + data if self._rest else data
         end = len(buffer)
@@ -225,8 +226,8 @@ class MavlinkCodec:
         is_new = frame[0] == MAGIC_V2
         if not is_new:
             return self._decoded_by_pymavlink(frame, frame[5], -2)
-        _, size, flags, compatible, number, system, component, low, high = HEADER.unpack_from(frame)
-        identity = low | high << 16
+        size, flags, compatible, number, system, component = frame[1:7]
+        identity = frame[7] | frame[8] << 8 | frame[9] << 16
         end = -2 - SIGNATURE if flags else -2
         layout = layout_of(identity)
         if layout is None:
@@ -239,10 +240,14 @@ class MavlinkCodec:
         if size != layout.size:
             payload = (payload + bytes(layout.size))[: layout.size]
         message: Message = object.__new__(layout.kind)
-        message.__dict__ = fields = layout.blank.copy()
-        fields.update(zip(layout.names, layout.unpack(payload), strict=True))
-        fields["_msgbuf"], fields["_payload"], fields["_crc"] = frame, payload, crc
-        fields["_header"] = dialect.MAVLink_header(identity, flags, compatible, size, number, system, component)
+        message.__dict__ = {
+            **layout.blank,
+            **dict(zip(layout.names, layout.unpack(payload), strict=True)),
+            "_msgbuf": frame,
+            "_payload": payload,
+            "_crc": crc,
+            "_header": dialect.MAVLink_header(identity, flags, compatible, size, number, system, component),
+        }
         return message
 
     def _decoded_by_pymavlink(self, frame: bytes, identity: int, end: int) -> Message | None:

@@ -70,7 +70,11 @@ class Belongs(Enum):
 
 
 class VehicleClock:
-    """Maps the vehicle's time since boot [s] to the local monotonic clock [s]."""
+    """Maps the vehicle's time since boot [s] to the local monotonic clock [s].
+
+    Attributes:
+        offset: local time less the vehicle's time since boot [s], None before the first message.
+    """
 
     def __init__(self) -> None:
         self.reset()
@@ -80,18 +84,9 @@ class VehicleClock:
         self._newest = -math.inf
         self._strange: deque[float] = deque(maxlen=STRANGE_MESSAGES)
         self._received = math.inf
-        self._previous = math.inf
-        self._current = math.inf
+        self._previous = self._current = self._least = math.inf
         self._window_end = -math.inf
-
-    @property
-    def offset(self) -> float | None:
-        """Local time less the vehicle's time since boot [s], None before the first message."""
-        return self._least if self._newest > -math.inf else None
-
-    @property
-    def _least(self) -> float:
-        return self._previous if self._previous < self._current else self._current
+        self.offset: float | None = None
 
     def judge(self, now: float, boot: float) -> Belongs:
         """Return whether a message of `boot` [s], arrived at `now` [s], is of the clock that is followed.
@@ -140,8 +135,9 @@ class VehicleClock:
             self._window_end = now + WINDOW_S
         elif offset < self._current:
             self._current = offset
+        self.offset = self._least = self._previous if self._previous < self._current else self._current
         # the sum may round to a hair after the time it came from
-        time = boot + (self._previous if self._previous < self._current else self._current)
+        time = boot + self._least
         return time if time < now else now
 
 
@@ -525,8 +521,8 @@ class VehicleReader:
             return now
         # 32 bits of microseconds begin again every 71.6 minutes: take the turn that lies nearest.
         boot = time_usec * 1.0e-6
-        turns = round((now - offset - boot) / USEC_WRAP_S)
-        return min(now, boot + turns * USEC_WRAP_S + offset)
+        time = boot + round((now - offset - boot) / USEC_WRAP_S) * USEC_WRAP_S + offset
+        return time if time < now else now
 
     def _ask_anew(self) -> None:
         self.parameters.reset()
