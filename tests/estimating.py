@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from autopilot.estimation.estimator import (
     Beliefs,
-    Counters,
     EstimatorConfig,
     EstimatorState,
     believing,
@@ -87,8 +86,9 @@ class Estimating:
         self.state: EstimatorState = first_state(self.config)
 
     @property
-    def counters(self) -> Counters:
-        return self.state.counters
+    def known(self) -> EstimatorState:
+        """All that is remembered, but for the rings that cannot be compared."""
+        return self.state._replace(memory=None)
 
     def update(self, now: float, samples: tuple[Sample, ...]) -> NavState:
         self.state = estimated(self.config, self.state, now, samples)

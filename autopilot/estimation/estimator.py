@@ -307,17 +307,6 @@ def unlearnt_step(model: Norrbin, before: float, expected: FilterState, found: F
 MEASURED_AT = attrgetter("time")
 
 
-class Counters(NamedTuple):
-    """What became of the samples."""
-
-    fused: int = 0
-    late: int = 0
-    too_late: int = 0
-    repeated: int = 0
-    spikes: int = 0
-    implausible: int = 0
-
-
 class Taken(NamedTuple):
     """A sample that was fused, or was a spike, and what the measurements before it had left."""
 
@@ -375,7 +364,6 @@ class EstimatorState(NamedTuple):
     begun: HeadingSample | None = None
     needs_reinit: bool = False
     beliefs: Beliefs = Beliefs()
-    counters: Counters = Counters()
     path: PathDelay = NOT_ECHOED
     quickness: float = 1.0
 
@@ -471,24 +459,18 @@ def estimated(
 ) -> EstimatorState:
     """Return the state after the samples that have arrived by `now` [s]."""
     headings: list[HeadingSample | RateSample] = []
-    rudder, speeds, path, implausible = state.rudder, state.speeds, state.path, 0
+    rudder, speeds, path = state.rudder, state.speeds, state.path
     for sample in samples:
         if type(sample) is HeadingSample or type(sample) is RateSample:
             headings.append(sample)
         elif type(sample) is RudderSample:
             if -RUDDER_MOST <= sample.angle <= RUDDER_MOST and math.isfinite(sample.time):
                 rudder, path = with_rudder_shown(config, state.memory, rudder, path, now, sample)
-            else:
-                implausible += 1
         elif type(sample) is SpeedSample or type(sample) is ThrustSample:
             if is_plausible(sample):
                 speeds = with_speed(speeds, now, sample)
-            else:
-                implausible += 1
         elif type(sample) is CourseSample and state.has_begun and math.isfinite(sample.course):
             speeds = with_course(speeds, now, sample.course - state.fusion.state.psi)
-    if implausible:
-        state = _counted(state, implausible=implausible)
     gear, late = config.gear, path.late
     rudder = advanced(gear if late == 0.0 else behind(gear, late), rudder, state.memory, now)
     speeds = while_fresh(speeds, now)
@@ -556,11 +538,6 @@ def _scheduled(config: EstimatorConfig, state: EstimatorState) -> EstimatorState
     return state._replace(model=model, speed=speed, quickness=quickness(config.law, reference, model))
 
 
-def _counted(state: EstimatorState, **more: int) -> EstimatorState:
-    counters = state.counters
-    return state._replace(counters=counters._replace(**{name: getattr(counters, name) + more[name] for name in more}))
-
-
 def _with_heading(
     config: EstimatorConfig,
     state: EstimatorState,
@@ -573,7 +550,7 @@ def _with_heading(
     is_bounded = rate is None or -RATE_MOST <= rate <= RATE_MOST
     # a sum is finite only where every part of it is
     if not (is_bounded and math.isfinite(time + heading)):
-        return _counted(state, implausible=1)
+        return state
     # a clock that is a little ahead must not carry the filter into the future
     if time > now:
         sample, time = sample._replace(time=now), now
@@ -582,7 +559,7 @@ def _with_heading(
     # the memory is in order of time: what is newer than its end cannot be in it
     is_news = bool(taken) and time > taken[-1].sample.time
     if not is_news and (sample == state.begun or any(entry.sample == sample for entry in taken)):
-        return _counted(state, repeated=1)
+        return state
     if time < newest:
         return _with_late(config, _with_rudder(state, rudder), sample)
     if time - newest > PREDICT_LONGEST and isinstance(sample, HeadingSample):
@@ -599,19 +576,14 @@ def _begun(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample
         config.noises.usual,
         before.state if state.has_begun else None,
     )
-    return _counted(
-        state._replace(
-            fusion=Fusion(
-                first, before.innovation_mean, gyro=before.gyro, headings=before.headings, rates=before.rates
-            ),
-            has_begun=True,
-            needs_reinit=False,
-            first_time=min(state.first_time, sample.time),
-            heading_time=sample.time,
-            begun=sample,
-            taken=(),
-        ),
-        fused=1,
+    return state._replace(
+        fusion=Fusion(first, before.innovation_mean, gyro=before.gyro, headings=before.headings, rates=before.rates),
+        has_begun=True,
+        needs_reinit=False,
+        first_time=min(state.first_time, sample.time),
+        heading_time=sample.time,
+        begun=sample,
+        taken=(),
     )
 
 
@@ -620,8 +592,8 @@ def _with_late(config: EstimatorConfig, state: EstimatorState, sample: HeadingSa
     taken = state.taken
     index = next((i for i, entry in enumerate(taken) if entry.sample.time > sample.time), len(taken))
     if index == len(taken) or taken[index].before.state.time > sample.time:
-        return _counted(state, too_late=1)
-    state = _counted(state._replace(fusion=taken[index].before, taken=taken[:index]), late=1)
+        return state
+    state = state._replace(fusion=taken[index].before, taken=taken[:index])
     for each in (sample, *(entry.sample for entry in taken[index:])):
         state = _fused(config, state, state.rudder, each)
     return state
@@ -631,7 +603,7 @@ def _fused(
     config: EstimatorConfig, state: EstimatorState, rudder: RudderObserver, sample: HeadingSample | RateSample
 ) -> EstimatorState:
     (
-        model, _, memory, speeds, speed, before, has_begun, heading_time, first_time, taken, begun, reinit, beliefs, _,
+        model, _, memory, speeds, speed, before, has_begun, heading_time, first_time, taken, begun, reinit, beliefs,
         path, quick,
     ) = state  # fmt: skip
     rate = math.nan if sample.rate is None else sample.rate
@@ -641,10 +613,8 @@ def _fused(
     past = RudderPast(memory.times, memory.angles, rudder.ticks)
     fusion, is_fused = fuse_measured(lively, config.noises, before, past, measured)
     taken = (*taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
-    counters = state.counters
     if not is_fused:
-        counters = counters._replace(spikes=counters.spikes + 1)
-        state = state._replace(rudder=rudder, fusion=fusion, taken=taken, counters=counters)
+        state = state._replace(rudder=rudder, fusion=fusion, taken=taken)
         if fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):
             return _begun(config, state, sample)
         return state
@@ -667,7 +637,6 @@ def _fused(
         begun,
         reinit,
         beliefs,
-        Counters(counters.fused + 1, *counters[1:]),
         path,
         quick,
     )

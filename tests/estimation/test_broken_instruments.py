@@ -98,6 +98,8 @@ BROKEN = [math.nan, math.inf, -math.inf, 1.0e300, -1.0e300]
 def test_broken_instruments_change_nothing(bad: float) -> None:
     estimator = made()
     before = feed(estimator, course(2.0))
+    estimator.update(before.time, ())
+    known = estimator.known
     for _ in range(20):
         after = estimator.update(
             before.time,
@@ -111,7 +113,7 @@ def test_broken_instruments_change_nothing(bad: float) -> None:
         )
     assert after == before
     assert estimator.state.model == MODEL
-    assert estimator.counters.implausible >= 80
+    assert estimator.known == known
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -129,7 +131,7 @@ def test_a_clock_ahead_does_not_carry_the_filter_into_the_future() -> None:
     assert ahead.heading_age == 0.0
     at = state.time + DT
     assert estimator.update(at, (HeadingSample(at, state.heading, state.rate, "compass"),)).time == at
-    assert estimator.counters.too_late == 0
+    assert estimator.state.taken[-1].sample.time == at
 
 
 def test_the_model_goes_with_the_speed_and_forgets_it() -> None:
@@ -188,7 +190,6 @@ def test_reset_forgets_everything() -> None:
     first = feed(estimator, samples)
     estimator.reset()
     assert feed(estimator, samples) == first
-    assert estimator.counters.late == 0
 
 
 def test_noise_is_filtered() -> None:
