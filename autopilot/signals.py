@@ -120,6 +120,15 @@ class CourseSample(NamedTuple):
     source: str = ""
 
 
+class CompassSample(NamedTuple):
+    """The skipper has chosen another compass, `source`: headings that come behind this are further by `turn` [rad] than
+    those before, though the boat has not turned, and so are all that are held."""
+
+    time: float
+    turn: float
+    source: str = ""
+
+
 class AlarmEvent(NamedTuple):
     """Something the skipper should know, as it travels. What follows from it stands under `name` in the table of
     `autopilot.supervision.alarms`; `autopilot.supervision.panel` makes the sentence where it is shown.
@@ -187,6 +196,7 @@ Sample = (
     | RollSample
     | PositionSample
     | CourseSample
+    | CompassSample
     | HelmSample
     | AlarmSample
     | ConditionSample

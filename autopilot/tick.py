@@ -51,6 +51,7 @@ from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
     AlarmState,
+    CompassSample,
     ConditionSample,
     HeadingSample,
     HelmCause,
@@ -113,7 +114,7 @@ THRUSTER_HEARD = 3.0
 """[s]: a link that has not said for so long that it commands the bow thruster does not."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
-EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
+EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample, CompassSample)
 """Samples of what happened: nothing depends on when."""
 
 
@@ -140,6 +141,25 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
     )
 
 
+def by_other_compass(state: State, samples: tuple[Sample, ...]) -> tuple[State, tuple[Sample, ...]]:
+    """Return the state as the compass sees it that the skipper has chosen, and the samples without the headings of the
+    one before: the boat has not turned, so it is on course as it was. The order is the skipper's to turn."""
+    for number, sample in enumerate(samples):
+        if type(sample) is CompassSample and math.isfinite(sample.turn):
+            turn, guide, fusion = sample.turn, state.way.guide, state.estimate.fusion
+            boat = guide.boat._replace(heading=wrap(guide.boat.heading + turn))
+            guide = guide._replace(heading=wrap(guide.heading + turn), boat=boat)
+            seen = fusion.state._replace(psi=wrap(fusion.state.psi + turn))
+            state = state._replace(
+                estimate=state.estimate._replace(fusion=fusion._replace(state=seen, spike=wrap(fusion.spike + turn))),
+                way=state.way._replace(guide=guide),
+                monitors=without_past(state.monitors),
+            )
+            others = tuple(each for each in samples[:number] if type(each) is not HeadingSample)
+            return by_other_compass(state, (*others, *samples[number + 1 :]))
+    return state, samples
+
+
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
@@ -153,6 +173,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
     supervisor = Supervisor(config.envelope, boat.failsafe, state.supervisor)
     was, timely = MODES[state.supervisor.state], timely_of(now, samples)
+    state, timely = by_other_compass(state, timely)
 
     monitors, estimate, control, failsafe = select(config, state, supervisor, now, timely)
     estimate, way, is_other_boat = believe(steering, state, monitors, estimate, now)

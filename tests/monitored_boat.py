@@ -13,7 +13,7 @@ from boats import BOATS, vessel_of
 from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.ground_station.boat_link import BoatLink
-from autopilot.links.ground_station.commands import Commands
+from autopilot.links.ground_station.commands import Commands, Compasses, Instruments
 from autopilot.links.ground_station.file_server import metadata_files
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.transports import loopback_pair
@@ -61,7 +61,9 @@ class BothAlarms:
 class Watched(Sea):
     """`watch` moves boat and display on together; `order` gives an order as the page does and returns how it ended."""
 
-    def __init__(self, folder: Path, learns: bool = False, vessel: Vessel | None = None) -> None:
+    def __init__(
+        self, folder: Path, learns: bool = False, vessel: Vessel | None = None, compasses: Compasses | None = None
+    ) -> None:
         super().__init__(learns, vessel)
         vessel = vessel or vessel_of(BOATS["lanxin"])
         self.store = VesselStore(vessel, self.pilot, None, folder / "boat.tuned.yaml")
@@ -72,6 +74,7 @@ class Watched(Sea):
         self.commands = Commands(
             self.skipper, False, self.mission, self.tuner, self.skipper.wind, self.pilot.against_engaging
         )
+        self.commands.instruments = Instruments(compasses, self.store.keep_compass)
         self.is_cut = False
         self.keeps_history = True
         self.station = Station()

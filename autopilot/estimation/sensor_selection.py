@@ -12,20 +12,23 @@ Of the sources that give the same kind of value the first in the priority list t
 others are left out: two compasses fused would be a third one that does not exist. Without a list the source heard
 first stays until it is stale. A better source that comes back must have been heard for `SETTLE_S` before it takes
 over, or one that comes and goes would jerk the helm each time. A compass that has failed by the word of another, see
-`CompassWatch`, is not selected at all.
+`CompassWatch`, is not selected at all. The compass that the skipper has chosen goes before the list.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from autopilot.angles import compass_text, shortest_turn
+from autopilot.angles import compass_text, shortest_turn, wrap
+from autopilot.errors import InputError
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
+    CompassSample,
     HeadingSample,
     PositionSample,
     RateSample,
@@ -235,7 +238,7 @@ class SelectionSettings(NamedTuple):
 
     heading_stale [s]: a heading is stale at this age at the latest, so that another compass takes over before the
     fail-safe does.  disagree [rad]: two headings further apart are an alarm; inf: nobody compares.  jump [rad] and
-    frozen: what `CompassWatch` looks for.
+    frozen: what `CompassWatch` looks for. compass: the NAME@LINK of the one that the skipper has chosen, '' for none.
     """
 
     rules: tuple[SourceRule, ...] = ()
@@ -244,12 +247,34 @@ class SelectionSettings(NamedTuple):
     disagree: float = math.inf
     jump: float = math.inf
     frozen: bool = False
+    compass: str = ""
+
+
+class Compass(NamedTuple):
+    """A compass that has been heard: NAME@LINK, whether it measures from magnetic north, and its heading [rad] as it is
+    steered by, nan while it is stale or has failed."""
+
+    source: str
+    is_magnetic: bool
+    heading: float
+
+
+CHOSEN = -1
+"""The rank of the compass that the skipper has chosen."""
+APART_S = 3.0
+"""Time [s] over which two compasses are compared for what lies between them."""
+TURNS_LEAST = math.radians(3.0)
+"""A boat that turns by more [rad/s] shows what is between two compasses falsely: one of them is older."""
+MAGNETIC_TOO = ":M"
+"""Behind the name of a device on NMEA 2000: its magnetic headings, beside which it may send true ones."""
+MAGNETIC = re.compile(r"..HD[GM]|.*:M")
+"""Names of the compasses that measure from magnetic north: NMEA 0183's HDG and HDM, and NMEA 2000's of that kind."""
 
 
 class _Received:
     """One source of one kind."""
 
-    __slots__ = ("first", "heading", "last", "rank", "stale")
+    __slots__ = ("apart", "first", "heading", "last", "rank", "stale")
 
     def __init__(self, now: float, rank: int, stale: float) -> None:
         self.first = now
@@ -257,13 +282,22 @@ class _Received:
         self.rank = rank
         self.stale = stale
         self.heading: float | None = None
+        self.apart = 0.0
+        """How far [rad] it is from the compass that steers, of late."""
+
+    def compare(self, now: float, steering: float) -> None:
+        """Take the `heading` [rad], as old as the one that steers [rad] as far as anybody knows."""
+        assert self.heading is not None
+        known = max(now - self.first, 0.0)
+        share = 1.0 if known == 0.0 else min(max((now - self.last) / min(known, APART_S), 0.0), 1.0)
+        self.apart = wrap(self.apart + share * wrap(self.heading - steering - self.apart))
 
 
 class SensorSelection:
     """Drops the samples of sources that are not selected. Memory: who was heard when, who is selected."""
 
     def __init__(self, settings: SelectionSettings = SelectionSettings()) -> None:  # noqa: B008 - immutable
-        self._settings = settings
+        self._settings, self.chosen = settings, settings.compass
         self._compasses = CompassWatch(settings.jump, frozen=settings.frozen)
         self.reset()
 
@@ -281,14 +315,59 @@ class SensorSelection:
         new alarm each time."""
         self._left: tuple[str, float] | None = None
         """The compass that fell silent last, and when another took its place [s]."""
+        self._news: list[Sample] = []
 
     def selected(self, kind: str) -> str:
         """Return the source selected for `kind` (heading, rate, rudder, ordered rudder, speed), or nothing."""
         return self._selected.get(kind, "")
 
+    def compasses(self, now: float) -> list[Compass]:
+        """Return the compasses that have been heard, in the order in which they were heard first."""
+        found = []
+        for source, entry in self._received.get("heading", {}).items():
+            heading = entry.heading
+            is_well = heading is not None and now - entry.last <= entry.stale and not self._compasses.reason(source)
+            name = source.partition("@")[0]
+            found.append(Compass(source, MAGNETIC.fullmatch(name) is not None, heading if is_well else math.nan))  # type: ignore[arg-type]
+        return found
+
+    def choose(self, now: float, source: str) -> None:
+        """Steer by this compass from now on, '' for the best of the list. InputError where that cannot be.
+
+        What is held is turned by what lies between the two, see `CompassSample`: the boat stays on its course.
+        """
+        received, steers = self._received.get("heading", {}), self._selected.get("heading", "")
+        if source:
+            entry = received.get(source)
+            if entry is None or now - entry.last > entry.stale:
+                raise InputError(f"{_short(source)} is not heard")
+            if reason := self._compasses.reason(source):
+                raise InputError(f"{_short(source)} {reason}")
+            if source != steers and now - entry.first < SETTLE_S:
+                raise InputError(f"{_short(source)} has not been heard for {SETTLE_S:.0f} s yet")
+        ranks = {each: CHOSEN if each == source else self._rank(each) for each in received}
+        heard = [each for each, known in received.items() if now - known.last <= known.stale]
+        well = [each for each in heard if not self._compasses.reason(each) and now - received[each].first >= SETTLE_S]
+        best = source or min(well, key=lambda each: (ranks[each], each != steers), default=steers)
+        if best != steers and steers in heard:
+            if len(self._headings) > 1 and self._turning(now, self._headings[-1][1]) > TURNS_LEAST:
+                raise InputError("the boat is turning: choose on a steady course")
+            self._news.append(CompassSample(now, received[best].apart, best))
+            apart = received[best].apart
+            for known in received.values():
+                known.apart = wrap(known.apart - apart)
+        self.chosen = source
+        for each, rank in ranks.items():
+            received[each].rank = rank
+        if best:
+            self._selected["heading"], self._left = best, None
+            self._headings.clear()
+            self._apart, self._disagree = 0.0, None
+
     def admit(self, now: float, samples: list[Sample], link: str) -> list[Sample]:
-        """Return those `samples`, arrived by `now` [s] on `link`, that are selected, and a change of alarm."""
-        kept: list[Sample] = []
+        """Return those `samples`, arrived by `now` [s] on `link`, that are selected, and a change of alarm or of what
+        is steered by."""
+        kept, self._news = self._news, []
         for sample in samples:
             kind = _kind(sample)
             if not kind or self._choose(now, kind, f"{sample.source}@{link}", sample):
@@ -310,9 +389,14 @@ class SensorSelection:
             entry = received[source] = self._new(now, kind, source)
         elif now - entry.last > entry.stale:
             entry.first = now
-        entry.last = now
         if isinstance(sample, HeadingSample):
             entry.heading = sample.heading
+            steers = received.get(self._selected.get("heading", ""), entry)
+            is_well = not self._compasses.reason(self._selected.get("heading", ""))
+            if is_well and steers.heading is not None and now - steers.last <= steers.stale:
+                entry.compare(now, steers.heading)
+        entry.last = now
+        if isinstance(sample, HeadingSample):
             self._compasses.on_sample(now, source, sample.heading)
             if self._compasses.reason(source):
                 return False
@@ -332,11 +416,20 @@ class SensorSelection:
 
     def _new(self, now: float, kind: str, source: str) -> _Received:
         most = self._settings.heading_stale if kind == "heading" else math.inf
+        rank, rules = self._rank(source), self._settings.rules
+        stale = rules[rank].stale if rank < len(rules) else self._settings.stale
+        is_chosen = kind == "heading" and source == self.chosen
+        return _Received(now, CHOSEN if is_chosen else rank, min(stale, most))
+
+    def _rank(self, source: str) -> int:
+        """Return the place in the list; behind it all are alike."""
         name = source.partition("@")[0]
-        for rank, rule in enumerate(self._settings.rules):
-            if fnmatchcase(name, rule.pattern) or fnmatchcase(source, rule.pattern):
-                return _Received(now, rank, min(rule.stale, most))
-        return _Received(now, len(self._settings.rules), min(self._settings.stale, most))
+        names = name, name.removesuffix(MAGNETIC_TOO), source
+        rules = self._settings.rules
+        return next(
+            (rank for rank, rule in enumerate(rules) if any(fnmatchcase(each, rule.pattern) for each in names)),
+            len(rules),
+        )
 
     def _goes_before(self, now: float, entry: _Received, best: _Received) -> bool:
         if now - best.last > best.stale:
@@ -408,6 +501,10 @@ class SensorSelection:
             f"{other.partition('@')[0]} {compass_text(other_heading, 1)}"
         )
         return AlarmEvent("heading_disagrees", detail, APART)
+
+
+def _short(source: str) -> str:
+    return source.partition("@")[0]
 
 
 def _kind(sample: Sample) -> str:

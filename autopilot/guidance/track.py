@@ -218,7 +218,6 @@ class TrackSettings(NamedTuple):
     alarm_distance: float = 50.0
     position_timeout: float = 5.0
     magnetic: bool = False
-    variation: float = math.nan
     leads_ahead: float = LEADS_AHEAD
 
 

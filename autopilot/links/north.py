@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from datetime import date
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 from autopilot.angles import wrap
@@ -55,6 +56,15 @@ class Jump(NamedTuple):
     last: float
 
 
+class Origin(IntEnum):
+    """Who says what the variation is."""
+
+    NOBODY = 0
+    FILE = 1
+    INSTRUMENT = 2
+    MODEL = 3
+
+
 class Variation:
     """The magnetic variation as all links of a run know it: the one that is set, else the one that an instrument sends,
     else that of a model of the earth's field where the boat is.
@@ -83,6 +93,20 @@ class Variation:
         if self._configured is not None:
             return self._configured
         return self._reckoned if self._received is None else self._received
+
+    @property
+    def origin(self) -> Origin:
+        """Who says so."""
+        if self._configured is not None:
+            return Origin.FILE
+        if self._received is not None:
+            return Origin.INSTRUMENT
+        return Origin.NOBODY if self._reckoned is None else Origin.MODEL
+
+    @property
+    def year(self) -> float:
+        """The date of the model as a year, such as 2026.9; nan: none is gone by."""
+        return float(getattr(self._field, "year", math.nan)) if self.origin is Origin.MODEL else math.nan
 
     def receive(self, time: float, variation: float, *source: object) -> float:
         """Take what an instrument says [rad] at `time` [s]; return what is believed of it.

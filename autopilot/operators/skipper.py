@@ -25,7 +25,17 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.wind_vane import CONFIRM_S, Manoeuvre, WindGuide
 from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.trial_script import Step, TrialScript, turning, zigzag
-from autopilot.signals import CourseSample, Mode, Order, OrderKind, PositionSample, SpeedSample, Tick, WindSample
+from autopilot.signals import (
+    CompassSample,
+    CourseSample,
+    Mode,
+    Order,
+    OrderKind,
+    PositionSample,
+    SpeedSample,
+    Tick,
+    WindSample,
+)
 
 HELP = (
     "e [DEG]: engage (present heading)  +10, -1: change heading  r DEG: hold a rudder angle  s: standby  "
@@ -207,6 +217,9 @@ class Skipper:
         for sample in tick.samples:
             if sample.__class__ in LEAD_TRACK:
                 self.track.take(sample)
+            elif isinstance(sample, CompassSample):
+                # the boat stays on its course, whose number is another by the other compass
+                self._order = self._order._replace(heading=wrap(self._order.heading + sample.turn))
             if isinstance(sample, SpeedSample):
                 self.wind.vane.on_speed(sample)
             elif isinstance(sample, WindSample) and tick.state.valid:

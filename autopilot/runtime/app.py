@@ -24,6 +24,8 @@ from autopilot.runtime.build_links import (
     build_links,
     build_station_links,
     refuse_failsafe,
+    shared_by_links,
+    variation_of,
 )
 from autopilot.runtime.machine import Clock, LoopHealth, PathNote, RealTime, RestartState, ServiceHooks
 from autopilot.runtime.session import Orders, Session
@@ -96,7 +98,7 @@ class App:
         self.recorder: Recorder | None = None
         self.store: VesselStore | None = None
         self.learning: LearningService | None = None
-        self._plan = plan
+        self._plan, self._shared = plan, plan.options
         self._tuning: TuningService | None = None
         restart = self._restart_state()
         self._hooks = ServiceHooks(machine.real_time, restart, plan.options.warn) if machine is not None else None
@@ -105,7 +107,8 @@ class App:
             links: list[Link] = list(plan.links)
             opened.callback(lambda: close_all(links))
             if plan.urls:
-                links += build_links(vessel, plan.urls, plan.options)
+                self._shared = shared_by_links(vessel, plan.urls, plan.options)
+                links += build_links(vessel, plan.urls, self._shared)
             if plan.skipper is not None:
                 links += self._skipper_links(plan.skipper)
             if plan.log is not None:
@@ -216,9 +219,11 @@ class App:
             self.store = self._store(skipper)
         if self.store is None or not plan.stations.urls:
             return links
-        from autopilot.links.ground_station.commands import Commands
+        from autopilot.links.ground_station.commands import Commands, Instruments
 
         commands = Commands(skipper, plan.armed, mission, self._tuning, skipper.wind, self.pilot.against_engaging)
+        known = self._shared.variation or variation_of(plan.vessel, by_model=False)
+        commands.instruments = Instruments(self._shared.selection, self.store.keep_compass, known)
         return [*links, *build_station_links(plan.vessel, plan.stations, commands, self.store, plan.options)]
 
     def _store(self, skipper: Skipper) -> VesselStore:

@@ -391,7 +391,6 @@ def track_settings_of(vessel: Vessel) -> TrackSettings:
         sway_time=model.time_constant,
         alarm_distance=guidance.off_track_alarm_m,
         magnetic=vessel.sensors.magnetic,
-        variation=math.nan if vessel.sensors.variation_deg is None else math.radians(vessel.sensors.variation_deg),
         leads_ahead=LEADS_AHEAD_SLUGGISH if is_sluggish else LEADS_AHEAD,
     )
 

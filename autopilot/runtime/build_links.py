@@ -55,6 +55,7 @@ def selection_of(vessel: Vessel) -> SelectionSettings:
         disagree=math.inf if limit is None else math.radians(limit),
         jump=radians_or_unlimited(vessel.alarms.heading_jump_deg),
         frozen=vessel.alarms.frozen_heading,
+        compass=sensors.compass,
     )
 
 
@@ -82,12 +83,14 @@ def nmea_settings_of(vessel: Vessel, url: LinkUrl) -> NmeaSettings:
     )
 
 
-def variation_of(vessel: Vessel) -> Variation:
-    """Return what the vessel file says of the magnetic variation. InputError where its model cannot be had."""
+def variation_of(vessel: Vessel, *, by_model: bool = True) -> Variation:
+    """Return what the vessel file says of the magnetic variation. InputError where its model cannot be had.
+
+    by_model: False where no compass takes a variation, and the file's own is shown alone."""
     from autopilot.links.north import Variation
 
     degrees = vessel.sensors.variation_deg
-    if degrees is not None or not vessel.sensors.earth_field:
+    if degrees is not None or not (by_model and vessel.sensors.earth_field):
         return Variation(None if degrees is None else math.radians(degrees))
     from autopilot.links.north import earth_field
 
@@ -177,7 +180,8 @@ class LinkOptions(NamedTuple):
     """Choices of one run: steer with the ground station's id, and which vehicle to latch on to (None: the first).
 
     `guide` takes what a chart plotter says on NMEA links, and `helm` carries out what is ordered there; `variation` is
-    what they know of it together, None: each for itself.  `signing` signs MAVLink links.
+    what they know of it together, None: each for itself.  `selection` chooses among their instruments, None: one that
+    is made.  `signing` signs MAVLink links.
     `forward`: URLs of ground stations that see the flight controller through us; `policy`: which of all ground stations
     are heard, None: those of AccessRules().
     `with_other_pilot`: engage though another pilot steers the boat.
@@ -192,6 +196,7 @@ class LinkOptions(NamedTuple):
     guide: PlotterGuide | None = None
     helm: Helm | None = None
     variation: Variation | None = None
+    selection: SensorSelection | None = None
     signing: Signing | None = None
     forward: tuple[str, ...] = ()
     policy: AccessPolicy | None = None
@@ -224,6 +229,14 @@ def _opened(openings: Iterable[_Opening], options: LinkOptions) -> list[Link]:
     return links
 
 
+def shared_by_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions) -> LinkOptions:
+    """Return the options with what the links of a run share: the variation, and which instrument is selected."""
+    has_compass = any(KINDS[parse_url(url).protocol].has_compass for url in urls)
+    known = options.variation or (variation_of(vessel) if has_compass else None)
+    chosen = options.selection or SensorSelection(selection_of(vessel))
+    return options._replace(has_compass=has_compass, variation=known, selection=chosen)
+
+
 def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = LinkOptions()) -> list[Link]:  # noqa: B008
     """Return the links of all `urls`, opened, and behind them those of `options.forward`.
 
@@ -232,13 +245,13 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     """
     refuse_failsafe(vessel, urls)
     parsed = [parse_url(url) for url in urls]
-    has_compass = any(KINDS[url.protocol].has_compass for url in parsed)
-    options = options._replace(has_compass=has_compass, variation=variation_of(vessel) if has_compass else None)
+    options = shared_by_links(vessel, urls, options)
     router, behind = _forwarding(vessel, parsed, options) if options.forward else (None, [])
     links = _opened([*(_to_boat(vessel, url, options, router) for url in parsed), *behind], options)
     if len(urls) == 1 and parsed[0].protocol == "mavlink" and not vessel.sensors.priority:
         return links  # one vehicle with one compass: nothing to choose
-    selection, count = SensorSelection(selection_of(vessel)), len(urls)
+    count, selection = len(urls), options.selection
+    assert selection is not None
     return [*(SelectingLink(link, selection) for link in links[:count]), *links[count:]]
 
 

@@ -19,6 +19,7 @@ from autopilot.signals import (
     MOST_SAMPLES,
     AcknowledgeSample,
     AlarmSample,
+    CompassSample,
     ConditionSample,
     HeadingSample,
     HelmSample,
@@ -38,7 +39,7 @@ RELEASE_TURN_S = 0.02
 """How often the links are looked at while they wait for the rudder to be shown free."""
 SPARE = 1 << 20
 """Memory [bytes] that is given up to give the rudder back in, where there is no other left."""
-NEVER_DROPPED = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample)
+NEVER_DROPPED = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample, CompassSample)
 
 Orders = Callable[[float, Tick | None], Order]
 """What the skipper wants at a time [s], in view of the tick before."""

@@ -20,6 +20,7 @@ from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
     AlarmState,
+    CompassSample,
     ConditionSample,
     CourseSample,
     HeadingSample,
@@ -200,6 +201,7 @@ _KINDS: dict[type[Any], int] = {
     ThrustSample: 12,
     CourseSample: 13,
     ThrusterSample: 14,
+    CompassSample: 15,
 }
 _TYPES = {number: kind for kind, number in _KINDS.items()}
 
@@ -225,7 +227,7 @@ def _encode_sample(sample: Sample) -> bytes:
         body = _SAMPLE.pack(kind, sample.time, sample.latitude) + _NUMBER.pack(sample.longitude)
     elif isinstance(sample, HeadingSample | RollSample):
         body = _SAMPLE.pack(kind, sample.time, sample[1]) + _optional(sample.rate)
-    elif isinstance(sample, RateSample | CourseSample):
+    elif isinstance(sample, RateSample | CourseSample | CompassSample):
         body = _SAMPLE.pack(kind, sample.time, sample[1])
     elif isinstance(sample, ThrusterSample):
         body = _SAMPLE.pack(kind, sample.time, float(sample.available)) + _text(sample.disobeyed)
@@ -254,7 +256,7 @@ def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     if made is AcknowledgeSample:
         (name, source), place = _read_texts(record, place, 2)
         return AcknowledgeSample(time, name, source), place
-    if made is RateSample or made is CourseSample:
+    if made in (RateSample, CourseSample, CompassSample):
         source, place = _read_text(record, place)
         return made(time, value, source), place
     if made is ThrusterSample:

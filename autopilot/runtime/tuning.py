@@ -125,6 +125,14 @@ class VesselStore:
         said += [sentence for path, sentence in doubts(stored) if path == parameter.path]
         return "; ".join(said)
 
+    def keep_compass(self, source: str) -> str:
+        """Keep which compass was chosen, '' for none; return '' or why it could not be kept."""
+        sensors = replace(self.stored.sensors, compass=source)
+        try:
+            return self.put(replace(self.stored, sensors=sensors))
+        except RefusedError as error:
+            return str(error)
+
     def put(self, stored: Vessel) -> str:
         """Keep `stored` and put in force what of it counts at once; return '' or why it could not be kept.
 

@@ -128,6 +128,8 @@ class Sensors:
     """Compass deviation table: [compass heading deg, deviation deg, east positive], interpolated round the card."""
     priority: Annotated[tuple[tuple[str, float], ...], RESTART] = ()
     """Instruments, the one to believe first: [name or pattern such as HEHDT, "HC*", attitude, age in s when stale]."""
+    compass: Annotated[str, RESTART] = ""
+    """The compass that the skipper has chosen on a display, NAME@LINK: it goes before `priority`. "": none."""
     source_timeout_s: Annotated[float, RESTART, Bounds(0.1, 60.0, "age at which an unlisted instrument is stale")] = 2.0
     heading_monitor_deg: (
         Annotated[float, RESTART, Bounds(1.0, 180.0, "two compasses this far apart are an alarm")] | None

@@ -12,13 +12,13 @@ import math
 import re
 from collections import Counter, deque
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, parse_json
 from autopilot.files.printable import printable
 from autopilot.firmware.metadata import FtpClient
-from autopilot.links.ground_station.file_server import ALARMS, ROUTE
+from autopilot.links.ground_station.file_server import ALARMS
 from autopilot.signals import AlarmState
 from autopilot.supervision.alarms import OTHER, SOUNDS, Priority, Sound
 from autopilot.web.view import BoatView
@@ -123,6 +123,7 @@ WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "turning": lambda request: "turn at {rudder:g}° of rudder, {duration:g} s".format(**request),
     "cancel": lambda _: "end the trial",
     "level": lambda request: f"response {request['level']:g}",
+    "compass": lambda request: f"compass {request['number']:g}" if request["number"] else "the best compass",
     "adopt": lambda _: "adopt the learnt model",
     "revert": lambda _: "revert to the model before",
     "acknowledge": lambda request: f"acknowledge {request.get('name') or 'all'}".replace("_", " "),
@@ -137,10 +138,11 @@ LEAST_M = 1.0
 """A boat that lies still adds no points."""
 METRES_PER_DEG = 111_195.0
 ROUTE_MOST = 65_536
-ROUTE_AGAIN_S = 20.0
+AGAIN_S = 20.0
 
 Place = tuple[float, float]
 """Latitude and longitude [deg]."""
+Entry = TypeVar("Entry")
 
 
 class Track:
@@ -165,31 +167,59 @@ class Track:
         return point
 
 
-class RouteBoard:
-    """`places` are the boat's waypoints, fetched anew where their number changes and now and then."""
+class ListBoard(Generic[Entry]):
+    """`entries` of one of the boat's files, fetched anew where their number changes and now and then.
 
-    def __init__(self, files: FtpClient) -> None:
-        self._files = files
-        self.places: tuple[Place, ...] = ()
+    file: its name.  value: the one by which the boat says how many there are.  parse: raises InputError.
+    """
+
+    def __init__(self, files: FtpClient, file: str, value: str, parse: Callable[[bytes], tuple[Entry, ...]]) -> None:
+        self._files, self._file, self._value, self._parse = files, file, value, parse
+        self.entries: tuple[Entry, ...] = ()
         self._count = math.nan
         self._next = -math.inf
 
     def update(self, now: float, view: BoatView) -> None:
-        """Ask for the route where it may be another."""
-        count = view.value("waypoints")
+        """Ask for the file where it may be another."""
+        count = view.value(self._value)
         if count is None:
             return
         if count == 0.0:
-            self.places = ()
+            self.entries = ()
         elif count != self._count or now >= self._next:
-            self._next = now + ROUTE_AGAIN_S
-            self._files.fetch(ROUTE, self._take)
+            self._next = now + AGAIN_S
+            self._files.fetch(self._file, self._take)
         self._count = count
 
     def _take(self, content: bytes | None) -> None:
         if content is not None:
-            with contextlib.suppress(InputError):  # the route known stays
-                self.places = route_from(content)
+            with contextlib.suppress(InputError):  # what is known stays
+                self.entries = self._parse(content)
+
+
+class CompassName(NamedTuple):
+    """A compass of the boat's list: its name, its link, and whether it measures from magnetic north."""
+
+    name: str
+    link: str
+    magnetic: bool
+
+
+def compasses_from(content: bytes) -> tuple[CompassName, ...]:
+    """Return a boat's list of compasses. Raises InputError."""
+    origin = "the boat's compasses"
+    entries = parse_json(content, origin, LIST_MOST)
+    if not (isinstance(entries, list) and all(map(_is_compass, entries))):
+        raise InputError(f"{origin}: a list of name, link and whether it is magnetic is needed")
+    return tuple(
+        CompassName(printable(each["name"], SHOWN), printable(each["link"], SHOWN), each["magnetic"])
+        for each in entries
+    )
+
+
+def _is_compass(entry: Any) -> bool:
+    kinds = {"name": str, "link": str, "magnetic": bool}
+    return isinstance(entry, dict) and {key: type(value) for key, value in entry.items()} == kinds
 
 
 def route_from(content: bytes) -> tuple[Place, ...]:

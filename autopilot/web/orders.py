@@ -19,6 +19,7 @@ from autopilot.firmware.protocol import Target
 from autopilot.links.ground_station.commands import ACKNOWLEDGE as ACKNOWLEDGING
 from autopilot.links.ground_station.commands import ADOPT as ADOPTING
 from autopilot.links.ground_station.commands import (
+    COMPASS,
     CONFIRM,
     DECLINE,
     GYBE,
@@ -144,6 +145,11 @@ def waypoint(number: int) -> Command:
 def level(number: int) -> Command:
     """Return the command that puts a response level from 1 (calm) to 9 (quick) in force."""
     return Command(LEVEL, (float(number),))
+
+
+def compass(number: int) -> Command:
+    """Return the command that steers by the compass of a number, 0: by the best."""
+    return Command(COMPASS, (float(number),))
 
 
 def acknowledge(name: str | None) -> Command:
@@ -305,6 +311,7 @@ class Course:
         self._meant = math.nan
         self._meant_at = -math.inf
         self._is_wind = False
+        self._compass: float | None = None
         self._way_back: Sequence[Command] = ()
         self.before: float | None = None
 
@@ -354,12 +361,12 @@ class Course:
             self._give(now, before, self._way_back, noted)
 
     def update(self) -> None:
-        """Forget the way back when nobody steers any more, or not to the same."""
-        is_wind = self._view.mode == WIND
-        if self._view.mode not in (HEADING, TRACK, WIND) or is_wind is not self._is_wind:
+        """Forget the way back when nobody steers any more, not to the same, or by another compass."""
+        is_wind, compass = self._view.mode == WIND, self._view.value("compass")
+        if self._view.mode not in (HEADING, TRACK, WIND) or is_wind is not self._is_wind or compass != self._compass:
             self.before = None
             self._meant_at = -math.inf
-        self._is_wind = is_wind
+        self._is_wind, self._compass = is_wind, compass
 
     def _base(self, now: float) -> float | None:
         if self._view.mode not in (HEADING, TRACK, WIND):

@@ -174,6 +174,7 @@ _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     ),
     "cancel": _cancel,
     "level": _commands(lambda request: (orders.level(int(_number(request, "level", 1.0, 9.0))),)),
+    "compass": _commands(lambda request: (orders.compass(int(_number(request, "number", 0.0, 32.0))),)),
     "adopt": _commands(lambda _: (orders.ADOPT,)),
     "revert": _commands(lambda _: (orders.REVERT,)),
     "acknowledge": _acknowledge,

@@ -22,13 +22,13 @@ from autopilot.firmware.metadata import FtpClient, expanded
 from autopilot.firmware.protocol import Target, parameter_value, set_value
 from autopilot.firmware.session import GROUND_STATION_COMPONENT, GROUND_STATION_SYSTEM
 from autopilot.links.base import LinkError, Transport
-from autopilot.links.ground_station.file_server import PARAMETERS
+from autopilot.links.ground_station.file_server import COMPASSES, PARAMETERS, ROUTE
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing
 from autopilot.links.mavlink.vehicle import Belongs, VehicleClock
 from autopilot.links.url import accept_signed, open_transport, parse_url
-from autopilot.web.journal import AlarmBoard, Journal, RouteBoard
+from autopilot.web.journal import AlarmBoard, Journal, ListBoard, compasses_from, route_from
 from autopilot.web.orders import NO_ANSWER, Answer, Asked, Course, OnDone, Orders, Reasons
 from autopilot.web.view import BoatView
 
@@ -195,7 +195,7 @@ class Station:
 
     Attributes:
         view: what is known of the boat.  orders: the orders to it; `ask` gives one.  journal: who gave which.
-        parameters, files, alarms, route, course: its services.
+        parameters, files, alarms, route, compasses, course: its services.
     """
 
     def __init__(self) -> None:
@@ -204,7 +204,8 @@ class Station:
         self.files = FtpClient()
         self.parameters = ParameterService(self.files)
         self.alarms = AlarmBoard(self.files)
-        self.route = RouteBoard(self.files)
+        self.route = ListBoard(self.files, ROUTE, "waypoints", route_from)
+        self.compasses = ListBoard(self.files, COMPASSES, "compasses", compasses_from)
         self.journal = Journal()
         self.course = Course(self.orders, self.view)
         self._reasons = Reasons(self.view.texts)
@@ -264,6 +265,7 @@ class Station:
             return messages
         self.alarms.update(now, self.view)
         self.route.update(now, self.view)
+        self.compasses.update(now, self.view)
         self.journal.update(now, self.view)
         self.course.update()
         if now >= self._next_rates:

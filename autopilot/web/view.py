@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.firmware.session import NORRBIN, Vehicle, vehicle_of
 from autopilot.links.alarm_outputs import PIECE
 from autopilot.links.ground_station.commands import HEADING, MANUAL, TRACK, TRIAL, WIND
+from autopilot.links.ground_station.telemetry import SHOWN_MOST
 from autopilot.links.mavlink.codec import Message
 
 KEPT = 50
@@ -78,7 +79,7 @@ HISTORY_ROWS = 600
 COLUMNS = ("t", "heading", "reference", "order", "rudder", "rudder_order", "xte", "gap", "hz")
 """A row of the history, in degrees, metres and milliseconds."""
 TRIAL_COMMANDS = frozenset({int(dialect.MAV_CMD_USER_1), int(dialect.MAV_CMD_USER_2)})
-GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed", "position", "wind", "mob")
+GROUPS = ("beat", "attitude", "navigation", "rudder", "loop", "learning", "speed", "position", "wind", "mob", "compass")
 """Each ages by itself: what is old is shown as old, though other messages still come."""
 NAMED = {
     "rud_deg": ("rudder", "rudder"),
@@ -94,6 +95,12 @@ NAMED = {
     "level": ("level", "loop"),
     "magnetic": ("magnetic", "loop"),
     "var_deg": ("variation", "loop"),
+    "var_from": ("variation_from", "loop"),
+    "var_year": ("variation_year", "loop"),
+    "cmp_n": ("compasses", "compass"),
+    "cmp_steers": ("compass", "compass"),
+    "cmp_chosen": ("compass_chosen", "compass"),
+    **{f"cmp{number}": (f"compass_{number}", "compass") for number in range(1, SHOWN_MOST + 1)},
     "AppWndSpd": ("aws", "wind"),
     "AppWndDir": ("awa", "wind"),
     "TruWndSpd": ("tws", "wind"),

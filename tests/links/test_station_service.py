@@ -18,7 +18,7 @@ from autopilot.links.alarm_outputs import StatusTexts
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.ground_station.boat_link import BoatLink
-from autopilot.links.ground_station.commands import LongCommand, ProgressReports
+from autopilot.links.ground_station.commands import Instruments, LongCommand, ProgressReports
 from autopilot.links.ground_station.file_server import alarm_list
 from autopilot.links.ground_station.mission import Mission, MissionItem
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
@@ -60,6 +60,7 @@ class Carrier:
         self.mission, self.armed, self.tuner, self.wind = mission, False, None, WindGuide()
         self.tuning = SimpleNamespace(outcome=lambda: self.tuned)
         self.tuned = self.refusal = ""
+        self.instruments = Instruments()
         self.running: LongCommand | None = None
         self.result = ACCEPTED
         self.cancels = True

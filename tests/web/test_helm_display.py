@@ -214,12 +214,12 @@ def test_the_chart_has_the_route_and_where_the_boat_has_been(sea: Watched) -> No
     for _ in range(40):
         sea.watch(0.5)
         track.update(sea.now, sea.station.view)
-    assert sea.station.route.places == () and len(track.points) >= 8
+    assert sea.station.route.entries == () and len(track.points) >= 8
     where, truth = track.points[-1][1:], place(sea.north, sea.east)
     assert where == pytest.approx((math.degrees(truth.latitude), math.degrees(truth.longitude)), abs=1.0e-4)
     sea.mission._put([MissionItem(6, 16, (0.0, 0.0, 0.0, 0.0), 593000000, longitude, 0.0) for longitude in (1, 2)])
     sea.watch(3.0)
-    assert sea.station.route.places == ((59.3, 1.0e-7), (59.3, 2.0e-7))
+    assert sea.station.route.entries == ((59.3, 1.0e-7), (59.3, 2.0e-7))
 
 
 @pytest.mark.parametrize("content", [b"{}", b"[[1]]", b'[[1,"x"]]', b"[[91,0]]", b"[[true,0]]", b"[" * 20_000])

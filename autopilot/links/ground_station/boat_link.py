@@ -18,7 +18,15 @@ from autopilot.links.ground_station.access import (
     stands_by,
 )
 from autopilot.links.ground_station.commands import ACCEPTED, DENIED, OVERBOARD, REJECTED, Commands
-from autopilot.links.ground_station.file_server import ALARMS, ROUTE, alarm_list, route_list
+from autopilot.links.ground_station.file_server import (
+    ALARMS,
+    COMPASSES,
+    ROUTE,
+    Content,
+    alarm_list,
+    compass_list,
+    route_list,
+)
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
@@ -111,9 +119,14 @@ class BoatLink(StationLink):
         self._commands = commands
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
         accept_signed(transport, signing, self._accepts)
-        self._telemetry = Telemetry(commands.mission, commands.tuner, commands.wind)
+        self._telemetry = Telemetry(commands.mission, commands.tuner, commands.wind, commands.instruments)
         self._texts = StatusTexts()
-        files = {ALARMS: self._alarm_file, ROUTE: lambda: route_list(commands.mission.route)}
+        compasses = commands.instruments.compasses
+        files: dict[str, Content] = {
+            ALARMS: self._alarm_file,
+            ROUTE: lambda: route_list(commands.mission.route),
+            COMPASSES: lambda: compass_list(compasses.compasses(self._looked) if compasses is not None else ()),
+        }
         self._service = StationService(
             commands, parameters, self._telemetry, self._texts, {**parameters.files, **files}
         )

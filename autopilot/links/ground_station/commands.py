@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
+from autopilot.estimation.sensor_selection import Compass
 from autopilot.guidance.current import ROUTE_LATITUDE_MOST_DEG, Place
 from autopilot.guidance.track import Waypoint
 from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
@@ -29,7 +30,7 @@ from autopilot.links.ground_station.access import MANUAL as MANUAL
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import AvailableModes, CurrentMode
-from autopilot.links.north import MAGNETIC_LEADS
+from autopilot.links.north import MAGNETIC_LEADS, Variation
 from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.alarms import BY_NUMBER
 from autopilot.supervision.supervisor import NO_HEADING
@@ -244,11 +245,38 @@ OVERBOARD = int(dialect.MAV_CMD_SPATIAL_USER_3)
 
 Second parameter 1: another system aboard says so, again and again while it is so, at a place [deg] in 5 and 6; both 0:
 where the boat is when it is first said."""
+COMPASS = int(dialect.MAV_CMD_SPATIAL_USER_2)
+"""SPATIAL_USER_2: steer by the compass of this number in the boat's list (`file_server.COMPASSES`), from 1; 0: by the
+best one, as the vessel file lists them. The boat stays on its course."""
 SYSTEM_ABOARD = "a system aboard"
 """The beacon that it counts as."""
 ANGLE_MOST_DEG = 360.0
 """Further, an angle is a slip of the hand: wrapped, it would be another heading than the one that was typed."""
 BEYOND_A_TURN = "give an angle of -360 to 360 degrees"
+
+
+class Compasses(Protocol):
+    """What chooses among the boat's compasses."""
+
+    chosen: str
+
+    def compasses(self, now: float) -> list[Compass]:
+        """Return those that have been heard."""
+
+    def selected(self, kind: str) -> str:
+        """Return the source that is steered by, of the kind `heading`."""
+
+    def choose(self, now: float, source: str) -> None:
+        """Steer by one from `now` [s] on, "" for the best. Raises InputError."""
+
+
+class Instruments(NamedTuple):
+    """compasses: what chooses among them, None where nothing does; keep_compass keeps for the next start which was
+    chosen, '' for none, and says why it cannot; variation: the magnetic one as the links know it."""
+
+    compasses: Compasses | None = None
+    keep_compass: Callable[[str], str] = lambda _: ""
+    variation: Variation = Variation()
 
 
 class Helmsman(Protocol):
@@ -309,6 +337,7 @@ class Commands:
         self._against_engaging = against_engaging
         self.wind = wind
         self.mission = mission
+        self.instruments = Instruments()
         self.tuner = tuner
         self.tuning = TuningCommands(tuner)
         self.armed = armed
@@ -330,6 +359,7 @@ class Commands:
             ACKNOWLEDGE: self._acknowledge,
             WINDWARD: self._windward,
             OVERBOARD: self._overboard,
+            COMPASS: self._compass,
             LEARNING: lambda _, parameters: self._tune(LEARNING, parameters[0]),
             LEVEL: lambda _, parameters: self._tune(LEVEL, parameters[0]),
         }
@@ -498,6 +528,28 @@ class Commands:
             return self._tried(lambda: overboard.report_here(now, fix, SYSTEM_ABOARD))
         overboard.report(now, place, SYSTEM_ABOARD)
         return ACCEPTED
+
+    def _compass(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        number, compasses = parameters[0], self.instruments.compasses
+        if compasses is None:
+            return UNSUPPORTED
+        if tick is None:
+            return self._refuse(REJECTED, NO_HEADING)
+        known = compasses.compasses(tick.now)
+        if number not in range(len(known) + 1):
+            return self._refuse(DENIED, f"there is no compass {number:g} among {len(known)}")
+        if tick.mode is Mode.FAILSAFE:
+            return self._refuse(REJECTED, "a fail-safe has the helm")
+        if tick.mode is Mode.ENGAGED and (tick.order.is_led or tick.order.kind is not OrderKind.HEADING):
+            return self._refuse(REJECTED, "what leads goes by the present compass: hold a heading first, or stand by")
+        source = known[int(number) - 1].source if number else ""
+        return self._tried(lambda: self._choose(compasses, tick.now, source))
+
+    def _choose(self, compasses: Compasses, now: float, source: str) -> None:
+        before = compasses.chosen
+        compasses.choose(now, source)
+        if source != before and (trouble := self.instruments.keep_compass(source)):
+            self.refusal = f"steered by, but not kept for the next start: {trouble}"
 
     def _tried(self, act: Callable[[], None]) -> int:
         try:

@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.estimation.sensor_selection import Compass
 from autopilot.guidance.track import Waypoint
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import ComponentInformation, ComponentMetadata
@@ -68,6 +69,19 @@ def route_list(route: Sequence[Waypoint]) -> bytes:
     """Return the file: latitude and longitude [deg] of each waypoint."""
     places = [[round(math.degrees(each.latitude), 7), round(math.degrees(each.longitude), 7)] for each in route]
     return json.dumps(places, separators=(",", ":")).encode()
+
+
+COMPASSES = "/compasses.json"
+"""The compasses that the boat hears over MAVLink FTP; to be read again when the value `cmp_n`, how many, changes."""
+
+
+def compass_list(compasses: Sequence[Compass]) -> bytes:
+    """Return the file: the name of each compass, its link, and whether it measures from magnetic north."""
+    entries = []
+    for each in compasses:
+        name, _, link = each.source.partition("@")
+        entries.append({"name": name, "link": link, "magnetic": each.is_magnetic})
+    return json.dumps(entries, ensure_ascii=False, separators=(",", ":")).encode()
 
 
 HEADER = struct.Struct("<HBBBBBxI")

@@ -16,13 +16,15 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import compass_deg, wrap
 from autopilot.guidance.wind_vane import WindGuide
-from autopilot.links.ground_station.commands import Tuner, current_mode, mode_of
+from autopilot.links.ground_station.commands import Instruments, Tuner, current_mode, mode_of
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import CurrentMode
 from autopilot.signals import AlarmState, Mode, OrderKind, PositionSample, RollSample, Tick
 
 FRESH_S = 2.0
+SHOWN_MOST = 9
+"""Compasses whose headings are sent."""
 LEARNT_S = 2.0
 FURTHEST = 65535
 FASTEST_HZ = 50.0
@@ -76,9 +78,15 @@ RATES_HZ = {
 class Telemetry:
     """Makes each message from the newest tick; `start` [s] of the loop's clock is our boot."""
 
-    def __init__(self, mission: Mission, tuner: Tuner | None = None, wind: WindGuide | None = None) -> None:
-        self._mission, self._tuner, self._wind = mission, tuner, wind
-        self._learnt_due = -math.inf
+    def __init__(
+        self,
+        mission: Mission,
+        tuner: Tuner | None = None,
+        wind: WindGuide | None = None,
+        instruments: Instruments = Instruments(),  # noqa: B008 - nobody changes it
+    ) -> None:
+        self._mission, self._tuner, self._wind, self._instruments = mission, tuner, wind, instruments
+        self._learnt_due = self._north_due = -math.inf
         self._periods = {identity: 1.0 / rate for identity, rate in RATES_HZ.items()}
         self._due = dict.fromkeys(self._periods, -math.inf)
         self._start: float | None = None
@@ -99,6 +107,7 @@ class Telemetry:
                 *self._learnt(tick),
                 *self._winds(tick),
                 *self._overboard(tick),
+                *self._north(tick),
             ],
             dialect.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _: [self._mission.message()],
             CurrentMode.id: lambda tick: [current_mode(self.mode(tick))],
@@ -223,8 +232,8 @@ class Telemetry:
         return self._named(tick, {name: math.degrees(value) for name, value in values.items()})
 
     def _loop(self, tick: Tick) -> list[Message]:
-        """How the loop has kept time since the last report."""
-        passed = tick.now - self._reported_time
+        """How the loop has kept time since the last report; and which north headings count from."""
+        variation, passed = self._instruments.variation, tick.now - self._reported_time
         values = {
             "ticks_hz": self._ticks / passed if passed > 0.0 else math.nan,
             "gap_ms": 1000.0 * self._longest_gap,
@@ -232,7 +241,7 @@ class Telemetry:
             "alarms": float(len(tick.alarms)),
             "alarms_new": float(sum(state is AlarmState.SOUNDING for state in tick.alarm_states)),
             "magnetic": float(self._mission.guide.settings.magnetic),
-            "var_deg": math.degrees(self._mission.guide.settings.variation),
+            "var_deg": math.nan if variation.value is None else math.degrees(variation.value),
         }
         self._reported_time, self._ticks, self._longest_gap = tick.now, 0, 0.0
         return self._named(tick, values)
@@ -270,6 +279,27 @@ class Telemetry:
         bearing, distance = seen
         bearing_deg = compass_deg(bearing)
         return self._named(tick, {"mob_brg": bearing_deg, "mob_dist": distance, "mob_s": tick.now - overboard.since})
+
+    def _north(self, tick: Tick) -> list[Message]:
+        """Every two seconds: who says what the variation is, `Origin`, and of a model its date; of two compasses and
+        more how many there are, the number of the one that steers, that of the one chosen, 0: none, and the headings of
+        the first, not a number while one is not heard."""
+        chooser, variation = self._instruments.compasses, self._instruments.variation
+        if tick.now < self._north_due:
+            return []
+        self._north_due = tick.now + LEARNT_S
+        values = {"var_from": float(variation.origin), "var_year": variation.year} if variation.origin else {}
+        known = () if chooser is None else chooser.compasses(tick.now)
+        if chooser is not None and len(known) > 1:
+            sources = ["", *(each.source for each in known)]
+            which = {"cmp_steers": chooser.selected("heading"), "cmp_chosen": chooser.chosen}
+            values |= {name: float(sources.index(each) if each in sources else 0) for name, each in which.items()}
+            shown = enumerate(known[:SHOWN_MOST], 1)
+            values |= {
+                "cmp_n": float(len(known)),
+                **{f"cmp{number}": compass_deg(each.heading) for number, each in shown},
+            }
+        return self._named(tick, values)
 
     def _named(self, tick: Tick, values: dict[str, float]) -> list[Message]:
         return [

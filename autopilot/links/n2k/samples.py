@@ -20,6 +20,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import shortest_turn, wrap
+from autopilot.estimation.sensor_selection import MAGNETIC_TOO
 from autopilot.guidance.plotter import (
     SAME_BEARING,
     TIMEOUT_S,
@@ -123,9 +124,11 @@ def course_of(now: float, fields: Fields, variation: float | None, source: str) 
 
 
 def source_name(group: int, address: int, fields: Fields) -> str:
-    """Return the name by which a source is chosen: group and address, of a further rudder its instance too."""
+    """Return the name by which a source is chosen: group and address, of a further rudder its instance too, and
+    of magnetic headings that they are."""
     instance = number(fields, "instance", 252.0) if group == RUDDER else None
-    return f"N2K{group}.{address}" + (f":{instance:g}" if instance else "")
+    magnetic = MAGNETIC_TOO if group == HEADING and fields.get("reference") == "Magnetic" else ""
+    return f"N2K{group}.{address}" + (f":{instance:g}" if instance else magnetic)
 
 
 def rudder_order(fields: Fields) -> float | None:

@@ -1,10 +1,10 @@
 // What is known of the boat, as the server tells it, and how old it is by this machine's own clock.
-const STALE_S = { beat: 3, attitude: 1.5, rudder: 2, loop: 3, navigation: 3, speed: 3, learning: 10, position: 5, wind: 5, mob: 3 };
+const STALE_S = { beat: 3, attitude: 1.5, rudder: 2, loop: 3, navigation: 3, speed: 3, learning: 10, position: 5, wind: 5, mob: 3, compass: 6 };
 const SILENT_MS = 4000;
 
 export const boat = {
   state: null, alarms: [], history: [], orders: [], sound: null, learning: {}, trial: null, dodge: null, texts: [],
-  route: [], track: [], courses: "steered", received: -Infinity, refused: "", ended: false,
+  route: [], compasses: [], track: [], courses: "steered", received: -Infinity, refused: "", ended: false,
   onState() {}, onRow() {}, onHistory() {}, onText() {}, onMay() {},
   silence() { return Number.isFinite(this.received) ? (performance.now() - this.received) / 1000 : (performance.now() - started) / 1000; },
   age(group) {
@@ -88,7 +88,7 @@ function heard(name, take) {
 
 heard("state", (state) => { boat.state = state; boat.ended = false; boat.onState(); });
 heard("row", (row) => boat.onRow(row));
-for (const name of ["alarms", "sound", "history", "orders", "route", "learning", "trial", "dodge"]) {
+for (const name of ["alarms", "sound", "history", "orders", "route", "compasses", "learning", "trial", "dodge"]) {
   heard(name, (content) => { boat[name] = content; });
 }
 heard("point", (point) => { boat.track.push(point); boat.track.splice(0, boat.track.length - TRACK_MOST); });

@@ -1,4 +1,5 @@
-// What belongs to this display alone: true or magnetic courses, a screen that stays on, codes for other displays.
+// What belongs to this display alone: true or magnetic courses, a screen that stays on, codes for other displays. And
+// the compass that the boat is steered by, which is the boat's own.
 import { boat, get, may } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
@@ -17,7 +18,8 @@ async function stayAwake() {
   try { lock = await navigator.wakeLock.request("screen"); } catch { /* a battery that is low may refuse it */ }
 }
 
-export function setUpDisplay() {
+export function setUpDisplay(order) {
+  byId("compass").addEventListener("change", () => order({ do: "compass", number: Number(byId("compass").value) }, byId("compass")));
   for (const id of ["courses", "awake"]) {
     byId(id).value = kept(id) ?? byId(id).value;
     byId(id).addEventListener("change", () => { kept(id, byId(id).value); apply(); });
@@ -35,9 +37,30 @@ export function drawDisplay() {
   const known = typeof boat.state?.variation === "number";
   byId("courses").disabled = !known;
   const words = [];
-  if (!known) words.push("True and magnetic courses can be chosen where the vessel file has sensors.variation_deg.");
+  if (!known) words.push("True and magnetic courses can be chosen where the variation is known.");
   if (!navigator.wakeLock) words.push("This browser keeps the screen on only over https (autopilot web --cert) or on the boat's own computer: set the display's own time-out.");
   byId("device-word").textContent = words.join(" ");
+  drawCompasses();
+}
+
+const SAYERS = ["", "vessel file", "instrument", "World Magnetic Model"];
+
+function drawCompasses() {
+  const { compasses, state } = boat, select = byId("compass");
+  byId("compasses").hidden = compasses.length < 2;
+  const names = ["the best of the list", ...compasses.map(({ name, link, magnetic }) => `${name} ${magnetic ? "magnetic" : "true"}, ${link}`)];
+  if (select.dataset.key !== String(names)) {
+    select.dataset.key = String(names);
+    select.replaceChildren(...names.map((name, index) => new Option(name, index)));
+  }
+  if (document.activeElement !== select) select.value = state?.compass_chosen ?? 0;
+  const words = compasses.map(({ name }, index) => {
+    const heading = state?.[`compass_${index + 1}`];
+    return `${name} ${heading?.toFixed(1) ?? "--"}°${state?.compass === index + 1 ? " steers" : ""}`;
+  });
+  const { variation, variation_from: from, variation_year: year } = state ?? {};
+  if (from) words.push(`variation ${variation?.toFixed(1)}° (east +), ${SAYERS[from]} ${year?.toFixed(1) ?? ""}`);
+  byId("north-word").textContent = words.join("; ");
 }
 
 /* The code to steer holds the token: the server gives it only to who may. */

@@ -197,7 +197,7 @@ function setUp() {
   }
   setUpAlarms(order);
   setUpChart();
-  setUpDisplay();
+  setUpDisplay(order);
   setUpPanels(order, surely, say);
   setUpParameters(order, say);
   setUpLogs(say);
