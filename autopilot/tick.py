@@ -29,7 +29,7 @@ from autopilot.estimation.estimator import (
     without_bias,
     without_disturbances,
 )
-from autopilot.estimation.instruments import left_by_drift, speeds_apart, way_ahead
+from autopilot.estimation.instruments import speeds_apart
 from autopilot.estimation.path_delay import PathDelay, when_heard
 from autopilot.estimation.rudder_observer import (
     RudderRate,
@@ -244,7 +244,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     rest = rest if command.angle == rest.command else Rest(command.angle, command.angle)
     if boat.thruster is not None:
         law = None if waits else (model, demand, steering.limits.angle_max)
-        look = bow_look(reference, seen, estimate.speeds, law) if on_course else None
+        look = bow_look(reference, seen, estimate.ahead, law) if on_course else None
         bow, command = with_bow(boat.thruster, bow, (gap, seen), samples, look, command)
     is_ours = command.engaged and boat.rudder_is_ours
     estimate = with_order(estimate, now, command.angle) if is_ours else estimate
@@ -413,7 +413,7 @@ def view_of(
     boat, (order, guide, _, waits), command, now = config.boat, state.way, state.rudder.command, seen.time
     is_engaged, on_heading = state.supervisor.state in ENGAGED, order.kind is OrderKind.HEADING
     gyro = estimate.fusion.gyro
-    ours, speeds = is_engaged and boat.rudder_is_ours, estimate.speeds
+    ours, speeds, ahead = is_engaged and boat.rudder_is_ours, estimate.speeds, estimate.ahead
     both = speeds.water.value + speeds.ground.value
     return MonitorInput(
         now,
@@ -438,7 +438,7 @@ def view_of(
         damps_roll,
         state.rudder.rate.is_sure,
         gyro.bias if gyro.p11 < RATE_OFF_KNOWN else 0.0,
-        left_by_drift(speeds) if boat.law.is_rudder else 1.0,
+        ahead if boat.law.is_rudder and 0.0 < ahead < 1.0 else 1.0,
     )
 
 
@@ -511,7 +511,7 @@ def lacks_way(boat: PilotConfig, way: Way, estimate: EstimatorState, speed: floa
         return False
     if boat.steers_by is Needs.THRUST and not math.isnan(throttle):
         return throttle < THROTTLE_FLOOR * (STEERAGE_AGAIN if way.waits else 1.0)
-    is_slow = way_ahead(estimate.speeds, speed) < boat.steerage * (STEERAGE_AGAIN if way.waits else 1.0)
+    is_slow = estimate.ahead * speed < boat.steerage * (STEERAGE_AGAIN if way.waits else 1.0)
     return is_slow and (boat.steerage_over_ground or not estimate.speeds.is_over_ground)
 
 

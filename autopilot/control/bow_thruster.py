@@ -36,7 +36,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.estimation.instruments import Speeds, way_ahead
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import AlarmEvent, NavState, Reference, RudderCommand, Sample, ThrusterSample
 
@@ -252,12 +251,12 @@ def with_bow_found(bow: Bow, found: Mapping[str, AlarmEvent]) -> Mapping[str, Al
 
 
 def bow_look(
-    reference: Reference, seen: NavState, speeds: Speeds, steered: tuple[Norrbin, float, float] | None
+    reference: Reference, seen: NavState, ahead: float, steered: tuple[Norrbin, float, float] | None
 ) -> BowLook:
     """Return what the bow thruster is asked by: heading and rate with their waves, for which the filter takes what no
-    rudder explains, and so the thruster's own pushes. steered: the boat's model, the law's demand and the rudder's stop
-    [rad], None where there is no way."""
-    look = BowLook(wrap(reference.heading - seen.heading), seen.rate, way_ahead(speeds, seen.speed))
+    rudder explains, and so the thruster's own pushes. ahead: the share of the speed that is way ahead; steered: the
+    boat's model, the law's demand and the rudder's stop [rad], None where there is no way."""
+    look = BowLook(wrap(reference.heading - seen.heading), seen.rate, ahead * seen.speed)
     if steered is None:
         return look
     model, demand, stop = steered

@@ -34,6 +34,7 @@ from autopilot.estimation.instruments import (
     noise_step,
     rate_bias_step,
     scheduled_speed,
+    share_ahead,
     while_fresh,
     with_course,
     with_speed,
@@ -345,7 +346,7 @@ class EstimatorState(NamedTuple):
     """All that is remembered of the samples.
 
     model: at the scheduled speed, at which the loop is `quickness` times as quick as in the trial. speed [m/s]: nan
-    where none is known. fusion counts from the first heading on,
+    where none is known; ahead: the share of it that is way ahead. fusion counts from the first heading on,
     has_begun. heading_time and first_time [s]: of the newest and the first heading. needs_reinit: the next heading
     begins anew. taken: the newest samples, in order of time, and begun, which the filter began with. path: how late our
     orders come to the steering gear.
@@ -366,6 +367,7 @@ class EstimatorState(NamedTuple):
     beliefs: Beliefs = Beliefs()
     path: PathDelay = NOT_ECHOED
     quickness: float = 1.0
+    ahead: float = 1.0
 
     @property
     def lively_model(self) -> Norrbin:
@@ -535,7 +537,8 @@ def _scheduled(config: EstimatorConfig, state: EstimatorState) -> EstimatorState
     expected = way_of(config.law, reference.reference_speed, throttle)
     followed = math.nan if state.beliefs.doubts_speed else scheduled_speed(state.speeds, expected)
     model = model_at(reference, followed, config.law, throttle)
-    return state._replace(model=model, speed=speed, quickness=quickness(config.law, reference, model))
+    quick, ahead = quickness(config.law, reference, model), share_ahead(state.speeds)
+    return state._replace(model=model, speed=speed, quickness=quick, ahead=ahead)
 
 
 def _with_heading(
@@ -604,7 +607,7 @@ def _fused(
 ) -> EstimatorState:
     (
         model, _, memory, speeds, speed, before, has_begun, heading_time, first_time, taken, begun, reinit, beliefs,
-        path, quick,
+        path, quick, ahead,
     ) = state  # fmt: skip
     rate = math.nan if sample.rate is None else sample.rate
     heading = sample.heading if type(sample) is HeadingSample else math.nan
@@ -639,6 +642,7 @@ def _fused(
         beliefs,
         path,
         quick,
+        ahead,
     )
 
 

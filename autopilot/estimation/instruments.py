@@ -144,16 +144,16 @@ def measured_speed(speeds: Speeds) -> float:
     return speeds.ground.value if math.isnan(speeds.water.value) else speeds.water.value
 
 
-def way_ahead(speeds: Speeds, speed: float) -> float:
-    """Return how much of the `speed` [m/s] that is shown is way ahead: of one over the ground, what is no drift."""
-    return speeds.ground_ahead if speeds.is_over_ground else speed
+def share_ahead(speeds: Speeds) -> float:
+    """Return the share of the speed that is shown which is way ahead: of one over the ground, what is no drift.
 
-
-def left_by_drift(speeds: Speeds) -> float:
-    """Return the share of the model's K/T that drift leaves a rudder where only the ground tells the speed, 1 without
-    it: the model is for half way from the way ahead, s cos b, to the trial's speed, K/T ~ U^2, and b turns boats."""
+    It is also the share of the model's K/T that drift leaves a rudder where only the ground tells the speed: the model
+    is for half way from the way ahead, s cos b, to the trial's speed, K/T ~ U^2, and b turns boats.
+    """
     share = speeds.ahead.value
-    return share if 0.0 < share < 1.0 and speeds.is_over_ground else 1.0
+    if share != share or not speeds.is_over_ground:  # what is no number is not itself
+        return 1.0
+    return share if share > 0.0 else 0.0
 
 
 def speeds_apart(speeds: Speeds) -> float:

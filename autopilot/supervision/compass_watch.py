@@ -140,8 +140,9 @@ def consistency_step(
     step, turn = time - last.time, sample.heading - last.heading
     turn = turn if -PI < turn <= PI else wrap(turn)
     turns = turns_step(before.turns, turn, rate * step, step)
-    after = before._replace(heading=sample, turns=turns, wild=wild)
-    return _judged(after, rate, most, not -rate_most <= rate <= rate_most) if most < math.inf else after
+    if most == math.inf:
+        return before._replace(heading=sample, turns=turns, wild=wild)
+    return _judged(before, (sample, turns, wild), rate, most, not -rate_most <= rate <= rate_most)
 
 
 def is_no_turn(turns: Turns, rate: float, most: float) -> bool:
@@ -153,9 +154,15 @@ def is_no_turn(turns: Turns, rate: float, most: float) -> bool:
     return unseen > RATE_LAG * abs(rate) + most
 
 
-def _judged(known: Consistency, rate: float, most: float, is_wild: bool) -> Consistency:
-    sample, beside, turns, since, seen, reported, found, was_refused, wild = known
-    time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)  # type: ignore[union-attr]
+def _judged(
+    before: Consistency,
+    news: tuple[HeadingSample, Turns, tuple[float, ...]],
+    rate: float,
+    most: float,
+    is_wild: bool,
+) -> Consistency:
+    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _) = news, before
+    time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)
     if wild and time - wild[0] > APART_TIME:
         wild = wild[1:]
     # turns that both tell of alike put an end to it; that they went opposite ways nothing else does: a boat that lies

@@ -8,11 +8,10 @@ import pytest
 
 from autopilot.estimation.instruments import (
     Speeds,
-    left_by_drift,
     measured_speed,
     scheduled_speed,
+    share_ahead,
     speeds_apart,
-    way_ahead,
     while_fresh,
     with_course,
     with_speed,
@@ -54,16 +53,14 @@ def test_what_stands_over_the_ground_may_go_through_the_water() -> None:
 
 def test_of_a_speed_over_the_ground_what_is_across_is_no_way() -> None:
     speeds = with_course(known((2.0, True)), 0.0, math.radians(60.0))
-    assert way_ahead(speeds, 2.0) == pytest.approx(1.0)
+    assert share_ahead(speeds) == pytest.approx(0.5)
     assert measured_speed(speeds) == 2.0, "the ground's speed is shown as it is"
     assert scheduled_speed(speeds, TRIAL) == scheduled_speed(with_course(known((4.0 / 3.0, True)), 0.0, 0.0), TRIAL)
-    assert left_by_drift(speeds) == pytest.approx(0.5)
     astern = with_course(known((2.0, True)), 0.0, math.pi)
-    assert way_ahead(astern, 2.0) == 0.0
-    assert left_by_drift(astern) == 1.0
+    assert share_ahead(astern) == 0.0
     logged = with_course(known((2.0, True), (1.5, False)), 0.0, 1.0)
-    assert (way_ahead(logged, 1.5), left_by_drift(logged)) == (1.5, 1.0), "a log knows its way"
-    assert way_ahead(while_fresh(known((2.0, True), at=9.0, before=speeds), 10.0), 2.0) > 1.9, "an old course is none"
+    assert share_ahead(logged) == 1.0, "a log knows its way"
+    assert share_ahead(while_fresh(known((2.0, True), at=9.0, before=speeds), 10.0)) == 1.0, "an old course is none"
 
 
 def test_a_log_that_agrees_with_the_ground_counts_and_one_that_does_not_counts_half() -> None:
