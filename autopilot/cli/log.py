@@ -127,7 +127,7 @@ def log_options(arguments: argparse.Namespace, vessel: Vessel | None) -> LogOpti
     if full is None and vessel is not None:
         full = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
         full = -full if vessel.helm.reversed else full
-    servo: Servo | ServoScale | None = servo_from_text(arguments.servo) if arguments.servo else None
+    servo: Servo | ServoScale | None = None if arguments.servo is None else servo_from_text(arguments.servo)
     if servo is None and vessel is not None and vessel.helm.servo_us is not None:
         servo = ServoScale(*vessel.helm.servo_us)
     reading = ReadOptions(

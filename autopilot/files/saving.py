@@ -332,7 +332,11 @@ def refuse_in_use(path: Path) -> None:
 def check_folder(path: str | Path) -> None:
     """Raise InputError where `path` is a folder, or in one that is not there or takes none: said before the work."""
     _refuse_folder(path)
-    folder = Path(os.path.realpath(path)).parent
+    try:
+        folder = Path(os.path.realpath(path)).parent
+    except OSError as error:
+        # the folder in which we were started is gone
+        raise _unwritable(path, error) from error
     if not folder.is_dir():
         reason = errno.ENOENT
     elif os.access(folder, os.W_OK) or not _is_replaced(Path(path)):

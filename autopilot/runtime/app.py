@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 from autopilot import __version__
 from autopilot.angles import compass_text
+from autopilot.errors import InputError
 from autopilot.estimation.tuning import PATH_LATER
-from autopilot.files.saving import BackgroundSaver
+from autopilot.files.saving import BackgroundSaver, check_folder
 from autopilot.links.alarm_outputs import Acknowledgements, GuideAlarms
 from autopilot.links.base import Link, close_all
 from autopilot.runtime.build import build_pilot, track_settings_of, wind_settings_of
@@ -242,7 +243,12 @@ class App:
             self.learning = LearningService(self.pilot.learner, store)
         self._tuning = TuningService(store, self.learning)
         older = f"; changes of an earlier run are in {kept}: start with that file to use them" if kept.exists() else ""
-        self.notices.append(f"in force: {plan.path}; what is changed while it runs is kept in {kept}{older}")
+        kept_where = f"is kept in {kept}{older}"
+        try:
+            check_folder(kept)
+        except InputError as error:
+            kept_where = f"is lost at its end: {error}{older}"
+        self.notices.append(f"in force: {plan.path}; what is changed while it runs {kept_where}")
         return store
 
 

@@ -29,6 +29,7 @@ from autopilot.supervision.tuning import (
     JUMPS,
     JUMPS_WITHIN,
     NEWS,
+    NOUGHT_FORGOTTEN,
     RATE_FORGOTTEN,
     RATE_LAG,
     RATE_OFF,
@@ -196,8 +197,9 @@ def _judged(
 class Standing(NamedTuple):
     """A heading that is the same to the last digit: the `samples` that say so, the first of them [s] and the last; the
     turn that the rate beside it adds up to [rad], nan where none came, and its span; last_rate: that rate the time
-    before, nan where none was, and whether it moves; the turn that the model makes of the rudder: when it was reckoned
-    last [s], the bias [rad], the rate [rad/s], and how far it has turned [rad]; is_frozen: until it moves again."""
+    before, nan where none was, and whether it has moved since the model's turn was reckoned; that turn, which the model
+    makes of the rudder while the rate stands: when it was reckoned last [s], the bias [rad], the rate [rad/s], and how
+    far it has turned [rad]; is_frozen: until it moves again."""
 
     heading: float = math.nan
     samples: int = 0
@@ -230,8 +232,7 @@ def stood_by(before: Standing, sample: HeadingSample) -> Standing:
     if turn_rate is None or not math.isfinite(time):
         return before._replace(samples=before.samples + 1, time=sample.time)
     step = clip(sample.time - time, 0.0, LONGEST_STEP_S)
-    # nought may well be true for long
-    moves = before.rate_moves or turn_rate == 0.0 or not (math.isnan(before.last_rate) or turn_rate == before.last_rate)
+    moves = before.rate_moves or not (math.isnan(before.last_rate) or turn_rate == before.last_rate)
     # what is long past may be the bias of the rate sensor, added up
     turn = (0.0 if math.isnan(before.turn) else before.turn) * math.exp(-step / RATE_FORGOTTEN) + turn_rate * step
     return before._replace(
@@ -252,7 +253,8 @@ def frozen_step(
 
     Judged by the yaw rate that came with it where there is one that does not stand still too, else by the sea that
     moved it until then, and by the turn that the model makes of the rudder, the bias being what it was when the heading
-    began to stand: the estimator has learnt the wrong one since.
+    began to stand: the estimator has learnt the wrong one since. A rate of nought may be made of that very heading, or
+    true for long in flat water: then what a wrong bias adds up to is forgotten.
     """
     now, state = seen.now, seen.state
     for sample in headings:
@@ -284,12 +286,12 @@ def frozen_step(
         return standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0), sea
     step = clip(now - standing.reckoned, 0.0, LONGEST_STEP_S)
     rate = rate_step(seen.model, standing.rate, state.rudder + standing.bias, step)
-    turned = standing.turned + rate * step
+    kept = math.exp(-step / NOUGHT_FORGOTTEN) if standing.last_rate == 0.0 else 1.0
+    turned = 0.0 if standing.rate_moves else standing.turned * kept + rate * step
     is_frozen = standing.samples >= FROZEN_SAMPLES and (
-        standing.high - standing.low > FROZEN_BY_RATE
-        or (not standing.rate_moves and seen.has_way and abs(turned) > FROZEN_BY_RUDDER)
+        standing.high - standing.low > FROZEN_BY_RATE or (seen.has_way and abs(turned) > FROZEN_BY_RUDDER)
     )
-    return standing._replace(reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen), sea
+    return standing._replace(rate_moves=False, reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen), sea
 
 
 class Jumping(NamedTuple):

@@ -213,6 +213,8 @@ FROZEN_BY_RUDDER = math.radians(15.0)
 """The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood."""
 RATE_FORGOTTEN = 10.0
 """A rate sensor's bias would add up over longer than this [s]."""
+NOUGHT_FORGOTTEN = 30.0
+"""While the rate of turn is nought as well, the learnt disturbance's error would add up over longer than this [s]."""
 SEA_FELT = math.radians(0.7)
 SEA_DIGITS = 5.0
 SEA_STOOD = 3.0

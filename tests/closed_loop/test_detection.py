@@ -107,7 +107,7 @@ class Frozen:
     def __init__(self, rate: bool, digit: float = 0.0) -> None:
         self.rate, self.digit, self.last = rate, digit, math.nan
 
-    def __call__(self, now: float, sample: Sample) -> Sample:
+    def __call__(self, now: float, sample: Sample) -> HeadingSample:
         assert isinstance(sample, HeadingSample)
         if math.isnan(self.last):
             self.last = sample.heading
@@ -119,6 +119,16 @@ class Frozen:
 def test_a_frozen_heading_is_noticed_within_five_seconds_in_a_seaway(rate: bool, seed: int) -> None:
     run = Run(seaway, corrupt=Frozen(rate), seed=seed)
     assert found(run, "heading frozen", 5.0) < 15.0
+
+
+@pytest.mark.parametrize("sea", [calm, seaway])
+def test_a_compass_that_freezes_in_a_turn_with_the_rate_made_of_it_is_noticed(sea: Callable[[float], float]) -> None:
+    compass = Frozen(rate=True)
+
+    def stopped(now: float, sample: Sample) -> Sample:
+        return sample if now < SETTLED + 1.5 else compass(now, sample)._replace(rate=0.0)
+
+    found(Run(sea, corrupt=stopped, course=math.radians(90.0)), "heading frozen", 3.5)
 
 
 @pytest.mark.parametrize(("sea", "course"), [(seaway, 30.0), (calm, 30.0)])

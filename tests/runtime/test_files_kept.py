@@ -139,6 +139,15 @@ def test_a_folder_that_takes_nothing_is_said_before_the_work(tmp_path: Path, mon
     check_folder("/dev/null")
 
 
+def test_a_folder_that_is_gone_under_us_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(InputError, match=r"new\.yaml: cannot be written"):
+        check_folder("new.yaml")
+
+
 @pytest.mark.parametrize("make", [lambda path: FileSink(path / "run.tlog"), FolderSink], ids=["file", "folder"])
 def test_a_disk_that_is_full_from_the_start_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], FileSink | FolderSink]

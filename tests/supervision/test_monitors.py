@@ -95,7 +95,7 @@ def test_a_slow_turn_read_in_whole_degrees_is_not_frozen() -> None:
     assert boat.sail(300.0, 0.004, digits=math.radians(1.0)) is None
 
 
-@pytest.mark.parametrize("rate_deg_s", [0.01, 0.3, -0.4])
+@pytest.mark.parametrize("rate_deg_s", [0.0, 0.01, 0.3, -0.4])
 def test_a_rate_that_stands_still_too_does_not_speak_for_the_compass(rate_deg_s: float) -> None:
     """Both froze as a turn began: the rate adds up to next to nothing, the rudder is worth more."""
     monitors, turned = Monitors(LIMITS), 0.0
@@ -109,11 +109,12 @@ def test_a_rate_that_stands_still_too_does_not_speak_for_the_compass(rate_deg_s:
     assert turned < math.radians(45.0)
 
 
-def test_a_boat_whose_gyro_says_that_it_lies_still_lies_still() -> None:
+def test_a_rate_of_nought_is_believed_while_the_rudder_turns_the_boat_little() -> None:
+    """Whole degrees and no rate for ten minutes, and a rudder that the bias explains all but 1.5 degrees of."""
     monitors = Monitors(LIMITS)
-    for k in range(600):
+    for k in range(6000):
         monitors.on_samples((HeadingSample(k * DT, 0.3, 0.0),))
-        monitors.update(watched(k * DT, 0.3, 0.3, wanted=0.3))
+        monitors.update(watched(k * DT, 0.3, -0.06, wanted=0.3, bias=0.06 + math.radians(1.5)))
         assert trouble(monitors) is None
 
 
