@@ -1,10 +1,12 @@
 """Seasons of ordinary sailing with a skipper who adopts the first model that has proved itself; prints a table.
 
-    python benchmarks/learning_seasons.py [--seasons 1000] [--first-seed 0 | --today] [--jobs 1] [--into FILE]
+    python benchmarks/learning_seasons.py [--seasons 1000] [--first-seed 0 | --today] [--jobs 1] [--into FILE] \
+        [--rough] [--lasts 300]
 
 Each season is sailed by one of the simulator's plants (no plant's equation is the model's), in wind, gusts and waves
-of its own, by a hand that leaves harbour and then changes course now and then: LASTS_H lengths at service speed. The
-file's model is the right one in a third of them; in the others K and T are off by 35 % (standard deviation of the
+of its own, by a hand that leaves harbour and then changes course now and then: 300 lengths at service speed, or as
+`--lasts` says. `--rough`: waves of 2 to 30 deg of rudder and gusts of 0.5 to 6, as small boats meet. The file's
+model is the right one in a third of them; in the others K and T are off by 35 % (standard deviation of the
 logarithm) and n3 by 50 %. The model adopted is tried on another day, with other weather, on course changes and on a
 20/20 zigzag in calm water: from the rudder alone, stretch by stretch, as the learner predicts. It is worse where its
 root mean square heading error is larger than that of the model before. The chance is how often a model that is no
@@ -21,7 +23,7 @@ import json
 import math
 import multiprocessing
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,7 +41,7 @@ from sitl.scenario import Scenario
 CHANCES = (0.2, 0.1, 0.05, 0.02, 0.01, 0.001)
 NEVER = 1.0e-30
 KINDS = ("mmg_tanker", "roll_ship", "small_craft", "twin_thruster", "outboard")
-LASTS_H, HARBOUR_H, DAY_H = 300.0, 60.0, 60.0
+HARBOUR_H, DAY_H = 60.0, 60.0
 STEPS_PER_H, SAMPLES_PER_H, LONGEST_STEP_S = 40.0, 5.0, 0.1
 COMPASS, GYRO = math.radians(0.3), math.radians(0.2)
 
@@ -214,7 +216,7 @@ class Season(NamedTuple):
     adoptions: tuple[Adoption, ...]
 
 
-def season(seed: int) -> Season:
+def season(seed: int, lasts_h: float = 300.0, rough: bool = False) -> Season:
     """Sail the season of that seed."""
     random = np.random.default_rng([seed, 23])
     name = KINDS[seed % len(KINDS)]
@@ -223,11 +225,14 @@ def season(seed: int) -> Season:
     was_right = bool(random.random() < 1.0 / 3.0)
     right = kind.model._replace(n0=0.0)
     off = right._replace(gain=K * right.gain, time_constant=T * right.time_constant, n3=n3 * right.n3)
-    present, lasts = right if was_right else off, LASTS_H * kind.h
+    present, lasts = right if was_right else off, lasts_h * kind.h
     speed = right.reference_speed * random.uniform(0.75, 1.1)
     has_gyro = random.random() < 0.5
     learner, adoptions = Learner(present, NEVER), list[Adoption]()
     weather, steer = weather_of(random, kind.h), hand(random, kind.h, lasts)
+    if rough:
+        wave, gust = math.exp(random.uniform(math.log(2.0), math.log(30.0))), random.uniform(0.5, 6.0)
+        weather = weather._replace(wave=math.radians(wave), gust=math.radians(gust))
     tried_of = dict[Norrbin, Verdict]()
     for sample in sailed(kind, weather, steer, lasts, speed, random):
         learner.update(sample.time, sample.rudder, sample.ratio, sample.heading, sample.rate if has_gyro else None)
@@ -252,6 +257,8 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--today", action="store_true", help="seeds drawn from today's date")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--lasts", type=float, default=300.0, help="lengths that a season lasts")
+    parser.add_argument("--rough", action="store_true", help="waves of 2 to 30 deg of rudder, gusts of 0.5 to 6")
     parser.add_argument("--into", type=Path, help="a file of seasons, a line each, to go on with")
     given = parser.parse_args()
     first = datetime.date.today().toordinal() * 10000 if given.today else given.first_seed
@@ -259,7 +266,7 @@ def main() -> None:
     begun = {each.seed for each in seasons}
     seeds = [seed for seed in range(first, first + given.seasons) if seed not in begun]
     with multiprocessing.Pool(given.jobs) as pool:
-        for each in pool.imap_unordered(season, seeds):
+        for each in pool.imap_unordered(partial(season, lasts_h=given.lasts, rough=given.rough), seeds):
             seasons.append(each)
             if given.into:
                 with given.into.open("a") as lines:

@@ -188,11 +188,8 @@ def tour(browser: Any, address: str, port: int, out: Path) -> None:
     until(night, "document.getElementById('mode-word').textContent === 'Heading'")
     night.wait_for_timeout(6000.0)
     keep(night, out / "helm-night.png")
-    turn_to(night, "learning")
     while night.evaluate("document.documentElement.dataset.theme") != "day":
         night.click("#theme")
-    until(night, "document.querySelectorAll('#learning-rows tr').length >= 3")
-    keep(night, out / "helm-learning.png")
     turn_to(night, "parameters")
     night.wait_for_timeout(3000.0)
     keep(night, out / "helm-parameters.png")

@@ -13,6 +13,13 @@ together, weighted with the likelihood of what each has seen; now and then each 
 weather may have come from hold (interacting multiple models, Bar-Shalom 2001, section 11.6). So one that has not fitted
 the weather for long holds what the others have learnt. The covariance is theirs together. Where nothing moves the boat,
 nothing is learnt; a, b and d drift a little, only while the rudder moves.
+
+No sea is of one of these kinds. The waves' size and frequency and the strongest gust follow what is felt, and what is
+left of the misfit counts as doubt: where the noise is another than the model of it, the rudder that answers it biases
+what is learnt, and that goes with the ratio of noise to rudder (section 13.4 again). So nothing is learnt unless the
+rudder does WORKS times as much as what else pushes the boat; and the ratio of both, over the time in which something
+was learnt, is a standard error of K, T and n3 that no time makes smaller. Another is that of the rudder's time: a
+rudder that comes LATE_S later looks like a T that is longer by as much.
 """
 
 from __future__ import annotations
@@ -35,6 +42,13 @@ WAVE_RAD_S = (0.0, 0.7, 1.6, 3.5)
 with each. Waves of frequency 0 are none."""
 GUST_TIME_S = 6.0
 WAVE_DEG, WAVE_DAMPING = 1.0, 0.2
+LEAST_WAVE, MOST_WAVE, BAND, FOLLOWS_S = 0.3, 200.0, 1.5, 40.0
+"""So many times WAVE_DEG waves are at least, waves and gusts at most; waves' frequencies stay within the factor BAND of
+those above; what is felt is followed in this time."""
+WORKS, WORKS_S, LATE_S = 2.0, 20.0, 0.05
+"""See above; the rudder's work is that of the last WORKS_S. LATE_S: what an order's way and a servo's model leave."""
+FIRST_PUSH, FIRST_S = math.radians(5.0), 10.0
+"""What pushes the boat, before anything was felt for so long."""
 EXPECTED = (0.7, 1.0, 0.5)
 """Deviations of what the first model is expected to be off by: of a and b, as shares of a and 1/T, and of d, as a share
 of the cubic damping that holds LARGE degrees of rudder."""
@@ -49,8 +63,6 @@ LONGEST_GAP_S = 2.0
 LEAST_RATIO, MOST_RATIO = 0.2, 5.0
 """Slower or quicker than these shares of the reference speed nothing is learnt."""
 RATE_BOUND_RAD_S = 3.0
-KEPT = 64
-"""Transitions of waves that are kept, by step."""
 SUBSTEP = 0.3
 USUAL_COMPASS, USUAL_GYRO, USUAL_SAMPLES = math.radians(0.5), math.radians(0.3), 30
 """Noise of compass [rad] and gyro [rad/s] before they are known, and what that is worth in samples."""
@@ -96,30 +108,52 @@ class _Roughness:
         return max(self._square, self._least**2)
 
 
-class _Waves:
-    """Waves' frequencies [rad/s], 0 for none, and mean squares [rad^2/s^4], shape (M,)."""
+class _Weather:
+    """What pushes the boat, of M kinds, and how its size follows what is felt.
 
-    def __init__(self, frequency: Array, size: float) -> None:
-        self.frequency = frequency
-        self.square = np.where(frequency > 0.0, size**2, 0.0)
-        self._over: dict[float, tuple[Array, Array]] = {}
+    frequency [rad/s] of the waves, 0 for none, wave_square and gust_square [rad^2/s^4], shape (M,). The kinds of one
+    frequency share their waves, and those of one gust the gust. By the law of total expectation the mean of a
+    posterior second moment is the prior's where that is right: sizes and frequencies are moved towards it.
+    """
+
+    def __init__(self, frequency: Array, wave: float, gust: Array) -> None:
+        self.frequency, self.gust_square = frequency.copy(), gust**2
+        self.wave_square = np.where(frequency > 0.0, wave**2, 0.0)
+        self._bands = [(W, frequency == W) for W in np.unique(frequency) if W > 0.0]
+        self._strong = gust == gust.max()
+        self._least_wave, self._least_gust = (LEAST_WAVE * wave) ** 2, gust.max() ** 2
+        self._most = (MOST_WAVE * wave) ** 2
 
     def over(self, dt: float) -> tuple[Array, Array]:
-        """Return the transition over `dt` [s] and the covariance of what drives them, shape (M, 2, 2) each."""
-        known = self._over.get(dt)
-        if known is None:
-            W, z = np.maximum(self.frequency, 1.0e-3), WAVE_DAMPING
-            own = W * math.sqrt(1.0 - z * z)
-            fade, cosine, sine = np.exp(-z * W * dt), np.cos(own * dt), np.sin(own * dt) / own
-            rows = [[cosine + z * W * sine, sine], [-W * W * sine, cosine - z * W * sine]]
-            moved = fade[:, None, None] * np.array(rows).transpose(2, 0, 1)
-            still = self.square[:, None, None] * np.eye(2)
-            still[:, 1, 1] *= W**2
-            known = moved, still - moved @ still @ moved.transpose(0, 2, 1)
-            if len(self._over) >= KEPT:
-                self._over.clear()
-            self._over[dt] = known
-        return known
+        """Return the waves' transition over `dt` [s] and the covariance of what drives them, shape (M, 2, 2) each."""
+        W, z = np.maximum(self.frequency, 1.0e-3), WAVE_DAMPING
+        own = W * math.sqrt(1.0 - z * z)
+        fade, cosine, sine = np.exp(-z * W * dt), np.cos(own * dt), np.sin(own * dt) / own
+        # where there are no waves, what the others' filters bring along is gone at once
+        fade = np.where(self.frequency > 0.0, fade, 0.0)
+        rows = [[cosine + z * W * sine, sine], [-W * W * sine, cosine - z * W * sine]]
+        moved = fade[:, None, None] * np.array(rows).transpose(2, 0, 1)
+        still = self.wave_square[:, None, None] * np.eye(2)
+        still[:, 1, 1] *= W**2
+        return moved, still - moved @ still @ moved.transpose(0, 2, 1)
+
+    def follow(self, dt: float, weight: Array, x: Array, P: Array) -> None:
+        """Move sizes and frequencies towards what the last `dt` [s] showed."""
+        share = min(dt / FOLLOWS_S, 1.0)
+        gust, wave, swing = (x[:, i] ** 2 + P[:, i, i] for i in (G, H, V))
+        for usual, band in self._bands:
+            by = weight[band] / max(weight[band].sum(), 1.0e-300)
+            h, v = float(by @ wave[band]), float(by @ swing[band])
+            square = self.wave_square[band][0]
+            speed = square * self.frequency[band][0] ** 2
+            square, speed = square + share * (h - square), speed + share * (v - speed)
+            W = min(max(math.sqrt(speed / square), usual / BAND), usual * BAND)
+            self.frequency[band] = W
+            self.wave_square[band] = min(max(square, self._least_wave), self._most)
+        by = weight[self._strong] / max(weight[self._strong].sum(), 1.0e-300)
+        square = self.gust_square[self._strong][0]
+        square += share * (float(by @ gust[self._strong]) - square)
+        self.gust_square[self._strong] = min(max(square, self._least_gust), self._most)
 
 
 class Push(NamedTuple):
@@ -149,8 +183,8 @@ class LiveFilter:
         self._mean = np.array([a, first.n1 / T, first.n3 / T, first.n0 / T])
         waves = WAVE_RAD_S[:1] if self._held else WAVE_RAD_S
         weather = np.array([(g, w, W) for g in GUST_DEG for w in WHITE_DEG for W in waves])
-        self._gust, self._white = np.radians(weather[:, :2].T) * a
-        self._wave = _Waves(weather[:, 2], math.radians(WAVE_DEG) * a)
+        gust, self._white = np.radians(weather[:, :2].T) * a
+        self._weather = _Weather(weather[:, 2], math.radians(WAVE_DEG) * a, gust)
         M = weather.shape[0]
         self._x = np.zeros((M, STATES))
         self._P = np.zeros((M, STATES, STATES))
@@ -159,6 +193,8 @@ class LiveFilter:
         drift = np.array([DRIFT_S, DRIFT_S, DRIFT_S, TRIM_DRIFT_S])
         self._drift = spread**2 / drift
         self._logs = np.zeros(M)
+        self._pushed, self._worked, self._felt_s = FIRST_PUSH**2, 0.0, 0.0
+        self._learnt_by = self._clear = 0.0
         self._mixed = -math.inf
         self._compass = _Roughness(USUAL_COMPASS, LEAST_COMPASS)
         self._gyro = _Roughness(USUAL_GYRO, LEAST_GYRO)
@@ -173,6 +209,13 @@ class LiveFilter:
         values = weight @ self._x[:, A:]
         off = self._x[:, A:] - values
         spread = np.einsum("m,mij->ij", weight, self._P[:, A:, A:]) + np.einsum("m,mi,mj->ij", weight, off, off)
+        if self._clear > 0.0:
+            # K, T and n3 each by itself; T goes through all three
+            share, late = self._learnt_by / self._clear, (LATE_S * values[1]) ** 2
+            rates = values[:3]
+            spread[:3, :3] += (share + late) * np.outer(rates, rates) + share * np.diag(
+                [rates[0] ** 2, 0.0, rates[2] ** 2]
+            )
         return LiveEstimate(values, spread)
 
     @property
@@ -222,11 +265,31 @@ class LiveFilter:
         if rate is not None and abs(rate) <= RATE_BOUND_RAD_S:
             self._gyro.update(rate)
             self._see(R, rate, self._gyro.variance)
+        weight = self._weights()
+        self._weigh(dt, moved, weight)
+        self._weather.follow(dt, weight, self._x, self._P)
         if time - self._mixed >= MIXES_S:
             self._mixed = time
             self._mix()
         if not (np.isfinite(self._x).all() and np.isfinite(self._P).all()):
             self.forget()
+
+    @property
+    def learns(self) -> bool:
+        """Whether the rudder does WORKS times as much as what else pushes the boat."""
+        return self._worked > WORKS**2 * self._pushed
+
+    def _weigh(self, dt: float, moved: float, weight: Array) -> None:
+        """Compare what the rudder did in `dt` [s], `moved` [rad] from its mean, with what else pushed."""
+        x, P = self._x, self._P
+        push = float(weight @ (x[:, G] ** 2 + P[:, G, G] + x[:, H] ** 2 + P[:, H, H])) / self._unit[0] ** 2
+        self._felt_s = min(self._felt_s + dt, WORKS_S)
+        self._pushed += dt / max(self._felt_s, FIRST_S) * (push - self._pushed)
+        self._worked += min(dt / WORKS_S, 1.0) * (moved * moved - self._worked)
+        if self.learns:
+            # moments count as much as they tell: rudder over push, squared
+            self._learnt_by += dt * moved * moved
+            self._clear += dt * moved * moved * self._worked / self._pushed
 
     def _mix(self) -> None:
         """Let the weather have changed: each filter begins with what all hold, as likely as each led to its weather."""
@@ -249,15 +312,16 @@ class LiveFilter:
         self._P[:, :A, :] = self._P[:, :, :A] = 0.0
         self._P[:, PSI, PSI] = self._compass.variance
         self._P[:, R, R] = (0.5 * _turn(self.first)) ** 2
-        self._P[:, G, G] = self._gust**2
-        self._P[:, H, H], self._P[:, V, V] = self._wave.square, self._wave.square * self._wave.frequency**2
+        self._P[:, G, G] = self._weather.gust_square
+        square = self._weather.wave_square
+        self._P[:, H, H], self._P[:, V, V] = square, square * self._weather.frequency**2
 
     def _predict(self, span: float, rudder: float, s: float) -> None:
         quick = float(np.max(np.abs(self._x[:, B]) * s + 3.0 * np.abs(self._x[:, D]) * self._x[:, R] ** 2 / s))
         steps = min(max(1, math.ceil(span * quick / SUBSTEP)), 20)
         dt = span / steps
         keep = math.exp(-dt / GUST_TIME_S)
-        moved, driven = self._wave.over(dt)
+        moved, driven = self._weather.over(dt)
         q = self._white**2
         for _ in range(steps):
             x = self._x
@@ -287,7 +351,7 @@ class LiveFilter:
             P[:, PSI, R] += q * dt**2 / 2.0
             P[:, R, PSI] += q * dt**2 / 2.0
             P[:, R, R] += q * dt
-            P[:, G, G] += self._gust**2 * (1.0 - keep * keep)
+            P[:, G, G] += self._weather.gust_square * (1.0 - keep * keep)
             P[:, H:A, H:A] += driven
             self._P = P
 
@@ -297,8 +361,15 @@ class LiveFilter:
         off = value - self._x[:, row]
         self._logs += -0.5 * (off * off / size + np.log(size))
         gain = column / size[:, None]
+        learns = self.learns
+        if not learns:
+            # their doubt counts in what is seen of the motion, and stays (Schmidt 1966)
+            gain[:, A:E] = 0.0
         self._x += gain * off[:, None]
-        P = self._P - gain[:, :, None] * column[:, None, :]
+        both = gain[:, :, None] * column[:, None, :]
+        P = self._P - both
+        if not learns:
+            P += (size[:, None] * gain)[:, :, None] * gain[:, None, :] - both.transpose(0, 2, 1)
         self._P = 0.5 * (P + P.transpose(0, 2, 1))
         # a boat that does not follow its rudder, or that nothing bounds, is no boat
         np.maximum(self._x[:, A], 0.02 * self._unit[0], out=self._x[:, A])

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from typing import cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from autopilot.identification.learning import Learner, Proposal, learnt_model
 from autopilot.identification.live_filter import LiveFilter
 from autopilot.models.norrbin import Norrbin
+from autopilot.runtime.build import model_of
+from autopilot.signals import Order, OrderKind, Tick
+from autopilot.vessel.file import load_vessel
+from sitl.lockstep import simulate
+from sitl.scenario import load_scenario
 
 DT = 0.2
 SECONDS = 240.0
@@ -68,7 +76,42 @@ def test_intervals_hold_the_truth_while_a_hand_steers_against_gusts_and_waves(gu
         offs.append(off_in_errors(live, truth)[:3])
         sharper.append(math.sqrt(live.estimate.covariance[0, 0] / before))
     assert int(np.sum(np.abs(offs) > 1.96)) <= 5, np.round(offs, 1)
-    assert float(np.median(sharper)) < 0.4, "and something was learnt"
+    assert float(np.median(sharper)) < (0.4 if gusts_deg < 2.0 else 1.0), "and something was learnt"
+
+
+def test_a_sea_that_no_filter_knows_makes_the_intervals_wide() -> None:
+    """Waves of 15 deg of rudder, which the closed loop answers: they were 4 to 18 standard errors off."""
+    for seed, truth in enumerate(TRUTHS[2:3]):
+        live = LiveFilter(first_of(truth, 1.0))
+        Boat(truth, seed + 20261128).sail(live, gusts_deg=1.0, waves_deg=15.0)
+        assert np.abs(off_in_errors(live, truth)[:3]).max() < 2.5
+        assert math.sqrt(live.estimate.covariance[0, 0]) > 0.3 * truth[0], "nobody can know it there"
+
+
+@pytest.mark.parametrize("seed", [1, 8, 9])
+def test_in_the_sea_of_the_pictures_no_wrong_interval_is_put_forward(seed: int) -> None:
+    """Course changes in lockstep, a wave of 1 m and 4 s: K was 0.98 +- 0.13 and T 0.76 +- 0.11 for 0.70 and 0.33."""
+    legs = np.random.default_rng(seed).uniform(-1.5, 1.5, 20).tolist()
+
+    def order(now: float, tick: Tick | None) -> Order:
+        if now < 5.0:
+            return Order()
+        leg = int(now / 20.0)
+        return Order(OrderKind.HEADING, legs[leg], serial=leg + 1)
+
+    scenario = dataclasses.replace(load_scenario("ittc"), seed=seed)
+    vessel = load_vessel("lanxin")
+    true = model_of(vessel)
+    learner = Learner(true)
+    for tick in simulate(vessel, order, 200.0, scenario=scenario):
+        learner.learn(tick, steered=tick.command.engaged)
+    model, errors = learnt_model(learner._fit, true)
+    assert abs(model.gain - true.gain) < 2.5 * errors["gain"]
+    assert (
+        abs(1.0 / model.time_constant - 1.0 / true.time_constant)
+        < 2.5 * errors["time_constant"] / model.time_constant**2
+    )
+    assert learner.proposal() is None or not cast(Proposal, learner.proposal()).is_proved
 
 
 def test_rates_are_those_of_the_reference_speed() -> None:

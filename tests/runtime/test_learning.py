@@ -155,7 +155,7 @@ def test_learning_changes_no_command_until_adoption(sailed: Sailed) -> None:
 
 def test_adopted_and_taken_back_on_a_word_logged_and_replayed(tmp_path: Path) -> None:
     log = tmp_path / "a.tlog"
-    found = sail(140.0, log, typed={5.0: "adopt", 120.0: "adopt", 125.0: "learn", 130.0: "revert", 132.0: "revert"})
+    found = sail(150.0, log, typed={5.0: "adopt", 135.0: "adopt", 138.0: "learn", 142.0: "revert", 144.0: "revert"})
     early, adopted, report, reverted, nothing = found.answers
     assert early.startswith("error: nothing to adopt yet")
     assert adopted.startswith("adopted; K 0.45 -> 0.")
@@ -173,7 +173,7 @@ def test_adopted_and_taken_back_on_a_word_logged_and_replayed(tmp_path: Path) ->
 
 
 def test_adoption_moves_the_rudder_no_faster_than_its_limit() -> None:
-    found = sail(135.0, typed={120.0: "adopt"})
+    found = sail(145.0, typed={135.0: "adopt"})
     assert found.answers[0].startswith("adopted")
     angles = [command.angle for command in found.boat.commands]
     fastest = max(abs(now - before) for before, now in pairwise(angles))
