@@ -467,6 +467,7 @@ def watch_thrusters(
     seen = view.state
     if not seen.valid:
         return NO_THRUST_SEEN, found
+    steers = state.supervisor.state in ENGAGED and state.way.order.kind is OrderKind.HEADING and not state.way.waits
     look = ThrusterLook(
         estimate.model,
         seen.rate,
@@ -474,9 +475,8 @@ def watch_thrusters(
         seen.speed,
         estimate.speeds.throttle.value,
         boat.gear.angle_max,
-        state.supervisor.state in ENGAGED
-        and state.way.order.kind is OrderKind.HEADING
-        and not (state.way.waits or estimate.beliefs.holds_bias),
+        steers,
+        steers and not estimate.beliefs.holds_bias,
         dt,
     )
     memory, alarm = thruster_step(state.thrusters, look)

@@ -12,8 +12,10 @@ The push that the model does not explain, as an angle of rudder, through a first
 
 where _f is filtered, is compared with its own average of late. A thruster that fails pushes the boat to its side by
 half its thrust, and takes the boat's speed although the throttle stays: both must show, for a gust does the one and a
-stream the other. A turn takes speed, too: nothing is judged in it and for some seconds behind it. The alarm stays while
-the push does.
+stream the other. With the throttle t and the steering's moment m, shares of full, the thrusters are asked for t^2 + m
+to port and t^2 - m to starboard. In a turn, and for some seconds behind it, speed and push are compared with those
+before it, and more of the thrust must be missing for longer: a hull that slides is pushed by that, and slowed. The
+alarm stays while the push does.
 """
 
 from __future__ import annotations
@@ -46,21 +48,26 @@ LATE = 20.0
 LASTS = 0.6
 """[s] for which both must show."""
 SHARE = 0.3
-"""Of the moment that one thruster makes at this throttle, taken to go with its square."""
+"""Of the moment that one thruster is asked for."""
+LASTS_TURNING, SHARE_TURNING = 1.0, 0.6
+"""The same in a turn and behind it."""
 LEAST = math.radians(1.5)
-SLOWED = 0.9
-"""Of the speed of late: a third of one thruster's thrust is so much of a boat's speed."""
+SLOWED, SLOWED_TURNING = 0.9, 0.75
+"""Of the speed of late: a third of one thruster's thrust is so much of a boat's speed. In a turn and behind it a stream
+may take as much, and nearly all of one thruster's is wanted."""
 STEADY = 0.93
 """Of the throttle of late: with less of it no boat keeps its speed."""
 LEAST_THROTTLE = 0.15
 QUIET = 6.0
-"""[s] behind a turn: the boat gathers way again, and its drift dies out."""
+"""[s] behind a turn: the boat gathers way again, and its drift dies out. Where others steered nothing is judged for as
+long."""
 
 
 class ThrusterMemory(NamedTuple):
     """Filtered rate [rad/s], rudder's and damping's acceleration [rad/s^2]; of late: push [rad], speed [m/s] and
-    throttle, nan before the first look; for how long [s] both show, and the push [rad] that there was before; for how
-    long [s] nothing is judged yet."""
+    throttle, nan before the first look, and the speed until it is judged; for how long [s] both show, and the push
+    [rad] that there was before; for how long [s] it is as in a turn yet, and whether it
+    was at the last look."""
 
     rate: float = math.nan
     driven: float = 0.0
@@ -71,6 +78,7 @@ class ThrusterMemory(NamedTuple):
     lasted: float = 0.0
     before: float = math.nan
     quiet: float = 0.0
+    was_turn: bool = False
 
 
 NO_THRUST_SEEN = ThrusterMemory()
@@ -78,8 +86,8 @@ NO_THRUST_SEEN = ThrusterMemory()
 
 class ThrusterLook(NamedTuple):
     """What is looked at: the model, rate [rad/s], rudder [rad] as ordered, speed [m/s], throttle [share of full], the
-    angle [rad] that full steering stands for, whether a course is held rather than a turn made, and the time [s] since
-    the last look."""
+    angle [rad] that full steering stands for, whether we steer by headings and whether a course is held rather than a
+    turn made, and the time [s] since the last look."""
 
     model: Norrbin
     rate: float
@@ -87,6 +95,7 @@ class ThrusterLook(NamedTuple):
     speed: float
     throttle: float
     full: float
+    steers: bool
     holds_course: bool
     dt: float
 
@@ -100,7 +109,11 @@ def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterM
     driven, damped = unit * look.rudder, damping(model, look.rate) / model.time_constant
     if math.isnan(memory.rate):
         return ThrusterMemory(look.rate, driven, damped, math.nan, look.speed, look.throttle), None
-    share, slow = -math.expm1(-dt / TAU), -math.expm1(-dt / LATE)
+    is_turn = look.steers and (not look.holds_course or memory.quiet > 0.0)
+    share, slow = -math.expm1(-dt / TAU), 0.0 if is_turn else -math.expm1(-dt / LATE)
+    # which way the boat goes now, a stream may carry it more or less
+    is_new = not is_turn and (math.isnan(memory.speed) or memory.was_turn)
+    usual = look.speed if is_new else memory.speed
     rate = memory.rate + share * (look.rate - memory.rate)
     driven = memory.driven + share * (driven - memory.driven)
     damped = memory.damped + share * (damped - memory.damped)
@@ -111,24 +124,30 @@ def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterM
         driven=driven,
         damped=damped,
         push=late,
-        speed=memory.speed + slow * (look.speed - memory.speed),
+        speed=usual + slow * (look.speed - usual),
         throttle=memory.throttle + slow * (look.throttle - memory.throttle),
+        quiet=max(memory.quiet - dt, 0.0) if look.holds_course else QUIET,
+        was_turn=is_turn,
     )
-    limit = max(SHARE * 0.5 * look.throttle * abs(look.throttle) * look.full, LEAST)
+    if not look.steers:
+        return found._replace(speed=math.nan, throttle=look.throttle, before=math.nan, lasted=0.0), None
+    more = push - (late if math.isnan(memory.before) else memory.before)
+    # one that is hardly asked for thrust does not push by less of it
+    steered = max(math.copysign(driven / unit, -more * driven), 0.0)
+    asked = 0.5 * (look.throttle * abs(look.throttle) * look.full + steered)
+    limit = max((SHARE_TURNING if is_turn else SHARE) * asked, LEAST)
     if not math.isnan(memory.before):
-        if abs(push - memory.before) < 0.5 * limit:
+        if abs(more) < 0.5 * limit:
             return found._replace(before=math.nan, lasted=0.0), None
-        return found, _alarm(push - memory.before)
-    if not look.holds_course or memory.quiet > 0.0:
-        quiet = QUIET if not look.holds_course else memory.quiet - dt
-        return found._replace(speed=look.speed, throttle=look.throttle, quiet=quiet, lasted=0.0), None
-    pushed = look.throttle > LEAST_THROTTLE and abs(push - late) > limit
-    slowed = look.speed < SLOWED * found.speed and look.throttle > STEADY * found.throttle
-    if not (pushed and slowed):
+        return found, _alarm(more)
+    is_pushed = look.throttle > LEAST_THROTTLE and abs(more) > limit
+    slowed = SLOWED_TURNING if is_turn else SLOWED
+    is_slowed = look.speed < slowed * found.speed and look.throttle > STEADY * found.throttle
+    if not (is_pushed and is_slowed):
         return found._replace(lasted=0.0), None
-    if memory.lasted + dt < LASTS:
+    if memory.lasted + dt < (LASTS_TURNING if is_turn else LASTS):
         return found._replace(lasted=memory.lasted + dt), None
-    return found._replace(before=memory.push), _alarm(push - late)
+    return found._replace(before=memory.push), _alarm(more)
 
 
 def _alarm(push: float) -> AlarmEvent:

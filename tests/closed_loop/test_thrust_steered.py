@@ -172,6 +172,17 @@ def test_a_thruster_that_fails_is_said_within_five_seconds_and_the_course_held(f
     assert abs(off(boat, 0.0)) < 3.0, "what is left of the thrust holds the course"
 
 
+@pytest.mark.parametrize(("size", "side"), [(-1.0, "port"), (1.0, "starboard")])
+def test_a_thruster_that_is_dead_in_a_turn_is_said_within_five_seconds(size: float, side: str) -> None:
+    """From when the turn to starboard, which port makes and starboard ends, asks it for thrust."""
+    boat = engaged(sailed("twin_thruster", faults=(FaultSection("thruster_dead", 20.0, size=size),)))
+    boat.run(20.0 - boat.world.time)
+    boat.engage(60.0)
+    assert boat.run(5.0, lambda tick: size * tick.command.angle < -0.1)
+    assert boat.run(5.0, lambda tick: any(alarm.name == "thruster_weak" for alarm in tick.alarms))
+    assert next(alarm.detail for alarm in boat.tick.alarms if alarm.name == "thruster_weak") == side
+
+
 def test_neither_turns_nor_a_push_are_taken_for_a_thruster_that_fails() -> None:
     gust = FaultSection("yaw_push", 40.0, size=5.0)
     boat = engaged(sailed("twin_thruster", faults=(gust,)))
