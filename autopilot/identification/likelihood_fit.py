@@ -17,6 +17,7 @@ from autopilot.identification.likelihood_record import (
     NORRBIN,
     Beside,
     Form,
+    IntArray,
     Record,
     Scales,
     Surroundings,
@@ -189,14 +190,12 @@ def likelihood_fit(
             guess, weather, train = rough[0].opened(nearest)
             # gusts that are over within a step are none to begin a search with
             calm = weather if weather.gust_time > float(record.step[0]) else calm
-    space = Space(record, guess, calm, train, parts, scale, beside(record, segments))
+    groups = None if surroundings is None or len(segments) < 2 else _alike(segments)
+    space = Space(record, guess, calm, train, parts, scale, beside(record, segments), groups)
     if not math.isfinite(space.found(space.start).loss):
         return None
     draws = DRAWS if record.nodes <= LONG else DRAWS // 2
     tried = [(space, *maximised(space, space.start))]
-    if surroundings is not None and len(segments) > 1:
-        space.suit_gusts(tried[0][1])
-        tried = [(space, *maximised(space, tried[0][1]))]
     progress()
     tried += [(other, *maximised(other, other.start)) for other in _with_waves(space, *tried[0][1:3], usual)]
     progress()
@@ -234,6 +233,16 @@ def likelihood_fit(
     if power is not None:
         power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
     return fit._replace(unseen=unseen, power=power)
+
+
+def _alike(segments: Sequence[Segment]) -> IntArray:
+    """Return which segments have gusts of one strength: each its own, of many those of about one speed."""
+    order = np.argsort(np.argsort([float(np.mean(np.abs(segment.speed))) for segment in segments], kind="stable"))
+    return np.asarray(order * min(len(segments), STRENGTHS) // len(segments))
+
+
+STRENGTHS = 6
+"""Of gusts at most: runs of other speeds, sides and days have other gusts."""
 
 
 def sliding(memory: float) -> dict[str, float]:
@@ -533,10 +542,14 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
         wavy = wavy._replace(gust=USUAL_GUST * usual.gust, gust_time=GUST_TIME_S, white=usual.white)
     beside = space.beside_at(z)
     starts = [
-        Space(space.record, rates, wavy._replace(wave=size * wavy.wave), train, space.parts, space.scale, beside)
+        Space(
+            space.record, rates, wavy._replace(wave=size * wavy.wave), train, space.parts, space.scale, beside, space.groups
+        )
         for size in WAVE_SIZES
     ]
     for start in starts:
+        if space.strengths:
+            start.start[-len(space.strengths) :] = z[-len(space.strengths) :]
         # the boat's own path is near, whatever the waves
         start.path[:, :3] = space.path
     losses = [start.found(start.start).loss for start in starts]

@@ -82,7 +82,7 @@ class Record(NamedTuple):
     and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. scales: at the
     speed of each substep, shape (S, M); push [rad/s^2]: what else is known to turn the boat there, likewise; power:
     `Form.power`. edges: per segment the times [s] of the substeps' ends; paths: its rudder. rough: by how much gusts
-    are stronger in each segment than in all, shape (segments,). blur [rad^2/s^3]: the white push that noise left in
+    are stronger at each node than in all, shape (N,). blur [rad^2/s^3]: the white push that noise left in
     rudder, speed and wind makes.
     """
 
@@ -178,7 +178,7 @@ def record_of(
         form.power,
         tuple(edges),
         tuple(paths),
-        np.ones(len(parts)),
+        np.ones(at),
     )
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from autopilot.identification.likelihood_record import RACE_DOUBT, WIDE, Beside, Record, rudder_on, usual_race
+from autopilot.identification.likelihood_record import RACE_DOUBT, WIDE, Beside, IntArray, Record, rudder_on, usual_race
 from autopilot.identification.marginal_likelihood import (
     Path,
     Rates,
@@ -115,6 +115,7 @@ class Space:
         parts: tuple[str, ...],
         scale: Rates,
         beside: Beside | None = None,
+        groups: IntArray | None = None,
     ) -> None:
         self.record, self.scale, self.train, self.parts = record, scale, train, parts
         self.beside, self.around = beside, () if beside is None else beside.names
@@ -126,7 +127,11 @@ class Space:
         self.names += ["compass"] if self.has_compass else []
         self.names += ["wave", "wave_frequency", "wave_damping"] if weather.wave > 0.0 else []
         self.logs = (*self.names[len(RATE_NAMES) :], *parts)
-        self.names += (*parts, *self.around)
+        # of which strength of gusts each node is, where they have one of their own in each run
+        self.groups = groups
+        self.group = None if groups is None else groups[record.segment_of(np.arange(record.nodes))]
+        self.strengths = () if groups is None else tuple(f"gust in {k}" for k in range(int(groups.max()) + 1))
+        self.names += (*parts, *self.around, *self.strengths)
         gust = scale.a * math.radians(0.3)
         self.boat = [i for i, name in enumerate(self.names) if name in (*RATE_NAMES, *parts, *self.around)]
         self.sky = [i for i in range(len(self.names)) if i not in self.boat]
@@ -140,6 +145,7 @@ class Space:
             "wave_frequency": _Prior(math.log(weather.wave_frequency), 0.7),
             "wave_damping": _Prior(math.log(0.1), 0.7),
             **{part: _Prior(math.log(_usual(part, train, parts)), 1.2) for part in parts},
+            **dict.fromkeys(self.strengths, _Prior(0.0, ROUGHER)),
         }
         if beside is not None:
             usual = math.log(usual_race(beside.reference_speed, beside.start.reference_propeller))
@@ -150,7 +156,8 @@ class Space:
         self.rudder = rudder_on(record, train)
         first = [getattr(start, name) / getattr(scale, name) for name in RATE_NAMES]
         rest = [math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in self.logs]
-        self.start = np.array([*first, *rest, *([] if beside is None else beside.closed())])
+        own = np.zeros(len(self.strengths))
+        self.start = np.array([*first, *rest, *([] if beside is None else beside.closed()), *own])
 
     def opened(self, z: FloatArray) -> tuple[Rates, Weather, RudderTrain]:
         """Return what the vector stands for."""
@@ -170,12 +177,14 @@ class Space:
         return self.beside._replace(start=self.beside.opened(dict(zip(self.names, z.tolist(), strict=True))))
 
     def record_at(self, z: FloatArray) -> Record:
-        """Return the record with what the vector says of the surroundings in it."""
-        beside = self.beside_at(z)
+        """Return the record with what the vector says of the surroundings, and of the gusts of each run, in it."""
+        record, beside = self.record, self.beside_at(z)
+        if self.group is not None:
+            record = record._replace(rough=np.exp(np.clip(z[-len(self.strengths) :], -WIDE, WIDE))[self.group])
         if beside is None:
-            return self.record
+            return record
         scales, push = beside.turning(beside.start)
-        return self.record._replace(scales=scales, push=push)
+        return record._replace(scales=scales, push=push)
 
     def before(self, z: FloatArray) -> float:
         """Return the negative logarithm of what is known beforehand."""
@@ -202,9 +211,10 @@ class Space:
         self.path = path.states
         rates, weather, train = self.opened(z)
         rudder = rudder_on(self.record, train) if self.parts else self.rudder
-        noise = noise_of(weather, self.record)
+        record = self.record_at(z)
+        noise = noise_of(weather, record)
         try:
-            held = held_at(path, rates, self.record_at(z), noise)
+            held = held_at(path, rates, record, noise)
         except np.linalg.LinAlgError:
             return math.inf, slope, np.eye(len(self.boat))
         rudders = self._rudders_beside(z)
@@ -221,30 +231,6 @@ class Space:
             return path.loss, slope, np.eye(len(self.boat))
         known = np.outer(size, size) * information(path.factor, held, rates, rudder, rudders, noise, besides)
         return path.loss, slope, known + np.diag([self.curvature_before(i) for i in self.boat])
-
-    def suit_gusts(self, z: FloatArray) -> None:
-        """Let gusts be as strong in each segment as is likeliest there, for the boat and the weather of the vector.
-
-        Runs of other speeds, sides and days have other gusts: taken for alike, the rough ones count too much, and what
-        is known looks better known than it is.
-        """
-        rates, weather, _ = self.opened(z)
-        segment = self.record.segment_of(self.record.begin)
-        gusts = np.bincount(segment) + 1.0
-
-        def both(logs: FloatArray) -> tuple[float, FloatArray]:
-            self.record = self.record._replace(rough=np.exp(np.clip(logs, -WIDE, WIDE)))
-            path, noise = self.found(z), noise_of(weather, self.record)
-            if path.factor is None:
-                return 1.0e10, np.zeros_like(logs)
-            self.path = path.states
-            moments = moments_of(held_at(path, rates, self.record_at(z), noise))
-            first = noise.initial[:, 2] * moments.first[:, 2]
-            worth = np.bincount(segment, gust_worth(moments, noise.keep, noise.gust)) + first
-            return path.loss + 0.5 * float(logs @ logs) / ROUGHER**2, gusts - worth + logs / ROUGHER**2
-
-        found = minimize(both, np.log(self.record.rough), jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS})
-        self.record = self.record._replace(rough=np.exp(found.x))
 
     def _rudders_beside(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Return how mean and rise of the rudder change with each part of its way that is searched for."""
@@ -265,7 +251,7 @@ class Space:
         Inverse covariances go with the sizes' squares, and their determinants too; times and the waves' shape are
         differenced.
         """
-        record, moments = self.record, moments_of(held)
+        record, moments = held.record, moments_of(held)
         worth = worth_of(moments, noise)
         M, segments = record.step.size, record.first.size
         driven = 2.0 * M - worth.driven
@@ -286,6 +272,14 @@ class Space:
                 at[i] += by
                 beside.append(_lasting(name, self.opened(at)[1], record, moments))
             slopes[name] = (beside[0] - beside[1]) / (2.0 * NEXT)
+        if self.group is not None:
+            # of each run so much of what the size of all gusts is worth
+            own = 1.0 - gust_worth(moments, noise.keep, noise.gust)
+            first = 1.0 - noise.initial[:, 2] * moments.first[:, 2]
+            there = np.bincount(self.group[record.begin], own) + np.bincount(
+                self.group[record.first], first, len(self.strengths)
+            )
+            slopes |= zip(self.strengths, there.tolist(), strict=True)
         return [slopes[self.names[i]] for i in self.sky]
 
     def slope_before(self, z: FloatArray) -> FloatArray:

@@ -176,9 +176,10 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
     keep, gust = gust_noise(weather, record)
     logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + h.size * 2.0 * math.log(q) - h.size * math.log(12.0)
     segments = record.first.size
-    logs += 2.0 * float(np.log(weather.gust * record.rough).sum())
+    first = weather.gust * record.rough[record.first]
+    logs += 2.0 * float(np.log(first).sum())
     initial, wave = np.zeros((segments, 3)), None
-    initial[:, 2] = (weather.gust * record.rough) ** -2.0
+    initial[:, 2] = first**-2.0
     if weather.wave > 0.0:
         still = still_waves(weather)
         wave, log = wave_noise(weather, h)
@@ -204,8 +205,9 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
 
 def gust_noise(weather: Weather, record: Record) -> tuple[FloatArray, FloatArray]:
     """Return how much of a gust is left after each step, and the inverse variance of what is new."""
-    h, size = record.step, weather.gust * record.rough[record.segment_of(record.begin)]
-    return np.exp(-h / weather.gust_time), -1.0 / (size**2 * np.expm1(-2.0 * h / weather.gust_time))
+    h, before, after = record.step, record.rough[record.begin], record.rough[record.begin + 1]
+    new = -np.expm1(-2.0 * h / weather.gust_time) * (weather.gust * after) ** 2
+    return np.exp(-h / weather.gust_time) * after / before, 1.0 / new
 
 
 def _least_seen(weather: Weather, record: Record) -> float:
