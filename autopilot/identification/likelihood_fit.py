@@ -63,8 +63,6 @@ WAVE_SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Waves are guessed at so many times what the strongest frequency shows."""
 ROUGH_WHITE = 3.0
 """Times what a search begins with: white gusts as large may be waves."""
-USUAL_GUST = 0.1
-"""Of the gusts that a search begins with: what they are expected to be."""
 NO_PART = 12.0
 """Weather of which the likelihood's logarithm is lower by so much at its best has no part in what is known."""
 
@@ -532,14 +530,16 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
 
     usual: the weather that a search begins with where none is known.
 
-    Gusts that pass as quickly as waves, or white ones of that size, are what waves are taken for where there are none
-    to be found: beside waves they begin at their usual size.
+    Gusts that pass as quickly as waves, or white ones of that size, are what waves and gusts that last are taken for
+    where there are no waves to be found: beside waves they begin at the usual time, with as much push in the long run.
+    Begun weaker, white ones would take their place, whose doubt about the rudder's zero is less.
     """
     rates, weather, train = space.opened(z)
     wavy = _wave_start(space, z)
     hurried = weather.gust_time < HURRIED_S or weather.white > ROUGH_WHITE * usual.white
     if hurried:
-        wavy = wavy._replace(gust=USUAL_GUST * usual.gust, gust_time=GUST_TIME_S, white=usual.white)
+        slow = math.hypot(weather.gust * math.sqrt(2.0 * weather.gust_time), weather.white)
+        wavy = wavy._replace(gust=slow / math.sqrt(2.0 * GUST_TIME_S), gust_time=GUST_TIME_S, white=usual.white)
     beside = space.beside_at(z)
     starts = [
         Space(

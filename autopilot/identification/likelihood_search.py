@@ -63,8 +63,9 @@ SWAY = {"lag": 0.15, "lead": 0.45}
 its rate: T2 and T3 of the second order of Nomoto et al. 1957. Tankers and container ships have T3 of 1.2 to 3 T2."""
 
 
-ROUGHER = 0.7
-"""By how much gusts are stronger in one run than in another: the deviation of its logarithm."""
+ROUGHER = 0.35
+"""By how much gusts are stronger in one run than in another, the flow past the rudder alike: the deviation of its
+logarithm."""
 
 
 class _Prior(NamedTuple):
@@ -80,6 +81,13 @@ class _Prior(NamedTuple):
         return (value - self.middle) / self.width**2
 
 
+GUST_POWER = _Prior(0.5, 0.5)
+"""Of the rudder's force, with which gusts go from run to run and in turns: wind's moment on a hull does not (0), what
+eddies and waves do to rudder and keel does (1)."""
+STILL = 0.1
+"""Of the mean flow: gusts are no weaker than in so much of it."""
+
+
 def _usual(part: str, train: RudderTrain, parts: tuple[str, ...]) -> float:
     """Return what is usual of a part of the rudder's way: a steering gear's, or what the boat is supposed to slide
     by, where that is what the search begins with."""
@@ -89,10 +97,13 @@ def _usual(part: str, train: RudderTrain, parts: tuple[str, ...]) -> float:
 
 
 def _lasting(name: str, weather: Weather, record: Record, moments: Moments) -> float:
-    """Return what of the loss a time of gusts, or the shape of waves, has to do with."""
-    if name == "gust_time":
+    """Return what of the loss the time of gusts and where they are how strong, or the shape of waves, has to do with.
+    """
+    if not name.startswith("wave"):
         keep, gust = gust_noise(weather, record)
-        return 0.5 * float((gust_worth(moments, keep, gust) - np.log(gust)).sum())
+        first = (weather.gust * record.rough[record.first]) ** -2.0
+        begun = float((first * moments.first[:, 2] - np.log(first)).sum())
+        return 0.5 * (float((gust_worth(moments, keep, gust) - np.log(gust)).sum()) + begun)
     wave, log = wave_noise(weather, record.step)
     still = still_waves(weather)
     first = float((moments.first[:, 3:] / still).sum()) + record.first.size * float(np.log(still).sum())
@@ -127,14 +138,20 @@ class Space:
         self.names += ["compass"] if self.has_compass else []
         self.names += ["wave", "wave_frequency", "wave_damping"] if weather.wave > 0.0 else []
         self.logs = (*self.names[len(RATE_NAMES) :], *parts)
-        # of which strength of gusts each node is, where they have one of their own in each run
-        self.groups = groups
-        self.group = None if groups is None else groups[record.segment_of(np.arange(record.nodes))]
-        self.strengths = () if groups is None else tuple(f"gust in {k}" for k in range(int(groups.max()) + 1))
+        self.groups, self.strengths = groups, ()
+        if groups is not None:
+            # the flow past the rudder at the nodes, and which strength of gusts each is of
+            steering = (record.scales if beside is None else beside.turning(beside.start)[0]).steering.mean(axis=0)
+            self.flow = np.ones(record.nodes)
+            steering = np.maximum(steering, STILL * np.mean(steering))
+            self.flow[record.begin + 1] = steering
+            self.flow[record.begin] = steering
+            self.group = groups[record.segment_of(np.arange(record.nodes))]
+            self.strengths = ("gust_power", *(f"gust_in_{k}" for k in range(int(groups.max()) + 1)))
         self.names += (*parts, *self.around, *self.strengths)
-        gust = scale.a * math.radians(0.3)
         self.boat = [i for i, name in enumerate(self.names) if name in (*RATE_NAMES, *parts, *self.around)]
         self.sky = [i for i in range(len(self.names)) if i not in self.boat]
+        gust = scale.a * math.radians(0.3)
         self.priors = {
             "gust": _Prior(math.log(0.1 * gust), 2.5),
             "gust_time": _Prior(math.log(GUST_TIME_S), GUST_TIME_WIDTH),
@@ -147,6 +164,8 @@ class Space:
             **{part: _Prior(math.log(_usual(part, train, parts)), 1.2) for part in parts},
             **dict.fromkeys(self.strengths, _Prior(0.0, ROUGHER)),
         }
+        if self.strengths:
+            self.priors["gust_power"] = GUST_POWER
         if beside is not None:
             usual = math.log(usual_race(beside.reference_speed, beside.start.reference_propeller))
             self.priors |= dict.fromkeys(beside.names, _Prior(0.0, 1.0)) | {"race": _Prior(usual, RACE_DOUBT)}
@@ -156,7 +175,7 @@ class Space:
         self.rudder = rudder_on(record, train)
         first = [getattr(start, name) / getattr(scale, name) for name in RATE_NAMES]
         rest = [math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in self.logs]
-        own = np.zeros(len(self.strengths))
+        own = [self.priors[name].middle for name in self.strengths]
         self.start = np.array([*first, *rest, *([] if beside is None else beside.closed()), *own])
 
     def opened(self, z: FloatArray) -> tuple[Rates, Weather, RudderTrain]:
@@ -178,13 +197,19 @@ class Space:
 
     def record_at(self, z: FloatArray) -> Record:
         """Return the record with what the vector says of the surroundings, and of the gusts of each run, in it."""
-        record, beside = self.record, self.beside_at(z)
-        if self.group is not None:
-            record = record._replace(rough=np.exp(np.clip(z[-len(self.strengths) :], -WIDE, WIDE))[self.group])
+        record, beside = self._gusty(z), self.beside_at(z)
         if beside is None:
             return record
         scales, push = beside.turning(beside.start)
         return record._replace(scales=scales, push=push)
+
+    def _gusty(self, z: FloatArray) -> Record:
+        """Return the record with gusts as strong at each node as the vector says."""
+        if not self.strengths:
+            return self.record
+        power, *own = z[-len(self.strengths) :]
+        logs = power * np.log(self.flow) + np.array(own)[self.group]
+        return self.record._replace(rough=np.exp(np.clip(logs, -WIDE, WIDE)))
 
     def before(self, z: FloatArray) -> float:
         """Return the negative logarithm of what is known beforehand."""
@@ -264,22 +289,14 @@ class Space:
         slopes["compass" if record.headings_known else "gyro"] += driven * noise.by_instrument
         if noise.wave is not None:
             slopes["wave"] = 2.0 * (M + segments) - waves_worth(moments, noise.wave) - float(worth.first[3:].sum())
-        lasting = ("gust_time", *(name for name in ("wave_frequency", "wave_damping") if name in self.names))
-        for name in lasting:
+        shapes = (name for name in ("wave_frequency", "wave_damping") if name in self.names)
+        for name in ("gust_time", *self.strengths, *shapes):
             i, beside = self.names.index(name), []
             for by in (NEXT, -NEXT):
                 at = z.copy()
                 at[i] += by
-                beside.append(_lasting(name, self.opened(at)[1], record, moments))
+                beside.append(_lasting(name, self.opened(at)[1], self._gusty(at), moments))
             slopes[name] = (beside[0] - beside[1]) / (2.0 * NEXT)
-        if self.group is not None:
-            # of each run so much of what the size of all gusts is worth
-            own = 1.0 - gust_worth(moments, noise.keep, noise.gust)
-            first = 1.0 - noise.initial[:, 2] * moments.first[:, 2]
-            there = np.bincount(self.group[record.begin], own) + np.bincount(
-                self.group[record.first], first, len(self.strengths)
-            )
-            slopes |= zip(self.strengths, there.tolist(), strict=True)
         return [slopes[self.names[i]] for i in self.sky]
 
     def slope_before(self, z: FloatArray) -> FloatArray:
