@@ -543,7 +543,14 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
     beside = space.beside_at(z)
     starts = [
         Space(
-            space.record, rates, wavy._replace(wave=size * wavy.wave), train, space.parts, space.scale, beside, space.groups
+            space.record,
+            rates,
+            wavy._replace(wave=size * wavy.wave),
+            train,
+            space.parts,
+            space.scale,
+            beside,
+            space.groups,
         )
         for size in WAVE_SIZES
     ]

@@ -97,12 +97,11 @@ def _usual(part: str, train: RudderTrain, parts: tuple[str, ...]) -> float:
 
 
 def _lasting(name: str, weather: Weather, record: Record, moments: Moments) -> float:
-    """Return what of the loss the time of gusts and where they are how strong, or the shape of waves, has to do with.
-    """
+    """Return what of the loss time and strengths of gusts, or the shape of waves, have to do with."""
     if not name.startswith("wave"):
         keep, gust = gust_noise(weather, record)
-        first = (weather.gust * record.rough[record.first]) ** -2.0
-        begun = float((first * moments.first[:, 2] - np.log(first)).sum())
+        known = (weather.gust * record.rough[record.first]) ** -2.0
+        begun = float((known * moments.first[:, 2] - np.log(known)).sum())
         return 0.5 * (float((gust_worth(moments, keep, gust) - np.log(gust)).sum()) + begun)
     wave, log = wave_noise(weather, record.step)
     still = still_waves(weather)
@@ -138,7 +137,8 @@ class Space:
         self.names += ["compass"] if self.has_compass else []
         self.names += ["wave", "wave_frequency", "wave_damping"] if weather.wave > 0.0 else []
         self.logs = (*self.names[len(RATE_NAMES) :], *parts)
-        self.groups, self.strengths = groups, ()
+        self.groups = groups
+        self.strengths: tuple[str, ...] = ()
         if groups is not None:
             # the flow past the rudder at the nodes, and which strength of gusts each is of
             steering = (record.scales if beside is None else beside.turning(beside.start)[0]).steering.mean(axis=0)
@@ -289,7 +289,7 @@ class Space:
         slopes["compass" if record.headings_known else "gyro"] += driven * noise.by_instrument
         if noise.wave is not None:
             slopes["wave"] = 2.0 * (M + segments) - waves_worth(moments, noise.wave) - float(worth.first[3:].sum())
-        shapes = (name for name in ("wave_frequency", "wave_damping") if name in self.names)
+        shapes = [name for name in ("wave_frequency", "wave_damping") if name in self.names]
         for name in ("gust_time", *self.strengths, *shapes):
             i, beside = self.names.index(name), []
             for by in (NEXT, -NEXT):

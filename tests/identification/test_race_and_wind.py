@@ -13,7 +13,7 @@ from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_fit import memory_of, scales
 from autopilot.identification.likelihood_record import NORRBIN, Surroundings, beside_of, blur_of, record_of
-from autopilot.identification.likelihood_search import Space
+from autopilot.identification.likelihood_search import Space, approached
 from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.rudder_path import DIRECT
@@ -89,14 +89,16 @@ def test_the_slope_of_the_loss_by_race_and_wind_is_that_of_its_differences() -> 
     """With gusts of their own strength in each run."""
     segments = [s for k, n in enumerate((8.0, 16.0)) for s in trial(k, n, L2, 4.0e-4, seconds=60.0).segments]
     guess = Rates(0.008, 0.07, 15.0, 1.0e-4)
-    record = record_of(segments, U0, memory_of(guess, segments))._replace(rough=np.array([0.5, 1.5]), blur=1.0e-8)
+    record = record_of(segments, U0, memory_of(guess, segments))._replace(blur=1.0e-8)
     scale = scales(segments, guess)
     start = RaceAndWind(6.0e-4, 12.0, 3.0e-4, -2.5e-4)
     beside = beside_of(
         record, segments, Surroundings(("race", "wind_beam", "wind_quarter"), start), U0, scale.e, NORRBIN
     )
-    space = Space(record, guess, Weather(5.0e-4, 6.0, 1.0e-4, 1.0e-3, 5.0e-3), DIRECT, (), scale, beside)
+    weather = Weather(5.0e-4, 6.0, 1.0e-4, 1.0e-3, 5.0e-3)
+    space = Space(record, guess, weather, DIRECT, (), scale, beside, np.array([0, 1]))
     assert space.beside_at(space.start).start == pytest.approx(start)
+    space.start[-2:] = -0.7, 0.4
     _, slope, known = space.slope(space.start)
     assert known.shape == (7, 7)
     assert np.linalg.eigvalsh(known).min() > 0.0
@@ -124,9 +126,11 @@ def test_each_runs_gusts_are_as_strong_as_they_were() -> None:
         segments += run_from_columns("straight", dict(zip(COLUMNS[:5], table.T, strict=True))).segments
     truth = Rates(0.01, 1.0 / 12.0)
     record = record_of(segments, U0, 12.0)
-    space = Space(record, truth, Weather(4.0e-4, 6.0, 1.0e-5, 1.0e-3, 2.0e-3), DIRECT, (), scales(segments, truth))
-    space.suit_gusts(space.start)
-    assert space.record.rough == pytest.approx([0.5, 2.0], rel=0.3)
+    weather, scale = Weather(4.0e-4, 6.0, 1.0e-5, 1.0e-3, 2.0e-3), scales(segments, truth)
+    space = Space(record, truth, weather, DIRECT, (), scale, None, np.array([0, 1]))
+    best, _ = approached(space, space.start)
+    sizes = space.opened(best)[1].gust * space.record_at(best).rough[record.first]
+    assert sizes == pytest.approx([2.0e-4, 8.0e-4], rel=0.3)
 
 
 def test_noise_left_in_rudder_and_wind_stands_as_a_push_of_known_size() -> None:
