@@ -73,6 +73,14 @@ def test_in_gusts_and_waves_the_intervals_hold_the_truth() -> None:
     assert sum(inside) >= 16
 
 
+def test_beside_waves_lasting_gusts_keep_their_doubt_about_the_rudders_zero() -> None:
+    """White ones in their place would leave less than half of it, and a zero 4.5 standard errors off."""
+    plant = PLANT["unstable"]
+    ratios = identify(runs_of(plant, SEA["gusts and waves"], 3017), QUESTION).ratios
+    assert ratios is not None
+    assert abs(ratios.values[3] - plant.e) < 3.0 * ratios.errors[3]
+
+
 def test_an_interval_of_t_is_that_of_its_inverse() -> None:
     low, high = interval_of("time_constant", 10.0, 2.0)
     rate, error = 1.0 / 10.0, 2.0 / 10.0**2

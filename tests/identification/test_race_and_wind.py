@@ -147,8 +147,9 @@ def test_noise_left_in_rudder_and_wind_stands_as_a_push_of_known_size() -> None:
     assert by_wind == pytest.approx((4.0e-4 * 0.2) ** 2 / 12.0 * dt, rel=0.3)
 
 
-@pytest.mark.parametrize("seed", [1127, 1128])
+@pytest.mark.parametrize("seed", [1127, 1128, 1795829219])
 def test_intervals_hold_the_boat_the_race_and_the_wind_in_gusts_that_nobody_recorded(seed: int) -> None:
+    """The last looks by its residuals as if the boat drifted, which it does not."""
     errors = errors_of(seed, 1.0, 0.2)
     assert {"gain", "time_constant", "n3", "n0", "race", "wind_beam", "wind_quarter"} <= set(errors)
     assert max(abs(error) for error, _ in errors.values()) < 3.0
