@@ -1,7 +1,7 @@
 """What `autopilot gains` writes beside peers tuned in the very sea: heading rms against rudder travel.
 
     python benchmarks/front.py [--boats NAMES] [--timing 20:0.05] [--evaluations 300] [--seeds 3]
-                               [--first-seed 20261125] [--calm] [--out FOLDER]
+                               [--first-seed 20261125] [--instruments NAMES] [--calm] [--out FOLDER]
 
 Boats: K 0.43 1/s and T 3.5 s, and Lanxin, both with a rudder of 15 deg/s and 0.1 s of lag, and plants of the simulator
 by the vessel files that were identified from their zigzags: the LQG law is not theirs and is left out. Waves of 1 deg
@@ -10,9 +10,9 @@ rms (spectrum of Jiang et al. 2016) and a steady wind of 1.5 deg, as rudder angl
 
 The pilot is designed from model, rudder, noise and path, a front of nine levels, and sees the sea for the first time in
 the runs that judge. The peers (`front_peers`) are searched in this sea on seeds of their own, as many settings each,
-and judged on the same runs. The LQG law knows everything but the deviates, its play is chosen on the peers' seeds: what
-is left to be had. A ratio is the
-pilot's rms over the peer's at the travel of each level, where the peer's front reaches that far.
+and judged on the same runs. The LQG law knows everything but the deviates and is searched as they are: what is left to
+be had. A ratio is the pilot's rms over the peer's at the travel of each level, where the peer's front reaches that far;
+below a peer's line, in brackets, stands the peer's own over the LQG law's.
 
 With `--calm` there are no waves: a breath of wind comes and goes in a minute, and the peers are searched in that. A
 ratio is then the pilot's travel over the peer's at the heading rms of each level, or over that of the peer's quietest
@@ -22,6 +22,7 @@ setting where all of his hold the course better: who is quieter.
 from __future__ import annotations
 
 import argparse
+import copy
 import functools
 import itertools
 import json
@@ -63,7 +64,7 @@ INSTRUMENTS = {
 }
 TIMING = ((20, 0.0), (20, 0.05), (20, 0.1), (50, 0.0), (50, 0.1))
 """Readings and orders a second, and seconds from order to servo."""
-WEIGHTS = np.logspace(-2.0, 1.0, 10)
+WEIGHTS = np.logspace(-2.0, 1.0, 30)
 TRAINING, TRAINED_S, JUDGED_S, SEARCH = (101, 102, 103), 240.0, 600.0, 42
 STARTS = 4
 BOATS: dict[str, tuple[Callable[[], Boat], bool]] = {
@@ -162,29 +163,21 @@ def tuned(boat: Boat, peer: Peer, training: Sequence[Drawn], judged: Sequence[Dr
 
     def sailed(numbers: Floats, runs: Sequence[Drawn]) -> Floats:
         helm = peer.made(numbers)
-        return np.array([sailed_peer(boat, helm, peer.first, peer.step, run) for run in runs])
+        # what a law writes in place begins anew in each run
+        return np.array([sailed_peer(boat, helm, copy.deepcopy(peer.first), peer.step, run) for run in runs])
 
     found = explore(lambda numbers: sailed(numbers, training), starts, peer.low, peer.high, costs, count, SEARCH)
     kept = chosen(found, costs, range(len(WEIGHTS)))
     return front(np.array([together(sailed(numbers, judged).tolist()) for numbers in kept]))
 
 
-def knowing(
-    boat: Boat, path: float, instruments: Instruments, training: Sequence[Drawn], judged: Sequence[Drawn]
-) -> Floats:
-    """Return the front of the LQG law, weight and play chosen where the peers are searched."""
+def knowing(boat: Boat, path: float, instruments: Instruments) -> Peer:
+    """Return the LQG law, gains and play about those of the linear laws."""
     model, gear = model_of(boat.vessel), gear_of(boat.vessel)
-    helms = peers.lqg_front(model, gear.lag, path, SEA, instruments, peers.Rudder(gear.angle_max, gear.rate_max))
-
-    def sailed(helm: peers.Lqg, runs: Sequence[Drawn]) -> tuple[float, float]:
-        first = np.zeros(len(helm.move)), np.zeros(2)
-        return together(
-            [sailed_peer(boat, helm, (first[0].copy(), first[1].copy()), peers.lqg_step, run) for run in runs]
-        )
-
-    tried = np.array([sailed(helm, training) for helm in helms])
-    best = [helm for helm, point in zip(helms, tried, strict=True) if (front(tried) == point).all(axis=1).any()]
-    return front(np.array([sailed(helm, judged) for helm in best]))
+    laws = peers.lqg_laws(model, gear.lag, path, SEA, instruments, peers.Rudder(gear.angle_max, gear.rate_max))
+    low, high = [0.0, -1.0, -1.0, -1.0, -1.0, -4.0], [len(laws) - 1.0, 1.0, 1.0, 1.0, 1.0, 1.4]
+    first = np.zeros(len(laws[0].move)), np.zeros(2)
+    return Peer(np.array(low), np.array(high), lambda numbers: peers.lqg_between(laws, numbers), first, peers.lqg_step)
 
 
 def ours(boat: Boat, path: float, instruments: Instruments, judged: Sequence[Drawn]) -> Floats:
@@ -218,6 +211,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder for front.json and front.png")
     parser.add_argument("--boats", nargs="+", choices=BOATS, default=list(BOATS))
     parser.add_argument("--timing", nargs="+", default=[f"{hz}:{path:g}" for hz, path in TIMING], help="Hz:path_s")
+    parser.add_argument("--instruments", nargs="+", choices=INSTRUMENTS, default=list(INSTRUMENTS))
     parser.add_argument("--calm", action="store_true", help="no waves: travel at equal rms")
     asked = parser.parse_args()
     sea, compared, of_what = (CALM, quieter, "travel") if asked.calm else (SEA, beside, "rms")
@@ -227,23 +221,30 @@ def main() -> None:
     print(f"{'boat':22s}{'instruments':22s}{'Hz':>3s}{'path':>6s}  peer         {column}")
     for made, is_model in (BOATS[name] for name in asked.boats):
         boat = made()
-        for (hz, path), (name, usual) in itertools.product(timing, INSTRUMENTS.items()):
-            case = usual._replace(hz=hz)
+        for (hz, path), name in itertools.product(timing, asked.instruments):
+            case = INSTRUMENTS[name]._replace(hz=hz)
             training = [drawn(boat, sea, case, path, (seed, TRAINED_S)) for seed in TRAINING]
             seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
             judged = [drawn(boat, sea, case, path, (seed, JUDGED_S)) for seed in seeds]
             fronts = {"pilot": ours(boat, path, case, judged)}
             if is_model and not asked.calm:
-                fronts["LQG"] = knowing(boat, path, case, training, judged)
+                fronts["LQG"] = tuned(boat, knowing(boat, path, case), training, judged, asked.evaluations)
             for peer, of in PEERS.items():
                 fronts[peer] = tuned(boat, of(boat, case.has_rate), training, judged, asked.evaluations)
-            for peer in list(fronts)[1:]:
-                ratios = " ".join(f"{each:5.2f}" for each in compared(fronts["pilot"], fronts[peer]))
-                print(f"{boat.vessel.name:22s}{name:22s}{hz:3d}{path:6.2f}  {peer:12s} {ratios}", flush=True)
+            ratios = {peer: compared(fronts["pilot"], fronts[peer]) for peer in list(fronts)[1:]}
+            for peer, ratio in ratios.items():
+                print(f"{boat.vessel.name:22s}{name:22s}{hz:3d}{path:6.2f}  {peer:12s} {row(ratio)}", flush=True)
+                if "LQG" in ratios and peer != "LQG":
+                    print(f"{'(over LQG)':>65s} {row(ratios['LQG'] / ratio)}", flush=True)
             record[f"{boat.vessel.name} | {name} | {hz} Hz | {path:g} s"] = {
                 key: points.round(4).tolist() for key, points in fronts.items()
             }
             keep(record, asked.out)
+
+
+def row(ratios: Floats) -> str:
+    """Return them in a row."""
+    return " ".join(f"{each:5.2f}" for each in ratios)
 
 
 def keep(record: dict[str, Any], out: Path | None) -> None:
@@ -264,6 +265,8 @@ def draw(record: dict[str, Any], path: Path) -> None:
     shown = {key: value for key, value in record.items() if key.endswith("20 Hz | 0.05 s")}
     rows = max(1, -(-len(shown) // 3))
     drawn_, axes = pyplot.subplots(rows, 3, figsize=(9.0, 2.8 * rows), layout="constrained", squeeze=False)
+    if not shown:
+        return
     colours = {"pilot": "#0b5fa5", "ArduRover": "#c8501e", "PID": "#7a7a7a", "Kalman PID": "#3a9a3a", "LQG": "#000000"}
     for axis, (key, fronts) in zip(axes.flat, shown.items(), strict=False):
         for name, colour in ((name, colours[name]) for name in fronts):

@@ -12,6 +12,7 @@ The Kalman PID: heading, rate and bias by an observer of constant gains on the l
 
 The LQG law: it knows boat, gear, path, noise and the spectrum of what pushes. Travel is the mean of |u'|, so that no
 linear law is the best: it is given a play, and moves the rudder no further than to the edge of a band about its wish.
+Play and gains are searched about those of the linear law.
 """
 
 from __future__ import annotations
@@ -208,8 +209,6 @@ def kalman_pid_step(
 
 ORDER = 6
 """Place of the order in the LQG law's state."""
-PLAYS = (0.0, 0.2, 0.4, 0.7, 1.0)
-"""In units of the waves."""
 WANDERS = 0.22
 """So much of the steady wind the LQG law believes to change in 1000 s: it learns it within what is not judged."""
 
@@ -253,8 +252,8 @@ def lqg_step(helm: Lqg, memory: tuple[Floats, Floats], heading: float, rate: flo
     return new, (x, order)
 
 
-def lqg_front(model: Norrbin, lag: float, path: float, sea: Any, instruments: Any, rudder: Rudder) -> list[Lqg]:
-    """Return LQG laws by weight on the rudder's rate and by play; everything is known to them but the deviates."""
+def lqg_laws(model: Norrbin, lag: float, path: float, sea: Any, instruments: Any, rudder: Rudder) -> list[Lqg]:
+    """Return the linear laws by weight on the rudder's rate; everything is known to them but the deviates."""
     dt = 1.0 / instruments.hz
     f, g, q = lqg_system(model, lag, round(path / dt), sea, dt)
     n = len(f)
@@ -274,10 +273,18 @@ def lqg_front(model: Norrbin, lag: float, path: float, sea: Any, instruments: An
         k = np.linalg.solve(w + g.T @ x @ g, g.T @ x @ f)[0]
         both = np.zeros((n, 2))
         both[:, : len(h)] = gain
-        for play in PLAYS:
-            band = play * math.radians(sea.waves)
-            found.append(Lqg(f, g[:, 0].copy(), both, k, bool(instruments.has_rate), band, rudder))
+        found.append(Lqg(f, g[:, 0].copy(), both, k, bool(instruments.has_rate), 0.0, rudder))
     return found
+
+
+def lqg_between(laws: list[Lqg], numbers: Floats) -> Lqg:
+    """Return the law at the place numbers[0] among `laws`: what it wants of heading, rate and both states of the waves
+    times exp of the next four numbers, with the play exp(numbers[5]) [deg]."""
+    place = min(max(float(numbers[0]), 0.0), len(laws) - 1.001)
+    share, wants = place % 1.0, [law.feedback / law.feedback[ORDER] for law in laws]
+    wish = (1.0 - share) * wants[int(place)] + share * wants[int(place) + 1]
+    wish[[0, 1, 3, 4]] *= np.exp(numbers[1:5])
+    return laws[0]._replace(feedback=wish, play=math.radians(math.exp(numbers[5])))
 
 
 def lqg_system(model: Norrbin, lag: float, late: int, sea: Any, dt: float) -> tuple[Floats, Floats, Floats]:
