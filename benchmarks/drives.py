@@ -6,6 +6,7 @@
     python benchmarks/drives.py pivot VESSEL KIND      a turn where the boat lies, without throttle
     python benchmarks/drives.py faults VESSEL KIND     a thruster that is dead, weed on one, in calm water and in waves
     python benchmarks/drives.py alarms VESSEL KIND     what is said of healthy thrusters in waves
+    python benchmarks/drives.py swing VESSEL KIND      what a boat makes good on one thruster, held and by swings
     python benchmarks/drives.py rover VESSEL KIND      the same turns and zigzag by ArduRover's own steering
     python benchmarks/drives.py steps VESSEL KIND      how turns settle with the wave filter and without, any boat
 
@@ -29,9 +30,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
+import boat_at_sea
 from lockstep import Lockstep
 
 from autopilot.angles import wrap
+from autopilot.guidance.manoeuvres import OneThruster
 from autopilot.signals import Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
@@ -403,6 +406,44 @@ def faults(vessel: Vessel, kind: str, first: int = 1, count: int = 4) -> None:
             print(f"| {fault} | {deg:g} deg | {' | '.join(cells)} |", flush=True)
 
 
+def swing(vessel: Vessel, kind: str, first: int = 1, count: int = 2) -> None:
+    """Print what a boat makes good in four minutes on one thruster, and on which course where 000 is ordered."""
+    for dead, throttle, swings, seed in itertools.product(
+        (1.0, -1.0), (0.3, 0.56), (False, True), range(first, first + count)
+    ):
+        given = Scenario(
+            1, kind, plant=kind, seed=seed, start=Start(speed_m_s=1.0),
+            faults=(FaultSection("thruster_dead", 20.0, size=dead),),
+        )  # fmt: skip
+        boat = Lockstep(vessel, scenario=given, measured_every=5)
+        give(boat, throttle)
+        boat.engage(0.0)
+        assert boat.run(12.0, boat.engaged), boat.tick.alarms
+        boat.run(60.0 - boat.now)
+        leader, before, side = OneThruster(), boat.order, "starboard" if dead > 0.0 else "port"
+        if swings:
+            leader.follow(side)
+        start, most = boat.world.boat.state, 0.0
+        while boat.now < 300.0:
+            state = boat.world.boat.state
+            if swings:
+                swung = leader.order(
+                    0.0, math.radians(vessel.rudder.angle_max_deg), boat_at_sea.place(state.north, state.east).place
+                )
+                boat.order = swung._replace(serial=before.serial)
+            boat.run(0.1)
+            most = max(most, abs(math.degrees(wrap(state.heading))))
+        end = boat.world.boat.state
+        north, east = end.north - start.north, end.east - start.east
+        said = sorted({alarm.name for tick in boat.ticks if tick.now > 60.0 for alarm in tick.alarms})
+        print(
+            f"{side} dead, throttle {throttle:g}, {'swings' if swings else 'held'}, seed {seed}: "
+            f"{math.hypot(north, east) / 240.0:.3f} m/s at {math.degrees(math.atan2(east, north)):+.0f} deg, "
+            f"heading within {most:.0f} deg, {boat.tick.mode.name.lower()} {said}",
+            flush=True,
+        )
+
+
 def alarms(vessel: Vessel, kind: str, first: int = 1, count: int = 24) -> None:
     """Print what is said of healthy thrusters in waves, with a turn every 30 s, for two minutes each."""
     for seed in range(first, first + count):
@@ -423,7 +464,9 @@ def alarms(vessel: Vessel, kind: str, first: int = 1, count: int = 24) -> None:
 def main() -> None:
     """Run one study."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("trial", "hold", "thrust", "pivot", "faults", "alarms", "rover", "steps"))
+    parser.add_argument(
+        "study", choices=("trial", "hold", "thrust", "pivot", "faults", "alarms", "swing", "rover", "steps")
+    )
     parser.add_argument("first")
     parser.add_argument("second")
     parser.add_argument(
@@ -439,6 +482,7 @@ def main() -> None:
         "pivot": pivot,
         "faults": faults,
         "alarms": alarms,
+        "swing": swing,
         "rover": rover,
         "steps": steps,
     }

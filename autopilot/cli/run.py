@@ -109,6 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         MOB_HELP,
         PATTERN_HELP,
         ROUTE_HELP,
+        SWING_HELP,
         WIND_HELP,
         Skipper,
         heading_of,
@@ -142,7 +143,8 @@ def run(arguments: argparse.Namespace) -> int:
     listens = sys.stdin is not None and sys.stdin.isatty()
     typed = TypedLines() if listens else None
     if listens:
-        shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, MOB_HELP, *([LEARN_HELP] if arguments.learn else [])]
+        shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, MOB_HELP]
+        shown += [SWING_HELP] * (vessel.drive.kind == "two_thrusters") + [LEARN_HELP] * arguments.learn  # fmt: skip
         print("  ".join(shown), PATTERN_HELP, sep="\n")
 
     def watch(app: App, tick: Tick) -> bool:

@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.guidance.current import Place, offset
-from autopilot.signals import AlarmEvent, PositionSample, Tick
+from autopilot.signals import AlarmEvent, Order, OrderKind, PositionSample, Tick
 from autopilot.supervision.alarms import kind_of
 
 STEADY_POINTS = 64
@@ -311,3 +311,51 @@ class PatternGuide:
         self._heading, self._now = heading, now
         wanted = self._pattern(Progress(self._gone, self._turned))
         return wrap(self._base + min(max(wanted, self._turned - LEAD), self._turned + LEAD))
+
+
+SWING = math.radians(40.0)
+"""To each side of the course on one thruster."""
+ASIDE = math.radians(10.0)
+"""The boat makes good a course so much further to the side of the thruster that stands still."""
+ASIDE_MOST = math.radians(45.0)
+GONE_M = 10.0
+"""The course made good is taken over so many metres."""
+
+
+class OneThruster:
+    """Drives a boat of which one of two thrusters stands still, by swings about the course that is ordered.
+
+    The other one turns the boat whenever it pushes: no thrust of it both holds a course and drives. Ahead to one side
+    and astern to the other, hard over each, it drives, because the boat turns quicker for it ahead, and is braked more
+    by its turn. Memory: where the course made good began, and how far [rad] the swings lie to the side of the course.
+
+    Attributes:
+        following: whether it leads.
+    """
+
+    def __init__(self) -> None:
+        self.leave()
+
+    def follow(self, weak: str) -> None:
+        """Begin; weak: the side of the thruster that stands still."""
+        self.leave()
+        self.following = True
+        self._aside = -ASIDE if weak == "starboard" else ASIDE
+
+    def leave(self) -> None:
+        """Lead no longer."""
+        self.following, self._aside = False, 0.0
+        self._begun: tuple[float, Place] | None = None
+
+    def order(self, course: float, rudder: float, place: Place | None) -> Order:
+        """Return the swings about a `course` [rad] with as much `rudder` [rad] as there is; place: where the boat is,
+        None where nobody knows."""
+        if place is None or self._begun is None or self._begun[0] != course:
+            self._begun = None if place is None else (course, place)
+        else:
+            north, east = offset(self._begun[1], place)
+            if math.hypot(north, east) >= GONE_M:
+                off = wrap(course - math.atan2(east, north))
+                self._aside = min(max(self._aside + 0.5 * off, -ASIDE_MOST), ASIDE_MOST)
+                self._begun = course, place
+        return Order(OrderKind.ZIGZAG, wrap(course + self._aside), rudder, SWING)

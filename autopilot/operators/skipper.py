@@ -20,7 +20,7 @@ from autopilot.files.outside import SHOWN, typed_number
 from autopilot.files.printable import printable
 from autopilot.guidance import manoeuvres
 from autopilot.guidance.current import Overboard
-from autopilot.guidance.manoeuvres import Pattern, PatternGuide, TrialLimits
+from autopilot.guidance.manoeuvres import OneThruster, Pattern, PatternGuide, TrialLimits
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.wind_vane import CONFIRM_S, Manoeuvre, WindGuide
 from autopilot.links.ground_station.mission import Mission
@@ -95,7 +95,7 @@ KINDS: dict[str, tuple[tuple[Size, ...], Callable[..., Pattern]]] = {
     "square": ((LEG,), manoeuvres.square),
     "s": ((ANGLE, RADIUS), manoeuvres.s_curve),
 }
-"""In the order of their numbers over MAVLink, from 0."""
+"""In the order of their numbers over MAVLink, from 0; the one behind the last is `Skipper.swing`."""
 
 
 def pattern_of(kind: str, side: float, sizes: Sequence[float]) -> Pattern:
@@ -131,6 +131,7 @@ def pattern_typed(text: str) -> Pattern:
 
 ROUTE_HELP = "t [N]: follow the route"
 WIND_HELP = "w [true] [DEG]: hold the wind's angle  tack, gybe: ask for it  y: confirm  n: do not"
+SWING_HELP = "swing: drive on one thruster where the other stands still"
 MOB_HELP = "mob: man overboard, its bearing and distance  mob off: over"
 LEAD_TRACK = (PositionSample, SpeedSample, CourseSample)
 """What the track guide takes."""
@@ -147,6 +148,7 @@ class Skipper:
     Attributes:
         mission: the route.  overboard: where somebody went overboard.
         plotter, track, patterns, wind: who may lead: the chart plotter, the route, a turn pattern, the wind.
+        swings: on one thruster; weak: the side of the one that stood still last, '' where none has.
         acknowledged: the names of alarms acknowledged since `Acknowledgements` looked last, "" for all that sound.
     """
 
@@ -161,6 +163,7 @@ class Skipper:
         self.plotter, self.track = plotter, mission.guide
         self.patterns = PatternGuide()
         self.wind = WindGuide()
+        self.swings, self.weak = OneThruster(), ""
         self._awaits_wind = False
         self._tick: Tick | None = None
         self._has_led = False
@@ -170,6 +173,14 @@ class Skipper:
 
     def __call__(self, now: float, tick: Tick | None) -> Order:
         order = self._led(now, tick)
+        if self.swings.following:
+            if tick is not None and tick.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING and not order.is_led:
+                fix = self.track.fix
+                swung = self.swings.order(order.heading, self._rudder_max, fix.place if fix.is_fresh(now) else None)
+                self.wind.watch(now, None)
+                return swung._replace(serial=order.serial)
+            if tick is not None:
+                self.swings.leave()
         steers = tick is not None and tick.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING
         if steers and (self.wind.following or not order.is_led):
             self.wind.watch(now, (order.serial, None if order.is_led else order.heading))
@@ -224,6 +235,9 @@ class Skipper:
                 self.wind.vane.on_speed(sample)
             elif isinstance(sample, WindSample) and tick.state.valid:
                 self.wind.vane.on_wind(sample, tick.state.heading)
+        for alarm in tick.alarms:
+            if alarm.name == "thruster_weak":
+                self.weak = alarm.detail
         if tick.state.valid:
             self.track.move(now, tick.state.heading, tick.state.speed)
             self.plotter.stream = self.track.stream(now)
@@ -233,6 +247,7 @@ class Skipper:
     def engage(self, heading: float | None) -> None:
         """Order a `heading` [rad], or the present one; nobody else leads."""
         self._take_back()
+        self.swings.leave()
         self.plotter.leave()
         self._adopt = heading is None
         known = math.nan if heading is None else wrap(heading)
@@ -241,6 +256,7 @@ class Skipper:
     def give(self, order: Order) -> None:
         """Order something else: a trial, a rudder angle; no guide leads, but a plotter goes on behind a trial."""
         self._take_back()
+        self.swings.leave()
         self._adopt = False
         self._order = order._replace(serial=self._order.serial + 1)
 
@@ -313,6 +329,11 @@ class Skipper:
             return self._follow_route(rest)
         if word == "mob" and rest in ("", "off"):
             return self._type_overboard(rest)
+        if word == "swing":
+            if rest:
+                raise InputError("swing: nothing is allowed behind it; order the course before, or change it with +10")
+            self.swing()
+            return f"driving on one thruster, by swings about {compass_text(self._order.heading)} deg (e: hold again)"
         return self._type_wind(word, rest) if word in ("w", "tack", "gybe", "y", "n") or word[0] in "+-" else None
 
     def _change(self, turn: float) -> str:
@@ -374,6 +395,7 @@ class Skipper:
     def hand_to_track(self) -> None:
         """Let the track guide lead, engaging on the present heading where none is steered yet."""
         tick = self._tick
+        self.swings.leave()
         if tick is not None and tick.mode is Mode.ENGAGED and self._order.kind is OrderKind.HEADING:
             self._take_back()
             self.plotter.leave()
@@ -429,9 +451,22 @@ class Skipper:
     def pattern(self, number: int, side: float, sizes: tuple[float, ...]) -> None:
         """Sail the turn pattern of a number, with its sizes in metres and degrees. Raises InputError."""
         kinds = list(KINDS)
+        if number == len(kinds):
+            self.swing()
+            return
         if not 0 <= number < len(kinds):
-            raise InputError(f"pattern {number}: allowed is 0 to {len(kinds) - 1}")
+            raise InputError(f"pattern {number}: allowed is 0 to {len(kinds)}")
         self.sail_pattern(pattern_of(kinds[number], side, sizes))
+
+    def swing(self) -> None:
+        """Drive on one thruster, by swings about the course that is held. Raises InputError."""
+        tick, order = self._tick, self._order
+        if not self.weak:
+            raise InputError("swing: no thruster has been found to give too little")
+        is_held = tick is not None and tick.mode is Mode.ENGAGED and order.kind is OrderKind.HEADING
+        if not is_held or order.is_led or not math.isfinite(order.heading):
+            raise InputError("swing: hold the course home first")
+        self.swings.follow(self.weak)
 
     def zigzag(self, rudder: float, heading_change: float, duration: float) -> TrialScript:
         """Begin a zigzag; angles [rad], time [s]. Raises InputError."""

@@ -111,7 +111,8 @@ WORDS = {
     ),
     "thruster_weak": Words(
         "one of two thrusters gives less thrust than it is asked for",
-        "look for weed, a rope or a motor that stands still on that side; without it the boat is held, but not driven",
+        "look for weed, a rope or a motor that stands still on that side; the other one holds the boat, and drives it "
+        "by swings: type swing",
     ),
     "bow_thruster_off": Words(
         "the bow thruster is not used", "do what stands behind it; the boat is steered by its rudder alone"

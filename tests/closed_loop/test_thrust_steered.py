@@ -8,11 +8,13 @@ import math
 from typing import Any
 
 import pytest
+from boat_at_sea import place
 from lockstep import Lockstep
 
 from autopilot.angles import wrap
 from autopilot.doctor.vehicle import firmware_findings
-from autopilot.signals import Order, Tick
+from autopilot.guidance.manoeuvres import OneThruster
+from autopilot.signals import Mode, Order, Tick
 from autopilot.vessel.file import load_vessel
 from sitl.registry import PLANTS
 from sitl.scenario import FaultSection, Scenario, Start
@@ -181,6 +183,24 @@ def test_a_thruster_that_is_dead_in_a_turn_is_said_within_five_seconds(size: flo
     assert boat.run(5.0, lambda tick: size * tick.command.angle < -0.1)
     assert boat.run(5.0, lambda tick: any(alarm.name == "thruster_weak" for alarm in tick.alarms))
     assert next(alarm.detail for alarm in boat.tick.alarms if alarm.name == "thruster_weak") == side
+
+
+@pytest.mark.parametrize("size", [-1.0, 1.0])
+def test_one_thruster_drives_the_boat_by_swings_where_holding_the_course_does_not(size: float) -> None:
+    boat = engaged(sailed("twin_thruster", faults=(FaultSection("thruster_dead", 15.0, size=size),)))
+    boat.run(45.0)
+    serial, swings, begun = boat.order.serial, OneThruster(), boat.world.boat.state
+    assert begun.speed < 0.1, "it is held, not driven"
+    swings.follow("starboard" if size > 0.0 else "port")
+    for _ in range(240):
+        state = boat.world.boat.state
+        where = place(state.north, state.east).place
+        boat.order = swings.order(0.0, math.radians(30.0), where)._replace(serial=serial)
+        boat.run(0.5)
+    state = boat.world.boat.state
+    north, east = state.north - begun.north, state.east - begun.east
+    assert boat.tick.mode is Mode.ENGAGED
+    assert math.hypot(north, east) > 0.06 * 120.0 and abs(math.degrees(math.atan2(east, north))) < 20.0
 
 
 def test_neither_turns_nor_a_push_are_taken_for_a_thruster_that_fails() -> None:

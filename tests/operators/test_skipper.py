@@ -9,6 +9,7 @@ import pty
 import subprocess
 import sys
 import termios
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,17 @@ from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.skipper import HELP, Skipper, heading_of
-from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
+from autopilot.signals import (
+    AlarmEvent,
+    Mode,
+    NavState,
+    Order,
+    OrderKind,
+    PositionSample,
+    Reference,
+    RudderCommand,
+    Tick,
+)
 
 RUDDER_MAX = math.radians(30.0)
 
@@ -180,3 +191,47 @@ def test_a_key_of_another_character_set_ends_no_steering(tmp_path: Path) -> None
     out = shown + out
     assert b"Traceback" not in out and b"\x1b[31m" not in out, out
     assert out.count(b"is not a number of degrees") == 2 and b"give the number of a waypoint" in out
+
+
+def failing(skipper: Skipper, now: float, north: float, east: float, mode: Mode = Mode.ENGAGED) -> Order:
+    """The order a tick later, on a boat whose starboard thruster stands still, at a place [m] by its GPS."""
+    where = PositionSample(now, 0.5 + north / 6.36e6, 0.2 + east / (6.385e6 * math.cos(0.5)))
+    tick = ticked(skipper(now - 0.1, None), mode)
+    return skipper(now, tick._replace(now=now, samples=(where,), alarms=(AlarmEvent("thruster_weak", "starboard"),)))
+
+
+def test_a_boat_with_one_thruster_is_driven_by_swings_about_the_course_home(skipper: Skipper) -> None:
+    with pytest.raises(InputError, match="no thruster has been found"):
+        skipper.type_line("swing")
+    skipper.engage(math.radians(60.0))
+    held = failing(skipper, 1.0, 0.0, 0.0)
+    assert skipper.type_line("swing").startswith("driving on one thruster")
+    swung = failing(skipper, 2.0, 0.0, 0.0)
+    assert (swung.kind, swung.rudder, swung.serial) == (OrderKind.ZIGZAG, RUDDER_MAX, held.serial)
+    assert math.degrees(swung.heading) == pytest.approx(50.0), "it makes good a course to the side of the dead one"
+    # 12 m made good towards 090, 30 deg to starboard of the course
+    again = failing(skipper, 60.0, 0.0, 12.0)
+    assert math.degrees(again.heading) == pytest.approx(35.0, abs=0.5)
+    skipper.type_line("+10")
+    assert math.degrees(failing(skipper, 61.0, 0.0, 12.0).heading) == pytest.approx(45.0, abs=0.5)
+    skipper.type_line("e 70")
+    assert failing(skipper, 62.0, 0.0, 12.0).kind is OrderKind.HEADING
+
+
+@pytest.mark.parametrize("ended", [lambda skipper: skipper.stand_by(), lambda skipper: skipper.hand_to_track()])
+def test_swings_end_with_another_order_and_for_good_with_an_override(
+    skipper: Skipper, ended: Callable[[Skipper], None]
+) -> None:
+    skipper.engage(0.0)
+    failing(skipper, 1.0, 0.0, 0.0)
+    skipper.pattern(6, 1.0, ())
+    assert failing(skipper, 2.0, 0.0, 0.0).kind is OrderKind.ZIGZAG
+    assert failing(skipper, 3.0, 0.0, 0.0, Mode.OVERRIDE).kind is OrderKind.HEADING
+    assert failing(skipper, 4.0, 0.0, 0.0).kind is OrderKind.HEADING
+    skipper.swing()
+    ended(skipper)
+    assert failing(skipper, 5.0, 0.0, 0.0).kind is not OrderKind.ZIGZAG
+    skipper.stand_by()
+    failing(skipper, 6.0, 0.0, 0.0)
+    with pytest.raises(InputError, match="hold the course home first"):
+        skipper.swing()

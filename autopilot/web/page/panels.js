@@ -6,7 +6,7 @@ const byId = (id) => document.getElementById(id);
 const PATTERNS = [
   ["U turn", []], ["Circle", [["radius, m", 60, 1, 10000]]], ["Spiral", [["radius, m", 60, 1, 10000], ["wider each turn, m", 10, -1000, 1000]]],
   ["Zigzag legs", [["to each side, °", 30, 1, 90], ["leg, m", 200, 1, 100000]]], ["Square", [["leg, m", 300, 1, 100000]]],
-  ["S curves", [["to each side, °", 40, 1, 90], ["radius, m", 60, 1, 10000]]],
+  ["S curves", [["to each side, °", 40, 1, 90], ["radius, m", 60, 1, 10000]]], ["Swing on one thruster", []],
 ];
 const RESULTS = { 0: "done", 1: "refused for now", 2: "refused", 3: "not known", 4: "ended early: the helm was taken", 5: "under way", 6: "ended as you asked" };
 const TRIAL_ROWS_MOST = 6000;
