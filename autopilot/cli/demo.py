@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 from autopilot.cli.options import SEED
 from autopilot.errors import ExitCode, InputError
+from autopilot.files.json_text import json_text
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         result = sail_demo(out, arguments.seed, bar.update)
     summary = as_json(result)
     summary["verdict"] = verdict_of_demo(summary)._asdict()
-    save_text(out / "demo.json", json.dumps(summary, indent=2) + "\n")
+    save_text(out / "demo.json", json_text(summary) + "\n")
     if not arguments.no_report:
         from autopilot.cli.demo_legs import HOLDS, TURNS, DemoFigures, write_demo_report
 
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
             holds={label: result.legs[name].ticks for name, label in HOLDS.items()},
         )
         write_demo_report(out, shown, summary)
-    print(json.dumps(summary, indent=2) if arguments.json else as_text(summary))
+    print(json_text(summary) if arguments.json else as_text(summary))
     if not arguments.json:
         print(f"\nWrote {', '.join(sorted(path.name for path in out.iterdir()))} in {out}")
     return int(ExitCode.OK)

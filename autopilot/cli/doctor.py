@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode, InputError
+from autopilot.files.json_text import json_text
 
 if TYPE_CHECKING:
     from autopilot.doctor.machine import Finding
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     verdict = worst(findings)
     if arguments.json:
         table = [{**found._asdict(), "verdict": WORDS[found.verdict].lower()} for found in findings]
-        print(json.dumps({"verdict": WORDS[verdict].lower(), "findings": table}, indent=2))
+        print(json_text({"verdict": WORDS[verdict].lower(), "findings": table}))
     else:
         print(summary(findings), end="\n\n")
         _show(findings)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from autopilot.cli.options import NumberOption, named_vessel, number, whole_number
 from autopilot.control.registry import designed_laws, filed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.files.json_text import json_text
 from autopilot.interruption import Interrupted, run_child
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
         found: dict[str, Any] = {"verdict": verdict._asdict()}
         found |= {name: {**as_json(each), **speeds_as_json(each)} for name, each in rows.items()}
         found[f"designed {DESIGNED}"]["front"] = front_as_json(front)
-        print(json.dumps(found, indent=2))
+        print(json_text(found))
     else:
         parts = front_as_text(vessel, front, level), as_text(said_once(rows)), speeds_as_text(said_once(rows))
         print(f"{vessel.name}: {verdict.sentence}", *parts, sep="\n\n")
@@ -291,7 +292,7 @@ def _tuned(arguments: argparse.Namespace) -> int:
     better = replace(vessel, control=replace(vessel.control, **{law: type(section)(**found["gains"])}))
     if refusal := verdict_of(better, law).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {refusal}")
-    print(json.dumps(found, indent=2) if arguments.json else _tuned_text(found, law))
+    print(json_text(found) if arguments.json else _tuned_text(found, law))
     if arguments.out:
         write_vessel(arguments, better)
     return int(ExitCode.OK)
@@ -319,7 +320,7 @@ def _tuned_text(found: dict[str, Any], law: str) -> str:
     for title, name in (("tuned", "tuned"), ("the file's own", "before")):
         row = found["held_out"][name]
         numbers = [row["heading_rms_deg"], row["travel_deg_s"]]
-        if any(number != number for number in numbers):
+        if None in numbers:
             lines.append(f"{title:20s}{'refused: no margins':>20s}")
             continue
         lines.append(f"{title:20s}{numbers[0]:20.3f}{numbers[1]:24.3f}{row['cost']:10.3f}")

@@ -6,7 +6,6 @@ Its files are the ship with what is known of it, and the log of its thrusters an
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ import yaml
 
 from autopilot.errors import ExitCode, InputError
 from autopilot.files import typed
+from autopilot.files.json_text import json_text
 from autopilot.files.strict_yaml import Node, read_document
 from autopilot.files.typed import Bounds, Positive
 from autopilot.identification.dynamic_positioning import (
@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out:
         save_text(arguments.out, with_found(ship, fit))
     document = document_of(arguments.trial, hull, fit)
-    print(json.dumps(document, indent=2, allow_nan=False) if arguments.json else as_text(document))
+    print(json_text(document) if arguments.json else as_text(document))
     return int(ExitCode.OK)
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import datetime
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import InputError, RefusedError
+from autopilot.files.json_text import json_text
 from autopilot.files.printable import aligned
 from autopilot.identification.runs import Run, seconds
 
@@ -66,7 +66,7 @@ def identified_by_thrust(
     if is_written:
         _write(arguments.out, vessel, fit, fitted)
     if arguments.json:
-        return json.dumps(_document(fit, rows, ahead, verdict), indent=2, allow_nan=False), verdict
+        return json_text(_document(fit, rows, ahead, verdict)), verdict
     written = [f"\nWrote the model to {arguments.out}."] if is_written else []
     return "\n".join([*_lines(kind.name, fit, rows, ahead, verdict), *written]), verdict
 
@@ -103,7 +103,7 @@ def _document(
             "n0_rad_s": model.n0,
         },
         "reference_speed_m_s": model.reference_speed,
-        "law": {name: None if math.isnan(value) else value for name, value in law._asdict().items()},
+        "law": law._asdict(),
         "standard_errors": fit.errors,
         "runs": [
             {"source": run.source, "role": role, "yaw_rate_r2": found.r2, "rms_deg_s": math.degrees(found.rms)}
@@ -252,7 +252,7 @@ def as_json(model: RollModel) -> str:
     """Return the model as JSON, in SI units and radians."""
     found = {name: getattr(model, name) for name in (*NAMES, "reference_speed", "left_rms", "seconds")}
     intervals = {name: model.interval(name) for name in NAMES}
-    return json.dumps({**found, "intervals": intervals, "roll_row": model.row()}, indent=2)
+    return json_text({**found, "intervals": intervals, "roll_row": model.row()})
 
 
 def _write_roll(path: str, model: RollModel, vessel: object, log: str) -> str:

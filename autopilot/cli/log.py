@@ -8,7 +8,6 @@ is MCAP, Parquet or CSV, by the ending of the file.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import shlex
 import sys
@@ -21,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from autopilot.cli.options import SYSTEM_ID, add_signing_option, named_vessel, number, signing_of
 from autopilot.errors import ExitCode, InputError
+from autopilot.files.json_text import json_text
 from autopilot.files.printable import SENTENCE, aligned, escaped, fixed, printable
 from autopilot.files.saving import is_standard_output, newer_numbered, refuse_existing, save_page
 from autopilot.identification import trial_measures as criteria
@@ -194,15 +194,7 @@ def measures_as_json(source: str, measures: Measures, length: float | None, note
         "spiral": None if measures.spiral is None else measures.spiral._asdict(),
         "notes": list(notes),
     }
-    return json.dumps(_without_nan(found), indent=2)
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _without_nan(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return json_text(found)
 
 
 def measures_as_text(source: str, measures: Measures, length: float | None, notes: Sequence[str] = ()) -> str:
@@ -299,7 +291,7 @@ def _compare(arguments: argparse.Namespace) -> int:
             for name, path in zip(names, paths, strict=True)
         )
     if arguments.json:
-        print(json.dumps(document_of_runs(first, second), indent=2))
+        print(json_text(document_of_runs(first, second)))
     else:
         rows = table_of_runs(first, second)
         print(compared(first, second).sentence, "", *aligned(rows, right=range(1, len(rows[0]))), sep="\n")
@@ -336,7 +328,7 @@ def _measure(arguments: argparse.Namespace, recording: Recording, options: LogOp
 def as_json(info: LogInfo) -> str:
     """Return the information as JSON; SI units and radians."""
     found = {**info._asdict(), "series": [series._asdict() for series in info.series], "notes": list(info.notes)}
-    return json.dumps(found, indent=2)
+    return json_text(found)
 
 
 def as_text(info: LogInfo) -> str:
@@ -416,7 +408,7 @@ def replay_log(arguments: argparse.Namespace) -> int:
     with ProgressBar("replaying") as bar:
         result = replay(arguments.log, bar.update_share)
     if arguments.json:
-        print(json.dumps(result._asdict()))
+        print(json_text(result._asdict(), indent=None))
     elif result.identical:
         gap = f"; {result.left_out} behind a gap in the log are left out" if result.left_out else ""
         print(f"{result.ticks} ticks replayed, every command identical{gap}")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import sys
 import time
 from collections import Counter
@@ -22,6 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.cli.options import patience_of, signing_of
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.files.json_text import json_text
 from autopilot.files.printable import SENTENCE, aligned, escaped, printable
 from autopilot.files.saving import refuse_existing, save_schema, save_text, save_unused
 from autopilot.firmware.download import Difference, Download, NamedDownload, differences, flattened
@@ -88,7 +88,7 @@ def show(arguments: argparse.Namespace) -> int:
         return int(ExitCode.OK)
     content = load_any(arguments.file)
     if arguments.json:
-        print(json.dumps(dataclasses.asdict(content), indent=2))
+        print(json_text(dataclasses.asdict(content)))
     elif isinstance(content, Vessel):
         print(dump_vessel(content), end="")
     else:
@@ -99,7 +99,7 @@ def show(arguments: argparse.Namespace) -> int:
 def _show_values(file: ParameterFile, as_json: bool) -> None:
     values = {each.name: each.value for each in file.values}
     if as_json:
-        print(json.dumps(values, indent=2))
+        print(json_text(values))
     else:
         print("\n".join(f"{escaped(name):<16}  {value}" for name, value in values.items()))
 
@@ -248,7 +248,7 @@ def upload_json(outcomes: Sequence[Outcome], vehicle: Vehicle, report: Report) -
         "left_out": [{"name": each.name, "why": str(each.why)} for each in report.left_out],
         "parameters": [each._asdict() for each in outcomes],
     }
-    return json.dumps(document, indent=2)
+    return json_text(document)
 
 
 def _reboot_names(outcomes: Sequence[Outcome]) -> list[str]:
@@ -272,7 +272,7 @@ def diff(arguments: argparse.Namespace) -> int:
     is_link = arguments.other.partition(":")[0] in SCHEMES
     found = _diff_with_link(arguments) if is_link else _diff_files(arguments.file, arguments.other)
     if arguments.json:
-        print(json.dumps([each._asdict() for each in found], indent=2))
+        print(json_text([each._asdict() for each in found]))
     elif found:
         print(difference_table(found, arguments.file, arguments.other))
     else:

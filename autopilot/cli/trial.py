@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from autopilot.angles import wrap
 from autopilot.cli.options import SECONDS, SEED, NumberOption, named_vessel, number
 from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.files.json_text import json_text
 from autopilot.files.outside import typed_number
 from autopilot.guidance.manoeuvres import TrialLimits
 from autopilot.models.norrbin import Norrbin
@@ -272,16 +272,12 @@ def _as_json(found: list[Design], boat: Boat) -> str:
             **design.candidate._asdict(),
             "duration": design.duration,
             "berth": design.berth._asdict(),
-            "standard_errors": {name: _finite(value) for name, value in design.errors.items()},
-            "score": _finite(design.score),
+            "standard_errors": design.errors,
+            "score": design.score,
         }
         for design in found
     ]
-    return json.dumps({"speed_m_s": boat.speed, "designs": shown}, indent=2)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return json_text({"speed_m_s": boat.speed, "designs": shown})
 
 
 def _as_text(found: list[Design], boat: Boat, vessel: str) -> str:

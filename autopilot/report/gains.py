@@ -208,20 +208,20 @@ def loop_of(vessel: Vessel) -> Loop:
 
 
 def as_json(each: Judged) -> dict[str, Any]:
-    """Return everything with the unit in the key; null for what is infinite."""
+    """Return everything with the unit in the key."""
     found = each.verdict.margins
     return {
         "gains": shown_gains_of(each.vessel, each.law),
         "stable": found.stable,
-        "gain_margin": _finite(found.gain),
+        "gain_margin": found.gain,
         "phase_margin_deg": math.degrees(found.phase),
-        "delay_margin_s": _finite(found.delay),
+        "delay_margin_s": found.delay,
         "worst_sensitivity": found.sensitivity,
-        "delay_margin_left_by_measured_path_s": _finite(left_by_path(each)),
+        "delay_margin_left_by_measured_path_s": left_by_path(each),
         "with_heading_filter": _output_feedback(each.output_feedback),
         "with_heading_filter_in_gusts": _output_feedback(each.disturbed),
         "crossover_rad_s": found.crossover,
-        "rudder_rate_saturates_at_heading_error_deg": _finite(math.degrees(found.saturation)),
+        "rudder_rate_saturates_at_heading_error_deg": math.degrees(found.saturation),
         "worst_boat": {
             "spread": each.spread,
             "stable": each.worst.stable,
@@ -233,7 +233,7 @@ def as_json(each: Judged) -> dict[str, Any]:
                 "error_deg": math.degrees(row.error),
                 "corrected": row.corrected,
                 "overshoot_deg": math.degrees(row.overshoot),
-                "settling_s": _finite(row.settling),
+                "settling_s": row.settling,
                 "swings_at_the_end_deg": math.degrees(row.swing),
             }
             for row in each.recoveries
@@ -253,15 +253,11 @@ def left_by_path(each: Judged) -> float:
 def _output_feedback(found: OutputFeedbackMargins) -> dict[str, Any]:
     return {
         "stable": found.stable,
-        "delay_margin_s": _finite(found.delay),
-        "worst_sensitivity": _finite(found.sensitivity),
+        "delay_margin_s": found.delay,
+        "worst_sensitivity": found.sensitivity,
         "K_may_be_smaller_by_factor": found.gain_down,
-        "K_may_be_larger_by_factor": _finite(found.gain_up),
+        "K_may_be_larger_by_factor": found.gain_up,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def as_text(rows: dict[str, Judged]) -> str:
@@ -317,16 +313,16 @@ def front_as_text(vessel: Vessel, front: Sequence[LevelCost], chosen_level: int 
     return "\n".join([f"  {lines[0]}", *marked, FRONT_SENTENCE])
 
 
-def front_as_json(front: Sequence[LevelCost]) -> list[dict[str, float | int | None]]:
-    """Return the front with the unit in every key; null for what is infinite."""
+def front_as_json(front: Sequence[LevelCost]) -> list[dict[str, float | int]]:
+    """Return the front with the unit in every key."""
     return [
         {
             "level": row.level,
             "bandwidth_rad_s": row.bandwidth,
-            "heading_rms_deg": _finite(math.degrees(row.sea.heading)),
-            "rudder_travel_deg_s": _finite(math.degrees(row.sea.travel)),
-            "rudder_travel_in_calm_deg_s": _finite(math.degrees(row.calm.travel)),
-            "worst_boat_heading_rms_deg": _finite(math.degrees(row.worst.heading)),
+            "heading_rms_deg": math.degrees(row.sea.heading),
+            "rudder_travel_deg_s": math.degrees(row.sea.travel),
+            "rudder_travel_in_calm_deg_s": math.degrees(row.calm.travel),
+            "worst_boat_heading_rms_deg": math.degrees(row.worst.heading),
         }
         for row in front
     ]
@@ -453,9 +449,9 @@ def _as_json(row: AtSpeed) -> dict[str, Any]:
         "T_s": row.time_constant,
         "gains": row.gains,
         "stable": found.stable,
-        "gain_margin": found.gain if math.isfinite(found.gain) else None,
+        "gain_margin": found.gain,
         "phase_margin_deg": math.degrees(found.phase),
-        "delay_margin_s": found.delay if math.isfinite(found.delay) else None,
+        "delay_margin_s": found.delay,
         "below_steerage": row.waits,
         "refusal": row.verdict.refusal or None,
     }

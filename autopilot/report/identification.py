@@ -5,11 +5,11 @@ JSON has SI units and radians, and degrees beside them.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from autopilot.files.json_text import json_text
 from autopilot.files.printable import aligned, fixed
 from autopilot.identification.identified import Identified, SteadyTurns
 from autopilot.identification.interval import interval_of
@@ -123,8 +123,8 @@ def document_of(result: Result) -> dict[str, Any]:
         "forecast": forecast_document(result.forecast),
         "model_choice": choice_document(result.choice) if result.choice else None,
         "residuals": {
-            "yaw_rate_rms_rad_s": _finite(found.noise[0].size),
-            "heading_rms_rad": _finite(found.noise[1].size),
+            "yaw_rate_rms_rad_s": found.noise[0].size,
+            "heading_rms_rad": found.noise[1].size,
             "tests": [_residual_test(test) for test in result.residual_tests],
         },
     }
@@ -181,12 +181,11 @@ def _bands_of(ahead: Forecast | None) -> list[tuple[str, Band]]:
     return bands
 
 
-def _band_document(band: Band) -> dict[str, float | None]:
-    low, middle, high = (_finite(math.degrees(angle)) for angle in band)
-    return {"low_deg": low, "middle_deg": middle, "high_deg": high}
+def _band_document(band: Band) -> dict[str, float]:
+    return {f"{name}_deg": math.degrees(angle) for name, angle in band._asdict().items()}
 
 
-def forecast_document(ahead: Forecast | None) -> dict[str, dict[str, float | None]]:
+def forecast_document(ahead: Forecast | None) -> dict[str, dict[str, float]]:
     """Return what the boat will do for JSON, by what is asked; empty where nothing is forecast."""
     return {what: _band_document(band) for what, band in _bands_of(ahead)}
 
@@ -205,7 +204,7 @@ FORECAST = "What the boat will do at this speed, in weather like the runs'"
 
 def as_json(result: Result) -> str:
     """Return the same as JSON text."""
-    return json.dumps(document_of(result), indent=2, allow_nan=False)
+    return json_text(document_of(result))
 
 
 HEADINGS = ("candidate", "parameters", "held-out R2", "BIC less the least", "")
@@ -237,7 +236,7 @@ def choice_sentence(choice: Choice) -> str:
 
 
 def choice_document(choice: Choice) -> dict[str, Any]:
-    """Return the comparison for JSON; null where a number was not found."""
+    """Return the comparison for JSON."""
     return {
         "chosen": choice.chosen,
         "left_out": {"count": choice.folds, "of": "blocks" if choice.by_blocks else "runs"},
@@ -245,8 +244,8 @@ def choice_document(choice: Choice) -> dict[str, Any]:
             {
                 "name": candidate.name,
                 "parameters": candidate.parameters if candidate.found else None,
-                "held_out_r2": candidate.held_out if math.isfinite(candidate.held_out) else None,
-                "bic": candidate.bic if math.isfinite(candidate.bic) else None,
+                "held_out_r2": candidate.held_out,
+                "bic": candidate.bic,
                 "reason": candidate.reason,
             }
             for candidate in choice.candidates
@@ -285,7 +284,7 @@ def _parameter(quantity: Quantity, value: float | None, std: float | None) -> di
     return {
         "value": value,
         "std": std,
-        "interval_95": None if value is None or std is None else _ends(quantity, value, std),
+        "interval_95": None if value is None or std is None else interval_of(quantity.name, value, std),
         "unit": quantity.unit,
         "value_deg": None if value is None else value / quantity.factor,
         "std_deg": None if std is None else std / quantity.factor,
@@ -332,10 +331,6 @@ def _stages(result: Result) -> dict[str, float | None]:
         "T": stage_one.time_constant if stage_one else None,
         "n3": steady.n3 if steady else None,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def as_text(result: Result) -> str:
@@ -397,15 +392,12 @@ def spread(quantity: Quantity, std: float | None) -> str:
     return "not given" if quantity.symbol in ("K", "T") else "held"
 
 
-def _ends(quantity: Quantity, value: float, std: float) -> list[float | None]:
-    return [_finite(end) for end in interval_of(quantity.name, value, std)]
-
-
 def interval_text(quantity: Quantity, value: float | None, std: float | None) -> str:
     """Return a quantity's 95 % interval in words for a table."""
     if value is None or std is None:
         return "-"
-    low, high = ("without end" if end is None else f"{end:.4g}" for end in _ends(quantity, value, std))
+    ends = interval_of(quantity.name, value, std)
+    low, high = (f"{end:.4g}" if math.isfinite(end) else "without end" for end in ends)
     return f"{low} ... {high}"
 
 
@@ -442,7 +434,7 @@ def steady_report(turns: SteadyTurns, gain: float, *, as_json: bool) -> str:
             "unidentifiable": ["T"],
             "reasons": {"T": "T: steady turns tell nothing of the time constant; record a zigzag."},
         }
-        return json.dumps(document, indent=2, allow_nan=False)
+        return json_text(document)
     error = "" if cubic.standard_error is None else f" +- {cubic.standard_error:.2g}"
     error_deg = "" if cubic.standard_error is None else f" +- {cubic.standard_error * DEG**2:.2g}"
     return (

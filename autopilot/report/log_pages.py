@@ -255,11 +255,11 @@ def run_of(name: str, ticks: Sequence[Tick]) -> RunOf:
     return RunOf(name, ticks, steered)
 
 
-def measures_of_run(run: RunOf) -> dict[str, float | int | None]:
-    """Return the measures by name, the unit in each key; None for what is not known."""
+def measures_of_run(run: RunOf) -> dict[str, float | int]:
+    """Return the measures by name, the unit in each key; nan for what is not known."""
     found = run.steered
     largest = max(found.turns, key=lambda turn: abs(turn.angle), default=None)
-    values: dict[str, float | int] = {
+    return {
         "engaged_s": found.seconds,
         "on_course_s": found.on_course,
         "heading_rms_deg": found.rms_deg,
@@ -272,7 +272,6 @@ def measures_of_run(run: RunOf) -> dict[str, float | int | None]:
         "largest_turn_settled_s": math.nan if largest is None else largest.settled,
         "steering_lost": found.lost,
     }
-    return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
 ROWS = (
@@ -296,13 +295,17 @@ def table_of_runs(first: RunOf, second: RunOf) -> list[tuple[str, ...]]:
     table: list[tuple[str, ...]] = [("", first.name, second.name, "second of first")]
     for key, words, unit, digits in ROWS:
         left, right = one[key], other[key]
-        share = f"{100.0 * right / left:.0f} %" if left and right is not None and unit not in ("", "times") else ""
+        share = (
+            f"{100.0 * right / left:.0f} %"
+            if left and math.isfinite(left + right) and unit not in ("", "times")
+            else ""
+        )
         table.append((words, _cell(left, digits, unit), _cell(right, digits, unit), share))
     return table
 
 
-def _cell(value: float | None, digits: int, unit: str) -> str:
-    return "-" if value is None else f"{value:.{digits}f} {unit}".rstrip()
+def _cell(value: float, digits: int, unit: str) -> str:
+    return f"{value:.{digits}f} {unit}".rstrip() if math.isfinite(value) else "-"
 
 
 UNMOVED_DEG_S = 0.01

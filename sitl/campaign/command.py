@@ -7,7 +7,6 @@ knows no simulator.
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import time
 from collections import Counter
@@ -22,6 +21,7 @@ from autopilot.cli.options import whole_number
 from autopilot.control.design import DESIGNED
 from autopilot.control.registry import designed_laws
 from autopilot.errors import ExitCode, InputError
+from autopilot.files.json_text import json_text
 from autopilot.files.printable import aligned
 from autopilot.interruption import as_exceptions
 
@@ -138,7 +138,8 @@ def _print_summary(job: Job, arguments: argparse.Namespace, tally: Tally, second
         page = campaign_page(study.name, study.description, summaries, summary, shlex.join(arguments.typed))
         save_page(arguments.report, page)
     if arguments.json:
-        print(json.dumps({"study": study.name, "done": tally.done, "seconds": seconds, "cases": as_json(summaries)}))
+        found = {"study": study.name, "done": tally.done, "seconds": seconds, "cases": as_json(summaries)}
+        print(json_text(found, indent=None))
         return
     print(*aligned(table(summaries)), summary, sep="\n")
     for path in (arguments.out, arguments.report):
@@ -161,7 +162,7 @@ def _replay(job: Job, arguments: argparse.Namespace) -> int:
     off = 0.0 if quick is None else max(abs(one - other) for one, other in zip(full, quick, strict=True))
     if arguments.json:
         found = {"run": number, "seed": seed, **case._asdict(), **full._asdict()}
-        print(json.dumps({**found, "compiled": quick is not None, "difference": off}))
+        print(json_text({**found, "compiled": quick is not None, "difference": off}, indent=None))
     else:
         print(f"run {number}, seed {seed}: " + ", ".join(f"{name} {value}" for name, value in case._asdict().items()))
         for name, value in full._asdict().items():
@@ -214,18 +215,15 @@ def run_tune(arguments: argparse.Namespace) -> int:
             arguments.workers or default_workers(),
             bar.update,
         )
-    print(
-        json.dumps(
-            {
-                "law": arguments.law,
-                "weight": arguments.weight,
-                "gains": asdict(getattr(found.vessel.control, arguments.law)),
-                "candidates": found.candidates,
-                "training": found.training._asdict(),
-                "held_out": {"tuned": found.tuned._asdict(), "before": found.before._asdict()},
-            }
-        )
-    )
+    document = {
+        "law": arguments.law,
+        "weight": arguments.weight,
+        "gains": asdict(getattr(found.vessel.control, arguments.law)),
+        "candidates": found.candidates,
+        "training": found.training._asdict(),
+        "held_out": {"tuned": found.tuned._asdict(), "before": found.before._asdict()},
+    }
+    print(json_text(document, indent=None))
     return int(ExitCode.OK)
 
 
@@ -289,7 +287,7 @@ def run_envelope(arguments: argparse.Namespace) -> int:
             for one in unsaid
         ]
         figures = {"vessel": vessel.name, "seed": arguments.seed, "runs": len(found), **counts}
-        print(json.dumps({**figures, "within_bounds": inside, "bounds": bounds, "unsaid": values}))
+        print(json_text({**figures, "within_bounds": inside, "bounds": bounds, "unsaid": values}, indent=None))
     else:
         print(*aligned(rows), said, sep="\n")
         for one in unsaid[:SHOWN]:

@@ -11,7 +11,8 @@ import pytest
 from boat_at_sea import SPEED, Sea
 
 from autopilot.cli.main import main
-from autopilot.report.log_pages import compared, measures_of_run, run_of, table_of_runs
+from autopilot.files.json_text import json_text
+from autopilot.report.log_pages import compared, document_of_runs, measures_of_run, run_of, table_of_runs
 from autopilot.report.steered import Steered, Turn, trial_verdict
 from autopilot.signals import Mode, Tick
 
@@ -148,7 +149,8 @@ def test_two_runs_are_compared_by_course_and_rudder() -> None:
     head, *rows = table_of_runs(calm, wild)
     assert head == ("", "calm", "wild", "second of first")
     assert {len(row) for row in rows} == {4} and len(rows) == len(measures_of_run(calm))
-    json.dumps(measures_of_run(run_of("no", [])), allow_nan=False)
+    nothing = json.loads(json_text(document_of_runs(calm, run_of("no", []))))["runs"][1]
+    assert nothing["heading_rms_deg"] is None and table_of_runs(calm, run_of("no", []))[3][2:] == ("-", "")
 
 
 def test_gains_begin_with_the_verdict(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
