@@ -198,7 +198,8 @@ def likelihood_fit(
     tried += [(other, *maximised(other, other.start)) for other in _with_waves(space, *tried[0][1:3], usual)]
     progress()
     space, best, loss, _ = min(tried, key=lambda each: each[2])
-    likely = [each for each in tried if each[2] < loss + NO_PART]
+    # a difference, not a sum: a loss may be so large that the limit is lost in it
+    likely = [each for each in tried if each[2] - loss < NO_PART]
     found = [averaged(*each[:2], each[3], draws) for each in likely]
     progress()
     space, best, *_ = likely[max(range(len(found)), key=lambda k: found[k].evidence)]

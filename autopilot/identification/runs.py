@@ -101,6 +101,21 @@ def check_rudder(source: str, rudder: FloatArray) -> None:
         )
 
 
+ASTERN = 0.5
+"""A speed whose mean lies so far below nought, as a share of the mean of its size, is that of a boat going astern."""
+
+
+def check_speed(source: str, speed: FloatArray) -> None:
+    """Raise InputError where the speed [m/s] is that of a boat going astern for most of the recording."""
+    known = speed[np.isfinite(speed)]
+    if known.size and float(np.mean(known)) < -ASTERN * float(np.mean(np.abs(known))):
+        raise InputError(
+            f"{source}: the speed is below nought, {float(np.mean(known)):.3g} m/s in the mean; a boat that goes "
+            "astern steers otherwise than one that goes ahead. If it went ahead, turn the sign of the speed; if not, "
+            "sail the run ahead."
+        )
+
+
 def without_freezes(
     source: str, time: FloatArray, heading: FloatArray, rate: FloatArray, rudder: FloatArray
 ) -> tuple[FloatArray, int]:
@@ -163,6 +178,43 @@ TURNS_LEAST_RAD = math.radians(10.0)
 TURNS_ALIKE, TURNS_RATIO = 0.3, 2.5
 """Turns over windows of this time, by heading and by yaw rate: where either makes this much, root mean square, the two
 must go together (correlation) and be of like size. A rate sensor's scale, its bias, a late compass are far inside."""
+
+
+SMALLEST_UNIT_RAD, LARGEST_EFFECT_1_S = math.radians(1.0), 3.0
+"""A rudder of a deviation below the first that turns the boat, over the same windows, by more than so many times its
+angle a second: radians that stand where degrees should (57 times too small) look so, and no rudder is so effective."""
+
+
+def check_effect(source: str, time: FloatArray, heading: FloatArray, rate: FloatArray, rudder: FloatArray) -> None:
+    """Raise InputError where so small a rudder [rad] turns the boat so far that its angles must be in another unit.
+
+    time [s], heading [rad], rate [rad/s]: as of the rudder, nan where missing.
+    """
+    turns = _turns_of(time, rate, heading)
+    spread = float(np.std(rudder[np.isfinite(rudder)])) if np.isfinite(rudder).any() else 0.0
+    if turns.size < 2 or not 0.0 < spread < SMALLEST_UNIT_RAD:
+        return
+    size = float(np.sqrt(np.mean(turns**2)))
+    if size > max(TURNS_LEAST_RAD, LARGEST_EFFECT_1_S * TURNS_WINDOW_S * spread):
+        raise InputError(
+            f"{source}: the rudder goes {math.degrees(spread):.2g} deg to either side, and the boat turns "
+            f"{math.degrees(size):.0f} deg in {TURNS_WINDOW_S:.0f} s: no rudder does so much. For a column in "
+            "radians name it rudder_rad."
+        )
+
+
+def _turns_of(time: FloatArray, rate: FloatArray, heading: FloatArray) -> FloatArray:
+    """Return by how much [rad] the boat turns in each window, by its rate, or where that is unknown by its heading."""
+    rows = np.flatnonzero(np.isfinite(rate))
+    if rows.size >= FROZEN_SAMPLES:
+        turned = _turned(time[rows], rate[rows])
+    else:
+        rows = np.flatnonzero(np.isfinite(heading))
+        turned = np.unwrap(heading[rows])
+    if rows.size < FROZEN_SAMPLES:
+        return np.zeros(0)
+    moments = np.arange(time[rows[0]], time[rows[-1]], TURNS_WINDOW_S)
+    return np.diff(np.interp(moments, time[rows], turned))
 
 
 def check_turns(source: str, time: FloatArray, heading: FloatArray, rate: FloatArray) -> None:
@@ -308,7 +360,8 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
 
     Rows without a time are dropped; spikes and a frozen heading become blanks and are reported in `notes`. Raises
     InputError, naming `source`, where a needed column is missing, time does not increase, the rudder is in another
-    unit, the heading never moves, heading and yaw rate contradict each other, or no stretch is long enough.
+    unit, the boat goes astern, the heading never moves, heading and yaw rate contradict each other, or no stretch is
+    long enough.
     """
     _require(source, columns)
     columns, notes = _without_bad_samples(source, columns)
@@ -327,6 +380,7 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     heading = columns["heading_rad"][known] if "heading_rad" in columns else nothing
     rate = columns["yaw_rate_rad_s"][known] if "yaw_rate_rad_s" in columns else nothing
     check_turns(source, time, heading, rate)
+    check_effect(source, time, heading, rate, columns["rudder_rad"][known])
     rudder, rudder_known = _bridge(time, columns["rudder_rad"][known])
     speed, speed_known = _bridge(time, columns["speed_m_s"][known])
     around = _around(time, {name: values[known] for name, values in columns.items() if name in AROUND})
@@ -351,6 +405,7 @@ def _without_bad_samples(
     """Return the columns with blanks for what was never so, and a sentence for each kind of it."""
     cleaned, notes = dict(columns), []
     check_rudder(source, cleaned["rudder_rad"])
+    check_speed(source, cleaned["speed_m_s"])
     if "heading_rad" in cleaned:
         rate = cleaned.get("yaw_rate_rad_s", np.full(cleaned["time_s"].size, np.nan))
         cleaned["heading_rad"], frozen = without_freezes(

@@ -172,6 +172,23 @@ def test_a_rudder_in_another_unit_is_refused(unit: str) -> None:
 
 
 @pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason=f"no recordings in {os.fspath(RECORDINGS)}")
+@pytest.mark.parametrize("missing", ["heading_rad", "yaw_rate_rad_s"])
+def test_radians_that_stand_for_degrees_are_refused(missing: str) -> None:
+    table = {**zigzag(0.35, 60.0, 0.1), missing: np.full(600, np.nan)}
+    run_from_columns("right.csv", table)
+    table["rudder_rad"] = np.radians(table["rudder_rad"])
+    with pytest.raises(InputError, match=r"run\.csv: the rudder goes .* no rudder does so much"):
+        run_from_columns("run.csv", table)
+
+
+def test_a_run_astern_is_refused_and_a_short_way_astern_is_not() -> None:
+    table = zigzag(0.35, 60.0, 0.1)
+    with pytest.raises(InputError, match=r"run\.csv: the speed is below nought, -5 m/s in the mean"):
+        run_from_columns("run.csv", {**table, "speed_m_s": -table["speed_m_s"]})
+    some = np.where(table["time_s"] < 12.0, -1.0, 1.0) * table["speed_m_s"]
+    run_from_columns("harbour.csv", {**table, "speed_m_s": some})
+
+
 def test_a_real_ship_loses_no_sample() -> None:
     columns = {
         "time_s": "t [s]",
