@@ -23,6 +23,7 @@ from autopilot.control.design import DESIGNED, MIDDLE_LEVEL, Spread, design_back
 from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import Worker, save_text
+from autopilot.models.drives import BEYOND, at_point, quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import (
@@ -39,7 +40,7 @@ from autopilot.runtime.build import (
 from autopilot.signals import Tick
 from autopilot.vessel.file import doubts, dump_vessel, model_section, problems, rounded
 from autopilot.vessel.parameters import Vessels, parameters_of, value_of, with_value
-from autopilot.vessel.schema import Vessel
+from autopilot.vessel.schema import Vessel, drive_law_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
@@ -205,7 +206,8 @@ def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  #
         if bandwidth is None:
             from autopilot.control.front import bandwidth_of
 
-            bandwidth = bandwidth_of(request.level, bandwidths_of(vessel))
+            most = bandwidths_of(vessel)
+            bandwidth = max(bandwidth_of(request.level, most), min(holding_bandwidth(vessel), most.quickest))
         loop = design_backstepping(model_of(vessel), gear_of(vessel), rate_max, vessel.control.loop_delay_s, level)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
@@ -213,6 +215,20 @@ def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  #
     sections = {name: _rounded(law.design.of(boat, loop)) for name, law in LAWS.items() if law.design}
     sections[DESIGNED] = replace(sections[DESIGNED], course_rad_s=rounded(bandwidth))
     return replace(vessel, control=replace(vessel.control, **sections))
+
+
+FALLS_OFF = 2.0
+"""A regulator holds a boat that falls off its course by itself where its bandwidth is so many times that rate."""
+
+
+def holding_bandwidth(vessel: Vessel) -> float:
+    """Return the bandwidth [rad/s] at the trial's speed below which a course is not held at every speed that the file
+    knows: a boat steered by thrust may go straight less and less as it goes faster, and its loop grows no quicker."""
+    law, model = drive_law_of(vessel), model_of(vessel)
+    if law.is_rudder:
+        return 0.0
+    fast = at_point(law, model, BEYOND * law.fastest * model.reference_speed, math.nan)
+    return FALLS_OFF * max(-fast.n1, 0.0) / fast.time_constant / quickness(law, model, fast)
 
 
 def _rounded(section: Any) -> Any:

@@ -23,7 +23,14 @@ from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, gear_of, learner_of, model_of
 from autopilot.runtime.record import Recorder, read_log, replay
 from autopilot.runtime.session import Session
-from autopilot.runtime.tuning import LearningService, VesselStore, designed, with_learnt
+from autopilot.runtime.tuning import (
+    GainRequest,
+    LearningService,
+    VesselStore,
+    designed,
+    holding_bandwidth,
+    with_learnt,
+)
 from autopilot.signals import (
     HeadingSample,
     NavState,
@@ -397,3 +404,10 @@ def test_a_candidate_with_a_quarter_of_the_error_is_proved_within_a_hundred_stre
         errors = np.radians(random.standard_normal((100, 2)) * [6.0, 1.5])
         proved += stretches_of(Learner(model_of(OFF)), [Outcome(*pair) for pair in errors.tolist()])
     assert proved >= 40
+
+
+def test_a_boat_that_falls_off_at_speed_gets_a_regulator_that_is_quicker_than_that() -> None:
+    otter = load_vessel("twin_thruster")
+    assert holding_bandwidth(otter) == pytest.approx(2.455, abs=0.01)
+    assert designed(otter, GainRequest(level=1)).control.backstepping.course_rad_s > 2.4
+    assert holding_bandwidth(load_vessel("lanxin")) == holding_bandwidth(load_vessel("blueboat")) == 0.0
