@@ -96,23 +96,25 @@ Means = tuple[Mean, Mean, Mean, Mean, Mean]
 
 class Seaway(NamedTuple):
     """What a boat has met: at `time` [s], nan: nothing yet, `swing` [rad] the largest yaw by waves of the last
-    SEA_LASTS, `north` and `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors."""
+    SEA_LASTS, `north` and `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors; `begun` [s]:
+    since when it is estimated."""
 
     time: float
     swing: float
     north: float
     east: float
+    begun: float
 
 
-NO_SEAWAY = Seaway(math.nan, 0.0, 0.0, 0.0)
+NO_SEAWAY = Seaway(math.nan, 0.0, 0.0, 0.0, math.nan)
 
 
 def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Seaway:
     """Return what has been met by `time` [s] with waves that yaw the boat by `swing` [rad] on a `heading` [rad]."""
     north, east = math.cos(heading), math.sin(heading)
-    last, largest, mean_north, mean_east = before
+    last, largest, mean_north, mean_east, begun = before
     if last != last:
-        return Seaway(time, swing, north, east)
+        return Seaway(time, swing, north, east, begun if begun == begun else time)
     kept = math.exp(-(time - last) / SEA_KNOWN_S)
     largest *= math.exp(-(time - last) / SEA_LASTS)
     return Seaway(
@@ -120,6 +122,7 @@ def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Se
         largest if largest > swing else swing,
         north + kept * (mean_north - north),
         east + kept * (mean_east - east),
+        begun,
     )
 
 

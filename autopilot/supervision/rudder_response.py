@@ -251,7 +251,7 @@ def response_step(
         most,
     )
     # what may be a fault is none of the boat's usual ways
-    learns = 0.0 if stuck >= SUSPECT or wrong >= SUSPECT else 1.0 / variance
+    learns = 0.0 if is_suspect(stuck, wrong, blocks) else 1.0 / variance
     slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
     mean, answer, late, slide, corrected_slow = all_corrected(gains, means, off)
     others = others_step(others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), corrected_slow)
@@ -275,6 +275,12 @@ def response_step(
         others.colour if learns > 0.0 else before.usual_colour,
         blocks,
     )
+
+
+def is_suspect(stuck: float, wrong: float, blocks: Blocks) -> bool:
+    """Return whether there is so much evidence of a fault, by headings or by blocks, that nothing is learnt of boat and
+    sea: either may see it first."""
+    return stuck >= SUSPECT or wrong >= SUSPECT or blocks.stuck >= SUSPECT or blocks.reversed >= SUSPECT
 
 
 def _without_heading(

@@ -46,6 +46,7 @@ from autopilot.supervision.rudder_response import (
     enough,
     first_response,
     is_doubtful,
+    is_suspect,
     other_verdict,
     push_at_least,
     response_step,
@@ -74,6 +75,8 @@ from autopilot.supervision.tuning import (
     PUSHED_S,
     REMEMBERED_S,
     REPORT_FRESH_S,
+    SEA_FIRST,
+    SEA_FIRST_TIME,
     SETTLED,
     SLOW,
     SLOW_SHARE,
@@ -82,7 +85,6 @@ from autopilot.supervision.tuning import (
     STANDS,
     STILL,
     STOP_LASTS,
-    SUSPECT,
     TAKES_HOLD,
     TOLERANCE,
     TRIAL_SAID,
@@ -326,7 +328,9 @@ def evidence_step(
     if heading != heading:
         return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried)
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
-    noise = seaway_noise(model, limits.heading_noise, state, seaway, worked)
+    # in a turn the order moves the rudder, and not the sea
+    unmet = SEA_FIRST * math.exp(-(now - seaway.begun) / SEA_FIRST_TIME) if seen.holds_course else 0.0
+    noise = seaway_noise(model, limits.heading_noise, state, seaway, worked + unmet)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
         return Evidence(
@@ -341,7 +345,7 @@ def evidence_step(
         rate = -fastest if rate < -fastest else fastest if rate > fastest else rate
         speed -= math.expm1(-(time - known) / CHANGED_TIME) * (model.reference_speed - speed)
         slide = slide_step(model, slide, rate, seen.angle_max, time - known)
-        is_usual = response.stuck < SUSPECT and response.reversed < SUSPECT
+        is_usual = not is_suspect(response.stuck, response.reversed, response.blocks)
         # a boat that is far off does not answer, or is turned: that is no work against waves
         off = state.heading - seen.wanted
         is_near = abs(off if -PI < off <= PI else wrap(off)) < ON_COURSE
@@ -369,6 +373,14 @@ class Response(NamedTuple):
     other: int = FILED
     verdict: int = 0
 
+    def but_the_sea(self, seen: MonitorInput) -> Response:
+        """Return nothing but since when the sea is estimated, which goes on where the boat's answers prove nothing."""
+        begun = self.evidence.seaway.begun
+        begun = begun if begun == begun else seen.now
+        return (
+            Response(NOTHING_KNOWN._replace(seaway=NO_SEAWAY._replace(begun=begun))) if seen.state.valid else UNJUDGED
+        )
+
 
 def judge_response(
     before: Response, limits: AlarmLimits, seen: MonitorInput, headings: tuple[HeadingSample, ...], history: History
@@ -377,7 +389,7 @@ def judge_response(
     state, now = seen.state, seen.now
     # a sum is finite only where every part of it is
     if not (seen.steers and seen.has_way and math.isfinite(state.rate + state.rudder)):
-        return UNJUDGED
+        return before.but_the_sea(seen)
     evidence, source, held_off_since, doubted_trial, _, _, _ = before
     known = _in_order(headings)
     if not known:
@@ -591,7 +603,8 @@ def update(
     """Judge a tick, with the rudder's `history` until now; return what is remembered, and what is found."""
     if not seen.steers:
         # what is done by others proves nothing; what a line holds it still does
-        return State(following=Following(line=before.following.line), trial_doubted=before.trial_doubted), ()
+        following, response = Following(line=before.following.line), before.response.but_the_sea(seen)
+        return State(following=following, response=response, trial_doubted=before.trial_doubted), ()
     since, following, response, overpowered, runaway, stop_since, doubted, other, _, rests, doubts = before
     now = seen.now
     since = since if since == since else now
@@ -602,11 +615,11 @@ def update(
     if following.name or seen.waits or not limits.rudder_response or is_anothers(history, now, measured.report):
         # a rudder that waits for way proves nothing, nor does a boat that follows somebody else; the link finds out who
         # has the helm
-        response, overpowered = UNJUDGED, NOT_OVERPOWERED
+        response, overpowered = response.but_the_sea(seen), NOT_OVERPOWERED
     else:
         response = judge_response(response, limits, seen, measured.headings, history)
         if (response.other or response.verdict) and _is_for_the_speed(response, seen):
-            response, doubts = UNJUDGED, True
+            response, doubts = response.but_the_sea(seen), True
         is_held = -seen.angle_max <= seen.push <= seen.angle_max
         overpowered = NOT_OVERPOWERED if is_held else overpowered_step(overpowered, seen)
         doubted = now if response.doubts_trial else doubted

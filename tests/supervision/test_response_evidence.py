@@ -45,7 +45,7 @@ from autopilot.supervision.rudder_response import (
     verdict,
     without_evidence,
 )
-from autopilot.supervision.tuning import WORKED_TIME
+from autopilot.supervision.tuning import SEA_FIRST, SEA_FIRST_TIME, WORKED_TIME
 from sitl.compiled import compiled
 
 Matrix = npt.NDArray[np.float64]
@@ -480,6 +480,8 @@ def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.
         (False, {"wanted": math.radians(11.0)}, {}),
         (False, {}, {"stuck": 3.0}),
         (False, {}, {"reversed": 3.0}),
+        (False, {}, {"blocks": accused(0.0, 3.0).blocks}),
+        (False, {}, {"blocks": accused(0.0, 0.0, 0.0, 3.0).blocks}),
     ],
 )
 def test_a_sea_that_the_rudder_works_against_is_larger_than_what_it_leaves(
@@ -490,9 +492,31 @@ def test_a_sea_that_the_rudder_works_against_is_larger_than_what_it_leaves(
     for number in range(400):
         looks.update(0.1 * math.sin(0.9 * TICK * number), **change)
     noise = looks.taken[-1][1]
-    worked = noise.sea - noise_of(BOAT, 2.0e-4, 0.03, 0.9).sea
+    first = 0.0 if "holds_course" in change else SEA_FIRST * math.exp(-399 * TICK / SEA_FIRST_TIME)
+    worked = noise.sea - first - noise_of(BOAT, 2.0e-4, 0.03, 0.9).sea
     share = -math.expm1(-400 * TICK / WORKED_TIME)
     assert worked == pytest.approx(0.5 * 0.1**2 * share if learns else 0.0, rel=0.15, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("before", "is_known"),
+    [({"steers": False}, True), ({"has_way": False}, True), ({"steers": False, "state": in_waves(0.0)}, False)],
+)
+def test_a_sea_is_larger_on_a_course_until_it_was_estimated_for_a_while(
+    monkeypatch: pytest.MonkeyPatch, before: dict[str, Any], is_known: bool
+) -> None:
+    """Engaged, or without way, or not yet: it is estimated where there are headings."""
+    looks, calm = Looks(monkeypatch), noise_of(BOAT, 2.0e-4, 0.03, 0.9).sea
+    before = {**before, "state": before["state"]._replace(valid=False)} if "state" in before else before
+    for _ in range(240):
+        looks.update(0.0, **before)
+    for _ in range(2):
+        looks.update(0.0)
+    begun = 0 if is_known else 240
+    more = SEA_FIRST * math.exp(-(looks.number - 1 - begun) * TICK / SEA_FIRST_TIME)
+    assert looks.taken[-1][1].sea == pytest.approx(calm + more)
+    looks.update(0.0, holds_course=False)
+    assert looks.taken[-1][1].sea == pytest.approx(calm)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
