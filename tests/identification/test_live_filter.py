@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import cast
 
@@ -65,9 +66,9 @@ def off_in_errors(live: LiveFilter, truth: tuple[float, ...]) -> NDArray[np.floa
     return np.asarray((values - np.array(truth)) / np.sqrt(np.diag(covariance)))
 
 
-@pytest.mark.parametrize("gusts_deg", [0.2, 1.0, 2.0])
-def test_intervals_hold_the_truth_while_a_hand_steers_against_gusts_and_waves(gusts_deg: float) -> None:
-    """Twelve harbour exits: of a, b and d, 36 numbers, chance leaves more than five outside once in a hundred."""
+@functools.cache
+def twelve_harbour_exits(gusts_deg: float) -> tuple[NDArray[np.float64], float]:
+    """Return by how many standard errors a, b and d are off, and to what share the doubt of a shrank (median)."""
     offs, sharper = [], []
     for seed, truth in enumerate(TRUTHS * 3):
         live = LiveFilter(first_of(truth, (0.6, 1.0, 1.7)[seed % 3]))
@@ -75,8 +76,32 @@ def test_intervals_hold_the_truth_while_a_hand_steers_against_gusts_and_waves(gu
         Boat(truth, 100 * seed + 20261124).sail(live, gusts_deg=gusts_deg, waves_deg=gusts_deg)
         offs.append(off_in_errors(live, truth)[:3])
         sharper.append(math.sqrt(live.estimate.covariance[0, 0] / before))
+    return np.array(offs), float(np.median(sharper))
+
+
+@pytest.mark.parametrize("gusts_deg", [0.2, 1.0, 2.0])
+def test_intervals_hold_the_truth_while_a_hand_steers_against_gusts_and_waves(gusts_deg: float) -> None:
+    """Of a, b and d in twelve harbour exits, 36 numbers, chance leaves more than five outside once in a hundred."""
+    offs, _ = twelve_harbour_exits(gusts_deg)
     assert int(np.sum(np.abs(offs) > 1.96)) <= 5, np.round(offs, 1)
-    assert float(np.median(sharper)) < (0.4 if gusts_deg < 2.0 else 1.0), "and something was learnt"
+
+
+@pytest.mark.parametrize(
+    "gusts_deg",
+    [
+        0.2,
+        1.0,
+        pytest.param(
+            2.0,
+            marks=pytest.mark.xfail(
+                strict=True, reason="it learns only in turns: the doubt of a shrinks to 57 %, 40 % is wanted"
+            ),
+        ),
+    ],
+)
+def test_something_is_learnt_while_a_hand_steers_against_gusts_and_waves(gusts_deg: float) -> None:
+    _, sharper = twelve_harbour_exits(gusts_deg)
+    assert sharper < 0.4
 
 
 def test_a_sea_that_no_filter_knows_makes_the_intervals_wide() -> None:
