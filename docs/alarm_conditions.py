@@ -136,8 +136,8 @@ CONDITIONS = {
         key="model.reference_speed_m_s",
     ),
     "thruster_weak": Condition(
-        "at the same throttle, for 0.6 s, the boat is pushed to that side by 0.3 of the thruster's moment and is a "
-        "tenth slower",
+        "at the same throttle, for 0.6 s, the boat is pushed to that side by 0.3 of the moment that the thruster is "
+        "asked for and is a tenth slower; in a turn and for 6 s behind it for 1 s, by 0.6 and a quarter",
         key="drive.kind",
     ),
     "bow_thruster_off": Condition(

@@ -142,8 +142,10 @@ def _refuse_folder(path: str | Path) -> None:
 
 
 def numbered(path: Path) -> Iterator[Path]:
-    """Yield `path`, then run-2.tlog, run-3.tlog and so on for run.tlog."""
+    """Yield `path`, then run-2.tlog, run-3.tlog and so on for run.tlog; what has no name (., /) alone."""
     yield path
+    if not path.name:
+        return
     for number in range(2, MOST_NUMBERS):
         yield path.with_name(f"{path.stem}-{number}{path.suffix}")
 
@@ -164,7 +166,7 @@ def create_unused(path: Path) -> tuple[int, Path]:
             return _open_as_it_is(name), name
         lock(descriptor)
         return descriptor, name
-    raise FileExistsError(errno.EEXIST, "all numbers are taken")
+    raise FileExistsError(errno.EEXIST, "is not empty, and all names beside it are taken")
 
 
 def open_over(path: Path) -> int:
@@ -248,7 +250,7 @@ def unused_folder(path: Path) -> Path:
         name.mkdir(parents=True, exist_ok=True)
         if not any(name.iterdir()):
             return name
-    raise FileExistsError(errno.EEXIST, "all numbers are taken")
+    raise FileExistsError(errno.EEXIST, "is not empty, and all names beside it are taken")
 
 
 def lock(descriptor: int) -> None:

@@ -180,8 +180,8 @@ TURNS_ALIKE, TURNS_RATIO = 0.3, 2.5
 must go together (correlation) and be of like size. A rate sensor's scale, its bias, a late compass are far inside."""
 
 
-SMALLEST_UNIT_RAD, LARGEST_EFFECT_1_S = math.radians(1.0), 3.0
-"""A rudder of a deviation below the first that turns the boat, over the same windows, by more than so many times its
+SMALLEST_UNIT_RAD, LARGEST_EFFECT_1_S = math.radians(1.2), 3.0
+"""A rudder that never goes beyond the first and turns the boat, over the same windows, by more than so many times its
 angle a second: radians that stand where degrees should (57 times too small) look so, and no rudder is so effective."""
 
 
@@ -191,13 +191,14 @@ def check_effect(source: str, time: FloatArray, heading: FloatArray, rate: Float
     time [s], heading [rad], rate [rad/s]: as of the rudder, nan where missing.
     """
     turns = _turns_of(time, rate, heading)
-    spread = float(np.std(rudder[np.isfinite(rudder)])) if np.isfinite(rudder).any() else 0.0
-    if turns.size < 2 or not 0.0 < spread < SMALLEST_UNIT_RAD:
+    known = np.abs(rudder[np.isfinite(rudder)])
+    largest = float(np.quantile(known, 0.99)) if known.size else 0.0
+    if turns.size < 2 or not 0.0 < largest < SMALLEST_UNIT_RAD:
         return
     size = float(np.sqrt(np.mean(turns**2)))
-    if size > max(TURNS_LEAST_RAD, LARGEST_EFFECT_1_S * TURNS_WINDOW_S * spread):
+    if size > max(TURNS_LEAST_RAD, LARGEST_EFFECT_1_S * TURNS_WINDOW_S * largest):
         raise InputError(
-            f"{source}: the rudder goes {math.degrees(spread):.2g} deg to either side, and the boat turns "
+            f"{source}: the rudder goes {math.degrees(largest):.2g} deg to either side, and the boat turns "
             f"{math.degrees(size):.0f} deg in {TURNS_WINDOW_S:.0f} s: no rudder does so much. For a column in "
             "radians name it rudder_rad."
         )

@@ -281,16 +281,16 @@ def frozen_step(
         return standing._replace(is_frozen=True), sea
     if standing.reckoned == now:
         return standing, sea
-    if standing.samples < 2 or not (seen.steers or not math.isnan(standing.turn)):
+    is_spanned = standing.samples >= FROZEN_SAMPLES and standing.high - standing.low > FROZEN_BY_RATE
+    if standing.samples < 2 or is_spanned or not seen.steers:
         # what somebody else does with the rudder proves nothing
-        return standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0), sea
+        since = standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0, is_frozen=is_spanned)
+        return since, sea
     step = clip(now - standing.reckoned, 0.0, LONGEST_STEP_S)
     rate = rate_step(seen.model, standing.rate, state.rudder + standing.bias, step)
     kept = math.exp(-step / NOUGHT_FORGOTTEN) if standing.last_rate == 0.0 else 1.0
     turned = 0.0 if standing.rate_moves else standing.turned * kept + rate * step
-    is_frozen = standing.samples >= FROZEN_SAMPLES and (
-        standing.high - standing.low > FROZEN_BY_RATE or (seen.has_way and abs(turned) > FROZEN_BY_RUDDER)
-    )
+    is_frozen = standing.samples >= FROZEN_SAMPLES and seen.has_way and abs(turned) > FROZEN_BY_RUDDER
     return standing._replace(rate_moves=False, reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen), sea
 
 

@@ -181,6 +181,14 @@ def test_radians_that_stand_for_degrees_are_refused(missing: str) -> None:
         run_from_columns("run.csv", table)
 
 
+@pytest.mark.parametrize("rudder", [0.26, -0.35])
+def test_a_steady_turn_is_no_rudder_in_another_unit(rudder: float) -> None:
+    table = zigzag(0.35, 60.0, 0.1)
+    noise = 0.005 * np.random.default_rng(3).standard_normal(600)
+    turning = {"rudder_rad": rudder + noise, "yaw_rate_rad_s": np.full(600, 0.6 * rudder) + noise}
+    run_from_columns("turn.csv", {**table, **turning, "heading_rad": 0.6 * rudder * table["time_s"]})
+
+
 def test_a_run_astern_is_refused_and_a_short_way_astern_is_not() -> None:
     table = zigzag(0.35, 60.0, 0.1)
     with pytest.raises(InputError, match=r"run\.csv: the speed is below nought, -5 m/s in the mean"):

@@ -118,6 +118,15 @@ def test_a_rate_of_nought_is_believed_while_the_rudder_turns_the_boat_little() -
         assert trouble(monitors) is None
 
 
+@pytest.mark.parametrize("rate", [0.0, None])
+def test_what_a_hand_does_with_the_rudder_proves_nothing_of_the_compass(rate: float | None) -> None:
+    monitors = Monitors(LIMITS)
+    for k in range(600):
+        monitors.on_samples((HeadingSample(k * DT, 0.3, rate),))
+        monitors.update(watched(k * DT, 0.3, 0.3, wanted=0.3)._replace(steers=False))
+        assert trouble(monitors) is None
+
+
 def test_without_way_the_rudder_proves_nothing() -> None:
     monitors = Monitors(LIMITS)
     for k in range(2000):
