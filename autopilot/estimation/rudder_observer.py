@@ -225,18 +225,13 @@ def advanced(gear: SteeringGear, observer: RudderObserver, memory: RudderMemory,
     ring, orders_ring = len(times) - 1, len(orders) - 1
     modelled, ticks, given, passed, effective, fed_back_at, fed_back = observer
     if ticks:
-        at = times[(ticks - 1) & ring]
-        if now <= at:
+        dt = now - times[(ticks - 1) & ring]
+        if dt <= 0.0:
             return observer
         while passed < given and order_times[passed & orders_ring] + gear.delay <= now:
-            begins = order_times[passed & orders_ring] + gear.delay
-            if begins > at:
-                # until it takes effect the gear follows the order before it
-                modelled = gear_step(gear, modelled, effective, begins - at)
-                at = begins
             effective = orders[passed & orders_ring]
             passed += 1
-        modelled = gear_step(gear, modelled, effective, now - at)
+        modelled = gear_step(gear, modelled, effective, dt)
     angle = modelled
     if now - fed_back_at < FEEDBACK_FRESH:
         then = modelled

@@ -45,8 +45,8 @@ WAVE_DEG, WAVE_DAMPING = 1.0, 0.2
 LEAST_WAVE, MOST_WAVE, BAND, FOLLOWS_S = 0.3, 200.0, 1.5, 40.0
 """So many times WAVE_DEG waves are at least, waves and gusts at most; waves' frequencies stay within the factor BAND of
 those above; what is felt is followed in this time."""
-WORKS, WORKS_S, LATE_S = 2.0, 20.0, 0.03
-"""See above; the rudder's work is that of the last WORKS_S. LATE_S: an order's way to the servo, of some 0 to 50 ms."""
+WORKS, WORKS_S, LATE_S = 2.0, 20.0, 0.05
+"""See above; the rudder's work is that of the last WORKS_S. LATE_S: what an order's way and a servo's model leave."""
 FIRST_PUSH, FIRST_S = math.radians(5.0), 10.0
 """What pushes the boat, before anything was felt for so long."""
 EXPECTED = (0.7, 1.0, 0.5)

@@ -117,23 +117,6 @@ def test_the_order_in_effect_is_the_newest_that_was_given_the_dead_time_ago(dela
         track.order(now, orders[now])
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.05, 0.13, 0.42])
-def test_an_order_moves_the_rudder_from_the_moment_it_takes_effect_whatever_the_ticks(delay: float) -> None:
-    """It used to move it from the tick before: up to a tick early, 0.05 s with the dead time of one tick."""
-    gear = SteeringGear(1.0, math.inf, lag=0.1, delay=delay)
-    few, many = OutputFeedbackLoop(gear), OutputFeedbackLoop(gear)
-    few.advance(0.0)
-    many.advance(0.0)
-    given = {10: 0.3, 20: 0.1, 30: -0.4}
-    for step in range(1, 61):
-        exact, seen = many.advance(step / 100.0), few.advance(step / 100.0) if step % 10 == 0 else None
-        assert seen is None or seen == pytest.approx(exact, abs=1e-9)
-        for loop in (few, many):
-            if step in given:
-                loop.order(step / 100.0, given[step])
-    assert few.angle != 0.0
-
-
 def test_where_more_orders_are_on_their_way_than_are_kept_the_oldest_counts_early() -> None:
     track = OutputFeedbackLoop(SteeringGear(1.0, math.inf, 0.0, 0.0, 10.0))
     track.advance(0.0)
