@@ -60,11 +60,16 @@ from autopilot.steering import (
 from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_opposite, turns_step
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
+from autopilot.supervision.response_filter import NO_SEAWAY
 from autopilot.supervision.rudder_response import FILED, enough, other_verdict, verdict
 from autopilot.supervision.rudder_watch import NOTHING_KNOWN, PAST_S, Evidence, evidence_step
 from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, LATE_S, RATE_OFF
 
 Floats = NDArray[np.float64]
+
+
+SEA_BEGUN = NOTHING_KNOWN._replace(seaway=NO_SEAWAY._replace(begun=0.0))
+"""The sea is estimated from the first heading on, before anybody steers."""
 
 
 class CampaignConfig(NamedTuple):
@@ -157,7 +162,7 @@ def initial_state(
         command=0.0,
         rest=Rest(0.0, 0.0, False),
         compass=Compass(measurement.measured.heading, state.time, 1, NO_TURNS),
-        answer=NOTHING_KNOWN,
+        answer=SEA_BEGUN,
         rate=AS_FILED,
         easy_time=now,
         right_time=now,

@@ -84,7 +84,7 @@ def test_a_course_is_held_by_what_the_network_brings_and_the_drive_takes(bus: st
     assert len(winds) == pytest.approx(80, abs=3) and winds[-1].speed > 3.0
     kinds = {each.source for tick in ticks for each in tick.samples if each.source.startswith("N2K")}
     assert kinds == {
-        *("N2K127250.35", "N2K127251.35", "N2K127257.35", "N2K127245.12", "N2K128259.22"),
+        *("N2K127250.35:M", "N2K127251.35", "N2K127257.35", "N2K127245.12", "N2K128259.22"),
         *("N2K129025.7", "N2K129026.7", "N2K129029.7", "N2K130306.9"),
     }
     voyage.link.release(voyage.now)

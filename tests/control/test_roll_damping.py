@@ -147,7 +147,9 @@ def test_settings_are_numbers(bad: tuple[float, float, float]) -> None:
 def commands(roll: Roll | None, kind: OrderKind = OrderKind.HEADING) -> list[float]:
     """The whole pilot on a boat that lies dead on course and rolls."""
     vessel = vessel_of(BOATS["lanxin"])
-    pilot = build_pilot(replace(vessel, control=replace(vessel.control, roll=roll)))
+    # nobody may take the boat for one whose compass is frozen
+    alarms = replace(vessel.alarms, frozen_heading=False)
+    pilot = build_pilot(replace(vessel, control=replace(vessel.control, roll=roll), alarms=alarms))
     commanded = []
     for index in range(round(150.0 / 0.1)):
         now = 0.1 * index

@@ -294,7 +294,9 @@ def test_each_mistake_in_the_section_is_named(old: str, new: str, sentence: str)
 
 def commanded(kind: OrderKind, seconds: float) -> list[float]:
     """The whole pilot on a ship that lies dead on course and rolls; returns the rudder command [rad]."""
-    pilot, commands = build_pilot(VESSEL), []
+    # nobody may take the ship for one whose compass is frozen
+    still = replace(VESSEL, alarms=replace(VESSEL.alarms, frozen_heading=False))
+    pilot, commands = build_pilot(still), []
     for index in range(round(seconds / DT)):
         now = DT * index
         roll = RollSample(now, 0.05 / 1.1 * math.sin(1.1 * now), 0.05 * math.cos(1.1 * now))

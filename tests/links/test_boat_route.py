@@ -286,14 +286,14 @@ def test_a_turn_pattern_is_ordered_by_number() -> None:
     pattern = dialect.MAV_CMD_USER_3
     assert boat.command(pattern, 0, 1) == REJECTED
     boat.command(ARM, 1)
-    assert boat.command(pattern, 6, 1) == dialect.MAV_RESULT_DENIED
+    assert boat.command(pattern, 7, 1) == dialect.MAV_RESULT_DENIED
     assert boat.command(pattern, 1, 0, 50) == dialect.MAV_RESULT_DENIED
     assert boat.command(pattern, math.nan, 1) == dialect.MAV_RESULT_DENIED
     assert boat.command(pattern, 0, -1) == ACCEPTED
     assert mode_of(boat) == GUIDED
     assert abs(boat.sail(40.0).state.heading) == pytest.approx(math.pi, abs=0.05)
     boat.listen(0.1)
-    assert {"arm first", "pattern 6: allowed is 0 to 5"} <= set(texts(boat))
+    assert {"arm first", "pattern 7: allowed is 0 to 6"} <= set(texts(boat))
     assert boat.command(pattern, 1, 1, 50) == ACCEPTED
     assert boat.sail(5.0).order.is_led
     assert boat.command(dialect.MAV_CMD_DO_SET_MODE, 1, GUIDED) == ACCEPTED
