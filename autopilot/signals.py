@@ -121,7 +121,7 @@ class CourseSample(NamedTuple):
 
 
 class CompassSample(NamedTuple):
-    """The skipper has chosen another compass, `source`: headings that come behind this are further by `turn` [rad] than
+    """Another compass steers, `source`: headings that come behind this are further by `turn` [rad] than
     those before, though the boat has not turned, and so are all that are held."""
 
     time: float

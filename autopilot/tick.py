@@ -18,6 +18,7 @@ from autopilot.control.bow_thruster import bow_look, with_bow, with_bow_found
 from autopilot.control.law import NO_ROLL, LawInput, RollInput
 from autopilot.control.limits import Rest, limited, limited_at_once
 from autopilot.control.roll_damping import RollDamping, damped, rolled
+from autopilot.estimation import estimator
 from autopilot.estimation.estimator import (
     Beliefs,
     EstimatorState,
@@ -142,16 +143,15 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
 
 
 def by_other_compass(state: State, samples: tuple[Sample, ...]) -> tuple[State, tuple[Sample, ...]]:
-    """Return the state as the compass sees it that the skipper has chosen, and the samples without the headings of the
+    """Return the state as the compass sees it that steers now, and the samples without the headings of the
     one before: the boat has not turned, so it is on course as it was. The order is the skipper's to turn."""
     for number, sample in enumerate(samples):
         if type(sample) is CompassSample and math.isfinite(sample.turn):
-            turn, guide, fusion = sample.turn, state.way.guide, state.estimate.fusion
+            turn, guide = sample.turn, state.way.guide
             boat = guide.boat._replace(heading=wrap(guide.boat.heading + turn))
             guide = guide._replace(heading=wrap(guide.heading + turn), boat=boat)
-            seen = fusion.state._replace(psi=wrap(fusion.state.psi + turn))
             state = state._replace(
-                estimate=state.estimate._replace(fusion=fusion._replace(state=seen, spike=wrap(fusion.spike + turn))),
+                estimate=estimator.by_other_compass(state.estimate, turn),
                 way=state.way._replace(guide=guide),
                 monitors=without_past(state.monitors),
             )

@@ -441,6 +441,22 @@ def without_disturbances(state: EstimatorState) -> EstimatorState:
     return state._replace(fusion=state.fusion._replace(state=alone, unlearnt=0.0), taken=())
 
 
+def by_other_compass(state: EstimatorState, turn: float) -> EstimatorState:
+    """Return the state as a compass sees it whose headings are further by `turn` [rad], and so what is remembered: a
+    late sample has the filter go back to it."""
+
+    def seen(fusion: Fusion) -> Fusion:
+        boat = fusion.state._replace(psi=wrap(fusion.state.psi + turn))
+        return fusion._replace(state=boat, spike=wrap(fusion.spike + turn))
+
+    def said(sample: HeadingSample | RateSample) -> HeadingSample | RateSample:
+        return sample._replace(heading=wrap(sample.heading + turn)) if isinstance(sample, HeadingSample) else sample
+
+    taken = tuple(Taken(seen(before), said(sample)) for before, sample in state.taken)
+    # what the filter began with is there to know it again: nobody sends it a second time by the other compass
+    return state._replace(fusion=seen(state.fusion), taken=taken, begun=None)
+
+
 def believing(config: EstimatorConfig, state: EstimatorState, beliefs: Beliefs) -> EstimatorState:
     """Return the state under other beliefs."""
     before = state.beliefs

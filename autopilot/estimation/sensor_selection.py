@@ -1,18 +1,12 @@
 """Which of several instruments is selected: by their order, by how fresh they are, by the word of the others. Pure.
 
-Which of several compasses has failed by the word of the others: it stands still, jumps or trembles alone. Pure.
-
-One compass alone is judged by the pilot's own monitors, with what they know of rudder, rate and sea. Two judge each
-other sooner and more surely: where one moves, jumps or trembles and the other does not, the pilot
-need not fail, it goes on with the one that is well.
-
-Which of several instruments is selected, and whether two compasses agree. Pure.
-
 Of the sources that give the same kind of value the first in the priority list that is fresh is selected, and the
 others are left out: two compasses fused would be a third one that does not exist. Without a list the source heard
 first stays until it is stale. A better source that comes back must have been heard for `SETTLE_S` before it takes
 over, or one that comes and goes would jerk the helm each time. A compass that has failed by the word of another, see
-`CompassWatch`, is not selected at all. The compass that the skipper has chosen goes before the list.
+`CompassWatch`, is not selected at all. The compass that the skipper has chosen goes before the
+list. Whenever another compass takes over, what is held is turned by what lies between the two, see `CompassSample`:
+the boat stays on its course.
 """
 
 from __future__ import annotations
@@ -25,6 +19,7 @@ from typing import NamedTuple
 
 from autopilot.angles import compass_text, shortest_turn, wrap
 from autopilot.errors import InputError
+from autopilot.estimation.compass_peers import CompassWatch
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -39,177 +34,6 @@ from autopilot.signals import (
 )
 from autopilot.supervision.alarms import APART, FAILED
 
-STANDS_S = 0.3
-STANDS_SAMPLES = 4
-STANDS_TURN = math.radians(2.5)
-STANDS_DIGITS = 2.0
-"""A compass that says the very same for so long [s] and so often while another has turned by this [rad], and by so many
-of its own digits, is frozen."""
-HABIT = 4
-HABIT_LEAST = 3
-HABIT_KNOWN = 100
-HABIT_S = 1.5
-HABIT_TURN = math.radians(1.0)
-"""Or one that has never before said the same so often: HABIT times the longest that it did in HABIT_KNOWN headings and
-more, and no less than HABIT * HABIT_LEAST headings and so long [s], while another has turned by this [rad]. Where
-lengths are random, as noise makes them, that is as rare as the cube of one in all that were."""
-NOISY, QUIET = math.radians(4.0), math.radians(2.0)
-NOISY_S, NOISY_SHARE = 1.5, 1.0 / 15.0
-WILDEST = math.radians(20.0)
-"""A compass with white noise of more than NOISY [rad] beside one with less than QUIET is noisy: 0.5 to 1 deg are usual.
-Over so long [s], a heading at most a share of it, each counting as WILDEST [rad] at most: one of 2 deg was never called
-noisy in three hours, and one of 10 deg in 1.0 s on average, 2.4 s at most; a single jump or spike never is."""
-AGREES = math.radians(10.0)
-AGREES_S = 3.0
-"""It is well again when it moves and is no further from the other than this [rad] for this time [s]."""
-SILENT_S = 2.0
-"""Or when it was silent for so long [s]: it has been switched off and on."""
-FRESH_S = 1.0
-
-
-class _Noise:
-    """The standard deviation [rad] of an angle's white noise, from its second differences, which a steady turn has not:
-    they have the variance 6 sigma^2, and their size the mean sigma sqrt(12/pi)."""
-
-    __slots__ = ("_last", "_step", "deviation")
-
-    def __init__(self, angle: float) -> None:
-        self._last, self._step, self.deviation = angle, 0.0, 0.0
-
-    def take(self, angle: float, share: float) -> None:
-        """Take the next angle [rad], which counts for a `share` of the mean."""
-        step = shortest_turn(self._last, angle)
-        size = abs(shortest_turn(self._step, step)) / math.sqrt(12.0 / math.pi)
-        self.deviation += share * (min(size, WILDEST) - self.deviation)
-        self._last, self._step = angle, step
-
-
-class _Compass:
-    """What one compass said last, since when it stands, and where the others were when it began to; the noise of its
-    headings, and of what lies between them and another's."""
-
-    __slots__ = (
-        *("agrees_since", "apart", "digit", "heading", "heard", "last", "longest", "noise", "others", "reason", "same"),
-        "since",
-    )
-
-    def __init__(self, now: float, heading: float) -> None:
-        self.heading, self.last = heading, now
-        self.reason, self.digit = "", math.inf
-        self.heard, self.longest = 0, HABIT_LEAST
-        self.agrees_since: float | None = None
-        self.noise = _Noise(heading)
-        self.apart: dict[str, _Noise] = {}
-        self.stand(now, {})
-
-    def stand(self, now: float, others: dict[str, float]) -> None:
-        """Begin to stand where it is, the others being where they are."""
-        self.since, self.same, self.others = now, 1, others
-
-
-class CompassWatch:
-    """`on_sample` every heading; `reason` has what is wrong with a compass, '' where nothing is.
-
-    jump [rad]: no boat turns further between two headings; inf: not watched. frozen: watched or not.
-    """
-
-    def __init__(self, jump: float, *, frozen: bool) -> None:
-        self._jump, self._frozen = jump, frozen
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget every compass."""
-        self._compasses: dict[str, _Compass] = {}
-
-    def reason(self, name: str) -> str:
-        """Return what is wrong with a compass."""
-        compass = self._compasses.get(name)
-        return compass.reason if compass is not None else ""
-
-    def doubted(self, now: float) -> list[tuple[str, str]]:
-        """Return the compasses that are heard and not selected, and why."""
-        return [(name, it.reason) for name, it in self._compasses.items() if it.reason and now - it.last <= SILENT_S]
-
-    def on_sample(self, now: float, name: str, heading: float) -> None:
-        """Take a heading [rad] that arrived at `now` [s]."""
-        compass = self._compasses.get(name)
-        if compass is None or now - compass.last > SILENT_S:
-            self._compasses[name] = _Compass(now, heading)
-            return
-        others = self._others(now, name)
-        if not compass.reason:
-            compass.reason = self._jumped(compass, heading, others)
-        is_noisy = self._is_noisy(now, compass, heading, others)
-        if is_noisy and not compass.reason:
-            compass.reason = "is noisy"
-        compass.heard += 1
-        if heading != compass.heading:
-            if not compass.reason:
-                compass.longest = max(compass.longest, compass.same)
-            compass.digit = min(compass.digit, abs(shortest_turn(compass.heading, heading)))
-            compass.stand(now, others)
-        else:
-            compass.same += 1
-            if not compass.reason and self._frozen and self._stands(now, compass, others):
-                compass.reason = "stands still"
-        compass.heading, compass.last = heading, now
-        self._forgive(now, compass, {} if is_noisy else others)
-
-    def _others(self, now: float, name: str) -> dict[str, float]:
-        return {
-            other: compass.heading
-            for other, compass in self._compasses.items()
-            if other != name and not compass.reason and now - compass.last <= FRESH_S
-        }
-
-    def _jumped(self, compass: _Compass, heading: float, others: dict[str, float]) -> str:
-        """A jump alone is none of the boat's: the others lie where the compass came from, not where it went to."""
-        if abs(shortest_turn(compass.heading, heading)) <= self._jump:
-            return ""
-        stayed = any(
-            abs(shortest_turn(other, compass.heading)) < abs(shortest_turn(other, heading)) for other in others.values()
-        )
-        return "jumps" if stayed else ""
-
-    def _is_noisy(self, now: float, compass: _Compass, heading: float, others: dict[str, float]) -> bool:
-        """What the boat does is no noise: both show it, and nothing of it lies between them."""
-        share = min(-math.expm1(-(now - compass.last) / NOISY_S), NOISY_SHARE)
-        compass.noise.take(heading, share)
-        off = {name: shortest_turn(other, heading) for name, other in others.items()}
-        compass.apart = {name: compass.apart.get(name, _Noise(angle)) for name, angle in off.items()}
-        for name, angle in off.items():
-            compass.apart[name].take(angle, share)
-        if not math.isfinite(self._jump) or compass.noise.deviation <= NOISY:
-            return False
-        return any(
-            apart.deviation > NOISY and self._compasses[name].noise.deviation < QUIET
-            for name, apart in compass.apart.items()
-        )
-
-    @staticmethod
-    def _stands(now: float, compass: _Compass, others: dict[str, float]) -> bool:
-        if now - compass.since < STANDS_S or compass.same < STANDS_SAMPLES:
-            return False
-        turns = (
-            shortest_turn(compass.others[name], heading) for name, heading in others.items() if name in compass.others
-        )
-        is_strange = (
-            compass.heard >= HABIT_KNOWN and compass.same >= HABIT * compass.longest and now - compass.since >= HABIT_S
-        )
-        least = HABIT_TURN if is_strange else STANDS_TURN
-        return any(abs(turn) > max(least, STANDS_DIGITS * compass.digit) for turn in turns)
-
-    @staticmethod
-    def _forgive(now: float, compass: _Compass, others: dict[str, float]) -> None:
-        near = any(abs(shortest_turn(other, compass.heading)) <= AGREES for other in others.values())
-        if not compass.reason or not near or compass.same >= STANDS_SAMPLES:
-            compass.agrees_since = None
-        elif compass.agrees_since is None:
-            compass.agrees_since = now
-        elif now - compass.agrees_since >= AGREES_S:
-            compass.reason = ""
-
-
 SETTLE_S = 3.0
 MONITOR_S = 3.0
 """Two headings further apart than the limit for this long disagree; waves swing a compass for less."""
@@ -219,6 +43,8 @@ LATENCIES_S = 1.0
 """One of them may be older than the other by this: they may be apart by what the boat turns in that time."""
 SILENT_SAID_S = 60.0
 """So long it is said that a compass is silent and another steers."""
+CHOSEN_SILENT_S = 10.0
+"""It is said after this that the chosen one is."""
 SOURCES_MOST = 32
 """Of one kind: a line full of noise must not fill the memory with talkers."""
 MONITOR = "heading monitor"
@@ -274,23 +100,29 @@ MAGNETIC = re.compile(r"..HD[GM]|.*:M")
 class _Received:
     """One source of one kind."""
 
-    __slots__ = ("apart", "first", "heading", "last", "rank", "stale")
+    __slots__ = ("apart", "compared", "first", "heading", "known", "last", "rank", "stale")
 
     def __init__(self, now: float, rank: int, stale: float) -> None:
-        self.first = now
-        self.last = now
-        self.rank = rank
-        self.stale = stale
+        self.first = self.last = now
+        self.rank, self.stale = rank, stale
         self.heading: float | None = None
-        self.apart = 0.0
-        """How far [rad] it is from the compass that steers, of late."""
+        self.apart, self.known, self.compared = 0.0, 0.0, -math.inf
+        """How far [rad] it is from the compass that steers, of late; for how long [s] that is known, and from when."""
 
-    def compare(self, now: float, steering: float) -> None:
-        """Take the `heading` [rad], as old as the one that steers [rad] as far as anybody knows."""
-        assert self.heading is not None
-        known = max(now - self.first, 0.0)
-        share = 1.0 if known == 0.0 else min(max((now - self.last) / min(known, APART_S), 0.0), 1.0)
-        self.apart = wrap(self.apart + share * wrap(self.heading - steering - self.apart))
+    def compare(self, now: float, steers: _Received) -> None:
+        """Take the heading, as old as that of the compass which `steers`, as far as anybody knows."""
+        if self.heading is None or steers.heading is None or steers.last < self.compared:
+            return  # a compass that falls silent says nothing of a boat that turns on
+        step = min(max(now - self.compared, 0.0), APART_S) if self.is_known else 0.0
+        self.known = min(self.known + step, APART_S)
+        share = step / self.known if self.known else 1.0
+        self.apart = wrap(self.apart + share * wrap(self.heading - steers.heading - self.apart))
+        self.compared = now
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it was ever compared."""
+        return self.compared > -math.inf
 
 
 class SensorSelection:
@@ -309,6 +141,8 @@ class SensorSelection:
         self._selected: dict[str, str] = {}
         self._apart, self._compared = 0.0, math.inf
         self._headings: deque[tuple[float, float]] = deque()
+        """Those of the compass that steers, of the last MONITOR_S, and when they came [s]."""
+        self._begun = math.inf
         self._alarm: AlarmEvent | None = None
         self._disagree: AlarmEvent | None = None
         """Two headings that disagree, as it was first said: what changes with every reading is a
@@ -334,7 +168,7 @@ class SensorSelection:
     def choose(self, now: float, source: str) -> None:
         """Steer by this compass from now on, '' for the best of the list. InputError where that cannot be.
 
-        What is held is turned by what lies between the two, see `CompassSample`: the boat stays on its course.
+        What is held is turned by what lies between the two: the boat stays on its course.
         """
         received, steers = self._received.get("heading", {}), self._selected.get("heading", "")
         if source:
@@ -349,31 +183,42 @@ class SensorSelection:
         heard = [each for each, known in received.items() if now - known.last <= known.stale]
         well = [each for each in heard if not self._compasses.reason(each) and now - received[each].first >= SETTLE_S]
         best = source or min(well, key=lambda each: (ranks[each], each != steers), default=steers)
-        if best != steers and steers in heard:
-            if len(self._headings) > 1 and self._turning(now, self._headings[-1][1]) > TURNS_LEAST:
-                raise InputError("the boat is turning: choose on a steady course")
-            self._news.append(CompassSample(now, received[best].apart, best))
-            apart = received[best].apart
-            for known in received.values():
-                known.apart = wrap(known.apart - apart)
+        if best != steers and steers in heard and self._turning() > TURNS_LEAST:
+            raise InputError("the boat is turning: choose on a steady course")
         self.chosen = source
         for each, rank in ranks.items():
             received[each].rank = rank
         if best:
-            self._selected["heading"], self._left = best, None
-            self._headings.clear()
-            self._apart, self._disagree = 0.0, None
+            self._steer_by(now, best)
+            self._left = None
+
+    def _steer_by(self, now: float, source: str) -> None:
+        """Select a compass; what is held is turned by what lies between it and the one before, where that is known."""
+        received, before = self._received["heading"], self._selected.get("heading")
+        self._selected["heading"] = source
+        self._apart, self._disagree = 0.0, None
+        if before is None or before == source or not received[source].is_known:
+            return
+        turn = received[source].apart
+        self._news.append(CompassSample(now, turn, source))
+        for known in received.values():
+            known.apart = wrap(known.apart - turn)
+        self._headings = deque((time, wrap(heading + turn)) for time, heading in self._headings)
 
     def admit(self, now: float, samples: list[Sample], link: str) -> list[Sample]:
         """Return those `samples`, arrived by `now` [s] on `link`, that are selected, and a change of alarm or of what
         is steered by."""
-        kept, self._news = self._news, []
+        self._begun = min(self._begun, now)
+        kept: list[Sample] = []
         for sample in samples:
             kind = _kind(sample)
-            if not kind or self._choose(now, kind, f"{sample.source}@{link}", sample):
-                kept.append(sample)
-            else:
+            if kind and not self._choose(now, kind, f"{sample.source}@{link}", sample):
                 self.dropped += 1
+                continue
+            kept += [*self._news, sample]
+            self._news.clear()
+        kept += self._news
+        self._news.clear()
         alarm = self._failed(now) or self._compare(now) or self._silent(now)
         if alarm != self._alarm:
             self._alarm = alarm
@@ -381,6 +226,8 @@ class SensorSelection:
         return kept
 
     def _choose(self, now: float, kind: str, source: str, sample: Sample) -> bool:
+        if isinstance(sample, HeadingSample) and not math.isfinite(sample.heading):
+            return False
         received = self._received.setdefault(kind, {})
         entry = received.get(source)
         if entry is None:
@@ -390,29 +237,33 @@ class SensorSelection:
         elif now - entry.last > entry.stale:
             entry.first = now
         if isinstance(sample, HeadingSample):
-            entry.heading = sample.heading
-            steers = received.get(self._selected.get("heading", ""), entry)
-            is_well = not self._compasses.reason(self._selected.get("heading", ""))
-            if is_well and steers.heading is not None and now - steers.last <= steers.stale:
-                entry.compare(now, steers.heading)
+            return self._choose_compass(now, source, entry, sample.heading)
         entry.last = now
-        if isinstance(sample, HeadingSample):
-            self._compasses.on_sample(now, source, sample.heading)
-            if self._compasses.reason(source):
-                return False
         best = self._selected.get(kind)
-        has_failed = best is not None and kind == "heading" and self._compasses.reason(best)
-        if best is None or has_failed or self._goes_before(now, entry, received[best]):
-            if (
-                kind == "heading"
-                and best is not None
-                and best != source
-                and now - received[best].last > received[best].stale
-            ):
-                self._left = (best, now)
-            self._selected[kind] = source
-            return True
+        if best is None or self._goes_before(now, entry, received[best]):
+            best = self._selected[kind] = source
         return best == source
+
+    def _choose_compass(self, now: float, source: str, entry: _Received, heading: float) -> bool:
+        received, best = self._received["heading"], self._selected.get("heading")
+        steers, has_failed = (entry, False) if best is None else (received[best], bool(self._compasses.reason(best)))
+        entry.heading = heading
+        if not has_failed and now - steers.last <= steers.stale:
+            entry.compare(now, steers)
+        entry.last = now
+        self._compasses.on_sample(now, source, heading)
+        if self._compasses.reason(source):
+            return False
+        if best is None or has_failed or self._goes_before(now, entry, steers):
+            if best is not None and best != source and now - steers.last > steers.stale:
+                self._left = (best, now)
+            self._steer_by(now, source)
+        elif best != source:
+            return False
+        self._headings.append((now, heading))
+        while self._headings[0][0] < now - MONITOR_S:
+            self._headings.popleft()
+        return True
 
     def _new(self, now: float, kind: str, source: str) -> _Received:
         most = self._settings.heading_stale if kind == "heading" else math.inf
@@ -442,21 +293,25 @@ class SensorSelection:
         for name, reason in self._compasses.doubted(now):
             selected = self._selected.get("heading", "")
             if name != selected:
-                detail = f"{name.partition('@')[0]} {reason}, {selected.partition('@')[0]} steers"
+                detail = f"{_short(name)} {reason}, {_short(selected)} steers"
                 return AlarmEvent("heading_disagrees", detail, FAILED)
         return None
 
     def _silent(self, now: float) -> AlarmEvent | None:
-        """Return the alarm of a compass that has fallen silent while another steers, for a minute."""
+        """Return the alarm of a compass that has fallen silent while another steers, for a minute; of the one that the
+        skipper has chosen while it is not heard."""
+        received, steers = self._received.get("heading", {}), _short(self.selected("heading"))
+        chosen = received.get(self.chosen)
+        if self.chosen and steers and now - (self._begun if chosen is None else chosen.last) > CHOSEN_SILENT_S:
+            return AlarmEvent("compass_silent", f"{_short(self.chosen)}, the chosen one; {steers} steers")
         if self._left is None:
             return None
         name, since = self._left
-        entry = self._received["heading"][name]
+        entry = received[name]
         if now - since > SILENT_SAID_S or now - entry.last <= entry.stale:
             self._left = None
             return None
-        selected = self._selected["heading"].partition("@")[0]
-        return AlarmEvent("compass_silent", f"{name.partition('@')[0]}; {selected} steers")
+        return AlarmEvent("compass_silent", f"{_short(name)}; {steers} steers")
 
     def _compare(self, now: float) -> AlarmEvent | None:
         """Return the alarm of two fresh headings that disagree for long; None where they agree."""
@@ -469,7 +324,7 @@ class SensorSelection:
         ]
         # two that part slowly tremble about the limit for minutes: one alarm, not one at each of their noises
         apart_by = self._settings.disagree * (1.0 if self._disagree is None else AGREE_AGAIN)
-        limit = apart_by + LATENCIES_S * self._turning(now, best.heading)
+        limit = apart_by + LATENCIES_S * self._turning()
         far = [
             (name, entry.heading)
             for name, entry in others
@@ -486,19 +341,16 @@ class SensorSelection:
         self._disagree = self._disagree or self._apart_by(best.heading, *far[0])
         return self._disagree
 
-    def _turning(self, now: float, heading: float) -> float:
-        """Return how fast [rad/s] the compass that is selected has turned over `MONITOR_S`: waves come and go."""
+    def _turning(self) -> float:
+        """Return how fast [rad/s] the compass that steers has turned over `MONITOR_S`: waves come and go."""
         headings = self._headings
-        headings.append((now, heading))
-        while headings[0][0] < now - MONITOR_S:
-            headings.popleft()
-        return abs(shortest_turn(headings[0][1], heading)) / MONITOR_S
+        return abs(shortest_turn(headings[0][1], headings[-1][1])) / MONITOR_S if headings else 0.0
 
     def _apart_by(self, heading: float, other: str, other_heading: float) -> AlarmEvent:
         apart = abs(math.degrees(shortest_turn(heading, other_heading)))
         detail = (
-            f"{apart:.0f} deg: {self._selected['heading'].partition('@')[0]} {compass_text(heading, 1)}, "
-            f"{other.partition('@')[0]} {compass_text(other_heading, 1)}"
+            f"{apart:.0f} deg: {_short(self._selected['heading'])} {compass_text(heading, 1)}, "
+            f"{_short(other)} {compass_text(other_heading, 1)}"
         )
         return AlarmEvent("heading_disagrees", detail, APART)
 

@@ -228,9 +228,11 @@ class Skipper:
         for sample in tick.samples:
             if sample.__class__ in LEAD_TRACK:
                 self.track.take(sample)
-            elif isinstance(sample, CompassSample):
+            elif isinstance(sample, CompassSample) and math.isfinite(sample.turn):
                 # the boat stays on its course, whose number is another by the other compass
-                self._order = self._order._replace(heading=wrap(self._order.heading + sample.turn))
+                self._order, self._before = (
+                    order._replace(heading=wrap(order.heading + sample.turn)) for order in (self._order, self._before)
+                )
             if isinstance(sample, SpeedSample):
                 self.wind.vane.on_speed(sample)
             elif isinstance(sample, WindSample) and tick.state.valid:

@@ -256,7 +256,9 @@ WORDS = {
         sentence="{text}, {detail} are left: {remedy}",
     ),
     "compass_silent": Words(
-        "one of two compasses is silent", "check its plug and power", sentence="{text}: {detail}: {remedy}"
+        "one of two compasses is silent",
+        "check its plug and power, or choose another",
+        sentence="{text}: {detail}: {remedy}",
     ),
     "headings_slow": Words(
         "headings come more slowly than asked for",

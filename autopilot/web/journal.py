@@ -191,6 +191,10 @@ class ListBoard(Generic[Entry]):
             self._files.fetch(self._file, self._take)
         self._count = count
 
+    def forget(self) -> None:
+        """Know nothing until the boat has said it again."""
+        self.entries, self._count = (), math.nan
+
     def _take(self, content: bytes | None) -> None:
         if content is not None:
             with contextlib.suppress(InputError):  # what is known stays

@@ -289,12 +289,13 @@ class Station:
         ]
 
     def _watch_start(self, now: float, boot: float) -> None:
-        """Of a boat that has started again parameters and alarms may be others, and our rates are gone."""
+        """Of a boat that has started again parameters, alarms and compasses may be others, and our rates are gone."""
         belongs = self._clock.judge(now, boot)
         if belongs is Belongs.REBOOTED:
             self._clock.reset()
             self.parameters.forget()
             self.alarms.forget()
+            self.compasses.forget()
             self._next_rates = now
         if belongs is not Belongs.STRANGE:
             self._clock.local(now, boot)

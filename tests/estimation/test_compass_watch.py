@@ -10,7 +10,8 @@ import pytest
 from alarm_texts import words
 
 from autopilot.angles import wrap
-from autopilot.estimation.sensor_selection import MONITOR, CompassWatch, SelectionSettings, SensorSelection, SourceRule
+from autopilot.estimation.compass_peers import CompassWatch
+from autopilot.estimation.sensor_selection import MONITOR, SelectionSettings, SensorSelection, SourceRule
 from autopilot.signals import AlarmSample, HeadingSample, Sample
 
 GYRO, FLUXGATE = "HEHDT", "HCHDG"

@@ -1,0 +1,182 @@
+"""Which of several compasses has failed by the word of the others: it stands still, jumps or trembles alone. Pure.
+
+One compass alone is judged by the pilot's own monitors, with what they know of rudder, rate and sea. Two judge each
+other sooner and more surely: where one does so and the other does not, the pilot need not fail, it goes on with the one
+that is well.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autopilot.angles import shortest_turn
+
+STANDS_S = 0.3
+STANDS_SAMPLES = 4
+STANDS_TURN = math.radians(2.5)
+STANDS_DIGITS = 2.0
+"""A compass that says the very same for so long [s] and so often while another has turned by this [rad], and by so many
+of its own digits, is frozen."""
+HABIT = 4
+HABIT_LEAST = 3
+HABIT_KNOWN = 100
+HABIT_S = 1.5
+HABIT_TURN = math.radians(1.0)
+"""Or one that has never before said the same so often: HABIT times the longest that it did in HABIT_KNOWN headings and
+more, and no less than HABIT * HABIT_LEAST headings and so long [s], while another has turned by this [rad]. Where
+lengths are random, as noise makes them, that is as rare as the cube of one in all that were."""
+NOISY, QUIET = math.radians(4.0), math.radians(2.0)
+NOISY_S, NOISY_SHARE = 1.5, 1.0 / 15.0
+WILDEST = math.radians(20.0)
+"""A compass with white noise of more than NOISY [rad] beside one with less than QUIET is noisy: 0.5 to 1 deg are usual.
+Over so long [s], a heading at most a share of it, each counting as WILDEST [rad] at most: one of 2 deg was never called
+noisy in three hours, and one of 10 deg in 1.0 s on average, 2.4 s at most; a single jump or spike never is."""
+AGREES = math.radians(10.0)
+AGREES_S = 3.0
+"""It is well again when it moves and is no further from the other than this [rad] for this time [s]."""
+SILENT_S = 2.0
+"""Or when it was silent for so long [s]: it has been switched off and on."""
+FRESH_S = 1.0
+
+
+class _Noise:
+    """The standard deviation [rad] of an angle's white noise, from its second differences, which a steady turn has not:
+    they have the variance 6 sigma^2, and their size the mean sigma sqrt(12/pi)."""
+
+    __slots__ = ("_last", "_step", "deviation")
+
+    def __init__(self, angle: float) -> None:
+        self._last, self._step, self.deviation = angle, 0.0, 0.0
+
+    def take(self, angle: float, share: float) -> None:
+        """Take the next angle [rad], which counts for a `share` of the mean."""
+        step = shortest_turn(self._last, angle)
+        size = abs(shortest_turn(self._step, step)) / math.sqrt(12.0 / math.pi)
+        self.deviation += share * (min(size, WILDEST) - self.deviation)
+        self._last, self._step = angle, step
+
+
+class _Compass:
+    """What one compass said last, since when it stands, and where the others were when it began to; the noise of its
+    headings, and of what lies between them and another's."""
+
+    __slots__ = (
+        *("agrees_since", "apart", "digit", "heading", "heard", "last", "longest", "noise", "others", "reason", "same"),
+        "since",
+    )
+
+    def __init__(self, now: float, heading: float) -> None:
+        self.heading, self.last = heading, now
+        self.reason, self.digit = "", math.inf
+        self.heard, self.longest = 0, HABIT_LEAST
+        self.agrees_since: float | None = None
+        self.noise = _Noise(heading)
+        self.apart: dict[str, _Noise] = {}
+        self.stand(now, {})
+
+    def stand(self, now: float, others: dict[str, float]) -> None:
+        """Begin to stand where it is, the others being where they are."""
+        self.since, self.same, self.others = now, 1, others
+
+
+class CompassWatch:
+    """`on_sample` every heading; `reason` has what is wrong with a compass, '' where nothing is.
+
+    jump [rad]: no boat turns further between two headings; inf: not watched. frozen: watched or not.
+    """
+
+    def __init__(self, jump: float, *, frozen: bool) -> None:
+        self._jump, self._frozen = jump, frozen
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every compass."""
+        self._compasses: dict[str, _Compass] = {}
+
+    def reason(self, name: str) -> str:
+        """Return what is wrong with a compass."""
+        compass = self._compasses.get(name)
+        return compass.reason if compass is not None else ""
+
+    def doubted(self, now: float) -> list[tuple[str, str]]:
+        """Return the compasses that are heard and not selected, and why."""
+        return [(name, it.reason) for name, it in self._compasses.items() if it.reason and now - it.last <= SILENT_S]
+
+    def on_sample(self, now: float, name: str, heading: float) -> None:
+        """Take a heading [rad] that arrived at `now` [s]."""
+        compass = self._compasses.get(name)
+        if compass is None or now - compass.last > SILENT_S:
+            self._compasses[name] = _Compass(now, heading)
+            return
+        others = self._others(now, name)
+        if not compass.reason:
+            compass.reason = self._jumped(compass, heading, others)
+        is_noisy = self._is_noisy(now, compass, heading, others)
+        if is_noisy and not compass.reason:
+            compass.reason = "is noisy"
+        compass.heard += 1
+        if heading != compass.heading:
+            if not compass.reason:
+                compass.longest = max(compass.longest, compass.same)
+            compass.digit = min(compass.digit, abs(shortest_turn(compass.heading, heading)))
+            compass.stand(now, others)
+        else:
+            compass.same += 1
+            if not compass.reason and self._frozen and self._stands(now, compass, others):
+                compass.reason = "stands still"
+        compass.heading, compass.last = heading, now
+        self._forgive(now, compass, {} if is_noisy else others)
+
+    def _others(self, now: float, name: str) -> dict[str, float]:
+        return {
+            other: compass.heading
+            for other, compass in self._compasses.items()
+            if other != name and not compass.reason and now - compass.last <= FRESH_S
+        }
+
+    def _jumped(self, compass: _Compass, heading: float, others: dict[str, float]) -> str:
+        """A jump alone is none of the boat's: the others lie where the compass came from, not where it went to."""
+        if abs(shortest_turn(compass.heading, heading)) <= self._jump:
+            return ""
+        stayed = any(
+            abs(shortest_turn(other, compass.heading)) < abs(shortest_turn(other, heading)) for other in others.values()
+        )
+        return "jumps" if stayed else ""
+
+    def _is_noisy(self, now: float, compass: _Compass, heading: float, others: dict[str, float]) -> bool:
+        """What the boat does is no noise: both show it, and nothing of it lies between them."""
+        share = min(-math.expm1(-(now - compass.last) / NOISY_S), NOISY_SHARE)
+        compass.noise.take(heading, share)
+        off = {name: shortest_turn(other, heading) for name, other in others.items()}
+        compass.apart = {name: compass.apart.get(name, _Noise(angle)) for name, angle in off.items()}
+        for name, angle in off.items():
+            compass.apart[name].take(angle, share)
+        if not math.isfinite(self._jump) or compass.noise.deviation <= NOISY:
+            return False
+        return any(
+            apart.deviation > NOISY and self._compasses[name].noise.deviation < QUIET
+            for name, apart in compass.apart.items()
+        )
+
+    @staticmethod
+    def _stands(now: float, compass: _Compass, others: dict[str, float]) -> bool:
+        if now - compass.since < STANDS_S or compass.same < STANDS_SAMPLES:
+            return False
+        turns = (
+            shortest_turn(compass.others[name], heading) for name, heading in others.items() if name in compass.others
+        )
+        is_strange = (
+            compass.heard >= HABIT_KNOWN and compass.same >= HABIT * compass.longest and now - compass.since >= HABIT_S
+        )
+        least = HABIT_TURN if is_strange else STANDS_TURN
+        return any(abs(turn) > max(least, STANDS_DIGITS * compass.digit) for turn in turns)
+
+    @staticmethod
+    def _forgive(now: float, compass: _Compass, others: dict[str, float]) -> None:
+        near = any(abs(shortest_turn(other, compass.heading)) <= AGREES for other in others.values())
+        if not compass.reason or not near or compass.same >= STANDS_SAMPLES:
+            compass.agrees_since = None
+        elif compass.agrees_since is None:
+            compass.agrees_since = now
+        elif now - compass.agrees_since >= AGREES_S:
+            compass.reason = ""
