@@ -249,7 +249,9 @@ CONDITIONS = {
     "wind_turn_stalled": Condition(
         "in a tack or gybe no 5 deg nearer to the other side for 12 s: in irons, for instance", watcher=Watcher.LOOP
     ),
-    "compass_silent": Condition("while another steers, for a minute; the chosen one, while it is not heard for 10 s", watcher=Watcher.LINK),
+    "compass_silent": Condition(
+        "while another steers, for a minute; the chosen one, while it is not heard for 10 s", watcher=Watcher.LINK
+    ),
     "headings_slow": Condition("asked for repeatedly, and still too slow", watcher=Watcher.LINK),
     "targets_lag": Condition("far off the heading ordered for long, and no nearer", watcher=Watcher.LINK),
     "other_pilot": Condition("it says so while we steer", watcher=Watcher.LINK),

@@ -28,7 +28,7 @@ from autopilot.runtime.build_links import (
     shared_by_links,
     variation_of,
 )
-from autopilot.runtime.machine import Clock, LoopHealth, PathNote, RealTime, RestartState, ServiceHooks
+from autopilot.runtime.machine import Clock, LoopHealth, Note, PathNote, RealTime, RestartState, ServiceHooks
 from autopilot.runtime.session import Orders, Session
 from autopilot.signals import Tick
 from autopilot.vessel.file import dump_vessel
@@ -49,6 +49,10 @@ class Machine(NamedTuple):
     real_time: RealTime = RealTime()
     bell: TextIO | None = None
     restart_file: Path | None = None
+
+
+RESUME_S = 5.0
+"""So long the compass by which a heading was held may take to steer, while another does."""
 
 
 class Plan(NamedTuple):
@@ -101,6 +105,8 @@ class App:
         self.learning: LearningService | None = None
         self._plan, self._shared = plan, plan.options
         self._tuning: TuningService | None = None
+        self._held: Note | None = None
+        self._held_from: tuple[float, int] | None = None
         restart = self._restart_state()
         self._hooks = ServiceHooks(machine.real_time, restart, plan.options.warn) if machine is not None else None
         self._running = ExitStack()
@@ -157,6 +163,8 @@ class App:
             if self._tuning is not None:
                 self._tuning.turn()
             is_over = watch(tick)
+            if self._held is not None:
+                self._await_compass(self._held, tick)
             if self._hooks is not None:
                 self._hooks.ticked(tick)
             if self._path is not None:
@@ -184,14 +192,44 @@ class App:
         plan, within = self._plan, self._plan.vessel.failsafe.reengage_after_restart_s
         if plan.machine is None or plan.machine.restart_file is None or plan.resume is None or within <= 0.0:
             return None
-        return RestartState(plan.machine.restart_file, within, self._saver)
+        return RestartState(plan.machine.restart_file, within, self._saver, compass=self._compass)
+
+    def _compass(self) -> str:
+        """Return the source of the headings that are steered by, '' where nothing chooses among several."""
+        selection = self._shared.selection
+        return "" if selection is None else selection.selected("heading")
 
     def _resume(self, restart: RestartState) -> None:
-        heading = restart.left()
-        if heading is not None and self._plan.resume is not None:
-            held = f"{compass_text(heading)} deg"
-            self.notices.append(f"the process before this one ended while it held {held}: engaging on it again")
-            self._plan.resume(heading)
+        note = restart.left()
+        if note is None or self._plan.resume is None:
+            return
+        held, name = f"{compass_text(note.heading)} deg", note.compass.partition("@")[0]
+        again = "engaging on it again" + (f" when {name} steers" if name else "")
+        self.notices.append(f"the process before this one ended while it held {held}: {again}")
+        if name:
+            self._held = note
+        else:
+            self._plan.resume(note.heading)
+
+    def _await_compass(self, held: Note, tick: Tick) -> None:
+        """Engage on what was held as soon as its compass steers; not where another does, whose number for the same
+        course is not this one, nor where somebody gives an order."""
+        if not tick.state.valid:
+            return
+        since, serial = self._held_from = self._held_from or (tick.now, tick.order.serial)
+        steers, is_over = self._compass(), tick.now - since > RESUME_S
+        if tick.order.serial != serial:
+            self._held = None
+        elif steers == held.compass and self._plan.resume is not None:
+            self._held = None
+            self._plan.resume(held.heading)
+        elif is_over:
+            self._held = None
+            before, now = held.compass.partition("@")[0], steers.partition("@")[0] or "another compass"
+            self._plan.options.warn(
+                f"not engaged again on {compass_text(held.heading)} deg, which was held by {before}: {now} steers; "
+                "give a heading"
+            )
 
     def _recorder(self, place: Sink) -> Recorder:
         from autopilot.runtime.record import Recorder

@@ -263,11 +263,13 @@ BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 class Note(NamedTuple):
-    """heading [rad] that was held, and `since` [s] on the monotonic clock of the boot `boot`."""
+    """heading [rad] that was held by the `compass` NAME@LINK, '' where there was nothing to choose among, and `since`
+    [s] on the monotonic clock of the boot `boot`."""
 
     heading: float
     since: float
     boot: str
+    compass: str = ""
 
 
 class RestartState:
@@ -277,6 +279,7 @@ class RestartState:
         within: a note older than this [s] is forgotten; 0: any.
         save: writes a text to a file, later and from another thread.
         clock: the machine's monotonic clock [s].
+        compass: returns the source of the headings that are steered by.
     """
 
     def __init__(
@@ -286,18 +289,20 @@ class RestartState:
         save: Callable[[Path, str], None],
         clock: Callable[[], float] = time.monotonic,
         boot: str | None = None,
+        compass: Callable[[], str] = str,
     ) -> None:
+        self._compass = compass
         self._path, self._within, self._save, self._clock = path, within, save, clock
         self._boot = _boot() if boot is None else boot
         self._next = -math.inf
-        self._kept: float | None = None
+        self._kept: tuple[float, str] | None = None
 
-    def left(self) -> float | None:
-        """Return the heading [rad] that a process held which ended less than `within` ago without leaving the helm."""
+    def left(self) -> Note | None:
+        """Return the note of a process that held a heading and ended less than `within` ago without leaving it."""
         note = _read(self._path)
         if note is None or note.boot != self._boot:
             return None
-        return note.heading if 0.0 <= self._clock() - note.since <= self._within else None
+        return note if 0.0 <= self._clock() - note.since <= self._within else None
 
     def ticked(self, tick: Tick) -> None:
         """Renew the note while a heading is held; take it away when it no longer is."""
@@ -305,11 +310,11 @@ class RestartState:
         now = self._clock()
         # a heading of nan means the present one
         ordered = tick.order.heading if math.isfinite(tick.order.heading) else tick.reference.heading
-        heading = ordered if holds else None
-        if heading == self._kept and (heading is None or now < self._next):
+        held = (ordered, self._compass()) if holds else None
+        if held == self._kept and (held is None or now < self._next):
             return
-        self._kept, self._next = heading, now + RENEWED_S
-        self._save(self._path, "" if heading is None else json.dumps(Note(heading, now, self._boot)._asdict()))
+        self._kept, self._next = held, now + RENEWED_S
+        self._save(self._path, json.dumps(Note(held[0], now, self._boot, held[1])._asdict()) if held else "")
 
     def close(self) -> None:
         """Forget: the helm was left on purpose."""
@@ -328,8 +333,9 @@ def _boot() -> str:
 def _read(path: Path) -> Note | None:
     try:
         fields = parse_json(read_regular(path, LONGEST), str(path), LONGEST)
-        note = Note(float(fields["heading"]), float(fields["since"]), str(fields["boot"]))
-    except (InputError, OSError, ValueError, KeyError, TypeError):
+        heading, since, boot = float(fields["heading"]), float(fields["since"]), str(fields["boot"])
+        note = Note(heading, since, boot, str(fields.get("compass", "")))
+    except (InputError, OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     return note if math.isfinite(note.heading) and math.isfinite(note.since) else None
 

@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Callable
 
 import pytest
 from alarm_texts import words
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autopilot.angles import wrap
 from autopilot.errors import InputError
 from autopilot.estimation.sensor_selection import SelectionSettings, SensorSelection, SourceRule
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.reconnect import SelectingLink
 from autopilot.runtime.build_links import build_links, selection_of
-from autopilot.signals import AlarmSample, HeadingSample, HelmSample, RudderSample, Sample, SpeedSample
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    CompassSample,
+    HeadingSample,
+    HelmSample,
+    RudderSample,
+    Sample,
+    SpeedSample,
+)
 from autopilot.vessel.file import dump_vessel, load_vessel, parse_vessel
 
 LINK = "nmea:/dev/ttyUSB1:4800"
+Said = list[CompassSample | AlarmSample]
 
 
 def heading(now: float, source: str, value: float = 0.0) -> list[Sample]:
@@ -311,3 +323,73 @@ def test_of_one_kind_thirty_two_sources_are_known_and_no_more() -> None:
     assert not believed(full, 0.0, "LAST")
     assert full.dropped == 32
     assert full.admit(0.0, [SpeedSample(0.0, 1.0, False, "LAST")], LINK), "of another kind it is the first"
+
+
+def sail(selection: SensorSelection, span: tuple[float, float], headings: dict[str, Callable[[float], float]]) -> Said:
+    """What comes out of ten headings a second [rad] by their sources from one time [s] to another: turns and alarms."""
+    begin, end = span
+    said: Said = []
+    for number in range(round(10.0 * (end - begin))):
+        now = begin + 0.1 * number
+        samples: list[Sample] = [HeadingSample(now, wrap(of(now)), None, source) for source, of in headings.items()]
+        admitted = selection.admit(now, samples, LINK)
+        said += [each for each in admitted if isinstance(each, CompassSample | AlarmSample)]
+    return said
+
+
+def steady(degrees: float) -> Callable[[float], float]:
+    return lambda now: math.radians(degrees)
+
+
+def turning(degrees: float) -> Callable[[float], float]:
+    return lambda now: math.radians(degrees + 8.0 * now)
+
+
+@pytest.mark.parametrize("disagree", [math.inf, math.radians(15.0)])
+def test_no_compass_is_chosen_in_a_turn_whether_or_not_they_are_compared(disagree: float) -> None:
+    selection = SensorSelection(SelectionSettings(disagree=disagree))
+    sail(selection, (0.0, 6.0), {"HEHDT": turning(0.0), "HCHDM": turning(8.0)})
+    with pytest.raises(InputError, match="turning"):
+        selection.choose(6.0, f"HCHDM@{LINK}")
+
+
+@pytest.mark.parametrize("after", [1.0, 3.0, 10.0])
+def test_behind_a_change_that_came_by_itself_a_choice_turns_by_what_lies_between(after: float) -> None:
+    selection = SensorSelection(SelectionSettings(heading_stale=1.2, disagree=math.radians(15.0)))
+    others = {"HCHDM": steady(14.0), "HCHDG": steady(2.0)}
+    sail(selection, (0.0, 10.0), {"HEHDT": steady(0.0), **others})
+    said = sail(selection, (10.0, 11.3 + after), others)
+    turns = [each for each in said if isinstance(each, CompassSample)]
+    assert [each.source for each in turns] == [f"HCHDM@{LINK}"]
+    assert math.degrees(turns[0].turn) == pytest.approx(14.0)
+    selection.choose(11.3 + after, f"HCHDG@{LINK}")
+    chosen, *_ = selection.admit(11.3 + after, [], LINK)
+    assert isinstance(chosen, CompassSample) and math.degrees(chosen.turn) == pytest.approx(-12.0)
+
+
+def test_a_compass_that_falls_silent_in_a_turn_leaves_what_lies_between_as_it_was() -> None:
+    selection = SensorSelection(SelectionSettings(heading_stale=1.2))
+    sail(selection, (0.0, 10.0), {"HEHDT": turning(0.0), "HCHDM": turning(8.0)})
+    (turn,) = [each for each in sail(selection, (10.0, 15.0), {"HCHDM": turning(8.0)}) if type(each) is CompassSample]
+    assert math.degrees(turn.turn) == pytest.approx(8.0, abs=0.1)
+
+
+def test_a_heading_that_is_no_number_is_none() -> None:
+    selection = SensorSelection()
+    headings = {"HEHDT": steady(0.0), "HCHDM": steady(8.0)}
+    sail(selection, (0.0, 5.0), headings)
+    assert selection.admit(5.0, [HeadingSample(5.0, math.nan, None, "HCHDM")], LINK) == []
+    sail(selection, (5.1, 8.0), headings)
+    selection.choose(8.0, f"HCHDM@{LINK}")
+    (chosen,) = selection.admit(8.0, [], LINK)
+    assert isinstance(chosen, CompassSample) and math.degrees(chosen.turn) == pytest.approx(8.0)
+
+
+def test_a_chosen_compass_that_is_not_there_is_mentioned_until_it_is() -> None:
+    selection = SensorSelection(SelectionSettings(compass="HCHDM@nmea:/dev/ttyUSB0"))
+    (said,) = sail(selection, (0.0, 100.0), {"HEHDT": steady(0.0)})
+    assert isinstance(said, AlarmSample) and said.event is not None and 10.0 < said.time < 10.2
+    assert said.event == AlarmEvent("compass_silent", "HCHDM, the chosen one; HEHDT steers")
+    selection.choose(100.0, "")
+    (said,) = sail(selection, (100.0, 101.0), {"HEHDT": steady(0.0)})
+    assert isinstance(said, AlarmSample) and said.event is None

@@ -24,6 +24,7 @@ from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.skipper import HELP, Skipper, heading_of
 from autopilot.signals import (
     AlarmEvent,
+    CompassSample,
     Mode,
     NavState,
     Order,
@@ -235,3 +236,15 @@ def test_swings_end_with_another_order_and_for_good_with_an_override(
     failing(skipper, 6.0, 0.0, 0.0)
     with pytest.raises(InputError, match="hold the course home first"):
         skipper.swing()
+
+
+@pytest.mark.parametrize(("turn", "held"), [(0.14, 1.14), (math.nan, 1.0)])
+def test_another_compass_turns_what_is_gone_back_to(skipper: Skipper, turn: float, held: float) -> None:
+    skipper.engage(1.0)
+    tick = ticked(skipper(0.0, None))
+    skipper(0.1, tick)
+    skipper.turning(0.1, 20.0)
+    order = skipper(0.2, tick._replace(samples=(CompassSample(0.2, turn),)))
+    skipper(0.25, tick._replace(order=order))
+    skipper.end_trial()
+    assert skipper(0.3, tick).heading == pytest.approx(held)

@@ -17,12 +17,13 @@ from manual_clock import ManualClock
 from autopilot.cli.steering import restart_file
 from autopilot.errors import RefusedError
 from autopilot.estimation.path_delay import NOT_ECHOED
+from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.files.saving import save_text
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, SilentLink
 from autopilot.runtime.app import App, Machine, Plan, path_file
-from autopilot.runtime.build_links import to_stderr
+from autopilot.runtime.build_links import LinkOptions, to_stderr
 from autopilot.runtime.machine import BOOT_ID, PathNote, RealTime, RestartState, ServiceHooks
-from autopilot.signals import Order
+from autopilot.signals import HeadingSample, Order, Sample
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")
@@ -45,7 +46,8 @@ def held(tmp_path: Path) -> tuple[Path, Lockstep]:
 
 def test_what_was_held_is_found_by_the_next_process(held: tuple[Path, Lockstep]) -> None:
     path, run = held
-    assert kept_by(path, run).left() == pytest.approx(math.radians(90.0))
+    note = kept_by(path, run).left()
+    assert note is not None and note.heading == pytest.approx(math.radians(90.0))
     run.clock.time += 8.0
     assert kept_by(path, run).left() is not None
 
@@ -69,7 +71,7 @@ def test_the_present_heading_is_noted_as_the_one_that_was_taken(tmp_path: Path) 
     run.order = Order(run.order.kind.HEADING, math.nan, serial=1)
     run.run(10.0, until=lambda tick: bool(keeper.ticked(tick)))
     left = kept_by(path, run).left()
-    assert left == pytest.approx(run.tick.reference.heading, abs=0.01)
+    assert left is not None and left.heading == pytest.approx(run.tick.reference.heading, abs=0.01)
 
 
 def test_standing_by_takes_it_back_at_once(held: tuple[Path, Lockstep]) -> None:
@@ -137,6 +139,33 @@ def test_the_vessel_file_decides_and_the_service_gives_the_place(
         app = App(plan, ManualClock())
         assert headings == resumed and len(app.notices) == len(resumed)
         app.session.close()
+
+
+@pytest.mark.parametrize(("steers", "resumed"), [("HCHDM", True), ("HEHDT", False)])
+def test_a_number_held_by_one_compass_is_not_steered_by_another(tmp_path: Path, steers: str, resumed: bool) -> None:
+    place, link = tmp_path / "held-heading.json", "HCHDM@nmea:a"
+    vessel = replace(VESSEL, failsafe=replace(VESSEL.failsafe, reengage_after_restart_s=5.0))
+    keeper = RestartState(place, 5.0, save_text, compass=lambda: link)
+    run, said, headings = Lockstep(VESSEL), list[str](), list[float]()
+    run.engage(90.0)
+    run.run(20.0, until=lambda tick: bool(keeper.ticked(tick)))
+    selection = SensorSelection()
+
+    class Compass(SilentLink):
+        name = "nmea:a"
+
+        def receive(self, now: float) -> list[Sample]:
+            return selection.admit(now, [HeadingSample(now, 1.4, None, steers)], self.name)
+
+    options, machine = LinkOptions(selection=selection, warn=said.append), Machine(restart_file=place)
+    plan = Plan(vessel, lambda now, tick: Order(), links=(Compass(),), options=options, machine=machine)
+    app = App(plan._replace(resume=headings.append), ManualClock())
+    assert app.notices[-1].endswith("held 090 deg: engaging on it again when HCHDM steers") and not headings
+    app.run(6.0, lambda tick: False)
+    app.session.close()
+    assert headings == ([pytest.approx(math.radians(90.0))] if resumed else [])
+    not_again = "not engaged again on 090 deg, which was held by HCHDM: HEHDT steers; give a heading"
+    assert said == ([] if resumed else [not_again])
 
 
 @pytest.mark.parametrize(

@@ -22,13 +22,15 @@ APART_DEG = 8.0
 
 
 class TwoCompasses(Watched):
-    """A boat with a true and a magnetic compass, 8 deg apart, each with noise of its own."""
+    """A boat with a true and a magnetic compass, 8 deg apart, which may come so many samples `late`."""
 
     def __init__(self, folder: Path) -> None:
-        self.selection = SensorSelection(SelectionSettings(jump=math.radians(20.0), frozen=True))
+        self.selection = SensorSelection(SelectionSettings(heading_stale=0.9, jump=math.radians(20.0), frozen=True))
         super().__init__(folder, compasses=self.selection)
         sense = self.box.sense
         self.magnetic_is_heard = True
+        self.late = 0
+        sensed: list[HeadingSample] = []
 
         def both() -> list[Sample]:
             kept: list[Sample] = []
@@ -36,10 +38,12 @@ class TwoCompasses(Watched):
                 if not isinstance(sample, HeadingSample):
                     kept.append(sample)
                     continue
-                off = math.radians(APART_DEG + 0.4 * math.sin(137.0 * sample.time))
+                sensed.append(sample)
+                old = sensed[-1 - min(self.late, len(sensed) - 1)]
+                off = math.radians(APART_DEG + 0.4 * math.sin(137.0 * old.time))
                 heard: list[Sample] = [sample._replace(source="HEHDT", rate=None)]
                 if self.magnetic_is_heard:
-                    heard.append(HeadingSample(sample.time, wrap(sample.heading + off), None, "HCHDM"))
+                    heard.append(HeadingSample(old.time, wrap(old.heading + off), None, "HCHDM"))
                 kept += self.selection.admit(self.box.time, heard, "nmea:a")
             return kept
 
@@ -81,7 +85,7 @@ def test_the_page_knows_both_and_the_choice_does_not_turn_the_boat(sea: TwoCompa
     assert sea.value("order") == pytest.approx((before + APART_DEG) % 360.0, abs=0.3)
     assert not sea.station.alarms.active
     assert load_vessel(str(tmp_path / "boat.tuned.yaml")).sensors.compass == "HCHDM@nmea:a", "kept for the next start"
-    # a course that is ordered now counts from the other north
+    # a course that is ordered now is one by the other compass
     sea.order(do="heading", degrees=before + APART_DEG + 20.0)
     sea.watch(40.0)
     off = math.degrees(sea.box.heading) - before - 20.0
@@ -89,6 +93,41 @@ def test_the_page_knows_both_and_the_choice_does_not_turn_the_boat(sea: TwoCompa
     assert sea.order(do="compass", number=0) == (True, ""), "back to the list, whose best stays the one that steers"
     sea.watch(1.0)
     assert (sea.value("compass"), sea.value("compass_chosen")) == (2.0, 0.0)
+
+
+@pytest.mark.parametrize("late", [2, 10])
+def test_a_compass_whose_headings_come_late_is_chosen_without_a_swing(sea: TwoCompasses, late: int) -> None:
+    sea.late = late
+    sea.order(do="engage")
+    sea.watch(15.0)
+    assert sea.order(do="compass", number=2) == (True, "")
+    since = len(sea.ticks)
+    assert sea.swing(5.0) < 0.2
+    assert max(abs(math.degrees(tick.command.angle)) for tick in sea.ticks[since - 40 :]) < 2.0
+
+
+def test_the_chosen_one_falls_silent_and_returns_and_the_boat_keeps_its_course(sea: TwoCompasses) -> None:
+    sea.order(do="engage")
+    sea.watch(10.0)
+    begun, before = sea.box.heading, sea.value("order")
+    assert before is not None
+    sea.order(do="compass", number=2)
+    for is_heard, turned in ((False, 0.0), (True, APART_DEG)):
+        sea.magnetic_is_heard = is_heard
+        assert sea.swing(8.0) < 0.4
+        assert abs(math.remainder((sea.value("order") or 0.0) - before - turned, 360.0)) < 0.4
+    assert abs(math.degrees(wrap(sea.box.heading - begun))) < 0.4
+    assert (sea.value("compass"), sea.value("compass_chosen")) == (2.0, 2.0)
+
+
+def test_a_boat_that_starts_again_numbers_its_compasses_anew(sea: TwoCompasses) -> None:
+    board = sea.station.compasses
+    assert len(board.entries) == 2
+    sea.station._watch_start(sea.now, 1000.0)
+    sea.station._watch_start(sea.now + 1.0, 1.0)
+    assert board.entries == ()
+    sea.watch(3.0)
+    assert len(board.entries) == 2
 
 
 @pytest.mark.real_time
