@@ -206,8 +206,7 @@ def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  #
         if bandwidth is None:
             from autopilot.control.front import bandwidth_of
 
-            most = bandwidths_of(vessel)
-            bandwidth = max(bandwidth_of(request.level, most), min(holding_bandwidth(vessel), most.quickest))
+            bandwidth = bandwidth_of(request.level, bandwidths_of(vessel))
         loop = design_backstepping(model_of(vessel), gear_of(vessel), rate_max, vessel.control.loop_delay_s, level)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
@@ -279,7 +278,8 @@ def bandwidths_of(vessel: Vessel) -> Bandwidths:
     """Return the bandwidths of the regulators that may be had. Raises ValueError where there is none."""
     from autopilot.control.front import bandwidths
 
-    return bandwidths(afloat_of(vessel), limits_of(vessel).rate_max, offs_of(vessel))
+    most = bandwidths(afloat_of(vessel), limits_of(vessel).rate_max, offs_of(vessel))
+    return most._replace(slowest=max(most.slowest, min(holding_bandwidth(vessel), most.quickest)))
 
 
 class LevelCost(NamedTuple):

@@ -27,6 +27,7 @@ from autopilot.runtime.tuning import (
     GainRequest,
     LearningService,
     VesselStore,
+    bandwidths_of,
     designed,
     holding_bandwidth,
     with_learnt,
@@ -410,4 +411,5 @@ def test_a_boat_that_falls_off_at_speed_gets_a_regulator_that_is_quicker_than_th
     otter = load_vessel("twin_thruster")
     assert holding_bandwidth(otter) == pytest.approx(2.455, abs=0.01)
     assert designed(otter, GainRequest(level=1)).control.backstepping.course_rad_s > 2.4
+    assert bandwidths_of(otter).slowest == pytest.approx(2.455, abs=0.01), "and the table of levels says so"
     assert holding_bandwidth(load_vessel("lanxin")) == holding_bandwidth(load_vessel("blueboat")) == 0.0
