@@ -168,37 +168,54 @@ class Track:
 
 
 class ListBoard(Generic[Entry]):
-    """`entries` of one of the boat's files, fetched anew where their number changes and now and then.
+    """`entries` of one of the boat's files, fetched anew where the values that tell of it change, and now and then.
 
-    file: its name.  value: the one by which the boat says how many there are.  parse: raises InputError.
+    file: its name.  values: by which the boat says how many there are, and what else may tell of another list.  parse:
+    raises InputError.  again [s]: a list as long as it was may yet be another.
     """
 
-    def __init__(self, files: FtpClient, file: str, value: str, parse: Callable[[bytes], tuple[Entry, ...]]) -> None:
-        self._files, self._file, self._value, self._parse = files, file, value, parse
+    def __init__(
+        self,
+        files: FtpClient,
+        file: str,
+        values: tuple[str, ...],
+        parse: Callable[[bytes], tuple[Entry, ...]],
+        again: float = AGAIN_S,
+    ) -> None:
+        self._files, self._file, self._values, self._parse, self._again = files, file, values, parse, again
         self.entries: tuple[Entry, ...] = ()
-        self._count = math.nan
-        self._next = -math.inf
+        self._now, self._next = 0.0, -math.inf
+        self._news: tuple[float | None, ...] = ()
+        self._is_asked = self._is_old = False
 
     def update(self, now: float, view: BoatView) -> None:
-        """Ask for the file where it may be another."""
-        count = view.value(self._value)
-        if count is None:
+        """Ask for the file where it may be another; what changes while it comes is asked for behind it."""
+        self._now = now
+        news = tuple(map(view.value, self._values))
+        if news[0] is None:
             return
-        if count == 0.0:
-            self.entries = ()
-        elif count != self._count or now >= self._next:
-            self._next = now + AGAIN_S
+        if news[0] == 0.0:
+            self._put(())
+        elif news != self._news or now >= self._next:
+            self._next, self._is_old = now + self._again, True
+        self._news = news
+        if self._is_old and not self._is_asked:
+            self._is_asked, self._is_old = True, False
             self._files.fetch(self._file, self._take)
-        self._count = count
 
     def forget(self) -> None:
-        """Know nothing until the boat has said it again."""
-        self.entries, self._count = (), math.nan
+        """Know nothing until the boat, which has started again, has said it anew."""
+        self._put(())
+        self._news = ()
 
     def _take(self, content: bytes | None) -> None:
+        self._is_asked = False
         if content is not None:
-            with contextlib.suppress(InputError):  # what is known stays
-                self.entries = self._parse(content)
+            with contextlib.suppress(InputError):  # what is known stays, until a list comes that is one
+                self._put(self._parse(content))
+
+    def _put(self, entries: tuple[Entry, ...]) -> None:
+        self.entries = entries
 
 
 class CompassName(NamedTuple):
@@ -279,20 +296,15 @@ class Record(NamedTuple):
     cleared: float | None = None
 
 
-class AlarmBoard:
+class AlarmBoard(ListBoard[Alarm]):
     """`active` are the alarms that are on, the most urgent first; `history` has those of this session, the newest last.
 
     An alarm whose words change, as a number in them does, stays one alarm in the history.
     """
 
     def __init__(self, files: FtpClient) -> None:
-        self._files = files
-        self._on: tuple[Alarm, ...] = ()
+        super().__init__(files, ALARMS, ("alarm_count", "alarm_new"), alarms_from, CHECK_S)
         self._seen: set[str] = set()
-        self._now = 0.0
-        self._sent_news: tuple[float, float | None] | None = None
-        self._next = -math.inf
-        self._is_asked = self._is_old = False
         self._records: dict[tuple[str, int], Record] = {}
         """Those that are on, by name and which of that name."""
         self._over: deque[Record] = deque(maxlen=HISTORY_MOST)
@@ -311,7 +323,7 @@ class AlarmBoard:
                 "escalated": alarm.is_escalated,
                 "since": round(self._records[key].raised, 1),
             }
-            for key, alarm in _keyed(self._on).items()
+            for key, alarm in _keyed(self.entries).items()
         ]
         return sorted(shown, key=lambda each: (not each["sounds"], PRIORITIES[each["priority"]], -each["since"]))
 
@@ -329,53 +341,28 @@ class AlarmBoard:
         """The alarms of this session in the order in which they were raised."""
         return sorted((*self._over, *self._records.values()), key=lambda record: record.number)[-HISTORY_MOST:]
 
-    def update(self, now: float, view: BoatView) -> None:
-        """Fetch the list where the boat tells of other alarms than we know, or of others that were acknowledged."""
-        self._now = now
-        count = view.value("alarm_count")
-        if count is None:
-            return
-        news = (count, view.value("alarm_new"))
-        if count == 0.0:
-            self._put(())
-        elif news != self._sent_news or now >= self._next:
-            self._next, self._is_old = now + CHECK_S, True
-        self._sent_news = news
-        if self._is_old and not self._is_asked:
-            self._is_asked, self._is_old = True, False
-            self._files.fetch(ALARMS, self._take)
-
     def acknowledge(self, is_known_aboard: bool, name: str | None = None) -> None:
         """Note that what sounds has been seen, of a name or all of it; where the boat does not know, it counts here
         alone."""
         sounding = [
-            alarm for alarm in self._on if alarm.state is AlarmState.SOUNDING and name in (None, alarm.name or OTHER)
+            alarm
+            for alarm in self.entries
+            if alarm.state is AlarmState.SOUNDING and name in (None, alarm.name or OTHER)
         ]
         self._seen.update(alarm.words for alarm in sounding)
         if is_known_aboard:
             self._seen.difference_update(alarm.words for alarm in sounding)
-            self._on = tuple(
-                alarm._replace(state=AlarmState.ACKNOWLEDGED) if alarm in sounding else alarm for alarm in self._on
+            self.entries = tuple(
+                alarm._replace(state=AlarmState.ACKNOWLEDGED) if alarm in sounding else alarm for alarm in self.entries
             )
-        self._put(self._on)
+        self._put(self.entries)
 
-    def forget(self) -> None:
-        """The boat has started again."""
-        self._put(())
-        self._sent_news = None
-
-    def _take(self, content: bytes | None) -> None:
-        self._is_asked = False
-        if content is None:
-            return
-        with contextlib.suppress(InputError):  # the alarms known stay, until a list comes that is one
-            self._put(alarms_from(content))
-
-    def _put(self, alarms: tuple[Alarm, ...]) -> None:
+    def _put(self, entries: tuple[Alarm, ...]) -> None:
         """Let these be the alarms that are on, and write down what has changed."""
-        self._on, now = alarms, self._now
-        self._seen.intersection_update(alarm.words for alarm in alarms)
-        keyed = _keyed(alarms)
+        now = self._now
+        super()._put(entries)
+        self._seen.intersection_update(alarm.words for alarm in entries)
+        keyed = _keyed(entries)
         for key in self._records.keys() - keyed.keys():
             self._over.append(self._records.pop(key)._replace(cleared=now))
         for key, alarm in keyed.items():

@@ -204,8 +204,9 @@ class Station:
         self.files = FtpClient()
         self.parameters = ParameterService(self.files)
         self.alarms = AlarmBoard(self.files)
-        self.route = ListBoard(self.files, ROUTE, "waypoints", route_from)
-        self.compasses = ListBoard(self.files, COMPASSES, "compasses", compasses_from)
+        self.route = ListBoard(self.files, ROUTE, ("waypoints",), route_from)
+        self.compasses = ListBoard(self.files, COMPASSES, ("compasses",), compasses_from)
+        self._boards = (self.alarms, self.route, self.compasses)
         self.journal = Journal()
         self.course = Course(self.orders, self.view)
         self._reasons = Reasons(self.view.texts)
@@ -263,9 +264,8 @@ class Station:
         target = self.target
         if target is None:
             return messages
-        self.alarms.update(now, self.view)
-        self.route.update(now, self.view)
-        self.compasses.update(now, self.view)
+        for board in self._boards:
+            board.update(now, self.view)
         self.journal.update(now, self.view)
         self.course.update()
         if now >= self._next_rates:
@@ -289,13 +289,13 @@ class Station:
         ]
 
     def _watch_start(self, now: float, boot: float) -> None:
-        """Of a boat that has started again parameters, alarms and compasses may be others, and our rates are gone."""
+        """Of a boat that has started again parameters and lists may be others, and our rates are gone."""
         belongs = self._clock.judge(now, boot)
         if belongs is Belongs.REBOOTED:
             self._clock.reset()
             self.parameters.forget()
-            self.alarms.forget()
-            self.compasses.forget()
+            for board in self._boards:
+                board.forget()
             self._next_rates = now
         if belongs is not Belongs.STRANGE:
             self._clock.local(now, boot)

@@ -509,6 +509,29 @@ def test_only_a_boat_that_starts_again_is_forgotten(times_ms: tuple[int, ...], s
     assert len(forgotten) == starts
 
 
+def test_of_a_boat_that_starts_again_no_list_of_before_is_shown() -> None:
+    station, boat = Station(), MavlinkCodec(1, 1)
+
+    def heard(now: float, message: Any) -> None:
+        (read,) = MavlinkCodec().decode(boat.encode(message))
+        station.receive(now, read)
+
+    heard(
+        0.0, dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, 0, 0, 4, 3)
+    )
+    heard(1.0, dialect.MAVLink_attitude_message(500_000, 0, 0, 1, 0, 0, 0))
+    contents = {
+        station.alarms: b'[{"name":"roll","words":"heeled","state":"sounding","priority":"warning"}]',
+        station.route: b"[[59.3,18.0]]",
+        station.compasses: b'[{"name":"a","link":"b","magnetic":true}]',
+    }
+    for board, content in contents.items():
+        board._take(content)
+    assert all(board.entries for board in contents)
+    heard(2.0, dialect.MAVLink_attitude_message(3, 0, 0, 1, 0, 0, 0))
+    assert not any(board.entries for board in contents)
+
+
 @pytest.mark.parametrize("word", ["release", "standby"])
 def test_what_takes_the_pilot_from_the_helm_goes_before_all_that_waits(word: str) -> None:
     station, ends = Station(), list[tuple[str, bool]]()
