@@ -7,6 +7,7 @@ A drive is its protocol, without the line itself: bytes and times in, bytes and 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from importlib import import_module
 from typing import NamedTuple, Protocol, cast, runtime_checkable
 
@@ -31,6 +32,9 @@ EXCUSED_S = 0.5
 """So long a drive has to answer again when this computer has stood still."""
 JUMP_LEAST = math.radians(2.0)
 JUMP_RATES = 1.5
+WAIT_S = 0.3
+"""An answer later than this is none; what comes after it is dropped until the next request."""
+QUIET_S = 0.05
 POLOLU = 0xAA
 """The first byte of a command in the Pololu protocol."""
 STALL_S = 1.0
@@ -139,6 +143,55 @@ class Drive(Protocol):
 
     def warning(self, now: float) -> AlarmEvent | None:
         """Return what the skipper should know of the drive though it steers; None when all is well."""
+
+
+class AskedDrive(ABC):
+    """A `Drive` of Pololu's, as far as it is asked: one request at a time, whose answer has neither frame nor checksum,
+    so that it is believed by its length, its time and what it says."""
+
+    def __init__(self, settings: DriveSettings) -> None:
+        self.rejected = 0
+        self._settings = settings
+        self._buffer = b""
+        self._expected = 0
+        """Bytes of the answer that is waited for."""
+        self._asked_time = math.nan
+        self._received = -math.inf
+
+    @abstractmethod
+    def _request(self) -> tuple[bytes, int]:
+        """Return the next request, and how many bytes answer it."""
+
+    @abstractmethod
+    def _answered(self, now: float, answer: bytes) -> list[float] | None:
+        """Return the rudder angles [rad] in the answer to the last request; None where it cannot be right."""
+
+    def feed(self, now: float, data: bytes) -> list[float]:
+        """Return the rudder angles [rad] in the answer that `data` completes."""
+        if not self._expected or now - self._asked_time > WAIT_S:
+            self.rejected += bool(data)
+            self._buffer = b""
+            return []
+        self._buffer += data
+        size = self._expected
+        if len(self._buffer) < size:
+            return []
+        answer, self._buffer, self._expected = self._buffer, b"", 0
+        angles = self._answered(now, answer) if len(answer) == size else None
+        if angles is None:
+            self.rejected += 1
+            return []
+        self._received = now
+        return angles
+
+    def ask(self, now: float) -> bytes:
+        """Return the next request once the last was answered or is overdue."""
+        if self._expected and now - self._asked_time <= WAIT_S + QUIET_S:
+            return b""
+        self.rejected += bool(self._expected)
+        self._buffer, self._asked_time = b"", now
+        request, self._expected = self._request()
+        return request
 
 
 @runtime_checkable

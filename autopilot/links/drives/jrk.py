@@ -18,7 +18,7 @@ import math
 import struct
 from collections import deque
 
-from autopilot.links.drives import SILENT_S, DriveSettings, JumpGate, StallWatch
+from autopilot.links.drives import SILENT_S, AskedDrive, DriveSettings, JumpGate, StallWatch
 from autopilot.signals import AlarmEvent
 
 SET_TARGET, MOTOR_OFF, GET_VARIABLES = 0xC0, 0xFF, 0xE5
@@ -46,15 +46,12 @@ ERRORS = (
     "its motor drew far too much current; look whether the rudder is jammed",
 )
 AWAITING_COMMAND = 0x0001
-WAIT_S = 0.3
-"""An answer later than this is none; what comes after it is dropped until the next request."""
-QUIET_S = 0.05
 TARGETS_KEPT = 16
 DUTY_MAX = 600
 SUPPLY_MAX_MV = 60000
 
 
-class JrkG2:
+class JrkG2(AskedDrive):
     """A `Drive`."""
 
     name = "Jrk motor controller"
@@ -62,50 +59,29 @@ class JrkG2:
     measures = True
 
     def __init__(self, settings: DriveSettings) -> None:
-        self.rejected = 0
+        super().__init__(settings)
         self.supply = 0.0
         self.errors = 0
-        self._settings = settings
         self._targets: deque[int] = deque(maxlen=TARGETS_KEPT)
-        self._buffer = b""
-        self._asked: tuple[int, struct.Struct] | None = None
-        self._asked_time = math.nan
+        self._asked = MOTION
         self._turn = 0
-        self._received = -math.inf
         self._engaged_since = math.inf
         self._has_released = False
         self._stall = StallWatch(settings.current_max)
         self._gate = JumpGate(settings)
 
-    def feed(self, now: float, data: bytes) -> list[float]:
-        """Return the rudder angle [rad] in the answer that `data` completes."""
-        if self._asked is None or now - self._asked_time > WAIT_S:
-            self.rejected += bool(data)
-            self._buffer = b""
-            return []
-        self._buffer += data
-        layout = self._asked[1]
-        if len(self._buffer) < layout.size:
-            return []
-        answer, self._buffer = self._buffer, b""
-        asked, self._asked = self._asked, None
-        if len(answer) > layout.size:
-            self.rejected += 1
-            return []
-        return self._take(now, asked, layout.unpack(answer))
-
-    def _take(self, now: float, asked: tuple[int, struct.Struct], values: tuple[int, ...]) -> list[float]:
-        is_motion = asked is MOTION
-        if not (self._is_motion(values) if is_motion else _is_health(values)):
-            self.rejected += 1
-            return []
-        self._received = now
-        if is_motion:
+    def _answered(self, now: float, answer: bytes) -> list[float] | None:
+        values = self._asked[1].unpack(answer)
+        if self._asked is MOTION:
+            if not self._is_motion(values):
+                return None
             angle = self._settings.angle((values[2] - MIDDLE) / SPAN)
             if self._gate.passes(now, angle):
                 return [angle]
             self.rejected += 1
             return []
+        if not _is_health(values):
+            return None
         self.errors = values[0]
         self._has_released = self._engaged_since == math.inf and bool(values[0] & AWAITING_COMMAND)
         self.supply = values[3] / 1000.0
@@ -137,17 +113,11 @@ class JrkG2:
         """Return whether the controller has reported since the release that it waits for a command, its motor off."""
         return self._has_released
 
-    def ask(self, now: float) -> bytes:
-        """Return the next request once the last was answered or is overdue."""
-        if self._asked is not None and now - self._asked_time <= WAIT_S + QUIET_S:
-            return b""
-        if self._asked is not None:
-            self.rejected += 1
-        self._buffer = b""
+    def _request(self) -> tuple[bytes, int]:
         self._turn += 1
         self._asked = HEALTH if self._turn % 4 == 0 else MOTION
-        self._asked_time = now
-        return self._settings.pololu(GET_VARIABLES, self._asked[0], self._asked[1].size)
+        place, layout = self._asked
+        return self._settings.pololu(GET_VARIABLES, place, layout.size), layout.size
 
     def fault(self, now: float) -> str:
         """Return why the controller cannot turn the rudder; empty where it can."""

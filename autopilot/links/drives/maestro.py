@@ -26,11 +26,11 @@ Source: Pololu, Maestro Servo Controller User's Guide, sections 4.b, 5.b and 5.e
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import deque
 
 from autopilot.errors import InputError
-from autopilot.links.drives import SILENT_S, DriveSettings, JumpGate
+from autopilot.links.drives import SILENT_S, AskedDrive, DriveSettings, JumpGate
 from autopilot.models.steering_gear import Gate, Reckoned, Swing, corrected, reckoned, switched, swung, zone_in
 from autopilot.signals import AlarmEvent
 
@@ -38,8 +38,6 @@ SET_TARGET, GET_POSITION, GET_ERRORS = 0x84, 0x90, 0xA1
 BOARD = "Maestro servo controller"
 MIDDLE_US, SPAN_US, QUARTERS = 1500.0, 500.0, 4
 ANSWER = 2
-WAIT_S = 0.3
-QUIET_S = 0.05
 TARGETS_KEPT = 64
 PULSE_MIN, PULSE_MAX = 256, 16383
 ERRORS = (
@@ -55,17 +53,13 @@ ERRORS = (
 )
 
 
-class _Board(ABC):
-    """A Maestro: one request at a time, for the value of a channel or for the errors, and what it answers."""
+class _Board(AskedDrive):
+    """A Maestro: requests for the value of a channel or for the errors, and what it answers."""
 
     def __init__(self, settings: DriveSettings) -> None:
-        self.rejected = 0
-        self._settings = settings
-        self._buffer = b""
-        self._asked: int | None = None
+        super().__init__(settings)
+        self._asked = GET_ERRORS
         """The channel whose value was asked for, or GET_ERRORS."""
-        self._asked_time = math.nan
-        self._received = -math.inf
         self._warning: AlarmEvent | None = None
 
     @abstractmethod
@@ -80,39 +74,20 @@ class _Board(ABC):
     def _take(self, now: float, channel: int, value: int) -> list[float]:
         """Return the rudder angle [rad] that the value of a channel tells, if any."""
 
-    def feed(self, now: float, data: bytes) -> list[float]:
-        """Return the angle [rad] in the answer that `data` completes."""
-        if self._asked is None or now - self._asked_time > WAIT_S:
-            self.rejected += bool(data)
-            self._buffer = b""
-            return []
-        self._buffer += data
-        if len(self._buffer) < ANSWER:
-            return []
-        answer, self._buffer = self._buffer, b""
-        asked, self._asked = self._asked, None
+    def _answered(self, now: float, answer: bytes) -> list[float] | None:
         value = int.from_bytes(answer, "little")
-        can_be = value < 1 << len(ERRORS) if asked == GET_ERRORS else self._is_possible(asked, value)
-        if len(answer) > ANSWER or not can_be:
-            self.rejected += 1
-            return []
-        self._received = now
-        if asked == GET_ERRORS:
-            bit = (value & -value).bit_length() - 1
-            self._warning = AlarmEvent("drive_warning", f"{BOARD}: {ERRORS[bit]}") if value else None
-            return []
-        return self._take(now, asked, value)
+        if self._asked != GET_ERRORS:
+            return self._take(now, self._asked, value) if self._is_possible(self._asked, value) else None
+        if value >= 1 << len(ERRORS):
+            return None
+        bit = (value & -value).bit_length() - 1
+        self._warning = AlarmEvent("drive_warning", f"{BOARD}: {ERRORS[bit]}") if value else None
+        return []
 
-    def ask(self, now: float) -> bytes:
-        """Return the next request once the last was answered or is overdue."""
-        if self._asked is not None and now - self._asked_time <= WAIT_S + QUIET_S:
-            return b""
-        self.rejected += self._asked is not None
-        self._buffer = b""
-        self._asked, self._asked_time = self._next(), now
-        if self._asked == GET_ERRORS:
-            return self._settings.pololu(GET_ERRORS)
-        return self._settings.pololu(GET_POSITION, self._asked)
+    def _request(self) -> tuple[bytes, int]:
+        self._asked = self._next()
+        ours = (GET_ERRORS,) if self._asked == GET_ERRORS else (GET_POSITION, self._asked)
+        return self._settings.pololu(*ours), ANSWER
 
     def warning(self, now: float) -> AlarmEvent | None:
         """Return the error that the board reported last, or None."""
