@@ -16,11 +16,10 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 from autopilot.control import backstepping
-from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping, lqr_gains
+from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping
 from autopilot.control.law import LoopGains
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
@@ -215,51 +214,43 @@ def design_backstepping(
     rate_max: float,
     loop_delay: float,
     level: int = MIDDLE_LEVEL,
-    *,
-    rate_weighted: bool = False,
 ) -> BacksteppingGains:
-    """Return gains of a response `level` from 1 (calm) to 9 (quick); with a weight on the rudder's rate if it
-    `rate_weighted`.
+    """Return gains of a response `level` from 1 (calm) to 9 (quick).
 
     Level 5 is the quickest loop that keeps WORST_SENSITIVITY and leaves the rudder's rate room for LEAST_ERROR. Three
     levels down the loop is half as quick. Three levels up it is twice as quick where the margins allow it: each level
     lets Ms grow by 0.1 and the error that must not saturate the rate shrink by the root of two.
-    The damping ratio is 0.89, or more where the boat has more by itself; that of gains which spare the rudder is their
-    weight's. Raises ValueError for another level, and where
+    The damping ratio is 0.89, or more where the boat has more by itself. Raises ValueError for another level, and where
     no gain keeps the margins: the rudder is too slow for this boat.
     """
     if not 1 <= level <= 9:
         raise ValueError(f"response level {level}: allowed is 1 (calm) to 9 (quick)")
 
-    def at(k: float) -> BacksteppingGains:
-        return lqr_gains(model, k / DAMPING) if rate_weighted else _at(model, k)
-
-    steered = Steered(model, gear, rate_max, gear.delay + loop_delay, at)
+    steered = Steered(model, gear, rate_max, gear.delay + loop_delay)
     k = _quickest(steered, WORST_SENSITIVITY, LEAST_ERROR)
     above = level - MIDDLE_LEVEL
     wanted = k * math.exp2(above / 3.0)
     if above > 0:
         worst, least_error = WORST_SENSITIVITY + 0.1 * above, LEAST_ERROR * math.exp2(-0.5 * above)
         wanted = min(wanted, _quickest(steered, worst, least_error))
-    return at(wanted)
+    return _at(model, wanted)
 
 
 class Steered(NamedTuple):
-    """A boat with its rudder, the dead time [s] of the whole loop, and its gains by how quick they are, k [1/s]."""
+    """A boat with its rudder, and the dead time [s] of the whole loop."""
 
     model: Norrbin
     gear: SteeringGear
     rate_max: float
     delay: float
-    at: Callable[[float], BacksteppingGains]
 
 
 def _quickest(steered: Steered, worst: float, least_error: float) -> float:
     """Return the largest k [1/s] whose loop is stable, with Ms up to `worst` and room for `least_error` [rad]."""
-    model, gear, rate_max, delay, at = steered
+    model, gear, rate_max, delay = steered
 
     def holds(k: float) -> bool:
-        found = margins(model, gear.lag, delay, rate_max, linear_gains_backstepping(model, at(k)))
+        found = margins(model, gear.lag, delay, rate_max, linear_gains_backstepping(model, _at(model, k)))
         return found.stable and found.sensitivity <= worst and found.saturation >= least_error
 
     slowest, quickest = 1.0e-3 / model.time_constant, 1.0e2 / model.time_constant
@@ -267,10 +258,7 @@ def _quickest(steered: Steered, worst: float, least_error: float) -> float:
         k = slowest * math.pow(quickest / slowest, index / 120)
         if holds(k):
             return k
-    raise ValueError(
-        "design: no gain gives a stable loop with margins: the steering gear is too slow for this boat"
-        + (", or its rudder cannot be spared" if at(slowest).smoothing > 0.0 else "")
-    )
+    raise ValueError("design: no gain gives a stable loop with margins: the steering gear is too slow for this boat")
 
 
 def bandwidths_of(model: Norrbin) -> tuple[float, float]:

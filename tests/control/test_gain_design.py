@@ -112,12 +112,6 @@ def test_no_gain_serves_a_hopeless_rudder() -> None:
         design_backstepping(Norrbin(0.5, 1.0, 5.0, n1=-1.0), SteeringGear(0.5, 0.01, 5.0, 0.0, 3.0), 0.01, 1.0)
 
 
-def test_a_course_unstable_boat_cannot_be_spared_the_rudder() -> None:
-    model, gear = BOATS[3]
-    with pytest.raises(ValueError, match="its rudder cannot be spared"):
-        design_backstepping(model, gear, gear.rate_max, 0.05, rate_weighted=True)
-
-
 def test_the_papers_gains_are_refused_on_a_real_rudder_with_the_reason() -> None:
     with pytest.raises(RefusedError, match=r"refused to engage: the loop is unstable with a rudder with 20\.0 deg/s"):
         build_pilot(load_vessel("lanxin_paper_gains"))
