@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import math
 from collections.abc import Iterator
@@ -377,6 +378,25 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
         word(page, "mode-word", "Standby")
         helm.vane.is_acknowledged = False
     alarm(helm, None, mode)
+    page.context.close()
+
+
+def test_on_the_smallest_phone_lying_down_the_advice_is_whole_and_the_pages_stand_apart(helm: Helm) -> None:
+    page = helm.open(size={"width": 568, "height": 320})
+    alarm(helm, AlarmEvent("deadline_missed", "3 ticks late by up to 0.76 s"), "loop")
+    page.wait_for_selector("#bar")
+    hidden = page.evaluate(
+        "(() => { const at = document.querySelector('#bar .words'); return at.scrollHeight - at.clientHeight; })()"
+    )
+    assert hidden <= 1, f"{hidden} px of what to do are cut off"
+    spans = page.evaluate("""[...document.querySelectorAll('.main-nav a')].filter((a) => a.checkVisibility())
+      .map((a) => {
+      const words = document.createRange(); words.selectNodeContents(a.firstChild);
+      const { left, right } = words.getBoundingClientRect(); return [left, right]; })""")
+    assert len(spans) == 5
+    gaps = [after[0] - before[1] for before, after in itertools.pairwise(spans)]
+    assert min(gaps) >= 6.0, f"names of pages run together: {gaps}"
+    alarm(helm, None, "loop")
     page.context.close()
 
 
