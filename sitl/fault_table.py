@@ -43,21 +43,6 @@ def late_order(fault: Acting, given: Ordered) -> float:
     return delayed(fault.memory.setdefault("waiting", deque()), fault.time, given.order, fault.size)
 
 
-def reversed_order(fault: Acting, given: Ordered) -> float:
-    """Return the order to the other side."""
-    return -given.order
-
-
-def slipped(fault: Acting, given: Ordered) -> float:
-    """Return the order beside which the rudder goes."""
-    return given.order + math.radians(fault.size)
-
-
-def hard_over(fault: Acting, given: Ordered) -> float:
-    """Return the end stop."""
-    return math.copysign(given.gear.angle_max, fault.size)
-
-
 def play(fault: Acting, given: Ordered) -> float:
     """Return where the gear drags the rudder along at either end of the play."""
     half = math.radians(fault.size)
@@ -68,11 +53,6 @@ def slow(fault: Acting, moved: Moved) -> float:
     """Return as far as a share of the rate gets."""
     rate = moved.gear.rate_max if math.isfinite(moved.gear.rate_max) else UNLIMITED
     return clip(moved.after, moved.before - fault.size * rate * moved.dt, moved.before + fault.size * rate * moved.dt)
-
-
-def limited(fault: Acting, moved: Moved) -> float:
-    """Return what is within the stop."""
-    return clip(moved.after, -math.radians(fault.size), math.radians(fault.size))
 
 
 def one_way(fault: Acting, moved: Moved) -> float:
@@ -91,42 +71,12 @@ def trailing(fault: Acting, moved: Moved) -> float:
     return moved.before * math.exp(-moved.dt / TRAILING_S)
 
 
-def stuck(fault: Acting, moved: Moved) -> float:
-    """Return the rudder as it was."""
-    return moved.before
-
-
-def astern(fault: Acting, thrust: float, cruise: float) -> float:
-    """Return a speed astern."""
-    return -fault.size * cruise
-
-
-def stopped(fault: Acting, thrust: float, cruise: float) -> float:
-    """Return no speed."""
-    return 0.0
-
-
-def one_dead(fault: Acting, pair: tuple[float, float]) -> tuple[float, float]:
-    """Return a pair of thrusters of which the left one, or for a positive size the right one, stands still."""
-    return (pair[0], 0.0) if fault.size > 0.0 else (0.0, pair[1])
-
-
-def bow_dead(fault: Acting, share: float) -> float:
-    """Return what a bow thruster runs at whose fuse has blown."""
-    return 0.0
-
-
 def one_fouled(fault: Acting, pair: tuple[float, float]) -> tuple[float, float]:
     """Return a pair of thrusters of which the right one, or for a negative size the left one, has weed on it, which
     takes such a share of its thrust."""
     left = math.sqrt(1.0 - max(-fault.size, 0.0))
     right = math.sqrt(1.0 - max(fault.size, 0.0))
     return left * pair[0], right * pair[1]
-
-
-def turned(fault: Acting, heading: float, on: Disturbance) -> Disturbance:
-    """Return what acts on the boat, with a yaw moment."""
-    return on._replace(rudder=on.rudder + math.radians(fault.size))
 
 
 def streamed(fault: Acting, heading: float, on: Disturbance) -> Disturbance:
@@ -138,126 +88,61 @@ def streamed(fault: Acting, heading: float, on: Disturbance) -> Disturbance:
     )
 
 
-def heeled(fault: Acting, heading: float, on: Disturbance) -> Disturbance:
-    """Return what acts on the boat, with a slope of the water athwartships."""
-    return on._replace(roll_slope=on.roll_slope + math.radians(fault.size))
-
-
-def feedback_frozen(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show the rudder of the moment when it began."""
-    return reading._replace(rudder=fault.memory.setdefault("rudder", reading.rudder))
-
-
-def feedback_offset(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show a rudder beside the true one."""
-    return reading._replace(rudder=reading.rudder + math.radians(fault.size))
-
-
-def _off(reading: Reading, angle: float) -> Reading:
-    return reading._replace(heading=wrap_positive(reading.heading + angle)) if angle else reading
-
-
-def heading_lag(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show the heading of some time ago, under the time stamp of now."""
-    waiting = fault.memory.setdefault("waiting", deque())
-    return reading._replace(heading=delayed(waiting, fault.time, reading.heading, fault.size))
-
-
-def heading_frozen(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show the heading of the moment when it began."""
-    return reading._replace(heading=fault.memory.setdefault("heading", reading.heading))
-
-
-def heading_jump(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show a heading beside the true one."""
-    return _off(reading, math.radians(fault.size))
-
-
-def heading_drift(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show a heading that goes away from the true one."""
-    return _off(reading, math.radians(fault.size * fault.lasted))
-
-
-def heading_noise(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show a heading with noise."""
-    return _off(reading, math.radians(fault.size) * dice.deviate())
-
-
-def heading_spikes(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show anything now and then."""
-    return _off(reading, 2.0 * math.pi * dice.share()) if dice.share() < fault.size else reading
-
-
-def rate_lag(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show the rate of turn of some time ago, under the time stamp of now."""
-    waiting = fault.memory.setdefault("waiting", deque())
-    return reading._replace(rate=delayed(waiting, fault.time, reading.rate, fault.size))
-
-
-def rate_frozen(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show the rates of the moment when it began."""
-    rate, roll_rate = fault.memory.setdefault("rates", (reading.rate, reading.roll_rate))
-    return reading._replace(rate=rate, roll_rate=roll_rate)
-
-
-def rate_reversed(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show a turn to the other side."""
-    return reading._replace(rate=-reading.rate)
-
-
-def rate_bias(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show a rate beside the true one."""
-    return reading._replace(rate=reading.rate + math.radians(fault.size))
-
-
-def rate_noise(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show a rate with noise."""
-    return reading._replace(rate=reading.rate + math.radians(fault.size) * dice.deviate())
-
-
-def rate_scaled(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show so many times the rate."""
-    return reading._replace(rate=reading.rate * fault.size)
-
-
+Reads = Callable[[Acting, "Reading", Dice], "Reading"]
 SPEEDS = ("water_speed", "ground_speed", "north_speed", "east_speed")
 """Through the water, over the ground, and that one's parts: a GPS is wrong in all of them at once."""
+WRAPPED = {"heading": wrap_positive, "wind_angle": wrap}
+"""What an instrument shows as an angle of one turn."""
 
 
-def speed_frozen(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show the speeds of the moment when it began."""
-    return reading._replace(**fault.memory.setdefault("speeds", {name: getattr(reading, name) for name in SPEEDS}))
+def _frozen(*fields: str) -> Reads:
+    """Show what was shown when it began."""
+
+    def reads(fault: Acting, reading: Reading, dice: Dice) -> Reading:
+        return reading._replace(**fault.memory.setdefault("shown", {name: getattr(reading, name) for name in fields}))
+
+    return reads
 
 
-def speed_wrong(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show so many times the speeds."""
-    return reading._replace(**{name: getattr(reading, name) * fault.size for name in SPEEDS})
+def _old(field: str) -> Reads:
+    """Show the value of some time ago, under the time stamp of now."""
+
+    def reads(fault: Acting, reading: Reading, dice: Dice) -> Reading:
+        waiting = fault.memory.setdefault("waiting", deque())
+        return reading._replace(**{field: delayed(waiting, fault.time, getattr(reading, field), fault.size)})
+
+    return reads
 
 
-def position_jump(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show a place to the north."""
-    return reading._replace(latitude=reading.latitude + math.degrees(fault.size / EARTH_RADIUS))
+def _times(*fields: str) -> Reads:
+    """Show so many times the values."""
+    return lambda fault, reading, dice: reading._replace(
+        **{name: getattr(reading, name) * fault.size for name in fields}
+    )
 
 
-def wind_frozen(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show the apparent wind of the moment when it began."""
-    angle, speed = fault.memory.setdefault("wind", (reading.wind_angle, reading.wind_speed))
-    return reading._replace(wind_angle=angle, wind_speed=speed)
+def _beside(field: str, off: Callable[[Acting, Dice], float]) -> Reads:
+    """Show a value that is off the true one by so much, in the reading's unit."""
+
+    def reads(fault: Acting, reading: Reading, dice: Dice) -> Reading:
+        return reading._replace(**{field: WRAPPED.get(field, float)(getattr(reading, field) + off(fault, dice))})
+
+    return reads
 
 
-def wind_jump(fault: Acting, reading: Reading, dice: Dice) -> Reading:
-    """Show an apparent wind beside the true one."""
-    return reading._replace(wind_angle=wrap(reading.wind_angle + math.radians(fault.size)))
+def by_degrees(fault: Acting, dice: Dice) -> float:
+    """Return the size, of degrees, in radians."""
+    return math.radians(fault.size)
 
 
-def late(fault: Acting, latency: float) -> float:
-    """Return the time [s] to the sensor's end, longer."""
-    return latency + fault.size
+def by_chance(fault: Acting, dice: Dice) -> float:
+    """Return noise whose standard deviation is the size, of degrees."""
+    return math.radians(fault.size) * dice.deviate()
 
 
-def no_number(fault: Acting, heading: float) -> float:
-    """Return what is no number."""
-    return math.nan
+def spikes(fault: Acting, dice: Dice) -> float:
+    """Return any angle at all now and then, else none."""
+    return 2.0 * math.pi * dice.share() if dice.share() < fault.size else 0.0
 
 
 STICK_FULL_US = 500
@@ -269,11 +154,6 @@ CAPACITY_MAH = 10000
 def battery_mv(per_cent: float) -> int:
     """Return the voltage [mV] of a battery that is so full; linear, assumed."""
     return round(EMPTY_MV + (FULL_MV - EMPTY_MV) * per_cent / 100.0)
-
-
-def reboot(fault: Acting, firmware: Firmware) -> None:
-    """Reboot."""
-    firmware.reboot(fault.time)
 
 
 def mode(fault: Acting, firmware: Firmware) -> None:
@@ -289,16 +169,6 @@ def disarm(fault: Acting, firmware: Firmware) -> None:
 def clock_step(fault: Acting, firmware: Firmware) -> None:
     """Put the clock forward."""
     firmware.boot_time -= fault.size
-
-
-def geofence(fault: Acting, firmware: Firmware) -> None:
-    """Say that the fence was crossed."""
-    firmware.notices.append((5, "Polygon fence breached"))
-
-
-def shallow(fault: Acting, firmware: Firmware) -> None:
-    """Say how little water there is."""
-    firmware.notices.append((4, f"Shallow water {fault.size:.1f} m"))
 
 
 def battery_low(fault: Acting, firmware: Firmware) -> None:
@@ -329,13 +199,11 @@ def receiver_low(fault: Acting, firmware: Firmware) -> dict[int, int]:
     return {firmware.setup.throttle_channel: round(fault.size)}
 
 
-def left(fault: Acting, per_cent: float) -> float:
-    """Return the size: what is left of the battery's charge, or what the filter says of the compass."""
+def _size(fault: Acting, usual: float) -> float:
     return fault.size
 
 
-def still(fault: Acting, damage: Damage) -> Damage:
-    """Return a line over which nothing passes."""
+def _still(fault: Acting, damage: Damage) -> Damage:
     return damage._replace(still=True)
 
 
@@ -348,99 +216,135 @@ def _chance(what: str, size: float, field: str) -> Kind:
     return Kind(what, "share of packets", size, 0.0, 1.0, line=_bad(field))
 
 
+def _compass(reads: Reads, what: str, unit: str = "", size: float = 1.0, low: float = 1.0, high: float = 1.0) -> Kind:
+    return Kind(what, unit, size, low, high, of_a_compass=True, reads=reads)
+
+
 KINDS = {
     "heading_dropout": Kind("the compass sends nothing", silences=("ATTITUDE", COMPASS), of_a_compass=True),
-    "rate_lag": Kind(
-        "rates of turn are older than their time stamps say", "s", 0.3, 0.0, 10.0, of_a_compass=True, reads=rate_lag
+    "rate_lag": _compass(_old("rate"), "rates of turn are older than their time stamps say", "s", 0.3, 0.0, 10.0),
+    "rate_frozen": _compass(_frozen("rate", "roll_rate"), "the rate gyro repeats its last value"),
+    "rate_reversed": _compass(
+        lambda fault, reading, dice: reading._replace(rate=-reading.rate), "the rate gyro has the wrong sign"
     ),
-    "rate_frozen": Kind("the rate gyro repeats its last value", of_a_compass=True, reads=rate_frozen),
-    "rate_reversed": Kind("the rate gyro has the wrong sign", of_a_compass=True, reads=rate_reversed),
-    "rate_bias": Kind(
-        "the rate gyro is off by a constant", "deg/s", 5.0, -90.0, 90.0, of_a_compass=True, reads=rate_bias
+    "rate_bias": _compass(_beside("rate", by_degrees), "the rate gyro is off by a constant", "deg/s", 5.0, -90.0, 90.0),
+    "rate_noise": _compass(
+        _beside("rate", by_chance), "the rate gyro is noisy, standard deviation", "deg/s", 5.0, 0.0, 90.0
     ),
-    "rate_noise": Kind(
-        "the rate gyro is noisy, standard deviation", "deg/s", 5.0, 0.0, 90.0, of_a_compass=True, reads=rate_noise
-    ),
-    "rate_scaled": Kind(
+    "rate_scaled": _compass(
+        _times("rate"),
         "the rate gyro's scale is wrong, 57.3 for degrees that are taken for radians",
         "times",
         57.3,
         -100.0,
         100.0,
-        of_a_compass=True,
-        reads=rate_scaled,
     ),
-    "heading_late": Kind("heading, rate and roll leave the sensor late", "s", 1.0, 0.0, 10.0, latency=late),
-    "heading_lag": Kind(
-        "headings are older than their time stamps say", "s", 0.3, 0.0, 10.0, of_a_compass=True, reads=heading_lag
-    ),
-    "heading_frozen": Kind("the compass repeats its last heading", of_a_compass=True, reads=heading_frozen),
-    "heading_jump": Kind(
-        "the compass is off by a constant", "deg", 40.0, -180.0, 180.0, of_a_compass=True, reads=heading_jump
-    ),
-    "heading_drift": Kind("the compass wanders off", "deg/s", 1.0, -30.0, 30.0, of_a_compass=True, reads=heading_drift),
-    "heading_noise": Kind(
-        "the compass is noisy, standard deviation", "deg", 10.0, 0.0, 180.0, of_a_compass=True, reads=heading_noise
-    ),
-    "heading_spikes": Kind(
-        "single headings are anything at all",
-        "share of headings",
-        0.1,
-        0.0,
+    "heading_late": Kind(
+        "heading, rate and roll leave the sensor late",
+        "s",
         1.0,
-        of_a_compass=True,
-        reads=heading_spikes,
+        0.0,
+        10.0,
+        latency=lambda fault, latency: latency + fault.size,
     ),
-    "heading_nan": Kind("the flight controller sends a heading that is no number", attitude=no_number),
+    "heading_lag": _compass(_old("heading"), "headings are older than their time stamps say", "s", 0.3, 0.0, 10.0),
+    "heading_frozen": _compass(_frozen("heading"), "the compass repeats its last heading"),
+    "heading_jump": _compass(
+        _beside("heading", by_degrees), "the compass is off by a constant", "deg", 40.0, -180.0, 180.0
+    ),
+    "heading_drift": _compass(
+        _beside("heading", lambda fault, dice: math.radians(fault.size * fault.lasted)),
+        "the compass wanders off",
+        "deg/s",
+        1.0,
+        -30.0,
+        30.0,
+    ),
+    "heading_noise": _compass(
+        _beside("heading", by_chance), "the compass is noisy, standard deviation", "deg", 10.0, 0.0, 180.0
+    ),
+    "heading_spikes": _compass(
+        _beside("heading", spikes), "single headings are anything at all", "share of headings", 0.1, 0.0, 1.0
+    ),
+    "heading_nan": Kind(
+        "the flight controller sends a heading that is no number", attitude=lambda fault, heading: math.nan
+    ),
     "speed_lost": Kind(
         "no speed, through the water or over the ground, is sent",
-        silences=(
-            "GLOBAL_POSITION_INT",
-            "LOCAL_POSITION_NED",
-            "VFR_HUD",
-            "VHW",
-            "VTG",
-        ),
+        silences=("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "VFR_HUD", "VHW", "VTG"),
     ),
     "log_lost": Kind("no speed through the water is sent; that over the ground remains", silences=("VHW",)),
-    "speed_frozen": Kind("speeds repeat their last values", reads=speed_frozen),
-    "speed_wrong": Kind("speeds are multiplied", "times", 3.0, 0.0, 100.0, reads=speed_wrong),
+    "speed_frozen": Kind("speeds repeat their last values", reads=_frozen(*SPEEDS)),
+    "speed_wrong": Kind("speeds are multiplied", "times", 3.0, 0.0, 100.0, reads=_times(*SPEEDS)),
     "position_lost": Kind("the GPS has no position", silences=("RMC", GPS)),
     "wind_lost": Kind("no wind is sent", silences=("MWV", "WIND")),
-    "wind_frozen": Kind("the wind vane repeats its last wind", reads=wind_frozen),
-    "wind_jump": Kind("the wind vane is off by a constant", "deg", 40.0, -180.0, 180.0, reads=wind_jump),
-    "position_jump": Kind("the GPS shows a place to the north", "m", 200.0, -20000.0, 20000.0, reads=position_jump),
+    "wind_frozen": Kind("the wind vane repeats its last wind", reads=_frozen("wind_angle", "wind_speed")),
+    "wind_jump": Kind(
+        "the wind vane is off by a constant", "deg", 40.0, -180.0, 180.0, reads=_beside("wind_angle", by_degrees)
+    ),
+    "position_jump": Kind(
+        "the GPS shows a place to the north",
+        "m",
+        200.0,
+        -20000.0,
+        20000.0,
+        reads=_beside("latitude", lambda fault, dice: math.degrees(fault.size / EARTH_RADIUS)),
+    ),
     "rudder_late": Kind("orders reach the steering gear late", "s", 0.3, 0.0, 10.0, order=late_order),
-    "rudder_reversed": Kind("the rudder goes to the other side", order=reversed_order),
-    "rudder_offset": Kind("the linkage has slipped", "deg", 8.0, -45.0, 45.0, order=slipped),
+    "rudder_reversed": Kind("the rudder goes to the other side", order=lambda fault, given: -given.order),
+    "rudder_offset": Kind(
+        "the linkage has slipped",
+        "deg",
+        8.0,
+        -45.0,
+        45.0,
+        order=lambda fault, given: given.order + math.radians(fault.size),
+    ),
     "rudder_hard_over": Kind(
-        "the rudder runs to a stop, starboard for a positive size", "sign", 1.0, -1.0, 1.0, order=hard_over
+        "the rudder runs to a stop, starboard for a positive size",
+        "sign",
+        1.0,
+        -1.0,
+        1.0,
+        order=lambda fault, given: math.copysign(given.gear.angle_max, fault.size),
     ),
     "rudder_play": Kind("the linkage has play, each way", "deg", 3.0, 0.0, 45.0, order=play),
     "rudder_slow": Kind("the rudder moves at a share of its rate", "share of the rate", 0.1, 0.0, 1.0, reached=slow),
-    "rudder_limited": Kind("the rudder meets a stop at this angle", "deg", 5.0, 0.0, 45.0, reached=limited),
+    "rudder_limited": Kind(
+        "the rudder meets a stop at this angle",
+        "deg",
+        5.0,
+        0.0,
+        45.0,
+        reached=lambda fault, moved: clip(moved.after, -math.radians(fault.size), math.radians(fault.size)),
+    ),
     "rudder_free": Kind("the linkage is broken: the rudder trails amidships", reached=trailing),
-    "rudder_stuck": Kind("the rudder stays where it is", reached=stuck),
+    "rudder_stuck": Kind("the rudder stays where it is", reached=lambda fault, moved: moved.before),
     "rudder_one_way": Kind(
         "the rudder moves to one side only, to starboard for a positive size", "sign", 1.0, -1.0, 1.0, reached=one_way
     ),
     "rudder_creeps": Kind("the rudder creeps by itself", "deg/s", 0.2, -5.0, 5.0, reached=creeping),
-    "feedback_lost": Kind(
-        "the rudder sensor sends nothing",
-        silences=(
-            "SERVO_OUTPUT_RAW",
-            "RC_CHANNELS",
-            "RSA",
-        ),
+    "feedback_lost": Kind("the rudder sensor sends nothing", silences=("SERVO_OUTPUT_RAW", "RC_CHANNELS", "RSA")),
+    "feedback_frozen": Kind("the rudder sensor repeats its last angle", reads=_frozen("rudder")),
+    "feedback_offset": Kind(
+        "the rudder sensor is off by a constant", "deg", 8.0, -45.0, 45.0, reads=_beside("rudder", by_degrees)
     ),
-    "feedback_frozen": Kind("the rudder sensor repeats its last angle", reads=feedback_frozen),
-    "feedback_offset": Kind("the rudder sensor is off by a constant", "deg", 8.0, -45.0, 45.0, reads=feedback_offset),
     "engine_astern": Kind(
-        "the engine pushes astern, a share of the speed", "share of the speed", 0.5, 0.0, 1.0, thrust=astern
+        "the engine pushes astern, a share of the speed",
+        "share of the speed",
+        0.5,
+        0.0,
+        1.0,
+        thrust=lambda fault, thrust, cruise: -fault.size * cruise,
     ),
-    "engine_stopped": Kind("the engine gives no thrust", thrust=stopped),
+    "engine_stopped": Kind("the engine gives no thrust", thrust=lambda fault, thrust, cruise: 0.0),
     "thruster_dead": Kind(
-        "one of two thrusters stands still, the right one for a positive size", "sign", -1.0, -1.0, 1.0, motors=one_dead
+        "one of two thrusters stands still, the right one for a positive size",
+        "sign",
+        -1.0,
+        -1.0,
+        1.0,
+        motors=lambda fault, pair: (pair[0], 0.0) if fault.size > 0.0 else (0.0, pair[1]),
     ),
     "thruster_weed": Kind(
         "weed takes a share of one thruster's thrust, of the right one's for a positive size",
@@ -450,15 +354,27 @@ KINDS = {
         1.0,
         motors=one_fouled,
     ),
-    "bow_thruster_dead": Kind("the bow thruster stands still", bow=bow_dead),
+    "bow_thruster_dead": Kind("the bow thruster stands still", bow=lambda fault, share: 0.0),
     "yaw_push": Kind(
-        "something turns the boat: a gust, a line in the water", "deg of rudder", 10.0, -90.0, 90.0, push=turned
+        "something turns the boat: a gust, a line in the water",
+        "deg of rudder",
+        10.0,
+        -90.0,
+        90.0,
+        push=lambda fault, heading, on: on._replace(rudder=on.rudder + math.radians(fault.size)),
     ),
     "stream": Kind(
         "a stream along the heading that was; against it for a negative size", "m/s", -2.0, -10.0, 10.0, push=streamed
     ),
-    "heel": Kind("the boat heels, starboard down for a positive size", "deg", 35.0, -90.0, 90.0, push=heeled),
-    "reboot": Kind("the firmware reboots, once", happens=reboot),
+    "heel": Kind(
+        "the boat heels, starboard down for a positive size",
+        "deg",
+        35.0,
+        -90.0,
+        90.0,
+        push=lambda fault, heading, on: on._replace(roll_slope=on.roll_slope + math.radians(fault.size)),
+    ),
+    "reboot": Kind("the firmware reboots, once", happens=lambda fault, firmware: firmware.reboot(fault.time)),
     "mode": Kind("somebody changes the mode, once", "mode number", 4.0, 0.0, 15.0, happens=mode),
     "disarm": Kind("somebody disarms, once", happens=disarm),
     "stick": Kind("a hand moves the sticks for steering and pitch", "share of the throw", 0.8, -1.0, 1.0, sticks=stick),
@@ -482,7 +398,7 @@ KINDS = {
         0.0,
         100.0,
         happens=battery_low,
-        charge=left,
+        charge=_size,
     ),
     "compass_variance": Kind(
         "the compass does not go with gyro and GPS, EKF_STATUS_REPORT says so",
@@ -490,13 +406,23 @@ KINDS = {
         1.2,
         0.0,
         10.0,
-        variance=left,
+        variance=_size,
     ),
-    "geofence": Kind("STATUSTEXT: Polygon fence breached", happens=geofence),
-    "shallow": Kind("STATUSTEXT: Shallow water", "m", 1.0, 0.0, 100.0, happens=shallow),
+    "geofence": Kind(
+        "STATUSTEXT: Polygon fence breached",
+        happens=lambda fault, firmware: firmware.notices.append((5, "Polygon fence breached")),
+    ),
+    "shallow": Kind(
+        "STATUSTEXT: Shallow water",
+        "m",
+        1.0,
+        0.0,
+        100.0,
+        happens=lambda fault, firmware: firmware.notices.append((4, f"Shallow water {fault.size:.1f} m")),
+    ),
     "clock_step": Kind("the flight controller's clock steps, once", "s", 5.0, -86400.0, 86400.0, happens=clock_step),
     "silence": Kind("the boat sends nothing at all", silences=(EVERYTHING,)),
-    "link_deaf": Kind("nothing that is sent to the boat arrives", to_boat=still),
+    "link_deaf": Kind("nothing that is sent to the boat arrives", to_boat=_still),
     "link_loss": _chance("packets are lost", 0.3, "loss"),
     "link_delay": Kind("packets come late", "s", 0.3, 0.0, 30.0, line=_bad("delay")),
     "link_jitter": Kind("packets come late by up to", "s", 0.3, 0.0, 30.0, line=_bad("jitter")),
@@ -505,5 +431,5 @@ KINDS = {
     "link_corrupt": _chance("packets have changed bytes", 0.3, "corrupt"),
     "link_truncate": _chance("packets are cut short", 0.3, "truncate"),
     "link_flood": Kind("noise comes in between", "packets/s", 500.0, 0.0, 20000.0, line=_bad("flood")),
-    "link_half_open": Kind("nothing arrives either way, without an error", line=still),
+    "link_half_open": Kind("nothing arrives either way, without an error", line=_still),
 }
