@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import astuple
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.models.drives import RUDDER_LAW, THROTTLE_FLOOR, DriveLaw, at_point
@@ -233,7 +234,7 @@ def _roll_step(hull: Hull, state: BoatState, speed: float, rate: float, slope: f
 
 def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
     """Return the plant that a vessel and a scenario describe, in radians."""
-    rudder, hull, drive = vessel.rudder, scenario.hull, drive_law_of(vessel)
+    rudder, drive = vessel.rudder, drive_law_of(vessel)
     return Plant(
         model=model_of(vessel),
         # a share of the trial's, where that one is not known
@@ -249,18 +250,8 @@ def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
             ),
             *(math.radians(rate) for rate in rudder.rates_deg_s),
         ),
-        hull=Hull(
-            length=hull.length_m,
-            beam=hull.beam_m,
-            draught=hull.draught_m,
-            speed_time=hull.speed_time_s,
-            turn_speed_loss=hull.turn_speed_loss,
-            drift_lever=hull.drift_lever_m,
-            sway_time=hull.sway_time_s,
-            roll_period=hull.roll_period_s,
-            roll_damping=hull.roll_damping,
-            roll_lever=hull.roll_lever,
-        ),
+        # the section has the fields of Hull in the same order, with their units
+        hull=Hull(*astuple(scenario.hull)),
     )
 
 

@@ -1,17 +1,12 @@
-"""Rudder drives as the boat's side of a line: Pololu's Jrk G2 and Maestro, and pypilot's motor controller.
+"""Rudder drives as the boat's side of a line at the pace of its baud rate, with the rudder and the motor's current:
+Pololu's Jrk G2 and Maestro, two valves on a Maestro's outputs, and pypilot's motor controller.
 
-pypilot's motor controller as the boat's side of a line; behaviour after arduino/motor/motor.ino of that project.
-
-Commands are motor speeds; packets count after two good ones; 0.6 s without a command disengages; reports leave at
-the rate at which commands come. Facts of the protocol only, written anew from that source.
+Pololu's after the user's guides: both take compact and Pololu protocol; a data byte with its top bit set breaks a
+command off, as in the real ones. pypilot's after arduino/motor/motor.ino of that project, facts of the protocol only:
+commands are motor speeds; packets count after two good ones; 0.6 s without a command disengages; reports leave at the
+rate at which commands come.
 
 A serial line's pace: ten bits a byte, one byte after the other, and what has to wait waits.
-
-What all simulated rudder drives share: a line at the pace of its baud rate, the rudder, and the motor's current.
-
-Pololu's Jrk G2 and Maestro as the boat's side of a line; behaviour after Pololu's user's guides.
-
-Both take compact and Pololu protocol; a data byte with its top bit set breaks a command off, as in the real ones.
 """
 
 from __future__ import annotations
@@ -131,6 +126,23 @@ class DriveLine(BoatSide):
         """Rudder angle [rad] at the end of the drive's scale."""
         vessel = self.world.vessel
         return math.radians(vessel.drive.angle_at_full_deg or vessel.rudder.angle_max_deg)
+
+    def angle_at(self, share: float) -> float:
+        """Return the rudder angle [rad] that a place on the drive's scale, -1 to 1, stands for."""
+        drive = self.world.vessel.drive
+        share -= drive.amidships
+        return (-share if drive.reversed else share) * self.full
+
+    def place_of(self, share: float) -> float:
+        """Return the place on the drive's scale, -1 to 1, of a share of the full rudder."""
+        drive = self.world.vessel.drive
+        return drive.amidships + (-share if drive.reversed else share)
+
+    def driven(self, place: float, rate: float) -> float:
+        """Return the `place` [rad] that something which knows no angle has driven to: within the stops, and no further
+        ahead of the rudder than it goes in 0.3 s at `rate` [rad/s]."""
+        rudder, stop = self.world.boat.state.rudder, self.world.boat.plant.gear.angle_max
+        return min(max(place, -stop, rudder - 0.3 * rate), stop, rudder + 0.3 * rate)
 
     def answer(self, time: float, data: bytes) -> None:
         """Send bytes to the host."""
@@ -256,7 +268,7 @@ class JrkController(DriveLine):
         if self.errors & ~PROTOCOL_ERROR:
             self.draw(False, 0.0)
             return Orders(rudder=self._held)
-        order = self._angle(self._target)
+        order = self.angle_at((self._target - 2048) / 2047.0)
         self.draw(True, order - self.world.boat.state.rudder)
         return Orders(rudder=order)
 
@@ -265,18 +277,10 @@ class JrkController(DriveLine):
         if not self.errors & WAITING and time - self._last > JRK_TIMEOUT_S:
             self._halt(TIMED_OUT)
 
-    def _angle(self, target: int) -> float:
-        drive = self.world.vessel.drive
-        share = (target - 2048) / 2047.0 - drive.amidships
-        return (-share if drive.reversed else share) * self.full
-
     @property
     def feedback(self) -> int:
         """The rudder sensor on the scale of the target."""
-        drive = self.world.vessel.drive
-        share = self.measured / self.full
-        place = drive.amidships + (-share if drive.reversed else share)
-        return min(max(2048 + round(place * 2047.0), 0), 4095)
+        return min(max(2048 + round(self.place_of(self.measured / self.full) * 2047.0), 0), 4095)
 
     def _variables(self) -> bytes:
         feedback = self.feedback
@@ -318,12 +322,10 @@ class MaestroController(DriveLine):
 
     def orders(self, time: float) -> Orders:
         """Return the angle that the servo's pulse stands for; without pulses the servo is limp."""
-        drive = self.world.vessel.drive
-        pulse = self._pulses[drive.channel]
+        pulse = self._pulses[self.world.vessel.drive.channel]
         if not pulse:
             return Orders(rudder=self.released_order())
-        share = (pulse - NEUTRAL_QUARTERS) / 2000.0 - drive.amidships
-        return Orders(rudder=(-share if drive.reversed else share) * self.full)
+        return Orders(rudder=self.angle_at((pulse - NEUTRAL_QUARTERS) / 2000.0))
 
 
 PRESSURE_S = 0.03
@@ -354,9 +356,7 @@ class ValveController(MaestroController):
         self._last = time
         super().take_byte(time, byte)
         if self._valves.sensor_channel is not None:
-            drive = self.world.vessel.drive
-            share = self.measured / self.full
-            place = drive.amidships + (-share if drive.reversed else share)
+            place = self.place_of(self.measured / self.full)
             self._pulses[self._valves.sensor_channel] = min(max(round(0.5 * (place + 1.0) * 1023.0), 0), 1023)
 
     def report(self, time: float) -> None:
@@ -384,9 +384,7 @@ class ValveController(MaestroController):
             fall = STEP / max(2.0 * valves.coasting_s, STEP)
             self._flow = math.copysign(max(abs(self._flow) - fall, 0.0), self._flow)
         rudder, stop = self.world.boat.state.rudder, self.world.boat.plant.gear.angle_max
-        self._place += self._flow * self._rates[self._flow > 0.0] * STEP
-        slack = 0.3 * max(self._rates)
-        self._place = min(max(self._place, -stop, rudder - slack), stop, rudder + slack)
+        self._place = self.driven(self._place + self._flow * self._rates[self._flow > 0.0] * STEP, max(self._rates))
         self.draw(side != 0, side * stop - rudder)
         return Orders(rudder=self._place)
 
@@ -494,21 +492,14 @@ class PypilotController(DriveLine):
         share = 0.0 if abs(away) <= 100 else (abs(away) - 100) / 900.0
         # ahead raises the sensor's reading, which is to port unless the sensor is mounted the other way round
         is_port = (away > 0) != self.world.vessel.drive.reversed
-        rudder = self.world.boat.state.rudder
-        stop = self.world.boat.plant.gear.angle_max
-        self._place += (-share if is_port else share) * rate * STEP
-        slack = 0.3 * rate
-        self._place = min(max(self._place, -stop, rudder - slack), stop, rudder + slack)
-        self.draw(share > 0.0, self._place - rudder)
+        self._place = self.driven(self._place + (-share if is_port else share) * rate * STEP, rate)
+        self.draw(share > 0.0, self._place - self.world.boat.state.rudder)
         return Orders(rudder=self._place)
 
     @property
     def raw(self) -> int:
         """The rudder sensor's reading, rising to port."""
-        drive = self.world.vessel.drive
-        share = -self.measured / self.full
-        place = drive.amidships + (-share if drive.reversed else share)
-        return min(max(round((place + 1.0) / 2.0 * SCALE), 0), SCALE)
+        return min(max(round((self.place_of(-self.measured / self.full) + 1.0) / 2.0 * SCALE), 0), SCALE)
 
     def report(self, time: float) -> None:
         """Check the limits, and send the next report where a command has paid for it."""

@@ -42,54 +42,30 @@ SERVICE_SPEED = 15.0 * KNOT
 """[m/s]; Liu and Jin 2017."""
 
 
-class SwayForce(NamedTuple):
-    """Derivatives of Y in SI units: added masses, then u|v, ur, ..., and those with the roll angle (b)."""
+class Derivatives(NamedTuple):
+    """Derivatives of Y, K or N in SI units, 0 where the model has none.
 
-    v_dot: float
-    p_dot: float
-    r_dot: float
-    uv: float
-    ur: float
-    vv: float
-    vr: float
-    rv: float
-    buv: float
-    bur: float
-    buu: float
+    Added masses; then u|v, ur, ..., and those with the roll angle (b). Of K alone: up, pp and p damp the roll, and
+    `restoring` is rho g GM displacement [N m/rad].
+    """
 
-
-class RollMoment(NamedTuple):
-    """Derivatives of K in SI units; up, pp and p damp the roll, `restoring` is rho g GM displacement [N m/rad]."""
-
-    v_dot: float
-    p_dot: float
-    uv: float
-    ur: float
-    vv: float
-    vr: float
-    rv: float
-    buv: float
-    bur: float
-    buu: float
-    up: float
-    pp: float
-    p: float
-    bbb: float
-    restoring: float
-
-
-class YawMoment(NamedTuple):
-    """Derivatives of N in SI units."""
-
-    v_dot: float
-    r_dot: float
-    uv: float
-    ur: float
-    rr: float
-    rv: float
-    buv: float
-    bur: float
-    buu: float
+    v_dot: float = 0.0
+    p_dot: float = 0.0
+    r_dot: float = 0.0
+    uv: float = 0.0
+    ur: float = 0.0
+    vv: float = 0.0
+    vr: float = 0.0
+    rr: float = 0.0
+    rv: float = 0.0
+    buv: float = 0.0
+    bur: float = 0.0
+    buu: float = 0.0
+    up: float = 0.0
+    pp: float = 0.0
+    p: float = 0.0
+    bbb: float = 0.0
+    restoring: float = 0.0
 
 
 class Hull(NamedTuple):
@@ -103,9 +79,9 @@ class Hull(NamedTuple):
     length: float
     beam: float
     draught: float
-    sway: SwayForce
-    roll: RollMoment
-    yaw: YawMoment
+    sway: Derivatives
+    roll: Derivatives
+    yaw: Derivatives
 
 
 class Rudders(NamedTuple):
@@ -139,8 +115,8 @@ NAVAL_HULL = Hull(
     length=51.5,
     beam=8.6,
     draught=2.3,
-    sway=SwayForce(-393e3, 296e3, -1.4e6, -11.8e3, 131e3, -3.7e3, -794e3, -182e3, 10.8e3, 251e3, -74.0),
-    roll=RollMoment(
+    sway=Derivatives(-393e3, 296e3, -1.4e6, -11.8e3, 131e3, -3.7e3, -794e3, 0.0, -182e3, 10.8e3, 251e3, -74.0),
+    roll=Derivatives(
         v_dot=296e3,
         p_dot=-774e3,
         uv=9260.0,
@@ -157,7 +133,7 @@ NAVAL_HULL = Hull(
         bbb=-0.325 * _MASS * GRAVITY_OF_MODEL,
         restoring=_MASS * GRAVITY_OF_MODEL * 1.1,
     ),
-    yaw=YawMoment(538e3, -38.7e6, -92e3, -4.71e6, -202e6, -15.6e6, -214e3, -4.98e6, -8e3),
+    yaw=Derivatives(538e3, 0.0, -38.7e6, -92e3, -4.71e6, 0.0, 0.0, -202e6, -15.6e6, -214e3, -4.98e6, -8e3),
 )
 """The published hull, with the two corrections of this module's docstring."""
 

@@ -20,7 +20,7 @@ from autopilot.angles import wrap_positive
 from autopilot.links.n2k.link import CanBus
 from autopilot.links.n2k.packets import FAST, Frame, Framing, Message
 from sitl.sensors import Reading
-from sitl.wire_nmea import ChartPlotter, RudderDrive, deviation_of_magnetic
+from sitl.wire_nmea import ChartPlotter, RudderDrive, compass_of
 from sitl.world import World
 
 COMPASS, DRIVE, LOG, GPS, VANE, PLOTTER = 35, 12, 22, 7, 9, 3
@@ -183,14 +183,9 @@ class N2kNetwork:
         self._out.append(f"{stamp} {direction} {frame.identifier:08X} {frame.data.hex(' ').upper()}\r\n".encode())
 
     def _heading(self, it: Reading) -> bytes:
-        """What the compass shows: heading less variation and deviation; the deviation card is on board, not sent."""
-        variation = self.world.sensors.variation
-        magnetic = it.heading - variation
-        shown = wrap_positive(magnetic - deviation_of_magnetic(self.world.vessel.sensors.deviation_deg, magnetic))
-        is_sent = self.world.scenario.sensors.compass_sends_variation
-        return struct.pack(
-            "<BHhhB", self._sid, _course(shown), NONE_SIGNED, _angle(variation) if is_sent else NONE_SIGNED, 0xFD
-        )
+        shown, sent = compass_of(self.world, it)
+        variation = NONE_SIGNED if sent is None else _angle(sent)
+        return struct.pack("<BHhhB", self._sid, _course(shown), NONE_SIGNED, variation, 0xFD)
 
     def _over_ground(self, it: Reading) -> bytes:
         return struct.pack("<BBHHH", self._sid, 0xFC, _course(it.course), round(100.0 * it.ground_speed), NONE)

@@ -115,61 +115,32 @@ class ChartPlotter:
     def _rmb(self, reading: Reading) -> list[str]:
         _, bearing, distance, error = self.bearings(reading)
         names = [f"WP{self.leg}", f"WP{self.leg + 1}"]
-        return [
-            "A",
-            *self._error(error),
-            *names,
-            "",
-            "",
-            "",
-            "",
-            f"{distance / MILE:.3f}",
-            f"{bearing:.1f}",
-            "",
-            "V",
-            "A",
-        ]
+        place = [*names, "", "", "", "", f"{distance / MILE:.3f}", f"{bearing:.1f}", ""]
+        return ["A", *self._error(error), *place, "V", "A"]
 
     def _htd(self, reading: Reading) -> list[str]:
         bearing = self.bearings(reading)[1]
         return ["V", "", "", "H", "N", "", "", "", "", f"{bearing:.1f}", "", "", "T", "A", "A", "A", ""]
 
 
-RATES_HZ: Mapping[str, float] = {
-    "HDG": 10.0,
-    "HDM": 10.0,
-    "HDT": 10.0,
-    "THS": 10.0,
-    "ROT": 10.0,
-    "RSA": 5.0,
-    "VHW": 1.0,
-    "VTG": 1.0,
-    "RMC": 1.0,
-    "MWV": 2.0,
-    "APB": 1.0,
-    "RMB": 1.0,
-    "XTE": 1.0,
-    "HTD": 1.0,
+SENTENCES: Mapping[str, tuple[float, int]] = {
+    "HDG": (10.0, 26),
+    "HDM": (10.0, 19),
+    "HDT": (10.0, 19),
+    "THS": (10.0, 19),
+    "ROT": (10.0, 20),
+    "RSA": (5.0, 22),
+    "VHW": (1.0, 46),
+    "VTG": (1.0, 48),
+    "RMC": (1.0, 76),
+    "MWV": (2.0, 27),
+    "APB": (1.0, 66),
+    "RMB": (1.0, 60),
+    "XTE": (1.0, 26),
+    "HTD": (1.0, 48),
 }
-"""Sentences that can be chosen, and how often each leaves unless its rate is given."""
-
-TYPICAL_LENGTH: Mapping[str, int] = {
-    "HDG": 26,
-    "HDM": 19,
-    "HDT": 19,
-    "THS": 19,
-    "ROT": 20,
-    "RSA": 22,
-    "VHW": 46,
-    "VTG": 48,
-    "RMC": 76,
-    "MWV": 27,
-    "APB": 66,
-    "RMB": 60,
-    "XTE": 26,
-    "HTD": 48,
-}
-"""Bytes of a sentence with its line end, for sharing out a slow line."""
+"""Sentences that can be chosen: how often [Hz] each leaves unless its rate is given, and its bytes with the line end,
+for sharing out a slow line."""
 PLOTTER = ("APB", "RMB", "XTE", "HTD")
 """What a chart plotter says; it needs a route in the scenario."""
 
@@ -189,14 +160,14 @@ def chosen_rates(text: str, baud: int) -> dict[str, float]:
     free: dict[str, float] = {}
     for item in text.split(","):
         name, colon, rate = item.strip().partition(":")
-        if name not in RATES_HZ or name in fixed or name in free:
-            raise InputError(f"--sentences: {name!r} is unknown or named twice, allowed are {', '.join(RATES_HZ)}.")
+        if name not in SENTENCES or name in fixed or name in free:
+            raise InputError(f"--sentences: {name!r} is unknown or named twice, allowed are {', '.join(SENTENCES)}.")
         if colon:
             fixed[name] = _rate(name, rate)
         else:
-            free[name] = RATES_HZ[name]
-    room = FULLEST_LINE * baud / 10.0 - sum(TYPICAL_LENGTH[name] * rate for name, rate in fixed.items())
-    wanted = sum(TYPICAL_LENGTH[name] * rate for name, rate in free.items())
+            free[name] = SENTENCES[name][0]
+    room = FULLEST_LINE * baud / 10.0 - sum(SENTENCES[name][1] * rate for name, rate in fixed.items())
+    wanted = sum(SENTENCES[name][1] * rate for name, rate in free.items())
     share = min(1.0, max(room, 0.05 * baud / 10.0) / wanted) if wanted else 1.0
     return fixed | {name: rate * share for name, rate in free.items()}
 
@@ -335,12 +306,8 @@ class NmeaInstruments(BoatSide):
         self._to_host.put(time, self._compose[name](reading))
 
     def _hdg(self, reading: Reading) -> bytes:
-        """HDG shows the compass: heading less variation and deviation; the deviation card is on board, not sent."""
-        variation = self.world.sensors.variation
-        magnetic = reading.heading - variation
-        shown = magnetic - deviation_of_magnetic(self.world.vessel.sensors.deviation_deg, magnetic)
-        is_sent = self.world.scenario.sensors.compass_sends_variation
-        return encode.encode_hdg(shown, variation=variation if is_sent else None)
+        shown, variation = compass_of(self.world, reading)
+        return encode.encode_hdg(shown, variation=variation)
 
     def _ths(self, reading: Reading) -> bytes:
         has_heading = self.world.sensors.has_heading(self.world.time, "second")
@@ -359,6 +326,15 @@ class NmeaInstruments(BoatSide):
             day_month_year=(moment.day, moment.month, moment.year),
             variation=self.world.sensors.variation,
         )
+
+
+def compass_of(world: World, reading: Reading) -> tuple[float, float | None]:
+    """Return what the compass shows, and the variation [rad] that it sends, None where it sends none: heading less
+    variation and deviation; the deviation card is on board, not sent."""
+    variation = world.sensors.variation
+    magnetic = reading.heading - variation
+    shown = magnetic - deviation_of_magnetic(world.vessel.sensors.deviation_deg, magnetic)
+    return shown, variation if world.scenario.sensors.compass_sends_variation else None
 
 
 def deviation_of_magnetic(table: tuple[tuple[float, float], ...], magnetic: float) -> float:
