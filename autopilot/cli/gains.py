@@ -66,29 +66,28 @@ def in_hand(vessel: Vessel, request: GainRequest, is_chosen: bool) -> Vessel:
 
     Where the level is not chosen, the next quicker one that does is taken. Raises RefusedError where none does.
     """
-    from autopilot.report.gains import survives
+    from autopilot.report.gains import bearing_level, survives
     from autopilot.runtime.tuning import designed
 
-    better = designed(vessel, request)
-    if survives(better):
-        return better
     lost = "a turn of 90 deg with a rudder 30 % weaker than the model's is lost or leads far past"
     if request.bandwidth is not None:
+        if survives(better := designed(vessel, request)):
+            return better
         raise RefusedError(
             f"vessel {vessel.name!r}: with these gains {lost}; ask for more --bandwidth-rad-s or a --level"
         )
-    for level in range(request.level + 1, 10):
-        quicker = designed(vessel, request._replace(level=level))
-        if not survives(quicker):
-            continue
+    found = bearing_level(vessel, request.level)
+    if found is None:
+        raise RefusedError(
+            f"vessel {vessel.name!r}: at level {request.level}, and at any quicker one, {lost}; ask for a calmer "
+            "--level, or give the boat a quicker rudder"
+        )
+    level, better = found
+    if level != request.level:
         if is_chosen:
             raise RefusedError(f"vessel {vessel.name!r}: at level {request.level} {lost}; --level {level} bears it")
         print(f"level {level} in place of {request.level}, at which {lost}", file=sys.stderr)
-        return quicker
-    raise RefusedError(
-        f"vessel {vessel.name!r}: at level {request.level}, and at any quicker one, {lost}; ask for a calmer --level, "
-        "or give the boat a quicker rudder"
-    )
+    return better
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -148,7 +148,8 @@ def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
     """Raise InputError, with what to sail next, where no gains can be designed for the model; where course stability
     is not determined, for those at either end of its interval either."""
     from autopilot.cli.terminal import ProgressBar
-    from autopilot.runtime.tuning import designed
+    from autopilot.report.gains import bearing_level
+    from autopilot.runtime.tuning import GainRequest, designed
 
     models = [vessel.model]
     if found.ratios is not None and found.ratios.on_ridge:
@@ -171,25 +172,14 @@ def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
         with ProgressBar("trying turns") as bar:
             for done, each in enumerate(better):
                 bar.update(done, len(better))
-                _check_turns(each)
+                # `autopilot gains` would refuse it for its turns
+                if each.model.n1 <= 0.0 and bearing_level(each, GainRequest().level) is None:
+                    raise RefusedError("a turn with a rudder 30 % weaker than the model's is lost at every level")
     except RefusedError as error:
         raise InputError(
             f"{path} is not written, for no gains serve such a boat: {error}; sail a 20/20 zigzag of six reversals or "
             "more, and check the rudder's rate."
         ) from None
-
-
-def _check_turns(better: Vessel) -> None:
-    """Raise RefusedError where `autopilot gains` would refuse the vessel for its turns."""
-    from autopilot.report.gains import survives
-    from autopilot.runtime.tuning import GainRequest, designed
-
-    usual = GainRequest()
-    if better.model.n1 > 0.0 or survives(better):
-        return
-    quicker = [designed(better, usual._replace(level=level)) for level in range(usual.level + 1, 10)]
-    if not any(survives(each) for each in dict.fromkeys(quicker) if each != better):
-        raise RefusedError("a turn with a rudder 30 % weaker than the model's is lost at every level")
 
 
 def _play(path: str, runs: Sequence[Run], filed_deg: float, fitted_deg: float) -> tuple[float, list[str]]:

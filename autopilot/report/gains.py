@@ -44,7 +44,7 @@ from autopilot.runtime.build import (
     shown_gains_of,
     verdict_of,
 )
-from autopilot.runtime.tuning import LevelCost, spread_of
+from autopilot.runtime.tuning import GainRequest, LevelCost, designed, spread_of
 from autopilot.signals import HeadingSample, Order, OrderKind
 from autopilot.vessel.schema import Control, Vessel
 
@@ -83,6 +83,17 @@ def survives(vessel: Vessel) -> bool:
     if not BRINK < first <= PAST_MOST:
         return first <= BRINK
     return all(turned(vessel, seed, RUDDER_LOSS, PAST_MOST).past <= PAST_MOST for seed in SEEDS[1:])
+
+
+def bearing_level(vessel: Vessel, least: int) -> tuple[int, Vessel] | None:
+    """Return the calmest level from `least` on whose gains survive, and the vessel with them; None where none does."""
+    before = None
+    for level in range(least, 10):
+        better = designed(vessel, GainRequest(level))
+        if better != before and survives(better):
+            return level, better
+        before = better
+    return None
 
 
 def turned(vessel: Vessel, seed: int, share: float = 1.0, lost: float = math.inf) -> Turned:
