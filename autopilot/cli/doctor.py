@@ -65,22 +65,21 @@ def run(arguments: argparse.Namespace) -> int:
 def _findings(arguments: argparse.Namespace) -> list[Finding]:
     from autopilot.cli.options import named_vessel
     from autopilot.doctor import machine
-    from autopilot.doctor import machine as system
 
     vessel = None if arguments.vessel is None else named_vessel(arguments.vessel)
     rate = RATE_HZ if vessel is None else vessel.control.rate_hz
     looked = [
-        system.versions(),
+        machine.versions(),
         machine.wake_up(rate),
         machine.cyclictest(),
         machine.real_time(),
         machine.memory(),
-        system.disk(arguments.log_dir),
+        machine.disk(arguments.log_dir),
         machine.clock_kept(),
         machine.supply(),
         machine.temperature(),
         machine.hardware_watchdog(),
-        system.serial_lines(),
+        machine.serial_lines(),
     ]
     if arguments.log:
         looked.append(_path(arguments.log))

@@ -245,7 +245,8 @@ def build_links(vessel: Vessel, urls: Sequence[str], options: LinkOptions = Link
     """
     refuse_failsafe(vessel, urls)
     parsed = [parse_url(url) for url in urls]
-    options = shared_by_links(vessel, urls, options)
+    if options.selection is None:
+        options = shared_by_links(vessel, urls, options)
     router, behind = _forwarding(vessel, parsed, options) if options.forward else (None, [])
     links = _opened([*(_to_boat(vessel, url, options, router) for url in parsed), *behind], options)
     if len(urls) == 1 and parsed[0].protocol == "mavlink" and not vessel.sensors.priority:
