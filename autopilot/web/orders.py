@@ -16,33 +16,18 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.firmware.protocol import Target
-from autopilot.links.ground_station.commands import ACKNOWLEDGE as ACKNOWLEDGING
-from autopilot.links.ground_station.commands import ADOPT as ADOPTING
 from autopilot.links.ground_station.commands import (
-    COMPASS,
-    CONFIRM,
-    DECLINE,
-    GYBE,
     HEADING,
     HOLD_APPARENT,
     HOLD_TRUE,
-    LEARNING,
-    LEVEL,
     MANUAL,
-    OVERBOARD,
-    PATTERN,
-    TACK,
     TRACK,
     TRIAL,
-    TURNING,
     WIND,
     WINDWARD,
-    ZIGZAG,
 )
-from autopilot.links.ground_station.commands import REVERT as REVERTING
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import CommandCancel
-from autopilot.supervision.alarms import CATALOGUE
 from autopilot.web.view import BoatView, TextPieces
 
 AGAIN_S = 0.5
@@ -112,69 +97,10 @@ def turn_to(heading_deg: float) -> Command:
     return Command(int(dialect.MAV_CMD_CONDITION_YAW), (heading_deg % 360.0, 0.0, 0.0, 0.0))
 
 
-def zigzag(rudder_deg: float, change_deg: float, duration_s: float) -> tuple[Command, ...]:
-    """Return the commands that begin a zigzag."""
-    return ARM, Command(ZIGZAG, (rudder_deg, change_deg, duration_s))
-
-
-def turning(rudder_deg: float, duration_s: float) -> tuple[Command, ...]:
-    """Return the commands that begin a turn at a held rudder."""
-    return ARM, Command(TURNING, (rudder_deg, duration_s))
-
-
-def pattern(number: int, side: float, sizes: Sequence[float]) -> tuple[Command, ...]:
-    """Return the commands that begin a turn pattern."""
-    return ARM, Command(PATTERN, (float(number), side, *sizes))
-
-
-def overboard(is_so: bool) -> Command:
-    """Return the command that keeps where somebody went overboard, or forgets it."""
-    return Command(OVERBOARD, (float(is_so),))
-
-
-def overboard_at(latitude_deg: float, longitude_deg: float) -> Command:
-    """Return the command that says on behalf of another system aboard where somebody is; both 0: it knows no place."""
-    return Command(OVERBOARD, (1.0, 1.0, 0.0, 0.0, latitude_deg, longitude_deg))
-
-
-def waypoint(number: int) -> Command:
-    """Return the command that goes on to a waypoint of the route, counted from 0."""
-    return Command(int(dialect.MAV_CMD_DO_SET_MISSION_CURRENT), (float(number),))
-
-
-def level(number: int) -> Command:
-    """Return the command that puts a response level from 1 (calm) to 9 (quick) in force."""
-    return Command(LEVEL, (float(number),))
-
-
-def compass(number: int) -> Command:
-    """Return the command that steers by the compass of a number, 0: by the best."""
-    return Command(COMPASS, (float(number),))
-
-
-def acknowledge(name: str | None) -> Command:
-    """Return the command that says that the alarms of a name have been seen, or with None all that sound.
-
-    Raises KeyError for a name that is not in the table.
-    """
-    return Command(ACKNOWLEDGING, () if name is None else (float(CATALOGUE[name].number),))
-
-
 def hold_wind(is_true: bool, degrees: float | None) -> tuple[Command, ...]:
     """Return the commands that hold an angle of the wind [deg], None: the present one."""
     angle = math.nan if degrees is None else degrees
     return ARM, Command(WINDWARD, (float(HOLD_TRUE if is_true else HOLD_APPARENT), angle))
-
-
-def tack_or_gybe(gybes: bool, side: int = 0, confirmed: bool = False) -> Command:
-    """Return the command that asks for a turn to the other side of the wind, or, confirmed, begins it."""
-    return Command(WINDWARD, (float(GYBE if gybes else TACK), float(side), float(confirmed)))
-
-
-CONFIRMED, DECLINED = Command(WINDWARD, (float(CONFIRM),)), Command(WINDWARD, (float(DECLINE),))
-"""Begin the tack or gybe that waits, or drop it."""
-ADOPT, REVERT = Command(LEARNING, (ADOPTING,)), Command(LEARNING, (REVERTING,))
-"""Steer with the model learnt, or go back to the one before."""
 
 
 class _Refused(NamedTuple):

@@ -6,13 +6,32 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
 from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, number_from
 from autopilot.files.printable import printable
-from autopilot.links.ground_station.commands import TRACK
+from autopilot.links.ground_station.commands import (
+    ACKNOWLEDGE,
+    ADOPT,
+    COMPASS,
+    CONFIRM,
+    DECLINE,
+    GYBE,
+    LEARNING,
+    LEVEL,
+    OVERBOARD,
+    PATTERN,
+    REVERT,
+    TACK,
+    TRACK,
+    TURNING,
+    WINDWARD,
+    ZIGZAG,
+)
 from autopilot.supervision.alarms import CATALOGUE, OTHER
 from autopilot.web import orders
-from autopilot.web.orders import Asked
+from autopilot.web.orders import ARM, Asked, Command
 from autopilot.web.station import Station
 
 TURN_MOST_DEG = 180.0
@@ -40,7 +59,7 @@ def asked_of(station: Station, request: Any) -> Asked:
 
 
 def _commands(
-    make: Callable[[dict[str, Any]], tuple[orders.Command, ...]],
+    make: Callable[[dict[str, Any]], tuple[Command, ...]],
 ) -> Callable[[Station, dict[str, Any]], Asked]:
     def asked(station: Station, request: dict[str, Any]) -> Asked:
         commands = make(request)
@@ -49,7 +68,7 @@ def _commands(
     return asked
 
 
-def _first(commands: tuple[orders.Command, ...]) -> Callable[[Station, dict[str, Any]], Asked]:
+def _first(commands: tuple[Command, ...]) -> Callable[[Station, dict[str, Any]], Asked]:
     return lambda station, request: lambda _, on_done: station.orders.first(commands, on_done)
 
 
@@ -63,29 +82,50 @@ def _course(
     return asked
 
 
+def _numbers(number: int, *parameters: float) -> Callable[[Station, dict[str, Any]], Asked]:
+    """Return what gives a command that is the same whatever else the request holds."""
+    return _commands(lambda _: (Command(number, parameters),))
+
+
+def _sized(
+    number: int, *fields: tuple[str, float, float], begins: bool = False
+) -> Callable[[Station, dict[str, Any]], Asked]:
+    """Return what gives a command whose parameters are fields of the request, each within its bounds; begins: armed
+    before, with sizes of a manoeuvre; else whole numbers."""
+
+    def made(request: dict[str, Any]) -> tuple[Command, ...]:
+        values = [_number(request, *field) for field in fields]
+        return (ARM, Command(number, tuple(values))) if begins else (Command(number, tuple(map(math.trunc, values))),)
+
+    return _commands(made)
+
+
 def _next(station: Station, request: dict[str, Any]) -> Asked:
     def asked(_: float, on_done: orders.OnDone) -> None:
         waypoint = station.view.value("waypoint")
         if station.view.mode != TRACK or waypoint is None:
             on_done(orders.Answer.FAILED, "no route is followed")
         else:
-            station.orders.give((orders.waypoint(int(waypoint) + 1),), on_done)
+            station.orders.give(
+                (Command(int(dialect.MAV_CMD_DO_SET_MISSION_CURRENT), (int(waypoint) + 1.0,)),), on_done
+            )
 
     return asked
 
 
-def _wind(request: dict[str, Any]) -> tuple[orders.Command, ...]:
+def _wind(request: dict[str, Any]) -> tuple[Command, ...]:
     is_true, degrees = request.get("true", False), request.get("degrees")
     if not isinstance(is_true, bool):
         raise InputError("wind: true: true (the true wind) or false (the apparent one) is allowed")
     return orders.hold_wind(is_true, None if degrees is None else _number(request, "degrees", -180.0, 180.0))
 
 
-def _turn_of_the_wind(request: dict[str, Any]) -> tuple[orders.Command, ...]:
+def _turn_of_the_wind(request: dict[str, Any]) -> tuple[Command, ...]:
     side, confirmed = request.get("side", 0), request.get("confirmed", False)
     if side not in (-1, 0, 1) or not isinstance(confirmed, bool):
         raise InputError(f"{request['do']}: side is 1 (starboard), -1 (port) or 0, confirmed is true or false")
-    return (orders.tack_or_gybe(request["do"] == "gybe", int(side), confirmed),)
+    # asked for, or, confirmed, begun
+    return (Command(WINDWARD, (float(GYBE if request["do"] == "gybe" else TACK), float(side), float(confirmed))),)
 
 
 def _acknowledge(station: Station, request: dict[str, Any]) -> Asked:
@@ -102,8 +142,10 @@ def _acknowledge(station: Station, request: dict[str, Any]) -> Asked:
         station.alarms.acknowledge(bool(answer), name)
         on_done(orders.Answer.TAKEN, "")
 
+    seen = Command(ACKNOWLEDGE, () if name is None else (float(CATALOGUE[name].number),))
+
     def asked(_: float, on_done: orders.OnDone) -> None:
-        station.orders.give((orders.acknowledge(name),), lambda taken, words: noted(taken, words, on_done))
+        station.orders.give((seen,), lambda taken, words: noted(taken, words, on_done))
 
     return asked
 
@@ -128,17 +170,19 @@ def _set(station: Station, request: dict[str, Any]) -> Asked:
     return lambda _, on_done: station.parameters.set(name, value, on_done)
 
 
-def _overboard_at(request: dict[str, Any]) -> tuple[orders.Command, ...]:
+def _overboard_at(request: dict[str, Any]) -> tuple[Command, ...]:
     latitude, longitude = _number(request, "latitude", -90.0, 90.0), _number(request, "longitude", -180.0, 180.0)
-    return (orders.overboard_at(latitude, longitude),)
+    # on behalf of another system aboard; both 0: it knows no place
+    return (Command(OVERBOARD, (1.0, 1.0, 0.0, 0.0, latitude, longitude)),)
 
 
-def _pattern(request: dict[str, Any]) -> tuple[orders.Command, ...]:
+def _pattern(request: dict[str, Any]) -> tuple[Command, ...]:
     number, side = _number(request, "number", 0.0, 63.0), _number(request, "side", -1.0, 1.0)
     sizes = request.get("sizes", [])
     if not isinstance(sizes, list) or len(sizes) > SIZES_MOST:
         raise InputError(f"pattern: sizes is a list of at most {SIZES_MOST} numbers")
-    return orders.pattern(int(number), side, [number_from(size, "size", -1.0e6, 1.0e6) for size in sizes])
+    given = (number_from(size, "size", -1.0e6, 1.0e6) for size in sizes)
+    return ARM, Command(PATTERN, (float(int(number)), side, *given))
 
 
 _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
@@ -147,36 +191,26 @@ _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "release": _first(orders.RELEASE),
     "route": _commands(lambda _: orders.FOLLOW),
     "next": _next,
-    "mob": _commands(lambda _: (orders.overboard(True),)),
+    "mob": _numbers(OVERBOARD, 1.0),
     "mob_at": _commands(_overboard_at),
-    "mob_off": _commands(lambda _: (orders.overboard(False),)),
+    "mob_off": _numbers(OVERBOARD, 0.0),
     "wind": _commands(_wind),
     "tack": _commands(_turn_of_the_wind),
     "gybe": _commands(_turn_of_the_wind),
-    "confirm": _commands(lambda _: (orders.CONFIRMED,)),
-    "decline": _commands(lambda _: (orders.DECLINED,)),
+    "confirm": _numbers(WINDWARD, float(CONFIRM)),
+    "decline": _numbers(WINDWARD, float(DECLINE)),
     "turn": _course(orders.Course.turn_by, -TURN_MOST_DEG, TURN_MOST_DEG),
     "heading": _course(orders.Course.turn_to, 0.0, 360.0),
     "dodge": _course(orders.Course.dodge, -90.0, 90.0),
     "back": lambda station, _: station.course.back,
     "pattern": _commands(_pattern),
-    "zigzag": _commands(
-        lambda request: orders.zigzag(
-            _number(request, "rudder", 1.0, 90.0),
-            _number(request, "change", 1.0, 90.0),
-            _number(request, "duration", 1.0, 3600.0),
-        )
-    ),
-    "turning": _commands(
-        lambda request: orders.turning(
-            _number(request, "rudder", -90.0, 90.0), _number(request, "duration", 1.0, 3600.0)
-        )
-    ),
+    "zigzag": _sized(ZIGZAG, ("rudder", 1.0, 90.0), ("change", 1.0, 90.0), ("duration", 1.0, 3600.0), begins=True),
+    "turning": _sized(TURNING, ("rudder", -90.0, 90.0), ("duration", 1.0, 3600.0), begins=True),
     "cancel": _cancel,
-    "level": _commands(lambda request: (orders.level(int(_number(request, "level", 1.0, 9.0))),)),
-    "compass": _commands(lambda request: (orders.compass(int(_number(request, "number", 0.0, 32.0))),)),
-    "adopt": _commands(lambda _: (orders.ADOPT,)),
-    "revert": _commands(lambda _: (orders.REVERT,)),
+    "level": _sized(LEVEL, ("level", 1.0, 9.0)),
+    "compass": _sized(COMPASS, ("number", 0.0, 32.0)),
+    "adopt": _numbers(LEARNING, ADOPT),
+    "revert": _numbers(LEARNING, REVERT),
     "acknowledge": _acknowledge,
     "set": _set,
 }
