@@ -33,7 +33,7 @@ import numpy as np
 
 from autopilot.angles import wrap
 from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by
-from autopilot.identification.live_filter import GUST_TIME_S, LiveFilter, Push, moved_on
+from autopilot.identification.live_filter import GUST_TIME_S, USUAL_COMPASS, LiveFilter, Push, moved_on
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Tick
 
@@ -44,6 +44,10 @@ LONGEST_GAP_S = 2.0
 LEAST_RUDDER_RANGE_RAD, LEAST_TURNED_RAD = math.radians(3.0), math.radians(8.0)
 """A stretch in which rudder or boat turned less tells nothing of either model: a rudder that only answers gusts, so
 that nothing turns, would speak for the model on which it does least."""
+LEAST_APART_RAD = 2.0 * math.sqrt(2.0) * USUAL_COMPASS
+"""Nor does one at whose end both models predict the same heading, within two standard deviations of the noise of the
+two headings that it is seen by: what is compared there is the noise. The bets stay fair: both predict from the
+rudder, and not from the heading that decides the bet."""
 SETTLES = 2.0
 """Stretches' worth of time in which the filters find gust and trim."""
 
@@ -117,7 +121,7 @@ class PredictionTest:
         if self._most - self._least < LEAST_RUDDER_RANGE_RAD or self._starboard - self._port < LEAST_TURNED_RAD:
             return None
         present, other = (side.motion[1] - self._turned for side in self._sides)
-        return Outcome(present, other)
+        return None if abs(present - other) < LEAST_APART_RAD else Outcome(present, other)
 
 
 LEAST_MOVED_S = 20.0

@@ -14,6 +14,9 @@ weather may have come from hold (interacting multiple models, Bar-Shalom 2001, s
 the weather for long holds what the others have learnt. The covariance is theirs together. Where nothing moves the boat,
 nothing is learnt; a, b and d drift a little, only while the rudder moves.
 
+What pushes the boat is felt as what the model leaves, and a first model that is far off leaves as much as a gale. So
+the push is that of a second group of the same filters, which learn all the time and serve for nothing else.
+
 No sea is of one of these kinds. The waves' size and frequency and the strongest gust follow what is felt, and what is
 left of the misfit counts as doubt: where the noise is another than the model of it, the rudder that answers it biases
 what is learnt, and that goes with the ratio of noise to rudder (section 13.4 again). So nothing is learnt unless the
@@ -47,8 +50,8 @@ LEAST_WAVE, MOST_WAVE, BAND, FOLLOWS_S = 0.3, 200.0, 1.5, 40.0
 those above; what is felt is followed in this time."""
 WORKS, WORKS_S, LATE_S = 2.0, 20.0, 0.05
 """See above; the rudder's work is that of the last WORKS_S. LATE_S: what an order's way and a servo's model leave."""
-FIRST_PUSH, FIRST_S = math.radians(5.0), 10.0
-"""What pushes the boat, before anything was felt for so long."""
+FIRST_S = 10.0
+"""Nothing is learnt before what pushes the boat was felt for so long: one of the longest waves."""
 EXPECTED = (0.7, 1.0, 0.5)
 """Deviations of what the first model is expected to be off by: of a and b, as shares of a and 1/T, and of d, as a share
 of the cubic damping that holds LARGE degrees of rudder."""
@@ -182,7 +185,11 @@ class LiveFilter:
             spread[:3] = 0.0
         self._mean = np.array([a, first.n1 / T, first.n3 / T, first.n0 / T])
         waves = WAVE_RAD_S[:1] if self._held else WAVE_RAD_S
-        weather = np.array([(g, w, W) for g in GUST_DEG for w in WHITE_DEG for W in waves])
+        kinds = [(g, w, W) for g in GUST_DEG for w in WHITE_DEG for W in waves]
+        # the first group learns where the rudder does enough, a second always, by which that is judged
+        self._groups = [slice(0, len(kinds))] if self._held else [slice(0, len(kinds)), slice(len(kinds), None)]
+        self._own, self._free = self._groups[0], self._groups[-1]
+        weather = np.array(kinds * len(self._groups))
         gust, self._white = np.radians(weather[:, :2].T) * a
         self._weather = _Weather(weather[:, 2], math.radians(WAVE_DEG) * a, gust)
         M = weather.shape[0]
@@ -193,7 +200,7 @@ class LiveFilter:
         drift = np.array([DRIFT_S, DRIFT_S, DRIFT_S, TRIM_DRIFT_S])
         self._drift = spread**2 / drift
         self._logs = np.zeros(M)
-        self._pushed, self._worked, self._felt_s = FIRST_PUSH**2, 0.0, 0.0
+        self._pushed = self._worked = self._felt_s = 0.0
         self._learnt_by = self._clear = 0.0
         self._mixed = -math.inf
         self._compass = _Roughness(USUAL_COMPASS, LEAST_COMPASS)
@@ -205,10 +212,10 @@ class LiveFilter:
     @property
     def estimate(self) -> LiveEstimate:
         """The estimates of all kinds of weather together."""
-        weight = self._weights()
-        values = weight @ self._x[:, A:]
-        off = self._x[:, A:] - values
-        spread = np.einsum("m,mij->ij", weight, self._P[:, A:, A:]) + np.einsum("m,mi,mj->ij", weight, off, off)
+        weight, x, P = self._weights(self._own), self._x[self._own, A:], self._P[self._own, A:, A:]
+        values = weight @ x
+        off = x - values
+        spread = np.einsum("m,mij->ij", weight, P) + np.einsum("m,mi,mj->ij", weight, off, off)
         if self._clear > 0.0:
             # K, T and n3 each by itself; T goes through all three
             share, late = self._learnt_by / self._clear, (LATE_S * values[1]) ** 2
@@ -221,16 +228,17 @@ class LiveFilter:
     @property
     def rate(self) -> float:
         """The rate [rad/s] as all that was measured so far shows it."""
-        return float(self._weights() @ self._x[:, R])
+        return float(self._weights(self._own) @ self._x[self._own, R])
 
     @property
     def push(self) -> Push:
         """What pushes the boat now."""
-        weight = self._weights()
-        return Push(float(weight @ self._x[:, G]), -float(weight @ self._x[:, E]))
+        weight, x = self._weights(self._own), self._x[self._own]
+        return Push(float(weight @ x[:, G]), -float(weight @ x[:, E]))
 
-    def _weights(self) -> Array:
-        weight = np.exp(self._logs - self._logs.max())
+    def _weights(self, group: slice) -> Array:
+        logs = self._logs[group]
+        weight = np.exp(logs - logs.max())
         return np.asarray(weight / weight.sum())
 
     def update(
@@ -265,42 +273,47 @@ class LiveFilter:
         if rate is not None and abs(rate) <= RATE_BOUND_RAD_S:
             self._gyro.update(rate)
             self._see(R, rate, self._gyro.variance)
-        weight = self._weights()
+        weight = np.zeros(self._logs.size)
+        weight[self._free] = self._weights(self._free)
         self._weigh(dt, moved, weight)
         self._weather.follow(dt, weight, self._x, self._P)
         if time - self._mixed >= MIXES_S:
             self._mixed = time
-            self._mix()
+            for group in self._groups:
+                self._mix(group)
         if not (np.isfinite(self._x).all() and np.isfinite(self._P).all()):
             self.forget()
 
     @property
     def learns(self) -> bool:
         """Whether the rudder does WORKS times as much as what else pushes the boat."""
-        return self._worked > WORKS**2 * self._pushed
+        return self._felt_s >= FIRST_S and self._worked > WORKS**2 * self._pushed
 
     def _weigh(self, dt: float, moved: float, weight: Array) -> None:
         """Compare what the rudder did in `dt` [s], `moved` [rad] from its mean, with what else pushed."""
         x, P = self._x, self._P
-        push = float(weight @ (x[:, G] ** 2 + P[:, G, G] + x[:, H] ** 2 + P[:, H, H])) / self._unit[0] ** 2
+        # in rudder of the weaker boat: where the rudder answers a gust, a boat that hardly turns has neither of them
+        unit = min(float(weight @ x[:, A]), self._unit[0])
+        push = float(weight @ (x[:, G] ** 2 + P[:, G, G] + x[:, H] ** 2 + P[:, H, H])) / unit**2
         self._felt_s = min(self._felt_s + dt, WORKS_S)
-        self._pushed += dt / max(self._felt_s, FIRST_S) * (push - self._pushed)
+        self._pushed += dt / self._felt_s * (push - self._pushed)
         self._worked += min(dt / WORKS_S, 1.0) * (moved * moved - self._worked)
         if self.learns:
             # moments count as much as they tell: rudder over push, squared
             self._learnt_by += dt * moved * moved
             self._clear += dt * moved * moved * self._worked / self._pushed
 
-    def _mix(self) -> None:
+    def _mix(self, group: slice) -> None:
         """Let the weather have changed: each filter begins with what all hold, as likely as each led to its weather."""
-        M, changed = self._logs.size, MIXES_S / CHANGES_S
-        led = self._weights()[:, None] * ((1.0 - changed) * np.eye(M) + changed / M)
+        weight, x = self._weights(group), self._x[group]
+        M, changed = weight.size, MIXES_S / CHANGES_S
+        led = weight[:, None] * ((1.0 - changed) * np.eye(M) + changed / M)
         total = led.sum(axis=0)
         led = led / total
-        mean = led.T @ self._x
-        off = self._x[:, None, :] - mean[None, :, :]
-        spread = np.tensordot(led, self._P, axes=(0, 0)) + np.einsum("ij,ijk,ijl->jkl", led, off, off)
-        self._x, self._P, self._logs = mean, spread, np.log(total)
+        mean = led.T @ x
+        off = x[:, None, :] - mean[None, :, :]
+        spread = np.tensordot(led, self._P[group], axes=(0, 0)) + np.einsum("ij,ijk,ijl->jkl", led, off, off)
+        self._x[group], self._P[group], self._logs[group] = mean, spread, np.log(total)
 
     def _begin(self, time: float, rudder: float, heading: float | None, rate: float | None) -> None:
         self._at, self._rudder, self._turns = time, rudder, 0.0
@@ -364,12 +377,13 @@ class LiveFilter:
         learns = self.learns
         if not learns:
             # their doubt counts in what is seen of the motion, and stays (Schmidt 1966)
-            gain[:, A:E] = 0.0
+            gain[self._own, A:E] = 0.0
         self._x += gain * off[:, None]
         both = gain[:, :, None] * column[:, None, :]
         P = self._P - both
         if not learns:
-            P += (size[:, None] * gain)[:, :, None] * gain[:, None, :] - both.transpose(0, 2, 1)
+            own = self._own
+            P[own] += (size[own, None] * gain[own])[:, :, None] * gain[own, None, :] - both[own].transpose(0, 2, 1)
         self._P = 0.5 * (P + P.transpose(0, 2, 1))
         # a boat that does not follow its rudder, or that nothing bounds, is no boat
         np.maximum(self._x[:, A], 0.02 * self._unit[0], out=self._x[:, A])

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autopilot.identification.learning import Learner, Proposal, learnt_model
+from autopilot.identification.interval import ENOUGH
+from autopilot.identification.learning import Learner, Proposal, learnt_model, worst_doubt
 from autopilot.identification.live_filter import LiveFilter
-from autopilot.models.norrbin import Norrbin
+from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.runtime.build import model_of
 from autopilot.signals import Order, OrderKind, Tick
 from autopilot.vessel.file import load_vessel
@@ -190,3 +191,30 @@ def test_samples_that_are_no_numbers_leave_it_finite(bad: float) -> None:
     values, covariance = live.estimate
     assert np.isfinite(values).all()
     assert np.isfinite(covariance).all()
+
+
+@pytest.mark.parametrize(("gain", "time_constant"), [(0.6, 1.3), (0.6, 0.8), (1.7, 1.0)])
+@pytest.mark.parametrize("steers", ["zigzag", "courses"])
+def test_what_a_wrong_file_leaves_is_not_taken_for_wind(steers: str, gain: float, time_constant: float) -> None:
+    """A quick boat in a calm. Its turns beside the file's were felt as gusts, so large that nothing was ever learnt."""
+    true, order, rudder, rate, heading = model_of(load_vessel("lanxin")), math.radians(10.0), 0.0, 0.0, 0.0
+    file = true._replace(gain=gain * true.gain, time_constant=time_constant * true.time_constant)
+    live, begun = LiveFilter(file), -1.0
+    for i in range(800):
+        time, felt = 0.1 * i, heading
+        if steers == "zigzag":
+            order = -order if felt * math.copysign(1.0, order) > math.radians(10.0) else order
+        else:
+            course = math.radians(40.0) * (int(time / 12.0) % 2)
+            order = min(max(0.8 * (course - felt) - 0.3 * rate, -0.35), 0.35)
+        live.update(time, rudder, 1.0, heading)
+        begun = time if live.learns and begun < 0.0 else begun
+        for _ in range(10):
+            rudder += min(max(order - rudder, -0.006), 0.006)
+            rate = rate_step(true, rate, rudder, 0.01)
+            heading += 0.01 * rate
+    assert 0.0 <= begun < 30.0, "two or three turns are enough"
+    model, errors = learnt_model(live, file)
+    assert worst_doubt(model, errors) < ENOUGH
+    assert model.gain == pytest.approx(true.gain, rel=0.15)
+    assert abs(model.gain - true.gain) < 2.0 * errors["gain"]
