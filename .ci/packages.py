@@ -29,6 +29,8 @@ HOME = "opt/norrbin"
 MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 GLIBC = ("2_17", "2_24", "2_26", "2_27", "2_28")
 """Debian 12 has 2.36, so that each of these runs there."""
+DIALECT = "v20/ardupilotmega.py"
+"""The only MAVLink dialect that is imported; pymavlink's others weigh a quarter of all that is installed."""
 NOT_IN_IMAGE = ("DEBIAN", "var/cache/apt/", "var/lib/apt/lists/", "var/log/", "proc/", "sys/", "dev/", "run/", "tmp/")
 UNIT_ARGUMENTS = "NORRBIN_ARGUMENTS_PLACE"
 CONTROL = """\
@@ -90,6 +92,7 @@ def tree(wheel: Path, folder: Path, architecture: str, python: str) -> None:
     command += ["--constraint", str(ROOT / "requirements.lock"), f"{wheel}[web,edit]"]
     subprocess.run(command, check=True)
     shutil.rmtree(site / "bin", ignore_errors=True)
+    prune(site)
     home = folder / HOME
     (home / "bin").mkdir()
     (home / "pyvenv.cfg").write_text(f"home = /usr/bin\ninclude-system-site-packages = false\nversion = {python}\n")
@@ -107,6 +110,24 @@ def tree(wheel: Path, folder: Path, architecture: str, python: str) -> None:
         (commands / name).symlink_to(f"/{HOME}/bin/{name}")
     helps(folder)
     service(folder)
+
+
+def prune(site: Path) -> None:
+    """Leave out what no command loads: the numerical libraries' own tests, and the MAVLink dialects but DIALECT.
+
+    Raises FileNotFoundError where that dialect is not where it is kept: nothing is left out by a wrong guess.
+    """
+    dialects = site / "pymavlink/dialects"
+    kept = {dialects / "__init__.py", dialects / "v20/__init__.py", dialects / DIALECT}
+    for path in kept:
+        path.stat()
+    for path in sorted(dialects.rglob("*")):
+        if path.is_file() and path not in kept:
+            path.unlink()
+    shutil.rmtree(dialects / "v10")
+    for library in ("numpy", "scipy"):
+        for tests in sorted((site / library).rglob("tests")):
+            shutil.rmtree(tests)
 
 
 def helps(folder: Path) -> None:

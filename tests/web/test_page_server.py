@@ -542,3 +542,18 @@ def test_the_image_starts_the_page_and_has_the_labels_that_blueos_reads() -> Non
     assert all(tag.replace("-", "").isalnum() for tag in json.loads(labels["tags"]))
     assert not {"links", "readme"} & set(packages.blueos_labels()), "an address that nobody gave is none"
     assert build_parser().parse_args(packages.PAGE.split()).listen == "0.0.0.0:8080"
+
+
+def test_a_package_leaves_out_other_dialects_and_the_libraries_tests(tmp_path: Path) -> None:
+    place = Path(__file__).parents[2] / ".ci" / "packages.py"
+    spec = importlib.util.spec_from_file_location("packages", place)
+    assert spec is not None and spec.loader is not None
+    packages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(packages)
+    kept = {f"pymavlink/dialects/{name}" for name in ("__init__.py", "v20/__init__.py", "v20/ardupilotmega.py")}
+    kept |= {"numpy/testing/__init__.py", "scipy/linalg/blas.py", "autopilot/tests/a.py"}
+    left_out = {"pymavlink/dialects/v10/common.py", "pymavlink/dialects/v20/common.py", "scipy/linalg/tests/a.py"}
+    for name in kept | left_out:
+        packages.save(tmp_path / name, b"")
+    packages.prune(tmp_path)
+    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()} == kept
