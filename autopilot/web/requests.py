@@ -39,14 +39,17 @@ SIZES_MOST = 2
 
 
 LATE_S = 5.0
-"""An order whose giver has heard nothing for so long [s] was held up on its way: nobody waits for it any more."""
+"""An order whose giver has heard nothing for so long [s] was held up on its way: nobody waits for it any more. So was
+one that names a state so far ahead: this computer has started anew since, and its clock with it."""
 NEVER_LATE = ("standby", "release", "mob")
 CAME_LATE = "the order was held up on its way and is not carried out: order again"
 
 
-def seen_in(request: dict[str, Any]) -> float:
-    """Take out of a request the time [s] of the newest state that its giver saw; inf: none is in it. InputError."""
-    return number_from(request.pop("seen"), "seen", 0.0, math.inf) if "seen" in request else math.inf
+def came_late(request: dict[str, Any], now: float) -> bool:
+    """Take out of a request the time [s] of the newest state that its giver saw, where one is in it; return whether the
+    order is too late to be carried out at `now` [s]. Raises InputError."""
+    seen = number_from(request.pop("seen"), "seen", 0.0, math.inf) if "seen" in request else now
+    return abs(now - seen) > LATE_S and request.get("do") not in NEVER_LATE
 
 
 def asked_of(station: Station, request: Any) -> Asked:

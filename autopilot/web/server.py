@@ -36,7 +36,7 @@ from autopilot.interruption import print_end
 from autopilot.web import is_reachable, page_files, svg_of
 from autopilot.web.hub import Access, Hub, makes_room
 from autopilot.web.journal import words_of
-from autopilot.web.requests import CAME_LATE, LATE_S, NEVER_LATE, asked_of, seen_in
+from autopilot.web.requests import CAME_LATE, asked_of, came_late
 from autopilot.web.view import COLUMNS
 
 SUFFIXES = (".tlog", ".html", ".csv", ".yaml")
@@ -262,11 +262,11 @@ class Page:
             return body
         try:
             wanted = order_object(body)
-            seen = seen_in(wanted)
+            is_late = came_late(wanted, self._hub.clock())
             asked = asked_of(self._hub.station, wanted)
         except InputError as error:
             return _refusal(BAD_ORDER, str(error))
-        if self._hub.clock() - seen > LATE_S and wanted["do"] not in NEVER_LATE:
+        if is_late:
             return _refusal(CANNOT_NOW, CAME_LATE)
         if self._hub.station.target is None:
             return _refusal(CANNOT_NOW, "no boat that runs this pilot is heard")

@@ -115,7 +115,11 @@ def test_an_order_that_was_held_up_on_its_way_is_not_carried_out_but_a_release_i
     sea.watch(1.0)
     assert order(6.0, do="turn", degrees=10) == 409 and turned() == pytest.approx(0.0, abs=1.0)
     assert client.post("/api/order", json={"do": "turn", "degrees": 10, "seen": ""}, headers=BEARER).status_code == 400
+    # a page that shows the state of before the boat's computer started anew, and its clock with it
+    assert order(-6.0, do="turn", degrees=10) == order(-1.0e12, do="turn", degrees=10) == 409
+    assert turned() == pytest.approx(0.0, abs=1.0)
     assert order(4.0, do="turn", degrees=10) == 200 and turned() == pytest.approx(10.0, abs=1.0)
+    assert order(-1.0e12, do="standby") == 200
     assert order(10.0, do="release") == 200 and not sea.commands.armed
 
 
