@@ -145,6 +145,16 @@ class _Waiting(NamedTuple):
     on_done: OnDone
 
 
+def _both(one: _Waiting, other: _Waiting) -> _Waiting:
+    """Return the order of two that begin alike that goes further; both who gave them hear how it ends."""
+
+    def on_done(answer: Answer, words: str) -> None:
+        one.on_done(answer, words)
+        other.on_done(answer, words)
+
+    return _Waiting(max(one.commands, other.commands, key=len), on_done)
+
+
 class Orders:
     """Carries orders out one after the other; `first` goes before all that waits.
 
@@ -168,9 +178,18 @@ class Orders:
         self._waiting.append(_Waiting(tuple(commands), on_done))
 
     def first(self, commands: Sequence[Command], on_done: OnDone) -> None:
-        """Give an order that takes the pilot from the helm: it goes at once, and what waits is dropped."""
-        dropped, self._waiting = self._waiting, deque([_Waiting(tuple(commands), on_done)])
-        if dropped and dropped[0].commands[self._step].number == commands[0].number:
+        """Give an order that takes the pilot from the helm: it goes at once, and what waits is dropped.
+
+        One of the same kind that waits is not: it is this one, given by two hands, and both hear how it ends.
+        """
+        order, dropped = _Waiting(tuple(commands), on_done), list[_Waiting]()
+        for each in self._waiting:
+            if each.commands[0] == order.commands[0]:
+                order = _both(each, order)
+            else:
+                dropped.append(each)
+        begun, self._waiting = self._waiting, deque([order])
+        if begun and begun[0].commands[self._step].number == commands[0].number:
             # what is acknowledged next may be the one before: to stand by would be lost behind an order to engage
             self._foreign = min(self._tries, FOREIGN_MOST)
         self._step = self._tries = 0

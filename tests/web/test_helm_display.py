@@ -545,6 +545,22 @@ def test_what_takes_the_pilot_from_the_helm_goes_before_all_that_waits(word: str
     assert (message.command, message.param2) == (dialect.MAV_CMD_DO_SET_MODE, 0.0)
 
 
+@pytest.mark.parametrize("words", [("standby", "standby"), ("release", "standby"), ("standby", "release")])
+def test_two_hands_that_take_the_helm_at_once_are_both_obeyed(words: tuple[str, str]) -> None:
+    station, ends, sent = Station(), list[bool](), list[int]()
+    orders, target = station.orders, Target(1, 1)
+    for word in words:
+        asked_of(station, {"do": word})(0.0, lambda taken, _: ends.append(bool(taken)))
+        sent += [message.command for message in orders.due(0.0, target)]
+    assert ends == []
+    for step in range(20):
+        for number in sent[-2:]:
+            orders.receive(0.1 * step, dialect.MAVLink_command_ack_message(number, 0))
+        sent += [message.command for message in orders.due(0.1 * step, target)]
+    assert ends == [True, True]
+    assert (dialect.MAV_CMD_COMPONENT_ARM_DISARM in sent) is ("release" in words)
+
+
 def test_an_answer_to_an_order_to_engage_is_none_to_the_one_to_stand_by() -> None:
     station, ends = Station(), list[bool]()
     orders, target = station.orders, Target(1, 1)
