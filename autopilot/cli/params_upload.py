@@ -170,7 +170,7 @@ class _Writing:
             self._session.vehicle.system,
             self._session.vehicle.firmware,
             self._uid,
-            self._backup or "",
+            str(Path(self._backup).absolute()) if self._backup else "",  # it may be read from another folder
             covered,
         )
         write_journal(self._path, journal)

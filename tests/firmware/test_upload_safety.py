@@ -251,6 +251,18 @@ def test_a_lost_link_leaves_a_journal_that_restore_finishes(
     assert call(served, "upload", "new.parm") == 0
 
 
+def test_another_folder_is_told_where_the_old_values_of_a_cut_upload_are(
+    served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    stop_after(served, 3, monkeypatch, LinkError("link 'x': vehicle 1 has been silent for 10 s."))
+    with pytest.raises(LinkError):
+        call(served, "upload", write("new.parm", **ALL_NEW), "--backup", "old.yaml")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert call(served, "restore", "--to", "as-is") == 0
+    assert f"the old values are in {tmp_path / 'old.yaml'}" in capsys.readouterr().out
+
+
 def test_restore_with_a_file_uploads_it(served: ServedVehicle, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(served, "upload", write("new.parm", **ALL_NEW), "--backup", "old.yaml", "--json") == 0
     assert json.loads(capsys.readouterr().out)["backup"] == "old.yaml"
