@@ -74,6 +74,8 @@ COLUMNS: dict[str, Column] = {
     "east_m": Column("east_m", 1.0),
 }
 
+SEPARATORS = ",;\t"
+"""What may stand between cells. Where it is no comma, and no cell has a point, commas are decimal commas."""
 Need = Sequence[Sequence[str]]
 """What a table must have: of each group of SI names, at least one."""
 
@@ -151,7 +153,10 @@ def _rows(path: str, is_mapped: bool) -> tuple[list[str], list[int], list[list[s
             f"{path}: is not a text file (byte {error.start}); a CSV table or a .tlog is needed."
         ) from error
     table: list[tuple[int, list[str]]] = []
-    reader = csv.reader(text.splitlines())
+    written = text.splitlines()
+    head = next((each for each in written if each.strip() and not each.lstrip().startswith("#")), "")
+    separator = max(SEPARATORS, key=head.count)
+    reader = csv.reader(written, delimiter=separator)
     try:
         table = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
     except csv.Error as error:
@@ -171,7 +176,10 @@ def _rows(path: str, is_mapped: bool) -> tuple[list[str], list[int], list[list[s
         if len(cells) != len(header):
             last = " (the last line: was the recording cut off? delete it)" if line == table[-1][0] else ""
             raise InputError(f"{path}, line {line}: has {len(cells)} cells where the header has {len(header)}{last}.")
-    return header, [line for line, _ in table[1:]], [cells for _, cells in table[1:]]
+    rows = [cells for _, cells in table[1:]]
+    if separator != "," and not any("." in cell for cells in rows for cell in cells):
+        rows = [[cell.replace(",", ".") for cell in cells] for cells in rows]
+    return header, [line for line, _ in table[1:]], rows
 
 
 def _is_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:

@@ -45,6 +45,20 @@ def test_units_come_from_the_names(tmp_path: Path) -> None:
     assert table["time_s"][-1] == pytest.approx(1.9)
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("point", [".", ","])
+def test_a_spreadsheet_of_another_country_is_the_same_table(tmp_path: Path, separator: str, point: str) -> None:
+    there = GOOD.replace(",", separator).replace(".", point)
+    ours, theirs = read_csv(written(tmp_path, GOOD)), read_csv(written(tmp_path, there))
+    assert ours.columns.keys() == theirs.columns.keys()
+    assert all((ours.columns[name] == theirs.columns[name]).all() for name in ours.columns)
+
+
+def test_points_and_commas_in_one_table_are_not_guessed_at(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"line 2: '1\.350,5' in column 'heading_deg' is not a number"):
+        read_csv(written(tmp_path, GOOD.replace(",", ";").replace("350", "1.350,5")))
+
+
 def test_a_map_names_the_columns(tmp_path: Path) -> None:
     path = written(tmp_path, GOOD.replace("rudder_deg", "delta [deg]").replace("heading_deg", "psi"))
     lines = ['rudder_deg: "delta [deg]"', "heading_deg: psi", "time_s: time_s", "speed_kn: speed_kn"]
