@@ -210,6 +210,15 @@ def test_the_override_switch_is_off_in_its_low_position(pulse: int, is_off: bool
     assert boat.reader.authority.switched_off is is_off
 
 
+@pytest.mark.parametrize("nothing", [0, 65535])
+def test_the_proof_leaves_the_rudder_amidships_where_no_stick_is_shown(nothing: int) -> None:
+    boat = Boat(**STEERED)
+    boat.channels(0.0, chan1_raw=nothing)
+    assert boat.reader.lacks_receiver
+    message = boat.reader.probe.due(0.1)
+    assert message is not None and abs(message.chan1_raw - 1500) <= 40, "it took 65535 us for a stick hard over"
+
+
 def test_a_vehicle_that_never_showed_a_pulse_has_no_receiver() -> None:
     boat = Boat(**STEERED)
     boat.channels(0.0)

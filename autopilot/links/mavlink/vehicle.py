@@ -61,6 +61,10 @@ WRAPPED_S = WRAP_S - 60.0
 """Less than this behind is none that began again, but a vehicle that has started anew."""
 
 
+NO_CHANNEL = 0xFFFF
+"""What RC_CHANNELS shows of a channel that is not there (MAVLink common, RC_CHANNELS)."""
+
+
 class Belongs(Enum):
     """What a message's time since boot tells of the vehicle."""
 
@@ -458,13 +462,13 @@ class VehicleReader:
         if number is None:
             return
         if parameters.override_switch is not None:
-            switch = getattr(message, f"chan{parameters.override_switch}_raw")
+            switch = _input_pulse(message, parameters.override_switch)
             authority.switch(0 < switch < SWITCH_LOW_US)
         for stick in parameters.free_sticks:
-            authority.stick(stick, getattr(message, f"chan{stick}_raw"))
+            authority.stick(stick, _input_pulse(message, stick))
         if self.bow is not None:
-            self.bow.report(now, getattr(message, f"chan{self.bow.channel}_raw"))
-        pulse = getattr(message, f"chan{number}_raw")
+            self.bow.report(now, _input_pulse(message, self.bow.channel))
+        pulse = _input_pulse(message, number)
         if self.guided is not None:
             authority.stick(number, pulse)  # nobody overrides it: it shows the hand
             self.guided.stick(self._throttle_asks(message))
@@ -489,7 +493,7 @@ class VehicleReader:
         if neutral is None:
             return None
         number, low, high = neutral
-        pulse = getattr(message, f"chan{number}_raw")
+        pulse = _input_pulse(message, number)
         return bool(pulse) and not low <= pulse <= high
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
@@ -537,3 +541,9 @@ class VehicleReader:
         self._channels_boot = 0
         if self.guided is not None:
             self.guided.reset()
+
+
+def _input_pulse(message: Message, number: int) -> int:
+    """Return the pulse [us] that RC_CHANNELS shows of an input; 0: there is none."""
+    pulse = int(getattr(message, f"chan{number}_raw"))
+    return 0 if pulse == NO_CHANNEL else pulse
