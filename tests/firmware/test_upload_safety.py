@@ -251,7 +251,7 @@ def test_a_lost_link_leaves_a_journal_that_restore_finishes(
     assert call(served, "upload", "new.parm") == 0
 
 
-def test_another_folder_is_told_where_the_old_values_of_a_cut_upload_are(
+def test_where_the_old_values_of_a_cut_upload_are_is_said_in_any_folder(
     served: ServedVehicle, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     stop_after(served, 3, monkeypatch, LinkError("link 'x': vehicle 1 has been silent for 10 s."))
