@@ -166,7 +166,7 @@ def _rows(path: str, is_mapped: bool) -> tuple[list[str], list[int], list[list[s
     header = [name.strip() for name in table[0][1]]
     if not is_mapped and not _is_table(header, [cells for _, cells in table[1:]]):
         raise InputError(
-            f"{path}: is text of no kind known here: its first line, '{printable(','.join(header), NAME_MOST)}', names "
+            f"{path}: is text of no kind known here: its first line, '{printable(head.strip(), NAME_MOST)}', names "
             "none of a table's columns (time_s, heading_deg, rudder_deg, speed_m_s, ...); `autopilot log -h` lists "
             "what is read."
         )
