@@ -243,7 +243,7 @@ def said(monitors: Monitors) -> tuple[str, ...]:
 
 
 BOAT = Norrbin(0.3, 4.0, n3=1.0)
-NOISE = Noise(heading=1.0e-4, acceleration=1.0e-5, push=1.0e-4, sea=1.0e-3, pace=0.6)
+NOISE = Noise(heading=1.0e-4, acceleration=1.0e-5, push=1.0e-4, sea=1.0e-3, pace=0.6, unmet=0.0)
 DT = 0.2
 
 

@@ -59,13 +59,14 @@ Gains = tuple[float, float, float, float, float]
 
 class Noise(NamedTuple):
     """heading [rad^2]; densities a second of acceleration [(rad/s)^2/s] and push [rad^2/s]; sea [rad^2] about zero,
-    which changes at its pace [1/s]."""
+    which changes at its pace [1/s]; unmet [rad^2]: by so much it may be larger, as it is not known yet."""
 
     heading: float
     acceleration: float
     push: float
     sea: float
     pace: float
+    unmet: float
 
 
 class Covariance(NamedTuple):
@@ -130,7 +131,7 @@ def noise_of(model: Norrbin, heading: float, swing: float, frequency: float) -> 
     """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws by `swing` [rad] at `frequency`."""
     drive = model.gain / model.time_constant
     pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
-    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea_of(model, swing, pace), pace)
+    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea_of(model, swing, pace), pace, 0.0)
 
 
 def sea_of(model: Norrbin, swing: float, pace: float) -> float:
@@ -140,14 +141,14 @@ def sea_of(model: Norrbin, swing: float, pace: float) -> float:
     return sea if sea > SEA_LEAST else SEA_LEAST
 
 
-def seaway_noise(model: Norrbin, heading: float, state: NavState, seaway: Seaway, worked: float) -> Noise:
+def seaway_noise(model: Norrbin, heading: float, state: NavState, seaway: Seaway, worked: float, unmet: float) -> Noise:
     """Return the noise of a boat in this `state`, with a compass of `heading` [rad^2]; where it has turned away from
     where the sea was estimated, of that one, the largest that has been met, and one that nobody has met yet, at the
     slowest pace, the one that pushes hardest. A sea from right ahead or astern turns no boat, until it leaves that
     course.
 
     worked [rad^2]: the mean square of a rudder that works against the sea. The yaw that is left is less than the sea is
-    worth then, and the rudder of a boat that is quicker than the waves makes up for it.
+    worth then, and the rudder of a boat that is quicker than the waves makes up for it. unmet: see `Noise`.
     """
     noise = noise_of(model, heading, state.wave_deviation, state.wave_frequency)
     sea, pace = noise.sea, noise.pace
@@ -155,7 +156,7 @@ def seaway_noise(model: Norrbin, heading: float, state: NavState, seaway: Seaway
     largest = sea_of(model, swing, SEA_SLOWEST)
     if largest > sea and abs(shortest_turn(math.atan2(seaway.east, seaway.north), state.heading)) > SEA_TURNED:
         sea, pace = largest, SEA_SLOWEST
-    return Noise(noise.heading, noise.acceleration, noise.push, sea + worked, pace)
+    return Noise(noise.heading, noise.acceleration, noise.push, sea + worked, pace, unmet)
 
 
 def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
@@ -172,7 +173,7 @@ def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> N
         return noise
     unknown = (own + change * abs((2.0 * model.n3 * rate + model.n2) * rate * rate)) / model.time_constant
     acceleration = noise.acceleration + unknown * unknown * CHANGED_TIME
-    return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace)
+    return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace, noise.unmet)
 
 
 class Slide(NamedTuple):

@@ -199,7 +199,7 @@ class Blocks(NamedTuple):
 
 def slight_sea(noise: Noise) -> Noise:
     """Return the noise in a slight sea, whatever sea there is: how that differs is learnt."""
-    return Noise(noise.heading, noise.acceleration, noise.push, SEA_SLIGHT, SEA_SLOWEST)
+    return Noise(noise.heading, noise.acceleration, noise.push, SEA_SLIGHT, SEA_SLOWEST, 0.0)
 
 
 def first_blocks(noise: Noise, heading: float) -> Blocks:

@@ -167,7 +167,7 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
     )
 
 
-NO_RESPONSE = first_response(Noise(0.0, 0.0, 0.0, 0.0, 0.0), math.nan, math.nan)
+NO_RESPONSE = first_response(Noise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), math.nan, math.nan)
 
 
 def grown(evidence: float, squares: float, variance: float, most: float) -> float:
@@ -238,6 +238,9 @@ def response_step(
     g, left_over = slide[0], off_some
     off_some -= shares[2] * g
     off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
+    # a sea that may be larger than it is known to be makes the same headings tell less; were the filter to suppose it,
+    # what it leaves over would not be coloured, by which a sea that is another is known
+    doubtful = variance * (1.0 + noise.unmet / noise.sea)
     square_none, square_some, square_some_late = off * off, off_some * off_some, off_some_late * off_some_late
     stuck, stuck_late, turned, turned_late = all_grown(
         (kept * stuck, kept * stuck_late, kept * wrong, kept * wrong_late),
@@ -247,7 +250,7 @@ def response_step(
             square_some - off_wrong * off_wrong,
             square_some_late - off_wrong_late * off_wrong_late,
         ),
-        variance,
+        doubtful,
         most,
     )
     # what may be a fault is none of the boat's usual ways

@@ -330,7 +330,7 @@ def evidence_step(
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
     # in a turn the order moves the rudder, and not the sea
     unmet = SEA_FIRST * math.exp(-(now - seaway.begun) / SEA_FIRST_TIME) if seen.holds_course else 0.0
-    noise = seaway_noise(model, limits.heading_noise, state, seaway, worked + unmet)
+    noise = seaway_noise(model, limits.heading_noise, state, seaway, worked, unmet)
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
         return Evidence(

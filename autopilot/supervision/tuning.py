@@ -97,9 +97,9 @@ WORKED_TIME = 30.0
 """What the rudder does against the waves is averaged for so long [s]: with 16 s a stuck rudder on a course is found
 later."""
 SEA_FIRST, SEA_FIRST_TIME = math.radians(3.0) ** 2, 10.0
-"""From when the sea is estimated on it is supposed to be larger by so much [rad^2 of rudder], which fades in this time
-[s]: with 2 deg 6 of 1,008 healthy boats that were engaged with their first heading were accused within 20 s, with 3 deg
-2, without 13."""
+"""From when the sea is estimated on it may be larger by so much [rad^2 of rudder], which fades in this time [s], and
+evidence heading by heading counts as much less. Where the filter itself supposed that sea, with 2 deg 6 of 1,008
+healthy boats that were engaged with their first heading were accused within 20 s, with 3 deg 2, without 13."""
 SEA_UNMET = math.radians(1.0)  # 30 %: nothing
 """On a course that is new to the boat a sea is supposed that yaws it by this [rad]."""
 SLIDE_SURE = 10.0  # 30 %: nothing

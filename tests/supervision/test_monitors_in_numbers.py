@@ -180,7 +180,7 @@ def test_heading_and_rate_must_differ_for_a_second(side: float, alone: bool) -> 
 
 
 def test_after_the_first_heading_the_usual_response_is_three_quarters() -> None:
-    noise = Noise(1e-4, 1e-5, 1e-6, 1e-3, 0.5)
+    noise = Noise(1e-4, 1e-5, 1e-6, 1e-3, 0.5, 0.0)
     memory = first_response(noise, 3.0, 0.7)
     assert memory.time == 3.0
     assert memory.mean == (0.7, 0.0, 0.0, 0.0)

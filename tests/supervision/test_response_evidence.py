@@ -228,7 +228,8 @@ def test_after_a_turn_the_largest_sea_of_late_may_come(
     assert seaway.swing == pytest.approx(swing * math.exp(-age / 3600.0))
     # the sea that is estimated turns the boat as much as what was met an hour ago, at the slowest pace
     noise = noise_of(BOAT, 2.0e-4, swing / math.e, 0.5)
-    met = seaway_noise(BOAT, 2.0e-4, in_waves(1.0 + side * math.radians(turned_deg), swing / math.e, 0.5), seaway, 0.0)
+    state = in_waves(1.0 + side * math.radians(turned_deg), swing / math.e, 0.5)
+    met = seaway_noise(BOAT, 2.0e-4, state, seaway, 0.0, 0.0)
     assert met == (noise_of(BOAT, 2.0e-4, seaway.swing, 0.5) if is_met else noise)
     seaway = seaway_step(seaway._replace(time=0.0), 2.0 * math.pi / 0.4, 1.0 + side * math.radians(25.0), 0.0)
     assert math.atan2(seaway.east, seaway.north) == pytest.approx(1.0 + side * 0.2767, abs=1e-4)
@@ -238,8 +239,8 @@ def test_a_sea_that_nobody_has_met_may_come_on_a_new_course_only() -> None:
     """A launch that had held a course right before the sea for minutes, without a yaw, turned by 20 deg into waves that
     swung it by 12: its rudder was called slow, then stuck, and let go."""
     noise, calm = noise_of(BOAT, 2.0e-4, 0.0, 0.0), seaway_step(NO_SEAWAY, 0.0, 0.0, 0.0)
-    assert seaway_noise(BOAT, 2.0e-4, in_waves(math.radians(9.5)), calm, 0.0) == noise
-    assert seaway_noise(BOAT, 2.0e-4, in_waves(2.0), calm, 0.0) == noise_of(BOAT, 2.0e-4, math.radians(1.0), 0.5)
+    assert seaway_noise(BOAT, 2.0e-4, in_waves(math.radians(9.5)), calm, 0.0, 0.0) == noise
+    assert seaway_noise(BOAT, 2.0e-4, in_waves(2.0), calm, 0.0, 0.0) == noise_of(BOAT, 2.0e-4, math.radians(1.0), 0.5)
 
 
 def accused(stuck: float, stuck_too: float, wrong: float = 0.0, wrong_too: float = 0.0) -> ResponseState:
@@ -492,8 +493,7 @@ def test_a_sea_that_the_rudder_works_against_is_larger_than_what_it_leaves(
     for number in range(400):
         looks.update(0.1 * math.sin(0.9 * TICK * number), **change)
     noise = looks.taken[-1][1]
-    first = 0.0 if "holds_course" in change else SEA_FIRST * math.exp(-399 * TICK / SEA_FIRST_TIME)
-    worked = noise.sea - first - noise_of(BOAT, 2.0e-4, 0.03, 0.9).sea
+    worked = noise.sea - noise_of(BOAT, 2.0e-4, 0.03, 0.9).sea
     share = -math.expm1(-400 * TICK / WORKED_TIME)
     assert worked == pytest.approx(0.5 * 0.1**2 * share if learns else 0.0, rel=0.15, abs=1e-6)
 
@@ -502,11 +502,11 @@ def test_a_sea_that_the_rudder_works_against_is_larger_than_what_it_leaves(
     ("before", "is_known"),
     [({"steers": False}, True), ({"has_way": False}, True), ({"steers": False, "state": in_waves(0.0)}, False)],
 )
-def test_a_sea_is_larger_on_a_course_until_it_was_estimated_for_a_while(
+def test_a_sea_may_be_larger_on_a_course_until_it_was_estimated_for_a_while(
     monkeypatch: pytest.MonkeyPatch, before: dict[str, Any], is_known: bool
 ) -> None:
     """Engaged, or without way, or not yet: it is estimated where there are headings."""
-    looks, calm = Looks(monkeypatch), noise_of(BOAT, 2.0e-4, 0.03, 0.9).sea
+    looks, known = Looks(monkeypatch), noise_of(BOAT, 2.0e-4, 0.03, 0.9)
     before = {**before, "state": before["state"]._replace(valid=False)} if "state" in before else before
     for _ in range(240):
         looks.update(0.0, **before)
@@ -514,9 +514,24 @@ def test_a_sea_is_larger_on_a_course_until_it_was_estimated_for_a_while(
         looks.update(0.0)
     begun = 0 if is_known else 240
     more = SEA_FIRST * math.exp(-(looks.number - 1 - begun) * TICK / SEA_FIRST_TIME)
-    assert looks.taken[-1][1].sea == pytest.approx(calm + more)
+    noise = looks.taken[-1][1]
+    assert noise.unmet == pytest.approx(more)
+    assert noise._replace(unmet=0.0) == known, "the filter supposes the sea that is estimated"
     looks.update(0.0, holds_course=False)
-    assert looks.taken[-1][1].sea == pytest.approx(calm)
+    assert looks.taken[-1][1] == known
+
+
+def test_a_sea_that_may_be_larger_takes_from_the_evidence_and_from_nothing_else() -> None:
+    """Three times as much beside it: a quarter of the evidence. What is learnt of boat and sea is the same."""
+    surely, perhaps = first_response(NOISE, 0.0, 0.0), first_response(NOISE, 0.0, 0.0)
+    for number in range(1, 7):
+        newest, at = (number * DT, -1.0e-3 * number**2), Rudders(0.2, 0.2, 0.2, 0.0, 1.0)
+        surely = response_step(surely, BOAT, NOISE, 0.0, newest, at)
+        perhaps = response_step(perhaps, BOAT, NOISE._replace(unmet=3.0 * NOISE.sea), 0.0, newest, at)
+    sums = ("stuck", "stuck_late", "reversed", "reversed_late")
+    for name in sums:
+        assert getattr(perhaps, name) == pytest.approx(0.25 * getattr(surely, name)) != 0.0
+    assert perhaps._replace(**{name: getattr(surely, name) for name in sums}) == surely
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

@@ -33,7 +33,7 @@ from autopilot.supervision.rudder_response import (
 )
 
 Matrix = npt.NDArray[np.float64]
-NOISE = Noise(heading=2.0e-4, acceleration=3.0e-5, push=4.0e-6, sea=5.0e-3, pace=0.7)
+NOISE = Noise(heading=2.0e-4, acceleration=3.0e-5, push=4.0e-6, sea=5.0e-3, pace=0.7, unmet=0.0)
 X = (0.1, -0.05, 0.02, 0.03)
 BOATS = [
     Norrbin(0.2, 5.0),
