@@ -238,9 +238,9 @@ def response_step(
     g, left_over = slide[0], off_some
     off_some -= shares[2] * g
     off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
-    # a sea that may be larger than it is known to be makes the same headings tell less; were the filter to suppose it,
-    # what it leaves over would not be coloured, by which a sea that is another is known
-    doubtful = variance * (1.0 + noise.unmet / noise.sea)
+    # a sea that may be larger, beside what sea and push may do as they are known, makes the same headings tell less;
+    # were the filter to suppose it, what it leaves would not be coloured, by which a sea that is another is known
+    doubtful = variance * (1.0 + noise.unmet / (noise.sea + covariance[7]))
     square_none, square_some, square_some_late = off * off, off_some * off_some, off_some_late * off_some_late
     stuck, stuck_late, turned, turned_late = all_grown(
         (kept * stuck, kept * stuck_late, kept * wrong, kept * wrong_late),

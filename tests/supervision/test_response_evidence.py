@@ -522,7 +522,8 @@ def test_a_sea_may_be_larger_on_a_course_until_it_was_estimated_for_a_while(
 
 
 def test_a_sea_that_may_be_larger_takes_from_the_evidence_and_from_nothing_else() -> None:
-    """Three times as much beside it: a quarter of the evidence. What is learnt of boat and sea is the same."""
+    """To more than a quarter, where three times as much may come beside the sea: there is the push, too. What is learnt
+    of boat and sea is the same."""
     surely, perhaps = first_response(NOISE, 0.0, 0.0), first_response(NOISE, 0.0, 0.0)
     for number in range(1, 7):
         newest, at = (number * DT, -1.0e-3 * number**2), Rudders(0.2, 0.2, 0.2, 0.0, 1.0)
@@ -530,7 +531,7 @@ def test_a_sea_that_may_be_larger_takes_from_the_evidence_and_from_nothing_else(
         perhaps = response_step(perhaps, BOAT, NOISE._replace(unmet=3.0 * NOISE.sea), 0.0, newest, at)
     sums = ("stuck", "stuck_late", "reversed", "reversed_late")
     for name in sums:
-        assert getattr(perhaps, name) == pytest.approx(0.25 * getattr(surely, name)) != 0.0
+        assert 0.25 * getattr(surely, name) < getattr(perhaps, name) < 0.99 * getattr(surely, name)
     assert perhaps._replace(**{name: getattr(surely, name) for name in sums}) == surely
 
 
