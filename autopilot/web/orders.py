@@ -141,18 +141,20 @@ class Reasons:
 
 
 class _Waiting(NamedTuple):
+    """An order; hearers: who gave it, each with how many of its commands carry theirs out."""
+
     commands: tuple[Command, ...]
-    on_done: OnDone
+    hearers: tuple[tuple[int, OnDone], ...]
 
+    def tell(self, answer: Answer, words: str) -> None:
+        for _, on_done in self.hearers:
+            on_done(answer, words)
 
-def _both(one: _Waiting, other: _Waiting) -> _Waiting:
-    """Return the order of two that begin alike that goes further; both who gave them hear how it ends."""
-
-    def on_done(answer: Answer, words: str) -> None:
-        one.on_done(answer, words)
-        other.on_done(answer, words)
-
-    return _Waiting(max(one.commands, other.commands, key=len), on_done)
+    def parted(self, step: int) -> tuple[_Waiting, _Waiting]:
+        """Return the order for those whose last command was the one before `step`, and for all others."""
+        done = tuple(hearer for hearer in self.hearers if hearer[0] == step)
+        left = tuple(hearer for hearer in self.hearers if hearer[0] != step)
+        return self._replace(hearers=done), self._replace(hearers=left)
 
 
 class Orders:
@@ -175,27 +177,28 @@ class Orders:
         if len(self._waiting) >= WAITING_MOST:
             on_done(Answer.SILENT, NO_ANSWER)
             return
-        self._waiting.append(_Waiting(tuple(commands), on_done))
+        self._waiting.append(_Waiting(tuple(commands), ((len(commands), on_done),)))
 
     def first(self, commands: Sequence[Command], on_done: OnDone) -> None:
         """Give an order that takes the pilot from the helm: it goes at once, and what waits is dropped.
 
-        One of the same kind that waits is not: it is this one, given by two hands, and both hear how it ends.
+        One of the same kind that waits is not: it is this one, given by two hands. The one that goes further is carried
+        out, and each hears how its own ends.
         """
-        order, dropped = _Waiting(tuple(commands), on_done), list[_Waiting]()
+        order, dropped = _Waiting(tuple(commands), ((len(commands), on_done),)), list[_Waiting]()
         for each in self._waiting:
             if each.commands[0] == order.commands[0]:
-                order = _both(each, order)
+                order = _Waiting(max(each.commands, order.commands, key=len), each.hearers + order.hearers)
             else:
                 dropped.append(each)
         begun, self._waiting = self._waiting, deque([order])
-        if begun and begun[0].commands[self._step].number == commands[0].number:
+        if begun and begun[0] in dropped and begun[0].commands[self._step].number == commands[0].number:
             # what is acknowledged next may be the one before: to stand by would be lost behind an order to engage
             self._foreign = min(self._tries, FOREIGN_MOST)
         self._step = self._tries = 0
         self._next = -math.inf
         for each in dropped:
-            each.on_done(Answer.FAILED, "dropped: the rudder is given back")
+            each.tell(Answer.FAILED, "dropped: the rudder is given back")
 
     def cancel(self, command: int) -> None:
         """End a trial before its time."""
@@ -216,6 +219,8 @@ class Orders:
             self._end(Answer.TAKEN, "")
         else:
             self._step, self._tries, self._next = self._step + 1, 0, -math.inf
+            done, self._waiting[0] = order.parted(self._step)
+            done.tell(Answer.TAKEN, "")
 
     def due(self, now: float, target: Target) -> list[Message]:
         """Return what to send at `now` [s]."""
@@ -237,7 +242,7 @@ class Orders:
         order = self._waiting.popleft()
         self._step = self._tries = self._foreign = 0
         self._next = -math.inf
-        order.on_done(answer, words)
+        order.tell(answer, words)
 
 
 ECHO_S = 1.5

@@ -561,6 +561,42 @@ def test_two_hands_that_take_the_helm_at_once_are_both_obeyed(words: tuple[str, 
     assert (dialect.MAV_CMD_COMPONENT_ARM_DISARM in sent) is ("release" in words)
 
 
+@pytest.mark.parametrize("words", [("release", "standby"), ("standby", "release")])
+@pytest.mark.parametrize("result", [dialect.MAV_RESULT_DENIED, None])
+def test_who_stood_by_hears_so_though_the_release_that_it_went_with_fails(
+    words: tuple[str, str], result: int | None
+) -> None:
+    station, ends = Station(), list[tuple[str, bool]]()
+    orders, target = station.orders, Target(1, 1)
+    for word in words:
+        asked_of(station, {"do": word})(0.0, lambda taken, _, word=word: ends.append((word, bool(taken))))  # type: ignore[misc]
+    for step in range(40):
+        for message in orders.due(0.1 * step, target):
+            if message.command == dialect.MAV_CMD_DO_SET_MODE:
+                orders.receive(0.1 * step, dialect.MAVLink_command_ack_message(message.command, 0))
+            elif result is not None:
+                orders.receive(0.1 * step, dialect.MAVLink_command_ack_message(message.command, result))
+    assert ends == [("standby", True), ("release", False)]
+
+
+def test_answers_to_an_order_to_engage_are_none_to_two_hands_that_stand_by() -> None:
+    station, ends = Station(), list[bool]()
+    orders, target = station.orders, Target(1, 1)
+    mode = int(dialect.MAV_CMD_DO_SET_MODE)
+    orders.give((ENGAGE[1],), lambda taken, words: None)
+    orders.due(0.0, target)
+    orders.due(0.5, target)
+    for now in (0.6, 0.7):
+        asked_of(station, {"do": "standby"})(now, lambda taken, _: ends.append(bool(taken)))
+        orders.due(now, target)  # lost on the way, both
+    for now in (0.8, 0.9):
+        orders.receive(now, dialect.MAVLink_command_ack_message(mode, 0))
+    assert ends == [], "what was asked to engage has answered, and is believed to stand by"
+    orders.due(1.3, target)
+    orders.receive(1.4, dialect.MAVLink_command_ack_message(mode, 0))
+    assert ends == [True, True]
+
+
 def test_an_answer_to_an_order_to_engage_is_none_to_the_one_to_stand_by() -> None:
     station, ends = Station(), list[bool]()
     orders, target = station.orders, Target(1, 1)
