@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import difflib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -75,7 +76,9 @@ COLUMNS: dict[str, Column] = {
 }
 
 SEPARATORS = ",;\t"
-"""What may stand between cells. Where it is no comma, and no cell has a point, commas are decimal commas."""
+"""What may stand between cells. Where it is no comma, and no number has a point, commas are decimal commas."""
+POINT = re.compile(r"\s*[-+]?(\d+\.\d*|\.\d+)([eE][-+]?\d+)?\s*")
+"""A number with a point."""
 Need = Sequence[Sequence[str]]
 """What a table must have: of each group of SI names, at least one."""
 
@@ -155,7 +158,7 @@ def _rows(path: str, is_mapped: bool) -> tuple[list[str], list[int], list[list[s
     table: list[tuple[int, list[str]]] = []
     written = text.splitlines()
     head = next((each for each in written if each.strip() and not each.lstrip().startswith("#")), "")
-    separator = max(SEPARATORS, key=head.count)
+    separator = max(SEPARATORS, key=re.sub('"[^"]*"', "", head).count)  # one in quotes is of a name
     reader = csv.reader(written, delimiter=separator)
     try:
         table = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
@@ -177,8 +180,9 @@ def _rows(path: str, is_mapped: bool) -> tuple[list[str], list[int], list[list[s
             last = " (the last line: was the recording cut off? delete it)" if line == table[-1][0] else ""
             raise InputError(f"{path}, line {line}: has {len(cells)} cells where the header has {len(header)}{last}.")
     rows = [cells for _, cells in table[1:]]
-    if separator != "," and not any("." in cell for cells in rows for cell in cells):
-        rows = [[cell.replace(",", ".") for cell in cells] for cells in rows]
+    if separator != "," and not any(POINT.fullmatch(cell) for cells in rows for cell in cells):
+        # a date like 27.11.2026 has no say
+        rows = [[cell if "." in cell else cell.replace(",", ".") for cell in cells] for cells in rows]
     return header, [line for line, _ in table[1:]], rows
 
 

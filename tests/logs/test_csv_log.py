@@ -54,6 +54,24 @@ def test_a_spreadsheet_of_another_country_is_the_same_table(tmp_path: Path, sepa
     assert all((ours.columns[name] == theirs.columns[name]).all() for name in ours.columns)
 
 
+def test_points_of_a_date_are_none_of_a_number(tmp_path: Path) -> None:
+    head, *rows = GOOD.replace(",", ";").replace(".", ",").splitlines()
+    dated = "\n".join([f"date;{head}", *(f"27.11.2026;{row}" for row in rows)]) + "\n"
+    ours, theirs = read_csv(written(tmp_path, GOOD)), read_csv(written(tmp_path, dated))
+    assert all((ours.columns[name] == theirs.columns[name]).all() for name in ours.columns)
+    with pytest.raises(InputError, match=r"'1\.350,5' in column 'heading_deg' is not a number"):
+        read_csv(written(tmp_path, dated.replace(";350", ";1.350,5", 1)))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_separators_in_a_quoted_name_part_no_cells(tmp_path: Path, separator: str) -> None:
+    head, *rows = GOOD.replace(",", separator).splitlines()
+    name = f'"a{9 * (";" if separator == "," else ",")}"'
+    named = "\n".join([head + separator + name, *(f"{row}{separator}x" for row in rows)]) + "\n"
+    ours, theirs = read_csv(written(tmp_path, GOOD)), read_csv(written(tmp_path, named))
+    assert all((ours.columns[name] == theirs.columns[name]).all() for name in ours.columns)
+
+
 def test_points_and_commas_in_one_table_are_not_guessed_at(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"line 2: '1\.350,5' in column 'heading_deg' is not a number"):
         read_csv(written(tmp_path, GOOD.replace(",", ";").replace("350", "1.350,5")))
