@@ -127,7 +127,8 @@ class Identified(NamedTuple):
     leans: by symbol K, T and n3 the share of what is known of K/T, n1/T and n3/T that other boats said; empty where
     they said nothing. likely: the likelihood's fit with the weather that it found, where that answered. sliding: the
     boat of second order where the runs show that it slides: predictions are made with it, `model` is what it is steered
-    by. rudder_rate: at which the rudder moved that the runs know by its orders alone, where the boat's turning showed
+    by. of_order: covariance of a, b, d and e, shape (4, 4), that the first order leaves open of a boat that slides, or
+    may. rudder_rate: at which the rudder moved that the runs know by its orders alone, where the boat's turning showed
     it slower than the vessel file says and the runs were fitted behind it. is_blind: the errors are those of a fit that
     knows of gusts only what the residuals remember of them, which is too little (`identify`). spacing: how far apart
     the samples are [s], 0 where the method does not say. differing: two parts of the runs that do not tell of one boat,
@@ -151,6 +152,7 @@ class Identified(NamedTuple):
     leans: Mapping[str, float] = MappingProxyType({})
     likely: LikelihoodFit | None = None
     sliding: Sliding | None = None
+    of_order: FloatArray | None = None
     rudder_rate: RudderRate | None = None
     is_blind: bool = False
     spacing: float = 0.0

@@ -367,7 +367,8 @@ def _unseen(space: Space, z: FloatArray, memory: float, least: float) -> Unseen:
     plays = {0.0: 0.0, **{play: worth(train._replace(dead_band=play)) for play in tried}}
     likeliest = max(plays, key=lambda play: plays[play])
     unlikely = [play for play in plays if play > likeliest and plays[play] < plays[likeliest] - UNLIKELY]
-    slides = worth(train._replace(**sliding(memory))) if train.lead == 0.0 else 0.0
+    ways = [(lag * memory, ratio * lag * memory) for lag, ratio in SLIDING_WAYS] if train.lead == 0.0 else []
+    slides = max((worth(train._replace(lag=lag, lead=lead)) for lag, lead in ways), default=0.0)
     largest = max(float(np.quantile(np.abs(angle), LARGEST_ANGLE)) for _, angle in space.record.paths)
     stops = {share * largest: worth(train, _stopped(space.record, share * largest)) for share in STOPS}
     stop = max(stops, key=lambda each: stops[each])
@@ -393,6 +394,9 @@ LARGEST_ANGLE, STOPS = 0.98, (0.4, 0.5, 0.6, 0.7, 0.8)
 """The largest angle of a rudder is this quantile of its record; stops are tried at so many times it."""
 LATE_SHARES = (0.03, 0.1)
 """Delays that are tried, as shares of the boat's time constant."""
+SLIDING_WAYS = (*((lag, ratio) for lag in (0.05, 0.15, 0.3, 0.6) for ratio in (1.6, 2.4)), (0.15, 3.0))
+"""Lags that are tried, as shares of the time in which the boat forgets its rate, each with leads of so many times it
+(`SWAY`): one lag or ratio that is far off makes a boat that slides less likely than one that does not."""
 PLAYS = tuple(math.radians(each) for each in (0.25, 0.5, 1.0, 2.0))
 """Plays of the rudder that are tried, to either side."""
 PLAY_NOISES, PLAY_JUMPS = 4.0, 1.0 / 6.0

@@ -25,6 +25,7 @@ from autopilot.identification.identified import (
 )
 from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_fit import (
+    UNLIKELY,
     LikelihoodFit,
     Start,
     Unseen,
@@ -76,23 +77,26 @@ def likeliest(
     answer = None if found is None else answer_of(found, runs, speed, question.prior, reasons)
     if found is None or answer is None:
         return None
-    if found.unseen.sway_worth < SURELY_SLIDES:
+    # gusts have taken up most of what the slide would explain: held, they show little of its worth
+    if found.unseen.sway_worth < UNLIKELY:
         return answer
-    sliding = _sliding(found, runs, speed, linear, steps)
+    sliding, is_sure = _sliding(found, runs, speed, linear, steps)
     if sliding is None:
         return answer
-    return answer._replace(sliding=sliding, notes=(*answer.notes, _slides(sliding)))
+    doubt, said = _doubt_of_order(found, sliding), _slides(sliding) if is_sure else _may_slide(sliding)
+    return answer._replace(sliding=sliding if is_sure else None, of_order=doubt, notes=(*answer.notes, said))
 
 
 def as_doubtful(answer: Identified, runs: Sequence[Run], steps: Steps) -> Identified:
     """Return the answer with the doubt that one model of all runs hides: of parts that are not of one boat, where
-    propeller, wind and drift do not explain that, and of compass and gyro that turn by different angles."""
+    propeller, wind and drift do not explain that, of a first order that a boat that slides has not, and of compass and
+    gyro that turn by different angles."""
     speed, apart, differ = answer.model.reference_speed, turned_apart(runs), None
     if answer.around is None and answer.likely is not None:
         differ = differing(answer.likely, runs, speed, steps.next)
     said = [*([f"{differ.sentence()}."] if differ else []), *([apart.sentence()] if apart else [])]
-    if answer.around is None and answer.likely is not None and said:
-        more = np.zeros((4, 4))
+    if answer.around is None and answer.likely is not None and (said or answer.of_order is not None):
+        more = np.zeros((4, 4)) if answer.of_order is None else answer.of_order.copy()
         more += differ.doubt if differ is not None else 0.0
         more += apart.doubt(answer.likely.rates) if apart is not None else 0.0
         wide = answer_of(answer.likely.with_doubt(more), runs, speed, None, {})
@@ -115,42 +119,102 @@ def as_doubtful(answer: Identified, runs: Sequence[Run], steps: Steps) -> Identi
 
 def _sliding(
     found: LikelihoodFit, runs: Sequence[Run], speed: float, linear: Norrbin | None, steps: Steps
-) -> Sliding | None:
-    """Return the boat of second order where the runs show that the boat slides; None where they do not.
+) -> tuple[Sliding | None, bool]:
+    """Return the boat of second order where the runs show that the boat slides, or may, and whether they surely do;
+    None where they do not.
 
-    It must make them surely likelier, its lead must be surely longer than its lag, which else is the steering gear's,
-    and it must explain more of the runs from rudder and speed alone.
+    Surely it must make them surely likelier, its lead must be surely longer than its lag, which else is the steering
+    gear's, and it must explain more of the runs from rudder and speed alone.
     """
     segments = tuple(segment for run in runs for segment in run.segments)
     kept = tuple(name for name in found.train_errors if name not in SWAY)
     # likelihoods are compared on one grid of times, which goes with where the search begins
     begin = _begin(segments, speed, start_rates(segments, speed), linear)
     if begin is None:
-        return None
+        return None, False
     straight = likelihood_fit(segments, speed, begin, kept, steps.next) if kept else found
     fit = likelihood_fit(segments, speed, begin, (*kept, *SWAY), steps.next)
-    if fit is None or straight is None or straight.loss - fit.loss < SURELY_SLIDES:
-        return None
-    (_, _, lag, lead), errors = fit.train, fit.train_errors
-    if not lead - lag > SURELY_TURNS * math.hypot(errors["lag"], errors["lead"]):
-        return None
+    if fit is None or straight is None or fit.rates.a <= 0.0 or fit.train.lead <= fit.train.lag:
+        return None, False
+    worth = straight.loss - fit.loss
+    if worth < UNLIKELY:
+        return None, False
     sliding, before = Sliding(_in_norrbin(fit, speed)[0], fit), _in_norrbin(found, speed)[0]
+    if worth < SURELY_SLIDES or not fit.train.lead - fit.train.lag > SURELY_TURNS * _error_between(fit):
+        return sliding, False
     unexplained = [
-        sum(1.0 - (predict(model, run, None, train).yaw_rate_r2 or 0.0) for run in runs)
+        sum(1.0 - (predict(model, run, None, train).yaw_rate_r2 or 0.0) for run in _with_rates(runs, found))
         for model, train in ((before, found.train), (sliding.model, fit.train))
     ]
-    return sliding if unexplained[1] < unexplained[0] else None
+    return sliding, unexplained[1] < unexplained[0]
+
+
+def _error_between(fit: LikelihoodFit) -> float:
+    """Return the standard error [s] of lead less lag, whose doubts go together."""
+    assert fit.joint is not None
+    names = tuple(fit.train_errors)
+    by = np.zeros(fit.joint.shape[0])
+    by[4 + names.index("lag")], by[4 + names.index("lead")] = -fit.train.lag, fit.train.lead
+    return math.sqrt(max(float(by @ fit.joint @ by), 0.0))
+
+
+def _with_rates(runs: Sequence[Run], found: LikelihoodFit) -> list[Run]:
+    """Return the runs with the yaw rate that the whole recording tells where none was measured.
+
+    Headings are no measure of what a model explains by itself: an error of the first rate turns all that follow.
+    """
+    motions, filled = iter(found.motions), []
+    for run in runs:
+        segments = []
+        for segment in run.segments:
+            time, _, rate = next(motions)
+            known = np.isfinite(segment.rate).any()
+            segments.append(segment if known else segment._replace(rate=np.interp(segment.time, time, rate)))
+        filled.append(run._replace(segments=tuple(segments)))
+    return filled
+
+
+def _under_slow_rudder(sliding: Sliding) -> Rates:
+    """Return the boat of first order that a boat that slides is under a slow rudder: as it turns for good, with
+    T1 + T2 - T3 for T."""
+    (_, _, lag, lead), rates = sliding.fit.train, sliding.fit.rates
+    share = max(1.0 - rates.b * (lead - lag), LEAST_OF_FIRST)
+    return Rates(*(value / share for value in rates))
+
+
+def _doubt_of_order(first: LikelihoodFit, sliding: Sliding) -> FloatArray:
+    """Return what the `first` order leaves open of a boat that slides, as covariance of a, b, d and e, shape (4, 4).
+
+    The first order is that of the manoeuvre's frequencies; under a slower rudder the boat turns by another.
+    """
+    off = np.array(_under_slow_rudder(sliding)) - first.rates
+    return np.outer(off, off)
+
+
+LEAST_OF_FIRST = 0.25
+"""Of T1: no boat that slides is said to have a T1 + T2 - T3 of less."""
 
 
 def _slides(sliding: Sliding) -> str:
     """Return what is to be said of a boat that slides."""
     model, (_, _, lag, lead) = sliding.model, sliding.fit.train
-    errors = sliding.fit.train_errors
+    errors, slow = sliding.fit.train_errors, _under_slow_rudder(sliding)
     return (
         f"The boat slides in its turns: of Nomoto's second order its lag T2 is {lag:.2g} +- "
         f"{SURE_OF_IT * errors['lag']:.1g} s and its lead T3 {lead:.2g} +- {SURE_OF_IT * errors['lead']:.1g} s, with K "
         f"{model.gain:.3g} 1/s, T1 {model.time_constant:.3g} s and n1 {model.n1:+.0f}. Predictions are made with it. "
-        "The boat is steered by K, T and n3 above, of the first order."
+        "The boat is steered by K, T and n3 above, of the first order at the manoeuvre's frequencies; their intervals "
+        f"hold those under a slow rudder, K {slow.a / slow.b:.3g} 1/s and T {1.0 / abs(slow.b):.3g} s."
+    )
+
+
+def _may_slide(sliding: Sliding) -> str:
+    """Return what is to be said of a boat that may slide."""
+    slow = _under_slow_rudder(sliding)
+    return (
+        "These runs do not tell whether the boat slides in its turns, which would explain them better: under a slow "
+        f"rudder it would turn by K {slow.a / slow.b:.3g} 1/s and T {1.0 / abs(slow.b):.3g} s, which the intervals hold; "
+        "more zigzags, and turns held for minutes, would tell."
     )
 
 

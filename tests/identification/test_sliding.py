@@ -10,6 +10,7 @@ import pytest
 from autopilot.identification.identified import Identified
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import RudderOrigin, Run, run_from_columns
+from autopilot.models.norrbin import Norrbin
 
 NAMES = ("time_s", "rudder_rad", "speed_m_s", "heading_rad", "yaw_rate_rad_s")
 DT, SAMPLED = 0.02, 10
@@ -65,3 +66,61 @@ def test_lag_and_lead_of_a_boat_that_slides_are_found_and_predict_another_run(ru
 def test_gusts_make_no_boat_slide(rudder: RudderOrigin, seed: int) -> None:
     run = zigzag(200.0, 0.0, 0.0, gust=math.radians(1.0), seed=20261127 + seed)
     assert found(run._replace(rudder=rudder)).sliding is None
+
+
+def sideways(gust: float, seed: int, side: float) -> Run:
+    """Sail a 20/20 zigzag by compass alone with a hull that its drift x turns further: T r' = K (v + gusts) - r + x,
+    Td x' = d r - x; gusts worth so much rudder [rad] over 5 s. By the midpoint rule."""
+    random, h, over = np.random.default_rng([seed, int(side > 0.0)]), 0.02, side * math.radians(20.0)
+    heading = rate = drift = rudder = push = 0.0
+    rows = []
+
+    def turning(r: float, x: float, drive: float) -> tuple[float, float]:
+        return (HULL_K * drive - r + x) / HULL_T, (SHARE * r - x) / HULL_T
+
+    for step in range(round(150.0 / h)):
+        if step % 5 == 0:
+            rows.append((step * h, rudder, 3.0, heading + math.radians(0.3) * random.standard_normal()))
+        over = -over if heading * math.copysign(1.0, over) >= math.radians(20.0) else over
+        before, travel = rudder, math.radians(15.0) * h
+        rudder += min(max(over - rudder, -travel), travel)
+        push += -h / 5.0 * push + gust * math.sqrt(2.0 * h / 5.0) * float(random.standard_normal())
+        drive = 0.5 * (before + rudder) + push
+        there, aside = (0.5 * h * change for change in turning(rate, drift, drive))
+        middle = rate + there
+        by_rate, by_drift = turning(middle, drift + aside, drive)
+        heading, rate, drift = heading + h * middle, rate + h * by_rate, drift + h * by_drift
+    return run_from_columns(f"{side:+.0f}", dict(zip(NAMES[:4], np.array(rows).T, strict=True)))
+
+
+HULL_K, HULL_T, SHARE = 0.1, 6.0, 0.5
+"""In a turn held K/(1 - d); (1 + 6 s)/(1 - d) times what turns it over 1 + 24 s + 72 s^2: T1 20.5, T2 3.5, T3 6 s."""
+SLOW_K, SLOW_T, T2, T3 = 0.2, 18.0, 12.0 - 72.0**0.5, 6.0
+
+
+@pytest.mark.parametrize("gust", [0.0, math.radians(0.5)])
+@pytest.mark.parametrize("seed", [20261128, 20261129])
+def test_a_slide_is_found_by_compass_alone_and_intervals_hold_k_and_t_of_a_slow_rudder(gust: float, seed: int) -> None:
+    answer = identify([sideways(gust, seed, side) for side in (1.0, -1.0)])
+    assert answer.sliding is not None
+    model, fit = answer.sliding
+    slow = Norrbin(SLOW_K, SLOW_T)
+    for name in ("gain", "time_constant"):
+        error = answer.standard_errors[name]
+        assert error is not None
+        assert abs(getattr(answer.model, name) - getattr(slow, name)) < 2.0 * error
+    assert abs(fit.train.lag - T2) < 3.0 * fit.train_errors["lag"] < 2.5
+    assert abs(fit.train.lead - T3) < 3.0 * fit.train_errors["lead"] < 5.0
+    assert model.gain == pytest.approx(SLOW_K, rel=0.1 if gust == 0.0 else 0.25)
+
+
+def test_a_boat_that_may_slide_is_said_to_and_its_intervals_hold_both() -> None:
+    answer = identify([sideways(math.radians(2.0), MAYBE, side) for side in (1.0, -1.0)])
+    assert answer.sliding is None
+    assert any("do not tell whether the boat slides" in note for note in answer.notes)
+    error = answer.standard_errors["gain"]
+    assert error is not None
+    assert abs(answer.model.gain - SLOW_K) < 2.0 * error
+
+
+MAYBE = 20261128
