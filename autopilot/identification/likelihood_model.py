@@ -213,8 +213,8 @@ def _may_slide(sliding: Sliding) -> str:
     slow = _under_slow_rudder(sliding)
     return (
         "These runs do not tell whether the boat slides in its turns, which would explain them better: under a slow "
-        f"rudder it would turn by K {slow.a / slow.b:.3g} 1/s and T {1.0 / abs(slow.b):.3g} s, which the intervals hold; "
-        "more zigzags, and turns held for minutes, would tell."
+        f"rudder it would turn by K {slow.a / slow.b:.3g} 1/s and T {1.0 / abs(slow.b):.3g} s, which the intervals "
+        "hold; more zigzags, and turns held for minutes, would tell."
     )
 
 
