@@ -182,6 +182,12 @@ def _under_slow_rudder(sliding: Sliding) -> Rates:
     return Rates(*(value / share for value in rates))
 
 
+def _as_model(sliding: Sliding) -> Norrbin:
+    """Return `_under_slow_rudder` in Norrbin's convention."""
+    slow = sliding.fit._replace(rates=_under_slow_rudder(sliding))
+    return _in_norrbin(slow, sliding.model.reference_speed)[0]
+
+
 def _doubt_of_order(first: LikelihoodFit, sliding: Sliding) -> FloatArray:
     """Return what the `first` order leaves open of a boat that slides, as covariance of a, b, d and e, shape (4, 4).
 
@@ -198,22 +204,22 @@ LEAST_OF_FIRST = 0.25
 def _slides(sliding: Sliding) -> str:
     """Return what is to be said of a boat that slides."""
     model, (_, _, lag, lead) = sliding.model, sliding.fit.train
-    errors, slow = sliding.fit.train_errors, _under_slow_rudder(sliding)
+    errors, slow = sliding.fit.train_errors, _as_model(sliding)
     return (
         f"The boat slides in its turns: of Nomoto's second order its lag T2 is {lag:.2g} +- "
         f"{SURE_OF_IT * errors['lag']:.1g} s and its lead T3 {lead:.2g} +- {SURE_OF_IT * errors['lead']:.1g} s, with K "
         f"{model.gain:.3g} 1/s, T1 {model.time_constant:.3g} s and n1 {model.n1:+.0f}. Predictions are made with it. "
         "The boat is steered by K, T and n3 above, of the first order at the manoeuvre's frequencies; their intervals "
-        f"hold those under a slow rudder, K {slow.a / slow.b:.3g} 1/s and T {1.0 / abs(slow.b):.3g} s."
+        f"hold those under a slow rudder, K {slow.gain:.3g} 1/s and T {slow.time_constant:.3g} s."
     )
 
 
 def _may_slide(sliding: Sliding) -> str:
     """Return what is to be said of a boat that may slide."""
-    slow = _under_slow_rudder(sliding)
+    slow = _as_model(sliding)
     return (
         "These runs do not tell whether the boat slides in its turns, which would explain them better: under a slow "
-        f"rudder it would turn by K {slow.a / slow.b:.3g} 1/s and T {1.0 / abs(slow.b):.3g} s, which the intervals "
+        f"rudder it would turn by K {slow.gain:.3g} 1/s and T {slow.time_constant:.3g} s, which the intervals "
         "hold; more zigzags, and turns held for minutes, would tell."
     )
 
