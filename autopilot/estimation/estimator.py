@@ -296,7 +296,7 @@ def unlearnt_step(model: Norrbin, before: float, expected: FilterState, found: F
     since the last: d = (T dr + n1 dpsi)/(K dt), averaged over as long as the boat shows a push. A bias that is slow,
     as waves are not to move it, has not learnt it yet.
     """
-    if dt <= 0.0:
+    if dt <= SHORTEST:
         return before
     turned = found.psi - expected.psi
     turned = turned if -PI < turned <= PI else wrap(turned)
@@ -306,6 +306,8 @@ def unlearnt_step(model: Norrbin, before: float, expected: FilterState, found: F
 
 
 MEASURED_AT = attrgetter("time")
+SHORTEST = 1.0e-9
+"""[s]: clocks count nanoseconds; what is closer is of one moment."""
 
 
 class Taken(NamedTuple):

@@ -485,7 +485,7 @@ def _circles(record: TrialRecord, holds: Sequence[Hold]) -> list[Circle]:
         for hold in holds
         if _is_over(hold)
         and hold.last > hold.first
-        and abs(record.heading[hold.last] - value_at(record.heading, hold.ordered)) >= HALF
+        and math.copysign(1.0, hold.angle) * (record.heading[hold.last] - value_at(record.heading, hold.ordered)) >= HALF
     ]
 
 

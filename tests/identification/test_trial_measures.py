@@ -84,6 +84,12 @@ def test_a_rudder_that_never_rests_makes_no_manoeuvre() -> None:
     assert (found.zigzags, found.circles, found.spiral, found.pull_outs) == ((), (), None, ())
 
 
+def test_a_boat_that_turns_against_its_rudder_makes_no_circle() -> None:
+    columns = circle(math.radians(35.0))
+    found = measures_of(record_of("reversed", {**columns, "rudder_rad": -columns["rudder_rad"]}))
+    assert found.circles == ()
+
+
 def test_no_manoeuvre_is_measured_over_a_pause() -> None:
     """Nobody knows what the boat did; a clock that was set looks the same."""
     columns = circle(math.radians(35.0))

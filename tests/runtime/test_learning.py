@@ -11,7 +11,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from manual_clock import ManualClock
 from plant import Plant
@@ -320,6 +320,7 @@ samples = st.one_of(
 
 
 @given(st.lists(st.lists(samples, max_size=3), max_size=40))
+@example([[], [HeadingSample(5.0e-324, 0.0, None)]])
 @settings(max_examples=20, deadline=None)
 def test_learned_estimates_stay_finite_whatever_samples_come(ticks: list[list[Sample]]) -> None:
     pilot = build_pilot(OFF, learns=True)
