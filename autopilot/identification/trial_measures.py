@@ -480,13 +480,12 @@ def _initial_turn(record: TrialRecord, begins: float, swing: FloatArray, way: Fl
 
 
 def _circles(record: TrialRecord, holds: Sequence[Hold]) -> list[Circle]:
-    return [
-        _circle(record, hold)
-        for hold in holds
-        if _is_over(hold)
-        and hold.last > hold.first
-        and math.copysign(1.0, hold.angle) * (record.heading[hold.last] - value_at(record.heading, hold.ordered)) >= HALF
-    ]
+    found = []
+    for hold in holds:
+        turned = math.copysign(1.0, hold.angle) * (record.heading[hold.last] - value_at(record.heading, hold.ordered))
+        if _is_over(hold) and hold.last > hold.first and turned >= HALF:
+            found.append(_circle(record, hold))
+    return found
 
 
 def _circle(record: TrialRecord, hold: Hold) -> Circle:
