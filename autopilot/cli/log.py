@@ -165,7 +165,7 @@ def _entries(text: str, recording: Recording) -> Iterator[Entry]:
     from autopilot.logs.mcap_log import message_entries, series_entries, tick_entries
     from autopilot.logs.merge import sources_of
     from autopilot.logs.own_log import began_of
-    from autopilot.logs.reading import bytes_of, format_of
+    from autopilot.logs.reading import bytes_of, format_of, head_of
     from autopilot.runtime.record import read_log
 
     entries = series_entries(recording)
@@ -173,12 +173,11 @@ def _entries(text: str, recording: Recording) -> Iterator[Entry]:
     if len(sources) > 1:
         return entries
     path = sources[0].path
-    data = bytes_of(path)
-    found = format_of(path, data)
+    found = format_of(path, head_of(path))
     if found.ticks:
         log = read_log(Path(path))
         entries = chain(entries, tick_entries(log, began_of(path, log) or 0.0))
-    return chain(entries, message_entries(data)) if found.packets else entries
+    return chain(entries, message_entries(bytes_of(path))) if found.packets else entries
 
 
 def measures_as_json(source: str, measures: Measures, length: float | None, notes: Sequence[str] = ()) -> str:

@@ -11,12 +11,14 @@ written, and fails with a RecursionError.
 
 from __future__ import annotations
 
+import codecs
 import errno
 import json
 import math
 import os
 import re
 import stat
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +57,64 @@ def read_regular(path: str | Path, most: int = SIZE_MOST) -> bytes:
             return file.read(min(most, size or UNNAMED))
         except MemoryError:
             raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)) from None
+
+
+BLOCK = 1 << 20
+"""Bytes of a text that are looked at together."""
+UNICODE = (
+    (rb"\xff\xfe\0\0|\0\0\xfe\xff", "utf-32"),
+    (rb"\xff\xfe|\xfe\xff", "utf-16"),
+    (rb"(?:[\t\r\n -~]\0){8}", "utf-16-le"),
+    (rb"(?:\0[\t\r\n -~]){8}", "utf-16-be"),
+)
+"""How texts in other encodings than UTF-8 begin: with their byte order mark, or every other byte a zero."""
+
+
+def utf8_blocks(path: str | Path, size: int = BLOCK) -> Iterator[bytes]:
+    """Yield what a regular file holds in blocks of `size` bytes, BLOCK at most, as `as_utf8` has it.
+
+    Raises OSError, also beyond SIZE_MOST, and UnicodeDecodeError.
+    """
+    size = min(size, BLOCK)
+    with open(open_regular(path), "rb") as file:
+        if os.fstat(file.fileno()).st_size > SIZE_MOST:
+            raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+        block = file.read(size).removeprefix(codecs.BOM_UTF8)
+        decoder = _decoder_of(block)
+        while block:
+            yield block if decoder is None else decoder.decode(block).encode()
+            block = file.read(size)
+
+
+def as_utf8(data: bytes) -> bytes:
+    """Return a text in UTF-16 or UTF-32 in UTF-8, without a last character that is cut off, and all else as it is; a
+    byte order mark is left out.
+
+    Raises UnicodeDecodeError.
+    """
+    decoder = _decoder_of(data)
+    return data.removeprefix(codecs.BOM_UTF8) if decoder is None else decoder.decode(data).encode()
+
+
+def _decoder_of(data: bytes) -> codecs.IncrementalDecoder | None:
+    for beginning, encoding in UNICODE:
+        if re.match(beginning, data):
+            return codecs.getincrementaldecoder(encoding)()
+    return None
+
+
+def whole_lines(blocks: Iterable[bytes]) -> Iterator[bytes]:
+    """Yield the same bytes in blocks that end where a line does (\\n, \\r or \\r\\n), the last one wherever it does."""
+    held: list[bytes] = []
+    for block in blocks:
+        # one \r at the end may be half of an end
+        end = max(block.rfind(b"\n"), block.rfind(b"\r", 0, -1)) + 1
+        if end:
+            yield b"".join((*held, block[:end]))
+            held = []
+        held.append(block[end:])
+    if rest := b"".join(held):
+        yield rest
 
 
 def alike(path: str | Path) -> str:

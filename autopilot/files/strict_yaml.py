@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from autopilot.errors import InputError
-from autopilot.files.outside import alike, read_regular
+from autopilot.files.outside import alike, as_utf8, read_regular
 
 SIZE_MAX_BYTES = 4_000_000
 DEPTH_MAX = 20
@@ -93,14 +93,15 @@ def text_of(path: str | Path) -> str:
         raise InputError(f"{path}: cannot be read ({reason}).") from None
     if len(data) > SIZE_MAX_BYTES:
         raise InputError(f"{path}: larger than {SIZE_MAX_BYTES} bytes, which no parameter file needs.")
-    if b"\0" in data:
-        raise InputError(f"{path}: is no text; a file of parameters (YAML) is needed.")
     try:
-        return data.decode("utf-8-sig")
+        data = as_utf8(data)
+        if b"\0" in data:
+            raise InputError(f"{path}: is no text; a file of parameters (YAML) is needed.")
+        return data.decode()
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(
-            f"{path}, line {line}: byte {error.start} is not UTF-8 text; save the file as UTF-8."
+            f"{path}, line {line}: byte {error.start} is not {error.encoding.upper()} text; save the file as UTF-8."
         ) from None
 
 

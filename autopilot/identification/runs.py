@@ -58,30 +58,39 @@ def without_spikes(values: FloatArray, *, angle: bool = False) -> tuple[FloatArr
     measured = np.flatnonzero(np.isfinite(values))
     if measured.size < 3 * WINDOW:
         return values, 0
-    known = values[measured]
-    if angle:
-        # how far the neighbours lie from each sample, the shorter way round, knows no seam at north
-        turned = _windows(known) - known[:, np.newaxis]
-        off = np.median(np.arctan2(np.sin(turned), np.cos(turned)), axis=1)
-        least = LEAST_HEADING_SPIKE_RAD
-    else:
-        low, high = np.quantile(known, (0.025, 0.975))
-        off, least = known - _medians(known), RANGE_SHARE * float(high - low)
-    size = np.abs(off)
-    limit = np.maximum(LOCAL_SPREAD * _medians(size), USUAL_SPREAD * float(np.quantile(size, USUAL_SHARE)))
+    known = values if measured.size == values.size else values[measured]
+    size = np.abs(_off_medians(known, angle))
+    least = LEAST_HEADING_SPIKE_RAD if angle else RANGE_SHARE * float(np.ptp(np.quantile(known, (0.025, 0.975))))
     # differences below the last digits of the numbers are rounding
     least = max(least, 1.0e-9 * max(1.0, float(np.max(np.abs(known)))))
-    spikes = size > np.maximum(limit, least)
-    if not spikes.any():
+    least = max(least, USUAL_SPREAD * float(np.quantile(size, USUAL_SHARE)))
+    spikes = np.flatnonzero(size > least)
+    if spikes.size:
+        usual = np.array([np.median(window) for window in _windows(size)[spikes]])
+        spikes = spikes[size[spikes] > LOCAL_SPREAD * usual]
+    if not spikes.size:
         return values, 0
     cleaned = values.copy()
     cleaned[measured[spikes]] = np.nan
-    return cleaned, int(np.count_nonzero(spikes))
+    return cleaned, int(spikes.size)
 
 
-def _medians(values: FloatArray) -> FloatArray:
-    medians: FloatArray = np.median(_windows(values), axis=1)
-    return medians
+TOGETHER = 1 << 16
+"""Windows that are looked at together: those of all samples at once would take seven times their memory."""
+
+
+def _off_medians(values: FloatArray, angle: bool) -> FloatArray:
+    """Return how far each value is off the median of those around it; angle: either way round the circle."""
+    off, windows = np.empty(values.size), _windows(values)
+    for at in range(0, values.size, TOGETHER):
+        part, around = values[at : at + TOGETHER], windows[at : at + TOGETHER]
+        if angle:
+            # how far the neighbours lie from each sample, the shorter way round, knows no seam at north
+            turned = around - part[:, np.newaxis]
+            off[at : at + TOGETHER] = np.median(np.arctan2(np.sin(turned), np.cos(turned)), axis=1)
+        else:
+            off[at : at + TOGETHER] = part - np.median(around, axis=1)
+    return off
 
 
 def _windows(values: FloatArray) -> FloatArray:
@@ -157,10 +166,15 @@ def _standing(time: FloatArray, heading: FloatArray) -> tuple[list[NDArray[np.in
     """Return the rows of each long stretch in which the heading stays the same number, and how many samples it stays so
     elsewhere at most."""
     rows = np.flatnonzero(np.isfinite(heading))
-    parts = np.split(rows, np.flatnonzero(np.diff(heading[rows]) != 0.0) + 1)
-    long = [p.size >= FROZEN_SAMPLES and time[p[-1]] - time[p[0]] >= FROZEN_SHORTEST_S for p in parts]
-    usual = max((part.size for part, is_long in zip(parts, long, strict=True) if not is_long), default=0)
-    return [part for part, is_long in zip(parts, long, strict=True) if is_long], usual
+    if not rows.size:
+        return [], 0
+    begins = np.append(0, np.flatnonzero(np.diff(heading[rows]) != 0.0) + 1)
+    sizes = np.diff(begins, append=rows.size)
+    lasting = time[rows[begins + sizes - 1]] - time[rows[begins]]
+    is_long = (sizes >= FROZEN_SAMPLES) & (lasting >= FROZEN_SHORTEST_S)
+    usual = int(np.max(sizes[~is_long], initial=0))
+    found = zip(begins[is_long].tolist(), sizes[is_long].tolist(), strict=True)
+    return [rows[begin : begin + size] for begin, size in found], usual
 
 
 def _has_turned(time: FloatArray, rate: FloatArray) -> bool:
@@ -221,12 +235,12 @@ def _turns_of(time: FloatArray, rate: FloatArray, heading: FloatArray) -> FloatA
 def check_turns(source: str, time: FloatArray, heading: FloatArray, rate: FloatArray) -> None:
     """Raise InputError where heading [rad] and yaw rate [rad/s] tell of turns that cannot be the same boat's: a sign or
     a unit of one of them is another, or that of the time [s]. nan where missing."""
-    rows = np.flatnonzero(np.isfinite(heading) & np.isfinite(rate))
-    if rows.size < FROZEN_SAMPLES:
+    both = np.isfinite(heading) & np.isfinite(rate)
+    if np.count_nonzero(both) < FROZEN_SAMPLES:
         return
-    moments, spacing = time[rows], np.diff(time[rows])
-    by_rate = 0.5 * (rate[rows][1:] + rate[rows][:-1]) * spacing
-    step = np.diff(heading[rows])
+    moments, headings, rates = (each if both.all() else each[both] for each in (time, heading, rate))
+    spacing, step = np.diff(moments), np.diff(headings)
+    by_rate = 0.5 * (rates[1:] + rates[:-1]) * spacing
     by_heading = np.arctan2(np.sin(step), np.cos(step))
     known = spacing <= gap_limit(moments)
     usual = float(np.median(np.abs(by_rate)))
@@ -236,14 +250,15 @@ def check_turns(source: str, time: FloatArray, heading: FloatArray, rate: FloatA
             f"{float(np.median(spacing)):.3g} s later; check the units of time and yaw rate."
         )
     window = ((moments[:-1] - moments[0]) / TURNS_WINDOW_S).astype(int)
-    found = np.unique(window[known], return_inverse=True)[1]
-    if not found.size:
+    if not known.any():
         return
-    rates, headings = (np.bincount(found, turns[known]) for turns in (by_rate, by_heading))
-    size_of_rates, size_of_headings = (float(np.sqrt(np.mean(turns**2))) for turns in (rates, headings))
+    # the windows that are not empty, numbered
+    found = np.append(0, np.cumsum(np.diff(window[known]) > 0))
+    turned, headed = (np.bincount(found, turns[known]) for turns in (by_rate, by_heading))
+    size_of_rates, size_of_headings = (float(np.sqrt(np.mean(turns**2))) for turns in (turned, headed))
     if max(size_of_rates, size_of_headings) < TURNS_LEAST_RAD:
         return
-    alike = float(np.mean(rates * headings)) / max(size_of_rates * size_of_headings, 1.0e-12)
+    alike = float(np.mean(turned * headed)) / max(size_of_rates * size_of_headings, 1.0e-12)
     if alike < TURNS_ALIKE or not 1.0 / TURNS_RATIO < size_of_headings / max(size_of_rates, 1.0e-12) < TURNS_RATIO:
         how = "to the other side" if alike < -TURNS_ALIKE else f"by {math.degrees(size_of_headings):.3g} deg"
         raise InputError(
@@ -367,7 +382,9 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     _require(source, columns)
     columns, notes = _without_bad_samples(source, columns)
     known = np.isfinite(columns["time_s"])
-    time = columns["time_s"][known]
+    if not known.all():
+        columns = {name: values[known] for name, values in columns.items()}
+    time = columns["time_s"]
     if time.size == 0:
         raise InputError(f"{source}: no row has a time, so there is nothing to identify from.")
     backwards = np.flatnonzero(np.diff(time) <= 0.0)
@@ -378,13 +395,13 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
             "it must increase from sample to sample."
         )
     nothing = np.full(time.size, np.nan)
-    heading = columns["heading_rad"][known] if "heading_rad" in columns else nothing
-    rate = columns["yaw_rate_rad_s"][known] if "yaw_rate_rad_s" in columns else nothing
+    heading = columns.get("heading_rad", nothing)
+    rate = columns.get("yaw_rate_rad_s", nothing)
     check_turns(source, time, heading, rate)
-    check_effect(source, time, heading, rate, columns["rudder_rad"][known])
-    rudder, rudder_known = _bridge(time, columns["rudder_rad"][known])
-    speed, speed_known = _bridge(time, columns["speed_m_s"][known])
-    around = _around(time, {name: values[known] for name, values in columns.items() if name in AROUND})
+    check_effect(source, time, heading, rate, columns["rudder_rad"])
+    rudder, rudder_known = _bridge(time, columns["rudder_rad"])
+    speed, speed_known = _bridge(time, columns["speed_m_s"])
+    around = _around(time, {name: values for name, values in columns.items() if name in AROUND})
     table = Segment(time, heading, rate, rudder, speed, *around)
     segments = [
         _tidy(_rows(table, part))
@@ -448,7 +465,7 @@ def _require(source: str, columns: Mapping[str, FloatArray]) -> None:
 def _bridge(time: FloatArray, values: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return `values` with short blanks bridged linearly, and where they are known that way."""
     measured = np.flatnonzero(np.isfinite(values))
-    if measured.size < 2:
+    if measured.size in (0, 1, values.size):
         return values, np.isfinite(values)
     moments = time[measured]
     longest = gap_limit(moments)

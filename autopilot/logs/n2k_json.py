@@ -50,7 +50,7 @@ IN_RADIANS = {
 def is_n2k_json(data: bytes) -> bool:
     """Return whether a file begins with such lines."""
     head = data[:LOOK_AT]
-    return data[:3].lstrip(b"\xef\xbb\xbf \r\n")[:1] == b"{" and GROUP.search(head) is not None and b'"fields"' in head
+    return head.lstrip()[:1] == b"{" and GROUP.search(head) is not None and b'"fields"' in head
 
 
 def read_n2k_json(path: str, data: bytes, variation: float | None = None, progress: Progress = silent) -> Recording:

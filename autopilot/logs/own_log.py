@@ -118,6 +118,7 @@ FORMAT = LogFormat(
     lambda path, data, options: read_own(path, options),
     packets=True,
     ticks=True,
+    is_streamed=True,
 )
 
 

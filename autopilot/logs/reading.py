@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.files.outside import alike, read_regular
+from autopilot.files.outside import alike, as_utf8, read_regular, utf8_blocks
 from autopilot.identification.runs import Run, gap_limit, run_from_columns, seconds
 from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2
 from autopilot.logs.merge import merged, sources_of
@@ -58,7 +58,7 @@ def _begins(*beginnings: bytes, at: int = 0) -> Callable[[bytes], bool]:
 
 def _matches(pattern: bytes) -> Callable[[bytes], bool]:
     form = re.compile(pattern, re.IGNORECASE)
-    return lambda data: form.match(data[:LOOK_AT].removeprefix(b"\xef\xbb\xbf").lstrip()) is not None
+    return lambda data: form.match(data[:LOOK_AT].lstrip()) is not None
 
 
 def _lines(beginning: bytes) -> Callable[[bytes], bool]:
@@ -194,12 +194,12 @@ def examples() -> str:
 
 def read_recording(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
     """Return the recording in a log of any kind. Raises InputError where the file cannot be used."""
-    data = bytes_of(path)
-    return format_of(path, data).read(path, data, options)
+    found = format_of(path, head_of(path))
+    return found.read(path, b"" if found.is_streamed else bytes_of(path), options)
 
 
 def format_of(path: str, data: bytes) -> LogFormat:
-    """Return of what format a file is, by its content. Raises InputError where that is none known here."""
+    """Return of what format a file is, by its beginning. Raises InputError where that is none known here."""
     if (found := next((each for each in FORMATS if not each.is_text and each.is_it(data)), None)) is not None:
         return found
     if (refusal := named(path, data)) is not None:
@@ -217,12 +217,24 @@ def format_of(path: str, data: bytes) -> LogFormat:
     return next(each for each in FORMATS if each.is_text and each.is_it(data))
 
 
+def head_of(path: str) -> bytes:
+    """Return the first bytes of a log, a text's in UTF-8. Raises InputError, also where there are none."""
+    return _opened(path, lambda: next(utf8_blocks(path), b""))
+
+
 def bytes_of(path: str) -> bytes:
+    """Return what a log holds, a text in UTF-8. Raises InputError, also where that is nothing."""
+    return _opened(path, lambda: as_utf8(read_regular(path)))
+
+
+def _opened(path: str, read: Callable[[], bytes]) -> bytes:
     try:
-        data = read_regular(path)
+        data = read()
     except OSError as error:
         advice = alike(path) if isinstance(error, FileNotFoundError) else ""
         raise InputError(f"{path}: {error.strerror}{advice or '; give a log that exists and can be read'}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: begins as a text in {error.encoding} and is none; save it as UTF-8.") from None
     if not data:
         raise InputError(f"{path}: is empty; a log is needed: {examples()}.")
     return data
@@ -342,7 +354,7 @@ def load_run(
     """
     reading = options.reading._replace(columns=column_map or options.reading.columns)
     sources = sources_of(text)
-    as_it_is = format_of(text, bytes_of(text)).run if len(sources) == 1 else None
+    as_it_is = format_of(text, head_of(text)).run if len(sources) == 1 else None
     if as_it_is is not None:
         columns, notes = as_it_is(text, reading)
         run = run_from_columns(text, _turned(columns, reverse_rudder))

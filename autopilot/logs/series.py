@@ -129,12 +129,18 @@ class Recording(NamedTuple):
 def series_of(
     quantity: str, source: str, times: Sequence[float] | FloatArray, values: Sequence[float] | FloatArray
 ) -> tuple[Series, ...]:
-    """Return the series of samples that can be, in order of time, of samples at one time the last; none where empty."""
+    """Return the series of samples that can be, in order of time, of samples at one time the last; none where empty.
+
+    Arrays that are so already are not copied: the quantities of a table have one time.
+    """
     time, value = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
     known = (np.abs(time) <= LATEST_S) & (np.abs(value) <= LARGEST)
-    time, value = time[known], value[known]
+    if not known.all():
+        time, value = time[known], value[known]
     if time.size == 0:
         return ()
+    if np.all(np.diff(time) > 0.0):
+        return (Series(quantity, source, time, value),)
     order = np.argsort(time, kind="stable")
     time, value = time[order], value[order]
     last = np.append(np.diff(time) > 0.0, True)
@@ -229,8 +235,10 @@ def from_zero(recording: Recording) -> Recording:
 
 def shifted(recording: Recording, seconds: float) -> Recording:
     """Return the recording on a clock that shows `seconds` more."""
+    times = {id(series.time): series.time for series in recording.series}
+    moved = {which: time + seconds for which, time in times.items()}
     return recording._replace(
-        series=tuple(series._replace(time=series.time + seconds) for series in recording.series),
+        series=tuple(series._replace(time=moved[id(series.time)]) for series in recording.series),
         began=None if recording.began is None else recording.began - seconds,
     )
 
@@ -324,11 +332,12 @@ class LogFormat(NamedTuple):
     """A format, as `autopilot.logs.reading` knows it.
 
     example: one of its files, as a sentence names it; "": another format's says enough.
-    is_it: says of a file's bytes whether they are of this format. read: the recording in a file, of its path, its bytes
-    and the options; InputError where it cannot be used.
+    is_it: says of a file's first bytes (BLOCK) whether they are of this format. read: the recording in a file, of its
+    path, its bytes and the options; InputError where it cannot be used.
     ending, broken: of the file names that promise it, and what is said where the content is another.
     is_text: it is looked for after all that is not.
     packets: it is a row of MAVLink packets; ticks: of the pilot's own ticks, too.
+    is_streamed: it reads the file itself, and is given none of its bytes.
     run: the columns of a run, and notes, where they stand in the file as they are; None: they are made of the series.
     """
 
@@ -340,6 +349,7 @@ class LogFormat(NamedTuple):
     is_text: bool = False
     packets: bool = False
     ticks: bool = False
+    is_streamed: bool = False
     run: Callable[[str, ReadOptions], tuple[Mapping[str, FloatArray], tuple[str, ...]]] | None = None
 
 

@@ -330,11 +330,13 @@ def between(series: Series, rows: FloatArray) -> FloatArray:
     time, values = series.time, series.values
     if time.size < 2:
         return np.full(rows.size, np.nan)
+    if time is rows and series.quantity not in ANGLES:
+        return values
     unwrapped = np.unwrap(values) if series.quantity in ANGLES else values
     found = np.interp(rows, time, unwrapped)
     right = np.clip(np.searchsorted(time, rows), 1, time.size - 1)
     inside = (rows >= time[0]) & (rows <= time[-1]) & (time[right] - time[right - 1] <= gap_limit(time))
-    inside |= np.isin(rows, time)
+    inside |= (time[right] == rows) | (time[right - 1] == rows)
     found = np.where(inside, found, np.nan)
     return np.angle(np.exp(1j * found)) if series.quantity in ANGLES else found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import example, given, settings
@@ -147,3 +148,17 @@ def test_no_file_content_raises_anything_but_input_error(tmp_path_factory, data:
         read_document(path)
     except InputError:
         return
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32", "utf-16-le", "utf-16-be"])
+def test_a_file_in_another_encoding_of_unicode_is_the_same(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "wide.yaml"
+    path.write_bytes("name: Lanxín\nlength_m: 7.0\n".encode(encoding))
+    assert plain(read_document(path)) == {"name": "Lanxín", "length_m": 7.0}
+
+
+def test_zeros_in_a_text_and_halves_of_its_characters_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "wide.yaml"
+    path.write_bytes("name: x\n".encode("utf-16") + b"\x00\xd8\x41\x00")
+    with pytest.raises(InputError, match=r"wide\.yaml, line 2: byte 18 is not UTF-16.* text; save the file as UTF-8"):
+        read_document(path)

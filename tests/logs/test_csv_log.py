@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from hypothesis import strategies as st
 from zigzag_trials import zigzag
 
 from autopilot.errors import InputError
+from autopilot.files import outside
+from autopilot.files.outside import BLOCK
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import run_from_columns
@@ -94,10 +97,10 @@ def test_a_map_names_the_columns(tmp_path: Path) -> None:
         (HEADER + "\n", "has a header but no rows"),
         (GOOD.replace("rudder_deg", "ruder_deg"), r"no column rudder_rad or rudder_deg \(nearest: 'ruder_deg'\)"),
         (GOOD.replace("speed_kn", "sog"), "no column speed_m_s or speed_kn.*its columns are time_s, .*--columns"),
-        (
-            GOOD + "2.0,350,1.",
-            r"line 22: has 3 cells where the header has 5 \(the last line: was the recording cut off",
-        ),
+        (GOOD + "2.0,350,1.\n", r"line 22: has 3 cells where the header has 5\."),
+        (GOOD + "2.0,350,1,-10,9,7", r"line 22: has 6 cells where the header has 5\."),
+        (GOOD + "2.0,350,abc,-10,9", r"line 22: 'abc' in column 'yaw_rate_deg_s' is not a number"),
+        (HEADER + "\n2.0,350,1", "has a header but no rows"),
         (GOOD + "2.0,350,abc,-10,9\n", r"line 22: 'abc' in column 'yaw_rate_deg_s' is not a number"),
         (GOOD + "2.0,350,inf,-10,9\n", r"line 22: 'inf' in column 'yaw_rate_deg_s' is not a finite number"),
         (GOOD + "2.0,350,1_0,-10,9\n", "line 22: '1_0' .* is not a finite number"),
@@ -131,6 +134,83 @@ def test_a_table_that_cannot_be_used_is_refused_in_one_sentence(tmp_path: Path, 
     assert str(refusal.value).startswith(path)
     assert str(refusal.value).endswith(".")
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "end", ["2.0,350,1.", "2.0,350,1,-10,", "2.0,350,1,-10,-", "2", "2.0,350,1\0\0\0", "\0\0\0\0\0"]
+)
+def test_a_last_line_that_is_cut_off_is_left_out_and_said(tmp_path: Path, end: str) -> None:
+    whole, _ = read_csv(written(tmp_path, GOOD))
+    path = written(tmp_path, GOOD + end, "cut.csv")
+    table, notes = read_csv(path)
+    if end.endswith(","):  # a blank is a cell
+        assert notes == () and table["time_s"].size == 21
+        return
+    assert notes and all(note.startswith(f"{path}: ") and note.endswith("its end is missing.") for note in notes)
+    assert all((table[name] == whole[name]).all() for name in whole)
+
+
+def big_table(rows: int, blanks: bool = False) -> str:
+    lines = (
+        f"{0.1 * i:.1f},{'' if blanks and i % 4 else round(0.103 * i % 360, 3)},1.0{i % 7},-10,9" for i in range(rows)
+    )
+    return "\n".join([HEADER, *lines]) + "\n"
+
+
+@pytest.mark.parametrize("blanks", [False, True])
+def test_a_table_takes_three_times_the_memory_of_its_numbers_at_most(tmp_path: Path, blanks: bool) -> None:
+    rows = 200_000
+    path = written(tmp_path, big_table(rows, blanks))
+    tracemalloc.start()
+    try:
+        run = load_run(path)
+        read_and_made = tracemalloc.get_traced_memory()[1]
+        del run
+        tracemalloc.reset_peak()
+        recording = read_recording(path)
+        info_of(recording, RudderSettings())
+        described = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    numbers = rows * 5 * 8
+    # beside the numbers a few blocks of a megabyte, which a larger table does not have more of
+    assert max(read_and_made, described) < 3 * numbers + 12 * BLOCK
+
+
+@pytest.mark.parametrize("block", [16, 61, 1 << 20])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_blocks_of_any_size_make_the_same_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, end: str
+) -> None:
+    """Rows read at once and cell by cell, over the ends of blocks: a number is that of `float`, to the last bit."""
+    random = np.random.default_rng(7)
+    cells = [[f"{0.1 * i:.1f}", *(repr(value) for value in random.normal(size=4).tolist())] for i in range(60)]
+    cells[11][2], cells[12][2], cells[30][4], cells[41][1] = "", "NaN", " 5 ", ""
+    rows = [",".join(row) for row in cells]
+    rows[50] = ",".join(f'"{cell}"' for cell in cells[50])
+    monkeypatch.setattr(outside, "BLOCK", block)
+    table, _ = read_csv(written(tmp_path, end.join([HEADER, "# remark", *rows[:25], "", *rows[25:], ""])))
+    for at, name in enumerate(("time_s", "heading_deg", "yaw_rate_deg_s", "rudder_deg", "speed_kn")):
+        expected = [float(row[at] or "nan") * COLUMNS[name].factor for row in cells]
+        np.testing.assert_array_equal(table[COLUMNS[name].si_name], expected)
+
+
+def test_a_number_that_is_none_is_named_in_any_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outside, "BLOCK", 64)
+    with pytest.raises(InputError, match=r"line 22: '-nan' in column 'heading_deg' is not a finite number"):
+        read_csv(written(tmp_path, GOOD + "2.0,-nan,1,-10,9\n2.1,1,1,-10,9\n"))
+    commas = GOOD.replace(",", ";").replace(".", ",")
+    with pytest.raises(InputError, match=r"line 2: '0,0' in column 'time_s' is not a number"):
+        read_csv(written(tmp_path, commas + "2.0;1;1;-10;9\n"))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32", "utf-16-le", "utf-16-be"])
+def test_a_table_in_another_encoding_of_unicode_is_the_same(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "wide.csv"
+    path.write_bytes(GOOD.replace("speed_kn", "speed_kn,\u03b4 [\u00b0]").replace(",9\n", ",9,1\n").encode(encoding))
+    ours, theirs = read_csv(written(tmp_path, GOOD)), read_csv(str(path))
+    assert all((ours.columns[name] == theirs.columns[name]).all() for name in ours.columns)
+    assert load_run(str(path)).segments[0].time.size == 20
 
 
 ROWS = [f"{0.1 * i:.1f},350,{i},-10,9" for i in range(60)]

@@ -93,6 +93,18 @@ def test_every_format_says_how_much_of_a_file_is_read(tmp_path: Path) -> None:
         assert shares[0] < 0.1 and shares[-1] > 0.95, (name, shares[0], shares[-1])
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32", "utf-16-le"])
+def test_every_text_is_the_same_in_another_encoding_of_unicode(tmp_path: Path, encoding: str) -> None:
+    paths = in_every_format(tmp_path)
+    for name in ("n2k_json", "n2k_text", "nmea_text", "csv_log"):
+        ours, path = read_recording(paths[name]), Path(paths[name])
+        path.write_bytes(path.read_text(encoding="utf-8").encode(encoding))
+        theirs = read_recording(str(path))
+        assert (theirs.kind, theirs.notes) == (ours.kind, ours.notes)
+        for one, other in zip(ours.series, theirs.series, strict=True):
+            assert one.quantity == other.quantity and (one.values == other.values).all()
+
+
 def assert_sailed(recording: Recording, boat: Boat, tolerance: float) -> None:
     """Heading, rate and steering lie on the boat's, each at its own time."""
     for quantity, truth in ((HEADING, boat.heading), (RATE, boat.rate), (SHARE, boat.order / FULL)):
