@@ -157,12 +157,8 @@ def learn(sea: Sea, heading: float, rate: float, dt: float) -> Sea:
     return Sea(variance, rate_variance, watched)
 
 
-class Means(NamedTuple):
-    """Of an angle [rad]: x, y and z of the module's equations."""
-
-    first: float
-    second: float
-    third: float
+Means = tuple[float, float, float]
+"""Of an angle [rad]: x, y and z of the module's equations."""
 
 
 class Intensity(NamedTuple):
@@ -175,7 +171,7 @@ class Intensity(NamedTuple):
     variance: float
 
 
-NO_MEANS = Means(0.0, 0.0, 0.0)
+NO_MEANS: Means = (0.0, 0.0, 0.0)
 NO_INTENSITY = Intensity(0.0, NO_MEANS, NO_MEANS, 0.0)
 
 
@@ -195,7 +191,7 @@ def adapt_intensity(
     density = least if density < least else density
     density = most if density > most else density
     if known == 0.0 or variance > GUST_BIAS_UNKNOWN or variance < known * math.exp(-dt / (GUST_BIAS_FOUND * time)):
-        return Intensity(density, Means(bias, bias, bias), Means(rudder, rudder, rudder), variance)
+        return Intensity(density, (bias, bias, bias), (rudder, rudder, rudder), variance)
     quick, slow = -math.expm1(-dt / time), -math.expm1(-dt / (GUST_LONGER * time))
     x, y, z = pushed
     x += quick * (bias - x)
@@ -217,7 +213,7 @@ def adapt_intensity(
     density -= math.expm1(-dt / memory) * (seen - density)
     density = least if density < least else density
     density = most if density > most else density
-    return Intensity(density, Means(x, y, z), Means(u, v, w), variance)
+    return Intensity(density, (x, y, z), (u, v, w), variance)
 
 
 def reset_intensity(intensity: Intensity) -> Intensity:

@@ -243,11 +243,11 @@ def fuse_measured(
     noise, dt = noises.usual, time - before.time
     filed_heading, filed_rate = noise.heading, noise.rate
     longest = model.time_constant if model.time_constant < NOISE_GAP else NOISE_GAP
-    of_heading = headings.variance if headings.variance > filed_heading else filed_heading
-    of_rate = rates.variance if rates.variance > filed_rate else filed_rate
+    of_heading = headings[0] if headings[0] > filed_heading else filed_heading
+    of_rate = rates[0] if rates[0] > filed_rate else filed_rate
     rate = raw - gyro.bias
     doubt = gyro.p11 if gyro.p11 > RATE_BIAS_FELT * of_rate else 0.0
-    noise = FilterNoise(of_heading, of_rate + doubt, *noise[2:])
+    variances, changes = (of_heading, of_rate + doubt), (noise.bias, noise.gusty_bias, noise.gust_time)
     state = carried(model, noises, fusion, past, time)
     unknown = state.p11 + 2.0 * state.p14 + state.p44 + doubt
     apart = rate - state.rate - state.wave_rate
@@ -255,7 +255,7 @@ def fuse_measured(
     if is_far and not is_pushed(fusion, noises.usual):
         # no rudder makes it, and no heading shows that anything else does
         rate = raw = math.nan
-    off, innovation, deviation = innovations(state, noise, heading, rate)
+    off, innovation, deviation = innovations(state, variances, heading, rate)
     off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
     mean -= math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - mean)
     if heading == heading:  # what is no number is not itself
@@ -274,7 +274,6 @@ def fuse_measured(
         is_off = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share
         leans = leans + dt if is_off else 0.0
         if noise.waves and leans > 0.0:
-            changes = noise.bias, noise.gusty_bias, noise.gust_time
             lasts = does_lean(leans, noise)
             intensity = raised_intensity(state.intensity, changes, dt) if lasts else reset_density(state.intensity)
             state = FilterState(*state[:-1], intensity)
@@ -284,7 +283,7 @@ def fuse_measured(
     learns = noise.waves and -INNOVATION_LASTING < mean < INNOVATION_LASTING
     rudder = angle_at(past, time) if learns else math.nan
     gyro = rate_bias_step(gyro, (time, heading, raw), (of_heading, of_rate))
-    expected, state = state, fused(state, noise, heading, rate, rudder, dt)
+    expected, state = state, fused(state, changes, variances, (heading, rate), rudder, dt)
     unlearnt = unlearnt_step(model, unlearnt, expected, state, dt)
     return Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt), True
 

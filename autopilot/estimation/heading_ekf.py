@@ -408,25 +408,37 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     )
 
 
-def innovations(state: FilterState, noise: FilterNoise, heading: float, rate: float) -> tuple[float, float, float]:
+def innovations(
+    state: FilterState, variances: tuple[float, float], heading: float, rate: float
+) -> tuple[float, float, float]:
     """Return how many standard deviations the measured rate [rad/s] is above the expected one, by the heading [rad]
     where the rate is nan, not measured; the innovation of the heading, the short way round, and its standard deviation
-    [rad]."""
+    [rad]. variances: of a heading [rad^2] and of a rate [(rad/s)^2] as they are measured."""
+    of_heading, of_rate = variances
     innovation = heading - state.psi - state.wave
     innovation = innovation if -PI < innovation <= PI else wrap(innovation)
-    deviation = math.sqrt(state.p00 + 2.0 * state.p03 + state.p33 + noise.heading)
+    deviation = math.sqrt(state.p00 + 2.0 * state.p03 + state.p33 + of_heading)
     if rate != rate:  # what is no number is not itself
         return innovation / deviation, innovation, deviation
-    total = state.p11 + 2.0 * state.p14 + state.p44 + noise.rate
+    total = state.p11 + 2.0 * state.p14 + state.p44 + of_rate
     return (rate - state.rate - state.wave_rate) / math.sqrt(total), innovation, deviation
 
 
-def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, rudder: float, dt: float) -> FilterState:
-    """Return the state after a heading [rad] and a yaw rate [rad/s], nan where it was not measured, and with what it
-    says then of sea and gusts, `dt` [s] with the `rudder` [rad] after it said so last; nan: nothing is learnt of them.
+def fused(
+    state: FilterState,
+    changes: tuple[float, float, float],
+    variances: tuple[float, float],
+    shown: tuple[float, float],
+    rudder: float,
+    dt: float,
+) -> FilterState:
+    """Return the state after a heading [rad] and a yaw rate [rad/s] were `shown`, nan where it was not measured, and
+    with what it says then of sea and gusts, `dt` [s] with the `rudder` [rad] after it said so last; nan: nothing is
+    learnt of them. changes: see `adapt_intensity`; variances: of heading and rate as they are measured.
 
     The compass shows psi + h and the gyro r + s; one is taken in after the other.
     """
+    (heading, rate), (of_heading, of_rate) = shown, variances
     (
         time, psi, r, bias, p00, p01, p02, p11, p12, p22,
         h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55,
@@ -440,11 +452,11 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
         if is_heading:
             innovation = measured - psi - h
             innovation = innovation if -PI < innovation <= PI else wrap(innovation)
-            share = 1.0 / (p00 + 2.0 * p03 + p33 + noise.heading)
+            share = 1.0 / (p00 + 2.0 * p03 + p33 + of_heading)
             c0, c1, c2, c3, c4, c5 = p00 + p03, p01 + p13, p02 + p23, p03 + p33, p04 + p34, p05 + p35
         else:
             innovation = measured - r - s
-            share = 1.0 / (p11 + 2.0 * p14 + p44 + noise.rate)
+            share = 1.0 / (p11 + 2.0 * p14 + p44 + of_rate)
             c0, c1, c2, c3, c4, c5 = p01 + p04, p11 + p14, p12 + p24, p13 + p34, p14 + p44, p15 + p45
         g0, g1, g2 = c0 * share, c1 * share, c2 * share
         psi += g0 * innovation
@@ -488,7 +500,6 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
         # see `is_extreme`
         if not h * h > EXTREME_SQUARED * sea.heading + EXTREME_LEAST_SQUARED:
             sea = learn(sea, h * h + p33, s * s + p44, dt)
-        changes = noise.bias, noise.gusty_bias, noise.gust_time
         intensity = adapt_intensity(intensity, changes, bias - slide, p22 - unknown, rudder, dt)
     return FilterState(
         time,
@@ -528,12 +539,12 @@ def fused(state: FilterState, noise: FilterNoise, heading: float, rate: float, r
 
 def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:
     """Return the state after a heading [rad] of `variance` [rad^2] alone."""
-    return fused(state, FilterNoise(variance, 0.0, 0.0, 0.0), heading, math.nan, math.nan, 0.0)
+    return fused(state, (0.0, 0.0, 1.0), (variance, 0.0), (heading, math.nan), math.nan, 0.0)
 
 
 def fuse_rate(state: FilterState, rate: float, variance: float) -> FilterState:
     """Return the state after a yaw rate [rad/s] of `variance` [(rad/s)^2] alone."""
-    return fused(state, FilterNoise(0.0, variance, 0.0, 0.0), math.nan, rate, math.nan, 0.0)
+    return fused(state, (0.0, 0.0, 1.0), (0.0, variance), (math.nan, rate), math.nan, 0.0)
 
 
 def is_sound(state: FilterState) -> bool:

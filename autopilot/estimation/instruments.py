@@ -265,17 +265,11 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     return RateBias(time, psi, rate, bias, p00 - k0 * p00, p01 - k0 * p01, p11 - k1 * p01, apart, turning, time)
 
 
-class Noise(NamedTuple):
-    """An instrument's noise: its variance R, 0 before anything is known; the newest innovation, by how much it was more
-    than the one before, nan where none came shortly before, and its time [s]."""
+Noise = tuple[float, float, float, float]
+"""An instrument's noise: its variance R, 0 before anything is known; the newest innovation, by how much it was more
+than the one before, nan where none came shortly before, and its time [s]."""
 
-    variance: float
-    innovation: float
-    step: float
-    time: float
-
-
-NO_NOISE = Noise(0.0, 0.0, math.nan, -math.inf)
+NO_NOISE: Noise = (0.0, 0.0, math.nan, -math.inf)
 """Before the first measurement."""
 
 
@@ -292,4 +286,4 @@ def noise_step(before: Noise, filed: float, innovation: float, unknown: float, t
         if back == back:
             known -= math.expm1(-gap / NOISE_MEMORY) * (-forth * back - unknown - known)
     known = filed if known < filed else most if known > most else known
-    return Noise(known, innovation, forth, time)
+    return known, innovation, forth, time

@@ -247,24 +247,20 @@ SLOWER = (1.0, 2.0, 4.0, 8.0)
 """The gears: so many times slower than the file's."""
 
 
-class Gear(NamedTuple):
-    """angle [rad]: where the rudder would be; drive [rad/s]: u; the sums over time of u, u^2 and u y."""
-
-    angle: float = 0.0
-    drive: float = 0.0
-    sum_drive: float = 0.0
-    sum_squared: float = 0.0
-    sum_found: float = 0.0
+Gear = tuple[float, float, float, float, float]
+"""Where the rudder would be [rad]; u [rad/s]; the sums over time of u, u^2 and u y. No record: four of them are made
+anew in each tick."""
+NO_GEAR: Gear = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class RudderRate(NamedTuple):
     """The gears; r_ and (damping(r))_ [rad/s]; the sums over time of 1, y and y^2; slower: how many times slower than
     the file's the gear is that is gone by; is_sure: whether the file's is out of question."""
 
-    filed: Gear = Gear()
-    half: Gear = Gear()
-    quarter: Gear = Gear()
-    eighth: Gear = Gear()
+    filed: Gear = NO_GEAR
+    half: Gear = NO_GEAR
+    quarter: Gear = NO_GEAR
+    eighth: Gear = NO_GEAR
     rate: float = math.nan
     damping: float = 0.0
     sum_time: float = 0.0
@@ -274,13 +270,12 @@ class RudderRate(NamedTuple):
     is_sure: bool = False
 
 
-NO_GEAR = Gear(0.0, 0.0, 0.0, 0.0, 0.0)
 AS_FILED = RudderRate(NO_GEAR, NO_GEAR, NO_GEAR, NO_GEAR, math.nan, 0.0, 0.0, 0.0, 0.0, 1.0, False)
 
 
 def begun_at(angle: float, slower: float = 1.0) -> RudderRate:
     """Return what is known of a rudder that stands at `angle` [rad], so many times `slower` than filed."""
-    gear = Gear(angle, 0.0, 0.0, 0.0, 0.0)
+    gear = (angle, 0.0, 0.0, 0.0, 0.0)
     return RudderRate(gear, gear, gear, gear, math.nan, 0.0, 0.0, 0.0, 0.0, slower, slower > 1.0)
 
 
@@ -288,10 +283,10 @@ def angle_of(state: RudderRate) -> float:
     """Return where the rudder [rad] of the gear that is gone by is."""
     slower = state.slower
     if slower == SLOWER[0]:
-        return state.filed.angle
+        return state.filed[0]
     if slower == SLOWER[1]:
-        return state.half.angle
-    return state.quarter.angle if slower == SLOWER[2] else state.eighth.angle
+        return state.half[0]
+    return state.quarter[0] if slower == SLOWER[2] else state.eighth[0]
 
 
 def gone_by(gear: SteeringGear, state: RudderRate) -> SteeringGear:
@@ -329,7 +324,7 @@ def rudder_rate_step(
             _at_rest(quarter, command, reach / SLOWER[2]),
             _at_rest(eighth, command, reach / SLOWER[3]),
         )
-        if abs(rests[0].angle - rests[3].angle) < GEAR_PLAY:
+        if abs(rests[0][0] - rests[3][0]) < GEAR_PLAY:
             return RudderRate(rests[0], rests[1], rests[2], rests[3], math.nan, 0.0, 0.0, 0.0, 0.0, slower, is_sure)
     passed = GEAR_PASSED * time_constant
     share, kept = -math.expm1(-dt / passed), math.exp(-dt / (GEAR_FADES * time_constant))
@@ -394,11 +389,11 @@ def _moved(angle: float, command: float, reach: float) -> float:
 
 
 def _at_rest(gear: Gear, command: float, reach: float) -> Gear:
-    return Gear(_moved(gear.angle, command, reach), 0.0, 0.0, 0.0, 0.0)
+    return _moved(gear[0], command, reach), 0.0, 0.0, 0.0, 0.0
 
 
 def _in_balance(gear: Gear, command: float, reach: float, gain: float) -> Gear:
-    return Gear(gear.angle, gain * _moved(gear.angle, command, reach), 0.0, 0.0, 0.0)
+    return gear[0], gain * _moved(gear[0], command, reach), 0.0, 0.0, 0.0
 
 
 def _summed(
@@ -420,4 +415,4 @@ def _summed(
     a, right = sum_squared + weight, sum_found + weight
     known = a * c - b * b
     q, bias = (right * c - left * b) / known, (left * a - right * b) / known
-    return Gear(angle, drive, b, sum_squared, sum_found), squared + weight - q * right - bias * left
+    return (angle, drive, b, sum_squared, sum_found), squared + weight - q * right - bias * left

@@ -51,8 +51,9 @@ STEEPEST = 20.0
 
 Transition = tuple[float, float, float, float, float]
 """turn, drift, decay, gain, kept: psi += turn r + drift u, r = decay r + gain u, w = kept w; u: rudder, push, sea."""
-Predicted = tuple[float, float, float, float, float, float, float, float, float, float]
-"""A covariance before its heading: as `Covariance`, and quicker to make."""
+Covariance = tuple[float, float, float, float, float, float, float, float, float, float]
+"""p00, p01, p02, p03, p11, p12, p13, p22, p23, p33: the upper triangle, common to all suppositions about the rudder; i
+and j count psi, r, p, w."""
 Gains = tuple[float, float, float, float, float]
 """The variance [rad^2] of a heading's innovation, and what psi, r, p and w take of it."""
 
@@ -67,21 +68,6 @@ class Noise(NamedTuple):
     sea: float
     pace: float
     unmet: float
-
-
-class Covariance(NamedTuple):
-    """The covariance, common to all suppositions about the rudder; i and j count psi, r, p, w."""
-
-    p00: float
-    p01: float
-    p02: float
-    p03: float
-    p11: float
-    p12: float
-    p13: float
-    p22: float
-    p23: float
-    p33: float
 
 
 Mean = tuple[float, float, float, float]
@@ -127,13 +113,6 @@ def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Se
     )
 
 
-def noise_of(model: Norrbin, heading: float, swing: float, frequency: float) -> Noise:
-    """Return the noise: of a compass with `heading` [rad^2], in a sea that yaws by `swing` [rad] at `frequency`."""
-    drive = model.gain / model.time_constant
-    pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
-    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea_of(model, swing, pace), pace, 0.0)
-
-
 def sea_of(model: Norrbin, swing: float, pace: float) -> float:
     """Return the sea [rad^2 of rudder] that yaws the boat by `swing` [rad] at its pace [1/s]."""
     yaw, lag = swing * pace / model.gain, pace * model.time_constant
@@ -150,13 +129,14 @@ def seaway_noise(model: Norrbin, heading: float, state: NavState, seaway: Seaway
     worked [rad^2]: the mean square of a rudder that works against the sea. The yaw that is left is less than the sea is
     worth then, and the rudder of a boat that is quicker than the waves makes up for it. unmet: see `Noise`.
     """
-    noise = noise_of(model, heading, state.wave_deviation, state.wave_frequency)
-    sea, pace = noise.sea, noise.pace
+    drive, frequency = model.gain / model.time_constant, state.wave_frequency
+    pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
+    sea = sea_of(model, state.wave_deviation, pace)
     swing = seaway.swing if seaway.swing > SEA_UNMET else SEA_UNMET
     largest = sea_of(model, swing, SEA_SLOWEST)
     if largest > sea and abs(shortest_turn(math.atan2(seaway.east, seaway.north), state.heading)) > SEA_TURNED:
         sea, pace = largest, SEA_SLOWEST
-    return Noise(noise.heading, noise.acceleration, noise.push, sea + worked, pace, unmet)
+    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea + worked, pace, unmet)
 
 
 def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
@@ -176,29 +156,19 @@ def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> N
     return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace, noise.unmet)
 
 
-class Slide(NamedTuple):
-    """What a boat has shown of its slide. both and squares: sums of what is left over times the slide's answer, and of
-    the answer's square, over the variance, of a time constant; lately and lately_sure: sums for the share's mean square
-    and its weight, of a turn that may be going on; shown and sure: of those before."""
-
-    both: float
-    squares: float
-    lately: float
-    lately_sure: float
-    shown: float
-    sure: float
-
-
-NO_SLIDE = Slide(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+Slide = tuple[float, float, float, float, float, float]
+"""What a boat has shown of its slide: both, squares, lately, lately_sure, shown, sure. both and squares: sums of what
+is left over times the slide's answer, and of the answer's square, over the variance, of a time constant; lately and
+lately_sure: sums for the share's mean square and its weight, of a turn that may be going on; shown and sure: of those
+before."""
+NO_SLIDE: Slide = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def slide_share(slide: Slide) -> float:
     """Return how many times its own damping the boat is braked by."""
-    prior = SLIDE_SURE * SLIDE_SURE
-    usual = (slide.shown + SLIDE_UNKNOWN * SLIDE_UNKNOWN * prior) / (slide.sure + prior)
-    if usual <= 0.0 or slide.both <= 0.0:
-        return 0.0
-    return slide.both * usual / (slide.squares * usual + 1.0)
+    (both, squares, _, _, shown, sure), prior = slide, SLIDE_SURE * SLIDE_SURE
+    usual = (shown + SLIDE_UNKNOWN * SLIDE_UNKNOWN * prior) / (sure + prior)
+    return 0.0 if usual <= 0.0 or both <= 0.0 else both * usual / (squares * usual + 1.0)
 
 
 def slide_learnt(before: Slide, model: Norrbin, seen: tuple[float, float, float], dt: float, learns: bool) -> Slide:
@@ -211,11 +181,11 @@ def slide_learnt(before: Slide, model: Norrbin, seen: tuple[float, float, float]
     both += left * answer / variance - fresh * both
     squares += answer * answer / variance - fresh * squares
     if not learns:
-        return Slide(both, squares, lately, lately_sure, shown, sure)
+        return both, squares, lately, lately_sure, shown, sure
     # half of white noise lies to the side that is no slide
     square = both * both if both > 0.0 else 0.0
     passed, remembered = -math.expm1(-dt / (SLIDE_LASTS * model.time_constant)), math.exp(-dt / USUAL_TIME)
-    return Slide(
+    return (
         both,
         squares,
         lately - passed * lately + fresh * (square - 0.5 * squares),
@@ -237,8 +207,9 @@ def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transi
     return dt * once, drive * dt * twice, 1.0 - lost, drive * once, math.exp(-pace * dt)
 
 
-def predicted(step: Transition, covariance: Covariance, noise: Noise, push: float, dt: float) -> Predicted:
-    """Return the covariance `dt` [s] later: F P F' + Q; `push` [rad^2/s] counts, and not the noise's."""
+def predicted(step: Transition, covariance: Covariance, noises: tuple[float, float, float], dt: float) -> Covariance:
+    """Return the covariance `dt` [s] later: F P F' + Q. noises: acceleration, push and sea, as `Noise` has them."""
+    acceleration, push, sea = noises
     p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = covariance
     turn, drift, decay, gain, kept = step
     push_and_sea, of_sea = p22 + p23, p23 + p33
@@ -248,7 +219,7 @@ def predicted(step: Transition, covariance: Covariance, noise: Noise, push: floa
     a03 = p03 + turn * p13 + drift * of_sea
     a12 = decay * p12 + gain * push_and_sea
     a13 = decay * p13 + gain * of_sea
-    q = noise.acceleration * dt
+    q = acceleration * dt
     return (
         p00 + turn * p01 + drift * (p02 + p03) + turn * a01 + drift * (a02 + a03) + q * dt * dt / 3.0,
         decay * a01 + gain * (a02 + a03) + 0.5 * q * dt,
@@ -259,16 +230,16 @@ def predicted(step: Transition, covariance: Covariance, noise: Noise, push: floa
         kept * a13,
         p22 + push * dt,
         kept * p23,
-        kept * kept * p33 + (1.0 - kept * kept) * noise.sea,
+        kept * kept * p33 + (1.0 - kept * kept) * sea,
     )
 
 
-def measured(before: Predicted, heading: float) -> tuple[Gains, Covariance]:
+def measured(before: Covariance, heading: float) -> tuple[Gains, Covariance]:
     """Return how much a heading of that variance [rad^2] is believed, and the covariance after it."""
     p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = before
     variance = p00 + heading
     k0, k1, k2, k3 = p00 / variance, p01 / variance, p02 / variance, p03 / variance
-    return (variance, k0, k1, k2, k3), Covariance(
+    return (variance, k0, k1, k2, k3), (
         p00 - k0 * p00,
         p01 - k0 * p01,
         p02 - k0 * p02,
@@ -283,20 +254,19 @@ def measured(before: Predicted, heading: float) -> tuple[Gains, Covariance]:
 
 
 def foreseen(
-    model: Norrbin,
-    noise: Noise,
+    step: Transition,
     known: Covariance,
     means: Means,
-    steered: tuple[float, tuple[float, float, float, float]],
-    passed: tuple[float, float],
-) -> tuple[Predicted, Gains, Covariance, Means]:
+    rudders: tuple[float, float, float, float],
+    noises: tuple[float, float, float, float],
+    dt: float,
+) -> tuple[Covariance, Gains, Covariance, Means]:
     """Return the covariance before the next heading, how much that is believed, the covariance after it, and the means
-    before it. steered: the boat's rate [rad/s] and the rudders since [rad]; passed: the push's density [rad^2/s], which
-    counts in place of the noise's, and the time since [s]."""
-    (rate, rudders), (push, dt) = steered, passed
-    step = transition_of(model, rate, noise.pace, dt)
-    before = predicted(step, known, noise, push, dt)
-    gains, after = measured(before, noise.heading)
+    before it, `dt` [s] after the last. rudders [rad]: since then; noises: heading, acceleration, push and sea, as
+    `Noise` has them."""
+    heading, acceleration, push, sea = noises
+    before = predicted(step, known, (acceleration, push, sea), dt)
+    gains, after = measured(before, heading)
     return before, gains, after, all_moved(step, means, rudders)
 
 
@@ -334,9 +304,9 @@ def all_corrected(gains: Gains, means: Means, innovation: float) -> Means:
     )
 
 
-def first_covariance(noise: Noise) -> Covariance:
-    """Return the covariance after the first heading."""
-    return Covariance(noise.heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, noise.sea)
+def first_covariance(heading: float, sea: float) -> Covariance:
+    """Return the covariance after the first heading of that variance [rad^2] in a `sea` [rad^2]."""
+    return heading, 0.0, 0.0, 0.0, RATE_UNKNOWN, 0.0, 0.0, PUSH_UNKNOWN, 0.0, sea
 
 
 def unlike(off: float, s: float, s_slow: float, opposite: float) -> float:

@@ -27,12 +27,12 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
-from autopilot.models.norrbin import Norrbin
 from autopilot.supervision.response_filter import (
     NOTHING,
     Covariance,
     Mean,
     Noise,
+    Transition,
     all_corrected,
     first_covariance,
     foreseen,
@@ -71,31 +71,23 @@ REFLECTED_MOST = 0.98
 """A swell whose waves die away no slower than by 2 % a block."""
 
 
-class Spectrum(NamedTuple):
-    """begun [s]: the first heading of the block that is going on, many: how many it has, sums: of theirs; past: the
-    last four blocks, the newest first; sums_apart and weight: what the usual share of the answer left, its products
-    with what it left so many blocks before, and how many there were; lately and lately_weight: the same since there was
-    no evidence of a fault last, which is not learnt yet."""
-
-    begun: float
-    many: float
-    sums: Block
-    past: tuple[Block, Block, Block, Block]
-    sums_apart: Covariances
-    weight: float
-    lately: Covariances
-    lately_weight: float
+Spectrum = tuple[float, float, Block, tuple[Block, Block, Block, Block], Covariances, float, Covariances, float]
+"""begun, many, sums, past, sums_apart, weight, lately, lately_weight. begun [s]: the first heading of the block that is
+going on, many: how many it has, sums: of theirs; past: the last four blocks, the newest first; sums_apart and weight:
+what the usual share of the answer left, its products with what it left so many blocks before, and how many there were;
+lately and lately_weight: the same since there was no evidence of a fault last, which is not learnt yet."""
 
 
 NOTHING_LATELY: Covariances = (0.0, 0.0, 0.0, 0.0, 0.0)
-NO_SPECTRUM = Spectrum(
-    math.nan, 0.0, EMPTY, (EMPTY, EMPTY, EMPTY, EMPTY), SPECTRUM_FIRST, SPECTRUM_SURE, NOTHING_LATELY, 0.0
-)
+NO_SPECTRUM: Spectrum = (
+    math.nan, 0.0, EMPTY, (EMPTY, EMPTY, EMPTY, EMPTY), SPECTRUM_FIRST, SPECTRUM_SURE, NOTHING_LATELY, 0.0,
+)  # fmt: skip
 
 
 def strength(spectrum: Spectrum) -> float:
     """Return how many times the supposed sea's variance that of a block is, 1 at least."""
-    found = (spectrum.sums_apart[0] + SPECTRUM_LEAST) / (spectrum.weight + SPECTRUM_LEAST)
+    _, _, _, _, apart, weight, _, _ = spectrum
+    found = (apart[0] + SPECTRUM_LEAST) / (weight + SPECTRUM_LEAST)
     return found if found > 1.0 else 1.0
 
 
@@ -106,13 +98,13 @@ def summed(before: Spectrum, time: float, seen: Block, variance: float) -> tuple
     root, begun = 1.0 / math.sqrt(variance), time if many == 0.0 else begun
     sums = (off + root * seen[0], s + root * seen[1], late + root * seen[2], braked + root * seen[3])
     # half a tick's jitter is no more than that
-    return Spectrum(begun, many + 1.0, sums, past, apart, weight, lately, lately_weight), time - begun > BLOCK_S - 0.01
+    return (begun, many + 1.0, sums, past, apart, weight, lately, lately_weight), time - begun > BLOCK_S - 0.01
 
 
 def emptied(before: Spectrum) -> Spectrum:
     """Return the same without the block that is going on."""
     _, _, _, past, apart, weight, lately, lately_weight = before
-    return Spectrum(math.nan, 0.0, EMPTY, past, apart, weight, lately, lately_weight)
+    return math.nan, 0.0, EMPTY, past, apart, weight, lately, lately_weight
 
 
 def whitened(before: Spectrum, share: float) -> tuple[Block, float, Spectrum]:
@@ -136,7 +128,7 @@ def whitened(before: Spectrum, share: float) -> tuple[Block, float, Spectrum]:
         lately[3] + left * (three[0] - share * three[1] - three[3]),
         lately[4] + left * (four[0] - share * four[1] - four[3]),
     )
-    after = Spectrum(math.nan, 0.0, EMPTY, (now, one, two, three), apart, weight, lately, lately_weight + 1.0)
+    after = math.nan, 0.0, EMPTY, (now, one, two, three), apart, weight, lately, lately_weight + 1.0
     return (off, s, late, braked), variance, after
 
 
@@ -152,7 +144,7 @@ def learnt(before: Spectrum) -> Spectrum:
         kept * apart[3] + lately[3],
         kept * apart[4] + lately[4],
     )
-    return Spectrum(begun, many, sums, past, apart, kept * weight + more, NOTHING_LATELY, 0.0)
+    return begun, many, sums, past, apart, kept * weight + more, NOTHING_LATELY, 0.0
 
 
 def predictor(apart: Covariances, weight: float) -> tuple[float, float, float, float, float]:
@@ -197,14 +189,9 @@ class Blocks(NamedTuple):
     outliers: int
 
 
-def slight_sea(noise: Noise) -> Noise:
-    """Return the noise in a slight sea, whatever sea there is: how that differs is learnt."""
-    return Noise(noise.heading, noise.acceleration, noise.push, SEA_SLIGHT, SEA_SLOWEST, 0.0)
-
-
 def first_blocks(noise: Noise, heading: float) -> Blocks:
     """Return what is known after the first heading [rad]."""
-    covariance, mean = first_covariance(slight_sea(noise)), (heading, 0.0, 0.0, 0.0)
+    covariance, mean = first_covariance(noise.heading, SEA_SLIGHT), (heading, 0.0, 0.0, 0.0)
     return Blocks(covariance, mean, NOTHING, NOTHING, NOTHING, NOTHING, NO_SPECTRUM, 0.0, 0.0, 0.0, 0.0, 1.0, 0)
 
 
@@ -218,22 +205,25 @@ def likelier(evidence: float, square: float, other: float, variance: float, most
 
 def blocks_step(
     before: Blocks,
-    model: Norrbin,
+    moves: Transition,
     noise: Noise,
-    steered: tuple[float, tuple[float, float, float, float]],
+    rudders: tuple[float, float, float, float],
     newest: tuple[float, float, float],
     shares: tuple[float, float, float],
 ) -> Blocks:
     """Return what is known after the `newest` heading [rad], at a time [s] and so long [s] after the one before, in a
-    slight sea, whatever sea there is. steered: as `foreseen` has it; shares: the least of the model's answer of a boat
-    that answers, the usual one, and how much this one slides."""
+    slight sea, whatever sea there is: how that differs is learnt. moves: of the boat, in any sea; rudders: as
+    `foreseen` has them; shares: the least of the model's answer of a boat that answers, the usual one, and how much
+    this one slides."""
     known, mean, answer, late, slide, slow, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = (
         before
     )
     (time, dt, heading), (least, usual, slides) = newest, shares
     is_gust = unexplained > UNEXPLAINED
-    noise, passed = slight_sea(noise), (noise.push + GUST if is_gust else noise.push, dt)
-    covariance, gains, known, means = foreseen(model, noise, known, (mean, answer, late, slide, slow), steered, passed)
+    turn, drift, decay, gain, _ = moves
+    step, push = (turn, drift, decay, gain, math.exp(-SEA_SLOWEST * dt)), noise.push + GUST if is_gust else noise.push
+    noises = noise.heading, noise.acceleration, push, SEA_SLIGHT
+    covariance, gains, known, means = foreseen(step, known, (mean, answer, late, slide, slow), rudders, noises, dt)
     variance = gains[0]
     mean, answer, late, slide, slow = means
     off, s, s_late = heading - mean[0], answer[0], late[0]
@@ -241,7 +231,7 @@ def blocks_step(
     square = unlike(off, s, slow[0], ANSWERS_MOST) / (variance * strength(spectrum))
     is_left_out = square > OUTLIER_SQUARE and outliers < OUTLIERS_MOST
     if is_left_out:
-        known = Covariance(*covariance)
+        known = covariance
     else:
         square = OUTLIER_SQUARE if square > OUTLIER_SQUARE else square
         unexplained += (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained)
@@ -279,7 +269,7 @@ def weighed(
     opposite, opposite_late = z - REVERSED_SHARE * x, z - REVERSED_SHARE * x_late
     # while a gust sets in nothing that the rudder does against it is evidence; one that sets in gently, or turns a
     # slow boat, shows in no single heading but in the block
-    now = spectrum.past[0]
+    now = spectrum[3][0]
     is_gust = is_gust or unlike(now[0], now[1], math.inf, ANSWERS_MOST) > UNEXPLAINED * strength(spectrum)
     most = 0.0 if is_gust else MOST_OF_BLOCK
     stuck = likelier(kept * stuck, some * some, z * z, left, most)

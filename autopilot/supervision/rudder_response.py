@@ -40,6 +40,7 @@ from autopilot.supervision.response_filter import (
     foreseen,
     slide_learnt,
     slide_share,
+    transition_of,
     unlike,
 )
 from autopilot.supervision.response_spectrum import OUTLIER_SQUARE, Blocks, blocks_step, first_blocks, no_more_blocks
@@ -76,16 +77,10 @@ WEAK, STRONG = LEAST[0], ANSWERS_MOST
 """The least and the most that a boat answers whose rudder is not slow."""
 
 
-class Rudders(NamedTuple):
-    """Where the rudder was [rad]: in time, or where everything is `LATE_S` late, or the rudder much slower than filed
-    (`in_time` again where that is out of question); what a boat that slides is braked by, see `slide_step`; and the
-    share of the answer that drift leaves."""
-
-    in_time: float
-    late: float
-    slow: float
-    slide: float
-    weaker: float
+Rudders = tuple[float, float, float, float, float]
+"""Where the rudder was [rad]: in time, or where everything is `LATE_S` late, or the rudder much slower than filed (in
+time again where that is out of question); what a boat that slides is braked by, see `slide_step`; and the share of the
+answer that drift leaves."""
 
 
 class Others(NamedTuple):
@@ -147,7 +142,7 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
     # every field is given: what numba compiles has no defaults
     return ResponseState(
         time,
-        first_covariance(noise),
+        first_covariance(noise.heading, noise.sea),
         mean,
         NOTHING,
         NOTHING,
@@ -206,21 +201,22 @@ def response_step(
 ) -> ResponseState:
     """Return what is known after the `newest` heading [rad] at its time [s], the rudder having been at `rudders` since
     the one before; the boat turns at about `rate` [rad/s]."""
-    last, known, mean, answer, late, slide, slid = before[:7]
-    stuck, stuck_late, wrong, wrong_late = before.stuck, before.stuck_late, before.reversed, before.reversed_late
-    outliers, usual, shown, others = before.outliers, before.usual, before.shown, before.others
+    (
+        last, known, mean, answer, late, slide, slid, stuck, stuck_late, wrong, wrong_late, unexplained, outliers,
+        usual, shown, others, usual_colour, blocks,
+    ) = before  # fmt: skip
     (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
     dt = time - last
-    unexplained = before.unexplained
     is_gust = unexplained > UNEXPLAINED
     least = LEAST_SHARE * usual / shown
     least = least if least > LEAST[0] else LEAST[0]
     least = weaker * (least if least < LEAST[1] else LEAST[1])
     means, at = (mean, answer, late, slide, others.slow), (rudder, rudder_late, braked, rudder_slow)
     shares = least, usual / shown, slide_share(slid)
-    blocks = blocks_step(before.blocks, model, noise, (rate, at), (time, dt, heading), shares)
-    passed = noise.push + GUST if is_gust else noise.push, dt
-    covariance, gains, known, means = foreseen(model, noise, known, means, (rate, at), passed)
+    step = transition_of(model, rate, noise.pace, dt)
+    blocks = blocks_step(blocks, step, noise, at, (time, dt, heading), shares)
+    noises = noise.heading, noise.acceleration, noise.push + GUST if is_gust else noise.push, noise.sea
+    covariance, gains, known, means = foreseen(step, known, means, at, noises, dt)
     variance = gains[0]
     mean, answer, late, slide, slow = means
     off, s, s_late = heading - mean[0], answer[0], late[0]
@@ -228,7 +224,7 @@ def response_step(
     square = unlike(off, s, slow[0], 1.0) / variance
     if square > OUTLIER_SQUARE:
         if outliers < OUTLIERS_MOST:
-            return _without_heading(before, time, Covariance(*covariance), means, blocks)
+            return _without_heading(before, time, covariance, means, blocks)
         square = OUTLIER_SQUARE
     kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
     # while a gust sets in nothing that the rudder does against it is evidence
@@ -275,7 +271,7 @@ def response_step(
         USUAL * USUAL_SURE + remembered * (usual - USUAL * USUAL_SURE) + learns * off * s,
         USUAL_SURE + remembered * (shown - USUAL_SURE) + learns * s * s,
         others,
-        others.colour if learns > 0.0 else before.usual_colour,
+        others.colour if learns > 0.0 else usual_colour,
         blocks,
     )
 
@@ -502,7 +498,7 @@ def push_at_least(response: ResponseState) -> float:
     """Return what the boat is pushed by beside rudder and sea [rad of rudder], less `PUSHED_SIGMAS`; 0 where that
     may be nothing. The boat is supposed to answer to its rudder as usual."""
     push = response.mean[2] + response.usual / response.shown * response.answer[2]
-    uncertain = PUSHED_SIGMAS * math.sqrt(max(response.covariance.p22, 0.0))
+    uncertain = PUSHED_SIGMAS * math.sqrt(max(response.covariance[7], 0.0))
     return math.copysign(max(abs(push) - uncertain, 0.0), push)
 
 

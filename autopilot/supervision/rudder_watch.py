@@ -40,7 +40,6 @@ from autopilot.supervision.rudder_response import (
     QUICKER,
     SLOW_RUDDER,
     ResponseState,
-    Rudders,
     acquitted,
     carried_on,
     enough,
@@ -353,7 +352,7 @@ def evidence_step(
             off = in_time + state.bias
             worked -= math.expm1(-(time - known) / WORKED_TIME) * (off * off - worked)
         noise = changing_noise(model, noise, rate, speed)
-        at = Rudders(in_time, rudders[1], slow if slow == slow else in_time, slide, seen.weaker)
+        at = in_time, rudders[1], slow if slow == slow else in_time, slide, seen.weaker
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
         carried = carried_on(carried, response, seen.holds_course, time - known)

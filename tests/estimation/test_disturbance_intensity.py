@@ -13,7 +13,6 @@ from scipy.linalg import solve_continuous_lyapunov
 from autopilot.estimation.disturbance import (
     NO_INTENSITY,
     Intensity,
-    Means,
     adapt_intensity,
     reset_intensity,
 )
@@ -74,9 +73,9 @@ def test_a_bias_that_is_being_found_is_no_gust() -> None:
 
 
 def test_a_bias_to_be_found_anew_keeps_what_is_known_of_the_gusts() -> None:
-    known = Intensity(1.0e-4, Means(0.1, 0.1, 0.1), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
+    known = Intensity(1.0e-4, (0.1, 0.1, 0.1), (-0.1, -0.1, -0.1), WELL_KNOWN)
     anew = adapt_intensity(reset_intensity(known), CHANGES, 0.0, WELL_KNOWN, -0.1, DT)
-    assert anew == Intensity(1.0e-4, Means(0.0, 0.0, 0.0), Means(-0.1, -0.1, -0.1), WELL_KNOWN)
+    assert anew == Intensity(1.0e-4, (0.0, 0.0, 0.0), (-0.1, -0.1, -0.1), WELL_KNOWN)
     calmer = adapt_intensity(reset_intensity(known), (LEAST, 5.0e-5, TIME), 0.0, WELL_KNOWN, -0.1, DT)
     assert calmer.density == 5.0e-5, "what the file allows has changed"
 
@@ -105,7 +104,7 @@ def test_the_density_is_averaged_over_forty_seconds_or_ten_times_that_of_the_mea
 ) -> None:
     """(y - z) and (v - w) of the module's equations are given; in so short a step they stay what they are."""
     before, dt = 1.0e-5, 1.0e-6
-    apart = Intensity(before, Means(bias, bias, 0.0), Means(rudder, rudder, 0.0), max(variance, 1.0e-12))
+    apart = Intensity(before, (bias, bias, 0.0), (rudder, rudder, 0.0), max(variance, 1.0e-12))
     after = adapt_intensity(apart, (0.0, 1.0, time), bias, variance or 1.0e-12, rudder, dt)
     found = seen / (GUST_SPREAD * time)
     # what is measured counts for ten times what is expected at most, and doubt for what is expected
@@ -116,12 +115,12 @@ def test_the_density_is_averaged_over_forty_seconds_or_ten_times_that_of_the_mea
 
 def test_the_bias_is_settling_while_its_variance_still_falls() -> None:
     """Exact limits are on the side of learning."""
-    apart = Intensity(LEAST, Means(0.1, 0.1, 0.0), Means(0.0, 0.0, 0.0), UNKNOWN)
+    apart = Intensity(LEAST, (0.1, 0.1, 0.0), (0.0, 0.0, 0.0), UNKNOWN)
     falling = UNKNOWN * math.exp(-DT / (2.0 * TIME))
     for variance, is_learnt in ((UNKNOWN, True), (falling, True), (0.999 * falling, False), (1.001 * UNKNOWN, False)):
         after = adapt_intensity(apart, CHANGES, 0.1, variance, 0.0, DT)
         assert (after.density > LEAST) is is_learnt
-        assert (after.bias == Means(0.1, 0.1, 0.1)) is not is_learnt
+        assert (after.bias == (0.1, 0.1, 0.1)) is not is_learnt
         assert after.variance == variance
 
 

@@ -167,7 +167,7 @@ def test_noisier_instruments_count_for_less_and_as_much_as_filed_where_they_are_
             read = random.standard_normal(2) * times * np.sqrt([NOISE.heading, NOISE.rate])
             now, is_fused = fuse_measured(BOAT, NOISES, now, PAST, Measured(0.1 * index, *map(float, read)))
             assert is_fused
-        found = math.sqrt(now.headings.variance / NOISE.heading), math.sqrt(now.rates.variance / NOISE.rate)
+        found = math.sqrt(now.headings[0] / NOISE.heading), math.sqrt(now.rates[0] / NOISE.rate)
         assert found == pytest.approx(times, rel=0.15)
         noisy = fusion()._replace(headings=now.headings, rates=now.rates)
         shown = Measured(0.1, 0.01, 0.05)

@@ -206,10 +206,10 @@ def test_the_innovation_in_standard_deviations() -> None:
     state = ekf.initial(0.0, 0.5, 0.1, NOISE)._replace(wave=0.2, wave_rate=0.03, p00=0.01, p11=0.04)
     by_heading = (0.5 + 0.2 + 0.3) - 0.5 - 0.2
     heading_sigma = math.sqrt(state.p00 + 2.0 * state.p03 + state.p33 + NOISE.heading)
-    by_itself = innovations(state, NOISE, 1.0, math.nan)
+    by_itself = innovations(state, (NOISE.heading, NOISE.rate), 1.0, math.nan)
     assert by_itself == pytest.approx((by_heading / heading_sigma, by_heading, heading_sigma))
     rate_sigma = math.sqrt(state.p11 + 2.0 * state.p14 + state.p44 + NOISE.rate)
-    assert innovations(state, NOISE, 9.0, 0.33)[0] == pytest.approx(0.2 / rate_sigma)
+    assert innovations(state, (NOISE.heading, NOISE.rate), 9.0, 0.33)[0] == pytest.approx(0.2 / rate_sigma)
 
 
 def test_at_first_the_rate_may_be_anything_up_to_a_fifth_of_a_radian_a_second() -> None:

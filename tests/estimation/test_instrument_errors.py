@@ -139,7 +139,7 @@ def noisy(real: float, shows: Callable[[float], float] = lambda _: 0.0, dt: floa
     for index in range(round(300.0 / dt)):
         innovation = real * float(random.standard_normal()) + shows(index * dt)
         known = noise_step(known, 1.0, innovation, 0.0, index * dt, 1.0)
-        found.append(math.sqrt(known.variance))
+        found.append(math.sqrt(known[0]))
     return found
 
 

@@ -12,11 +12,11 @@ from scipy.stats import t as student
 from watches import BOAT, DT, NOISE, MatrixFilter
 
 from autopilot.models.norrbin import Norrbin
-from autopilot.supervision.response_filter import noise_of
+from autopilot.signals import NavState
+from autopilot.supervision.response_filter import NO_SEAWAY, seaway_noise, transition_of
 from autopilot.supervision.response_spectrum import blocks_step, first_blocks, no_more_blocks
 from autopilot.supervision.rudder_response import (
     ResponseState,
-    Rudders,
     by_headings,
     enough,
     first_response,
@@ -95,38 +95,39 @@ def test_the_evidence_of_blocks_is_the_difference_of_log_likelihoods(share: floa
             rate += 0.1 * DT * (0.3 * share * order - rate - rate**3) / 4.0
             heading += 0.1 * DT * rate
         shown, rudders = heading + 0.005 * random.standard_normal(), (order, late, slide, trail)
-        memory = blocks_step(memory, BOAT, NOISE, (rate, rudders), (now, DT, shown), (LEAST, USUAL, SLIDES))
+        moves = transition_of(BOAT, rate, NOISE.pace, DT)
+        memory = blocks_step(memory, moves, NOISE, rudders, (now, DT, shown), (LEAST, USUAL, SLIDES))
         judge.on_sample(shown, rate, rudders)
         found = [*memory.mean, *memory.answer, *memory.late, *memory.slide, *memory.slow]
         assert found == pytest.approx(np.concatenate([judge.x, *judge.answers.values()]), abs=1e-9)
         found = [memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late]
         assert found == pytest.approx(list(judge.sums.values()), abs=1e-6)
-        assert memory.spectrum.sums_apart == pytest.approx(judge.apart, abs=1e-6)
+        assert memory.spectrum[4] == pytest.approx(judge.apart, abs=1e-6)
         assert (memory.unexplained, memory.outliers) == (pytest.approx(judge.odd, abs=1e-5), 0)
     assert (max(memory.stuck, memory.reversed) > 3.0) is (share <= 0.0)
 
 
 @pytest.mark.parametrize("wild_so_far", [0, 3, 4])
 def test_a_wild_heading_is_in_no_block(wild_so_far: int) -> None:
-    before = first_blocks(NOISE, 0.0)
+    before, moves = first_blocks(NOISE, 0.0), transition_of(BOAT, 0.0, NOISE.pace, DT)
     for tick in range(1, 50):
-        before = blocks_step(before, BOAT, NOISE, (0.0, (0.0,) * 4), (DT * tick, DT, 0.0), (LEAST, USUAL, SLIDES))
+        before = blocks_step(before, moves, NOISE, (0.0,) * 4, (DT * tick, DT, 0.0), (LEAST, USUAL, SLIDES))
     before = before._replace(outliers=wild_so_far, stuck=3.0)
-    after = blocks_step(before, BOAT, NOISE, (0.0, (0.1,) * 4), (DT * 50, DT, 1.0), (LEAST, USUAL, SLIDES))
-    assert (after.spectrum.many == before.spectrum.many) is (wild_so_far < 4)
+    after = blocks_step(before, moves, NOISE, (0.1,) * 4, (DT * 50, DT, 1.0), (LEAST, USUAL, SLIDES))
+    assert (after.spectrum[1] == before.spectrum[1]) is (wild_so_far < 4)
     assert after.outliers == (wild_so_far + 1 if wild_so_far < 4 else 0)
     if wild_so_far < 4:
         assert (after.stuck, after.unexplained) == (3.0, before.unexplained)
-        assert after.answer[0] > 0.0 and after.covariance.p00 > before.covariance.p00
+        assert after.answer[0] > 0.0 and after.covariance[0] > before.covariance[0]
 
 
 def test_without_evidence_no_block_counts() -> None:
     low, high = first_blocks(NOISE, 0.0), first_blocks(NOISE, 0.5)
     four = ("stuck", "stuck_late", "reversed", "reversed_late")
     low, high = low._replace(**dict.fromkeys(four, 2.0)), high._replace(**dict.fromkeys(four, 5.0))
-    high = high._replace(spectrum=high.spectrum._replace(begun=1.0, many=2.0))
+    high = high._replace(spectrum=(1.0, 2.0, *high.spectrum[2:]))
     kept = no_more_blocks(low, high)
-    assert (kept.mean, kept.spectrum.many) == (high.mean, 0.0)
+    assert (kept.mean, kept.spectrum[1]) == (high.mean, 0.0)
     assert [getattr(kept, name) for name in four] == [2.0] * 4
     assert [getattr(no_more_blocks(high, low), name) for name in four] == [2.0] * 4
 
@@ -135,7 +136,8 @@ def sailed_in_waves(seed: int, gain: float, late: int, share: float, fails: floa
     """Half a minute, of 0.1 s each, from engaging a quick boat in waves of 0.1 rad of rudder and gusts of as much, of
     which nothing is known yet; the rudder is `late` by so many tenths, and answers by a share from `fails` [s] on."""
     boat, random = Norrbin(0.4, 0.7), np.random.default_rng(seed)
-    noise = noise_of(boat, 3.0e-5, 0.0, 0.5)
+    calm = NavState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, True)
+    noise = seaway_noise(boat, 3.0e-5, calm, NO_SEAWAY, 0.0, 0.0)
     paces, phases = 1.2 * (0.7 + 0.7 * random.random(6)), 2.0 * math.pi * random.random(6)
     memory, heading, rate, gust, past, found = first_response(noise, 0.0, 0.0), 0.0, 0.0, 0.0, [0.0] * 9, []
     for tick in range(1, 300):
@@ -148,7 +150,7 @@ def sailed_in_waves(seed: int, gain: float, late: int, share: float, fails: floa
             rate += 0.02 / 0.7 * (0.4 * (moves + push) - rate)
             heading += 0.02 * rate
         shown = heading + 0.005 * random.standard_normal()
-        memory = response_step(memory, boat, noise, rate, (now, shown), Rudders(past[2], past[6], past[2], 0.0, 1.0))
+        memory = response_step(memory, boat, noise, rate, (now, shown), (past[2], past[6], past[2], 0.0, 1.0))
         found.append(memory)
     return found
 
