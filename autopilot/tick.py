@@ -102,7 +102,6 @@ from autopilot.supervision.monitors import (
 )
 from autopilot.supervision.monitors import State as MonitorState
 from autopilot.supervision.panel import AlarmPanel
-from autopilot.supervision.rudder_watch import History
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, Memory, Supervisor
 from autopilot.supervision.tuning import RATE_OFF_KNOWN
@@ -273,7 +272,7 @@ def monitored(
 ) -> tuple[MonitorState, ThrusterMemory, Mapping[str, AlarmEvent]]:
     """Return what monitors and the watch of thrusters remember, and what is the case; view: what they are shown."""
     times, angles, _, _, _, commands = estimate.memory
-    history = History(times, angles, commands, estimate.rudder.ticks)
+    history = times, angles, commands, estimate.rudder.ticks
     monitors, found = judged(config.boat.alarms, monitors, view, history)
     if not config.has_thrusters:
         return monitors, state.thrusters, found

@@ -29,7 +29,6 @@ import numpy as np
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
 from autopilot.estimation.estimator import Measured, Moment, seen_at
-from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.runtime.build import alarm_limits_of
 from autopilot.supervision.course_watch import course_step
 from autopilot.supervision.monitor_input import AlarmLimits
@@ -88,7 +87,7 @@ def watched_run(setting: Setting, workspace: Workspace, limits: AlarmLimits, jam
             pilot_state = tick(setting.campaign, pilot_state, workspace.rudder, now, measurement, target)
             command = pilot_state.command
             if now >= SETTLED_S:
-                past = RudderPast(workspace.rudder.times, workspace.rudder.angles, pilot_state.rudder.ticks)
+                past = (workspace.rudder.times, workspace.rudder.angles, pilot_state.rudder.ticks)
                 at = Moment(now, pilot_state.speed.value, pilot_state.heading_time)
                 seen = seen_at(
                     pilot_state.model, setting.campaign.config.estimator.noises, pilot_state.fusion, past, at

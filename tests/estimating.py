@@ -49,7 +49,7 @@ class OutputFeedbackLoop:
 
     @property
     def past(self) -> RudderPast:
-        return RudderPast(self.memory.times, self.memory.angles, self.state.ticks)
+        return (self.memory.times, self.memory.angles, self.state.ticks)
 
     @property
     def angle(self) -> float:
@@ -103,5 +103,5 @@ class Estimating:
     def modelled_at(self, time: float) -> float:
         """Return where the steering gear's model stood at `time` [s]."""
         memory = self.state.memory
-        past = RudderPast(memory.times, memory.angles, self.state.rudder.ticks)
+        past = (memory.times, memory.angles, self.state.rudder.ticks)
         return memory.gears[tick_at(past, time) & (len(memory.gears) - 1)]

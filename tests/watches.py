@@ -72,7 +72,7 @@ class RudderHistory:
         place, self.ticks = self.ticks % 1024, self.ticks + 1
         self.times[place], self.angles[place] = seen.now, seen.state.rudder
         self.commands[place] = seen.rudder if seen.steers else math.nan
-        return rudder_watch.History(self.times, self.angles, self.commands, self.ticks)
+        return self.times, self.angles, self.commands, self.ticks
 
 
 class Following(Stepped):

@@ -206,7 +206,7 @@ def seen_at(
         heading if -PI < heading <= PI else wrap(heading),
         rate + wave_rate,
         speed,
-        past.angles[(past.ticks - 1) & (len(past.angles) - 1)],
+        newest_angle(past),
         -BIAS_MOST if bias < -BIAS_MOST else BIAS_MOST if bias > BIAS_MOST else bias,
         now - heading_time,
         True,
@@ -630,7 +630,7 @@ def _fused(
     heading = sample.heading if type(sample) is HeadingSample else math.nan
     measured = sample.time, heading, rate
     lively = model if beliefs.liveliness == 1.0 else state.lively_model
-    past = RudderPast(memory.times, memory.angles, rudder.ticks)
+    past = memory.times, memory.angles, rudder.ticks
     fusion, is_fused = fuse_measured(lively, config.noises, before, past, measured)
     taken = (*taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
     if not is_fused:
@@ -666,7 +666,7 @@ def _fused(
 def nav_state(config: EstimatorConfig, state: EstimatorState, now: float) -> NavState:
     """Return what is known of the boat at `now` [s], carried forward from the newest measurement."""
     speed = state.speed if state.speed == state.speed else config.model.reference_speed
-    past = RudderPast(state.memory.times, state.memory.angles, state.rudder.ticks)
+    past = state.memory.times, state.memory.angles, state.rudder.ticks
     if not state.has_begun:
         return NavState(now, 0.0, 0.0, speed, newest_angle(past), 0.0, math.inf, False)
     if not is_sound(state.fusion.state):

@@ -69,16 +69,13 @@ class WritableRing(Ring, Protocol):
     def __setitem__(self, index: int, value: float, /) -> None: ...
 
 
-class RudderPast(NamedTuple):
-    """Rudder angles [rad] from their times [s] on, in rings: tick n, of `ticks` so far, is at n modulo their length.
+RudderPast = tuple[Ring, Ring, int]
+"""Times [s], and the rudder angles [rad] from these on, in rings: tick n, of so many ticks so far, is at n modulo their
+length.
 
-    The length is a power of two, so that n & (length - 1) is that place, for which no division is needed. The rings
-    begin with zeros: before the first tick the rudder is amidships.
-    """
-
-    times: Ring
-    angles: Ring
-    ticks: int
+The length is a power of two, so that n & (length - 1) is that place, for which no division is needed. The rings begin
+with zeros: before the first tick the rudder is amidships.
+"""
 
 
 def stretch(past: RudderPast, begun: float, end: float, grain: float) -> tuple[float, float]:
@@ -110,8 +107,8 @@ def stretch(past: RudderPast, begun: float, end: float, grain: float) -> tuple[f
 
 def tick_at(past: RudderPast, time: float) -> int:
     """Return the newest tick at or before `time` [s], or the oldest that is known."""
-    times, tick = past.times, past.ticks - 1
-    ring = len(times) - 1
+    times, _, ticks = past
+    tick, ring = ticks - 1, len(times) - 1
     oldest = tick - ring if tick > ring else 0
     while tick > oldest and times[tick & ring] > time:
         tick -= 1
@@ -120,15 +117,16 @@ def tick_at(past: RudderPast, time: float) -> int:
 
 def angle_at(past: RudderPast, time: float) -> float:
     """Return the rudder's angle [rad] at `time` [s]; 0 where none is known."""
-    return past.angles[tick_at(past, time) & (len(past.times) - 1)]
+    return past[1][tick_at(past, time) & (len(past[1]) - 1)]
 
 
 def angle_from(past: RudderPast, time: float) -> float:
     """Return the rudder's angle [rad] at the first tick at or after `time` [s]; the newest where none is."""
-    tick, newest, ring = tick_at(past, time), past.ticks - 1, len(past.times) - 1
-    if tick < newest and past.times[tick & ring] < time:
+    times, angles, ticks = past
+    tick, ring = tick_at(past, time), len(times) - 1
+    if tick < ticks - 1 and times[tick & ring] < time:
         tick += 1
-    return past.angles[tick & ring]
+    return angles[tick & ring]
 
 
 class RudderMemory(NamedTuple):
@@ -170,7 +168,8 @@ def rudder_memory() -> RudderMemory:
 
 def newest_angle(past: RudderPast) -> float:
     """Return the newest estimate [rad]."""
-    return past.angles[(past.ticks - 1) & (len(past.angles) - 1)]
+    _, angles, ticks = past
+    return angles[(ticks - 1) & (len(angles) - 1)]
 
 
 def is_fed_back(observer: RudderObserver, now: float) -> bool:
@@ -189,21 +188,13 @@ def with_feedback(observer: RudderObserver, time: float, angle: float) -> Rudder
 
 def ordered(observer: RudderObserver, memory: RudderMemory, now: float, order: float) -> RudderObserver:
     """Return the observer after the `order` [rad] that left for the steering gear at `now` [s]."""
-    place = observer.given & (len(memory.orders) - 1)
-    passed, effective = observer.passed, observer.effective
-    if observer.given - passed == len(memory.orders):
-        passed, effective = passed + 1, memory.orders[place]
-    memory.order_times[place] = now
-    memory.orders[place] = order
-    return RudderObserver(
-        observer.modelled,
-        observer.ticks,
-        observer.given + 1,
-        passed,
-        effective,
-        observer.fed_back_at,
-        observer.fed_back,
-    )
+    modelled, ticks, given, passed, effective, fed_back_at, fed_back = observer
+    orders = memory.orders
+    place = given & (len(orders) - 1)
+    if given - passed == len(orders):
+        passed, effective = passed + 1, orders[place]
+    memory.order_times[place], orders[place] = now, order
+    return RudderObserver(modelled, ticks, given + 1, passed, effective, fed_back_at, fed_back)
 
 
 def write_command(observer: RudderObserver, memory: RudderMemory, command: float) -> None:
@@ -236,7 +227,7 @@ def advanced(gear: SteeringGear, observer: RudderObserver, memory: RudderMemory,
     if now - fed_back_at < FEEDBACK_FRESH:
         then = modelled
         if ticks and fed_back_at < times[(ticks - 1) & ring]:
-            then = gears[tick_at(RudderPast(times, angles, ticks), fed_back_at) & ring]
+            then = gears[tick_at((times, angles, ticks), fed_back_at) & ring]
         angle += fed_back - then
     place = ticks & ring
     times[place], gears[place], angles[place] = now, modelled, angle

@@ -202,7 +202,7 @@ def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transi
     x = slope * dt / time_constant
     x = x if x > -STEEPEST else -STEEPEST
     lost = -math.expm1(-x)
-    once, twice = (1.0 - 0.5 * x, 0.5) if abs(x) < 1.0e-3 else (lost / x, (x - lost) / (x * x))
+    once, twice = (1.0 - 0.5 * x, 0.5) if -1.0e-3 < x < 1.0e-3 else (lost / x, (x - lost) / (x * x))
     drive = boat_gain * dt / time_constant
     return dt * once, drive * dt * twice, 1.0 - lost, drive * once, math.exp(-pace * dt)
 

@@ -457,14 +457,17 @@ def verdict(response: ResponseState, sure: tuple[float, float, float]) -> int:
 def by_headings(response: ResponseState) -> tuple[float, float]:
     """Return how much likelier it is, heading by heading in the sea that is estimated, that the rudder is stuck than
     that the boat answers, and that it is reversed; less where the sea is another."""
-    known = 1.0 / max(response.usual_colour / COLOUR_KNOWN, 1.0)
-    return known * min(response.stuck, response.stuck_late), known * min(response.reversed, response.reversed_late)
+    colour = response.usual_colour / COLOUR_KNOWN
+    known = 1.0 / colour if colour > 1.0 else 1.0
+    stuck, late, wrong, wrong_late = response.stuck, response.stuck_late, response.reversed, response.reversed_late
+    return known * (stuck if stuck < late else late), known * (wrong if wrong < wrong_late else wrong_late)
 
 
 def by_blocks(response: ResponseState) -> tuple[float, float]:
     """Return the same in the sea that was learnt."""
     blocks = response.blocks
-    return min(blocks.stuck, blocks.stuck_late), min(blocks.reversed, blocks.reversed_late)
+    stuck, late, wrong, wrong_late = blocks.stuck, blocks.stuck_late, blocks.reversed, blocks.reversed_late
+    return stuck if stuck < late else late, wrong if wrong < wrong_late else wrong_late
 
 
 def enough(carried: float, holds_course: bool) -> tuple[float, float, float]:
@@ -484,7 +487,8 @@ def carried_on(before: float, response: ResponseState, holds_course: bool, dt: f
     if not holds_course:
         return before * math.exp(-dt / FADES_TIME)
     (stuck, wrong), (stuck_too, wrong_too) = by_headings(response), by_blocks(response)
-    share = max(stuck + stuck_too, wrong + wrong_too) / SURE[0]
+    stuck, wrong = stuck + stuck_too, wrong + wrong_too
+    share = (stuck if stuck > wrong else wrong) / SURE[0]
     return share if share < 1.0 else 1.0
 
 

@@ -99,14 +99,9 @@ ZIGZAG_DIVERGED = math.radians(45.0)
 PAST_S = LATE_S + 2.0 * LONGEST_GAP_S
 
 
-class History(NamedTuple):
-    """The rudder of late, in rings as `rudder_observer.RudderPast` has them: times [s], where it was then, and what we
-    had commanded until then [rad], nan where somebody else steered; how many ticks there were."""
-
-    times: Ring
-    angles: Ring
-    commands: Ring
-    ticks: int
+History = tuple[Ring, Ring, Ring, int]
+"""The rudder of late, in rings as `rudder_observer.RudderPast` has them: times [s], where it was then, and what we had
+commanded until then [rad], nan where somebody else steered; how many ticks there were."""
 
 
 class Line(NamedTuple):

@@ -142,7 +142,7 @@ def initial_state(
     speed = Smoothed(measurement.speed, now)
     fusion = Fusion(state, 0.0, 0, 0.0, 0.0, 0.0, NO_RATE_BIAS, NO_NOISE, NO_NOISE, 0.0)
     rudder = advanced(config.estimator.gear, RudderObserver(0.0, 0, 0, 0, 0.0, -math.inf, 0.0), memory, now)
-    history, at = RudderPast(memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
+    history, at = (memory.times, memory.angles, rudder.ticks), Moment(now, measurement.speed, state.time)
     seen = seen_at(model, config.estimator.noises, fusion, history, at)
     steered = steered_by(config, model, seen, quickness(config.estimator.law, config.estimator.model, model))
     turning = turning_at(config, NOT_TURNING, model)
@@ -184,7 +184,7 @@ def tick(
     noises = sliding(config.estimator.noises, pilot_state.guide.unknown)
     listened = _listen(campaign, pilot_state, memory, measurement, (now, noises)) if dt > 0.0 else pilot_state
     model, fusion = listened.model, listened.fusion
-    history = RudderPast(memory.times, memory.angles, listened.rudder.ticks)
+    history = memory.times, memory.angles, listened.rudder.ticks
     at = Moment(now, listened.speed.value, listened.heading_time)
     seen = seen_at(model, noises, fusion, history, at)
     answer, answers = listened.answer, True
@@ -337,7 +337,7 @@ def _listen(
         gone = gone or measured.time - before.time > PREDICT_LONGEST
         # the gap that a restart of the filter ends is not carried over
         time = min(measured.time, before.time + PREDICT_LONGEST)
-        history = RudderPast(memory.times, memory.angles, rudder.ticks)
+        history = memory.times, memory.angles, rudder.ticks
         taken = Measured(time, measured.heading, measured.rate)
         fusion, is_fused = fuse_measured(model, noises, fusion, history, taken)
         is_planned = now < pilot_state.guide.turning_until and is_turning(

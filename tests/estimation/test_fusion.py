@@ -11,7 +11,6 @@ from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at, sliding
 from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
 from autopilot.estimation.instruments import NO_RATE_BIAS
-from autopilot.estimation.rudder_observer import RudderPast
 from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN, SLIDE_LASTS
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
@@ -19,7 +18,7 @@ from autopilot.signals import NavState
 BOAT = Norrbin(0.2, 5.0)
 NOISE = FilterNoise(heading=1.0e-4, rate=4.0e-5, acceleration=2.0e-5, bias=3.0e-6, gust_bias=5.0e-4)
 NOISES = noises_of(NOISE)
-PAST = RudderPast([0.0] * 16, [0.0] * 16, 1)
+PAST = ([0.0] * 16, [0.0] * 16, 1)
 NO = math.nan
 
 
@@ -102,7 +101,7 @@ def test_something_lasting_makes_the_bias_quick_where_waves_are_learnt(innovatio
 def test_the_rudder_at_its_stop_makes_the_bias_as_quick_as_the_file_says() -> None:
     noises = noises_of(NOISE._replace(stop=0.4, stop_bias=2.0e-3))
     for angle, density in ((0.39, 3.0e-6), (-0.39, 3.0e-6), (0.41, 2.0e-3), (-0.41, 2.0e-3)):
-        past = RudderPast([0.0] * 16, [angle] * 16, 1)
+        past = ([0.0] * 16, [angle] * 16, 1)
         ahead = carried(BOAT, noises, fusion(), past, 0.4)
         assert ahead.p22 - fusion().state.p22 == pytest.approx(0.4 * density)
 
@@ -130,7 +129,7 @@ def test_limits_to_the_bit_are_on_the_side_of_the_usual() -> None:
     wavy = noises_of(NOISE._replace(waves=True, stop=0.4, stop_bias=2.0e-3))
     known = start.state.p22
     assert carried(BOAT, wavy, fusion(innovation_mean=1.5), PAST, 0.4).p22 - known == pytest.approx(0.4 * 5.0e-4)
-    at_stop = RudderPast([0.0] * 16, [0.4] * 16, 1)
+    at_stop = ([0.0] * 16, [0.4] * 16, 1)
     assert carried(BOAT, wavy, fusion(), at_stop, 0.4).p22 - known == pytest.approx(0.4 * 2.0e-3)
 
 
@@ -177,7 +176,7 @@ def test_noisier_instruments_count_for_less_and_as_much_as_filed_where_they_are_
 
 
 def test_at_the_measurement_time_the_mean_is_the_state() -> None:
-    moved = RudderPast([0.0, 1.0, 2.0, 3.0], [0.0, 0.1, 0.2, 0.3], 4)
+    moved = ([0.0, 1.0, 2.0, 3.0], [0.0, 0.1, 0.2, 0.3], 4)
     turning = Fusion(ekf.initial(1.0, 0.5, 0.1, NOISE))
     seen = seen_at(BOAT, NOISES, turning, moved, Moment(1.0, 2.0, 0.5))
     assert seen == NavState(1.0, 0.5, 0.1, 2.0, 0.3, 0.0, 0.5, True)
@@ -255,7 +254,7 @@ def test_a_push_that_the_bias_is_too_slow_for_is_known_beside_it() -> None:
     """A boat that lies still under a rudder of -2 deg, as something pushes it, with a bias that must not move."""
     boat, push = Norrbin(0.5, 2.0), math.radians(2.0)
     held = NOISES.usual._replace(bias=0.0, gust_bias=0.0, waves=False)
-    noises, past = noises_of(held), RudderPast([0.0, 0.0], [-push, -push], 2)
+    noises, past = noises_of(held), ([0.0, 0.0], [-push, -push], 2)
     now = Fusion(ekf.initial(0.0, 0.0, 0.0, held)._replace(p02=0.0, p12=0.0, p22=1e-12))
     assert now.unlearnt == 0.0
     for step in range(1, 400):

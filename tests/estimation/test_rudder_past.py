@@ -31,7 +31,7 @@ def pasts(draw: st.DrawFn) -> Past:
     ring_times, ring_angles = [0.0] * RING, [0.0] * RING
     for tick, (time, angle) in enumerate(zip(times, angles, strict=True)):
         ring_times[tick % RING], ring_angles[tick % RING] = time, angle
-    return RudderPast(ring_times, ring_angles, count), times, angles
+    return (ring_times, ring_angles, count), times, angles
 
 
 @given(pasts(), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.sampled_from([0.0, 0.05, 0.4, 10.0]))
@@ -67,7 +67,7 @@ def test_the_tick_at_a_time_is_the_newest_not_after_it(kept: Past, time: float) 
 
 
 def test_an_empty_past_is_a_rudder_amidships() -> None:
-    empty = RudderPast([0.0] * RING, [0.0] * RING, 0)
+    empty = ([0.0] * RING, [0.0] * RING, 0)
     assert list(held(empty, 1.0, 2.0, 0.1)) == [(2.0, 0.0)]
     for time in (-1.0, 0.0, 3.0):
         assert angle_at(empty, time) == 0.0
@@ -128,7 +128,7 @@ def test_where_more_orders_are_on_their_way_than_are_kept_the_oldest_counts_earl
 
 
 def test_at_a_tick_s_own_time_its_angle_counts() -> None:
-    past = RudderPast([0.0, 1.0, 2.0, 3.0], [0.1, 0.2, 0.3, 0.4], 4)
+    past = ([0.0, 1.0, 2.0, 3.0], [0.1, 0.2, 0.3, 0.4], 4)
     assert [tick_at(past, time) for time in (0.0, 0.5, 1.0, 2.0, 3.0)] == [0, 0, 1, 2, 3]
     assert list(held(past, 1.0, 3.0, 0.0)) == [(2.0, 0.2), (3.0, 0.3)]
     assert list(held(past, 3.0, 4.0, 0.0)) == [(4.0, 0.4)]

@@ -189,7 +189,7 @@ def test_a_wild_heading_is_left_out_four_times_in_a_row(wild_so_far: int, side: 
         assert after.outliers == wild_so_far + 1
         assert after.mean == pytest.approx((before.mean[0], 0.0, 0.0, 0.0), abs=1e-3)
         assert (after.stuck, after.usual, after.unexplained) == (3.0, 50.0, before.unexplained)
-        assert after.answer[0] > 0.0 and after.covariance.p00 > before.covariance.p00
+        assert after.answer[0] > 0.0 and after.covariance[0] > before.covariance[0]
     else:
         assert after.outliers == 0
         assert side * after.mean[0] > 0.1
