@@ -9,7 +9,7 @@ from autopilot.pilot_state import PilotConfig, configured, first_state, reconfig
 from autopilot.signals import Mode, Order, RudderCommand, Sample, Tick
 from autopilot.supervision.states import MODES
 from autopilot.supervision.supervisor import against_engaging
-from autopilot.tick import Inputs, step
+from autopilot.tick import step
 
 if TYPE_CHECKING:
     # learning brings numpy along, which a pilot that does not learn need not load
@@ -61,7 +61,7 @@ class Pilot:
 
     def step(self, now: float, samples: tuple[Sample, ...], order: Order) -> Tick:
         """Return the tick at `now` [s]: what the samples say, what the order asks, what the rudder is given."""
-        self.state, tick = step(self._config, self.state, Inputs(now, samples, order))
+        self.state, tick = step(self._config, self.state, (now, samples, order))
         return tick
 
     def against_engaging(self, tick: Tick) -> str:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
 from autopilot.control.bow_thruster import bow_look, with_bow, with_bow_found
@@ -118,12 +117,8 @@ EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample, CompassSa
 """Samples of what happened: nothing depends on when."""
 
 
-class Inputs(NamedTuple):
-    """What a tick is given: the time [s], the samples that have arrived since the last, and what the skipper wants."""
-
-    now: float
-    samples: tuple[Sample, ...]
-    order: Order
+Inputs = tuple[float, tuple[Sample, ...], Order]
+"""What a tick is given: the time [s], the samples that have arrived since the last, and what the skipper wants."""
 
 
 def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:

@@ -194,7 +194,7 @@ def seen_at(
 ) -> NavState:
     """Return what the filter knows of the boat; the waves that are not yet known count as the boat's own. at: see
     `Moment`."""
-    now, speed, heading_time = at
+    (now, speed, heading_time), (_, angles, ticks) = at, past
     psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, now)
     sea, bias = fusion.state.sea, fusion.state.bias
     unknown = 1.0 - known(sea)
@@ -206,7 +206,7 @@ def seen_at(
         heading if -PI < heading <= PI else wrap(heading),
         rate + wave_rate,
         speed,
-        newest_angle(past),
+        angles[(ticks - 1) & (len(angles) - 1)],
         -BIAS_MOST if bias < -BIAS_MOST else BIAS_MOST if bias > BIAS_MOST else bias,
         now - heading_time,
         True,

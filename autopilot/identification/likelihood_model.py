@@ -174,18 +174,12 @@ def _with_rates(runs: Sequence[Run], found: LikelihoodFit) -> list[Run]:
     return filled
 
 
-def _under_slow_rudder(sliding: Sliding) -> Rates:
+def _under_slow_rudder(sliding: Sliding) -> LikelihoodFit:
     """Return the boat of first order that a boat that slides is under a slow rudder: as it turns for good, with
     T1 + T2 - T3 for T."""
     (_, _, lag, lead), rates = sliding.fit.train, sliding.fit.rates
     share = max(1.0 - rates.b * (lead - lag), LEAST_OF_FIRST)
-    return Rates(*(value / share for value in rates))
-
-
-def _as_model(sliding: Sliding) -> Norrbin:
-    """Return `_under_slow_rudder` in Norrbin's convention."""
-    slow = sliding.fit._replace(rates=_under_slow_rudder(sliding))
-    return _in_norrbin(slow, sliding.model.reference_speed)[0]
+    return sliding.fit._replace(rates=Rates(*(value / share for value in rates)))
 
 
 def _doubt_of_order(first: LikelihoodFit, sliding: Sliding) -> FloatArray:
@@ -193,7 +187,7 @@ def _doubt_of_order(first: LikelihoodFit, sliding: Sliding) -> FloatArray:
 
     The first order is that of the manoeuvre's frequencies; under a slower rudder the boat turns by another.
     """
-    off = np.array(_under_slow_rudder(sliding)) - first.rates
+    off = np.array(_under_slow_rudder(sliding).rates) - first.rates
     return np.outer(off, off)
 
 
@@ -204,7 +198,7 @@ LEAST_OF_FIRST = 0.25
 def _slides(sliding: Sliding) -> str:
     """Return what is to be said of a boat that slides."""
     model, (_, _, lag, lead) = sliding.model, sliding.fit.train
-    errors, slow = sliding.fit.train_errors, _as_model(sliding)
+    errors, (slow, _) = sliding.fit.train_errors, _in_norrbin(_under_slow_rudder(sliding), model.reference_speed)
     return (
         f"The boat slides in its turns: of Nomoto's second order its lag T2 is {lag:.2g} +- "
         f"{SURE_OF_IT * errors['lag']:.1g} s and its lead T3 {lead:.2g} +- {SURE_OF_IT * errors['lead']:.1g} s, with K "
@@ -216,7 +210,7 @@ def _slides(sliding: Sliding) -> str:
 
 def _may_slide(sliding: Sliding) -> str:
     """Return what is to be said of a boat that may slide."""
-    slow = _as_model(sliding)
+    slow, _ = _in_norrbin(_under_slow_rudder(sliding), sliding.model.reference_speed)
     return (
         "These runs do not tell whether the boat slides in its turns, which would explain them better: under a slow "
         f"rudder it would turn by K {slow.gain:.3g} 1/s and T {slow.time_constant:.3g} s, which the intervals "

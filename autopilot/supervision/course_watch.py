@@ -379,7 +379,7 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     if recent > now and turn.step > 0.0:
         now += math.exp(-turn.step / (WAY_KEPT * seen.model.time_constant)) * (recent - now)
     if not seen.steers or not is_begun or not turn.step > 0.0:
-        return Spin(True, wanted, by_sea, rate if seen.steers else 0.0, speed_ratio=now)
+        return Spin(True, wanted, by_sea, rate if seen.steers else 0.0, False, False, False, now)
     if wanted != seen.wanted and not abs(shortest_turn(wanted, seen.wanted)) < NEW_COURSE:
         # what is there before the first order is not known to be the sea's
         known = seen.state.wave_deviation * seen.state.wave_frequency
@@ -392,7 +392,7 @@ def spin_step(before: Spin, seen: MonitorInput, turn: Turn) -> Spin:
     rate -= math.expm1(-turn.step / (lasts if lasts > SPIN_TIME[0] else SPIN_TIME[0])) * (turned - rate)
     is_steered, is_stable = rate * seen.rudder > 0.0, model.n1 > 0.0
     if not is_steered and is_stable:
-        return Spin(True, wanted, by_sea, rate, speed_ratio=now)
+        return Spin(True, wanted, by_sea, rate, False, False, False, now)
     # a wrong speed does what a sea does, and is doubted rather than borne
     by_rudder = math.copysign(max(abs(rate) - (0.0 if reads_low(seen) else by_sea), 0.0), rate)
     # a course-unstable boat outruns its rudder, against it too, where it is steered by a wrong speed

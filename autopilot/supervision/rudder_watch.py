@@ -402,7 +402,7 @@ def judge_response(
     other = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED
     found = verdict(response, enough(evidence.carried, seen.holds_course))
     if seen.follows:
-        return Response(evidence, source, other=other, verdict=found)
+        return Response(evidence, source, math.nan, False, False, other, found)
     is_known = not math.isnan(response.time)
     is_held_off = is_known and now - since >= SEA_KNOWN_S and _is_held_off(response, seen, history, earliest)
     held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan

@@ -29,7 +29,7 @@ def sailed(law: str, seconds: float) -> list[Inputs]:
         samples: tuple[Sample, ...] = (HeadingSample(now, heading, plant.rate), SpeedSample(now, 4.0))
         if 12.0 < now < 12.5:
             samples = (AlarmSample(now, AlarmEvent("other", "warm"), "gear"),)
-        given.append(Inputs(now, samples, order))
+        given.append((now, samples, order))
         tick = pilot.step(*given[-1])
         plant.step(tick.command.angle, 0.1)
     assert tick.mode is Mode.ENGAGED

@@ -18,6 +18,7 @@ from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.response_filter import (
     NO_SEAWAY,
     NOTHING,
+    Covariance,
     Noise,
     all_moved,
     predicted,
@@ -348,6 +349,12 @@ def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() ->
     assert kept.others[1:3] == low.others[1:3] and kept.others[5:] == low.others[5:]
 
 
+def pushed(variance: float) -> Covariance:
+    """The first covariance, with a push that is known to a variance [rad^2]."""
+    before = first_response(NOISE, 0.0, 0.0).covariance
+    return *before[:7], variance, *before[8:]
+
+
 def test_a_push_counts_beyond_two_deviations_and_beside_the_usual_answer() -> None:
     """To either side; the share of the answer that is usual here is 0.5."""
     before = first_response(NOISE, 0.0, 0.0)
@@ -355,15 +362,13 @@ def test_a_push_counts_beyond_two_deviations_and_beside_the_usual_answer() -> No
         memory = before._replace(
             mean=(9.0, 9.0, side * 0.5, 9.0),
             answer=(9.0, 9.0, side * 0.2, 9.0),
-            covariance=before.covariance._replace(p22=0.04),
+            covariance=pushed(0.04),
             usual=30.0,
             shown=60.0,
         )
         assert push_at_least(memory) == pytest.approx(side * (0.5 + 0.5 * 0.2 - 2.0 * 0.2))
-        assert push_at_least(memory._replace(covariance=before.covariance._replace(p22=0.1))) == 0.0
-        assert push_at_least(memory._replace(covariance=before.covariance._replace(p22=-1e-9))) == pytest.approx(
-            side * 0.6
-        )
+        assert push_at_least(memory._replace(covariance=pushed(0.1))) == 0.0
+        assert push_at_least(memory._replace(covariance=pushed(-1e-9))) == pytest.approx(side * 0.6)
 
 
 @pytest.mark.parametrize("silent", [(7.0, 7.0), (6.9, 99.0), (99.0, 6.9)])
@@ -546,7 +551,7 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
 ) -> None:
     """Known after 2 pi/0.4 = 15.71 s, and then for 0.3 s: at 15.75 s, the first tick after, and 0.375 s later. It is
     said in one tick of a trial."""
-    still = first_response(NOISE, 0.0, 0.0).covariance._replace(p22=0.0)
+    still = pushed(0.0)
     looks = Looks(monkeypatch, mean=(0.0, 0.0, -side * push, 0.0), covariance=still)
     for _ in range(160):
         looks.update(side * rudder, follows=False)
@@ -559,7 +564,7 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
 
 def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypatch: pytest.MonkeyPatch) -> None:
     """As far as it was over within the last 2.4 s counts."""
-    still = first_response(NOISE, 0.0, 0.0).covariance._replace(p22=0.0)
+    still = pushed(0.0)
     looks = Looks(monkeypatch, mean=(0.0, 0.0, -0.2, 0.0), covariance=still)
     for number in range(200):
         looks.update(0.25 if number <= 144 else 0.1, follows=False)
@@ -629,14 +634,16 @@ def test_what_is_three_times_as_strange_is_not_what_turns_the_boat(misfit: float
     assert (after.others.weak > 1.0, after.others.right > 1.0) == (counts, counts), "nor what a slow rudder explains"
 
 
+WAVES = noise_of(0.01, 0.6)
+
+
 def evidence_after(number: int) -> tuple[float, float, float, float, float]:
     """Of a boat that turns beside its rudder, with a wild heading now and then."""
     memory = first_response(NOISE, 0.0, 0.1)
     for tick in range(1, number):
         now = DT * tick
         heading, rudder = 0.1 + 0.3 * math.sin(now) + (2.0 if tick % 50 == 0 else 0.0), 0.1 * math.sin(now)
-        noise = noise_of(BOAT, 1.0e-4, 0.01, 0.6)
-        memory = response_step(memory, BOAT, noise, 0.01, (now, heading), (rudder, 0.9 * rudder, rudder, 0.0, 1.0))
+        memory = response_step(memory, BOAT, WAVES, 0.01, (now, heading), (rudder, 0.9 * rudder, rudder, 0.0, 1.0))
     return memory.stuck, memory.reversed, memory.blocks.stuck, memory.blocks.reversed, memory.others.colour
 
 
