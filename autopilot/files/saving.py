@@ -169,18 +169,34 @@ def create_unused(path: Path) -> tuple[int, Path]:
     raise FileExistsError(errno.EEXIST, "is not empty, and all names beside it are taken")
 
 
-def open_over(path: Path) -> int:
-    """Return a descriptor to write into the file at `path`, emptied and locked, or into the pipe or device there.
+class Over:
+    """The file at `path`, to be written anew bit by bit, or the pipe or device there: locked from now on, opened as
+    `descriptor`. What it holds stays until `begin`.
 
-    For what is written bit by bit and cannot be put in place when it is whole. Raises OSError.
+    For what cannot be put in place when it is whole. Raises OSError.
     """
-    if not _is_replaced(path):
-        return _open_as_it_is(path)
-    refuse_in_use(path)
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
-    lock(descriptor)
-    os.ftruncate(descriptor, 0)
-    return descriptor
+
+    def __init__(self, path: Path) -> None:
+        self._is_file, self._made = _is_replaced(path), None
+        if not self._is_file:
+            self.descriptor = _open_as_it_is(path)
+            return
+        refuse_in_use(path)
+        self._made = None if path.exists() else path
+        self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
+        lock(self.descriptor)
+
+    def begin(self) -> None:
+        """Empty the file, for what comes now. Raises OSError."""
+        if self._is_file:
+            os.ftruncate(self.descriptor, 0)
+        self._made = None
+
+    def close(self) -> None:
+        """End the file; one that was made for what never came goes."""
+        if self._made is not None:
+            self._made.unlink(missing_ok=True)
+        os.close(self.descriptor)
 
 
 def _open_as_it_is(path: Path) -> int:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import IO, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.files.saving import open_over
+from autopilot.files.saving import Over
 from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
 from sitl.campaign.compiled_run import Figures
 from sitl.campaign.study import Case, Job, case_and_seed, cases_of, number_of_runs
@@ -51,26 +52,33 @@ def values_of(job: Job, row: Row) -> tuple[Any, ...]:
 
 
 class CsvResults:
-    """One line a run; numbers with all their digits."""
+    """One line a run; numbers with all their digits. What was there stays until the first."""
 
     def __init__(self, path: Path, job: Job) -> None:
-        self._job = job
-        self._file = open(open_over(path), "w", newline="", encoding="utf-8")  # noqa: PTH123, SIM115
-        self._writer = csv.writer(self._file, lineterminator="\n")
-        self._writer.writerow(COLUMNS)
+        self._job, self._over = job, Over(path)
+        self._file: IO[str] | None = None
 
     def write(self, rows: list[Row]) -> None:
         """Add rows."""
-        self._writer.writerows(values_of(self._job, row) for row in rows)
+        lines: list[Sequence[Any]] = [values_of(self._job, row) for row in rows]
+        if self._file is None:
+            self._over.begin()
+            self._file = open(  # noqa: PTH123, SIM115
+                self._over.descriptor, "w", newline="", encoding="utf-8", closefd=False
+            )
+            lines.insert(0, COLUMNS)
+        csv.writer(self._file, lineterminator="\n").writerows(lines)
         self._file.flush()
 
     def close(self) -> None:
         """End the file."""
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
+        self._over.close()
 
 
 class ParquetResults:
-    """One row group for each batch."""
+    """One row group for each batch. What was there stays until the first."""
 
     def __init__(self, path: Path, job: Job) -> None:
         try:
@@ -78,23 +86,30 @@ class ParquetResults:
             from pyarrow import parquet
         except ImportError as exc:
             raise InputError("Parquet needs pyarrow: pip install '.[export]', or let --out end in .csv") from exc
-        self._job, self._arrow = job, pyarrow
+        self._job, self._arrow, self._parquet = job, pyarrow, parquet
         kinds = {int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
         first = (0, 0, *Case("", "", 0.0, 0.0, "", 0.0, "", "", ""), "", *[0.0] * len(Figures._fields))
         self._schema = pyarrow.schema([(name, kinds[type(value)]) for name, value in zip(COLUMNS, first, strict=True)])
-        self._file = open(open_over(path), "wb")  # noqa: PTH123, SIM115
-        self._writer = parquet.ParquetWriter(self._file, self._schema)
+        self._over = Over(path)
+        self._file: IO[bytes] | None = None
+        self._writer: Any = None
 
     def write(self, rows: list[Row]) -> None:
         """Add rows."""
+        if self._file is None:
+            self._over.begin()
+            self._file = open(self._over.descriptor, "wb", closefd=False)  # noqa: PTH123, SIM115
+            self._writer = self._parquet.ParquetWriter(self._file, self._schema)
         columns = zip(*(values_of(self._job, row) for row in rows), strict=True)
         arrays = [self._arrow.array(column, kind.type) for column, kind in zip(columns, self._schema, strict=True)]
         self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
 
     def close(self) -> None:
         """End the file."""
-        self._writer.close()
-        self._file.close()
+        if self._file is not None:
+            self._writer.close()
+            self._file.close()
+        self._over.close()
 
 
 QUANTILES = (0.05, 0.5, 0.95)

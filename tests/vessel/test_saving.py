@@ -21,6 +21,7 @@ from autopilot.vessel.file import load_vessel
 from autopilot.web.hub import token_of
 from sitl.campaign.results import open_results
 from sitl.campaign.study import Job, load_study
+from sitl.campaign.work import UNKNOWN, Row
 
 ROOT = Path(__file__).parents[2]
 PAGE, SCHEMA = "<!doctype html>", '{"$schema": 1}'
@@ -212,7 +213,9 @@ def test_the_results_of_a_campaign_spare_links_pipes_and_what_is_in_use(ending: 
     link, pipe, sink = tmp_path / f"link.{ending}", tmp_path / f"pipe.{ending}", FileSink(tmp_path / f"log.{ending}")
     link.symlink_to(tmp_path / "target")
     (tmp_path / "target").write_text("x" * 1_000_000)
-    open_results(link, job).close()
+    results = open_results(link, job)
+    results.write([Row(0, 1, "full", UNKNOWN)])
+    results.close()
     assert link.is_symlink() and 0 < (tmp_path / "target").stat().st_size < 100_000
     os.mkfifo(pipe)
     with pytest.raises(InputError, match="nobody reads this pipe"):
@@ -222,6 +225,19 @@ def test_the_results_of_a_campaign_spare_links_pipes_and_what_is_in_use(ending: 
         open_results(sink.path, job)
     sink.close()
     assert sink.path.read_bytes() == b"the log"
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_the_results_of_a_campaign_replace_nothing_before_the_first_row(ending: str, tmp_path: Path) -> None:
+    job = Job(load_study("front")[0], "")
+    old, new = tmp_path / f"old.{ending}", tmp_path / f"new.{ending}"
+    old.write_text("an hour's work")
+    for path in (old, new):
+        results = open_results(path, job)
+        with pytest.raises(InputError, match="a running program writes it"):
+            open_results(path, job)
+        results.close()
+    assert old.read_text() == "an hour's work" and not new.exists()
 
 
 def test_a_table_on_the_standard_output_is_the_table_alone(log: Path, tmp_path: Path) -> None:
