@@ -65,7 +65,7 @@ def alarms_page() -> str:
         "alarm that ends steering sounds until it is acknowledged. After 30 s without an acknowledgement an alarm\n"
         "is repeated, louder.",
         "If a lost heading or a silent vehicle has ended the steering and has been back for 2 s, its alarm says\n"
-        "`(past)`. Once acknowledged, it goes; the mode still shows that nothing is steered. If it is lost again,\n"
+        "`(ended)`. Once acknowledged, it goes; the mode still shows that nothing is steered. If it is lost again,\n"
         "that is a new alarm.",
         "Priorities are those of bridge alert management (IMO MSC.302(87), IEC 62923):",
         _rows(

@@ -66,7 +66,7 @@ class AlarmPanel:
         """Return the alarms to be shown at `now` [s], and what is to be heard.
 
         raised: the alarms by their names, or by who says them.
-        past: names that are the case no more: said as past until they are acknowledged, then gone.
+        past: names that are the case no more: said as ended until they are acknowledged, then gone.
         """
         given, before = (order.kind, order.serial), self.memory
         if not raised and not before.entries:
@@ -101,7 +101,7 @@ class AlarmPanel:
 
 
 def raised_at(entry: Entry, now: float, *, is_past: bool) -> Entry:
-    """Return the alarm that is raised at `now` [s], or said as past."""
+    """Return the alarm that is raised at `now` [s], or said as ended."""
     if is_past:
         past_since = now if entry.past_since is None else entry.past_since
         return Entry(entry.since, now, entry.is_acknowledged, past_since)
@@ -146,13 +146,13 @@ def _said(event: AlarmEvent) -> str:
     pattern = FORMS[event.form] if event.form else words.sentence
     names_it = "{text}" in pattern
     said = pattern.format(
-        text=f"{words.text} (past)" if event.is_past else words.text,
+        text=f"{words.text} (ended)" if event.is_past else words.text,
         detail=event.detail,
         bracketed=f" ({event.detail})" if event.detail else "",
         remedy=words.remedy,
         because="" if event.because is None else _reason(event.because),
     )
-    return said if names_it or not event.is_past else f"past: {said}"
+    return said if names_it or not event.is_past else f"ended: {said}"
 
 
 def _reason(event: AlarmEvent) -> str:

@@ -88,7 +88,7 @@ def test_what_is_over_is_said_as_past_until_it_is_acknowledged() -> None:
     over = ("heading_lost",)
     assert panel.update(0.0, LOST, (), COURSE) == ((LOST["heading_lost"],), Siren.SOUNDING)
     assert panel.update(5.0, LOST, (), COURSE, over) == ((PAST,), Siren.SOUNDING)
-    assert sentence_of(PAST).startswith("heading lost (past): ")
+    assert sentence_of(PAST).startswith("heading lost (ended): ")
     for second in range(6, 601):
         shown = panel.update(float(second), LOST, (), COURSE, over)
     assert shown == ((PAST._replace(is_escalated=True),), Siren.ESCALATED)
@@ -123,7 +123,7 @@ def test_the_alarm_of_a_pilot_follows_the_headings() -> None:
             said.append(f"{now:.0f} {'; '.join(words_of(tick)).split(':')[0]}")
             texts = words_of(tick)
     assert tick.mode is Mode.FAILSAFE
-    assert said[-5:] == ["11 heading lost", "17 heading lost (past)", "41 NOT ACKNOWLEDGED", "640 "]
+    assert said[-5:] == ["11 heading lost", "17 heading lost (ended)", "41 NOT ACKNOWLEDGED", "640 "]
 
 
 def test_whoever_gives_an_order_has_heard() -> None:
