@@ -116,6 +116,7 @@ def test_a_helm_that_is_taken_and_given_back_before_anybody_looks_was_taken(what
         ("", {"MAV_GCS_SYSID": 0.0}, "the vehicle's MAV_GCS_SYSID is no system id; set it to 255", True),
         ("SERVO1_TRIM", {}, "reading the vehicle's parameters", True),
         ("", {"RCMAP_ROLL": 17.0}, "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it", False),
+        ("", {"RCMAP_THROTTLE": 1.0}, "RCMAP_ROLL and RCMAP_THROTTLE are both 1: to steer would work", False),
         ("", {"RC_OVERRIDE_TIME": 0.0}, "the vehicle's RC_OVERRIDE_TIME is 0, which forbids overrides", False),
         ("", {"RC_OVERRIDE_TIME": -1.0}, "the vehicle's RC_OVERRIDE_TIME is -1, which would keep the rudder", False),
         ("", {"RC_OVERRIDE_TIME": 0.4}, "the vehicle's RC_OVERRIDE_TIME is 0.4, which takes the rudder back", False),

@@ -117,6 +117,37 @@ def test_a_parameter_that_ends_the_steering_leaves_no_override_behind(name: str,
     assert not is_held(boat)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("RCMAP_ROLL", 2.0, "RCMAP_ROLL was changed from 1 to 2 while we steered"),
+        ("SERVO1_FUNCTION", 0.0, "SERVO1_FUNCTION was changed from 26 to 0 while we steered"),
+        ("RCMAP_THROTTLE", 1.0, "RCMAP_ROLL and RCMAP_THROTTLE are both 1: to steer would work the throttle"),
+    ],
+)
+def test_a_mapping_that_is_changed_while_we_steer_is_named(name: str, value: float, said: str) -> None:
+    boat = steering(20.0)
+    boat.vehicle.receive(
+        boat.now, MavlinkCodec(255, 190).encode(dialect.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+    )
+    boat.run(0.3)
+    assert boat.tick.mode is Mode.OVERRIDE and said in words_of(boat.tick)[0]
+    assert not is_held(boat)
+
+
+def test_after_the_steering_is_mapped_to_another_input_that_one_is_proved_and_steers() -> None:
+    boat = steering(20.0)
+    boat.vehicle.receive(
+        boat.now, MavlinkCodec(255, 190).encode(dialect.MAVLink_param_set_message(1, 1, b"RCMAP_ROLL", 2.0, 9))
+    )
+    boat.run(2.0)
+    assert boat.tick.mode is Mode.OVERRIDE and boat.firmware.channels[:2] == [1500, 1500]
+    boat.engage(60.0)
+    assert boat.run(3.0, boat.engaged)
+    boat.run(0.5)
+    assert boat.firmware.channels[0] == 1500 and boat.firmware.channels[1] > 1600
+
+
 @pytest.mark.parametrize("off", [-1.2, -2.0, 3600.0])
 def test_a_straggler_of_the_vehicle_takes_no_rudder_out_of_our_hand(off: float) -> None:
     boat = steering(20.0)

@@ -330,6 +330,8 @@ class ControlAuthority:
             self.cause = HelmCause.REBOOTED
             return f"the vehicle has rebooted; {waiting}"
         self._rebooted = False
+        if waiting and (lost := self._recent(now)):
+            return f"{lost}; {waiting}"
         if self.radio and not waiting:
             self.cause = HelmCause.RADIO_LOST
         return waiting or self.radio or self._state_reason() or self._obedience_reason(now)
@@ -348,11 +350,14 @@ class ControlAuthority:
             return "the radio's switch for overrides is off; switch it on"
         return ""
 
-    def _obedience_reason(self, now: float) -> str:
-        if self.disobeyed and now - self.last_command > FORGIVEN_S:
+    def _recent(self, now: float) -> str:
+        if now - self.last_command > FORGIVEN_S:
             self.disobeyed = ""
-        if self.disobeyed:
-            return self.disobeyed
+        return self.disobeyed
+
+    def _obedience_reason(self, now: float) -> str:
+        if found := self._recent(now):
+            return found
         # where the heartbeats stay away too, silence is the better word
         reported = self.echo.report_time
         talks = self.received_time > reported + HEARTBEAT_S
@@ -381,6 +386,8 @@ def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) 
         return ""
     if parameters.steering_input is None:
         return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
+    if (steering := parameters.steering_input) == parameters.get("RCMAP_THROTTLE"):
+        return f"RCMAP_ROLL and RCMAP_THROTTLE are both {steering}: to steer would work the throttle; correct one"
     if parameters.steering_servo is None:
         return _without_outputs(parameters)
     if parameters.get("PILOT_STEER_TYPE") == TWO_PADDLES:

@@ -497,16 +497,19 @@ class VehicleReader:
         return bool(pulse) and not low <= pulse <= high
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
-        steered, before = self.parameters.steering_input, self._output.channel
-        if self.parameters.take(message.param_id, message.param_value):
-            self.authority.misfit = self._output.use(self.parameters)
+        name, parameters, authority = message.param_id, self.parameters, self.authority
+        steered, before, was = parameters.steering_input, self._output.channel, parameters.get(name)
+        if parameters.take(name, message.param_value):
+            authority.misfit = self._output.use(parameters)
             if self.bow is not None:
-                self.bow.use(self.parameters)
-            after = self._output.channel
-            if before and after and before.servo_reversed != after.servo_reversed and self.authority.steering:
-                # the same input moves the rudder the other way from now on: who meant it, looks at it first
-                self.authority.refuse(f"SERVO{self.parameters.steering_servo}_REVERSED was changed while we steered")
-            if steered != self.parameters.steering_input:
+                self.bow.use(parameters)
+            after, is_another = self._output.channel, steered != parameters.steering_input
+            is_lost = self.guided is None and (is_another or (before is not None and after is None))
+            # the same input moves the rudder the other way from now on: who meant it, looks at it first
+            turns = before is not None and after is not None and before.servo_reversed != after.servo_reversed
+            if authority.steering and was is not None and (is_lost or turns):
+                authority.refuse(f"{name} was changed from {was:g} to {message.param_value:g} while we steered")
+            if is_another:
                 self.probe.reset()  # the input that was proved is another now, and is released first
 
     def _sample_time(self, now: float, boot: float) -> float | None:
