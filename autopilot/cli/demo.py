@@ -35,12 +35,12 @@ def run(arguments: argparse.Namespace) -> int:
         require_extra()
     from autopilot.cli.demo_legs import as_json, as_text, sail_demo, verdict_of_demo
     from autopilot.cli.terminal import ProgressBar
-    from autopilot.files.saving import save_text, unused_folder
+    from autopilot.files.saving import save_text, unused_folder, why_not
 
     try:
         out = unused_folder(arguments.out)
     except OSError as error:
-        raise InputError(f"--out {arguments.out}: {error.strerror}; give a folder that can be written") from error
+        raise InputError(f"--out {arguments.out}: {why_not(error)}; give a folder that can be written") from error
     if out != arguments.out:
         print(f"{arguments.out} is not empty and is kept: this demo is {out}", file=sys.stderr)
     with ProgressBar("demo") as bar:

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from autopilot.angles import wrap
 from autopilot.control.registry import TRIAL_LAW
-from autopilot.errors import RefusedError
+from autopilot.errors import InputError, RefusedError
 from autopilot.files.printable import aligned
 from autopilot.files.saving import save_text
 from autopilot.identification.identified import Identified, Question
@@ -248,6 +248,8 @@ def _steer(leg: Leg, vessel: Vessel, url: str, log: Path, pace: float) -> tuple[
         app.run(longest, watch)
     if not script.is_complete:
         why = next((said for tick in reversed(ticks) for said in sentences_of(tick.alarms)), "time is up")
+        if any(event.name == "disk_full" for tick in ticks for event in tick.alarms):
+            raise InputError(f"demo leg {leg.name}: {why}")  # sailed slower it would be no better
         raise RefusedError(f"demo leg {leg.name} ended early: {why}")
     wanted = vessel.control.rate_hz * (ticks[-1].now - script.begun_at[0])
     if pace > PACES[-1] and sum(tick.now >= script.begun_at[0] for tick in ticks) < FEWEST_TICKS * wanted:

@@ -222,6 +222,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.uninstall:
         return _uninstall(name, arguments.root)
     wanted = _service_of(arguments, name)
+    named_vessel(arguments.vessel)
     files = files_of(wanted)
     if arguments.dry_run:
         for path, text in files.items():

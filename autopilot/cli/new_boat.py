@@ -330,6 +330,13 @@ class PageOfSteps:
         """Return the steps. Raises InputError where the list cannot be read."""
         return Checklist(self._file).rows(self._file)
 
+    def check(self) -> None:
+        """Say now what is not there, or cannot be read. Raises InputError."""
+        self.rows()
+        check_folder(self._file)
+        if not self._file.exists():
+            print(f"{self._file} is not there yet; autopilot new-boat {self._file} begins it", flush=True)
+
     def mark(self, name: str, *, is_done: bool) -> None:
         """Note the next step as done, or one and those after it as not done. Raises InputError."""
         checklist = Checklist(self._file)

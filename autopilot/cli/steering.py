@@ -32,6 +32,7 @@ from autopilot.cli.terminal import StatusLine, TypedLines, steady_output
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.estimation.path_delay import PathDelay
 from autopilot.files.printable import terminal_of
+from autopilot.files.saving import check_folder
 from autopilot.interruption import NAMES, REAL_TIME, STRAY, ended_by
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
@@ -77,7 +78,6 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         "--log-total-mb",
         metavar="MB",
         action=number(1.0, 1.0e7),
-        default=TOTAL_MB,
         help=f"most disk space for all logs of --log-dir (default {TOTAL_MB:g})",
     )
 
@@ -86,7 +86,7 @@ def log_place(arguments: argparse.Namespace) -> Sink:
     """Return where the options want the log, which is written from a thread of its own. Raises InputError."""
     from autopilot.runtime.log_files import MEGABYTE, FileSink, FolderLimits, FolderSink, ThreadedSink, log_file
 
-    total = arguments.log_total_mb
+    total = arguments.log_total_mb or TOTAL_MB
     if arguments.log is not None:
         folder = arguments.log.parent
         if not folder.is_dir():
@@ -326,6 +326,8 @@ class Voyage(NamedTuple):
 def plan_of(vessel: Vessel, arguments: argparse.Namespace, orders: Orders) -> Plan:
     """Return the plan of what the shared options ask for. Raises InputError."""
     cpus = () if arguments.cpu is None else cpus_of(arguments.cpu)
+    if arguments.log_total_mb is not None and arguments.log_dir is None:
+        raise InputError("--log-total-mb goes with --log-dir")
     options = LinkOptions(
         as_gcs=arguments.as_gcs,
         vehicle_system=arguments.vehicle_system,
@@ -352,6 +354,8 @@ def restart_file(arguments: argparse.Namespace) -> Path | None:
     """Return where the heading that is held is noted: as the option says, or in the folder that the service gives."""
     folder = os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
     place: Path | None = arguments.state
+    if place is not None:
+        check_folder(place)
     return place or (Path(folder) / NOTE_NAME if folder else None)
 
 

@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     token = token_of(arguments.token_file)
     steps = PageOfSteps(arguments.boat) if arguments.boat is not None else None
     if steps is not None:
-        steps.rows()  # a list that cannot be read is said now
+        steps.check()
     station = Station()
     sock = _bound(host, port)
     try:

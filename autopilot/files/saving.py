@@ -364,12 +364,19 @@ def check_folder(path: str | Path) -> None:
     raise _unwritable(path, OSError(reason, os.strerror(reason)))
 
 
+def why_not(error: OSError) -> str:
+    """Return why a file or a folder cannot be made: in the system's words where these do not mislead."""
+    if error.errno == errno.ENOENT and error.filename and Path(error.filename).parent.is_dir():
+        return "nothing can be kept there"
+    return "a file of that name is there" if error.errno == errno.EEXIST else error.strerror or str(error)
+
+
 def _unwritable(path: str | Path, error: OSError) -> InputError:
     if error.errno in FULL:
         cure = "free the disk, or give a file on another; what was there before is untouched"
     else:
         cure = "give another file, in a folder that you may write to"
-    return InputError(f"{path}: cannot be written ({error.strerror}); {cure}.")
+    return InputError(f"{path}: cannot be written ({why_not(error)}); {cure}.")
 
 
 def replace_file(path: Path, text: str, *, private: bool = False) -> None:

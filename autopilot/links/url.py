@@ -118,12 +118,14 @@ def open_transport(url: LinkUrl | str, allow: Sequence[Network] = ()) -> Transpo
     """Open the transport of `url`; LinkError with one sentence where that fails.
 
     allow: networks that may come to a listening transport whose URL names none; none at all: everybody. One that
-    listens on every interface of the machine says so on the terminal.
+    listens on every interface of the machine, or at a port that the system has chosen, says so on the terminal.
     """
     link = parse_url(url) if isinstance(url, str) else url
     medium = MEDIA[link.medium]
     transport = medium.open(link, _accepts(link.protocol), only_from(link.options.allow or allow))
-    return _exposed(link, transport) if medium.listens else transport
+    if medium.listens:
+        _say_where(link, transport)
+    return transport
 
 
 def _accepts(protocol: str) -> Callable[[bytes], bool]:
@@ -138,14 +140,15 @@ def _accepts(protocol: str) -> Callable[[bytes], bool]:
     return is_nmea
 
 
-def _exposed(link: LinkUrl, transport: Transport) -> Transport:
+def _say_where(link: LinkUrl, transport: Transport) -> None:
     if is_everywhere(link.host):
         print(
             f"link {link.text!r} listens on every network of this machine; "
             "name one interface or address instead, such as wlan0 or 127.0.0.1, unless that is meant",
             file=sys.stderr,
         )
-    return transport
+    if link.port == 0:
+        print(f"link {link.text!r} listens at port {getattr(transport, 'port', 0)}", file=sys.stderr)
 
 
 def accept_signed(

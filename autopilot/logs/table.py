@@ -25,7 +25,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.files.saving import write_new
+from autopilot.files.saving import why_not, write_new
 from autopilot.identification.runs import Orders, RudderOrigin, gap_limit
 from autopilot.links.mavlink.steering import LONGEST_US, SHORTEST_US
 from autopilot.logs.series import (
@@ -455,4 +455,4 @@ def save(path: Path, write: Callable[[Path], object]) -> None:
     try:
         write_new(path, write)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}; give another place.") from error
+        raise InputError(f"{path}: cannot be written: {why_not(error)}; give another place.") from error

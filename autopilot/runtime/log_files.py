@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from autopilot.errors import InputError
-from autopilot.files.saving import FULL, create_unused, is_in_use, lock
+from autopilot.files.saving import FULL, create_unused, is_in_use, lock, why_not
 
 RETRY_S = 5.0
 """A disk that would not take the log is asked again after this time."""
@@ -86,7 +86,7 @@ class _OpenFile:
             self._open()
         except OSError as error:
             if error.errno not in FULL:
-                raise InputError(f"{refusal[0]}: {error.strerror}; {refusal[1]}") from error
+                raise InputError(f"{refusal[0]}: {why_not(error)}; {refusal[1]}") from error
             self.trouble = f"log stopped: {error.strerror}; free the disk"
 
     def write(self, data: bytes, ticks: int = 1) -> None:

@@ -48,7 +48,7 @@ def context_of(certificate: Path, key: Path | None, host: str) -> ssl.SSLContext
 
     for option, path in (("--cert", certificate), ("--key", key)):
         if path is not None and not path.is_file():
-            raise InputError(f"{option} {path}: no such file; {made_by(host)}")
+            raise InputError(f"{option} {path}: {'is no' if path.exists() else 'no such'} file; {made_by(host)}")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     named = f"--cert {certificate}" if key is None else f"--cert {certificate} --key {key}"
     try:

@@ -85,7 +85,7 @@ def token_of(path: Path | None) -> str:
             token = secrets.token_urlsafe(TOKEN_BYTES)
             replace_file(path, token + "\n", private=True)
             return token
-        if stat.S_IMODE(path.stat().st_mode) & 0o077:
+        if stat.S_ISREG(mode := path.stat().st_mode) and mode & 0o077:
             raise InputError(f"--token-file {path}: others can read it; run chmod 600 {path}")
         token = read_regular(path, TOKEN_FILE_MOST).decode("ascii").strip()
     except (OSError, UnicodeDecodeError) as error:

@@ -95,9 +95,11 @@ def _campaign(job: Job, arguments: argparse.Namespace) -> int:
     from sitl.campaign.work import batches_of, default_workers, engine_of, in_order
 
     if arguments.report:
+        from autopilot.files.saving import check_folder
         from autopilot.report import require_extra
 
         require_extra("by leaving out --report", arguments.report)
+        check_folder(arguments.report)
     workers, runs = arguments.workers or default_workers(), number_of_runs(job)
     engine = engine_of(arguments.engine, arguments.address)
     if arguments.out and not arguments.overwrite:
@@ -252,9 +254,11 @@ def run_envelope(arguments: argparse.Namespace) -> int:
     from sitl.campaign.work import default_workers
 
     if arguments.report:
+        from autopilot.files.saving import check_folder
         from autopilot.report import require_extra
 
         require_extra("by leaving out --report", arguments.report)
+        check_folder(arguments.report)
     vessel = load_vessel(arguments.vessel)
     check_vessel(vessel)
     found: list[Found] = []

@@ -16,7 +16,7 @@ from typing import IO, Any, NamedTuple, Protocol
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.files.saving import Over
+from autopilot.files.saving import Over, why_not
 from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
 from sitl.campaign.compiled_run import Figures
 from sitl.campaign.study import Case, Job, case_and_seed, cases_of, number_of_runs
@@ -42,7 +42,7 @@ def open_results(path: Path, job: Job) -> Results:
     try:
         return CsvResults(path, job) if path.suffix == ".csv" else ParquetResults(path, job)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be written: {why_not(error)}") from error
 
 
 def values_of(job: Job, row: Row) -> tuple[Any, ...]:
@@ -63,7 +63,7 @@ class CsvResults:
         lines: list[Sequence[Any]] = [values_of(self._job, row) for row in rows]
         if self._file is None:
             self._over.begin()
-            self._file = open(  # noqa: PTH123, SIM115
+            self._file = open(  # noqa: SIM115
                 self._over.descriptor, "w", newline="", encoding="utf-8", closefd=False
             )
             lines.insert(0, COLUMNS)
@@ -98,7 +98,7 @@ class ParquetResults:
         """Add rows."""
         if self._file is None:
             self._over.begin()
-            self._file = open(self._over.descriptor, "wb", closefd=False)  # noqa: PTH123, SIM115
+            self._file = open(self._over.descriptor, "wb", closefd=False)  # noqa: SIM115
             self._writer = self._parquet.ParquetWriter(self._file, self._schema)
         columns = zip(*(values_of(self._job, row) for row in rows), strict=True)
         arrays = [self._arrow.array(column, kind.type) for column, kind in zip(columns, self._schema, strict=True)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import pytest
 
 from autopilot import __version__
 from autopilot.cli.main import main
+from autopilot.cli.new_boat import PageOfSteps
+from autopilot.links.url import open_transport
 from autopilot.vessel.file import dump_vessel, load_vessel
 from sitl.cli import main as sitl_main
 
@@ -137,7 +140,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
         (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "400"], 2, ["400", "0 to 360"]),
         (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "north"], 2, ["north"]),
         (["lanxin", "--link", "udpin:127.0.0.1:0", "--duration", "-1"], 2, ["--duration"]),
-        (["lanxin", "--link", "udpin:127.0.0.1:0", "--log", "/proc/no/run.tlog"], 2, ["/proc/no/run.tlog"]),
+        (["lanxin", "--link", "udpout:127.0.0.1:9", "--log", "/proc/no/run.tlog"], 2, ["/proc/no/run.tlog"]),
     ],
 )
 def test_a_run_with_bad_input_is_one_sentence(
@@ -189,3 +192,65 @@ def test_where_a_command_is_missing_the_commands_are_listed(capsys: pytest.Captu
     with pytest.raises(SystemExit):
         main(["trial"])
     assert "missing: TRIAL; there are zigzag, turning" in capsys.readouterr().err
+
+
+def test_what_is_wrong_with_a_place_is_said_in_words_that_fit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    run = ["run", "lanxin", "--link", "udpout:127.0.0.1:9", "--wait", "1"]
+    web = ["web", "--link", "udpout:127.0.0.1:9", "--listen", "127.0.0.1:0"]
+    service = ["--link", "udpin:127.0.0.1:14550", "--dry-run"]
+    for arguments, part in (
+        ([*run, "--log-dir", "/proc"], "log folder /proc: nothing can be kept there"),
+        ([*run, "--log", "/proc/run.tlog"], "log /proc/run.tlog: nothing can be kept there"),
+        ([*run, "--log-dir", "file"], "log folder file: a file of that name is there"),
+        ([*run, "--state", "folder"], "folder: is a folder"),
+        ([*run, "--state", "none/note"], "none/note: cannot be written"),
+        ([*run, "--log-total-mb", "5"], "--log-total-mb goes with --log-dir"),
+        ([*run, "--log-dir", ""], "an argument is empty"),
+        ([*run, "--log-dir="], "an argument is empty"),
+        ([*web, "--boat", "none/boat.yaml"], "none/boat.yaml: cannot be written"),
+        ([*web, "--boat", "folder"], "folder: is a folder"),
+        ([*web, "--token-file", "folder"], "--token-file folder: Is a directory"),
+        ([*web, "--cert", "folder"], "--cert folder: is no file"),
+        (["install-service", "none.yaml", *service], "none.yaml: no such file"),
+        (["install-service", "folder", *service], "folder: neither a file nor shipped"),
+        (["demo", "--out", "/proc/demo", "--no-report"], "--out /proc/demo: nothing can be kept there"),
+    ):
+        assert part in complaint(capsys, *arguments), arguments
+    for arguments in (["envelope", "lanxin", "--runs", "1"], ["campaign", "front", "--runs", "1"]):
+        assert sitl_main([*arguments, "--report", "folder"]) == 2
+        assert capsys.readouterr().err == "sitl: folder: is a folder; give the name of a file.\n"
+    assert [path.name for path in tmp_path.iterdir() if path.name not in ("file", "folder")] == []
+
+
+def test_a_boat_that_is_not_there_yet_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    PageOfSteps(tmp_path / "boat.yaml").check()
+    assert f"{tmp_path}/boat.yaml is not there yet" in capsys.readouterr().out
+    (tmp_path / "boat.yaml").write_text("name: mine")
+    PageOfSteps(tmp_path / "boat.yaml").check()
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("scheme", ["udpin", "tcpin", "nmea-tcpin"])
+def test_a_port_that_the_system_has_chosen_is_said(scheme: str, capsys: pytest.CaptureFixture[str]) -> None:
+    transport = open_transport(f"{scheme}:127.0.0.1:0")
+    port = transport.port  # type: ignore[attr-defined]
+    transport.close()
+    assert capsys.readouterr().err == f"link '{scheme}:127.0.0.1:0' listens at port {port}\n"
+    open_transport(f"{scheme}:127.0.0.1:{port}").close()
+    assert capsys.readouterr().err == ""
+
+
+def test_a_full_disk_ends_the_demo_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> object:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("autopilot.runtime.log_files.create_unused", full)
+    said = complaint(capsys, "demo", "--out", str(tmp_path / "demo"), "--no-report")
+    assert said == "autopilot: demo leg trial: log stopped: No space left on device; free the disk, or log elsewhere"
