@@ -223,9 +223,11 @@ class FtpClient:
             self._waiting.append((path, got))
 
     def abandon(self) -> None:
-        """Want no file any more; nobody is called back."""
-        self._waiting.clear()
+        """Want no file any more: None comes for each."""
+        waiting, self._waiting = self._waiting, deque()
         self._close()
+        for _, got in waiting:
+            got(None)
 
     def receive(self, now: float, message: Message) -> None:
         """Take a FILE_TRANSFER_PROTOCOL message of the boat."""

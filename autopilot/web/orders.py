@@ -32,7 +32,6 @@ from autopilot.web.view import BoatView, TextPieces
 
 AGAIN_S = 0.5
 TRIES = 4
-FOREIGN_MOST = 2
 WAITING_MOST = 8
 """Orders that wait behind one that is not answered; beyond them the link is as good as gone."""
 CANCELLED = 6
@@ -170,7 +169,9 @@ class Orders:
         self._next = -math.inf
         self._cancels: list[int] = []
         self._foreign = 0
-        """Acknowledgements that may still come of an order that was dropped."""
+        """Acknowledgements that may still come of an order that was dropped: one for each time that it was sent. They
+        name the command alone, not what was asked by it."""
+        self._most = TRIES
 
     def give(self, commands: Sequence[Command], on_done: OnDone) -> None:
         """Give an order; `on_done` hears once how it ended."""
@@ -194,7 +195,8 @@ class Orders:
         begun, self._waiting = self._waiting, deque([order])
         if begun and begun[0] in dropped and begun[0].commands[self._step].number == commands[0].number:
             # what is acknowledged next may be the one before: to stand by would be lost behind an order to engage
-            self._foreign = min(self._tries, FOREIGN_MOST)
+            self._foreign = self._tries
+        self._most = TRIES + self._foreign
         self._step = self._tries = 0
         self._next = -math.inf
         for each in dropped:
@@ -218,7 +220,7 @@ class Orders:
         elif self._step + 1 == len(order.commands):
             self._end(Answer.TAKEN, "")
         else:
-            self._step, self._tries, self._next = self._step + 1, 0, -math.inf
+            self._step, self._tries, self._most, self._next = self._step + 1, 0, TRIES, -math.inf
             done, self._waiting[0] = order.parted(self._step)
             done.tell(Answer.TAKEN, "")
 
@@ -228,7 +230,7 @@ class Orders:
         self._cancels.clear()
         if not self._waiting or now < self._next:
             return messages
-        if self._tries >= TRIES:
+        if self._tries >= self._most:
             for _ in range(len(self._waiting)):
                 self._end(Answer.SILENT, NO_ANSWER)
             return messages
@@ -241,6 +243,7 @@ class Orders:
     def _end(self, answer: Answer, words: str) -> None:
         order = self._waiting.popleft()
         self._step = self._tries = self._foreign = 0
+        self._most = TRIES
         self._next = -math.inf
         order.tell(answer, words)
 

@@ -32,7 +32,7 @@ from autopilot.web.orders import ENGAGE, Command, Orders, turn_to
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
 from autopilot.web.station import Station, descriptions_from
-from autopilot.web.view import TextPieces
+from autopilot.web.view import BoatView, TextPieces
 
 
 def test_engage_turn_and_release_reach_the_pilot_and_are_seen(sea: Watched) -> None:
@@ -241,6 +241,18 @@ def test_what_one_display_acknowledges_is_acknowledged_on_the_others(sea: Watche
     sea.watch(2.0)
     assert [each["acknowledged"] for each in (*here.alarms.active, *there.alarms.active)] == [True, True]
     assert any("(acknowledged)" in line.text for line in screen(here, sea.now, (80, 24)))
+
+
+def test_a_list_whose_file_was_abandoned_is_asked_for_again() -> None:
+    files, view = FtpClient(), BoatView()
+    board = AlarmBoard(files)
+    view.value = lambda name: 1.0  # type: ignore[method-assign]
+    board.update(0.0, view)
+    assert not files.is_idle
+    files.abandon()
+    assert files.is_idle
+    board.update(10.0, view)
+    assert not files.is_idle and [path for path, _ in files._waiting] == [ALARMS]
 
 
 def test_a_list_of_alarms_that_is_none_is_left_alone() -> None:
@@ -559,6 +571,25 @@ def test_two_hands_that_take_the_helm_at_once_are_both_obeyed(words: tuple[str, 
         sent += [message.command for message in orders.due(0.1 * step, target)]
     assert ends == [True, True]
     assert (dialect.MAV_CMD_COMPONENT_ARM_DISARM in sent) is ("release" in words)
+
+
+@pytest.mark.parametrize("answered", [0, 1, 2, 3, 4])
+def test_however_often_an_order_to_engage_was_sent_its_answers_are_none_to_who_stands_by(answered: int) -> None:
+    station, ends = Station(), list[bool]()
+    orders, target = station.orders, Target(1, 1)
+    acknowledged = dialect.MAVLink_command_ack_message(int(dialect.MAV_CMD_DO_SET_MODE), 0)
+    orders.give((ENGAGE[1],), lambda taken, words: None)
+    for now in (0.0, 0.5, 1.0, 1.5):
+        assert orders.due(now, target)
+    asked_of(station, {"do": "standby"})(1.6, lambda taken, _: ends.append(bool(taken)))
+    assert orders.due(1.6, target)  # lost on the way
+    for _ in range(answered):
+        orders.receive(1.7, acknowledged)
+    assert ends == [], "what was asked to engage has answered, and is believed to stand by"
+    for step in range(9):
+        for _ in orders.due(2.1 + 0.5 * step, target):
+            orders.receive(2.2 + 0.5 * step, acknowledged)
+    assert ends == [True], "heard at the latest when more has been answered than was asked before"
 
 
 @pytest.mark.parametrize("words", [("release", "standby"), ("standby", "release")])
