@@ -171,7 +171,8 @@ CONDITIONS = {
     "clock_stepped": Condition("wall clock and monotonic clock apart by more than 1 s", watcher=Watcher.LOOP),
     "disk_full": Condition("a write to the log fails (said in the words of what failed)", watcher=Watcher.LOOP),
     "human_override": Condition(
-        "another mode, disarmed, a stick moved that is not overridden, or a rudder that somebody else moves",
+        "another mode, disarmed, a stick moved that is not overridden, a rudder that somebody else moves, or an input "
+        "that somebody else overrides too, with no pause of 2.5 s, for 3 s",
         watcher=Watcher.LINK,
     ),
     "link_silent": Condition("nothing for 3 s, or no heartbeat for 8 s", watcher=Watcher.LINK),
@@ -256,7 +257,9 @@ CONDITIONS = {
     "targets_lag": Condition("far off the heading ordered for long, and no nearer", watcher=Watcher.LINK),
     "other_pilot": Condition("it says so while we steer", watcher=Watcher.LINK),
     "other_pilot_waits": Condition("it says so while we steer", watcher=Watcher.LINK),
-    "input_shared": Condition("the steering input shows pulses that are none of ours", watcher=Watcher.LINK),
+    "input_shared": Condition(
+        "the steering input shows pulses that are none of ours, three in 10 s", watcher=Watcher.LINK
+    ),
     "motor_current": Condition(
         "more than drive.current_max_a for longer than a motor takes to start", watcher=Watcher.LINK
     ),

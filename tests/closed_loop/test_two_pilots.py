@@ -199,3 +199,27 @@ def test_a_fail_safe_that_has_let_go_is_not_taken_for_a_lost_helm_and_resumes() 
     boat.down = BadLine()
     boat.run(10.0)
     assert boat.tick.mode is Mode.ENGAGED, boat.tick.alarms
+
+
+@pytest.mark.parametrize("rate_hz", [5.3, 7.0, 9.0, 24.0])
+def test_a_hand_at_a_ground_station_gets_the_rudder_within_five_seconds(rate_hz: float) -> None:
+    """A joystick there, whose pulses come between ours, and at no whole share of the reports' rate."""
+    boat = Lockstep(VESSEL)
+    boat.engage(60.0)
+    boat.run(20.0)
+    assert boat.tick.mode is Mode.ENGAGED
+    codec, advance, begun = MavlinkCodec(255, 190), boat.vehicle.advance, boat.now
+    sent = 0
+
+    def advance_after_the_hand(now: float) -> None:
+        nonlocal sent
+        if now >= begun + sent / rate_hz:
+            sent += 1
+            pulses = [1700, *[65535] * 7, *[0] * 10]
+            boat.vehicle.receive(now, codec.encode(dialect.MAVLink_rc_channels_override_message(1, 1, *pulses)))
+        advance(now)
+
+    boat.vehicle.advance = advance_after_the_hand  # type: ignore[method-assign]
+    assert boat.run(5.5, lambda tick: tick.mode is Mode.OVERRIDE)
+    boat.run(10.0)
+    assert boat.tick.mode is Mode.OVERRIDE and boat.firmware.channels[0] == 1700

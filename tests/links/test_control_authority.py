@@ -388,6 +388,29 @@ def test_pulses_of_another_are_said_after_three_in_ten_seconds_for_eight() -> No
         assert not found.others_override(times[2] + 2.0), "the proof in between has shown that they are gone"
 
 
+@pytest.mark.parametrize(
+    ("every", "may_share", "is_theirs"), [(5, False, True), (24, False, True), (26, False, False), (5, True, False)]
+)
+def test_who_overrides_all_the_time_gets_the_rudder_at_however_small_a_share(
+    every: int, may_share: bool, is_theirs: bool
+) -> None:
+    """One report of five at 10 Hz, or of 24, which the rudder makes good in between; one of 26 comes and goes."""
+    found = ControlAuthority(may_share=may_share)
+    found.obstacle = ""
+    taken = None
+    for step in range(200):
+        now = 0.1 * step
+        found.heartbeat(now, 0, True, 4)
+        found.received_time = now
+        found.commanded(now, 1600)
+        is_strange = step >= 100 and step % every == 0
+        found.seen(now, "RC channel 1", 1480 if is_strange else 1600, [1600], is_input=True)
+        if taken is None and (reason := found.reason(now, parameters(), 255)):
+            assert reason.startswith("another ground station steers, or a pilot: RC channel 1 is at 1480 us")
+            taken = now
+    assert taken is None if not is_theirs else taken is not None and 13.0 <= taken <= 17.0
+
+
 def test_an_echo_that_a_jittery_line_brings_late_is_nobody_else_s() -> None:
     found = watch()
     for step in range(101):

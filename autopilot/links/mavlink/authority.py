@@ -158,6 +158,9 @@ STRANGE_S = 10.0
 STRANGE_LASTS_S = 8.0
 """So many reports of the input within this time are somebody else's, who tries every few seconds; the alarm lasts from
 one of their tries to the next."""
+CONTEST_GAP_S, CONTEST_S = 2.5, 3.0
+"""Strange reports no further apart, for so long, are somebody who steers too, at however small a share of the time: at
+nearly the reports' own rate their pulses hide behind ours for seconds. Another pilot's proof comes every four."""
 STANDBY_STATE = 3
 TAKEN_FOR_A_MOMENT = "the mode, the arming or the radio's switch was changed and changed back: the helm is yours"
 STICK_MOVED_US = 150
@@ -170,6 +173,7 @@ class ControlAuthority:
     Args:
         guided: whether we steer by heading targets in GUIDED mode, rather than by the rudder in MANUAL.
         offboard: whether we do by velocities in PX4's Offboard mode, of whose parameters and reports nothing is known.
+        may_share: whether others may override the steering input beside us.
 
     Attributes:
         obstacle: why this vehicle cannot be steered at all; empty where it can.
@@ -182,8 +186,8 @@ class ControlAuthority:
         disobeyed: why the rudder did not obey while we steered; empty where it did.
     """
 
-    def __init__(self, guided: bool = False, offboard: bool = False) -> None:
-        self._guided, self._offboard = guided or offboard, offboard
+    def __init__(self, guided: bool = False, offboard: bool = False, may_share: bool = False) -> None:
+        self._guided, self._offboard, self._may_share = guided or offboard, offboard, may_share
         self._is_killed = False
         self.obstacle = "waiting for the heartbeat of a vehicle"
         self.misfit = ""
@@ -196,6 +200,8 @@ class ControlAuthority:
         self.last_command = -math.inf
         self._strange: deque[float] = deque(maxlen=STRANGE_REPORTS)
         self._strange_until = -math.inf
+        self._contested = (-math.inf, -math.inf)
+        """Since when, and when last, the input has shown pulses that are none of ours."""
         self._sticks: dict[int, int] = {}
         self.cause = HelmCause.TAKEN
         """What kind the reason given last is of."""
@@ -281,6 +287,11 @@ class ControlAuthority:
         # nobody else's: what was reported before our first command of all arrived there, and an echo that comes late
         if is_input and not agrees and now - echo.began > ECHO_PATIENCE_S and not echo.is_late(pulse):
             self._strange.append(now)
+            since, last = self._contested
+            self._contested = (since if now - last <= CONTEST_GAP_S else now, now)
+            if now - self._contested[0] > CONTEST_S and not self._may_share:
+                shown = differing(what, pulse, expected)
+                self.disobeyed = f"another ground station steers, or a pilot: {shown}; stop one of the two"
         if echo.disagrees(now, what, agrees):
             self.disobeyed = (
                 f"the rudder does not obey: {differing(what, pulse, expected)} "

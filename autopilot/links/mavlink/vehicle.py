@@ -247,7 +247,7 @@ class VehicleReader:
 
     def __init__(self, output: SteeringOutput, settings: CompanionSettings) -> None:
         is_guided, self.is_px4 = settings.method == "guided", settings.method == "offboard"
-        self.authority = ControlAuthority(is_guided, self.is_px4)
+        self.authority = ControlAuthority(is_guided, self.is_px4, settings.with_other_pilot)
         self.probe = OverrideProbe(output, settings.with_other_pilot)
         self.guided: GuidedTargets | None = None
         if is_guided:
