@@ -491,6 +491,7 @@ def test_axe_finds_nothing_on_any_page_in_any_state_and_light(helm: Helm) -> Non
     page.click("#hold-wind")
     word(page, "mode-word", "Wind")
     check(page, "wind", ("helm", "chart", "more"))
+    assert "the boat steers true ones, until sensors.magnetic" in (page.text_content("#device-word") or "")
     for source, name in (("axe", "vehicle_failed"), ("axe too", "battery_low")):
         alarm(helm, AlarmEvent(name, "axe"), source)
     page.wait_for_selector("#bar.emergency button")
