@@ -106,7 +106,7 @@ def _side(degrees: float) -> str:
 WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "engage": lambda _: "hold the heading",
     "standby": lambda _: "standby",
-    "release": lambda _: "release the steering",
+    "release": lambda _: "release the helm",
     "route": lambda _: "follow the route",
     "turn": lambda request: _side(request["degrees"]),
     "heading": lambda request: f"course {round(request['degrees']) % 360:03d}°",

@@ -46,7 +46,7 @@ def test_the_page_is_served_over_https(pair: tuple[Path, Path], tmp_path: Path) 
         with httpx2.Client(
             base_url=address, timeout=60.0, verify=ssl.create_default_context(cafile=certificate)
         ) as client:
-            assert "Release steering" in client.get("/").text
+            assert "Release helm" in client.get("/").text
             assert client.get("/api/may", headers={"authorization": f"Bearer {token}"}).json() == {"may": True}
         web.terminate()
         assert web.wait(60.0) == 0

@@ -465,7 +465,7 @@ def test_the_process_serves_and_ends_on_a_signal(ending: signal.Signals, tmp_pat
         address, token = re.findall(r"(http://127.0.0.1:\d+)/#token=([\w-]{20,})", steer)[0]
         assert look.split()[-1] == f"{address}/"
         with httpx2.Client(base_url=address, timeout=60.0) as client:
-            assert "Release steering" in client.get("/").text
+            assert "Release helm" in client.get("/").text
             assert client.get("/api/may", headers={"authorization": f"Bearer {token}"}).json() == {"may": True}
             with client.stream("GET", "/api/events") as events:
                 first = next(events.iter_text())
