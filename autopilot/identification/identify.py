@@ -193,20 +193,37 @@ def _linear_fit(segments: Sequence[Segment], T: float, reference_speed: float) -
     rows = []
     for s, segment in enumerate(segments):
         measured_rate = bool(np.isfinite(segment.rate).any())
-        response = [at_samples(motion[0 if measured_rate else 1], steps, s) for motion in responses]
+        gain, trim, rate = (at_samples(motion[0 if measured_rate else 1], steps, s) for motion in responses)
         measured = segment.rate if measured_rate else segment.heading - initial_state(segment)[1]
         known = np.isfinite(measured)
-        start = np.full(measured.size, 0.0 if measured_rate else 1.0)
-        own = triangle(np.stack([*response, start, measured], axis=1)[known])
-        row = np.zeros((own.shape[0], 2 + 2 * len(segments) + 1))
-        row[:, [0, 1, 2 + 2 * s, 3 + 2 * s, -1]] = own
-        rows.append(row)
+        own = [rate] if measured_rate else [np.ones(measured.size), rate]
+        rows.append(_without(np.stack(own, axis=1)[known], np.stack([gain, trim, measured], axis=1)[known]))
     table = np.concatenate(rows)
     return _solve(table[:, :-1], table[:, -1], unit)
 
 
+def _without(own: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return what is left of a least-squares problem's columns, three rows at most, once the segment's own unknowns,
+    the factors of `own`, have taken theirs: the other unknowns and the sum of squares come out the same.
+
+    With hundreds of stretches between gaps, a table with all of their unknowns takes a hundred times as long.
+    """
+    left = triangle(np.concatenate([own, columns], axis=1))
+    pivots = np.abs(np.diag(left)[: own.shape[1]])
+    count = int(np.count_nonzero(pivots > DEPENDENT * np.linalg.norm(own[:, : pivots.size], axis=0)))
+    if count < pivots.size:
+        return _without(own[:, :count], columns)
+    rest = left[own.shape[1] :, own.shape[1] :]
+    # rounding is left of a column that they take whole
+    return np.where(np.abs(rest) > DEPENDENT * np.linalg.norm(columns, axis=0), rest, 0.0)
+
+
+DEPENDENT = 1.0e-10
+"""The share of a column beside others from which on it is taken for a combination of those."""
+
+
 def _solve(columns: FloatArray, left: FloatArray, unit: Norrbin) -> StartingPoint:
-    """Columns: the responses to K = 1 and to n0 = -1, then to each segment's initial rate and heading."""
+    """Columns: the responses to K = 1 and to n0 = -1."""
     coefficients = np.linalg.lstsq(columns, left, rcond=None)[0]
     rest = float(np.sum((left - columns @ coefficients) ** 2))
     others = columns[:, 1:]

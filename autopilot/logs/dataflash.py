@@ -44,6 +44,7 @@ from autopilot.logs.series import (
     on_one_clock,
     series_of,
     silent,
+    without_zeros,
 )
 from autopilot.logs.table import steering_series, steering_servo
 
@@ -103,7 +104,8 @@ class DataFlash:
         self.torn = 0
         self._data = np.frombuffer(data, dtype=np.uint8)
         self._walk(data, progress)
-        if self.skipped > DAMAGED_SHARE * len(data):
+        sound = without_zeros(data)
+        if self.skipped - (len(data) - sound) > DAMAGED_SHARE * sound:
             raise InputError(
                 f"{path}: {self.skipped} of {len(data)} bytes belong to no message; the log is damaged beyond use."
             )

@@ -35,6 +35,8 @@ from autopilot.logs.series import (
 
 LINE_MOST = 65536
 GROUP = re.compile(rb'"pgn"\s*:\s*(\d{1,6})\b')
+BRACED = re.compile(rb"\s*(\{.*\}\s*)?")
+"""A line that may be an object of JSON, or is blank."""
 UNITS = re.compile(rb'"units"\s*:\s*"(std|si)"')
 PLACES = ("latitude", "longitude")
 TURNING = ("heading", "cog", "windAngle")
@@ -60,7 +62,7 @@ def read_n2k_json(path: str, data: bytes, variation: float | None = None, progre
     for line in counted(data.splitlines(), progress):
         group = GROUP.search(line)
         if group is None:
-            bad += bool(line.strip()) and not line.lstrip().startswith(b"{")
+            bad += not BRACED.fullmatch(line)
             continue
         if int(group[1]) not in INSTRUMENTS:
             good += 1

@@ -134,6 +134,7 @@ def read_nmea(path: str, data: bytes, variation: float | None = None, progress: 
 def _lines(data: bytes, progress: Progress = silent) -> tuple[list[Line], int]:
     """Return the sentences, and how many lines had a sentence that was wrong."""
     lines, bad, place = [], 0, 0
+    is_torn = False
     for raw in counted(data.splitlines(keepends=True), progress):
         start = raw.find(b"$")
         if start >= 0:
@@ -151,8 +152,11 @@ def _lines(data: bytes, progress: Progress = silent) -> tuple[list[Line], int]:
                 else:
                     bad += 1
             bad += framer.counts.checksum_errors + framer.counts.malformed
+        elif raw.strip():
+            # of a last line that was being written, what stands before the sentence may be all there is
+            is_torn = not raw.endswith((b"\n", b"\r")) and stamp_of(raw.decode("ascii", "replace")) is not None
         place += len(raw)
-    return lines, bad
+    return lines, bad + is_torn
 
 
 def _times(path: str, lines: list[Line]) -> tuple[FloatArray, float | None, list[str]]:

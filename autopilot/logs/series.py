@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
+from autopilot.files.outside import BLOCK
 from autopilot.models.drives import PLAIN, Mixing
 from autopilot.signals import (
     HeadingSample,
@@ -308,6 +309,14 @@ class CountedBytes(io.BytesIO):
             self._next = place + self._size // SHOWN_SHARE
             self._progress(place, self._size)
         return data
+
+
+def without_zeros(data: bytes) -> int:
+    """Return how many bytes stand before the zeros at the end of a file, as a power cut leaves them."""
+    end = len(data)
+    while end > 0 and data[max(end - BLOCK, 0) : end].count(0) == min(end, BLOCK):
+        end -= min(end, BLOCK)
+    return max(end - BLOCK, 0) + len(data[max(end - BLOCK, 0) : end].rstrip(b"\0"))
 
 
 class ReadOptions(NamedTuple):

@@ -39,6 +39,7 @@ from autopilot.logs.series import (
     Series,
     on_one_clock,
     series_of,
+    without_zeros,
 )
 from autopilot.logs.table import steering_series
 
@@ -224,7 +225,8 @@ def read_tlog(path: str, data: bytes, options: ReadOptions = ReadOptions()) -> R
                 continue
             attitudes[sender] += kind == dialect.MAVLINK_MSG_ID_ATTITUDE
             vehicles[sender].take(stamp, message)
-    if packets.skipped > DAMAGED_SHARE * len(data):
+    sound = without_zeros(data)
+    if packets.skipped - (len(data) - sound) > DAMAGED_SHARE * sound:
         raise InputError(
             f"{path}: {packets.skipped} of {len(data)} bytes belong to no MAVLink packet; it is no .tlog, or damaged "
             "beyond use."

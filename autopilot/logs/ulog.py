@@ -39,6 +39,8 @@ from autopilot.logs.table import Servo, ServoScale, steering_servo
 Topic = Mapping[str, FloatArray]
 MICRO = 1.0e-6
 FIX_2D = 2
+MESSAGE_HEAD = 3
+"""Bytes of a message's length and kind, which stand before it."""
 MOST_ENDS = 100
 """How often a reader may come to the end of a file."""
 SERVO_TOPICS = (("actuator_servos", "control[0]"), ("actuator_controls_0", "control[2]"))
@@ -62,11 +64,16 @@ class _Bounded(CountedBytes):
     """The file as pyulog reads it. pyulog 1.3 goes back and forth for ever at the end of some damaged files."""
 
     _ends = 0
+    is_torn = False
+    """Of the last message that was asked for a part is missing."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Return the next `size` bytes. Raises _StuckError when there were none left too often."""
         data = super().read(size)
-        if size is not None and len(data) < size:
+        is_short = size is not None and len(data) < size
+        # where the head of a message would be, a sound file ends
+        self.is_torn = is_short and not (size == MESSAGE_HEAD and not data)
+        if is_short:
             self._ends += 1
             if self._ends > MOST_ENDS:
                 raise _StuckError
@@ -152,11 +159,11 @@ def _load(path: str, data: bytes, progress: Progress) -> tuple[Any, bool]:
         reader = _bounded_reader()
     except ImportError as error:
         raise InputError(f"{path}: reading PX4 logs needs pyulog; install it with pip install '.[ulog]'.") from error
-    printed = io.StringIO()
+    printed, file = io.StringIO(), _Bounded(data, progress)
     try:
         # pyulog prints what it thinks of a damaged file
         with contextlib.redirect_stdout(printed):
-            log = reader(_Bounded(data, progress), list(TOPICS))
+            log = reader(file, list(TOPICS))
     except ULogException as error:
         raise InputError(f"{path}: is no PX4 log that can be read: {error}.") from error
     except _TooManyFieldsError:
@@ -166,7 +173,7 @@ def _load(path: str, data: bytes, progress: Progress) -> tuple[Any, bool]:
         ) from None
     except Exception as error:
         raise InputError(f"{path}: is damaged beyond use (pyulog: {type(error).__name__}).") from error
-    return log, bool(log.file_corruption or printed.getvalue().strip())
+    return log, bool(log.file_corruption or file.is_torn or printed.getvalue().strip())
 
 
 def _first_of(log: Any, topic: str) -> Topic:

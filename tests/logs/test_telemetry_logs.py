@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import struct
@@ -103,6 +104,41 @@ def test_every_text_is_the_same_in_another_encoding_of_unicode(tmp_path: Path, e
         assert (theirs.kind, theirs.notes) == (ours.kind, ours.notes)
         for one, other in zip(ours.series, theirs.series, strict=True):
             assert one.quantity == other.quantity and (one.values == other.values).all()
+
+
+def contents(paths: dict[str, str]) -> list[tuple[str, bytes]]:
+    return [(name, Path(path).read_bytes()) for name, path in paths.items()]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_a_log_that_a_power_cut_ended_all_there_is_is_read(tmp_path: Path, seed: int) -> None:
+    """Cut anywhere, and with the zeros that a file system leaves: never a crash, never less than there was before."""
+    random, path = np.random.default_rng(seed), tmp_path / "cut"
+    for name, data in contents(in_every_format(tmp_path)):
+        path.write_bytes(data)
+        whole = sum(series.time.size for series in read_recording(str(path)).series)
+        for at in random.integers(len(data) // 4, len(data), 4).tolist():
+            path.write_bytes(data[:at] + bytes(int(random.choice([0, 0, 100, 9000]))))
+            if name == "mcap_log":  # of a chunk that is not whole nothing is
+                with contextlib.suppress(InputError):
+                    read_recording(str(path))
+                continue
+            read = sum(series.time.size for series in read_recording(str(path)).series)
+            assert read > 0.97 * whole * at / len(data) - 20, (name, at)
+
+
+@pytest.mark.parametrize("lost", [3, 5, 9])
+def test_a_torn_end_is_said(tmp_path: Path, lost: int) -> None:
+    path = tmp_path / "cut"
+    for name, data in contents(in_every_format(tmp_path)):
+        path.write_bytes(data)
+        before = read_recording(str(path)).notes
+        path.write_bytes(data[:-lost] if name != "csv_log" else data.rstrip(b"\n").rpartition(b",")[0])
+        notes = [note for note in read_recording(str(path)).notes if note not in before]
+        assert len(notes) == 1 and any(word in notes[0] for word in ("torn", "cut off", "damaged", "wrong")), (
+            name,
+            notes,
+        )
 
 
 def assert_sailed(recording: Recording, boat: Boat, tolerance: float) -> None:
