@@ -26,7 +26,7 @@ from autopilot.logs.series import (
     LogFormat,
     Progress,
     Recording,
-    counted,
+    lines_in,
     silent,
     stamp_of,
     stamped,
@@ -59,7 +59,7 @@ def read_n2k_json(path: str, data: bytes, variation: float | None = None, progre
     """Return the recording in such lines. variation [rad], east positive. Raises InputError."""
     messages: list[tuple[str, int, int, dict[str, object]]] = []
     good = bad = 0
-    for line in counted(data.splitlines(), progress):
+    for line in lines_in(data, progress):
         group = GROUP.search(line)
         if group is None:
             bad += not BRACED.fullmatch(line)
@@ -89,8 +89,12 @@ def read_n2k_json(path: str, data: bytes, variation: float | None = None, progre
         Message(when, group, source, _si(fields, factor))
         for when, (_, (_, group, source, fields)) in zip(time.tolist(), stamps, strict=True)
     ]
+
+    def among(*groups: int) -> list[Message]:
+        return [each for each in read if not groups or each.group in groups]
+
     is_dated = not is_of_day and bool(time[-1] > EPOCH_FROM)
-    found = recording_of(path, "NMEA 2000 (canboat JSON)", read, variation, is_dated)
+    found = recording_of(path, "NMEA 2000 (canboat JSON)", among, variation, is_dated)
     return found._replace(notes=(*notes, *found.notes))
 
 

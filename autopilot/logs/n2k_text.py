@@ -24,8 +24,9 @@ from __future__ import annotations
 import binascii
 import re
 import statistics
+from array import array
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -74,7 +75,7 @@ from autopilot.logs.series import (
     Progress,
     Recording,
     Series,
-    counted,
+    lines_in,
     on_one_clock,
     quantities_of,
     series_of,
@@ -102,9 +103,30 @@ class Message(NamedTuple):
     fields: Fields
 
 
-def recording_of(
-    path: str, kind: str, messages: Sequence[Message], variation: float | None, is_dated: bool
-) -> Recording:
+class Undecoded(NamedTuple):
+    """Messages as they were sent, decoded while one goes through them: their fields take ten times the memory.
+
+    times [s], groups, sources, contents: of one length.
+    """
+
+    times: FloatArray
+    groups: list[int]
+    sources: list[int]
+    contents: list[bytes]
+
+    def among(self, *groups: int) -> Iterator[Message]:
+        """Yield those of the groups, or where none is given all."""
+        every = zip(self.times, self.groups, self.sources, self.contents, strict=True)
+        for time, group, source, content in every:
+            if not groups or group in groups:
+                yield Message(float(time), group, source, decoded(group, content))
+
+
+Among = Callable[..., Iterable[Message]]
+"""Gives a log's messages of some parameter groups, or all."""
+
+
+def recording_of(path: str, kind: str, among: Among, variation: float | None, is_dated: bool) -> Recording:
     """Return the recording in the messages of a log.
 
     variation [rad], east positive: of magnetic headings that bring none; None takes the median of what the log says.
@@ -112,37 +134,35 @@ def recording_of(
     nothing that is read is in it.
     """
     notes: list[str] = []
-    stated = [
-        east for each in messages if each.group in (VARIATION, VESSEL_HEADING) if (east := own_variation(each.fields))
-    ]
+    stated = [east for each in among(VARIATION, VESSEL_HEADING) if (east := own_variation(each.fields))]
     if variation is None and stated:
         variation = statistics.median(stated)
-    found = _values(messages, Compass(variation))
+    found = _values(among(), Compass(variation))
     if not any(quantity == HEADING and group == VESSEL_HEADING for quantity, group, _ in found):
-        magnetic = _values([each for each in messages if is_heading(each.group, each.fields)], Compass(0.0))
+        magnetic = _values((each for each in among() if is_heading(each.group, each.fields)), Compass(0.0))
         if magnetic:
             notes.append(f"{path}: the variation is not known; headings are magnetic, which does for identification.")
         found.update(magnetic)
-    ordered = sorted(found.items(), key=lambda item: (PREFERRED.index(item[0][1]), -len(item[1])))
+    ordered = sorted(found.items(), key=lambda item: (PREFERRED.index(item[0][1]), -len(item[1][0])))
     series: list[Series] = []
-    for (quantity, group, source), pairs in ordered:
-        if (quantity, group) == (HEADING, ATTITUDE) and len({value for _, value in pairs}) == 1:
+    for (quantity, group, source), (times, values) in ordered:
+        if (quantity, group) == (HEADING, ATTITUDE) and len(set(values)) == 1:
             continue  # of a sensor that knows roll and pitch alone
-        series += series_of(quantity, source, *zip(*pairs, strict=True))
+        series += series_of(quantity, source, np.array(times), np.array(values))
     if not series:
         raise InputError(f"{path}: holds none of the NMEA 2000 messages that are read: {KINDS}.")
-    dates = (date - each.time for each in messages if (date := moment(each.fields)) is not None)
+    dates = (date - each.time for each in among() if (date := moment(each.fields)) is not None)
     began = 0.0 if is_dated else next(dates, None)
     recording = on_one_clock(Recording(path, kind, tuple(series), began, tuple(notes)))
     return recording._replace(notes=(*recording.notes, *_choices(recording)))
 
 
-Found = dict[tuple[str, int, str], list[tuple[float, float]]]
+Found = dict[tuple[str, int, str], tuple["array[float]", "array[float]"]]
 """Times and values by quantity, group and source."""
 
 
-def _values(messages: Sequence[Message], compass: Compass) -> Found:
-    found: Found = defaultdict(list)
+def _values(messages: Iterable[Message], compass: Compass) -> Found:
+    found: Found = defaultdict(lambda: (array("d"), array("d")))
     for time, group, address, fields in messages:
         if group not in INSTRUMENTS or group in (SYSTEM_TIME, VARIATION):
             continue
@@ -157,7 +177,9 @@ def _values(messages: Sequence[Message], compass: Compass) -> Found:
         sample = sample_of(group, time, fields, compass, source)
         pairs += [] if sample is None else quantities_of(sample)
         for quantity, value in pairs:
-            found[quantity, group, source].append((time, value))
+            times, values = found[quantity, group, source]
+            times.append(time)
+            values.append(value)
     return found
 
 
@@ -265,7 +287,7 @@ def read_n2k(path: str, data: bytes, variation: float | None = None, progress: P
         notes.append(f"{path}: {bad} of {count} lines are damaged and left out.")
     if lost:
         notes.append(f"{path}: {lost} messages of several frames lack one and are left out.")
-    found = recording_of(path, f"NMEA 2000 ({kind})", messages, variation, is_dated)
+    found = recording_of(path, f"NMEA 2000 ({kind})", messages.among, variation, is_dated)
     return found._replace(notes=(*notes, *found.notes))
 
 
@@ -275,7 +297,7 @@ def lines_of(data: bytes, progress: Progress = silent) -> Lines:
     pattern, kind = PATTERNS["canboat log"], "canboat log"
     frames: list[Frame] = []
     bad = 0
-    for place, raw in enumerate(counted(data.splitlines(), progress)):
+    for place, raw in enumerate(lines_in(data, progress)):
         line = raw[: LINE_MOST + 1].decode("ascii", "replace").strip()
         if not line or line.startswith(("#", "$PDGY,")):
             continue
@@ -341,31 +363,34 @@ def dashed(text: str) -> str:
     return f"{text[:10]}T{text[11:]}" if text[10:11] == "-" else text
 
 
-def _messages(frames: Sequence[Frame], time: FloatArray) -> tuple[list[Message], int]:
+def _messages(frames: Sequence[Frame], time: FloatArray) -> tuple[Undecoded, int]:
     """Return the messages in frames, and how many of several frames were lost."""
     packets = FastPackets()
-    messages = []
-    for frame, now in zip(frames, time.tolist(), strict=True):
+    found = Undecoded(time, [], [], [])
+    kept = np.full(len(frames), True)
+    for at, (frame, now) in enumerate(zip(frames, time.tolist(), strict=True)):
         whole: bytes | None = frame.data
         if frame.group in FAST and len(frame.data) <= FRAME_BYTES:
             whole = packets.add(now, frame.group, frame.source, frame.data)
+        kept[at] = whole is not None
         if whole is not None:
-            messages.append(Message(now, frame.group, frame.source, decoded(frame.group, whole)))
-    return messages, packets.lost
+            found.groups.append(frame.group)
+            found.sources.append(frame.source)
+            found.contents.append(whole)
+    return found._replace(times=time[kept]), packets.lost
 
 
-def _spread(path: str, kind: str, frames: Sequence[Frame]) -> tuple[list[Message], int]:
+def _spread(path: str, kind: str, frames: Sequence[Frame]) -> tuple[Undecoded, int]:
     """Return the messages of a log without stamps, timed by the moments in some of them. Raises InputError."""
     messages, lost = _messages(frames, np.array([LINE_S * frame.place for frame in frames]))
-    places = [each.time for each in messages]
-    marks = [(each.time, when) for each in messages if (when := moment(each.fields)) is not None]
-    time = spread(places, marks)
+    marks = [(each.time, when) for each in messages.among() if (when := moment(each.fields)) is not None]
+    time = spread(messages.times, marks)
     if time is None:
         raise InputError(
             f"{path}: is a {kind} without time stamps, and {len(marks)} messages in it tell the time (129029, 126992); "
             "record with time stamps (candump -L)."
         )
-    return [each._replace(time=when) for each, when in zip(messages, time.tolist(), strict=True)], lost
+    return messages._replace(times=time), lost
 
 
 FORMAT = LogFormat(

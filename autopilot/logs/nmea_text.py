@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections import defaultdict
 from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
 from typing import NamedTuple
+
+import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.links.nmea.samples import NmeaReader
@@ -43,7 +46,8 @@ from autopilot.logs.series import (
     Progress,
     Recording,
     Series,
-    counted,
+    counted_on,
+    lines_in,
     of_day,
     on_one_clock,
     quantities_of,
@@ -51,7 +55,6 @@ from autopilot.logs.series import (
     silent,
     spread,
     stamp_of,
-    stamped,
 )
 
 UTC_FIELD = {"RMC": 0, "GGA": 0, "GLL": 4, "ZDA": 0}
@@ -99,17 +102,25 @@ THROUGH_WATER = "VHW"
 LOOK_AT = 65536
 
 
-class Line(NamedTuple):
-    """A sentence, what stands before it, and at which byte it begins."""
+class Lines(NamedTuple):
+    """The sentences of a file, by numbers alone: of millions everything else is read again where it is used.
 
-    sentence: Sentence
-    prefix: str
-    place: int
+    places: bytes of the file before each. stamps [s]: what stands before each says, nan where nothing does. is_of_day:
+    all of those are times of day. marks: place and UTC [s] of those that tell it. day: the beginning of the first day
+    that one names [s since 1970], None where none does. types: theirs.
+    """
+
+    places: array[int]
+    stamps: array[float]
+    is_of_day: bool
+    marks: list[tuple[float, float]]
+    day: float | None
+    types: set[str]
 
 
 def is_nmea_text(data: bytes) -> bool:
     """Return whether the beginning of a file holds a sentence with a right checksum."""
-    return bool(_lines(data[:LOOK_AT])[0])
+    return bool(_lines(data[:LOOK_AT])[0].places)
 
 
 def read_nmea(path: str, data: bytes, variation: float | None = None, progress: Progress = silent) -> Recording:
@@ -117,12 +128,14 @@ def read_nmea(path: str, data: bytes, variation: float | None = None, progress: 
     what the sentences say, and where they say none leave headings magnetic. Raises InputError.
     """
     lines, bad = _lines(data, progress)
-    if bad > BAD_SHARE * (len(lines) + bad):
-        raise InputError(f"{path}: {bad} of {len(lines) + bad} sentences have a wrong checksum or form; it is damaged.")
+    if bad > BAD_SHARE * (len(lines.places) + bad):
+        raise InputError(
+            f"{path}: {bad} of {len(lines.places) + bad} sentences have a wrong checksum or form; it is damaged."
+        )
     time, date, notes = _times(path, lines)
     if bad:
         notes.append(f"{path}: {bad} sentences with a wrong checksum or form are left out.")
-    series, remarks = _series(path, lines, time, variation)
+    series, remarks = _series(path, data, lines, time, variation)
     notes.extend(remarks)
     if not series:
         raise InputError(
@@ -131,86 +144,98 @@ def read_nmea(path: str, data: bytes, variation: float | None = None, progress: 
     return on_one_clock(Recording(path, "NMEA 0183 sentences", tuple(series), date, tuple(notes)))
 
 
-def _lines(data: bytes, progress: Progress = silent) -> tuple[list[Line], int]:
+def _lines(data: bytes, progress: Progress = silent) -> tuple[Lines, int]:
     """Return the sentences, and how many lines had a sentence that was wrong."""
-    lines, bad, place = [], 0, 0
+    places, stamps = array("q"), array("d")
+    marks: list[tuple[float, float]] = []
+    types: set[str] = set()
+    day: float | None = None
+    bad, place, of_day = 0, 0, 0
     is_torn = False
-    for raw in counted(data.splitlines(keepends=True), progress):
+    for raw in lines_in(data, progress):
         start = raw.find(b"$")
         if start >= 0:
             framer = NmeaFramer()
-            found = framer.feed(raw[start:].rstrip().rstrip(b'"') + b"\r\n")
-            if found:
-                lines.append(Line(found[0], raw[:start].decode("ascii", "replace"), place + start))
-            elif (attitude := _PASHR.match(raw, start)) is not None:
+            sentence = next(iter(framer.feed(raw[start:].rstrip().rstrip(b'"') + b"\r\n")), None)
+            if sentence is None and (attitude := _PASHR.match(raw, start)) is not None:
                 # a maker's own sentence, which no link reads
                 if reduce(xor, attitude[1]) == int(attitude[3], 16):
-                    fields = tuple(attitude[2].decode("ascii", "replace").split(","))
-                    lines.append(
-                        Line(Sentence("PA", "SHR", fields, 0), raw[:start].decode("ascii", "replace"), place + start)
-                    )
+                    sentence = _sentence(raw, start)
                 else:
                     bad += 1
+            if sentence is not None:
+                stamp = stamp_of(raw[:start].decode("ascii", "replace"))
+                of_day += stamp is not None and stamp[1]
+                places.append(place + start)
+                stamps.append(math.nan if stamp is None else stamp[0])
+                types.add(sentence.type)
+                if (utc := utc_of(sentence)) is not None:
+                    marks.append((place + start, utc))
+                day = date_of(sentence) if day is None else day
             bad += framer.counts.checksum_errors + framer.counts.malformed
         elif raw.strip():
             # of a last line that was being written, what stands before the sentence may be all there is
             is_torn = not raw.endswith((b"\n", b"\r")) and stamp_of(raw.decode("ascii", "replace")) is not None
         place += len(raw)
-    return lines, bad + is_torn
+    return Lines(places, stamps, of_day == len(stamps), marks, day, types), bad + is_torn
 
 
-def _times(path: str, lines: list[Line]) -> tuple[FloatArray, float | None, list[str]]:
+def _sentence(data: bytes, place: int) -> Sentence:
+    """Return the sentence of which the $ stands at a place; that it is sound is known."""
+    address, *fields = data[place + 1 : data.index(b"*", place)].decode("ascii", "replace").split(",")
+    return Sentence(address[:2], address[2:], tuple(fields), 0)
+
+
+def _times(path: str, lines: Lines) -> tuple[FloatArray, float | None, list[str]]:
     """Return the time [s] of each line, the Unix time of zero or None, and notes."""
-    stamps = [stamp_of(line.prefix) for line in lines]
-    if lines and all(stamp is not None for stamp in stamps):
-        time, is_of_day = stamped(path, [stamp for stamp in stamps if stamp is not None], "sentence")
-        return time, _day(lines) if is_of_day else 0.0 if time[-1] > EPOCH_FROM else None, []
-    marks = [(line.place, utc) for line in lines if (utc := utc_of(line.sentence)) is not None]
-    spread_out = spread([line.place for line in lines], marks)
+    stamps = np.array(lines.stamps)
+    count = int(np.count_nonzero(np.isfinite(stamps)))
+    if 0 < count == stamps.size:
+        time = counted_on(path, stamps, lines.is_of_day, "sentence")
+        return time, lines.day if lines.is_of_day else 0.0 if time[-1] > EPOCH_FROM else None, []
+    spread_out = spread(np.array(lines.places), lines.marks)
     if spread_out is None:
-        count = sum(stamp is not None for stamp in stamps)
         raise InputError(
-            f"{path}: when its sentences came cannot be determined: {count} of {len(lines)} have a time stamp before "
-            f"them, and {len(marks)} a UTC inside (RMC, GGA, GLL, ZDA); record with time stamps."
+            f"{path}: when its sentences came cannot be determined: {count} of {stamps.size} have a time stamp before "
+            f"them, and {len(lines.marks)} a UTC inside (RMC, GGA, GLL, ZDA); record with time stamps."
         )
-    note = f"{path}: has no time stamps; times are spread between the UTC in its sentences."
-    return spread_out, _day(lines), [note]
+    return spread_out, lines.day, [f"{path}: has no time stamps; times are spread between the UTC in its sentences."]
 
 
-def _day(lines: list[Line]) -> float | None:
-    """Return the beginning of the first day that a sentence names [s since 1970], None where none does."""
-    return next((day for line in lines if (day := date_of(line.sentence)) is not None), None)
-
-
-def _series(path: str, lines: list[Line], time: FloatArray, variation: float | None) -> tuple[list[Series], list[str]]:
-    found = _values(lines, time, variation)
+def _series(
+    path: str, data: bytes, lines: Lines, time: FloatArray, variation: float | None
+) -> tuple[list[Series], list[str]]:
+    found = _values(data, lines, time, variation)
     notes = []
-    if not any(quantity == HEADING for quantity, _ in found) and any(
-        line.sentence.type in ("HDG", "HDM") for line in lines
-    ):
-        found = _values(lines, time, 0.0)
+    if not any(quantity == HEADING for quantity, _ in found) and not lines.types.isdisjoint(("HDG", "HDM")):
+        found = _values(data, lines, time, 0.0)
         notes.append(f"{path}: the variation is not known; headings are magnetic, which does for the identification.")
     ordered = sorted(found.items(), key=lambda item: item[0][0] == SPEED and not item[0][1].endswith(THROUGH_WATER))
     return [
         series
-        for (quantity, source), pairs in ordered
-        for series in series_of(quantity, source, *zip(*pairs, strict=True))
+        for (quantity, source), (times, values) in ordered
+        for series in series_of(quantity, source, np.array(times), np.array(values))
     ], notes
 
 
 def _values(
-    lines: list[Line], time: FloatArray, variation: float | None
-) -> dict[tuple[str, str], list[tuple[float, float]]]:
+    data: bytes, lines: Lines, time: FloatArray, variation: float | None
+) -> dict[tuple[str, str], tuple[array[float], array[float]]]:
+    """Return times and values by quantity and source."""
     reader = NmeaReader(variation)
-    found: defaultdict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
-    for line, when in zip(lines, time.tolist(), strict=True):
-        source = line.sentence.talker + line.sentence.type
-        pairs = _around(line.sentence)
-        sample = reader.read(when, line.sentence)
+    found: defaultdict[tuple[str, str], tuple[array[float], array[float]]]
+    found = defaultdict(lambda: (array("d"), array("d")))
+    for place, when in zip(lines.places, time, strict=True):
+        sentence = _sentence(data, place)
+        source = sentence.talker + sentence.type
+        pairs = _around(sentence)
+        sample = reader.read(float(when), sentence)
         for one in (sample, *reader.take_others()):
             pairs += [] if one is None else quantities_of(one)
         for quantity, value in pairs:
-            found[quantity, source].append((when, value))
+            times, values = found[quantity, source]
+            times.append(when)
+            values.append(value)
     return found
 
 

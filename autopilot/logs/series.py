@@ -16,13 +16,13 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.errors import InputError
-from autopilot.files.outside import BLOCK
+from autopilot.files.outside import BLOCK, whole_lines
 from autopilot.models.drives import PLAIN, Mixing
 from autopilot.signals import (
     HeadingSample,
@@ -279,20 +279,20 @@ Progress = Callable[[int, int], None]
 """Is called with how much of a log is read, and all of it: bytes, lines or rows."""
 SHOWN_SHARE = 100
 """Progress is said about so often while a log is read."""
-Item = TypeVar("Item")
 
 
 def silent(done: int, total: int) -> None:
     """Tell nobody how much is read."""
 
 
-def counted(items: Sequence[Item], progress: Progress) -> Iterator[Item]:
-    """Yield each of `items`, and say now and then how many are read."""
-    step = max(len(items) // SHOWN_SHARE, 1)
-    for number, item in enumerate(items):
-        if number % step == 0:
-            progress(number, len(items))
-        yield item
+def lines_in(data: bytes, progress: Progress) -> Iterator[bytes]:
+    """Yield the lines of a file with their ends, and say now and then how far it is read; a list of all of them would
+    be larger than the file."""
+    place, step = 0, min(max(len(data) // SHOWN_SHARE, 1), BLOCK)
+    for block in whole_lines(data[at : at + step] for at in range(0, len(data), step)):
+        progress(place, len(data))
+        yield from block.splitlines(keepends=True)
+        place += len(block)
 
 
 class CountedBytes(io.BytesIO):
@@ -420,7 +420,7 @@ def without_midnight(times: FloatArray) -> FloatArray:
     return times + DAY_S * np.concatenate(([0.0], np.cumsum(turns)))
 
 
-def spread(places: Sequence[float], marks: Sequence[tuple[float, float]]) -> FloatArray | None:
+def spread(places: Sequence[float] | FloatArray, marks: Sequence[tuple[float, float]]) -> FloatArray | None:
     """Return the times [s] of lines at `places` in the file from (place, UTC) marks; None with fewer than two marks.
 
     The first sentence of each new UTC is the mark. Beyond the marks the nearest two are continued.
@@ -446,8 +446,12 @@ def stamped(path: str, stamps: Sequence[tuple[float, bool]], what: str) -> tuple
 
     what: one of the lines, as a refusal names it. Raises InputError where they step back.
     """
-    time = np.array([seconds for seconds, _ in stamps])
     is_of_day = all(each for _, each in stamps)
+    return counted_on(path, np.array([seconds for seconds, _ in stamps]), is_of_day, what), is_of_day
+
+
+def counted_on(path: str, time: FloatArray, is_of_day: bool, what: str) -> FloatArray:
+    """Return the times [s] of lines by their stamps, those of day over midnight. Raises InputError as `stamped`."""
     time = without_midnight(time) if is_of_day else time
     # small steps add up: a file that is written backwards would else be read as sailed forwards
     behind = np.maximum.accumulate(time) - time
@@ -457,7 +461,7 @@ def stamped(path: str, stamps: Sequence[tuple[float, bool]], what: str) -> tuple
             f"{path}: the time stamps step back by {behind[back[0]]:.1f} s at {what} {back[0] + 1}: "
             "the clock was set, or two logs were put together; keep one part."
         )
-    return time, is_of_day
+    return time
 
 
 def without_outliers(stamps: Sequence[tuple[float, bool]]) -> list[bool]:

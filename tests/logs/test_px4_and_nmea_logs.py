@@ -6,6 +6,7 @@ import builtins
 import contextlib
 import io
 import math
+import tracemalloc
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -325,3 +326,19 @@ def test_nmea_time_stamps_of_every_kind_are_read(prefix: str, seconds: float | N
     assert (found is None) == (seconds is None)
     if found is not None:
         assert found[0] == pytest.approx(seconds, abs=1e-3)
+
+
+def test_sentences_take_few_times_the_memory_of_their_file(tmp_path: Path) -> None:
+    """A day of them is 100 MB and more: a list of all, taken apart, was twenty-five times as large."""
+    body = [f"{0.1 * at:.1f} {sentence(f'HEHDT,{at % 360}.5,T')}\r\n" for at in range(20_000)]
+    text = "".join(body)
+    path = written(tmp_path, text, "long.nmea")
+    read_recording(path)
+    tracemalloc.start()
+    try:
+        recording = read_recording(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert recording.series[0].time.size == 20_000
+    assert peak < 8 * len(text)
