@@ -153,6 +153,35 @@ def test_single_messages_of_another_clock_change_nothing_and_many_are_the_vehicl
     assert found == count
 
 
+def disordered(rng: random.Random, begun: float, until: float, started: float) -> list[tuple[float, float]]:
+    """Return when 50 messages a second arrive, with their boot time [s]: a tenth up to 2.5 s late, a fifth twice."""
+    made = [begun + 0.02 * step for step in range(round((until - begun) / 0.02))]
+    ways = [(time, rng.uniform(0.2, 2.5) if rng.random() < 0.1 else 0.01) for time in made]
+    ways += [(time, rng.random()) for time in made if rng.random() < 0.2]
+    return sorted((time + late, time - started) for time, late in ways)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_line_that_holds_many_messages_for_seconds_is_no_reboot_and_hides_none(seed: int) -> None:
+    rng, clock = random.Random(seed), VehicleClock()
+    for now, boot in disordered(rng, 0.0, 300.0, -10.0):
+        found = clock.judge(now, boot)
+        assert found is not Belongs.REBOOTED, now
+        if found is Belongs.OURS:
+            clock.local(now, boot)
+    anew = disordered(rng, 304.0, 320.0, 304.0)
+    assert next(now for now, boot in anew if clock.judge(now, boot) is Belongs.REBOOTED) == anew[0][0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_vehicle_that_started_anew_while_nobody_listened_is_found_on_such_a_line(seed: int) -> None:
+    rng, clock = random.Random(seed), VehicleClock()
+    clock.local(300.0, 300.0)
+    clock.silence()
+    anew = disordered(rng, 304.0, 330.0, 304.0)
+    assert next(now for now, boot in anew if boot > 6.0 and clock.judge(now, boot) is Belongs.REBOOTED) < 312.0
+
+
 @pytest.mark.parametrize(("behind", "is_wrap"), [(3.0e6, False), (WRAPPED_S - 1.0, False), (WRAPPED_S + 1.0, True)])
 def test_a_counter_begins_again_from_its_end_alone(behind: float, is_wrap: bool) -> None:
     clock = VehicleClock()

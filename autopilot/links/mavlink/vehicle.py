@@ -55,6 +55,9 @@ AHEAD_S = 10.0
 STRANGE_MESSAGES, STRANGE_WITHIN_S = 5, 2.0
 """So many messages of another clock within this time: it is the vehicle's now. Fewer are stragglers, such as doubles
 that came by a slower way."""
+STRANGE_ALIKE_S, STRANGE_AMONG = 0.1, 3
+"""Clocks run: five messages of one tell the same of it, to within what a quick way differs by. Stragglers came each by
+a way of its own, and few among many: the five are not one in more than so many."""
 WRAP_S = 2.0**32 / 1000.0
 """time_boot_ms is 32 bits wide and begins again after 49.7 days."""
 WRAPPED_S = WRAP_S - 60.0
@@ -86,7 +89,8 @@ class VehicleClock:
     def reset(self) -> None:
         """Forget the offset, as after a reboot."""
         self._newest = -math.inf
-        self._strange: deque[float] = deque(maxlen=STRANGE_MESSAGES)
+        self._strange: deque[tuple[float, float, int]] = deque(maxlen=STRANGE_MESSAGES)
+        self._judged = 0
         self._received = math.inf
         self._previous = self._current = self._least = math.inf
         self._window_end = -math.inf
@@ -99,6 +103,7 @@ class VehicleClock:
         was last heard. Else it is a straggler, unless more like it follow. So is one from before the counter began
         again that those since then have overtaken.
         """
+        self._judged += 1
         behind = self._newest - boot
         if behind > WRAPPED_S:
             return Belongs.OURS
@@ -110,12 +115,20 @@ class VehicleClock:
             return Belongs.REBOOTED
         if not is_behind and (self._newest == -math.inf or boot + least <= now + AHEAD_S):
             return Belongs.OURS
-        strange = self._strange
-        strange.append(now)
+        self._strange.append((now, now - boot, self._judged))
         is_new = is_behind and boot < silence + REBOOT_S
-        if is_new or (len(strange) == STRANGE_MESSAGES and now - strange[0] <= STRANGE_WITHIN_S):
-            return Belongs.REBOOTED
-        return Belongs.STRANGE
+        return Belongs.REBOOTED if is_new or self._is_another_clock() else Belongs.STRANGE
+
+    def _is_another_clock(self) -> bool:
+        """Whether the newest strange messages are of one clock that runs."""
+        if len(self._strange) < STRANGE_MESSAGES:
+            return False
+        times, offsets, numbers = zip(*self._strange, strict=True)
+        return bool(
+            times[-1] - times[0] <= STRANGE_WITHIN_S
+            and max(offsets) - min(offsets) <= STRANGE_ALIKE_S
+            and numbers[-1] - numbers[0] <= STRANGE_AMONG * STRANGE_MESSAGES
+        )
 
     def silence(self) -> None:
         """Take that nobody listened for a while: the silence until the next message is ours, not the vehicle's."""
