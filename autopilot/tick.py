@@ -462,12 +462,16 @@ def watch_thrusters(
     if not seen.valid:
         return NO_THRUST_SEEN, found
     steers = state.supervisor.state in ENGAGED and state.way.order.kind is OrderKind.HEADING and not state.way.waits
+    speeds = estimate.speeds
     look = ThrusterLook(
         estimate.model,
+        seen.heading,
         seen.rate,
         seen.rudder,
-        seen.speed,
-        estimate.speeds.throttle.value,
+        speeds.ground_ahead if speeds.is_over_ground else seen.speed,
+        speeds.is_over_ground,
+        speeds.throttle.value,
+        boat.law.way_exponent,
         boat.gear.angle_max,
         steers,
         steers and not estimate.beliefs.holds_bias,

@@ -5,7 +5,7 @@
     python benchmarks/drives.py thrust VESSEL KIND     turns at a third and three times the trial's thrust
     python benchmarks/drives.py pivot VESSEL KIND      a turn where the boat lies, without throttle
     python benchmarks/drives.py faults VESSEL KIND     a thruster that is dead, weed on one, in calm water and in waves
-    python benchmarks/drives.py alarms VESSEL KIND     what is said of healthy thrusters in waves
+    python benchmarks/drives.py alarms VESSEL KIND     what is said of healthy thrusters in waves and a stream
     python benchmarks/drives.py swing VESSEL KIND      what a boat makes good on one thruster, held and by swings
     python benchmarks/drives.py rover VESSEL KIND      the same turns and zigzag by ArduRover's own steering
     python benchmarks/drives.py steps VESSEL KIND      how turns settle with the wave filter and without, any boat
@@ -42,7 +42,7 @@ from sitl.firmware_parameters import ParameterTable, default_parameters
 from sitl.firmware_setup import motor_setup, skid_outputs
 from sitl.guided import GuidedGains, GuidedHelm, Target, gains_of
 from sitl.registry import PLANTS
-from sitl.scenario import FaultSection, Scenario, SecondOrderSection, Start, WavesSection
+from sitl.scenario import CurrentSection, FaultSection, Scenario, SecondOrderSection, Start, WavesSection
 from sitl.world import Orders, World
 
 LENGTH = 2.0
@@ -445,20 +445,25 @@ def swing(vessel: Vessel, kind: str, first: int = 1, count: int = 2) -> None:
 
 
 def alarms(vessel: Vessel, kind: str, first: int = 1, count: int = 24) -> None:
-    """Print what is said of healthy thrusters in waves, with a turn every 30 s, for two minutes each."""
+    """Print what is said of healthy thrusters in waves and a stream, with a turn every 5 to 30 s, for 90 s each."""
     for seed in range(first, first + count):
-        random = np.random.default_rng((20261128, seed))
-        deg = (1.0, 2.0, 3.0, 4.0)[seed % 4]
-        boat = Lockstep(vessel, scenario=Scenario(1, kind, plant=kind, seed=seed, waves=waves(deg)), measured_every=5)
+        random = np.random.default_rng((20261128, 77, seed))
+        deg, every = (2.0, 3.0, 4.0)[seed % 3], (5.0, 10.0, 30.0, 20.0)[seed % 4]
+        speed = float(random.uniform(0.6, 1.6)) * vessel.model.reference_speed_m_s
+        stream = CurrentSection(float(random.uniform(0.15, 0.4)) * speed, float(random.uniform(-180.0, 180.0)))
+        given = Scenario(
+            1, kind, plant=kind, seed=seed, waves=waves(deg), current=stream, start=Start(speed_m_s=speed)
+        )  # fmt: skip
+        boat = Lockstep(vessel, scenario=given, measured_every=5)
         boat.engage(0.0)
-        assert boat.run(12.0, boat.engaged), boat.tick.alarms
-        course, ended = 0.0, ""
-        for leg in range(4):
-            boat.run(30.0 - (boat.now if leg == 0 else 0.0))
+        assert boat.run(20.0, boat.engaged), boat.tick.alarms
+        course = 0.0
+        while boat.now < 90.0:
+            boat.run(every * float(random.uniform(0.7, 1.3)))
             course += float(random.choice((-1.0, 1.0)) * random.uniform(10.0, 120.0))
             boat.engage(course)
         names = Counter(name for tick in boat.ticks for name in {alarm.name for alarm in tick.alarms} & SAID)
-        print(f"seed {seed}, {deg:g} deg: {dict(names)} {ended}", flush=True)
+        print(f"seed {seed}, {deg:g} deg, {speed:.2f} m/s, stream {stream.speed_m_s:.2f}: {dict(names)}", flush=True)
 
 
 def main() -> None:

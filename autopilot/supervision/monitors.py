@@ -11,19 +11,31 @@ The push that the model does not explain, as an angle of rudder, through a first
     p = T/K [(r - r_f)/TAU - (K delta/T)_f + (d(r)/T)_f],   d(r) = n3 r^3 + n2 r^2 + n1 r + n0,
 
 where _f is filtered, is compared with its own average of late. A thruster that fails pushes the boat to its side by
-half its thrust, and takes the boat's speed although the throttle stays: both must show, for a gust does the one and a
-stream the other. With the throttle t and the steering's moment m, shares of full, the thrusters are asked for t^2 + m
-to port and t^2 - m to starboard. In a turn, and for some seconds behind it, speed and push are compared with those
-before it, and more of the thrust must be missing for longer: a hull that slides is pushed by that, and slowed. The
-alarm stays while the push does.
+half its thrust, and takes the boat's speed although the throttle stays: both must show, for a gust does the one. With
+the throttle t and the steering's moment m, shares of full, the thrusters are asked for t^2 + m to port and t^2 - m to
+starboard. In a turn, and for some seconds behind it, the push is compared with that before it, and more of it must be
+missing: a hull that slides is pushed by that. The alarm stays while the push does.
+
+Speed over the ground is not the thrust's alone. A stream (n, e) adds n cos psi + e sin psi to the way u ahead, so that
+it changes as the boat turns; and revolutions t + s and t - s push by t^2 + s^2 ahead, the more the harder they steer,
+by 1 + (m/t^2)^2/4, up to where one of them stands still. u wanders, the stream hardly does, and a Kalman filter learns
+them from the speed V over the ground,
+
+    V = u (1 + a) + n (cos psi)_f + e (sin psi)_f,   1 + a = [(1 + (m/t^2)^2/4)^(y/2)]_f,
+
+with y the power of the throttle that the speed goes with, and _f filtered as V is. A boat is slowed where V is less
+than u, the stream and the least that steering added of late make, by more than SLOWED and what is not known of u and
+stream: so a turn in a stream that is not known accuses nobody, and in one that is known hides nothing.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from operator import mul
 from typing import NamedTuple
 
+from autopilot.estimation.tuning import SPEED_SMOOTHING
 from autopilot.models.norrbin import Norrbin, damping
 from autopilot.signals import (
     AlarmEvent,
@@ -47,14 +59,21 @@ LATE = 20.0
 """[s]: what pushes for longer is wind or trim."""
 LASTS = 0.6
 """[s] for which both must show."""
-SHARE = 0.3
-"""Of the moment that one thruster is asked for."""
-LASTS_TURNING, SHARE_TURNING = 1.0, 0.6
-"""The same in a turn and behind it."""
+SHARE, SHARE_TURNING = 0.3, 0.6
+"""Of the moment that one thruster is asked for; in a turn and behind it."""
 LEAST = math.radians(1.5)
-SLOWED, SLOWED_TURNING = 0.9, 0.75
-"""Of the speed of late: a third of one thruster's thrust is so much of a boat's speed. In a turn and behind it a stream
-may take as much, and nearly all of one thruster's is wanted."""
+SLOWED = 0.1
+"""Of the way: a third of one thruster's thrust is so much of a boat's speed."""
+UNSTEADY, UNSTEADY_TURNING = 0.03, 0.1
+"""Of the way: by so much wave and drift change it, for as long as the speed is smoothed."""
+STREAM_UNKNOWN = 0.2
+"""Of the way: the stream, each way, and the way before anything is known of them. Both change by SLOWED, the way in the
+time LATE, the stream in STREAM_LASTS."""
+STREAM_LASTS = 100.0
+GATHERS = 3.0
+"""[s] in which a boat, and its smoothed speed, follow the thrust."""
+LEAST_WAY = 0.2
+"""[m/s]: what is a share of the way is one of this at least, for a speed over the ground is not known better."""
 STEADY = 0.93
 """Of the throttle of late: with less of it no boat keeps its speed."""
 LEAST_THROTTLE = 0.15
@@ -63,37 +82,52 @@ QUIET = 6.0
 long."""
 
 
+class Way(NamedTuple):
+    """known: the way through the water and the stream's north and east [m/s]; covariance: of these [(m/s)^2]; cosine
+    and sine: of the heading, filtered as the speed is; more: what steering adds to the way, a share of it, and least:
+    the least of late."""
+
+    known: tuple[float, float, float]
+    covariance: tuple[tuple[float, float, float], ...]
+    cosine: float
+    sine: float
+    more: float = 0.0
+    least: float = 0.0
+
+
 class ThrusterMemory(NamedTuple):
-    """Filtered rate [rad/s], rudder's and damping's acceleration [rad/s^2]; of late: push [rad], speed [m/s] and
-    throttle, nan before the first look, and the speed until it is judged; for how long [s] both show, and the push
-    [rad] that there was before; for how long [s] it is as in a turn yet, and whether it
-    was at the last look."""
+    """Filtered rate [rad/s], rudder's and damping's acceleration [rad/s^2]; of late: push [rad] and throttle, nan
+    before the first look; way: None where others steer; for how long [s] both show, and the push [rad] that there was
+    before; for how long [s] it is as in a turn yet."""
 
     rate: float = math.nan
     driven: float = 0.0
     damped: float = 0.0
     push: float = math.nan
-    speed: float = math.nan
     throttle: float = math.nan
+    way: Way | None = None
     lasted: float = 0.0
     before: float = math.nan
     quiet: float = 0.0
-    was_turn: bool = False
 
 
 NO_THRUST_SEEN = ThrusterMemory()
 
 
 class ThrusterLook(NamedTuple):
-    """What is looked at: the model, rate [rad/s], rudder [rad] as ordered, speed [m/s], throttle [share of full], the
-    angle [rad] that full steering stands for, whether we steer by headings and whether a course is held rather than a
-    turn made, and the time [s] since the last look."""
+    """What is looked at: the model, heading [rad], rate [rad/s], rudder [rad] as ordered, speed ahead [m/s], whether
+    that is over the ground, throttle [share of full], way_exponent: the power of it that the speed goes with; the angle
+    [rad] that full steering stands for, whether we steer by headings and whether a course is held rather than a turn
+    made, and the time [s] since the last look."""
 
     model: Norrbin
+    heading: float
     rate: float
     rudder: float
     speed: float
+    is_over_ground: bool
     throttle: float
+    way_exponent: float
     full: float
     steers: bool
     holds_course: bool
@@ -108,12 +142,9 @@ def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterM
     unit = model.gain / model.time_constant
     driven, damped = unit * look.rudder, damping(model, look.rate) / model.time_constant
     if math.isnan(memory.rate):
-        return ThrusterMemory(look.rate, driven, damped, math.nan, look.speed, look.throttle), None
+        return ThrusterMemory(look.rate, driven, damped, math.nan, look.throttle), None
     is_turn = look.steers and (not look.holds_course or memory.quiet > 0.0)
     share, slow = -math.expm1(-dt / TAU), 0.0 if is_turn else -math.expm1(-dt / LATE)
-    # which way the boat goes now, a stream may carry it more or less
-    is_new = not is_turn and (math.isnan(memory.speed) or memory.was_turn)
-    usual = look.speed if is_new else memory.speed
     rate = memory.rate + share * (look.rate - memory.rate)
     driven = memory.driven + share * (driven - memory.driven)
     damped = memory.damped + share * (damped - memory.damped)
@@ -124,13 +155,12 @@ def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterM
         driven=driven,
         damped=damped,
         push=late,
-        speed=usual + slow * (look.speed - usual),
         throttle=memory.throttle + slow * (look.throttle - memory.throttle),
         quiet=max(memory.quiet - dt, 0.0) if look.holds_course else QUIET,
-        was_turn=is_turn,
     )
     if not look.steers:
-        return found._replace(speed=math.nan, throttle=look.throttle, before=math.nan, lasted=0.0), None
+        return found._replace(throttle=look.throttle, way=None, before=math.nan, lasted=0.0), None
+    way, learnt, is_slowed = way_step(memory.way or _first_way(look), look, is_turn)
     more = push - (late if math.isnan(memory.before) else memory.before)
     # one that is hardly asked for thrust does not push by less of it
     steered = max(math.copysign(driven / unit, -more * driven), 0.0)
@@ -138,16 +168,56 @@ def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterM
     limit = max((SHARE_TURNING if is_turn else SHARE) * asked, LEAST)
     if not math.isnan(memory.before):
         if abs(more) < 0.5 * limit:
-            return found._replace(before=math.nan, lasted=0.0), None
-        return found, _alarm(more)
+            return found._replace(way=learnt, before=math.nan, lasted=0.0), None
+        return found._replace(way=learnt), _alarm(more)
     is_pushed = look.throttle > LEAST_THROTTLE and abs(more) > limit
-    slowed = SLOWED_TURNING if is_turn else SLOWED
-    is_slowed = look.speed < slowed * found.speed and look.throttle > STEADY * found.throttle
-    if not (is_pushed and is_slowed):
-        return found._replace(lasted=0.0), None
-    if memory.lasted + dt < (LASTS_TURNING if is_turn else LASTS):
-        return found._replace(lasted=memory.lasted + dt), None
-    return found._replace(before=memory.push), _alarm(more)
+    if not (is_pushed and is_slowed and look.throttle > STEADY * found.throttle):
+        return found._replace(way=learnt, lasted=0.0), None
+    # what may be a fault is none of the boat's ways
+    if memory.lasted + dt < LASTS:
+        return found._replace(way=way, lasted=memory.lasted + dt), None
+    return found._replace(way=way, before=memory.push), _alarm(more)
+
+
+def _first_way(look: ThrusterLook) -> Way:
+    speed = look.speed
+    unknown = (STREAM_UNKNOWN * max(speed, LEAST_WAY)) ** 2
+    covariance = (unknown, 0.0, 0.0), (0.0, unknown, 0.0), (0.0, 0.0, unknown)
+    return Way((speed, 0.0, 0.0), covariance, math.cos(look.heading), math.sin(look.heading))
+
+
+def way_step(before: Way, look: ThrusterLook, is_turn: bool) -> tuple[Way, Way, bool]:
+    """Return what is known of way and stream before and after the speed of a look, and whether the boat is slowed."""
+    dt, (usual, north, east) = look.dt, before.known
+    size = max(usual, LEAST_WAY)
+    passed = -math.expm1(-dt / SPEED_SMOOTHING)
+    cosine = before.cosine + passed * (math.cos(look.heading) - before.cosine)
+    sine = before.sine + passed * (math.sin(look.heading) - before.sine)
+    moment = min(abs(look.rudder) / (look.full * max(look.throttle, LEAST_THROTTLE) ** 2), 2.0)
+    gathered = -math.expm1(-dt / GATHERS)
+    more = (1.0 + 0.25 * moment * moment) ** (0.5 * look.way_exponent) - 1.0
+    more = before.more + gathered * (more - before.more)
+    least = min(more, before.least + gathered * (more - before.least))
+    row = (1.0, cosine, sine) if look.is_over_ground else (1.0, 0.0, 0.0)
+    changes = [(SLOWED * size) ** 2 * dt / lasts for lasts in (LATE, STREAM_LASTS, STREAM_LASTS)]
+    covariance = [list(each) for each in before.covariance]
+    for place, change in enumerate(changes):
+        covariance[place][place] += change
+    of_speed = [sum(map(mul, each, row)) for each in covariance]
+    unknown = sum(map(mul, of_speed, row))
+    unsteady = (UNSTEADY_TURNING if is_turn else UNSTEADY) * size
+    # it lasts, so that the speeds of that time tell no more than one
+    variance = unknown + unsteady * unsteady * 2.0 * SPEED_SMOOTHING / dt
+    off = look.speed - usual - row[1] * north - row[2] * east
+    way = Way(before.known, before.covariance, cosine, sine, more, least)
+    after = way._replace(
+        known=tuple(one + of / variance * (off - size * more) for one, of in zip(before.known, of_speed, strict=True)),
+        covariance=tuple(
+            tuple(one - of / variance * other for one, other in zip(each, of_speed, strict=True))
+            for each, of in zip(covariance, of_speed, strict=True)
+        ),
+    )
+    return way, after, off - size * least < -math.hypot(SLOWED * size, math.sqrt(unknown))
 
 
 def _alarm(push: float) -> AlarmEvent:

@@ -17,7 +17,7 @@ from autopilot.guidance.manoeuvres import OneThruster
 from autopilot.signals import Mode, Order, Tick
 from autopilot.vessel.file import load_vessel
 from sitl.registry import PLANTS
-from sitl.scenario import FaultSection, Scenario, Start
+from sitl.scenario import CurrentSection, FaultSection, Scenario, SecondOrderSection, Start, WavesSection
 
 
 def sailed(kind: str, *, speed: float | None = None, faults: tuple[FaultSection, ...] = (), **more: Any) -> Lockstep:
@@ -210,6 +210,21 @@ def test_neither_turns_nor_a_push_are_taken_for_a_thruster_that_fails() -> None:
         boat.run(10.0)
         boat.engage(course)
     boat.run(20.0)
+    assert not any(alarm.name == "thruster_weak" for tick in boat.ticks for alarm in tick.alarms)
+
+
+@pytest.mark.parametrize("seed", [6, 10])
+def test_neither_a_stream_nor_waves_are_taken_for_a_thruster_that_fails(seed: int) -> None:
+    """Each turn changes what the stream does to the speed, and the work against waves drives the boat, too."""
+    waves = WavesSection(second_order=SecondOrderSection(0.8, 0.15, 36.5))
+    sea = {"waves": waves, "current": CurrentSection(0.25, 150.0), "seed": seed}
+    scenario = Scenario(1, "stream", plant="twin_thruster", start=Start(speed_m_s=0.8), **sea)
+    boat = engaged(Lockstep(load_vessel("twin_thruster"), scenario=scenario, measured_every=5))
+    for course in (60.0, 150.0, 90.0, -160.0):
+        boat.run(15.0)
+        boat.engage(course)
+    boat.run(20.0)
+    assert boat.tick.mode is Mode.ENGAGED
     assert not any(alarm.name == "thruster_weak" for tick in boat.ticks for alarm in tick.alarms)
 
 
