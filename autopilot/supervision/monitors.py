@@ -14,7 +14,7 @@ where _f is filtered, is compared with its own average of late. A thruster that 
 half its thrust, and takes the boat's speed although the throttle stays: both must show, for a gust does the one. With
 the throttle t and the steering's moment m, shares of full, the thrusters are asked for t^2 + m to port and t^2 - m to
 starboard. In a turn, and for some seconds behind it, the push is compared with that before it, and more of it must be
-missing: a hull that slides is pushed by that. The alarm stays while the push does.
+missing: a hull that slides is pushed by that. The alarm stays while the average of the push does.
 
 Speed over the ground is not the thrust's alone. A stream (n, e) adds n cos psi + e sin psi to the way u ahead, so that
 it changes as the boat turns; and revolutions t + s and t - s push by t^2 + s^2 ahead, the more the harder they steer,
@@ -161,12 +161,14 @@ def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterM
     if not look.steers:
         return found._replace(throttle=look.throttle, way=None, before=math.nan, lasted=0.0), None
     way, learnt, is_slowed = way_step(memory.way or _first_way(look), look, is_turn)
-    more = push - (late if math.isnan(memory.before) else memory.before)
+    is_failing = not math.isnan(memory.before)
+    # once it is said, waves do not end it: what pushes on the average of late does
+    more = late - memory.before if is_failing else push - late
     # one that is hardly asked for thrust does not push by less of it
     steered = max(math.copysign(driven / unit, -more * driven), 0.0)
     asked = 0.5 * (look.throttle * abs(look.throttle) * look.full + steered)
     limit = max((SHARE_TURNING if is_turn else SHARE) * asked, LEAST)
-    if not math.isnan(memory.before):
+    if is_failing:
         if abs(more) < 0.5 * limit:
             return found._replace(way=learnt, before=math.nan, lasted=0.0), None
         return found._replace(way=learnt), _alarm(more)
@@ -176,7 +178,7 @@ def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterM
     # what may be a fault is none of the boat's ways
     if memory.lasted + dt < LASTS:
         return found._replace(way=way, lasted=memory.lasted + dt), None
-    return found._replace(way=way, before=memory.push), _alarm(more)
+    return found._replace(way=way, push=push, before=memory.push), _alarm(more)
 
 
 def _first_way(look: ThrusterLook) -> Way:
