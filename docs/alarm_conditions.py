@@ -137,8 +137,8 @@ CONDITIONS = {
     ),
     "thruster_weak": Condition(
         "at the same throttle, for 0.6 s, the boat is pushed to that side by 0.3 of the moment that the thruster is "
-        "asked for, in a turn and for 6 s behind it by 0.6, and is slower than before by a tenth more than a stream and "
-        "less steering explain",
+        "asked for, in a turn and for 6 s behind it by 0.6, and is slower than before by a tenth more than a stream "
+        "and less steering explain",
         key="drive.kind",
     ),
     "bow_thruster_off": Condition(
