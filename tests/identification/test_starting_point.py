@@ -27,7 +27,7 @@ def with_gaps(gaps: int, without: str) -> Run:
 
 
 @pytest.mark.parametrize("without", ["heading_rad", "yaw_rate_rad_s"])
-def test_each_stretchs_own_unknowns_are_those_of_one_table_of_all(without: str) -> None:
+def test_the_own_unknowns_of_each_stretch_are_those_of_one_table(without: str) -> None:
     segments, T = with_gaps(12, without).segments, 4.0
     assert len(segments) == 13
     found = identify._linear_fit(segments, T, 5.0)
