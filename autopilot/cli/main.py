@@ -109,7 +109,7 @@ def _answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[s
     from autopilot.links.base import LinkError
 
     try:
-        if any(word == "" or (word.startswith("--") and word.endswith("=")) for word in given):
+        if any(word == "" or (word.startswith("--") and word.find("=") == len(word) - 1) for word in given):
             raise InputError("an argument is empty, such as a variable of the shell that is not set; leave it out")
         arguments = parser_for(given).parse_args(given)
         arguments.typed = [program, *given]  # reports print it, whole

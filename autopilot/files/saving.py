@@ -182,7 +182,7 @@ class Over:
             self.descriptor = _open_as_it_is(path)
             return
         refuse_in_use(path)
-        self._made = None if path.exists() else path
+        self._made = None if path.exists() else path.resolve()
         self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
         lock(self.descriptor)
 
@@ -368,7 +368,9 @@ def why_not(error: OSError) -> str:
     """Return why a file or a folder cannot be made: in the system's words where these do not mislead."""
     if error.errno == errno.ENOENT and error.filename and Path(error.filename).parent.is_dir():
         return "nothing can be kept there"
-    return "a file of that name is there" if error.errno == errno.EEXIST else error.strerror or str(error)
+    if error.strerror == os.strerror(errno.EEXIST):
+        return "a file of that name is there"
+    return error.strerror or str(error)
 
 
 def _unwritable(path: str | Path, error: OSError) -> InputError:

@@ -32,6 +32,8 @@ from autopilot.web.view import BoatView, TextPieces
 
 AGAIN_S = 0.5
 TRIES = 4
+LATE_S = 5.0
+"""An acknowledgement may come so long after what it answers: there and back on a slow radio."""
 WAITING_MOST = 8
 """Orders that wait behind one that is not answered; beyond them the link is as good as gone."""
 CANCELLED = 6
@@ -168,9 +170,11 @@ class Orders:
         self._tries = 0
         self._next = -math.inf
         self._cancels: list[int] = []
+        self._now = -math.inf
+        self._sent: deque[tuple[float, Command]] = deque()
+        """When what was sent that is not acknowledged yet; of one that was repeated each time is."""
         self._foreign = 0
-        """Acknowledgements that may still come of an order that was dropped: one for each time that it was sent. They
-        name the command alone, not what was asked by it."""
+        """Acknowledgements that may still come of orders before: they name the command, not what was asked by it."""
         self._most = TRIES
 
     def give(self, commands: Sequence[Command], on_done: OnDone) -> None:
@@ -192,10 +196,12 @@ class Orders:
                 order = _Waiting(max(each.commands, order.commands, key=len), each.hearers + order.hearers)
             else:
                 dropped.append(each)
-        begun, self._waiting = self._waiting, deque([order])
-        if begun and begun[0] in dropped and begun[0].commands[self._step].number == commands[0].number:
-            # what is acknowledged next may be the one before: to stand by would be lost behind an order to engage
-            self._foreign = self._tries
+        is_begun = bool(self._waiting) and self._waiting[0] not in dropped
+        self._waiting = deque([order])
+        if not is_begun:
+            # what is acknowledged next may be one before: to stand by would be lost behind an order to engage
+            late = [sent for time, sent in self._sent if self._now - time <= LATE_S and sent != commands[0]]
+            self._foreign = sum(sent.number == commands[0].number for sent in late)
         self._most = TRIES + self._foreign
         self._step = self._tries = 0
         self._next = -math.inf
@@ -208,6 +214,9 @@ class Orders:
 
     def receive(self, now: float, message: Message) -> None:
         """Take a COMMAND_ACK of the boat."""
+        answered = next((each for each in self._sent if each[1].number == message.command), None)
+        if answered is not None:
+            self._sent.remove(answered)
         if not self._waiting or self._tries == 0:
             return
         order = self._waiting[0]
@@ -226,6 +235,9 @@ class Orders:
 
     def due(self, now: float, target: Target) -> list[Message]:
         """Return what to send at `now` [s]."""
+        self._now = now
+        while self._sent and now - self._sent[0][0] > LATE_S:
+            self._sent.popleft()
         messages: list[Message] = [CommandCancel(*target[:2], command) for command in self._cancels]
         self._cancels.clear()
         if not self._waiting or now < self._next:
@@ -236,6 +248,7 @@ class Orders:
             return messages
         command = self._waiting[0].commands[self._step]
         messages.append(command.message(target, self._tries))
+        self._sent.append((now, command))
         self._tries += 1
         self._next = now + AGAIN_S
         return messages

@@ -227,6 +227,22 @@ def test_what_is_wrong_with_a_place_is_said_in_words_that_fit(
     assert [path.name for path in tmp_path.iterdir() if path.name not in ("file", "folder")] == []
 
 
+def test_what_ends_in_an_equals_sign_is_not_empty(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    said = complaint(capsys, "log", "csv", str(tmp_path / "none.tlog"), f"--out={tmp_path}/a=")
+    assert "none.tlog" in said and "an argument is empty" not in said
+
+
+def test_a_folder_of_which_all_names_are_taken_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("autopilot.files.saving.MOST_NUMBERS", 3)
+    for name in ("demo", "demo-2"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "kept").touch()
+    said = complaint(capsys, "demo", "--out", str(tmp_path / "demo"), "--no-report")
+    assert f"{tmp_path}/demo: is not empty, and all names beside it are taken" in said
+
+
 def test_a_boat_that_is_not_there_yet_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     PageOfSteps(tmp_path / "boat.yaml").check()
     assert f"{tmp_path}/boat.yaml is not there yet" in capsys.readouterr().out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 
 import pytest
@@ -180,6 +181,19 @@ def test_a_vehicle_that_started_anew_while_nobody_listened_is_found_on_such_a_li
     clock.silence()
     anew = disordered(rng, 304.0, 330.0, 304.0)
     assert next(now for now, boot in anew if boot > 6.0 and clock.judge(now, boot) is Belongs.REBOOTED) < 312.0
+
+
+@pytest.mark.parametrize(("rate_hz", "burst_s"), [(10.0, 0.5), (30.0, 0.5), (30.0, 1.0)])
+def test_a_vehicle_that_started_anew_unheard_is_found_behind_bursts(rate_hz: float, burst_s: float) -> None:
+    clock = VehicleClock()
+    clock.local(300.0, 300.0)
+    clock.silence()
+    made = [304.0 + step / rate_hz for step in range(round(10.0 * rate_hz))]
+    arrived = [(burst_s * math.floor(time / burst_s + 1.0), time - 297.5) for time in made]
+    assert (
+        next((now for now, boot in arrived if clock.judge(now, boot) is Belongs.REBOOTED), math.inf)
+        <= 307.0 + 2.0 * burst_s
+    )
 
 
 @pytest.mark.parametrize(("behind", "is_wrap"), [(3.0e6, False), (WRAPPED_S - 1.0, False), (WRAPPED_S + 1.0, True)])

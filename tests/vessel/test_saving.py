@@ -240,6 +240,13 @@ def test_the_results_of_a_campaign_replace_nothing_before_the_first_row(ending: 
     assert old.read_text() == "an hour's work" and not new.exists()
 
 
+def test_a_link_to_results_that_never_came_stays_and_what_it_names_goes(tmp_path: Path) -> None:
+    link = tmp_path / "link.csv"
+    link.symlink_to(tmp_path / "target")
+    open_results(link, Job(load_study("front")[0], "")).close()
+    assert link.is_symlink() and not (tmp_path / "target").exists()
+
+
 def test_a_table_on_the_standard_output_is_the_table_alone(log: Path, tmp_path: Path) -> None:
     command = f"{sys.executable} -m autopilot log csv {log} --out /dev/stdout"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -592,6 +592,30 @@ def test_however_often_an_order_to_engage_was_sent_its_answers_are_none_to_who_s
     assert ends == [True], "heard at the latest when more has been answered than was asked before"
 
 
+@pytest.mark.parametrize("sent_at", [(0.0, 0.5), (0.0, 0.5, 1.0, 1.5)])
+def test_the_second_answer_to_an_order_that_has_ended_is_none_to_who_stands_by(sent_at: tuple[float, ...]) -> None:
+    """One answered at its first asking, or given up as not answered at all."""
+    station, ends = Station(), list[bool]()
+    orders, target = station.orders, Target(1, 1)
+    acknowledged = dialect.MAVLink_command_ack_message(int(dialect.MAV_CMD_DO_SET_MODE), 0)
+    engaged = list[bool]()
+    orders.give((ENGAGE[1],), lambda taken, words: engaged.append(bool(taken)))
+    for now in sent_at:
+        assert orders.due(now, target)
+    if is_answered := len(sent_at) == 2:
+        orders.receive(0.6, acknowledged)
+    orders.due(2.0, target)
+    assert engaged == [is_answered]
+    asked_of(station, {"do": "standby"})(2.1, lambda taken, _: ends.append(bool(taken)))
+    assert orders.due(2.1, target)  # lost on the way
+    orders.receive(2.2, acknowledged)
+    assert ends == [], "what was asked to engage has answered, and is believed to stand by"
+    for step in range(9):
+        for _ in orders.due(2.6 + 0.5 * step, target):
+            orders.receive(2.7 + 0.5 * step, acknowledged)
+    assert ends == [True]
+
+
 @pytest.mark.parametrize("words", [("release", "standby"), ("standby", "release")])
 @pytest.mark.parametrize("result", [dialect.MAV_RESULT_DENIED, None])
 def test_who_stood_by_hears_so_though_the_release_that_it_went_with_fails(

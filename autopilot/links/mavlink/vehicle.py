@@ -58,6 +58,9 @@ that came by a slower way."""
 STRANGE_ALIKE_S, STRANGE_AMONG = 0.1, 3
 """Clocks run: five messages of one tell the same of it, to within what a quick way differs by. Stragglers came each by
 a way of its own, and few among many: the five are not one in more than so many."""
+STRANGE_ALONE_S = 3.0
+"""Where nothing else has come for so long, five are another clock's however unlike: a line brings them in bursts, and
+holds none of before for longer than 2.5 s."""
 WRAP_S = 2.0**32 / 1000.0
 """time_boot_ms is 32 bits wide and begins again after 49.7 days."""
 WRAPPED_S = WRAP_S - 60.0
@@ -91,6 +94,7 @@ class VehicleClock:
         self._newest = -math.inf
         self._strange: deque[tuple[float, float, int]] = deque(maxlen=STRANGE_MESSAGES)
         self._judged = 0
+        self._alone_since = math.inf
         self._received = math.inf
         self._previous = self._current = self._least = math.inf
         self._window_end = -math.inf
@@ -116,6 +120,7 @@ class VehicleClock:
         if not is_behind and (self._newest == -math.inf or boot + least <= now + AHEAD_S):
             return Belongs.OURS
         self._strange.append((now, now - boot, self._judged))
+        self._alone_since = min(self._alone_since, now)
         is_new = is_behind and boot < silence + REBOOT_S
         return Belongs.REBOOTED if is_new or self._is_another_clock() else Belongs.STRANGE
 
@@ -124,6 +129,8 @@ class VehicleClock:
         if len(self._strange) < STRANGE_MESSAGES:
             return False
         times, offsets, numbers = zip(*self._strange, strict=True)
+        if times[-1] - self._alone_since > STRANGE_ALONE_S and times[0] >= self._alone_since:
+            return True
         return bool(
             times[-1] - times[0] <= STRANGE_WITHIN_S
             and max(offsets) - min(offsets) <= STRANGE_ALIKE_S
@@ -143,7 +150,7 @@ class VehicleClock:
             self.reset()  # the counter began again: so does the offset
         if boot > self._newest:
             self._newest = boot
-        self._received = now
+        self._received, self._alone_since = now, math.inf
         offset = now - boot
         if now >= self._window_end:
             # After a silence longer than a window nothing old is worth keeping.
