@@ -209,13 +209,13 @@ def way_step(before: Way, look: ThrusterLook, is_turn: bool) -> tuple[Way, Way, 
     unknown = sum(map(mul, of_speed, row))
     unsteady = (UNSTEADY_TURNING if is_turn else UNSTEADY) * size
     # it lasts, so that the speeds of that time tell no more than one
-    variance = unknown + unsteady * unsteady * 2.0 * SPEED_SMOOTHING / dt
+    share = dt / (unknown * dt + unsteady * unsteady * 2.0 * SPEED_SMOOTHING)
     off = look.speed - usual - row[1] * north - row[2] * east
     way = Way(before.known, before.covariance, cosine, sine, more, least)
     after = way._replace(
-        known=tuple(one + of / variance * (off - size * more) for one, of in zip(before.known, of_speed, strict=True)),
+        known=tuple(one + of * share * (off - size * more) for one, of in zip(before.known, of_speed, strict=True)),
         covariance=tuple(
-            tuple(one - of / variance * other for one, other in zip(each, of_speed, strict=True))
+            tuple(one - of * share * other for one, other in zip(each, of_speed, strict=True))
             for each, of in zip(covariance, of_speed, strict=True)
         ),
     )

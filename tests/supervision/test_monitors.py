@@ -14,7 +14,7 @@ from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample, WindSample
 from autopilot.supervision.course_watch import Spin, Swings
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
-from autopilot.supervision.monitors import State
+from autopilot.supervision.monitors import NO_THRUST_SEEN, State, ThrusterLook, thruster_step
 from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.rudder_response import (
     FILED,
@@ -368,6 +368,13 @@ def test_monitors_raise_nothing_whatever_samples_come(ticks: list[tuple[float, f
         monitors.on_samples((HeadingSample(k * DT, heading, rudder), RollSample(k * DT, heading if heels else 0.0)))
         monitors.update(watched(k * DT, heading, rudder, holds=holds))
         assert all(isinstance(text, str) for text in sentences_of(alarms(monitors)))
+
+
+def test_a_second_look_at_thrusters_at_the_same_time_tells_nothing() -> None:
+    look = ThrusterLook(BOAT, 0.0, 0.0, 0.0, 1.0, True, 0.5, 1.0, 0.6, True, True, DT)
+    memory, _ = thruster_step(thruster_step(NO_THRUST_SEEN, look)[0], look)
+    assert memory.way is not None
+    assert thruster_step(memory, look._replace(heading=1.0, speed=0.5, rudder=0.1, dt=0.0)) == (memory, None)
 
 
 def test_what_others_see_is_said_until_they_take_it_back() -> None:
