@@ -468,7 +468,7 @@ def watch_thrusters(
         seen.heading,
         seen.rate,
         seen.rudder,
-        speeds.ground_ahead if speeds.is_over_ground else seen.speed,
+        speeds.ground_ahead if speeds.is_over_ground else estimate.speed,
         speeds.is_over_ground,
         speeds.throttle.value,
         boat.law.way_exponent,

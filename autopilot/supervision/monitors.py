@@ -97,8 +97,8 @@ class Way(NamedTuple):
 
 class ThrusterMemory(NamedTuple):
     """Filtered rate [rad/s], rudder's and damping's acceleration [rad/s^2]; of late: push [rad] and throttle, nan
-    before the first look; way: None where others steer; for how long [s] both show, and the push [rad] that there was
-    before; for how long [s] it is as in a turn yet."""
+    before the first look; way: None where others steer, and where no speed is measured; for how long [s] both show, and
+    the push [rad] that there was before; for how long [s] it is as in a turn yet."""
 
     rate: float = math.nan
     driven: float = 0.0
@@ -115,10 +115,10 @@ NO_THRUST_SEEN = ThrusterMemory()
 
 
 class ThrusterLook(NamedTuple):
-    """What is looked at: the model, heading [rad], rate [rad/s], rudder [rad] as ordered, speed ahead [m/s], whether
-    that is over the ground, throttle [share of full], way_exponent: the power of it that the speed goes with; the angle
-    [rad] that full steering stands for, whether we steer by headings and whether a course is held rather than a turn
-    made, and the time [s] since the last look."""
+    """What is looked at: the model, heading [rad], rate [rad/s], rudder [rad] as ordered, speed ahead [m/s], nan where
+    none is measured, whether that is over the ground, throttle [share of full], way_exponent: the power of it that the
+    speed goes with; the angle [rad] that full steering stands for, whether we steer by headings and whether a course is
+    held rather than a turn made, and the time [s] since the last look."""
 
     model: Norrbin
     heading: float
@@ -160,7 +160,9 @@ def thruster_step(memory: ThrusterMemory, look: ThrusterLook) -> tuple[ThrusterM
     )
     if not look.steers:
         return found._replace(throttle=look.throttle, way=None, before=math.nan, lasted=0.0), None
-    way, learnt, is_slowed = way_step(memory.way or _first_way(look), look, is_turn)
+    way, learnt, is_slowed = None, None, False
+    if look.speed == look.speed:  # what is no number is not itself
+        way, learnt, is_slowed = way_step(memory.way or _first_way(look), look, is_turn)
     is_failing = not math.isnan(memory.before)
     # once it is said, waves do not end it: what pushes on the average of late does
     more = late - memory.before if is_failing else push - late

@@ -228,6 +228,18 @@ def test_neither_a_stream_nor_waves_are_taken_for_a_thruster_that_fails(seed: in
     assert not any(alarm.name == "thruster_weak" for tick in boat.ticks for alarm in tick.alarms)
 
 
+def test_a_speed_that_comes_back_is_not_taken_for_a_thruster_that_fails() -> None:
+    """While none is known the boat is steered as at its trial's speed, which it does not make."""
+    waves, lost = WavesSection(second_order=SecondOrderSection(0.8, 0.15, 36.5)), FaultSection("speed_lost", 20.0, 45.0)
+    scenario = Scenario(
+        1, "lost", plant="twin_thruster", start=Start(speed_m_s=0.67), seed=0, waves=waves, faults=(lost,)
+    )
+    boat = engaged(Lockstep(load_vessel("twin_thruster"), scenario=scenario, measured_every=5))
+    boat.run(50.0 - boat.now)
+    assert boat.tick.mode is Mode.ENGAGED
+    assert not any(alarm.name == "thruster_weak" for tick in boat.ticks for alarm in tick.alarms)
+
+
 def test_at_twice_the_speed_a_slide_after_a_turn_is_not_taken_for_a_sea() -> None:
     boat = engaged(sailed("twin_thruster", speed=2.0 * load_vessel("twin_thruster").model.reference_speed_m_s))
     boat.run(5.0)
