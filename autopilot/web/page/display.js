@@ -38,8 +38,8 @@ export function drawDisplay() {
   byId("courses").disabled = !known;
   const words = [];
   if (!known) words.push("True and magnetic courses can be chosen where the variation is known.");
-  if (boat.state?.ours) words.push(`Courses are shown here as chosen; the boat steers ${boat.state.magnetic ? "magnetic" : "true"} ones, until sensors.magnetic is set otherwise and the pilot starts again.`);
-  if (!navigator.wakeLock) words.push("This browser keeps the screen on only over https (autopilot web --cert) or on the boat's own computer: set the display's own time-out.");
+  if (boat.state?.ours) words.push(`Courses are shown as chosen; the boat steers ${boat.state.magnetic ? "magnetic" : "true"} ones, until sensors.magnetic is changed and the pilot restarts.`);
+  if (!navigator.wakeLock) words.push("This browser keeps the screen on only over https (autopilot web --cert) or on the boat's own computer: set the display's time-out.");
   byId("device-word").textContent = words.join(" ");
   drawCompasses();
 }
