@@ -596,8 +596,9 @@ def _begun(config: EstimatorConfig, state: EstimatorState, sample: HeadingSample
         config.noises.usual,
         before.state if state.has_begun else None,
     )
+    gyro = before.gyro._replace(rated=-math.inf)  # a rate that is refused from now on is not held either
     return state._replace(
-        fusion=Fusion(first, before.innovation_mean, gyro=before.gyro, headings=before.headings, rates=before.rates),
+        fusion=Fusion(first, before.innovation_mean, gyro=gyro, headings=before.headings, rates=before.rates),
         has_begun=True,
         needs_reinit=False,
         first_time=min(state.first_time, sample.time),

@@ -204,9 +204,9 @@ def model_at(reference: Norrbin, speed: float, law: DriveLaw = RUDDER_LAW, throt
 class RateBias(NamedTuple):
     """What is known of g at `time` [s], the newest heading having come at `seen` [s].
 
-    heading [rad]: psi, nan before the first; rate [rad/s]: the newest w, nan where there is no rate sensor; bias
-    [rad/s]: g; p00 [rad^2], p01, p11 [(rad/s)^2]: the covariance of both; apart [rad]: how far the compass is from psi
-    on the average of late; turning [rad/s]: how fast the boat turned of late.
+    heading [rad]: psi, nan before the first; rate [rad/s]: the newest w, nan where there is no rate sensor, of the time
+    `rated` [s]; bias [rad/s]: g; p00 [rad^2], p01, p11 [(rad/s)^2]: the covariance of both; apart [rad]: how far the
+    compass is from psi on the average of late; turning [rad/s]: how fast the boat turned of late.
     """
 
     time: float
@@ -219,9 +219,10 @@ class RateBias(NamedTuple):
     apart: float
     turning: float
     seen: float
+    rated: float
 
 
-NO_RATE_BIAS = RateBias(-math.inf, math.nan, math.nan, 0.0, 0.0, 0.0, RATE_BIAS_UNKNOWN, 0.0, 0.0, -math.inf)
+NO_RATE_BIAS = RateBias(-math.inf, math.nan, math.nan, 0.0, 0.0, 0.0, RATE_BIAS_UNKNOWN, 0.0, 0.0, -math.inf, -math.inf)
 """Before the first rate: it is supposed to be right, within what such sensors are off."""
 
 
@@ -231,16 +232,17 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     noise: the variances of a heading [rad^2] and of a rate [(rad/s)^2].
     """
     (time, heading, rate), (of_heading, of_rate) = measured, noise
-    last, psi, held, bias, p00, p01, p11, apart, turning, seen = before
-    was_rate, is_rate = held == held, rate == rate  # what is no number is not itself
-    if not (was_rate or is_rate):
+    last, psi, held, bias, p00, p01, p11, apart, turning, seen, rated = before
+    is_rate, is_held = rate == rate, time - rated <= RATE_HELD  # what is no number is not itself
+    if not (is_held or is_rate):
+        # headings alone say nothing of a gyro that is silent, or refused
         return before
     dt = time - last
-    rate = rate if is_rate else held
-    if not 0.0 <= dt <= RATE_HELD or psi != psi:
+    rate, rated = (rate, time) if is_rate else (held, rated)
+    if not is_held or dt < 0.0 or psi != psi:
         # g outlasts a gap, and is known as well as before it
-        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time)
-    mean = 0.5 * (held + rate) if was_rate else rate
+        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time, rated)
+    mean = 0.5 * (held + rate)
     psi += dt * (mean - bias)
     turned = mean - bias if mean > bias else bias - mean
     turning -= math.expm1(-dt / RATE_MEAN_TIME) * (turned - turning)
@@ -249,20 +251,20 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     p11 += RATE_BIAS_CHANGE * dt
     if heading != heading:
         psi = psi if -PI < psi <= PI else wrap(psi)
-        return RateBias(time, psi, rate, bias, p00, p01, p11, apart, turning, seen)
+        return RateBias(time, psi, rate, bias, p00, p01, p11, apart, turning, seen, rated)
     off = heading - psi
     off = off if -PI < off <= PI else wrap(off)
     lag = RATE_COMPASS_LAG * turning
     apart -= math.expm1(-(time - seen) / RATE_MEAN_TIME) * (off - apart)
     if apart * apart > RATE_BIAS_APART + of_heading + 4.0 * lag * lag:
         p11 = p11 if p11 > RATE_BIAS_UNKNOWN else RATE_BIAS_UNKNOWN
-        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time)
+        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time, rated)
     total = p00 + of_heading + lag * lag
     k0, k1 = p00 / total, p01 / total
     psi += k0 * off
     psi = psi if -PI < psi <= PI else wrap(psi)
     bias += k1 * off
-    return RateBias(time, psi, rate, bias, p00 - k0 * p00, p01 - k0 * p01, p11 - k1 * p01, apart, turning, time)
+    return RateBias(time, psi, rate, bias, p00 - k0 * p00, p01 - k0 * p01, p11 - k1 * p01, apart, turning, time, rated)
 
 
 Noise = tuple[float, float, float, float]

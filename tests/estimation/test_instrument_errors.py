@@ -132,6 +132,61 @@ def test_a_gyro_that_is_off_by_a_degree_a_second_turns_no_boat(name: str, *, is_
     assert late < 1.0
 
 
+@pytest.mark.parametrize("silent_s", [3.0, 8.0, 25.0])
+@pytest.mark.parametrize("bias_deg_s", [0.0, 1.0])
+def test_a_gyro_that_falls_silent_in_a_turn_is_no_worse_when_it_is_back(silent_s: float, bias_deg_s: float) -> None:
+    """The boat ends its turn of 10 deg/s meanwhile; what the gyro said last holds no longer."""
+    heading, known, bias = 0.0, [NO_RATE_BIAS], math.radians(bias_deg_s)
+    for index in range(800):
+        now = index * DT
+        rate = math.radians(10.0) if 40.0 <= now < 46.0 else 0.0
+        is_silent = 45.0 <= now < 45.0 + silent_s
+        measured = math.nan if is_silent else rate + bias
+        known.append(rate_bias_step(known[-1], (now, wrap(heading), measured), NOISE))
+        heading += DT * rate
+    since = [math.degrees(each.bias) - bias_deg_s for each in known[440:]]
+    assert max(map(abs, since)) < 0.3, "as much as is supposed of a gyro of which nothing is known"
+
+
+@pytest.mark.parametrize("name", ["lanxin", "middle"])
+def test_a_gyro_apart_that_is_silent_from_a_turn_on_turns_no_boat_when_it_is_back(name: str) -> None:
+    """It was taken to say on what it had said last: a boat that held its course was turned off it by 22 deg."""
+    vessel = vessel_of(BOATS[name])
+    pilot, plant = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel), step_max=0.05)
+    turning, back, off = math.nan, math.inf, 0.0
+    while plant.time < 160.0:
+        now = plant.time
+        half_way = 0.5 * abs(pilot.last_command.angle) * vessel.model.K_1_s
+        if math.isnan(turning) and now > 60.0 and abs(plant.rate) > half_way:
+            turning, back = now, now + 25.0
+        samples: tuple[Sample, ...] = (HeadingSample(now, wrap(plant.heading), None, "c"),)
+        if not turning <= now < back:
+            samples = (RateSample(now, plant.rate, "g"), *samples)
+        tick = pilot.step(now, samples, Order(OrderKind.HEADING, 0.5 if now > 60.0 else 0.0, serial=1))
+        if now > back:
+            off = max(off, abs(math.degrees(wrap(plant.heading - tick.reference.heading))))
+        plant.step(tick.command.angle, DT)
+    assert off < 3.0
+
+
+@pytest.mark.parametrize("jump_deg", [20.0, -24.0])
+def test_rates_refused_for_a_jump_of_the_compass_turn_no_boat_when_they_are_taken_again(jump_deg: float) -> None:
+    """20 s long the rate at the refusal was taken for the gyro's error: 3.4 deg/s, and the boat went 8 deg off."""
+    vessel, random = load_vessel("lanxin"), np.random.default_rng(7)
+    pilot, plant = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel), step_max=0.05)
+    off = 0.0
+    while plant.time < 70.0:
+        now = plant.time
+        shown = math.radians(jump_deg if now >= 20.0 else 0.0) + math.radians(0.2) * float(random.standard_normal())
+        rate = plant.rate + math.radians(0.1) * float(random.standard_normal())
+        samples: tuple[Sample, ...] = (HeadingSample(now, wrap(plant.heading + shown), rate, "c"),)
+        tick = pilot.step(now, samples, Order(OrderKind.HEADING, 0.0, serial=1))
+        if now >= 38.0:
+            off = max(off, abs(math.degrees(wrap(plant.heading)) + jump_deg))
+        plant.step(tick.command.angle, 0.05)
+    assert off < 1.0
+
+
 def noisy(real: float, shows: Callable[[float], float] = lambda _: 0.0, dt: float = DT) -> list[float]:
     """Return the deviations that are learnt in 300 s where the file says 1 and white noise is `real` times that; the
     filter leaves `shows` of the time unexplained."""
