@@ -20,6 +20,7 @@ from autopilot.supervision.tuning import (
     DISAGREES_SAID,
     FROZEN_BY_RATE,
     FROZEN_BY_RUDDER,
+    FROZEN_RATES,
     FROZEN_SAMPLES,
     HEADINGS_APART_S,
     INNOVATION_TIME,
@@ -46,6 +47,7 @@ from autopilot.supervision.tuning import (
 )
 
 OPPOSITE_WAYS = "they turn opposite ways"
+STANDS_STILL = "the rate stands still"
 LONGEST_STEP_S = 0.5
 
 
@@ -90,11 +92,37 @@ def are_consistent(turns: Turns) -> bool:
     return turns.sum > SENSE_SHARE * turns.difference + SENSE_LEAST
 
 
+class Still(NamedTuple):
+    """A rate that is the same to the last digit: turn [rad]: how much further the heading went meanwhile, of late;
+    since [s]: when that became too much, nan: it is not, and the `rates` that have said the same since; is_dead: until
+    it moves."""
+
+    rates: int = 0
+    turn: float = 0.0
+    since: float = math.nan
+    is_dead: bool = False
+
+
+MOVES = Still()
+
+
+def still_step(still: Still, time: float, turn: float, step: float) -> Still:
+    """Return what is known at `time` [s] of a rate that stands, the heading having turned by `turn` [rad] more than it
+    says in a `step` [s]."""
+    rates, before, since, is_dead = still
+    turn += before * math.exp(-step / APART_TIME)
+    if abs(turn) <= FROZEN_BY_RATE:
+        return Still(0, turn, math.nan, is_dead)
+    since = time if math.isnan(since) else since
+    return Still(rates, turn, since, is_dead or (rates >= FROZEN_RATES and time - since >= DISAGREES_LASTS))
+
+
 class Consistency(NamedTuple):
     """heading and rate: the newest of each; turns: what they tell; since [s]: when the turns began to differ, nan: they
     do not; seen [s]: when that was found last; reported [rad]: how far apart they were when it was said; found: what is
-    said, '' where they go together; is_refused: whether it is the rate that is wrong: they turn opposite ways, or no
-    boat like this turns so; wild [s]: when rates came of late that are beyond what a boat like this turns by."""
+    said, '' where they go together; is_refused: whether it is the rate that is wrong: they turn opposite ways, it
+    stands still, or no boat like this turns so; wild [s]: when rates came of late that are beyond what a boat like this
+    turns by; still: what is known of a rate that stands."""
 
     heading: HeadingSample | None = None
     rate: RateSample | None = None
@@ -105,6 +133,7 @@ class Consistency(NamedTuple):
     found: str = ""
     is_refused: bool = False
     wild: tuple[float, ...] = ()
+    still: Still = MOVES
 
 
 def consistency_step(
@@ -123,7 +152,9 @@ def consistency_step(
     if isinstance(sample, RateSample):
         # that of the heading's own instrument goes before
         is_used = last is None or last.rate is None
-        return before._replace(rate=sample, wild=wild if is_used else before.wild)
+        still = _repeated(before.still, rate, beside) if is_used else before.still
+        return before._replace(rate=sample, wild=wild if is_used else before.wild, still=still)
+    still = before.still if rate is None else _repeated(before.still, rate, last)
     is_same = last is not None and last.source == sample.source
     if is_same and time < last.time:  # type: ignore[union-attr]
         return before
@@ -137,13 +168,25 @@ def consistency_step(
         or not 0.0 <= time - last.time <= HEADINGS_APART_S
         or not math.isfinite(sample.heading + last.heading)
     ):
-        return before._replace(heading=sample)
+        return before._replace(heading=sample, still=still)
     step, turn = time - last.time, sample.heading - last.heading
     turn = turn if -PI < turn <= PI else wrap(turn)
     turns = turns_step(before.turns, turn, rate * step, step)
     if most == math.inf:
         return before._replace(heading=sample, turns=turns, wild=wild)
+    # where the compass stands as well nobody can tell which of the two is dead
+    before = before._replace(still=still_step(still, time, turn - rate * step, step) if turn else still)
+    if before.still.is_dead:
+        found = before.found if before.is_refused else STANDS_STILL
+        return before._replace(
+            heading=sample, turns=turns, since=math.nan, seen=time, found=found, is_refused=True, wild=wild
+        )
     return _judged(before, (sample, turns, wild), rate, most, not -rate_most <= rate <= rate_most)
+
+
+def _repeated(still: Still, rate: float | None, last: HeadingSample | RateSample | None) -> Still:
+    """Take a rate [rad/s] that comes behind the `last`."""
+    return still._replace(rates=still.rates + 1) if last is not None and rate == last.rate else MOVES
 
 
 def is_no_turn(turns: Turns, rate: float, most: float) -> bool:
@@ -162,7 +205,7 @@ def _judged(
     most: float,
     is_wild: bool,
 ) -> Consistency:
-    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _) = news, before
+    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _, still) = news, before
     time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)
     if wild and time - wild[0] > APART_TIME:
         wild = wild[1:]
@@ -191,7 +234,7 @@ def _judged(
         seen = time
         if not found or (apart - reported > NEWS and found != OPPOSITE_WAYS):
             found, reported = f"{math.degrees(apart):.0f} deg apart", apart
-    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild)
+    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild, still)
 
 
 class Standing(NamedTuple):

@@ -215,7 +215,10 @@ FROZEN_SAMPLES = 10
 """So many headings that are the same to the last digit are worth a second look."""
 FROZEN_BY_RATE = math.radians(5.0)
 FROZEN_BY_RUDDER = math.radians(15.0)
-"""The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood."""
+"""The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood; or the
+heading went so much further than the rate while that stood."""
+FROZEN_RATES = 4
+"""So many rates that are the same to the last digit while it did are none of a sensor that works: it would follow."""
 RATE_FORGOTTEN = 10.0
 """A rate sensor's bias would add up over longer than this [s]."""
 NOUGHT_FORGOTTEN = 30.0

@@ -187,6 +187,34 @@ def test_rates_refused_for_a_jump_of_the_compass_turn_no_boat_when_they_are_take
     assert off < 1.0
 
 
+@pytest.mark.parametrize("begins", [0.0, 30.0])
+@pytest.mark.parametrize("name", ["lanxin", "middle"])
+def test_a_dead_gyro_that_says_nought_for_good_does_not_let_the_boat_swing(name: str, begins: float) -> None:
+    """It was refused for 20 s, believed again, and the boat swung by up to 38 deg each time, in gusts of 1 deg."""
+    vessel, random = vessel_of(BOATS[name]), np.random.default_rng(5)
+    push = math.radians(1.0)
+    pilot = build_pilot(vessel)
+    plant = Plant(
+        model_of(vessel),
+        gear_of(vessel),
+        step_max=0.05,
+        disturbance=lambda now: push * (math.sin(0.8 * now) + math.sin(0.31 * now + 1.0)),
+    )
+    farthest, late = 0.0, 0.0
+    while plant.time < 240.0:
+        now = plant.time
+        heading = wrap(plant.heading + math.radians(0.2) * float(random.standard_normal()))
+        rate = plant.rate + math.radians(0.05) * float(random.standard_normal()) if now < begins else 0.0
+        samples = (RateSample(now, rate, "g"), HeadingSample(now, heading, None, "c"))
+        course = 0.6 if now % 120.0 >= 60.0 else 0.0
+        tick = pilot.step(now, samples, Order(OrderKind.HEADING, course, serial=1 + int(now // 60.0)))
+        off = abs(math.degrees(wrap(plant.heading - tick.reference.heading)))
+        farthest, late = max(farthest, off), max(late, off if now >= 120.0 else 0.0)
+        plant.step(tick.command.angle, DT)
+    assert farthest < 15.0
+    assert late < 3.0
+
+
 def noisy(real: float, shows: Callable[[float], float] = lambda _: 0.0, dt: float = DT) -> list[float]:
     """Return the deviations that are learnt in 300 s where the file says 1 and white noise is `real` times that; the
     filter leaves `shows` of the time unexplained."""

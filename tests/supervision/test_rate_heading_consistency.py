@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -166,6 +167,47 @@ def beside(
             known = consistency_step(known, RateSample(now, math.radians(rates_deg_s(now))), most, rate_most)
         known = consistency_step(known, HeadingSample(now, math.radians(turn(now))), most, rate_most)
         yield now, known
+
+
+@pytest.mark.parametrize("period", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("rate_deg_s", [0.0, 3.0])
+def test_a_rate_that_stands_still_while_the_heading_turns_on_is_refused_until_it_moves(
+    period: float, rate_deg_s: float
+) -> None:
+    """It is as right as it was when it began to stand, until the heading goes 5 deg further in 5 s than the rate."""
+    known, most, rate_most = Consistency(), math.radians(15.0), math.radians(8.0)
+    refused: dict[float, bool] = {}
+    heading = 0.0
+    for k in range(900):
+        now = k * DT
+        heading += math.radians(rate_deg_s + (6.0 if 20.0 <= now < 27.0 else 0.0)) * DT
+        if k % round(period / DT) == 0:
+            rate = rate_deg_s if now < 60.0 else rate_deg_s + (0.1 if k % 2 else -0.1)
+            known = consistency_step(known, RateSample(now, math.radians(rate)), most, rate_most)
+        shown = HeadingSample(now, math.remainder(heading, math.tau))
+        known = consistency_step(known, shown, most, rate_most)
+        refused[round(now, 1)] = known.is_refused
+    first = next(now for now, is_refused in refused.items() if is_refused)
+    # 6 deg/s apart from 20 s on: 5 deg after 0.8 s, a little more as it fades, and 1 s and four rates more
+    assert 21.8 <= first <= 22.0 + 4.0 * period
+    assert all(is_refused for now, is_refused in refused.items() if first <= now < 60.0), "a dead one stays refused"
+    assert not refused[89.0]
+
+
+@pytest.mark.parametrize("digit_deg_s", [0.1, 0.5])
+@pytest.mark.parametrize("noise_deg", [0.3, 1.0])
+@pytest.mark.parametrize("yaw_deg_s", [0.0, 0.2, 3.0])
+def test_a_gyro_of_coarse_digits_is_believed(digit_deg_s: float, noise_deg: float, yaw_deg_s: float) -> None:
+    """At rest it shows the very same for minutes, and a slow yaw is less than its digits."""
+    random, heading = np.random.default_rng(1), 0.0
+    known, most, rate_most = Consistency(), math.radians(15.0), math.radians(8.0)
+    for k in range(12000):
+        now, yaw = k * DT, yaw_deg_s * math.sin(0.05 * k * DT)
+        heading += yaw * DT
+        shown = math.radians(heading + noise_deg * float(random.standard_normal()))
+        rate = math.radians(digit_deg_s * round(yaw / digit_deg_s))
+        known = consistency_step(known, HeadingSample(now, math.remainder(shown, math.tau), rate), most, rate_most)
+        assert not known.is_refused
 
 
 @pytest.mark.parametrize(("period", "wild"), [(1.0, 1), (1.0, 2), (0.5, 1), (0.5, 2), (0.5, 3), (0.2, 5), (0.1, 10)])
