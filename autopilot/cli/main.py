@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import itertools
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -109,8 +110,13 @@ def _answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[s
     from autopilot.links.base import LinkError
 
     try:
-        if any(word == "" or (word.startswith("--") and word.find("=") == len(word) - 1) for word in given):
-            raise InputError("an argument is empty, such as a variable of the shell that is not set; leave it out")
+        for before, word in itertools.pairwise(["", *given]):
+            if word == "" or (word.startswith("--") and word.find("=") == len(word) - 1):
+                whose = f" ({word or before})" if (word or before).startswith("--") else ""
+                raise InputError(
+                    f"an argument is empty{whose}, such as a variable of the shell that is not set; leave it out, or "
+                    "give what --help says"
+                )
         arguments = parser_for(given).parse_args(given)
         arguments.typed = [program, *given]  # reports print it, whole
         return int(arguments.run(arguments))

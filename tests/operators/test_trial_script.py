@@ -75,7 +75,7 @@ def test_progress_goes_from_none_to_all() -> None:
         (["zigzag", "--duration", "inf"], ("--duration inf", "1 to 36000")),
         (["turning", "--rudder-deg", "10,-40"], ("--rudder-deg -40", "-30 to 30")),
         (["turning", "--rudder-deg", "10;20"], ("--rudder-deg '10;20'", "10,20,-10,-20")),
-        (["turning", "--rudder-deg", ""], ("--rudder-deg ''", "10,20,-10,-20")),
+        (["turning", "--rudder-deg", ""], ("an argument is empty (--rudder-deg=)", "--help")),
         (["turning", "--each", "0"], ("--each 0", "1 to 36000")),
     ],
 )
