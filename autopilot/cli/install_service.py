@@ -13,10 +13,13 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.cli.options import named_vessel, number
 from autopilot.errors import ExitCode, InputError
+
+if TYPE_CHECKING:
+    from autopilot.vessel.schema import Vessel
 
 WATCHDOG_MIN_S = 3.0
 """A loop of 1 Hz without a heading shows life every second and a half."""
@@ -222,17 +225,17 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.uninstall:
         return _uninstall(name, arguments.root)
     wanted = _service_of(arguments, name)
-    named_vessel(arguments.vessel)
+    vessel = named_vessel(arguments.vessel)
     files = files_of(wanted)
     if arguments.dry_run:
         for path, text in files.items():
             print(f"# /{path}\n{text}")
         return int(ExitCode.OK)
-    vessel = _put_vessel(arguments.vessel, _home(arguments.root, name) / "boat.yaml")
+    copied = _put_vessel(arguments.vessel, vessel, _home(arguments.root, name) / "boat.yaml")
     for path, text in files.items():
         _write(arguments.root / path, text)
         print(f"wrote {arguments.root / path}")
-    print(vessel)
+    print(copied)
     if arguments.root == Path("/"):
         _run_system(["systemd-sysusers", f"/etc/sysusers.d/{name}.conf"])
         _reload()
@@ -264,15 +267,15 @@ def _check_run(command: list[str]) -> None:
     build_parser(command).parse_args(command)
 
 
-def _put_vessel(source: str, target: Path) -> str:
+def _put_vessel(source: str, vessel: Vessel, target: Path) -> str:
     """Copy the vessel file to where the service reads it; one that is there stays. Raises InputError."""
+    from autopilot.files.strict_yaml import text_of
     from autopilot.vessel.file import dump_vessel
 
-    vessel = named_vessel(source)
     if target.exists():
         return f"kept {target}: remove it first to have {source} in its place"
     own = Path(source)
-    _write(target, own.read_text() if own.is_file() else dump_vessel(vessel))
+    _write(target, text_of(own) if own.is_file() else dump_vessel(vessel))
     return f"wrote {target}, the vessel file of the service"
 
 

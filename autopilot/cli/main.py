@@ -110,13 +110,7 @@ def _answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[s
     from autopilot.links.base import LinkError
 
     try:
-        for before, word in itertools.pairwise(["", *given]):
-            if word == "" or (word.startswith("--") and word.find("=") == len(word) - 1):
-                whose = f" ({word or before})" if (word or before).startswith("--") else ""
-                raise InputError(
-                    f"an argument is empty{whose}, such as a variable of the shell that is not set; leave it out, or "
-                    "give what --help says"
-                )
+        _refuse_empty(given)
         arguments = parser_for(given).parse_args(given)
         arguments.typed = [program, *given]  # reports print it, whole
         return int(arguments.run(arguments))
@@ -128,6 +122,16 @@ def _answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[s
         return _complain(program, error, ExitCode.LINK)
     except RefusedError as error:
         return _complain(program, error, ExitCode.REFUSED)
+
+
+def _refuse_empty(given: Sequence[str]) -> None:
+    for before, word in itertools.pairwise(["", *given]):
+        if word == "" or (word.startswith("--") and word.find("=") == len(word) - 1):
+            whose = f" ({word or before})" if (word or before).startswith("--") else ""
+            raise InputError(
+                f"an argument is empty{whose}, such as a variable of the shell that is not set; leave it out, or give "
+                "what --help says"
+            )
 
 
 def _complain(program: str, error: Exception, code: ExitCode) -> int:

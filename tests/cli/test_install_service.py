@@ -12,6 +12,7 @@ import pytest
 from autopilot.cli.install_service import Service, adapter_of, rules_text, unit_text
 from autopilot.cli.main import build_parser, main
 from autopilot.errors import InputError
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 INSTALL = ["install-service", "lanxin", "--link", "serial:/dev/pixhawk:115200", "--run-with=--as-gcs"]
 ADAPTERS = ["--adapter", "pixhawk=FT6A2B", "--adapter", "compass=port:1-1.2"]
@@ -60,6 +61,14 @@ def test_a_vessel_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.Capt
     assert main([*INSTALL, "--root", str(tmp_path)]) == 0
     assert kept.read_text() == "tuned for weeks"
     assert f"kept {kept}: remove it first" in capsys.readouterr().out
+
+
+def test_a_vessel_file_in_another_encoding_is_installed_as_utf_8(tmp_path: Path) -> None:
+    text = dump_vessel(load_vessel("lanxin"))
+    (tmp_path / "mine.yaml").write_text(text, encoding="utf-16")
+    source = ["install-service", str(tmp_path / "mine.yaml"), *INSTALL[2:]]
+    assert main([*source, "--root", str(tmp_path)]) == 0
+    assert (tmp_path / "var/lib/norrbin/boat.yaml").read_text(encoding="utf-8") == text
 
 
 def test_the_unit_feeds_a_watchdog_restarts_and_runs_as_an_ordinary_user(tmp_path: Path) -> None:
