@@ -32,6 +32,7 @@ from autopilot.files.strict_yaml import (
     parse_document,
     plain,
     resolve_plain,
+    text_of,
 )
 from autopilot.files.typed import Bounds, Shipped, hints_of
 from autopilot.models.drives import DRIVES, Needs
@@ -411,7 +412,7 @@ def text_for(path: str | Path, vessel: Vessel, *, in_place: bool = True) -> str:
     """Return the text with which the file at `path` holds `vessel`; of one that is there and is written `in_place`
     comments and order stay. Raises InputError where no command could read it."""
     place = Path(path)
-    before = place.read_text(encoding="utf-8-sig") if in_place and place.exists() else ""
+    before = text_of(place) if in_place and place.is_file() else ""
     text = updated_vessel_text(before, vessel, str(path)) if before else dump_vessel(vessel)
     try:
         parse_vessel(text, str(path))

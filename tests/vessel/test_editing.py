@@ -18,6 +18,7 @@ from autopilot.vessel.file import (
     edited_text,
     load_vessel,
     parse_vessel,
+    text_for,
     updated_vessel_text,
 )
 
@@ -109,3 +110,9 @@ def test_gains_into_the_same_file_keeps_its_comments(tmp_path: Path) -> None:
     text = path.read_text()
     assert "# ASSUMED: a small attitude and heading reference system." in text
     assert text != LANXIN
+
+
+def test_a_file_in_another_encoding_is_edited_in_its_place(tmp_path: Path) -> None:
+    file = tmp_path / "boat.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")), encoding="utf-16")
+    assert text_for(file, load_vessel("mariner")) == dump_vessel(load_vessel("mariner"))
