@@ -210,7 +210,7 @@ WRONG_GENERAL = [
     (general({"type": 1, "uri": PARAMETERS_URI, "fileCrc": 10**30}), "fileCrc 1e+30"),
     (lzma.compress(general())[:-9], "cut off"),
     (lzma.compress(general())[:20] + bytes(40), "damaged"),
-    (lzma.compress(bytes(EXPANDED_MOST + 1)), "more than 8000000 bytes when expanded"),
+    (lzma.compress(bytes(EXPANDED_MOST + 1), preset=0), "more than 8000000 bytes when expanded"),
 ]
 
 

@@ -244,21 +244,29 @@ def test_a_magnetic_compass_without_variation_is_used_and_said(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("lines", "expected"),
     [
-        ([s for _, s in sentences(BOAT) if "RMC" not in s], "when its sentences came cannot be determined: 0 of"),
-        ([f"{t} {s}" for t, s in sentences(BOAT)[:50]] + [f"{t} {s}" for t, s in sentences(BOAT)[:9]], "step back by"),
         (
-            [FORMS["of day"](t - 3600.0 * (t > 45.0), s) for t, s in sentences(BOAT)],
+            lambda: [s for _, s in sentences(BOAT) if "RMC" not in s],
+            "when its sentences came cannot be determined: 0 of",
+        ),
+        (
+            lambda: [f"{t} {s}" for t, s in sentences(BOAT)[:50]] + [f"{t} {s}" for t, s in sentences(BOAT)[:9]],
+            "step back by",
+        ),
+        (
+            lambda: [FORMS["of day"](t - 3600.0 * (t > 45.0), s) for t, s in sentences(BOAT)],
             r"step back by 3600.0 s at sentence \d+: the clock was set",
         ),
         (
-            [f"{t} {s[:-1]}0" for t, s in sentences(BOAT)[:90]] + ["99 " + sentence("HEHDT,1.0,T")],
+            lambda: [f"{t} {s[:-1]}0" for t, s in sentences(BOAT)[:90]] + ["99 " + sentence("HEHDT,1.0,T")],
             "wrong checksum or form",
         ),
-        ([f"{t} {sentence('GPGSV,1,1,00')}" for t in range(20)], "holds no heading, rate, rudder or speed"),
+        (lambda: [f"{t} {sentence('GPGSV,1,1,00')}" for t in range(20)], "holds no heading, rate, rudder or speed"),
     ],
 )
-def test_sentences_that_cannot_be_used_are_one_sentence(tmp_path: Path, lines: list[str], expected: str) -> None:
-    path = written(tmp_path, "\n".join(lines), "boat.txt")
+def test_sentences_that_cannot_be_used_are_one_sentence(
+    tmp_path: Path, lines: Callable[[], list[str]], expected: str
+) -> None:
+    path = written(tmp_path, "\n".join(lines()), "boat.txt")
     with pytest.raises(InputError, match=expected) as refusal:
         read_recording(path)
     assert "\n" not in str(refusal.value)

@@ -6,7 +6,9 @@ import contextlib
 import json
 import math
 import struct
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -59,8 +61,9 @@ def written(folder: Path, data: bytes, name: str) -> str:
     return str(path)
 
 
-def in_every_format(folder: Path) -> dict[str, str]:
-    """A boat's log in each format but our own: format -> path. What MCAP holds is what the .tlog does."""
+@cache
+def every_format() -> dict[str, bytes]:
+    """A boat's log in each format but our own: format -> file. What MCAP holds is what the .tlog does."""
     table = "".join(f"{t:.2f},{h:.5f}\n" for t, h in zip(BOAT.time, BOAT.heading, strict=True))
     sentences = [f"HEHDT,{math.degrees(BOAT.heading[i]) % 360.0:.1f},T" for i in every(BOAT, 10.0)]
     telegrams = [f"{0.1 * at:.1f} ${each}*{checksum(each.encode()):02X}\r\n" for at, each in enumerate(sentences)]
@@ -77,10 +80,15 @@ def in_every_format(folder: Path) -> dict[str, str]:
     }
     data = {"tlog": tlog(tlog_events(BOAT)), "dataflash": dataflash(BOAT), "ulog": ulog(BOAT)}
     data |= {name: text.encode() for name, text in texts.items()}
-    paths = {name: written(folder, each, name) for name, each in data.items()}
-    exported = folder / "mcap_log"
-    write_mcap(exported, series_entries(read_recording(paths["tlog"])), "tlog")
-    return {**paths, "mcap_log": str(exported)}
+    with TemporaryDirectory() as folder:
+        log, exported = written(Path(folder), data["tlog"], "tlog"), Path(folder, "mcap_log")
+        write_mcap(exported, series_entries(read_recording(log)), "tlog")
+        return {**data, "mcap_log": exported.read_bytes()}
+
+
+def in_every_format(folder: Path) -> dict[str, str]:
+    """Write it: format -> path."""
+    return {name: written(folder, data, name) for name, data in every_format().items()}
 
 
 def test_every_format_says_how_much_of_a_file_is_read(tmp_path: Path) -> None:
@@ -106,15 +114,11 @@ def test_every_text_is_the_same_in_another_encoding_of_unicode(tmp_path: Path, e
             assert one.quantity == other.quantity and (one.values == other.values).all()
 
 
-def contents(paths: dict[str, str]) -> list[tuple[str, bytes]]:
-    return [(name, Path(path).read_bytes()) for name, path in paths.items()]
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_of_a_log_that_a_power_cut_ended_all_there_is_is_read(tmp_path: Path, seed: int) -> None:
     """Cut anywhere, and with the zeros that a file system leaves: never a crash, never less than there was before."""
     random, path = np.random.default_rng(seed), tmp_path / "cut"
-    for name, data in contents(in_every_format(tmp_path)):
+    for name, data in every_format().items():
         path.write_bytes(data)
         whole = sum(series.time.size for series in read_recording(str(path)).series)
         for at in random.integers(len(data) // 4, len(data), 4).tolist():
@@ -130,7 +134,7 @@ def test_of_a_log_that_a_power_cut_ended_all_there_is_is_read(tmp_path: Path, se
 @pytest.mark.parametrize("lost", [3, 5, 9])
 def test_a_torn_end_is_said(tmp_path: Path, lost: int) -> None:
     path = tmp_path / "cut"
-    for name, data in contents(in_every_format(tmp_path)):
+    for name, data in every_format().items():
         path.write_bytes(data)
         before = read_recording(str(path)).notes
         path.write_bytes(data[:-lost] if name != "csv_log" else data.rstrip(b"\n").rpartition(b",")[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import cast
@@ -49,13 +50,17 @@ from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Vessel
 
 LANXIN = load_vessel("lanxin")
-OFF = designed(
-    dataclasses.replace(LANXIN, model=dataclasses.replace(LANXIN.model, K_1_s=0.45, T_s=0.5, n3_s2_rad2=0.0))
-)
-"""A file whose model is well off the boat."""
 DT = 0.1
 SPEED = LANXIN.model.reference_speed_m_s
 ZIGZAG = Order(OrderKind.ZIGZAG, 0.0, math.radians(15.0), math.radians(15.0), serial=2)
+
+
+@cache
+def off() -> Vessel:
+    """Return a file whose model is well off the boat, with the gains for it."""
+    return designed(
+        dataclasses.replace(LANXIN, model=dataclasses.replace(LANXIN.model, K_1_s=0.45, T_s=0.5, n3_s2_rad2=0.0))
+    )
 
 
 def order_at(now: float) -> Order:
@@ -119,13 +124,13 @@ def sail(
     seconds: float, path: Path | None = None, *, learns: bool = True, typed: dict[float, str] | None = None
 ) -> Sailed:
     """Sail a vessel file that is off; `typed` are the lines that the skipper types at these times."""
-    pilot, boat, saved = build_pilot(OFF, learns=learns), Boat(), []
-    store = VesselStore(OFF, pilot, None, Path("x.tuned.yaml"), lambda path, text: saved.append(text))
+    pilot, boat, saved = build_pilot(off(), learns=learns), Boat(), []
+    store = VesselStore(off(), pilot, None, Path("x.tuned.yaml"), lambda path, text: saved.append(text))
     # where nothing learns nothing is typed to it
     service, answers, left = LearningService(cast(Learner, pilot.learner), store), [], sorted((typed or {}).items())
     recorder = None
     if path is not None:
-        store.log = recorder = Recorder(path, {"vessel": dump_vessel(OFF), "law": None}, 0.0)
+        store.log = recorder = Recorder(path, {"vessel": dump_vessel(off()), "law": None}, 0.0)
 
     def watch(tick: Tick) -> bool:
         while left and tick.now >= left[0][0]:
@@ -173,11 +178,11 @@ def test_adopted_and_taken_back_on_a_word_logged_and_replayed(tmp_path: Path) ->
     assert nothing.startswith("error: nothing to revert")
     assert len(found.saved) == 2
     assert "learnt while sailing" in found.saved[0]
-    assert found.saved[1] == dump_vessel(OFF)
+    assert found.saved[1] == dump_vessel(off())
     assert len(read_log(log).changes) == 2
     result = replay(log)
     assert result.identical, result.detail
-    assert found.pilot.config.model == model_of(OFF)
+    assert found.pilot.config.model == model_of(off())
 
 
 def test_adoption_moves_the_rudder_no_faster_than_its_limit() -> None:
@@ -211,7 +216,7 @@ def test_a_model_that_no_gains_serve_is_refused(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr("autopilot.runtime.tuning.designed", impossible)
     with pytest.raises(InputError, match="not adopted: no gain"):
         sailed.service.adopt()
-    assert sailed.pilot.config.model == model_of(OFF)
+    assert sailed.pilot.config.model == model_of(off())
 
 
 def test_a_learning_result_is_announced_once(sailed: Sailed) -> None:
@@ -235,14 +240,14 @@ def test_a_learning_result_is_announced_once(sailed: Sailed) -> None:
 
 
 def test_nothing_is_learnt_where_nobody_tells_the_rudder() -> None:
-    pilot = build_pilot(OFF, learns=True)
+    pilot = build_pilot(off(), learns=True)
     for i in range(600):
         now = 0.1 * i
         heading = 0.3 * math.sin(0.5 * now)
         pilot.learn(pilot.step(now, (HeadingSample(now, heading, 0.15 * math.cos(0.5 * now)),), Order()))
     assert pilot.learner is not None
     assert pilot.learner.moved == 0.0
-    assert pilot.learner.estimate == pytest.approx(model_of(OFF))
+    assert pilot.learner.estimate == pytest.approx(model_of(off()))
 
 
 def gusty(vessel: Vessel, heading: Callable[[float], float], seconds: float, seed: int = 1) -> Pilot:
@@ -274,7 +279,7 @@ def test_steering_against_gusts_is_not_taken_for_a_boat_that_hardly_turns() -> N
 
 
 def test_turns_in_gusts_tell_the_gain_and_no_worse_model_is_proved() -> None:
-    pilot = gusty(OFF, lambda now: 0.6 if int(now / 15.0) % 2 else -0.6, 240.0)
+    pilot = gusty(off(), lambda now: 0.6 if int(now / 15.0) % 2 else -0.6, 240.0)
     assert pilot.learner is not None
     assert pilot.learner.moved > 50.0
     assert pilot.learner.estimate.gain == pytest.approx(LANXIN.model.K_1_s, rel=0.2)
@@ -287,7 +292,7 @@ def test_turns_in_gusts_tell_the_gain_and_no_worse_model_is_proved() -> None:
 
 
 def test_a_changed_model_begins_the_learning_anew_and_changed_gains_do_not(sailed: Sailed) -> None:
-    learner = learner_of(OFF)
+    learner = learner_of(off())
     learner.begin(Norrbin(1.0, 1.0))
     assert learner.moved == 0.0 and learner.estimate == pytest.approx(Norrbin(1.0, 1.0))
     pilot = sailed.pilot
@@ -297,7 +302,7 @@ def test_a_changed_model_begins_the_learning_anew_and_changed_gains_do_not(saile
 
 
 def test_a_model_with_n2_is_not_learnt() -> None:
-    vessel = dataclasses.replace(OFF, model=dataclasses.replace(OFF.model, n2_s_rad=0.1))
+    vessel = dataclasses.replace(off(), model=dataclasses.replace(off().model, n2_s_rad=0.1))
     with pytest.raises(RefusedError, match="n2_s_rad"):
         build_pilot(vessel, learns=True)
 
@@ -308,7 +313,7 @@ def test_the_learnt_vessel_survives_its_file(sailed: Sailed) -> None:
     assert proposal is not None
     from autopilot.vessel.file import parse_vessel
 
-    learnt = designed(with_learnt(OFF, proposal))
+    learnt = designed(with_learnt(off(), proposal))
     assert parse_vessel(dump_vessel(learnt), "x") == learnt
 
 
@@ -323,7 +328,7 @@ samples = st.one_of(
 @example([[], [HeadingSample(5.0e-324, 0.0, None)]])
 @settings(max_examples=20, deadline=None)
 def test_learned_estimates_stay_finite_whatever_samples_come(ticks: list[list[Sample]]) -> None:
-    pilot = build_pilot(OFF, learns=True)
+    pilot = build_pilot(off(), learns=True)
     for i, given_samples in enumerate(ticks):
         now = 0.5 * i
         pilot.learn(pilot.step(now, (HeadingSample(now, 0.0, 0.0), *given_samples), order_at(now)))
@@ -395,7 +400,7 @@ def test_a_candidate_that_halves_the_error_is_hardly_ever_called_proved_however_
     proved = 0
     for _ in range(1000):
         errors = np.radians(random.standard_normal((300, 2)) * [6.0, 3.0])
-        proved += stretches_of(Learner(model_of(OFF)), [Outcome(*pair) for pair in errors.tolist()])
+        proved += stretches_of(Learner(model_of(off())), [Outcome(*pair) for pair in errors.tolist()])
     assert proved <= 1000 * CHANCE
 
 
@@ -404,7 +409,7 @@ def test_a_candidate_with_a_quarter_of_the_error_is_proved_within_a_hundred_stre
     proved = 0
     for _ in range(50):
         errors = np.radians(random.standard_normal((100, 2)) * [6.0, 1.5])
-        proved += stretches_of(Learner(model_of(OFF)), [Outcome(*pair) for pair in errors.tolist()])
+        proved += stretches_of(Learner(model_of(off())), [Outcome(*pair) for pair in errors.tolist()])
     assert proved >= 40
 
 
