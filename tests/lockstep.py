@@ -85,6 +85,19 @@ class SlowLine(BadLine):
         super().put(now + self._later, data)
 
 
+class StragglingLine(BadLine):
+    """From a time [s] on, a share of what is sent comes 3 to 4 s late."""
+
+    def __init__(self, seed: int, share: float, begun: float) -> None:
+        super().__init__(seed)
+        self._share, self._begun = share, begun
+
+    def put(self, now: float, data: bytes) -> None:
+        """Send a datagram at `now` [s]."""
+        is_late = now >= self._begun and self._random.random() < self._share
+        super().put(now + self._random.uniform(3.0, 4.0) if is_late else now, data)
+
+
 class StalledLine(BadLine):
     """Holds everything from a time on, for so long [s], and then delivers it so many times as fast as it came."""
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from alarm_texts import words_of
-from lockstep import BadLine, Lockstep, StalledLine, stick_follows
+from lockstep import BadLine, Lockstep, StalledLine, StragglingLine, stick_follows
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
@@ -126,6 +126,21 @@ def test_a_heading_is_changed_and_held_over_a_bad_line(name: str, method: str) -
     assert_released_at_the_end(boat, waits=3.6)
     if LINES[name].get("loss"):
         assert lines[1].lost > 20
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_datagrams_that_come_seconds_late_are_nobody_else_s_steering(share: float) -> None:
+    """Reports of old, and old orders of ours that the vehicle obeys for a moment: the rudder never stands still."""
+    boat = bench("rc_override", (StragglingLine(1, share, 5.0), StragglingLine(51, share, 5.0)))
+    boat.engage(50.0)
+    assert boat.run(12.0, until=boat.engaged), words_of(boat.tick)
+    begun = boat.now
+    for turn in range(6):
+        boat.engage(50.0 if turn % 2 == 0 else 90.0)
+        boat.run(12.0)
+    late = [tick for tick in boat.ticks if tick.now > begun]
+    assert {tick.mode for tick in late} == {Mode.ENGAGED}, {words_of(tick) for tick in late}
+    assert {alarm.name for tick in late for alarm in tick.alarms} == set()
 
 
 @pytest.mark.parametrize("method", ["manual_control"])

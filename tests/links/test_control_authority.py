@@ -117,6 +117,8 @@ def test_a_helm_that_is_taken_and_given_back_before_anybody_looks_was_taken(what
         ("SERVO1_TRIM", {}, "reading the vehicle's parameters", True),
         ("", {"RCMAP_ROLL": 17.0}, "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it", False),
         ("", {"RCMAP_THROTTLE": 1.0}, "RCMAP_ROLL and RCMAP_THROTTLE are both 1: to steer would work", False),
+        ("", {"RCMAP_PITCH": 1.0}, "RCMAP_ROLL and RCMAP_PITCH are both 1: to steer would move that stick", False),
+        ("", {"RCMAP_YAW": 1.0}, "RCMAP_ROLL and RCMAP_YAW are both 1: to steer would move that stick", False),
         ("", {"RC_OVERRIDE_TIME": 0.0}, "the vehicle's RC_OVERRIDE_TIME is 0, which forbids overrides", False),
         ("", {"RC_OVERRIDE_TIME": -1.0}, "the vehicle's RC_OVERRIDE_TIME is -1, which would keep the rudder", False),
         ("", {"RC_OVERRIDE_TIME": 0.4}, "the vehicle's RC_OVERRIDE_TIME is 0.4, which takes the rudder back", False),
@@ -420,8 +422,11 @@ def test_an_echo_that_a_jittery_line_brings_late_is_nobody_else_s() -> None:
         found.seen(now, "RC channel 1", late, found.echo.pulses, is_input=True)
     assert not found.others_override(10.0)
     for _ in range(3):
-        found.seen(10.0, "RC channel 1", 1500 + 5 * 100 - 145, found.echo.pulses, is_input=True)
-    assert found.others_override(10.0), "2.9 s ago"
+        found.seen(10.0, "RC channel 1", 1500 + 5 * 100 - 245, found.echo.pulses, is_input=True)
+    assert not found.others_override(10.0), "4.9 s ago: one order that came so late"
+    for _ in range(3):
+        found.seen(10.0, "RC channel 1", 1500 + 5 * 100 - 260, found.echo.pulses, is_input=True)
+    assert found.others_override(10.0), "5.2 s ago"
 
 
 def test_a_proof_that_fails_is_tried_again_after_four_seconds_and_stays_said_meanwhile() -> None:

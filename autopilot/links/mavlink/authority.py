@@ -26,7 +26,7 @@ from collections.abc import Collection
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.requests import OVERRIDE_TIME, SPEED_SCALING, TWO_PADDLES, VehicleParameters
+from autopilot.links.mavlink.requests import OVERRIDE_TIME, SPEED_SCALING, STICKS, TWO_PADDLES, VehicleParameters
 from autopilot.models.drives import DRIVES
 from autopilot.signals import HelmCause
 
@@ -39,6 +39,8 @@ HISTORY_S = 1.0
 """A report may show any pulse sent within this time."""
 ECHO_PATIENCE_S = 2.5
 """A slow telemetry radio may take this long from our message to the vehicle's report of it."""
+STRAGGLER_S = 5.0
+"""One order may come so late that it is seen this long after it was sent: an old one of ours, and nobody else's."""
 
 
 class OverrideEcho:
@@ -71,7 +73,7 @@ class OverrideEcho:
             self._earlier.pop(oldest, None)
             self._earlier[oldest] = self.pulses.pop(oldest)
         for oldest in [*self._earlier]:
-            if now - self._earlier[oldest] <= ECHO_PATIENCE_S:
+            if now - self._earlier[oldest] <= STRAGGLER_S:
                 break
             del self._earlier[oldest]
 
@@ -82,7 +84,7 @@ class OverrideEcho:
         self._earlier.clear()
 
     def is_late(self, pulse: int) -> bool:
-        """Return whether a reported `pulse` [us] was commanded before `pulses`, and not longer ago than a slow line."""
+        """Return whether a reported `pulse` [us] was commanded before `pulses`, and not longer ago than a straggler."""
         return agrees_with(pulse, self._earlier)
 
     def shows(self, now: float, what: str, pulse: int, expected: Collection[int]) -> str:
@@ -397,8 +399,10 @@ def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) 
         return ""
     if parameters.steering_input is None:
         return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
-    if (steering := parameters.steering_input) == parameters.get("RCMAP_THROTTLE"):
-        return f"RCMAP_ROLL and RCMAP_THROTTLE are both {steering}: to steer would work the throttle; correct one"
+    steering = parameters.steering_input
+    if name := next((name for name in STICKS if parameters.get(name) == steering), None):
+        works = "work the throttle" if name == "RCMAP_THROTTLE" else "move that stick, which could not take the helm"
+        return f"RCMAP_ROLL and {name} are both {steering}: to steer would {works}; correct one"
     if parameters.steering_servo is None:
         return _without_outputs(parameters)
     if parameters.get("PILOT_STEER_TYPE") == TWO_PADDLES:

@@ -169,8 +169,9 @@ SPEED_PREFERENCE_S = 2.0
 """A lesser source of speed is used only when the better one has been silent this long."""
 LONG_SILENCE_S = 10.0
 """A vehicle back after this much silence may be another one, or have other parameters: it is asked anew."""
-OVERTAKEN_MS = 2500
-"""A report older than the newest by up to this was overtaken by it; by more, the vehicle's clock began anew."""
+OVERTAKEN_S = 2.5
+"""A report older than the newest was overtaken by it, however late it comes; where nothing newer has come for so long,
+the vehicle's clock began anew."""
 CHANNELS_TIMEOUT_S = 1.0
 """Without RC_CHANNELS for this long the servo must show whether a release arrived."""
 SERVO_SOURCE = "servo_output_raw"
@@ -298,7 +299,8 @@ class VehicleReader:
         self._latency = settings.heading_latency
         self._clock = VehicleClock()
         self._position_time = self._channels_time = -math.inf
-        self._channels_boot = 0
+        self._newest: dict[int, tuple[float, float]] = {}
+        """Of each kind of report that tells no more once it is old: the newest one's time, and when it came."""
         self._has_fix = True
         self.handlers = {
             ATTITUDE: self._attitude,
@@ -424,6 +426,8 @@ class VehicleReader:
             self.bow.report_output(now, getattr(message, f"servo{self.bow.output}_raw"))
         if servo is None or channel is None or message.port != 0:
             return
+        if self._is_overtaken(now, SERVOS, message.time_usec * 1.0e-6, USEC_WRAP_S):
+            return
         if self._is_mixed:
             self._thrusters(now, message, samples)
             return
@@ -474,9 +478,9 @@ class VehicleReader:
     def _channels(self, now: float, message: Message, samples: list[Sample]) -> None:
         authority, parameters = self.authority, self.parameters
         self.streams.counts[CHANNELS] += 1
-        if 0 < self._channels_boot - message.time_boot_ms <= OVERTAKEN_MS:
-            return  # what was before is no news
-        self._channels_boot = message.time_boot_ms
+        if self._is_overtaken(now, CHANNELS, message.time_boot_ms * 1.0e-3, WRAP_S):
+            return
+        self._channels_time = now
         self.radio.channels(now, message, parameters)
         number = parameters.steering_input
         if number is None:
@@ -495,7 +499,6 @@ class VehicleReader:
             return
         # once overridden, a vehicle without a radio goes on to show the last override
         self.lacks_receiver = pulse == 0 or (self.lacks_receiver and self.release.has_ordered)
-        self._channels_time = now
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
         if recent := authority.echo.pulses:
@@ -543,6 +546,14 @@ class VehicleReader:
             self.authority.rebooted()
         return self._clock.local(now, boot)
 
+    def _is_overtaken(self, now: float, kind: int, boot: float, wrap_s: float) -> bool:
+        """Return whether a report of `boot` [s], by a clock that begins again after `wrap_s`, is no news any more."""
+        newest, came = self._newest.get(kind, (boot, now))
+        if 0.0 < (newest - boot) % wrap_s < 0.5 * wrap_s and now - came <= OVERTAKEN_S:
+            return True
+        self._newest[kind] = boot, now
+        return False
+
     def _servo_time(self, now: float, time_usec: int) -> float:
         if (offset := self._clock.offset) is None:
             return now
@@ -561,7 +572,7 @@ class VehicleReader:
         self.radio = RadioWatch()
         self.health.restart()
         self.probe.reset()
-        self._channels_boot = 0
+        self._newest.clear()
         if self.guided is not None:
             self.guided.reset()
 
