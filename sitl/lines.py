@@ -11,7 +11,9 @@ A pseudo-terminal that stands for a serial port, found by a link at a path of th
 
 from __future__ import annotations
 
+import fcntl
 import os
+import struct
 import termios
 import tty
 from collections.abc import Callable
@@ -26,7 +28,8 @@ CHUNK_LIMIT = 4096
 class PtyTransport:
     """The instrument's end of a pseudo-terminal; the other end opens `path` as if it were /dev/ttyUSB0.
 
-    A path that exists is refused, unless it is a link that leads nowhere (left over by a run that was killed).
+    A path that exists is refused, unless it is a link that a run which was killed has left: it leads nowhere, or, as
+    numbers of terminals are given again, to somebody else's.
     """
 
     is_stream = True
@@ -36,13 +39,14 @@ class PtyTransport:
         self.name = path
         self.dropped = 0
         self._path = Path(path)
-        if self._path.is_symlink() and not self._path.exists():
+        if _is_left_over(self._path):
             self._path.unlink()
         self._master, self._slave = os.openpty()
         os.set_blocking(self._master, False)
         tty.setraw(self._slave, termios.TCSANOW)
+        _lock(self._slave)
         try:
-            self._path.symlink_to(os.ttyname(self._slave))
+            self._path.symlink_to(OURS + Path(os.ttyname(self._slave)).name)
         except OSError as error:
             self._close_descriptors()
             raise LinkError(
@@ -89,6 +93,36 @@ class PtyTransport:
         os.close(self._master)
         os.close(self._slave)
         self._master = -1
+
+
+OURS = "/dev/pts/./"
+"""How a link of ours is spelled: another program's stays, whoever holds the terminal."""
+
+
+def _lock(terminal: int) -> None:
+    """Show others that this open terminal is in use (fcntl(2), F_OFD_SETLK: flock is for who opens it as a port).
+    Raises OSError."""
+    fcntl.fcntl(terminal, fcntl.F_OFD_SETLK, struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0))
+
+
+def _is_left_over(path: Path) -> bool:
+    if not path.is_symlink():
+        return False
+    if not path.exists():
+        return True
+    if not os.readlink(path).startswith(OURS):  # noqa: PTH115 - a Path would lose how it is spelled
+        return False
+    try:
+        terminal = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        _lock(terminal)
+    except OSError:
+        return False
+    finally:
+        os.close(terminal)
+    return True
 
 
 WAITS_S = 0.02

@@ -130,9 +130,10 @@ def save_unused(path: Path, text: str) -> Path:
 
 
 def refuse_existing(path: str | Path) -> None:
-    """Raise InputError where a file or a folder is at `path`: said before the work, not after it."""
+    """Raise InputError where a file or a folder is at `path`: said before the work, not after it. An empty file, as a
+    program that was killed at its start leaves one, holds nothing to lose."""
     _refuse_folder(path)
-    if os.path.isfile(path) and not is_standard_output(path):  # noqa: PTH113
+    if os.path.isfile(path) and os.path.getsize(path) and not is_standard_output(path):  # noqa: PTH113, PTH202
         raise InputError(f"{path}: exists already; give another name, or --overwrite to replace it.")
 
 

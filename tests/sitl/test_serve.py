@@ -17,7 +17,7 @@ import serial
 
 from autopilot.links.base import LinkError
 from sitl.cli import main
-from sitl.lines import PtyTransport
+from sitl.lines import OURS, PtyTransport
 from sitl.serve import LAG_MAX_S, Pace
 
 os.environ.setdefault("MAVLINK20", "1")
@@ -214,6 +214,31 @@ def test_a_link_left_over_is_replaced_and_a_file_is_not(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match="does not exist yet"):
         PtyTransport(str(precious))
     assert precious.read_text() == "kept"
+
+
+def test_a_link_left_over_is_replaced_though_its_terminal_is_somebody_else_s_now(tmp_path: Path) -> None:
+    path = tmp_path / "line"
+    path.symlink_to("/dev/pts/does-not-exist")
+    line = PtyTransport(str(path))
+    ours = path.resolve()
+    with pytest.raises(LinkError, match="does not exist yet"):
+        PtyTransport(str(path))  # in use
+    assert path.resolve() == ours
+    line.close()
+    descriptors = os.openpty()
+    try:
+        name = Path(os.ttyname(descriptors[1]))
+        path.symlink_to(name)  # another program's, such as socat's
+        with pytest.raises(LinkError, match="does not exist yet"):
+            PtyTransport(str(path))
+        path.unlink()
+        path.symlink_to(OURS + name.name)  # ours, of a run that was killed
+        line = PtyTransport(str(path))
+        assert path.resolve() != name
+        line.close()
+    finally:
+        for descriptor in descriptors:
+            os.close(descriptor)
 
 
 def test_nobody_listening_on_the_pseudo_terminal_costs_bytes_and_nothing_else(tmp_path: Path) -> None:

@@ -181,7 +181,7 @@ def test_only_what_would_be_lost_needs_overwrite(tmp_path: Path) -> None:
     os.mkfifo(pipe)
     refuse_existing(pipe)
     refuse_existing(tmp_path / "none")
-    file.touch()
+    file.write_text("kept")
     with pytest.raises(InputError, match="exists already"):
         refuse_existing(file)
     with pytest.raises(InputError, match="is a folder"):
@@ -225,6 +225,20 @@ def test_the_results_of_a_campaign_spare_links_pipes_and_what_is_in_use(ending: 
         open_results(sink.path, job)
     sink.close()
     assert sink.path.read_bytes() == b"the log"
+
+
+def test_an_empty_file_of_a_program_that_was_killed_holds_nothing_to_lose(tmp_path: Path) -> None:
+    path = tmp_path / "killed.csv"
+    path.touch()
+    save_text(path, "results", overwrite=False)
+    assert path.read_text() == "results"
+    with pytest.raises(InputError, match="exists already"):
+        save_text(path, "others", overwrite=False)
+    path.write_text("")
+    results = open_results(path, Job(load_study("front")[0], ""))
+    with pytest.raises(InputError, match="a running program writes it"):
+        save_text(path, "others", overwrite=False)
+    results.close()
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
