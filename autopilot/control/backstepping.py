@@ -196,8 +196,13 @@ def on_course(bounded: BoundedGains) -> BoundedGains:
     return BoundedGains(bounded.course, bounded.course_error_max, bounded.ahead, NO_GAINS, math.inf)
 
 
+RESOLVED = 1.0e-9
+"""Share of its terms that a difference must be to have seven digits left of the sixteen."""
+
+
 def lqr_gains(model: Norrbin, bandwidth: float) -> BacksteppingGains:
-    """Return the regulator's gains for the `bandwidth` w [rad/s], see the module's equations."""
+    """Return the regulator's gains for the `bandwidth` w [rad/s], see the module's equations. ValueError where it is so
+    small beside what the boat does by itself that the gains are lost in rounding."""
     n, q = model.n1 / model.time_constant, bandwidth**3
     low, high = abs(n), abs(n) + 2.0 * bandwidth
     for _ in range(BISECTIONS):
@@ -207,6 +212,8 @@ def lqr_gains(model: Norrbin, bandwidth: float) -> BacksteppingGains:
         else:
             high = middle
     k3 = high - n
+    if k3 <= RESOLVED * high:
+        raise ValueError(f"a regulator of {bandwidth:.3g} rad/s does nothing for this boat; 0 has none")
     return gains_of_loop(0.5 * (high + n), q / k3, 1.0 / k3)
 
 

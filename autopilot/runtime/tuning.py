@@ -145,10 +145,14 @@ class VesselStore:
             for _, sentence in problems(each):
                 raise RefusedError(sentence)
         self._refuse(stored)
-        for law in self._starts:
-            build_pilot(stored, law)
-        if vessels.running != self.running:
-            self._put_in_force(vessels.running)
+        try:
+            for law in self._starts:
+                build_pilot(stored, law)
+            if vessels.running != self.running:
+                self._put_in_force(vessels.running)
+        except ArithmeticError as error:
+            # what a station writes must never end the run
+            raise RefusedError(f"no pilot can be worked out for it ({error})") from error
         self._vessels = vessels
         try:
             self._save(self.saved_as, dump_vessel(stored))

@@ -319,3 +319,16 @@ def test_metadata_and_schema_say_the_same() -> None:
         for name in sections:
             held = next(one for one in held[name].get("anyOf", [held[name]]) if "properties" in one)["properties"]
         assert held[key]["x-counts"] == field.counts.value
+
+
+@pytest.mark.parametrize("value", [7.0e-45, 1.0e-20, -1.0e-20, 3.0e38], ids="{:g}".format)
+def test_no_number_of_a_station_ends_the_run(value: float, tmp_path: Path) -> None:
+    """Such as the bits of a whole number, written as REAL32: it is taken or refused in a sentence."""
+    store = VesselStore(LANXIN, build_pilot(LANXIN), None, tmp_path / "kept.yaml", save=lambda path, text: None)
+    for name in store.names:
+        was = store.get(name)
+        said = store.set(name, value)
+        assert (store.get(name) == was) == ("not changed" in said) or was == value, name
+        store.set(name, was)
+    assert "a regulator of 7.01e-45 rad/s does nothing" in store.set("BS_COURSE", 7.0e-45)
+    assert store.stored == LANXIN
