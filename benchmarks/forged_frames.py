@@ -46,6 +46,7 @@ class Store:
     """One number, and how often it was set."""
 
     names = ("GAIN",)
+    revision = 0
     written = 0
 
     def get(self, name: str) -> float:

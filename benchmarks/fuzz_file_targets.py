@@ -378,6 +378,7 @@ def _mavlink_order() -> Callable[[bytes], None]:
         """The vessel's numbers, checked and not kept."""
 
         names = tuple(table)
+        revision = 0
 
         def get(self, name: str) -> float:
             return value_of(vessel, table[name])

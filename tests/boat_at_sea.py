@@ -36,6 +36,7 @@ class NoParameters:
     """A parameter store with nothing in it."""
 
     names: tuple[str, ...] = ()
+    revision = 0
 
     def get(self, name: str) -> float:
         raise KeyError(name)

@@ -40,6 +40,10 @@ class Store:
         self.positive, self.written = positive, 0
 
     @property
+    def revision(self) -> int:
+        return self.written
+
+    @property
     def names(self) -> tuple[str, ...]:
         return tuple(self.values)
 

@@ -63,6 +63,8 @@ class RecordedCommands(Commands):
 class RecordedNumbers:
     """The parameters of the vessel in a log: read, never set."""
 
+    revision = 0
+
     def __init__(self, vessel: Vessel) -> None:
         self._values = {each.name: value_of(vessel, each) for each in parameters_of(vessel)}
 

@@ -66,6 +66,7 @@ class VesselStore:
         refuse: raises RefusedError where a vessel could not be started with the links of this run.
 
     Attributes:
+        revision: counts the changes.
         log: where changes of what runs are written down, None without a log.  changed: is given every vessel that
         runs from now on, for what works with it outside of the pilot.
     """
@@ -80,6 +81,7 @@ class VesselStore:
         refuse: Callable[[Vessel], None] = lambda _: None,
     ) -> None:
         self.saved_as = saved_as
+        self.revision = 0
         self.log: ChangeLog | None = None
         self.changed: Callable[[Vessel], None] = lambda _: None
         self._vessels = Vessels(vessel, vessel)
@@ -154,6 +156,7 @@ class VesselStore:
             # what a station writes must never end the run
             raise RefusedError(f"no pilot can be worked out for it ({error})") from error
         self._vessels = vessels
+        self.revision += 1
         try:
             self._save(self.saved_as, dump_vessel(stored))
         except InputError as error:

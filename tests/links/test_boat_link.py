@@ -322,3 +322,90 @@ def test_times_of_the_station_s_line_to_the_bit() -> None:
     notice = bench.link._stop_refused
     notice.happened(0.0, "")
     assert [len(notice.news(now, None)) for now in (0.0, 29.999, 30.0)] == [1, 0, 1]
+
+
+def put(bench: Bench, number: int, command: int, *values: float, confirmation: int = 0) -> None:
+    """Have a command arrive under a sequence number."""
+    bench.station._mavlink.seq = number
+    parameters = [*values, *[0.0] * (7 - len(values))]
+    bench.far.send(bench.station.encode(dialect.MAVLink_command_long_message(7, 1, command, confirmation, *parameters)))
+
+
+TURN = dialect.MAV_CMD_CONDITION_YAW, 10.0, 0.0, 1.0, 1.0
+ENGAGE, STAND_BY = ((dialect.MAV_CMD_DO_SET_MODE, 1.0, float(mode)) for mode in (15, 0))
+
+
+def acknowledged(answers: list[Any]) -> list[int]:
+    return [int(message.result) for message in answers if message.get_type() == "COMMAND_ACK"]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "confirmations", "turns"),
+    [
+        ((7, 8), (0, 1), 1),  # said again, as the answer was lost
+        ((7, 7), (0, 0), 1),  # doubled by the line
+        ((7, 8), (0, 0), 2),  # ordered twice
+    ],
+)
+def test_a_turn_that_comes_twice_is_sailed_once(
+    numbers: tuple[int, int], confirmations: tuple[int, int], turns: int
+) -> None:
+    bench = Bench(armed=True)
+    bench.station._mavlink.seq = 6
+    bench.ask(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), Mode.ENGAGED)
+    answers = []
+    for number, confirmation in zip(numbers, confirmations, strict=True):
+        put(bench, number, *TURN, confirmation=confirmation)
+        answers += bench.run(0.2, Mode.ENGAGED)
+    assert len(bench.hand.orders) == turns
+    assert acknowledged(answers) == [0, 0]
+
+
+def test_a_sender_whose_numbers_stand_still_may_order_the_same_turn_again() -> None:
+    bench = Bench(armed=True)
+    bench.run(0.1, Mode.ENGAGED)
+    for _ in range(2):
+        put(bench, 0, *TURN)
+        bench.run(0.2, Mode.ENGAGED)
+    assert len(bench.hand.orders) == 2
+
+
+def test_the_same_order_after_ten_seconds_or_after_a_refusal_is_a_new_one() -> None:
+    bench = Bench(armed=True)
+    put(bench, 7, *TURN)
+    assert acknowledged(bench.run(0.2)) == [1], "nothing is steered yet"
+    bench.run(0.1, Mode.ENGAGED)
+    put(bench, 8, *TURN, confirmation=1)
+    bench.run(10.3, Mode.ENGAGED)
+    put(bench, 9, *TURN, confirmation=2)
+    bench.run(0.2, Mode.ENGAGED)
+    assert len(bench.hand.orders) == 2
+
+
+def test_an_order_to_engage_that_a_line_held_does_not_end_the_standby_sent_after_it() -> None:
+    bench = Bench(armed=True)
+    put(bench, 255, *STAND_BY)
+    bench.run(0.2, Mode.ENGAGED)
+    put(bench, 250, *ENGAGE)
+    answers = bench.run(3.0)
+    assert bench.hand.orders == [("stand by", None)]
+    assert acknowledged(answers) == [1]
+    assert "came behind it" in "".join(each.text for each in answers if each.get_type() == "STATUSTEXT")
+    put(bench, 1, *ENGAGE)
+    bench.run(0.2)
+    assert bench.hand.orders[1:] == [("engage", None)], "one that was given after it counts"
+
+
+def test_an_order_to_engage_said_again_after_somebody_else_stood_by_is_not_carried_out() -> None:
+    bench = Bench(armed=True)
+    bench.run(0.1)
+    put(bench, 7, *ENGAGE)
+    bench.run(0.2)
+    bench.station, other = MavlinkCodec(254, 190), bench.station
+    put(bench, 70, *STAND_BY)
+    bench.run(0.2, Mode.ENGAGED)
+    bench.run(0.1)
+    bench.station = other
+    put(bench, 8, *ENGAGE, confirmation=1)
+    assert acknowledged(bench.run(0.2)) == [0]
+    assert bench.hand.orders == [("engage", None), ("stand by", None)]

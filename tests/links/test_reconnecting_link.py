@@ -310,6 +310,7 @@ def test_a_ground_station_s_line_that_is_lost_is_opened_again_and_steering_goes_
         """Takes no orders: none are given here."""
 
         names = ()
+        revision = 0
 
     def open_it() -> Link:
         near, far = loopback_pair("radio")

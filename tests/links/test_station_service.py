@@ -608,3 +608,16 @@ def test_a_loopback_that_closed_does_not_stop_the_way_out() -> None:
     with pytest.raises(LinkError):
         bench.near.send(b"x")
     bench.link.release(0.0)
+
+
+def test_every_station_is_given_what_another_has_changed() -> None:
+    store = Store(dict(NUMBERS))
+    one, other = ParameterServer(store), ParameterServer(store)
+    message = dialect.MAVLink_param_set_message(1, 1, b"P3", 7.5, dialect.MAV_PARAM_TYPE_REAL32)
+    assert [each.param_value for each in one.take(message)[0]] == [7.5]
+    assert one.due() == [], "it has its answer"
+    assert [(each.param_id, each.param_value, each.param_index) for each in other.due()] == [("P3", 7.5, 3)]
+    store.set("P4", 1.0)  # not by a station: adopted, or designed
+    for server in (one, other):
+        assert [(each.param_id, each.param_value) for each in server.due()] == [("P4", 1.0)]
+        assert server.due() == []

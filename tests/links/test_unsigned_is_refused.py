@@ -48,6 +48,7 @@ class Untouched:
     """A helmsman and a parameter store at once; whatever is done to them fails the test."""
 
     names = ("GAIN",)
+    revision = 0
 
     def get(self, name: str) -> float:
         return 1.0

@@ -334,6 +334,76 @@ def is_from_station(message: Message) -> bool:
     return not is_vehicle or message.type == dialect.MAV_TYPE_GCS
 
 
+REPEATED_S = 10.0
+"""So long an order may be said again, or be held by a line."""
+OVERTAKEN = 32
+"""So many of its sender's messages may have come before one that was sent ahead of them."""
+SENDERS_KEPT = 32
+ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
+
+
+class _Sender:
+    """What is known of one sender: the number of its last message, whether its numbers go on at all, what it ordered
+    last that was taken, and the number and the time of its last order to stand by."""
+
+    def __init__(self) -> None:
+        self.number, self.counts = -1, False
+        self.taken: tuple[float, int, str] = (-math.inf, -1, "")
+        self.stood_by: tuple[float, int] = (-math.inf, -1)
+
+
+class OrderSequence:
+    """Tells new orders from those that a line brings twice, or behind a later one. Pure.
+
+    A sender that had no answer says its order again, with the next `confirmation`; a line may double a datagram, whose
+    sequence number is the same then. To do it again would turn twice as far, or engage a boat that somebody has let
+    stand by meanwhile. So would an order that a line held until the order to stand by, sent after it, had come.
+    """
+
+    def __init__(self) -> None:
+        self._senders: dict[tuple[int, int], _Sender] = {}
+
+    def heard(self, message: Message) -> None:
+        """Take the number of any message."""
+        sender, number = self._sender(message), message.get_seq()
+        sender.counts = sender.counts or number != sender.number >= 0
+        sender.number = number
+
+    def is_again(self, now: float, message: Message) -> bool:
+        """Return whether an order has been taken already."""
+        sender = self._sender(message)
+        time, number, what = sender.taken
+        if message.get_type() not in ONCE or now - time > REPEATED_S or what != _words(message):
+            return False
+        return bool(getattr(message, "confirmation", 0)) or (sender.counts and number == message.get_seq())
+
+    def is_overtaken(self, now: float, message: Message) -> bool:
+        """Return whether the sender's order to stand by, which has come, was sent after this one."""
+        time, number = self._sender(message).stood_by
+        behind = (number - message.get_seq()) % 256
+        return message.get_type() in ONCE and now - time <= REPEATED_S and 0 < behind <= OVERTAKEN
+
+    def taken(self, now: float, message: Message) -> None:
+        """Take an order that is carried out."""
+        sender = self._sender(message)
+        sender.taken = now, message.get_seq(), _words(message)
+        if stands_by(message):
+            sender.stood_by = now, message.get_seq()
+
+    def _sender(self, message: Message) -> _Sender:
+        name = message.get_srcSystem(), message.get_srcComponent()
+        sender = self._senders.pop(name, None) or _Sender()
+        while len(self._senders) >= SENDERS_KEPT:
+            del self._senders[next(iter(self._senders))]
+        self._senders[name] = sender  # the last to speak is the last to be forgotten
+        return sender
+
+
+def _words(message: Message) -> str:
+    """Return all that an order says but how often it was said."""
+    return repr([value for name, value in message.to_dict().items() if name != "confirmation"])
+
+
 def is_order(message: Message) -> bool:
     """Return whether a message asks for anything to be done or changed aboard, and not only to be informed."""
     kind = message.get_type()

@@ -10,6 +10,7 @@ from autopilot.links.alarm_outputs import StatusTexts, severity_of
 from autopilot.links.base import AlarmNews, Transport
 from autopilot.links.ground_station.access import (
     LinkAccess,
+    OrderSequence,
     StationLink,
     disarms,
     gives_rudder_back,
@@ -57,6 +58,7 @@ NOT_ALLOWED = "refused: a system id that is not allowed"
 STOPPED_S = 30.0
 LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
 CAME_LATE = "orders from while this computer stood still are not carried out: order again"
+OVERTAKEN = "an order from before the one to stand by came behind it and is not carried out: order again"
 STOOD_STILL_S, CAUGHT_UP_S = 3.0, 0.5
 """What has waited here for so long, and is read within this time, was given up by who sent it, or sent again. By then a
 vehicle has taken its rudder back."""
@@ -134,6 +136,7 @@ class BoatLink(StationLink):
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._flooded = -math.inf
+        self._sequence = OrderSequence()
         self._looked, self._late_until = math.nan, -math.inf
         self._says_flooded = False
         self._stopped, self._stop_refused = _Notice("station_stopped", self.name), _Notice("stop_refused", self.name)
@@ -185,6 +188,7 @@ class BoatLink(StationLink):
         return [ConditionSample(now, "link_flooded", is_flooded, self.name if is_flooded else "", self.name)]
 
     def _on_message(self, now: float, message: Message) -> None:
+        self._sequence.heard(message)
         if not self._is_for_us(message):
             return
         refusal = self._access.refusal(now, message)
@@ -193,12 +197,27 @@ class BoatLink(StationLink):
         elif now <= self._late_until and is_order(message) and not counts_late(message):
             self._refuse(now, CAME_LATE)
             self._transmit(now, *self._service.answered(message, REJECTED))
-        elif self.takes_orders or not is_order(message):
+        elif not is_order(message):
             self._transmit(now, *self._service.take(now, message))
+        elif self.takes_orders:
+            self._transmit(now, *self._carry_out(now, message))
         elif stands_by(message):
             self._transmit(now, *self._stop(now, message))
         else:
             self._transmit(now, *self._deny(now, message, LOOKING_ONLY))
+
+    def _carry_out(self, now: float, message: Message) -> list[Message]:
+        """Carry an order out, once, unless its sender has given the rudder back since; return the answer."""
+        if not counts_late(message):
+            if self._sequence.is_overtaken(now, message):
+                self._refuse(now, OVERTAKEN)
+                return self._service.answered(message, REJECTED)
+            if self._sequence.is_again(now, message):
+                return self._service.answered(message, ACCEPTED)
+        answers = self._service.take(now, message)
+        if any(getattr(answer, "result", None) == ACCEPTED for answer in answers):
+            self._sequence.taken(now, message)
+        return answers
 
     def _stop(self, now: float, message: Message) -> list[Message]:
         """Let the pilot stand by for a station that only looks, where it may, and say who it was; return the answer."""

@@ -5,8 +5,9 @@ Every message for us is answered with messages and, where people should know why
 The parameter protocol's server side: a fixed table, every request answered, lists at a pace a radio can bear. Pure.
 
 Source: https://mavlink.io/en/services/parameter.html, as QGroundControl, MAVProxy and MAVSDK use it: real values,
-old value on refusal, requests by name (index -1) or by index. What does not exist is answered by PARAM_ERROR, as
-ArduPilot's GCS_Param.cpp does from 4.7 on; stations that do not know it see the silence that they expect.
+old value on refusal, changed values to every station, requests by name (index -1) or by index. What does not exist is
+answered by PARAM_ERROR, as ArduPilot's GCS_Param.cpp does from 4.7 on; stations that do not know it see the silence
+that they expect.
 """
 
 from __future__ import annotations
@@ -43,7 +44,12 @@ NAME_LENGTH_MAX = 16
 
 
 class ParameterStore(Protocol):
-    """What the server serves. The names, their order and their count do not change while it runs."""
+    """What the server serves. The names, their order and their count do not change while it runs.
+
+    revision: another one whenever a value has changed.
+    """
+
+    revision: int
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,6 +70,7 @@ class ParameterServer:
         self._names = store.names
         self._index = {name: index for index, name in enumerate(self._names)}
         self._listing: deque[int] = deque()
+        self._revision, self._last_sent = store.revision, self._values()
 
     def take(self, message: Message) -> tuple[list[Message], str]:
         """Return the answers to a PARAM_ message, and what people should read."""
@@ -84,6 +91,7 @@ class ParameterServer:
         if not math.isfinite(message.param_value):
             return [self._value(name)], f"{name} not changed: {message.param_value} is not a number"
         refusal = self._store.set(name, message.param_value)
+        self._last_sent[name] = self._store.get(name)
         return [self._value(name)], refusal
 
     def unchanged(self, message: Message) -> list[Message]:
@@ -92,9 +100,16 @@ class ParameterServer:
         return [self._value(name)] if name in self._index else _unknown(message, -1)
 
     def due(self) -> list[Message]:
-        """Return the next few of a list that was asked for."""
+        """Return the next few of a list that was asked for, or of what was changed elsewhere: every station is to have
+        the values in force."""
+        if self._store.revision != self._revision:
+            before, self._revision, self._last_sent = self._last_sent, self._store.revision, self._values()
+            self._listing.extend(self._index[name] for name, value in self._last_sent.items() if value != before[name])
         count = min(PER_TURN, len(self._listing))
         return [self._value(self._names[self._listing.popleft()]) for _ in range(count)]
+
+    def _values(self) -> dict[str, float]:
+        return {name: self._store.get(name) for name in self._names}
 
     def _value(self, name: str) -> Message:
         return dialect.MAVLink_param_value_message(
