@@ -11,6 +11,7 @@ import hashlib
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from types import CellType, FunctionType, MappingProxyType, ModuleType
 from typing import Any
@@ -57,11 +58,12 @@ def compiled(
     except ImportError as exc:
         raise InputError("compiled studies need numba: pip install '.[fast]'") from exc
     _teach_remainder()
-    ready: Callable[..., Any]
-    jit, done = _quick_jit if quick else numba.njit, dict[Any, Any]()
+    done = dict[Any, Any]()
+    jit = partial(_jit, quick=quick, is_called_by_python=False)
     for choosing, chosen in instead.items():
         done[choosing] = _compile(chosen, jit, done)
-    ready = _compile(function, jit, done)
+    ready: Callable[..., Any] = _jit(_with_compiled(function, jit, done), quick=quick, is_called_by_python=True)
+    done[function] = ready
     if not quick:
         return ready
     before = numba.config.CACHE_DIR
@@ -82,13 +84,17 @@ def is_kept(ready: Callable[..., Any]) -> bool:
     return folder is not None and any(Path(folder).glob("*.nbc"))
 
 
-def _quick_jit(function: FunctionType) -> Any:
+def _jit(function: FunctionType, *, quick: bool, is_called_by_python: bool) -> Any:
     import numba
 
-    fast = _freedom(function)
-    allocates = _allocates(function)
-    # called functions would be handed some hundred numbers each, and every array that they do not keep be counted
-    return numba.njit(fastmath=fast, error_model="numpy", forceinline=not allocates, _nrt=allocates)(function)
+    # to be called by Python too, a function would have to take records of some hundred numbers apart: most of the work
+    options: dict[str, Any] = {} if is_called_by_python else {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    if quick:
+        allocates = _allocates(function)
+        # called functions would be handed some hundred numbers each, and every array that they do not keep be counted
+        options |= {"fastmath": _freedom(function), "error_model": "numpy"}
+        options |= {"forceinline": not allocates, "_nrt": allocates}
+    return numba.njit(**options)(function)
 
 
 def _allocates(function: FunctionType) -> bool:
@@ -136,8 +142,13 @@ def _text(value: Any) -> str:
 
 
 def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
-    if function in done:
-        return done[function]
+    if function not in done:
+        done[function] = jit(_with_compiled(function, jit, done))
+    return done[function]
+
+
+def _with_compiled(function: Any, jit: Any, done: dict[Any, Any]) -> FunctionType:
+    """Return a copy of `function` that calls what of ours it calls compiled."""
     called = function.__code__.co_names
     scope = dict(function.__globals__)
     for name in called:
@@ -149,8 +160,7 @@ def _compile(function: Any, jit: Any, done: dict[Any, Any]) -> Any:
     closure = function.__closure__ and tuple(_cell(cell, jit, done) for cell in function.__closure__)
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, closure)
     copy.__qualname__, copy.__module__ = function.__qualname__, function.__module__
-    done[function] = jit(copy)
-    return done[function]
+    return copy
 
 
 def _cell(cell: CellType, jit: Any, done: dict[Any, Any]) -> CellType:
