@@ -16,6 +16,7 @@ import os
 import struct
 import termios
 import tty
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -44,7 +45,7 @@ class PtyTransport:
         self._master, self._slave = os.openpty()
         os.set_blocking(self._master, False)
         tty.setraw(self._slave, termios.TCSANOW)
-        _lock(self._slave)
+        _lock(self._slave, self._path)
         try:
             self._path.symlink_to(OURS + Path(os.ttyname(self._slave)).name)
         except OSError as error:
@@ -99,10 +100,11 @@ OURS = "/dev/pts/./"
 """How a link of ours is spelled: another program's stays, whoever holds the terminal."""
 
 
-def _lock(terminal: int) -> None:
-    """Show others that this open terminal is in use (fcntl(2), F_OFD_SETLK: flock is for who opens it as a port).
-    Raises OSError."""
-    fcntl.fcntl(terminal, fcntl.F_OFD_SETLK, struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0))
+def _lock(terminal: int, path: Path) -> None:
+    """Show others that this open terminal is in use as `path` (fcntl(2), F_OFD_SETLK, at a place of the path's own;
+    flock is for who opens the terminal as a port). Raises OSError."""
+    place = zlib.crc32(os.fsencode(path.absolute()))
+    fcntl.fcntl(terminal, fcntl.F_OFD_SETLK, struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, place, 1, 0))
 
 
 def _is_left_over(path: Path) -> bool:
@@ -117,7 +119,7 @@ def _is_left_over(path: Path) -> bool:
     except OSError:
         return False
     try:
-        _lock(terminal)
+        _lock(terminal, path)
     except OSError:
         return False
     finally:

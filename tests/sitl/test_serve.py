@@ -236,6 +236,11 @@ def test_a_link_left_over_is_replaced_though_its_terminal_is_somebody_else_s_now
         line = PtyTransport(str(path))
         assert path.resolve() != name
         line.close()
+        line = PtyTransport(str(tmp_path / "other"))
+        path.symlink_to(OURS + (tmp_path / "other").resolve().name)  # the number is another simulator's line's now
+        again = PtyTransport(str(path))
+        again.close()
+        line.close()
     finally:
         for descriptor in descriptors:
             os.close(descriptor)
