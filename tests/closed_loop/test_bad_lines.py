@@ -143,6 +143,30 @@ def test_datagrams_that_come_seconds_late_are_nobody_else_s_steering(share: floa
     assert {alarm.name for tick in late for alarm in tick.alarms} == set()
 
 
+@pytest.mark.parametrize("method", ["rc_override", "manual_control"])
+def test_an_order_that_comes_behind_its_release_does_not_take_the_rudder_back(method: str) -> None:
+    """The vehicle obeys it, and would for the three seconds of its timeout, with a hand on the stick."""
+    for seed in range(4):
+        boat = bench(method, (StragglingLine(seed, 0.1, 2.0), BadLine()))
+        boat.engage(50.0)
+        assert boat.run(12.0, until=boat.engaged), words_of(boat.tick)
+        boat.run(6.0)
+        boat.engage(170.0)
+        boat.run(2.0)
+        assert abs(boat.firmware.servos[0] - 1500) > 300
+        boat.order = Order(OrderKind.STANDBY, serial=99)
+        boat.run(0.3)
+        over, longest, orders = 0.0, 0.0, 0
+        for _ in range(280):
+            boat.run(0.025)
+            is_over = abs(boat.firmware.servos[0] - 1500) > 50
+            orders += is_over and over == 0.0
+            over = over + 0.025 if is_over else 0.0
+            longest = max(longest, over)
+        assert orders > 0, "one came"
+        assert longest < 0.5
+
+
 @pytest.mark.parametrize("method", ["manual_control"])
 def test_the_release_gets_through_a_line_that_loses_a_third(method: str) -> None:
     """Five releases: all of them are lost once in 400 times, and then the vehicle's timeout helps."""

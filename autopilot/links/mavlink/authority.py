@@ -80,12 +80,24 @@ class OverrideEcho:
     def released(self) -> None:
         """Take note that nothing is overridden any more."""
         self._is_held = False
+        for pulse, time in self.pulses.items():
+            self._earlier.pop(pulse, None)
+            self._earlier[pulse] = time
         self.pulses.clear()
-        self._earlier.clear()
 
     def is_late(self, pulse: int) -> bool:
         """Return whether a reported `pulse` [us] was commanded before `pulses`, and not longer ago than a straggler."""
         return agrees_with(pulse, self._earlier)
+
+    def acts_again(self, now: float, pulse: int) -> bool:
+        """Return whether a reported `pulse` [us] may be an order of ours that came behind its release, which the
+        vehicle obeys until it lets go by itself."""
+        if self._is_held or not self._earlier:
+            return False
+        recent = [sent for sent, time in self._earlier.items() if now - time <= STRAGGLER_S]
+        if not recent:
+            self._earlier.clear()
+        return agrees_with(pulse, recent)
 
     def shows(self, now: float, what: str, pulse: int, expected: Collection[int]) -> str:
         """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last; return what it

@@ -257,8 +257,8 @@ class BowChannel(Protocol):
     def value(self, share: float) -> int:
         """Return what the channel carries in the next message."""
 
-    def leave(self) -> None:
-        """Say the release again."""
+    def leave(self, acts_again: bool = False) -> None:
+        """Say the release again; `acts_again`: though it was seen to arrive."""
 
 
 LEAVE_ALONE, RELEASE = 65535, 0
@@ -431,6 +431,13 @@ class SteeringOutput:
         self._releases_left -= 1
         self._last_sent = now
         return self._release()
+
+    def release_again(self) -> None:
+        """Have one more release sent, where nothing is ordered: an order that a line held came behind the others."""
+        if self._last is None and self._held and not self._releases_left:
+            self._releases_left = 1
+            if self.bow is not None:
+                self.bow.leave(acts_again=True)
 
     def repeat(self, now: float, rate_hz: float) -> Message | None:
         """Return what is due again: the last command at `rate_hz` at least, or a release that is left."""

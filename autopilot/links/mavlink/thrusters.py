@@ -206,9 +206,9 @@ class BowThrusterOutput:
             self._echo.released()
             self.release.asked(now)
 
-    def leave(self) -> None:
-        """Say the release again, where nothing has shown yet that it arrived."""
-        if self.release.has_ordered and not self.release.shown_by:
+    def leave(self, acts_again: bool = False) -> None:
+        """Say the release again, where nothing has shown yet that it arrived, or an old order may act again."""
+        if self.release.has_ordered and (acts_again or not self.release.shown_by):
             self._leavings = LEAVINGS
 
     def let_go(self, now: float) -> None:

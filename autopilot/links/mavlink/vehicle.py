@@ -499,6 +499,8 @@ class VehicleReader:
             return
         # once overridden, a vehicle without a radio goes on to show the last override
         self.lacks_receiver = pulse == 0 or (self.lacks_receiver and self.release.has_ordered)
+        if not authority.steering and authority.echo.acts_again(now, pulse):
+            self._output.release_again()
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
         if recent := authority.echo.pulses:
