@@ -182,20 +182,30 @@ def boat_step(
     heading = state.heading + 0.5 * dt * (state.rate + rate)
     speed = _speed_step(hull, step.speed, state.speed, rate, thrust_speed)
     sway = state.sway + (disturbance.sway_speed - hull.drift_lever * rate - state.sway) * step.sway
-    roll, roll_rate = _roll_step(hull, state, speed, rate, disturbance.roll_slope, dt)
-    cosine, sine = math.cos(heading), math.sin(heading)
-    north_speed = speed * cosine - sway * sine + disturbance.current_north
-    east_speed = speed * sine + sway * cosine + disturbance.current_east
+    # semi-implicit Euler
+    slope = disturbance.roll_slope
+    roll_rate = state.roll_rate + dt * roll_acceleration(hull, speed, rate, state.roll, state.roll_rate, slope)
+    roll = state.roll + dt * roll_rate
+    moved = BoatState(state.north, state.east, heading, rate, speed, sway, roll, roll_rate, rudder, 0.0, 0.0)
+    return over_ground(state, moved, sway, disturbance, dt)
+
+
+def over_ground(before: BoatState, after: BoatState, across: float, acting: Disturbance, dt: float) -> BoatState:
+    """Return `after`, `dt` [s] later, where it has come to: at its speed through the water, and at `across` [m/s] level
+    to starboard, in water that a current carries along."""
+    cosine, sine = math.cos(after.heading), math.sin(after.heading)
+    north_speed = after.speed * cosine - across * sine + acting.current_north
+    east_speed = after.speed * sine + across * cosine + acting.current_east
     return BoatState(
-        state.north + 0.5 * dt * (state.north_speed + north_speed),
-        state.east + 0.5 * dt * (state.east_speed + east_speed),
-        heading,
-        rate,
-        speed,
-        sway,
-        roll,
-        roll_rate,
-        rudder,
+        before.north + 0.5 * dt * (before.north_speed + north_speed),
+        before.east + 0.5 * dt * (before.east_speed + east_speed),
+        after.heading,
+        after.rate,
+        after.speed,
+        after.sway,
+        after.roll,
+        after.roll_rate,
+        after.rudder,
         north_speed,
         east_speed,
     )
@@ -223,13 +233,14 @@ def _speed_step(hull: Hull, share: float, speed: float, rate: float, thrust_spee
     return speed + (settled - speed) * share
 
 
-def _roll_step(hull: Hull, state: BoatState, speed: float, rate: float, slope: float, dt: float) -> tuple[float, float]:
-    """phi'' + 2 zeta w phi' + w^2 (phi - slope - heel) = 0, semi-implicit Euler; heel is outwards in a turn."""
+def roll_acceleration(hull: Hull, speed: float, rate: float, roll: float, roll_rate: float, slope: float) -> float:
+    """Return phi'' = -w^2 (phi - slope - heel) - 2 zeta w phi' of a hull whose roll does not move it otherwise.
+
+    heel = -lever r U/g is that of a turn, outwards.
+    """
     frequency = 2.0 * math.pi / hull.roll_period
     heel = -hull.roll_lever * rate * speed / GRAVITY
-    acceleration = frequency * (frequency * (slope + heel - state.roll) - 2.0 * hull.roll_damping * state.roll_rate)
-    roll_rate = state.roll_rate + dt * acceleration
-    return state.roll + dt * roll_rate, roll_rate
+    return frequency * (frequency * (slope + heel - roll) - 2.0 * hull.roll_damping * roll_rate)
 
 
 def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:

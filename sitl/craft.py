@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.errors import InputError
 from autopilot.models.steering_gear import SteeringGear, gear_step_by
-from sitl.boat import BoatState, Disturbance, Hull, PlantStep, Step
+from sitl.boat import BoatState, Disturbance, Hull, PlantStep, Step, over_ground, roll_acceleration
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel
@@ -161,7 +161,7 @@ def planar(craft: Craft, motion: Motion, push: Push, acting: Disturbance) -> Mot
         x / m11,
         (m33 * y - m23 * n) / divisor,
         (m22 * n - m23 * y) / divisor + acting.yaw_acceleration + craft.push * acting.rudder,
-        roll_acceleration(craft.hull, motion, acting.roll_slope),
+        roll_acceleration(craft.hull, u, r, motion.roll, motion.roll_rate, acting.roll_slope),
         motion.roll_rate,
     )
 
@@ -204,23 +204,8 @@ def step_by(accelerations: Accelerations) -> PlantStep:
         roll = now.roll + sixth * (k1.roll + k4.roll) + third * (k2.roll + k3.roll)
         level = math.cos(roll)
         heading = now.heading + 0.5 * dt * (now.rate * math.cos(now.roll) + rate * level)
-        cosine, sine = math.cos(heading), math.sin(heading)
-        across = sway * level
-        north_speed = surge * cosine - across * sine + acting.current_north
-        east_speed = surge * sine + across * cosine + acting.current_east
-        return BoatState(
-            now.north + 0.5 * dt * (now.north_speed + north_speed),
-            now.east + 0.5 * dt * (now.east_speed + east_speed),
-            heading,
-            rate,
-            surge,
-            sway,
-            roll,
-            roll_rate,
-            rudder,
-            north_speed,
-            east_speed,
-        )
+        moved = BoatState(now.north, now.east, heading, rate, surge, sway, roll, roll_rate, rudder, 0.0, 0.0)
+        return over_ground(now, moved, sway * level, acting, dt)
 
     return craft_step
 
@@ -233,13 +218,3 @@ def _along(start: Motion, slope: Motion, dt: float) -> Motion:
         start.roll_rate + dt * slope.roll_rate,
         start.roll + dt * slope.roll,
     )
-
-
-def roll_acceleration(hull: Hull, motion: Motion, slope: float) -> float:
-    """Return phi'' = -w^2 (phi - slope - heel) - 2 zeta w phi' of a hull whose roll does not move it otherwise.
-
-    heel = -lever r U/g is that of a turn, outwards.
-    """
-    frequency = 2.0 * math.pi / hull.roll_period
-    heel = -hull.roll_lever * motion.rate * motion.surge / GRAVITY
-    return frequency * (frequency * (slope + heel - motion.roll) - 2.0 * hull.roll_damping * motion.roll_rate)

@@ -37,8 +37,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.vessel.schema import Vessel
-from sitl.boat import Disturbance, Hull, PlantKind
-from sitl.craft import WATER_DENSITY, Motion, Windage, gear_of, roll_acceleration, step_by, turning, wind_force
+from sitl.boat import Disturbance, Hull, PlantKind, roll_acceleration
+from sitl.craft import WATER_DENSITY, Motion, Windage, gear_of, step_by, turning, wind_force
 
 if TYPE_CHECKING:
     from sitl.scenario import Scenario
@@ -290,7 +290,8 @@ def accelerations(tanker: Tanker, motion: Motion, rudder: float, thrust_speed: f
     divisor = m22 * m66 - m23 * m32
     sway = (m66 * y - m23 * n) / divisor
     rate = (m22 * n - m32 * y) / divisor + acting.yaw_acceleration + tanker.push * acting.rudder
-    return Motion(surge, sway, rate, roll_acceleration(tanker.hull, motion, acting.roll_slope), motion.roll_rate)
+    roll_rate = roll_acceleration(tanker.hull, u, r, motion.roll, motion.roll_rate, acting.roll_slope)
+    return Motion(surge, sway, rate, roll_rate, motion.roll_rate)
 
 
 def of(vessel: Vessel, scenario: Scenario) -> Tanker:

@@ -10,10 +10,11 @@ from typing import Any
 from boat_at_sea import STEP, Sea
 from boats import BOATS, vessel_of
 
+from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.links.alarm_outputs import Acknowledgements
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.ground_station.boat_link import BoatLink
-from autopilot.links.ground_station.commands import Commands, Compasses, Instruments
+from autopilot.links.ground_station.commands import Commands, Instruments
 from autopilot.links.ground_station.file_server import metadata_files
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.transports import loopback_pair
@@ -62,7 +63,7 @@ class Watched(Sea):
     """`watch` moves boat and display on together; `order` gives an order as the page does and returns how it ended."""
 
     def __init__(
-        self, folder: Path, learns: bool = False, vessel: Vessel | None = None, compasses: Compasses | None = None
+        self, folder: Path, learns: bool = False, vessel: Vessel | None = None, compasses: SensorSelection | None = None
     ) -> None:
         super().__init__(learns, vessel)
         vessel = vessel or vessel_of(BOATS["lanxin"])

@@ -71,7 +71,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify and print; return the exit code."""
-    from autopilot.cli.identify_dp import beliefs_with, hull_of, load_ship, load_trial, with_found
     from autopilot.cli.terminal import ProgressBar
     from autopilot.files.saving import save_text
 

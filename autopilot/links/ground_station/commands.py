@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
-from autopilot.estimation.sensor_selection import Compass
+from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.guidance.current import ROUTE_LATITUDE_MOST_DEG, Place
 from autopilot.guidance.track import Waypoint
 from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
@@ -255,26 +255,11 @@ ANGLE_MOST_DEG = 360.0
 BEYOND_A_TURN = "give an angle of -360 to 360 degrees"
 
 
-class Compasses(Protocol):
-    """What chooses among the boat's compasses."""
-
-    chosen: str
-
-    def compasses(self, now: float) -> list[Compass]:
-        """Return those that have been heard."""
-
-    def selected(self, kind: str) -> str:
-        """Return the source that is steered by, of the kind `heading`."""
-
-    def choose(self, now: float, source: str) -> None:
-        """Steer by one from `now` [s] on, "" for the best. Raises InputError."""
-
-
 class Instruments(NamedTuple):
     """compasses: what chooses among them, None where nothing does; keep_compass keeps for the next start which was
     chosen, '' for none, and says why it cannot; variation: the magnetic one as the links know it."""
 
-    compasses: Compasses | None = None
+    compasses: SensorSelection | None = None
     keep_compass: Callable[[str], str] = lambda _: ""
     variation: Variation = Variation()
 
@@ -459,18 +444,14 @@ class Commands:
         return ACCEPTED
 
     def _zigzag(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
-        rudder_deg, change_deg, duration = parameters[:3]
-
-        def begin() -> Run:
-            return self._helmsman.zigzag(math.radians(rudder_deg), math.radians(change_deg), duration)
-
-        return self._begin(tick, ZIGZAG, parameters[:3], begin)
+        rudder_deg, change_deg, duration = given = parameters[:3]
+        angles = math.radians(rudder_deg), math.radians(change_deg)
+        return self._sail_trial(tick, ZIGZAG, given, lambda: self._helmsman.zigzag(*angles, duration))
 
     def _turning(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
-        rudder_deg, duration = parameters[:2]
-        return self._begin(
-            tick, TURNING, parameters[:2], lambda: self._helmsman.turning(math.radians(rudder_deg), duration)
-        )
+        rudder_deg, duration = given = parameters[:2]
+        rudder = math.radians(rudder_deg)
+        return self._sail_trial(tick, TURNING, given, lambda: self._helmsman.turning(rudder, duration))
 
     def _pattern(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         number, side, *sizes = parameters[:4]
@@ -478,11 +459,7 @@ class Commands:
             return DENIED
         if obstacle := self._obstacle(tick):
             return self._refuse(REJECTED, obstacle)
-        try:
-            self._helmsman.pattern(int(number), side, tuple(sizes))
-        except InputError as error:
-            return self._refuse(DENIED, str(error))
-        return ACCEPTED
+        return self._tried(lambda: self._helmsman.pattern(int(number), side, tuple(sizes)), DENIED)
 
     def _hold_wind(self, is_true: bool, angle: float | None) -> int:
         wind = self.wind
@@ -545,34 +522,26 @@ class Commands:
         source = known[int(number) - 1].source if number else ""
         return self._tried(lambda: self._choose(compasses, tick.now, source))
 
-    def _choose(self, compasses: Compasses, now: float, source: str) -> None:
+    def _choose(self, compasses: SensorSelection, now: float, source: str) -> None:
         before = compasses.chosen
         compasses.choose(now, source)
         if source != before and (trouble := self.instruments.keep_compass(source)):
             self.refusal = f"steered by, but not kept for the next start: {trouble}"
 
-    def _tried(self, act: Callable[[], None]) -> int:
+    def _tried(self, act: Callable[[], None], otherwise: int = REJECTED) -> int:
         try:
             act()
         except InputError as error:
-            return self._refuse(REJECTED, str(error))
+            return self._refuse(otherwise, str(error))
         return ACCEPTED
 
     def _tune(self, command: int, value: float) -> int:
         """Begin a change that is worked out beside the loop; what it came to is said at its end."""
-        running = self.running
-        if running is not None and not running.run.is_over:
-            if (running.command, running.parameters) == (command, (value,)):
-                return IN_PROGRESS
-            return self._refuse(REJECTED, "something else is under way: let it end first")
-        try:
-            tuning = self.tuning.begin(command, value)
-        except InputError as error:
-            return self._refuse(DENIED, str(error))
-        if tuning is None:
-            return UNSUPPORTED
-        self.running = LongCommand(command, (value,), tuning)
-        return IN_PROGRESS
+        return self._begin(
+            (command, (value,)),
+            lambda: self.tuning.begin(command, value),
+            "something else is under way: let it end first",
+        )
 
     def _acknowledge(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         number = parameters[0]
@@ -582,18 +551,28 @@ class Commands:
         self._helmsman.acknowledge(kind.name if kind is not None else "")
         return ACCEPTED
 
-    def _begin(self, tick: Tick | None, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]) -> int:
+    def _sail_trial(
+        self, tick: Tick | None, command: int, parameters: tuple[float, ...], begin: Callable[[], Run]
+    ) -> int:
+        busy, obstacle = "a trial is being sailed: cancel it first", self._obstacle(tick)
+        return self._begin((command, parameters), begin, busy, obstacle)
+
+    def _begin(
+        self, asked: tuple[int, tuple[float, ...]], begin: Callable[[], Run | None], busy: str, obstacle: str = ""
+    ) -> int:
+        """Begin what takes a while. `busy` is said while something else does, `obstacle` is what stands against it."""
         running = self.running
         if running is not None and not running.run.is_over:
-            if (running.command, running.parameters) == (command, parameters):
-                return IN_PROGRESS
-            return self._refuse(REJECTED, "a trial is being sailed: cancel it first")
-        if obstacle := self._obstacle(tick):
+            return IN_PROGRESS if (running.command, running.parameters) == asked else self._refuse(REJECTED, busy)
+        if obstacle:
             return self._refuse(REJECTED, obstacle)
         try:
-            self.running = LongCommand(command, parameters, begin())
+            run = begin()
         except InputError as error:
             return self._refuse(DENIED, str(error))
+        if run is None:
+            return UNSUPPORTED
+        self.running = LongCommand(*asked, run)
         return IN_PROGRESS
 
     def _is_armed(self, tick: Tick | None) -> bool:
