@@ -74,7 +74,7 @@ def read_log(path: str | Path) -> Run:
 
 def read_ticks(path: str | Path) -> list[Tick]:
     """Return every tick of a log that Norrbin wrote: samples, order, estimate, reference, command, mode, alarms."""
-    return _read_own_log(Path(path)).ticks
+    return [*_read_own_log(Path(path)).ticks]
 
 
 def identify(*logs: Run | str | Path, vessel: Vessel | None = None, reference_speed: float | None = None) -> Identified:

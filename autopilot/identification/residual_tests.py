@@ -10,7 +10,7 @@ How well a model predicts a run: open loop over its whole length, from rudder an
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -219,19 +219,22 @@ def _test(
     signal: str, residuals: list[FloatArray], segments: list[Segment], spacing: float, time_constant: float
 ) -> ResidualTest:
     longest = min(max(segment.time.size for segment in segments) - 1, 2000)
-    own = np.array([_correlation(residuals, residuals, lag) for lag in range(1, longest + 1)])
     N = sum(int(np.count_nonzero(np.isfinite(e))) for e in residuals)
+    chance = QUANTILE / np.sqrt(N)
+    own, remembered = np.empty(0), longest
+    for correlation in _correlations(residuals, residuals, range(1, longest + 1)):
+        own = np.append(own, correlation)
+        remembered = min(remembered, own.size - 1) if abs(correlation) < chance else remembered
+        if own.size >= WHITENESS_LAGS and remembered < own.size:
+            break
     first = own[:WHITENESS_LAGS]
     box = N * (N + 2.0) * float(np.sum(first**2 / (N - np.arange(1, first.size + 1))))
-    chance = QUANTILE / np.sqrt(N)
-    below = np.flatnonzero(np.abs(own) < chance)
-    memory = (float(below[0]) if below.size else float(longest)) * spacing
+    memory = float(remembered) * spacing
     rudders = [_centred(segment.rudder) for segment in segments]
     step = max(1, round(REACH_TIME_CONSTANTS * time_constant / RUDDER_LAGS / spacing))
     lags = [lag for lag in range(0, step * RUDDER_LAGS, step) if lag < longest] or [0]
-    crossed = np.array([_correlation(rudders, residuals, lag) for lag in lags])
-    remembered = int(below[0]) if below.size else longest
-    rudder_own = np.array([_correlation(rudders, rudders, lag) for lag in range(1, remembered + 1)])
+    crossed = np.array([*_correlations(rudders, residuals, lags)])
+    rudder_own = np.array([*_correlations(rudders, rudders, range(1, remembered + 1))])
     # two signals that both remember are alike by chance more often than white ones
     spread = np.sqrt(max(1.0 + 2.0 * float(np.sum(own[:remembered] * rudder_own)), 1.0) / N)
     # the largest of many is larger by chance than one of them
@@ -252,17 +255,18 @@ def _centred(values: FloatArray) -> FloatArray:
     return np.asarray(values - np.nanmean(values)) if np.isfinite(values).any() else values
 
 
-def _correlation(earlier: Sequence[FloatArray], later: Sequence[FloatArray], lag: int) -> float:
-    """Return the correlation of `later` with `earlier` a number of samples before, over all segments."""
-    together = count = 0.0
-    for before, after in zip(earlier, later, strict=True):
-        if lag < after.size:
-            products = before[: before.size - lag] * after[lag:]
-            known = np.isfinite(products)
-            together += float(np.sum(products[known]))
-            count += float(np.count_nonzero(known))
+def _correlations(earlier: Sequence[FloatArray], later: Sequence[FloatArray], lags: Iterable[int]) -> Iterator[float]:
+    """Yield the correlations of `later` with `earlier` a number of samples before, over all segments."""
     power = _power(earlier) * _power(later)
-    return together / count / float(np.sqrt(power)) if count and power > 0.0 else 0.0
+    for lag in lags:
+        together = count = 0.0
+        for before, after in zip(earlier, later, strict=True):
+            if lag < after.size:
+                products = before[: before.size - lag] * after[lag:]
+                known = np.isfinite(products)
+                together += float(np.sum(products[known]))
+                count += float(np.count_nonzero(known))
+        yield together / count / float(np.sqrt(power)) if count and power > 0.0 else 0.0
 
 
 def _power(signals: Sequence[FloatArray]) -> float:

@@ -15,8 +15,9 @@ libraries/AP_Logger/LogStructure.h, libraries/AP_GPS and AP_RPM/LogStructure.h, 
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,9 +98,9 @@ class DataFlash:
         self._lengths = [0] * 256
         self._lengths[FMT] = FMT_LENGTH
         self._wanted = frozenset(wanted)
-        self._places: dict[str, list[int]] = {}
+        self._places: dict[str, array[int]] = {}
         self._kept: dict[str, Layout] = {}
-        self._lists: list[list[int] | None] = [None] * 256
+        self._lists: list[array[int] | None] = [None] * 256
         self.skipped = 0
         self.torn = 0
         self._data = np.frombuffer(data, dtype=np.uint8)
@@ -122,7 +123,7 @@ class DataFlash:
         letter = layout.letters[layout.labels.index(label)]
         if letter not in NUMBERS:
             raise InputError(f"{self._path}: {name}.{label} is text where a number belongs; it is no log of a vehicle.")
-        return np.asarray(self._records(name)[label], dtype=np.float64) * NUMBERS[letter][1]
+        return np.asarray(self._field(name, label), dtype=np.float64) * NUMBERS[letter][1]
 
     def texts(self, name: str, label: str) -> list[str]:
         """Return the texts in a field of messages `name`; none where there are no such."""
@@ -131,13 +132,17 @@ class DataFlash:
             return []
         if layout.letters[layout.labels.index(label)] not in ("n", "N", "Z"):
             raise InputError(f"{self._path}: {name}.{label} is a number where text belongs; it is no log of a vehicle.")
-        return [bytes(text).split(b"\0")[0].decode("ascii", "replace") for text in self._records(name)[label]]
+        return [bytes(text).split(b"\0")[0].decode("ascii", "replace") for text in self._field(name, label)]
 
-    def _records(self, name: str) -> NDArray[np.void]:
-        layout = self._kept[name]
-        starts = np.asarray(self._places[name])[:, np.newaxis] + 3
-        payload = self._data[starts + np.arange(layout.dtype.itemsize)]
-        return np.ascontiguousarray(payload).view(layout.dtype)[:, 0]
+    def _field(self, name: str, label: str) -> NDArray[Any]:
+        """Return a field of messages `name` as it is stored, gathered byte by byte: places of all their bytes at once
+        would take more than the file."""
+        fields = self._kept[name].dtype.fields
+        assert fields is not None
+        stored, offset = fields[label][:2]
+        places = np.asarray(self._places[name]) + (len(HEAD) + 1 + offset)
+        payload = np.stack([self._data[places + at] for at in range(stored.itemsize)], axis=1)
+        return payload.view(stored)[:, 0]
 
     def _walk(self, data: bytes, progress: Progress) -> None:
         place, end, lengths, lists = 0, len(data), self._lengths, self._lists
@@ -198,7 +203,7 @@ class DataFlash:
             if name in self._kept and self._kept[name] != layout:
                 raise InputError(f"{self._path}: message {name} is described twice, differently; it holds two logs.")
             self._kept[name] = layout
-            self._lists[kind] = self._places.setdefault(name, [])
+            self._lists[kind] = self._places.setdefault(name, array("q"))
 
 
 def _layout(name: str, length: int, letters: str, labels: str) -> Layout | None:

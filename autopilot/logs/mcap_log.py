@@ -9,10 +9,12 @@ of a .tlog, fields as they travelled; `/norrbin/tick` for every tick of a log of
 from __future__ import annotations
 
 import base64
+import contextlib
+import io
 import json
 import math
 import re
-from collections import defaultdict
+import struct
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,10 +39,10 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     CountedBytes,
+    Gathered,
     LogFormat,
     Progress,
     Recording,
-    Series,
     on_one_clock,
     series_of,
     silent,
@@ -80,7 +82,7 @@ def read_mcap(path: str, data: bytes, progress: Progress = silent) -> Recording:
         raise InputError(f"{path}: reading MCAP needs mcap; install it with {EXTRA}.") from None
     schemas: dict[int, str] = {}
     topics: dict[int, tuple[str, str, str]] = {}
-    found: defaultdict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
+    found = Gathered[tuple[str, str]]()
     damage, broken = "", 0
     records = _records(data, progress)
     while True:
@@ -101,23 +103,32 @@ def read_mcap(path: str, data: bytes, progress: Progress = silent) -> Recording:
             if value is None:
                 broken += 1
             elif not math.isnan(value):
-                found[named].append((1.0e-9 * record.log_time, value))
+                found.put(named, 1.0e-9 * record.log_time, value)
     notes = _notes(path, topics, damage, broken)
     if not found:
         raise InputError(_nothing(path, topics, damage))
-    series: list[Series] = []
-    for (quantity, source), pairs in found.items():
-        series += series_of(quantity, source, *zip(*pairs, strict=True))
+    series = [one for key, pairs in found.items() for one in series_of(*key, *pairs)]
     is_dated = max(float(each.time[-1]) for each in series) > EPOCH_FROM
     return on_one_clock(Recording(path, "MCAP", tuple(series), 0.0 if is_dated else None, notes))
 
 
 def _records(data: bytes, progress: Progress) -> Iterator[Any]:
-    """Yield the records of a file, those of a chunk unpacked to what it announces and no more than CHUNK_MOST."""
+    """Yield the records of a file, those of a chunk unpacked to what it announces and no more than CHUNK_MOST; of a
+    last chunk that is cut off those that are whole, before what is raised."""
     from mcap.records import Chunk
-    from mcap.stream_reader import StreamReader, breakup_chunk
+    from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
-    for record in StreamReader(CountedBytes(data, progress), emit_chunks=True, record_size_limit=len(data)).records:
+    file = CountedBytes(data, progress)
+    records = iter(StreamReader(file, emit_chunks=True, record_size_limit=len(data)).records)
+    while True:
+        begins = file.tell()
+        try:
+            record = next(records, None)
+        except Exception:
+            yield from _whole_in_torn(data, max(begins, len(HEAD)))
+            raise
+        if record is None:
+            return
         if not isinstance(record, Chunk):
             yield record
             continue
@@ -127,7 +138,39 @@ def _records(data: bytes, progress: Progress) -> Iterator[Any]:
         record.compression = ""
         if len(record.data) != record.uncompressed_size:
             raise ValueError(f"a chunk that does not unpack to its {record.uncompressed_size} bytes")
-        yield from breakup_chunk(record, validate_crc=True)
+        get_chunk_data_stream(record, validate_crc=True)
+        yield from _records_in(record.data)
+
+
+CHUNK, CHUNK_FROM = 6, 9
+CHUNK_HEAD = struct.Struct("<BQQQQII")
+"""Opcode and length of what follows (CHUNK_FROM bytes), time of first and last message, size and checksum unpacked,
+length of the packing's name, which stands before the length of the records and these."""
+
+
+def _whole_in_torn(data: bytes, begins: int) -> Iterator[Any]:
+    """Yield the records that are whole in a chunk that begins there and that the file's end cuts off, before that is
+    raised; nothing where there is none."""
+    if len(data) < begins + CHUNK_HEAD.size or data[begins] != CHUNK:
+        return
+    _, length, _, _, size, _, named = CHUNK_HEAD.unpack_from(data, begins)
+    name = begins + CHUNK_HEAD.size
+    if begins + CHUNK_FROM + length <= len(data) or size > CHUNK_MOST:
+        return
+    # of what is damaged, too, a reader raises what it likes
+    with contextlib.suppress(Exception):
+        yield from _records_in(_unpacked(data[name : name + named].decode(), data[name + named + 8 :], size))
+    raise ValueError(f"of a chunk of {length} bytes the last {begins + CHUNK_FROM + length - len(data)} are missing")
+
+
+def _records_in(chunk: bytes) -> Iterator[Any]:
+    """Yield the records in an unpacked chunk one at a time: all of them together take ten times as much."""
+    from mcap.stream_reader import StreamReader
+
+    stream = io.BytesIO(chunk)
+    records = iter(StreamReader(stream, skip_magic=True, record_size_limit=len(chunk)).records)
+    while stream.tell() < len(chunk):
+        yield next(records)
 
 
 def _unpacked(compression: str, data: bytes, most: int) -> bytes:

@@ -12,9 +12,15 @@ Source: canboat, analyzer/analyzer.c and print.c; canboatjs.
 
 from __future__ import annotations
 
+import functools
 import math
 import re
-from typing import Any
+from array import array
+from collections.abc import Iterator, Sequence
+from itertools import compress
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.files.outside import parse_json
@@ -26,10 +32,10 @@ from autopilot.logs.series import (
     LogFormat,
     Progress,
     Recording,
+    counted_on,
     lines_in,
     silent,
     stamp_of,
-    stamped,
     without_outliers,
 )
 
@@ -49,6 +55,15 @@ IN_RADIANS = {
 }
 
 
+class Written(NamedTuple):
+    """What a message says: its parameter group, the address of its source, its fields as they are written."""
+
+    group: int
+    source: int
+    names: tuple[str, ...]
+    values: tuple[object, ...]
+
+
 def is_n2k_json(data: bytes) -> bool:
     """Return whether a file begins with such lines."""
     head = data[:LOOK_AT]
@@ -57,7 +72,9 @@ def is_n2k_json(data: bytes) -> bool:
 
 def read_n2k_json(path: str, data: bytes, variation: float | None = None, progress: Progress = silent) -> Recording:
     """Return the recording in such lines. variation [rad], east positive. Raises InputError."""
-    messages: list[tuple[str, int, int, dict[str, object]]] = []
+    messages: list[Written] = []
+    stamps, are_of_day = array("d"), array("b")
+    names: dict[tuple[str, ...], tuple[str, ...]] = {}
     good = bad = 0
     for line in lines_in(data, progress):
         group = GROUP.search(line)
@@ -72,34 +89,37 @@ def read_n2k_json(path: str, data: bytes, variation: float | None = None, progre
             bad += 1
             continue
         good += 1
-        messages.append(message)
+        stamp = stamp_of(dashed(message[0]))
+        stamps.append(math.nan if stamp is None else stamp[0])
+        are_of_day.append(stamp is not None and stamp[1])
+        messages.append(message[1]._replace(names=names.setdefault(message[1].names, message[1].names)))
     if bad > BAD_SHARE * (good + bad):
         raise InputError(f"{path}: {bad} of {good + bad} lines are no messages of canboat's; it is damaged.")
-    stamps = [(stamp, each) for each in messages if (stamp := stamp_of(dashed(each[0]))) is not None]
-    if not stamps:
+    every = np.asarray(stamps)
+    kept = np.isfinite(every)
+    if not kept.any():
         raise InputError(f"{path}: holds no message with a time stamp of those that are read.")
-    kept = without_outliers([stamp for stamp, _ in stamps])
-    stamps = [each for each, is_kept in zip(stamps, kept, strict=True) if is_kept]
-    bad += len(messages) - len(stamps)
-    time, is_of_day = stamped(path, [stamp for stamp, _ in stamps], "message")
-    factor, notes = _radians(path, data, [each for _, each in stamps])
+    kept[kept] = without_outliers(every[kept])
+    messages = list(compress(messages, kept))
+    bad += every.size - len(messages)
+    is_of_day = bool(np.asarray(are_of_day)[kept].all())
+    time = counted_on(path, every[kept], is_of_day, "message")
+    factor, notes = _radians(path, data, messages)
     if bad:
         notes.append(f"{path}: {bad} of {good + bad} lines are damaged and left out.")
-    read = [
-        Message(when, group, source, _si(fields, factor))
-        for when, (_, (_, group, source, fields)) in zip(time.tolist(), stamps, strict=True)
-    ]
 
-    def among(*groups: int) -> list[Message]:
-        return [each for each in read if not groups or each.group in groups]
+    def among(*groups: int) -> Iterator[Message]:
+        for when, (group, source, names, values) in zip(map(float, time), messages, strict=True):
+            if not groups or group in groups:
+                yield Message(when, group, source, _si(names, values, factor))
 
     is_dated = not is_of_day and bool(time[-1] > EPOCH_FROM)
     found = recording_of(path, "NMEA 2000 (canboat JSON)", among, variation, is_dated)
     return found._replace(notes=(*notes, *found.notes))
 
 
-def _message(line: bytes, group: int) -> tuple[str, int, int, dict[str, object]] | None:
-    """Return time stamp, group, source and fields of a line; None where it is damaged."""
+def _message(line: bytes, group: int) -> tuple[str, Written] | None:
+    """Return the time stamp of a line, and what it says; None where it is damaged."""
     try:
         content = parse_json(line, "a line", LINE_MOST)
     except InputError:
@@ -109,9 +129,11 @@ def _message(line: bytes, group: int) -> tuple[str, int, int, dict[str, object]]
     stamp, source, fields = content.get("timestamp"), content.get("src"), content.get("fields")
     if not isinstance(stamp, str) or not isinstance(source, int) or not isinstance(fields, dict):
         return None
-    return stamp, group, source, {_identifier(name): _plain(value) for name, value in fields.items()}
+    said = {_identifier(name): _plain(value) for name, value in fields.items()}
+    return stamp, Written(group, source, tuple(said), tuple(said.values()))
 
 
+@functools.lru_cache
 def _identifier(name: str) -> str:
     """Return canboat's identifier of a field from its name: "Speed Water Referenced" is speedWaterReferenced."""
     words = name.split()
@@ -125,23 +147,23 @@ def _plain(value: Any) -> object:
     return value.get("name", value.get("value")) if isinstance(value, dict) else value
 
 
-def _radians(
-    path: str, data: bytes, messages: list[tuple[str, int, int, dict[str, object]]]
-) -> tuple[float, list[str]]:
+def _radians(path: str, data: bytes, messages: list[Written]) -> tuple[float, list[str]]:
     """Return what angles are to be multiplied by, and a note where that was found by their size."""
     stated = UNITS.search(data[:LOOK_AT])
     if stated is not None:
         return (math.radians(1.0) if stated[1] == b"std" else 1.0), []
-    angles = [fields.get(name) for _, _, _, fields in messages for name in TURNING]
-    largest = max((abs(each) for each in angles if isinstance(each, int | float)), default=0.0)
+    fields = (field for each in messages for field in zip(each.names, each.values, strict=True))
+    largest = max(
+        (abs(value) for name, value in fields if name in TURNING and isinstance(value, int | float)), default=0.0
+    )
     if largest > 1.001 * math.tau:
         return math.radians(1.0), [f"{path}: does not say its units; its angles are taken for degrees."]
     return 1.0, [f"{path}: does not say its units; its angles are taken for radians."]
 
 
-def _si(fields: dict[str, object], factor: float) -> dict[str, object]:
+def _si(names: Sequence[str], values: Sequence[object], factor: float) -> dict[str, object]:
     found: dict[str, object] = {}
-    for name, value in fields.items():
+    for name, value in zip(names, values, strict=True):
         if isinstance(value, int | float) and not isinstance(value, bool):
             number = float(value)
             number *= math.radians(1.0) if name in PLACES else factor if name in IN_RADIANS else 1.0

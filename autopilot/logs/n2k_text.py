@@ -22,16 +22,19 @@ attitude, whose north no field tells.
 from __future__ import annotations
 
 import binascii
+import math
 import re
 import statistics
 from array import array
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autopilot.errors import InputError
+from autopilot.files.outside import ByteRows
 from autopilot.links.n2k.packets import (
     ATTITUDE,
     FAST,
@@ -71,10 +74,12 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
+    Gathered,
     LogFormat,
     Progress,
     Recording,
     Series,
+    counted_on,
     lines_in,
     on_one_clock,
     quantities_of,
@@ -82,7 +87,6 @@ from autopilot.logs.series import (
     silent,
     spread,
     stamp_of,
-    stamped,
     without_outliers,
 )
 
@@ -104,22 +108,36 @@ class Message(NamedTuple):
 
 
 class Undecoded(NamedTuple):
-    """Messages as they were sent, decoded while one goes through them: their fields take ten times the memory.
+    """Frames, or messages put together of them, as they were sent, decoded while one goes through them: their fields
+    take ten times the memory.
 
-    times [s], groups, sources, contents: of one length.
+    groups, sources, contents: of one length.
     """
 
-    times: FloatArray
-    groups: list[int]
-    sources: list[int]
-    contents: list[bytes]
+    groups: array[int]
+    sources: array[int]
+    contents: ByteRows
 
-    def among(self, *groups: int) -> Iterator[Message]:
-        """Yield those of the groups, or where none is given all."""
-        every = zip(self.times, self.groups, self.sources, self.contents, strict=True)
-        for time, group, source, content in every:
-            if not groups or group in groups:
-                yield Message(float(time), group, source, decoded(group, content))
+    @classmethod
+    def none(cls) -> Undecoded:
+        """Return where there are none yet."""
+        return cls(array("I"), array("H"), ByteRows())
+
+    def add(self, group: int, source: int, content: bytes) -> None:
+        """Append one."""
+        self.groups.append(group)
+        self.sources.append(source)
+        self.contents.append(content)
+
+    def at(self, times: FloatArray) -> Among:
+        """Return what gives the messages, which came at `times` [s], of some groups or all."""
+
+        def among(*groups: int) -> Iterator[Message]:
+            for time, group, source, content in zip(map(float, times), *self, strict=True):
+                if not groups or group in groups:
+                    yield Message(time, group, source, decoded(group, content))
+
+        return among
 
 
 Among = Callable[..., Iterable[Message]]
@@ -148,7 +166,7 @@ def recording_of(path: str, kind: str, among: Among, variation: float | None, is
     for (quantity, group, source), (times, values) in ordered:
         if (quantity, group) == (HEADING, ATTITUDE) and len(set(values)) == 1:
             continue  # of a sensor that knows roll and pitch alone
-        series += series_of(quantity, source, np.array(times), np.array(values))
+        series += series_of(quantity, source, times, values)
     if not series:
         raise InputError(f"{path}: holds none of the NMEA 2000 messages that are read: {KINDS}.")
     dates = (date - each.time for each in among() if (date := moment(each.fields)) is not None)
@@ -157,12 +175,9 @@ def recording_of(path: str, kind: str, among: Among, variation: float | None, is
     return recording._replace(notes=(*recording.notes, *_choices(recording)))
 
 
-Found = dict[tuple[str, int, str], tuple["array[float]", "array[float]"]]
-"""Times and values by quantity, group and source."""
-
-
-def _values(messages: Iterable[Message], compass: Compass) -> Found:
-    found: Found = defaultdict(lambda: (array("d"), array("d")))
+def _values(messages: Iterable[Message], compass: Compass) -> Gathered[tuple[str, int, str]]:
+    """Return times and values by quantity, group and source."""
+    found = Gathered[tuple[str, int, str]]()
     for time, group, address, fields in messages:
         if group not in INSTRUMENTS or group in (SYSTEM_TIME, VARIATION):
             continue
@@ -177,9 +192,7 @@ def _values(messages: Iterable[Message], compass: Compass) -> Found:
         sample = sample_of(group, time, fields, compass, source)
         pairs += [] if sample is None else quantities_of(sample)
         for quantity, value in pairs:
-            times, values = found[quantity, group, source]
-            times.append(time)
-            values.append(value)
+            found.put((quantity, group, source), time, value)
     return found
 
 
@@ -230,9 +243,8 @@ ACTISENSE = re.compile(r"(\d\d)(\d\d)(\d\d\.\d+)")
 
 
 class Frame(NamedTuple):
-    """A line: its place in the file, its stamp ('': none), and what of a message it is."""
+    """A line: its stamp ('': none), and what of a message it is."""
 
-    place: int
     stamp: str
     group: int
     source: int
@@ -240,10 +252,18 @@ class Frame(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """The frames of groups that are read. kind: the form of the lines. good, bad: lines of it, and of none."""
+    """The frames of groups that are read, by numbers alone: there may be millions.
+
+    kind: the form of the lines. frames: as they were sent. places: lines of the file before each. stamps [s]: nan where
+    one is no time. are_of_day: whether it is one of day. are_stamped: any of them. good, bad: lines of it, and of none.
+    """
 
     kind: str
-    frames: list[Frame]
+    frames: Undecoded
+    places: array[int]
+    stamps: array[float]
+    are_of_day: array[int]
+    are_stamped: bool
     good: int
     bad: int
 
@@ -260,34 +280,35 @@ def read_n2k(path: str, data: bytes, variation: float | None = None, progress: P
 
     variation [rad], east positive: of magnetic headings that bring none.
     """
-    kind, frames, good, bad = lines_of(data, progress)
-    count = good + bad
+    lines = lines_of(data, progress)
+    kind, bad, count, frames = lines.kind, lines.bad, lines.good + lines.bad, len(lines.places)
     if bad > BAD_SHARE * count:
         raise InputError(f"{path}: {bad} of {count} lines are none of a {kind}; it is damaged.")
     if not frames:
         known = ", ".join(str(group) for group in INSTRUMENTS)
         raise InputError(f"{path}: is a {kind} without any of the messages that are read: {known}.")
-    stamps = [_stamp(each.stamp) for each in frames]
     notes = []
-    if any(each.stamp for each in frames):
-        sound = [(frame, stamp) for frame, stamp in zip(frames, stamps, strict=True) if stamp is not None]
-        kept = without_outliers([stamp for _, stamp in sound])
-        sound = [each for each, is_kept in zip(sound, kept, strict=True) if is_kept]
-        if len(sound) < (1.0 - BAD_SHARE) * len(frames):
-            raise InputError(f"{path}: {len(frames) - len(sound)} of {len(frames)} time stamps are no times.")
-        bad += len(frames) - len(sound)
-        time, is_of_day = stamped(path, [stamp for _, stamp in sound], "message")
+    if lines.are_stamped:
+        stamps = np.asarray(lines.stamps)
+        kept = np.isfinite(stamps)
+        kept[kept] = without_outliers(stamps[kept])
+        if (sound := int(np.count_nonzero(kept))) < (1.0 - BAD_SHARE) * frames:
+            raise InputError(f"{path}: {frames - sound} of {frames} time stamps are no times.")
+        bad += frames - sound
+        is_of_day = bool(np.asarray(lines.are_of_day)[kept].all())
+        time = counted_on(path, stamps[kept], is_of_day, "message")
         is_dated = not is_of_day and bool(time[-1] > EPOCH_FROM)
-        messages, lost = _messages([frame for frame, _ in sound], time)
+        messages, time, lost = _messages(lines.frames, kept, time)
     else:
-        messages, lost = _spread(path, kind, frames)
+        messages, time, lost = _spread(path, lines)
         is_dated = True
         notes.append(f"{path}: has no time stamps; times are spread between those in its messages.")
     if bad:
         notes.append(f"{path}: {bad} of {count} lines are damaged and left out.")
     if lost:
         notes.append(f"{path}: {lost} messages of several frames lack one and are left out.")
-    found = recording_of(path, f"NMEA 2000 ({kind})", messages.among, variation, is_dated)
+    del lines
+    found = recording_of(path, f"NMEA 2000 ({kind})", messages.at(time), variation, is_dated)
     return found._replace(notes=(*notes, *found.notes))
 
 
@@ -295,8 +316,8 @@ def lines_of(data: bytes, progress: Progress = silent) -> Lines:
     """Return the lines of whatever is in a file; blank ones, comments (#) and a device's status are none."""
     kinds = dict.fromkeys(PATTERNS, 0)
     pattern, kind = PATTERNS["canboat log"], "canboat log"
-    frames: list[Frame] = []
-    bad = 0
+    frames, places, stamps, are_of_day = Undecoded.none(), array("q"), array("d"), array("b")
+    bad, are_stamped = 0, False
     for place, raw in enumerate(lines_in(data, progress)):
         line = raw[: LINE_MOST + 1].decode("ascii", "replace").strip()
         if not line or line.startswith(("#", "$PDGY,")):
@@ -313,17 +334,23 @@ def lines_of(data: bytes, progress: Progress = silent) -> Lines:
         if found is None or len(line) > LINE_MOST:
             bad += 1
             continue
-        frame = _frame(place, stamp, found.groupdict())
+        frame = _frame(stamp, found.groupdict())
         if frame is None:
             bad += 1
             continue
         kinds[kind] += 1
         if frame.group in INSTRUMENTS:
-            frames.append(frame)
-    return Lines(max(kinds, key=kinds.__getitem__), frames, sum(kinds.values()), bad)
+            time = _stamp(frame.stamp)
+            frames.add(frame.group, frame.source, frame.data)
+            places.append(place)
+            stamps.append(math.nan if time is None else time[0])
+            are_of_day.append(time is not None and time[1])
+            are_stamped = are_stamped or frame.stamp != ""
+    kind = max(kinds, key=kinds.__getitem__)
+    return Lines(kind, frames, places, stamps, are_of_day, are_stamped, sum(kinds.values()), bad)
 
 
-def _frame(place: int, stamp: str, parts: dict[str, str | None]) -> Frame | None:
+def _frame(stamp: str, parts: dict[str, str | None]) -> Frame | None:
     """Return the frame in the parts of a line, of group 0 where it is none of NMEA 2000; None where it is damaged."""
     text = parts.get("data") or ""
     stamp = stamp or parts.get("stamp") or ""
@@ -333,14 +360,14 @@ def _frame(place: int, stamp: str, parts: dict[str, str | None]) -> Frame | None
         value = int(address, 16)
         is_short = len(address) < 8 and parts.get("bare") is None
         if is_short or value > IDENTIFIER_MOST or text.startswith("R"):
-            return Frame(place, stamp, 0, 0, b"")
+            return Frame(stamp, 0, 0, b"")
         group, source = addressed(value)
     elif (number := parts.get("hex")) is not None:
         group, source = int(number, 16), int(parts["from"] or "", 16)
     else:
         group, source = int(parts["group"] or ""), int(parts["source"] or "")
     if group not in INSTRUMENTS:
-        return Frame(place, stamp, 0, 0, b"")
+        return Frame(stamp, 0, 0, b"")
     try:
         packed = parts.get("base64")
         data = bytes.fromhex(text.replace(",", "")) if packed is None else binascii.a2b_base64(packed, strict_mode=True)
@@ -348,7 +375,7 @@ def _frame(place: int, stamp: str, parts: dict[str, str | None]) -> Frame | None
         return None
     if (length := parts.get("length")) is not None and int(length) != len(data):
         return None
-    return Frame(place, stamp, group, source, data)
+    return Frame(stamp, group, source, data)
 
 
 def _stamp(text: str) -> tuple[float, bool] | None:
@@ -363,34 +390,35 @@ def dashed(text: str) -> str:
     return f"{text[:10]}T{text[11:]}" if text[10:11] == "-" else text
 
 
-def _messages(frames: Sequence[Frame], time: FloatArray) -> tuple[Undecoded, int]:
-    """Return the messages in frames, and how many of several frames were lost."""
-    packets = FastPackets()
-    found = Undecoded(time, [], [], [])
-    kept = np.full(len(frames), True)
-    for at, (frame, now) in enumerate(zip(frames, time.tolist(), strict=True)):
-        whole: bytes | None = frame.data
-        if frame.group in FAST and len(frame.data) <= FRAME_BYTES:
-            whole = packets.add(now, frame.group, frame.source, frame.data)
-        kept[at] = whole is not None
+def _messages(frames: Undecoded, kept: NDArray[np.bool_], time: FloatArray) -> tuple[Undecoded, FloatArray, int]:
+    """Return the messages in the frames that are `kept`, which came at `time` [s], when, and how many of several frames
+    were lost."""
+    packets, found, times = FastPackets(), Undecoded.none(), array("d")
+    for (group, source, data), now in zip(compress(zip(*frames, strict=True), kept), map(float, time), strict=True):
+        whole: bytes | None = data
+        if group in FAST and len(data) <= FRAME_BYTES:
+            whole = packets.add(now, group, source, data)
         if whole is not None:
-            found.groups.append(frame.group)
-            found.sources.append(frame.source)
-            found.contents.append(whole)
-    return found._replace(times=time[kept]), packets.lost
+            found.add(group, source, whole)
+            times.append(now)
+    return found, np.asarray(times), packets.lost
 
 
-def _spread(path: str, kind: str, frames: Sequence[Frame]) -> tuple[Undecoded, int]:
-    """Return the messages of a log without stamps, timed by the moments in some of them. Raises InputError."""
-    messages, lost = _messages(frames, np.array([LINE_S * frame.place for frame in frames]))
-    marks = [(each.time, when) for each in messages.among() if (when := moment(each.fields)) is not None]
-    time = spread(messages.times, marks)
+def _spread(path: str, lines: Lines) -> tuple[Undecoded, FloatArray, int]:
+    """Return the messages of a log without stamps, timed by the moments in some of them, when, and how many were lost.
+
+    Raises InputError.
+    """
+    places = np.asarray(lines.places) * LINE_S
+    messages, places, lost = _messages(lines.frames, np.full(places.size, True), places)
+    marks = [(each.time, when) for each in messages.at(places)() if (when := moment(each.fields)) is not None]
+    time = spread(places, marks)
     if time is None:
         raise InputError(
-            f"{path}: is a {kind} without time stamps, and {len(marks)} messages in it tell the time (129029, 126992); "
-            "record with time stamps (candump -L)."
+            f"{path}: is a {lines.kind} without time stamps, and {len(marks)} messages in it tell the time (129029, "
+            "126992); record with time stamps (candump -L)."
         )
-    return messages._replace(times=time), lost
+    return messages, time, lost
 
 
 FORMAT = LogFormat(

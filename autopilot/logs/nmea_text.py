@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections import defaultdict
 from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
@@ -42,6 +41,7 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
+    Gathered,
     LogFormat,
     Progress,
     Recording,
@@ -211,20 +211,13 @@ def _series(
         found = _values(data, lines, time, 0.0)
         notes.append(f"{path}: the variation is not known; headings are magnetic, which does for the identification.")
     ordered = sorted(found.items(), key=lambda item: item[0][0] == SPEED and not item[0][1].endswith(THROUGH_WATER))
-    return [
-        series
-        for (quantity, source), (times, values) in ordered
-        for series in series_of(quantity, source, np.array(times), np.array(values))
-    ], notes
+    return [series for key, pairs in ordered for series in series_of(*key, *pairs)], notes
 
 
-def _values(
-    data: bytes, lines: Lines, time: FloatArray, variation: float | None
-) -> dict[tuple[str, str], tuple[array[float], array[float]]]:
+def _values(data: bytes, lines: Lines, time: FloatArray, variation: float | None) -> Gathered[tuple[str, str]]:
     """Return times and values by quantity and source."""
     reader = NmeaReader(variation)
-    found: defaultdict[tuple[str, str], tuple[array[float], array[float]]]
-    found = defaultdict(lambda: (array("d"), array("d")))
+    found = Gathered[tuple[str, str]]()
     for place, when in zip(lines.places, time, strict=True):
         sentence = _sentence(data, place)
         source = sentence.talker + sentence.type
@@ -233,9 +226,7 @@ def _values(
         for one in (sample, *reader.take_others()):
             pairs += [] if one is None else quantities_of(one)
         for quantity, value in pairs:
-            times, values = found[quantity, source]
-            times.append(when)
-            values.append(value)
+            found.put((quantity, source), when, value)
     return found
 
 

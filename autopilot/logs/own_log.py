@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections import defaultdict
+from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from autopilot.control.registry import TRIAL_LAW
 from autopilot.errors import InputError
 from autopilot.estimation.estimator import estimated, first_state
 from autopilot.estimation.rudder_observer import write_command
-from autopilot.links.mavlink.frames import MAGIC_V2
+from autopilot.links.mavlink.frames import MAGIC_V2, source_of
 from autopilot.logs.series import (
     HEADING,
     ORDER,
@@ -23,6 +23,7 @@ from autopilot.logs.series import (
     RATE,
     RUDDER,
     SPEED,
+    Gathered,
     LogFormat,
     ReadOptions,
     Recording,
@@ -47,14 +48,15 @@ def is_own(data: bytes) -> bool:
 
 def read_own(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable
     """Return the first run in a file that `--log` wrote, over the gaps that a full disk left. Raises InputError."""
+    _check_system(path, options.system)
     logs = read_logs(Path(path), progress=options.progress)
     log: Log = logs[0]
     began = began_of(path, log)
     run = log.header.get("run")
     parts = [log]
     for each in logs[1:]:
-        before = parts[-1].ticks
-        follows = before and each.ticks and each.ticks[0].number > before[-1].number
+        before = parts[-1].ticks.last
+        follows = before is not None and each.ticks and each.ticks[0].number > before.number
         if run is not None and each.header.get("run") == run and follows:
             parts.append(each)
     notes = []
@@ -63,8 +65,7 @@ def read_own(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # n
         notes.append(f"{path}: ticks missing in it: {missing}; the disk did not take them, or it is damaged there.")
     if len(parts) < len(logs):
         notes.append(f"{path}: holds other runs too; the first is read.")
-    ticks = [tick for part in parts for tick in part.ticks]
-    series = (*_estimates(ticks), *_samples(ticks))
+    series = _series(tick for part in parts for tick in part.ticks)
     late = math.nan
     if options.path_delay:
         # a header that is not understood any more holds nothing else up
@@ -72,6 +73,16 @@ def read_own(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # n
             late = path_in(path, log).measured
     vessel = log.header.get("vessel", "")
     return on_one_clock(Recording(path, "Norrbin log", series, began, tuple(notes), vessel, late))
+
+
+def _check_system(path: str, system: int | None) -> None:
+    """Raise InputError where a system is asked for that has sent nothing of what is in the log."""
+    if system is None:
+        return
+    heard = {source_of(packet).system for _, packet in read_packets(Path(path))}
+    if system not in heard:
+        known = ", ".join(map(str, sorted(heard)))
+        raise InputError(f"{path}: holds no message of system {system}; it has them of {known}.")
 
 
 def began_of(path: str, log: Log) -> float | None:
@@ -84,32 +95,27 @@ def began_of(path: str, log: Log) -> float | None:
     return began if math.isfinite(began) else None
 
 
-def _estimates(ticks: list[Tick]) -> list[Series]:
-    time = [tick.now for tick in ticks]
-    commands = [tick.command.angle if tick.command.engaged else math.nan for tick in ticks]
-    return [
-        *series_of(RUDDER, PILOT, time, [tick.state.rudder for tick in ticks]),
-        *series_of(SPEED, PILOT, time, [tick.state.speed for tick in ticks]),
-        *series_of(ORDER, "commands", time, commands),
-    ]
-
-
-def _samples(ticks: list[Tick]) -> list[Series]:
-    """Return the samples by source; headings and rates together, because the pilot hears one compass at a time."""
-    found: defaultdict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
+def _series(ticks: Iterable[Tick]) -> tuple[Series, ...]:
+    """Return the estimates, and the samples by source; headings and rates together, because the pilot hears one compass
+    at a time."""
+    estimates, found = Gathered[tuple[str, str]](), Gathered[tuple[str, str]]()
     compasses: dict[str, dict[str, None]] = {HEADING: {}, RATE: {}}
     for tick in ticks:
+        estimates.put((RUDDER, PILOT), tick.now, tick.state.rudder)
+        estimates.put((SPEED, PILOT), tick.now, tick.state.speed)
+        estimates.put((ORDER, "commands"), tick.now, tick.command.angle if tick.command.engaged else math.nan)
         for sample in tick.samples:
             for quantity, value in quantities_of(sample):
                 source = sample.source
                 if quantity in compasses:
                     compasses[quantity][source] = None
                     source = ""
-                found[quantity, source].append((sample.time, value))
-    named = {key: key[1] or "+".join(compasses.get(key[0], {})) for key in found}
-    return [
-        series for key, pairs in found.items() for series in series_of(key[0], named[key], *zip(*pairs, strict=True))
-    ]
+                found.put((quantity, source), sample.time, value)
+    named = (
+        (quantity, source or "+".join(compasses.get(quantity, {})), pairs)
+        for (quantity, source), pairs in (*estimates.items(), *found.items())
+    )
+    return tuple(one for quantity, source, pairs in named for one in series_of(quantity, source, *pairs))
 
 
 FORMAT = LogFormat(

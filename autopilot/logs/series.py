@@ -14,9 +14,10 @@ import io
 import itertools
 import math
 import re
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +149,24 @@ def series_of(
     return (Series(quantity, source, time[last], value[last]),)
 
 
+Key = TypeVar("Key")
+
+
+class Gathered(dict[Key, tuple["array[float]", "array[float]"]]):
+    """Times and values of each key as they are read, 16 bytes for a value: a pair of numbers in a list takes seven
+    times as much."""
+
+    def __missing__(self, key: Key) -> tuple[array[float], array[float]]:
+        self[key] = new = array("d"), array("d")
+        return new
+
+    def put(self, key: Key, time: float, value: float) -> None:
+        """Append one value."""
+        times, values = self[key]
+        times.append(time)
+        values.append(value)
+
+
 class Clock(NamedTuple):
     """One clock for the parts of a recording between which its own was set.
 
@@ -212,12 +231,18 @@ def on_one_clock(recording: Recording) -> Recording:
     if not recording.series:
         return recording
     check_steps(recording.source, max((series.time for series in recording.series), key=np.size))
-    clock = clock_of(recording.source, np.concatenate([series.time for series in recording.series]))
+    begins, ends = (np.array([series.time[at] for series in recording.series]) for at in (0, -1))
+    if np.max(ends) - np.min(begins) <= FARTHEST_S:  # no two neighbours are further apart
+        clock = Clock(np.min(begins, keepdims=True), np.zeros(1), ())
+    else:
+        clock = clock_of(recording.source, np.concatenate([series.time for series in recording.series]))
     series = []
     for one in recording.series:
         time = clock.read(one.time)
         last = np.isfinite(time) & ~(np.diff(time, append=np.inf) < STEPS_S[0])
-        if last.any():
+        if last.all():
+            series.append(one._replace(time=time))
+        elif last.any():
             series.append(one._replace(time=time[last], values=one.values[last]))
     # of the clock's settings the last is right
     set_by = float(clock.moves[np.isfinite(clock.moves)][-1])
@@ -441,17 +466,11 @@ def spread(places: Sequence[float] | FloatArray, marks: Sequence[tuple[float, fl
     return np.asarray(np.where(x < at[0], before, np.where(x > at[-1], after, inside)))
 
 
-def stamped(path: str, stamps: Sequence[tuple[float, bool]], what: str) -> tuple[FloatArray, bool]:
-    """Return the times [s] of lines with stamps, as `stamp_of` has them, and whether they are times of day.
+def counted_on(path: str, time: FloatArray, is_of_day: bool, what: str) -> FloatArray:
+    """Return the times [s] of lines by their stamps, those of day over midnight.
 
     what: one of the lines, as a refusal names it. Raises InputError where they step back.
     """
-    is_of_day = all(each for _, each in stamps)
-    return counted_on(path, np.array([seconds for seconds, _ in stamps]), is_of_day, what), is_of_day
-
-
-def counted_on(path: str, time: FloatArray, is_of_day: bool, what: str) -> FloatArray:
-    """Return the times [s] of lines by their stamps, those of day over midnight. Raises InputError as `stamped`."""
     time = without_midnight(time) if is_of_day else time
     # small steps add up: a file that is written backwards would else be read as sailed forwards
     behind = np.maximum.accumulate(time) - time
@@ -464,12 +483,11 @@ def counted_on(path: str, time: FloatArray, is_of_day: bool, what: str) -> Float
     return time
 
 
-def without_outliers(stamps: Sequence[tuple[float, bool]]) -> list[bool]:
-    """Return which stamps are kept: not one alone that lies outside its neighbours, which are in order."""
-    time = np.array([seconds for seconds, _ in stamps])
+def without_outliers(time: FloatArray) -> NDArray[np.bool_]:
+    """Return which stamps [s] are kept: not one alone that lies outside its neighbours, which are in order."""
     kept = np.full(time.size, True)
     if time.size > 2:
         before, here, after = time[:-2], time[1:-1], time[2:]
         odd = (here < before - BACK_MOST_S) | (here > after + BACK_MOST_S)
         kept[1:-1] = ~((before <= after) & odd)
-    return [bool(each) for each in kept]
+    return kept

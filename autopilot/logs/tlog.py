@@ -11,9 +11,10 @@ QGroundControl write it alike.
 from __future__ import annotations
 
 import math
+from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable
-from statistics import median
+from operator import attrgetter
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -33,6 +34,7 @@ from autopilot.logs.series import (
     WIND_DIRECTION,
     WIND_SPEED,
     FloatArray,
+    Gathered,
     LogFormat,
     ReadOptions,
     Recording,
@@ -55,6 +57,11 @@ DAMAGED_SHARE = 0.2
 APPARENT_WIND = {"AppWndSpd": (WIND_SPEED, 1.0), "AppWndDir": (WIND_DIRECTION, math.pi / 180.0)}
 """What ArduPilot sends of its wind vane (libraries/AP_WindVane/AP_WindVane.cpp, send_wind)."""
 
+OUTPUTS = tuple(f"servo{number}_raw" for number in range(1, 17))
+pulses_in = attrgetter(*OUTPUTS)
+NO_PULSE = 65535
+"""As 0, what an output without a pulse has."""
+
 Handler = Callable[[Message], None]
 Sender = tuple[int, int]
 """System and component."""
@@ -68,11 +75,11 @@ class VehicleLog:
     def __init__(self) -> None:
         self._parameters: dict[str, tuple[float, bytes, int]] = {}
         self._is_bytewise = False
-        self.pulses: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
         self.starts: list[float] = []
         """Stamp [s since 1970] of the vehicle's time zero, one for each boot."""
-        self._samples: defaultdict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
-        self._ages: list[float] = []
+        self._samples = Gathered[tuple[str, str]]()
+        self._servo_keys, self._servo_pulses = array("d"), array("H")
+        self._ages = array("d")
         self._boot = -math.inf
         self._boots = 0
         self._stamp = 0.0
@@ -110,17 +117,31 @@ class VehicleLog:
 
     def series(self) -> list[Series]:
         """Return every series but the steering servo's, on the first boot's clock."""
-        found: list[Series] = []
-        for (quantity, source), samples in self._samples.items():
-            found.extend(series_of(quantity, source, *self.on_one_clock(samples)))
-        return found
+        return [
+            one
+            for key, (keys, values) in self._samples.items()
+            for one in series_of(*key, self._on_one_clock(np.asarray(keys)), values)
+        ]
 
-    def on_one_clock(self, samples: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
-        """Return times [s] since the first boot, and values, of samples whose times are boot * 2^32 + seconds."""
-        table = np.array(samples, dtype=np.float64).reshape(-1, 2)
-        boots, seconds = np.divmod(table[:, 0], BOOT)
+    def pulses(self) -> Callable[[int], tuple[FloatArray, FloatArray]] | None:
+        """Return what gives times [s] since the first boot and pulses [us] of an output by its number; None where no
+        output had any."""
+        table, keys = np.asarray(self._servo_pulses).reshape(-1, len(OUTPUTS)), np.asarray(self._servo_keys)
+        is_pulse = (table != 0) & (table != NO_PULSE)
+        if not is_pulse.any():
+            return None
+
+        def of_output(number: int) -> tuple[FloatArray, FloatArray]:
+            rows = np.flatnonzero(is_pulse[:, number - 1])
+            return self._on_one_clock(keys[rows]), table[rows, number - 1].astype(np.float64)
+
+        return of_output
+
+    def _on_one_clock(self, keys: FloatArray) -> FloatArray:
+        """Return times [s] since the first boot of samples whose keys are boot number * BOOT + seconds."""
+        boots, seconds = np.divmod(keys, BOOT)
         starts = np.array(self.starts) - self.starts[0] if self.starts else np.zeros(1)
-        return seconds + starts[boots.astype(int)], table[:, 1]
+        return np.asarray(seconds + starts[boots.astype(int)])
 
     def _now(self, boot: float) -> float:
         """Return the key of a time [s] since boot that a message carries."""
@@ -135,12 +156,12 @@ class VehicleLog:
 
     def _end_boot(self) -> None:
         if self._ages:
-            self.starts.append(median(self._ages))
+            self.starts.append(float(np.median(self._ages)))
             self._boots += 1
-        self._ages, self._boot = [], -math.inf
+        self._ages, self._boot = array("d"), -math.inf
 
     def _put(self, quantity: str, source: str, key: float, value: float) -> None:
-        self._samples[quantity, source].append((key, value))
+        self._samples.put((quantity, source), key, value)
 
     def _attitude(self, message: Message) -> None:
         key = self._now(message.time_boot_ms * 1.0e-3)
@@ -186,10 +207,8 @@ class VehicleLog:
         seconds += round((self._boot - seconds) / USEC_WRAP_S) * USEC_WRAP_S
         if abs(seconds - self._boot) < SAME_CLOCK_S and seconds >= 0.0:
             key = self._boots * BOOT + seconds
-        for number in range(1, 17):
-            pulse = getattr(message, f"servo{number}_raw")
-            if pulse not in (0, 65535):
-                self.pulses[number].append((key, pulse))
+        self._servo_keys.append(key)
+        self._servo_pulses.extend(pulses_in(message))
 
     def _parameter(self, message: Message) -> None:
         packet = bytes(message.get_msgbuf())
@@ -282,12 +301,9 @@ def _damage(path: str, packets: TlogPackets, bad: int) -> list[str]:
 
 
 def _steering(path: str, vehicle: VehicleLog, options: ReadOptions) -> tuple[tuple[Series, ...], list[str]]:
-    if not vehicle.pulses:
+    of_output = vehicle.pulses()
+    if of_output is None:
         return (), []
-
-    def of_output(number: int) -> tuple[FloatArray, FloatArray]:
-        return vehicle.on_one_clock(vehicle.pulses.get(number, []))
-
     found = steering_series(path, vehicle.parameters, options, of_output, "SERVO_OUTPUT_RAW")
     if found is not None:
         return found, []

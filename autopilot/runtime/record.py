@@ -15,14 +15,14 @@ import math
 import os
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
-from autopilot.files.outside import read_regular
+from autopilot.files.outside import ByteRows, read_regular
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.frames import (
     MAGIC_V1,
@@ -197,11 +197,44 @@ def _silent(done: int, total: int) -> None:
     """Do nothing."""
 
 
+class Ticks(Sequence[Tick]):
+    """The ticks of a log, each decoded where it is looked at: all of them would take ten times the file.
+
+    last: the last one, None where there are none.
+    """
+
+    def __init__(self) -> None:
+        self.last: Tick | None = None
+        self._records = ByteRows()
+
+    def append(self, tick: Tick, record: bytes) -> None:
+        """Append one and the record that it was decoded from."""
+        self.last = tick
+        self._records.append(record)
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    @overload
+    def __getitem__(self, at: int) -> Tick: ...
+
+    @overload
+    def __getitem__(self, at: slice) -> list[Tick]: ...
+
+    def __getitem__(self, at: int | slice) -> Tick | list[Tick]:
+        if isinstance(at, slice):
+            return [self[place] for place in range(len(self))[at]]
+        return decode_tick(self._records[at])
+
+    def __iter__(self) -> Iterator[Tick]:
+        return map(decode_tick, self._records)
+
+
 class Log(NamedTuple):
     """A log that has been read; `changes` holds the vessel file's text in force from a tick (by its place) on."""
 
     header: dict[str, Any]
-    ticks: list[Tick]
+    ticks: Ticks
     changes: dict[int, str]
 
 
@@ -238,29 +271,29 @@ def _take(logs: list[Log], record: bytes) -> None:
     if record[0] == HEADER:
         _take_header(logs, decode_header(record))
     elif record[0] in TICKS and logs:
-        _take_tick(logs, decode_tick(record))
+        _take_tick(logs, decode_tick(record), record)
     elif record[0] == VESSEL and logs:
         logs[-1].changes[len(logs[-1].ticks)] = record[1:].decode(errors="replace")
 
 
-def _take_tick(logs: list[Log], tick: Tick) -> None:
+def _take_tick(logs: list[Log], tick: Tick, record: bytes) -> None:
     """Append a tick; behind missing ones it begins a log without a head.
 
     Raises InputError where the loop's clock cannot have shown its time.
     """
     last = logs[-1]
-    ticks = last.ticks
-    before = ticks[-1].now if ticks else tick.now
+    newest = last.ticks.last or tick
+    before = newest.now
     if not 0.0 <= tick.now - before <= LONGEST_STEP_S:
         raise InputError(
             f"a tick in the log is damaged: number {tick.number} at {tick.now:.9g} s comes behind {before:.9g} s; give "
             "another log."
         )
-    if ticks and tick.number > ticks[-1].number + 1:
+    if tick.number > newest.number + 1:
         header = {**last.header, "vessel": _in_force(last), "part": last.header.get("part", 1) + 1}
-        logs.append(Log({**header, "first": tick.number}, [tick], {}))
-    else:
-        ticks.append(tick)
+        last = Log({**header, "first": tick.number}, Ticks(), {})
+        logs.append(last)
+    last.ticks.append(tick, record)
 
 
 def _in_force(log: Log) -> Any:
@@ -272,8 +305,8 @@ def _take_header(logs: list[Log], header: dict[str, Any]) -> None:
     """Begin a log with a header, or go on with the last one where it is the next part and no tick is missing."""
     last = logs[-1] if logs else None
     is_next = last is not None and header.get("run") is not None and header["run"] == last.header.get("run")
-    if last is None or not is_next or not last.ticks or header.get("first") != last.ticks[-1].number + 1:
-        logs.append(Log(header, [], {}))
+    if last is None or not is_next or last.ticks.last is None or header.get("first") != last.ticks.last.number + 1:
+        logs.append(Log(header, Ticks(), {}))
         return
     in_force = _in_force(last)
     vessel = header.get("vessel", in_force)
@@ -355,8 +388,12 @@ def replay(path: Path, progress: Progress = _silent) -> ReplayResult:
     count = 0
     logs = read_logs(*following_parts(path), progress=progress)
     if is_headless(logs[0]):
-        part = logs[0].header["part"]
-        raise InputError(f"{path}: is part {part} of a log; a replay starts with part 1, and needs all of them")
+        # the header's number counts gaps, too, and attempts that a disk refused: no file has it
+        first = logs[0].header.get("first", "later than the first")
+        raise InputError(
+            f"{path}: begins with tick {first} of its run, and those before are in other parts of the log, or missing; "
+            "a replay starts with the first part, and needs all of them."
+        )
     for log in logs:
         if is_headless(log):
             continue

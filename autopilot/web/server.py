@@ -49,6 +49,8 @@ class LogIndex:
     """`listing` and `path_of` see nothing outside of the folder. None: no folder was given, nothing is listed."""
 
     def __init__(self, folder: Path | None) -> None:
+        if folder is not None and folder.exists() and not folder.is_dir():
+            raise InputError(f"--logs {folder}: is no folder; give the folder that `autopilot run --log` writes to")
         if folder is not None and not folder.is_dir():
             raise NotYetError(f"--logs {folder}: no folder there; give the folder that `autopilot run --log` writes to")
         self._folder = folder

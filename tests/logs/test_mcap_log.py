@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import contextlib
 import json
+from functools import partialmethod
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.logs import mcap_log
-from autopilot.logs.mcap_log import read_mcap
+from autopilot.logs.mcap_log import read_mcap, series_entries, write_mcap
 from autopilot.logs.reading import LogOptions, load_run, read_recording
 from autopilot.logs.series import HEADING
 from autopilot.logs.table import RudderSettings
@@ -46,6 +47,29 @@ def test_what_is_exported_comes_in_as_it_was(both: tuple[Path, Path]) -> None:
     (note,) = after.notes
     assert "other topics nothing is read: /mavlink/1/1/" in note
     assert "(mavlink." in note and ", json)" in note
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+def test_of_a_first_chunk_that_is_cut_off_what_is_whole_is_read(
+    both: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: CompressionType
+) -> None:
+    monkeypatch.setattr(
+        Writer, "__init__", partialmethod(Writer.__init__, chunk_size=64 << 20, compression=compression)
+    )
+    whole = read_recording(str(both[0]))
+    path = tmp_path / "whole.mcap"
+    write_mcap(path, series_entries(whole), "boat")
+    data = path.read_bytes()
+    chunk = ends = len(mcap_log.HEAD)
+    while ends == chunk or data[chunk] != 6:
+        chunk, ends = ends, ends + 9 + int.from_bytes(data[ends + 1 : ends + 9], "little")
+    cut = read_mcap("cut.mcap", data[: ends - (ends - chunk) // 10])
+    assert cut.series[0].values.size > 800 and len(cut.series) > 2, "zstd packs blocks of 128 KB"
+    for one, was in zip(cut.series, whole.series, strict=False):
+        np.testing.assert_array_equal(one.values, was.values[: one.values.size])
+    assert "is damaged or cut off (of a chunk of " in cut.notes[0] and " are missing); what comes" in cut.notes[0]
+    with pytest.raises(InputError, match=r"without topics, damaged \(of a chunk of \d+ bytes the last \d+ are missing"):
+        read_mcap("cut.mcap", data[: chunk + 60])
 
 
 def test_an_exported_log_is_identified_as_the_log_itself(both: tuple[Path, Path]) -> None:

@@ -88,19 +88,20 @@ def test_examples_of_the_formats_own_pages_are_read() -> None:
     heading = lines_of(b"2016-02-28T19:57:02.364Z,2,127250,7,255,8,ff,10,3b,ff,7f,ce,f5,fc\n")
     rate = lines_of(b"2011-11-24-22:42:04.388,2,127251,36,255,8,7d,0b,7d,02,00,ff,ff,ff\n")
     assert (heading.kind, heading.good, heading.bad) == ("canboat log", 1, 0)
-    assert [(f.group, f.source, len(f.data)) for f in (*heading.frames, *rate.frames)] == [
-        (127250, 7, 8),
-        (127251, 36, 8),
+    sent_by = [
+        [(g, source, len(data)) for g, source, data in zip(*each.frames, strict=True)] for each in (heading, rate)
     ]
+    assert sent_by == [[(127250, 7, 8)], [(127251, 36, 8)]]
     raw = lines_of(
         b"17:33:21.141 R 09F80115 A0 7D E6 18 C0 05 FB D5\n17:33:21.107 R 19F51323 01 2F 30 70 00 2F 30 70\n"
     )
     assert (raw.kind, raw.good, raw.bad) == ("Yacht Devices RAW log", 2, 0)
-    assert [(f.group, f.source) for f in raw.frames] == [(129025, 0x15)]
-    assert lines_of(b"A173321.107 23FF7 1F513 012F3070002F30709F\n")[2:] == (1, 0)
+    assert ([*raw.frames.groups], [*raw.frames.sources]) == ([129025], [0x15])
+    assert lines_of(b"A173321.107 23FF7 1F513 012F3070002F30709F\n")[-2:] == (1, 0)
     shop = lines_of(b"!PDGY,127250,2,3,255,482.36,2y20AAAAAAE=\n$PDGY,000000,3,,5,482,1,0\n!PDGY,127250,2,3")
     assert (shop.kind, shop.good, shop.bad) == ("iKonvert log", 1, 1)
-    assert shop.frames[0][1:] == ("482.036", 127250, 3, bytes.fromhex("db2db40000000001"))
+    assert [*shop.stamps] == [482.036]
+    assert [*zip(*shop.frames, strict=True)] == [(127250, 3, bytes.fromhex("db2db40000000001"))]
     for line in (b"<0x18eeff01> [8] 05 a0 be 1c 00 a0 a0 c0", b"can0 123#1122", b"(1.0) can0 123#R8", b"can0 123 [0]"):
         assert lines_of(line).bad == (line == b"can0 123#1122"), line
 

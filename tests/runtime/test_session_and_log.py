@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from autopilot.errors import InputError
 from autopilot.links.base import LinkError
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.logs.own_log import read_own
+from autopilot.logs.series import ReadOptions
 from autopilot.logs.table import RudderSettings, table_of
 from autopilot.runtime import record
 from autopilot.runtime.build import build_pilot, gear_of, model_of
@@ -314,6 +316,29 @@ def test_a_log_is_a_table_for_identification(tmp_path: Path) -> None:
     assert set(table) == {"time_s", "heading_rad", "yaw_rate_rad_s", "roll_rad", "rudder_rad", "speed_m_s"}
     assert all(len(column) == len(table["time_s"]) > 50 for column in table.values())
     assert (table["time_s"][1:] > table["time_s"][:-1]).all()
+
+
+def test_a_system_that_has_sent_nothing_of_a_log_is_refused_with_those_that_have(tmp_path: Path) -> None:
+    path = str(tmp_path / "a.tlog")
+    sail_logged(tmp_path / "a.tlog", BoatLink(), 5.0)
+    assert read_own(path, ReadOptions(system=1)).series
+    with pytest.raises(InputError, match=r"a\.tlog: holds no message of system 99; it has them of 1\."):
+        read_own(path, ReadOptions(system=99))
+
+
+def test_the_ticks_of_a_log_take_no_more_memory_than_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.tlog"
+    sail_logged(path, BoatLink(), 20.0)
+    read_log(path)
+    tracemalloc.start()
+    try:
+        log = read_log(path)
+        kept = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert kept < path.stat().st_size + 50_000
+    assert [tick.number for tick in log.ticks] == [*range(log.ticks[0].number, log.ticks[0].number + len(log.ticks))]
+    assert log.ticks[-2:] == [*log.ticks][-2:]
 
 
 number = st.floats(allow_nan=True, allow_infinity=True)

@@ -31,7 +31,7 @@ from autopilot import __version__
 from autopilot.cli.main import build_parser, main
 from autopilot.cli.new_boat import PageOfSteps
 from autopilot.cli.web import listening_address
-from autopilot.errors import InputError
+from autopilot.errors import InputError, NotYetError
 from autopilot.signals import AlarmSample
 from autopilot.web import page_files
 from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST, Access, token_of
@@ -507,6 +507,14 @@ def test_connections_that_say_nothing_do_not_shut_out_the_skipper(tmp_path: Path
             each.close()
         web.kill()
         web.communicate()
+
+
+def test_a_file_in_the_place_of_the_folder_of_logs_is_refused_at_once(tmp_path: Path) -> None:
+    log = tmp_path / "run.tlog"
+    log.touch()
+    with pytest.raises(InputError, match=r"run\.tlog: is no folder") as refused:
+        LogIndex(log)
+    assert not isinstance(refused.value, NotYetError), "waiting makes no folder of it"
 
 
 def test_the_command_ends_with_a_sentence(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
