@@ -14,6 +14,7 @@ Source: Jiang et al. 2016, eq. (4), where lambda = 1.
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 from operator import mul
 from typing import NamedTuple
@@ -130,16 +131,16 @@ def nomoto_path(runs: Sequence[Run], reference_speed: float, forgetting: float =
     """Return how the recursion of `nomoto_stage` comes to its end: time [s] since the beginning of the first run, one
     run right after the other, shape (n,), and K [1/s] and T [s] after each equation, shape (n, 2)."""
     state: RlsState = rls_start([0.0, 0.0])
-    times, path, begun = [], [], 0.0
+    times, path, begun = [], array("d"), 0.0
     for run in runs:
         for segment in run.segments:
             time, phi, y = _equations(segment, reference_speed)
-            for row, value in zip(phi.tolist(), y.tolist(), strict=True):
+            for row, value in zip(map(np.ndarray.tolist, phi), map(float, y), strict=True):
                 state = rls_step(state, row, value, forgetting)
-                path.append(state.theta)
+                path.extend(state.theta)
             times.append(begun + time)
             begun += float(segment.time[-1] - segment.time[0])
-    return np.concatenate(times), np.array(path).reshape(-1, 2)
+    return np.concatenate(times), np.asarray(path).reshape(-1, 2)
 
 
 def _equations(segment: Segment, reference_speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:

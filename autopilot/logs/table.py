@@ -418,14 +418,18 @@ def shown_columns(table: Table) -> dict[str, FloatArray]:
 
 def write_csv(path: Path, table: Table, source: str) -> int:
     """Write a table with where its columns come from as comments; return the rows. Raises InputError."""
-    lines = [f"# from {source}"] + [f"# {name}: {table.uses[name]}" for name in table.columns if name in table.uses]
-    comments = len(lines)
     shown = shown_columns(table)
-    lines.append(",".join(shown))
-    for row in zip(*(column.tolist() for column in shown.values()), strict=True):
-        lines.append(",".join("" if value != value else f"{value:.10g}" for value in row))  # noqa: PERF401
-    save(path, lambda new: new.write_text("\n".join(lines) + "\n", encoding="utf-8"))
-    return len(lines) - comments - 1
+    head = [f"# from {source}", *(f"# {name}: {table.uses[name]}" for name in table.columns if name in table.uses)]
+    head.append(",".join(shown))
+
+    def write(new: Path) -> None:
+        with new.open("w", encoding="utf-8") as file:
+            file.writelines(f"{line}\n" for line in head)
+            for row in zip(*(map(float, column) for column in shown.values()), strict=True):
+                file.write(",".join("" if value != value else f"{value:.10g}" for value in row) + "\n")
+
+    save(path, write)
+    return next(iter(shown.values())).size
 
 
 def write_parquet(path: Path, table: Table, source: str, began: float | None) -> int:
