@@ -128,10 +128,10 @@ def test_a_heading_is_changed_and_held_over_a_bad_line(name: str, method: str) -
         assert lines[1].lost > 20
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3])
-def test_datagrams_that_come_seconds_late_are_nobody_else_s_steering(share: float) -> None:
+@pytest.mark.parametrize(("share", "since"), [(0.1, 5.0), (0.3, 5.0), (0.1, 0.0)])
+def test_datagrams_that_come_seconds_late_are_nobody_else_s_steering_and_no_restart(share: float, since: float) -> None:
     """Reports of old, and old orders of ours that the vehicle obeys for a moment: the rudder never stands still."""
-    boat = bench("rc_override", (StragglingLine(1, share, 5.0), StragglingLine(51, share, 5.0)))
+    boat = bench("rc_override", (StragglingLine(1, share, since), StragglingLine(51, share, since)))
     boat.engage(50.0)
     assert boat.run(12.0, until=boat.engaged), words_of(boat.tick)
     begun = boat.now

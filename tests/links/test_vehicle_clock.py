@@ -71,6 +71,14 @@ def test_a_reboot_is_distinguished_from_disorder_and_from_the_wrap() -> None:
     assert late.judge(2.1, 1.1) is Belongs.OURS
 
 
+@pytest.mark.parametrize(("up", "belongs"), [(5.5, Belongs.STRANGE), (6.0, Belongs.REBOOTED)])
+def test_a_message_from_the_first_second_comes_late_or_is_of_a_new_start(up: float, belongs: Belongs) -> None:
+    """A line holds none for longer than five seconds."""
+    clock = VehicleClock()
+    clock.local(100.0, up)
+    assert clock.judge(100.1, 0.9) is belongs
+
+
 def test_a_vehicle_that_started_after_it_was_last_heard_has_rebooted_however_late_its_clock() -> None:
     clock = VehicleClock()
     clock.local(20.0, 10.0)

@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import wrap
-from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, RadioWatch
+from autopilot.links.mavlink.authority import GUIDED_MODE, STRAGGLER_S, ControlAuthority, RadioWatch
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.conditions import BATTERY, FENCING, FILTER, SYSTEM, TEXT, VehicleHealth
 from autopilot.links.mavlink.guided import GuidedTargets
@@ -121,7 +121,7 @@ class VehicleClock:
             return Belongs.OURS
         self._strange.append((now, now - boot, self._judged))
         self._alone_since = min(self._alone_since, now)
-        is_new = is_behind and boot < silence + REBOOT_S
+        is_new = behind > STRAGGLER_S and boot < silence + REBOOT_S
         return Belongs.REBOOTED if is_new or self._is_another_clock() else Belongs.STRANGE
 
     def _is_another_clock(self) -> bool:
