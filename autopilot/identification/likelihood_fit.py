@@ -65,6 +65,9 @@ ROUGH_WHITE = 3.0
 """Times what a search begins with: white gusts as large may be waves."""
 NO_PART = 12.0
 """Weather of which the likelihood's logarithm is lower by so much at its best has no part in what is known."""
+NO_KIND = 5.0
+"""Nor have waves that move the heading beside others that push, with as many numbers, or those beside these, where one
+kind is likelier by so much."""
 
 
 class Unseen(NamedTuple):
@@ -199,7 +202,7 @@ def likelihood_fit(
     progress()
     space, best, loss, _ = min(tried, key=lambda each: each[2])
     # a difference, not a sum: a loss may be so large that the limit is lost in it
-    likely = [each for each in tried if each[2] - loss < NO_PART]
+    likely = [each for each in tried if each[2] - loss < (NO_PART if each[0] is tried[0][0] else NO_KIND)]
     found = [averaged(*each[:2], each[3], draws) for each in likely]
     progress()
     space, best, *_ = likely[max(range(len(found)), key=lambda k: found[k].evidence)]
@@ -531,7 +534,8 @@ def largest_rate(segments: Sequence[Segment]) -> float:
 
 
 def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> list[Space]:
-    """Return where to search for a boat in waves, beside the best one found without, `z`; empty where that shows none.
+    """Return where to search for a boat in waves of either kind, beside the best one found without, `z`; empty where
+    that shows none.
 
     usual: the weather that a search begins with where none is known.
 
@@ -546,27 +550,21 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
         slow = math.hypot(weather.gust * math.sqrt(2.0 * weather.gust_time), weather.white)
         wavy = wavy._replace(gust=slow / math.sqrt(2.0 * GUST_TIME_S), gust_time=GUST_TIME_S, white=usual.white)
     beside = space.beside_at(z)
-    starts = [
-        Space(
-            space.record,
-            rates,
-            wavy._replace(wave=size * wavy.wave),
-            train,
-            space.parts,
-            space.scale,
-            beside,
-            space.groups,
-        )
-        for size in WAVE_SIZES
-    ]
-    for start in starts:
-        if space.strengths:
-            start.start[-len(space.strengths) :] = z[-len(space.strengths) :]
-        # the boat's own path is near, whatever the waves
-        start.path[:, :3] = space.path
-    losses = [start.found(start.start).loss for start in starts]
-    least, maybe = min(losses), MAYBE_WAVES if space.record.nodes <= LONG else MAYBE_LONG
-    return [starts[losses.index(least)]] if least < loss - maybe or hurried else []
+    found, maybe = [], MAYBE_WAVES if space.record.nodes <= LONG else MAYBE_LONG
+    for pushes in (False, True):
+        tried = []
+        for size in WAVE_SIZES:
+            sized = wavy._replace(wave=size * wavy.wave, pushes=pushes)
+            start = Space(space.record, rates, sized, train, space.parts, space.scale, beside, space.groups)
+            if space.strengths:
+                start.start[-len(space.strengths) :] = z[-len(space.strengths) :]
+            # the boat's own path is near, whatever the waves
+            start.path[:, :3] = space.path
+            tried.append((start, start.found(start.start).loss))
+        likeliest, least = min(tried, key=lambda each: each[1])
+        if least < loss - maybe or hurried:
+            found.append(likeliest)
+    return found
 
 
 def _wave_start(space: Space, z: FloatArray) -> Weather:

@@ -184,7 +184,8 @@ class Space:
         rates = Rates(**{name: known[name] * getattr(self.scale, name) for name in RATE_NAMES})
         others = {name: math.exp(min(max(known[name], -WIDE), WIDE)) for name in self.logs}
         train = self.train._replace(**{name: others[name] for name in self.parts})
-        weather = self.base._replace(**{name: value for name, value in others.items() if name not in self.parts})
+        sizes = {name: value for name, value in others.items() if name not in self.parts}
+        weather = Weather(**{**self.base._asdict(), **sizes})
         if "wave_damping" in others:
             weather = weather._replace(wave_damping=min(others["wave_damping"], 0.9))
         return rates, weather, train

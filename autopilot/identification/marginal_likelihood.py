@@ -6,7 +6,8 @@ a = K/T, b = n1/T, d = n3/T, e = n0/T at the reference speed, each scaled with t
 either sign, so that course-stable and course-unstable boats, and those in between, are one model. In place of d r^3
 d r|r| may stand (`likelihood_record.Form`). w is white, as what
 noise on the recorded rudder is worth; g is a gust that lasts. Compass and gyro see psi + x and r + x' with white noise,
-where x is the boat's motion in waves, x'' + 2 z W x' + W^2 x = white noise, if there are any.
+where x is the boat's motion in waves, x'' + 2 z W x' + W^2 x = white noise, if there are any. Or waves push the boat,
+W^2 x being one more push beside g: of such waves as much is left at the slow frequencies of a manoeuvre as of a gust.
 
 The states at all samples are found together, as the minimum of their negative logarithmic density: a sparse system, of
 which each sample touches the next one only (Bell 1994, the iterated Kalman smoother as Gauss and Newton's method). The
@@ -26,6 +27,8 @@ from autopilot.identification.likelihood_record import Record
 from autopilot.identification.runs import FloatArray
 
 ROUNDS, ARRIVED = 12, 1.0e-6
+GUST, WAVE = 2, 3
+"""Columns of the states."""
 
 
 class Rates(NamedTuple):
@@ -39,7 +42,8 @@ class Rates(NamedTuple):
 
 class Weather(NamedTuple):
     """gust [rad/s^2], rms, and its time [s]; white [rad/s/sqrt(s)]; noise of gyro [rad/s] and compass [rad]; wave
-    [rad], rms of the heading, its frequency [rad/s] and damping; a wave of 0 is none."""
+    [rad], rms of the heading, its frequency [rad/s] and damping; a wave of 0 is none. pushes: waves are a moment, of
+    `wave` times the frequency's square [rad/s^2]."""
 
     gust: float
     gust_time: float
@@ -49,11 +53,13 @@ class Weather(NamedTuple):
     wave: float = 0.0
     wave_frequency: float = 1.0
     wave_damping: float = 0.1
+    pushes: bool = False
 
 
 class Motion(NamedTuple):
     """Of each step: what it leaves of heading [rad] and rate [rad/s] unexplained, without what drives it, and how it
-    goes on with rate and gust: turned by rate, turned by gust, rate by rate, rate by gust; each of shape (M,).
+    goes on with rate and gust, or any other push: turned by rate, turned by gust, rate by rate, rate by gust; each of
+    shape (M,).
 
     inside: the rate, and how it changes with the rate and with the gust at the step's begin, where substeps begin, in
     their middles and where the last one ends, shape (3, 2 S + 1, M).
@@ -69,7 +75,8 @@ class Motion(NamedTuple):
 
 
 class Path(NamedTuple):
-    """The states at the nodes, shape (N, D): heading [rad], rate [rad/s], gust [rad/s^2], wave [rad, rad/s]; the
+    """The states at the nodes, shape (N, D): heading [rad], rate [rad/s], gust [rad/s^2], wave [rad, rad/s; of those
+    that push rad/s^2, rad/s^3]; the
     negative logarithm of the record's likelihood there, constants left out; and the curvature in rows of the lower
     band, shape (2 D, N D), with its Cholesky factor, and how the steps go on there, where a path was found."""
 
@@ -150,6 +157,7 @@ class StepNoise(NamedTuple):
     1/variance of what was measured at each node, 0 where nothing was. keep: of the gust, shape (M,). wave: transition
     of the waves, inverse of what drives them, and both products that the curvature needs, each of shape (4, M) by rows.
     by_instrument, by_white: shares of the white push that go with the instruments' noise, and with the weather's.
+    pushing: which of the states push the boat.
     """
 
     angle: FloatArray
@@ -164,6 +172,7 @@ class StepNoise(NamedTuple):
     constant: float
     by_instrument: float
     by_white: float
+    pushing: tuple[int, ...] = (GUST,)
 
 
 def noise_of(weather: Weather, record: Record) -> StepNoise:
@@ -200,6 +209,7 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
         0.5 * logs,
         least / q,
         weather.white**2 / q,
+        (GUST, WAVE) if wave is not None and weather.pushes else (GUST,),
     )
 
 
@@ -222,8 +232,9 @@ WORST_RATIO = 1.0e10
 
 
 def still_waves(weather: Weather) -> FloatArray:
-    """Return the variances of the waves' heading and rate."""
-    return weather.wave**2 * np.array([1.0, weather.wave_frequency**2])
+    """Return the variances of the waves' heading and rate, or of their push and its rate."""
+    size = weather.wave * weather.wave_frequency**2 if weather.pushes else weather.wave
+    return size**2 * np.array([1.0, weather.wave_frequency**2])
 
 
 def wave_noise(weather: Weather, h: FloatArray) -> tuple[WaveNoise, float]:
@@ -252,11 +263,22 @@ def _product(left: FloatArray, right: FloatArray) -> FloatArray:
     return np.stack([a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h])
 
 
-def motion_of(rates: Rates, record: Record, rudder: tuple[FloatArray, FloatArray], states: FloatArray) -> Motion:
+def pushed_by(states: FloatArray, pushing: tuple[int, ...]) -> FloatArray:
+    """Return the whole push on the boat of `states`, shape (N, D)."""
+    return np.asarray(sum(states[:, column] for column in pushing))
+
+
+def motion_of(
+    rates: Rates,
+    record: Record,
+    rudder: tuple[FloatArray, FloatArray],
+    states: FloatArray,
+    pushing: tuple[int, ...] = (GUST,),
+) -> Motion:
     """Return how the steps go on at `states`, shape (N, D): Runge and Kutta's steps and their own derivatives."""
     begin, end, S = record.begin, record.begin + 1, record.substeps
     a, b, d, e = rates
-    h, r, push = record.step / S, states[begin, 1], states[begin, 2]
+    h, r, push = record.step / S, states[begin, 1], pushed_by(states[begin], pushing)
     # how the rate changes with the rate at the step's begin, and with the gust
     by = np.stack([np.ones_like(r), np.zeros_like(r)])
     turned, turned_by = np.zeros_like(r), np.zeros_like(by)
@@ -310,7 +332,7 @@ def _assembled(
     """
     N, D = states.shape
     begin, end = record.begin, record.begin + 1
-    motion = motion_of(rates, record, rudder, states)
+    motion = motion_of(rates, record, rudder, states, noise.pushing)
     e0, e1, t, u, m, g, _ = motion
     if not math.isfinite(float(e1.sum())):
         return None
@@ -322,31 +344,36 @@ def _assembled(
     slope[end, 0], slope[end, 1], slope[end, 2] = w0, w1, w2
     slope[begin, 0] -= w0
     slope[begin, 1] -= t * w0 + m * w1
-    slope[begin, 2] -= u * w0 + g * w1 + keep * w2
+    slope[begin, 2] -= keep * w2
     # rows of the band are the distance from the diagonal; the columns of a node lie side by side
     band = np.zeros((N, D, 2 * D))
     pr, sr, pg, sg = p * t + q * m, q * t + s * m, p * u + q * g, q * u + s * g
     band[end, 0, 0], band[end, 0, 1], band[end, 1, 0], band[end, 2, 0] = p, q, s, i
     band[begin, 0, 0] += p
     band[begin, 0, 1] += pr
-    band[begin, 0, 2] += pg
     band[begin, 1, 0] += t * pr + m * sr
-    band[begin, 1, 1] += u * pr + g * sr
-    band[begin, 2, 0] += u * pg + g * sg + keep * keep * i
-    for column, entries in ((0, (p, q)), (1, (pr, sr)), (2, (pg, sg))):
+    band[begin, 2, 0] += keep * keep * i
+    for each in noise.pushing:
+        slope[begin, each] -= u * w0 + g * w1
+        band[begin, 0, each] += pg
+        band[begin, 1, each - 1] += u * pr + g * sr
+        for other in range(GUST, each + 1):
+            band[begin, other, each - other] += u * pg + g * sg
+    for column, entries in ((0, (p, q)), (1, (pr, sr)), *((each, (pg, sg)) for each in noise.pushing)):
         for row in range(2):
             band[begin, column, D + row - column] = -entries[row]
     band[begin, 2, D] = -keep * i
     if noise.wave is not None:
         density += _add_waves(noise.wave, record, states, slope, band)
+    is_seen = noise.wave is not None and WAVE not in noise.pushing
     for column, values, weight in ((1, record.rate, noise.gyro), (0, record.heading, noise.compass)):
-        seen = states[:, column] + states[:, 4 - (1 - column)] if D == 5 else states[:, column]
+        seen = states[:, column] + states[:, WAVE + column] if is_seen else states[:, column]
         off = seen - values
         pull = weight * off
         density += 0.5 * float(off @ pull)
         slope[:, column] += pull
         band[:, column, 0] += weight
-        if D == 5:
+        if is_seen:
             slope[:, 3 + column] += pull
             band[:, 3 + column, 0] += weight
             band[:, column, 3] += weight

@@ -24,11 +24,14 @@ from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from autopilot.identification.likelihood_record import Record, Scales
 from autopilot.identification.marginal_likelihood import (
+    GUST,
+    WAVE,
     Motion,
     Path,
     Rates,
     StepNoise,
     WaveNoise,
+    pushed_by,
 )
 from autopilot.identification.runs import FloatArray
 
@@ -36,14 +39,15 @@ Rudder = tuple[FloatArray, FloatArray]
 
 
 class Held(NamedTuple):
-    """What F holds: the path's states, covariance of each step's two nodes, shape (2 D, 2 D, M), l, shape (N, D), and
-    how the steps go on, what is inside of them too."""
+    """What F holds: the path's states, covariance of each step's two nodes, shape (2 D, 2 D, M), l, shape (N, D), how
+    the steps go on, what is inside of them too, and which of the states push the boat."""
 
     record: Record
     states: FloatArray
     pairs: FloatArray
     pull: FloatArray
     motion: Motion
+    pushing: tuple[int, ...]
 
     def moment(self, i: int, j: int) -> FloatArray:
         """Return what F takes for the product of two of the states at a step's ends, from D on those at its end."""
@@ -75,11 +79,12 @@ def held_at(path: Path, rates: Rates, record: Record, noise: StepNoise) -> Held:
     states, begin = path.states, record.begin
     assert path.band is not None and path.factor is not None and path.motion is not None
     pairs = _pairs(path.band, path.factor, record, states.shape[1])
-    held = Held(record, states, pairs, np.zeros_like(states), path.motion)
+    held = Held(record, states, pairs, np.zeros_like(states), path.motion, noise.pushing)
     adjoint = adjoint_of(held, rates, _spread_worth(held, noise))
     bent = np.zeros_like(states)
     bent[begin, 1] = adjoint.rate[0]
-    bent[begin, 2] = _simpson(adjoint.rate, record).sum(axis=0)
+    for each in noise.pushing:
+        bent[begin, each] = _simpson(adjoint.rate, record).sum(axis=0)
     pull, _ = dpbtrs(path.factor, bent.ravel(), lower=1)
     return held._replace(pull=pull.reshape(states.shape))
 
@@ -218,6 +223,11 @@ def _driven_by(held: Held) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the covariances of what drives each step's heading, and of what drives its rate, with the rate and gust at
     its begin and with each other: (rate, gust, driven heading, driven rate), and (rate, gust, driven rate)."""
     P, D = held.pairs, held.states.shape[1]
+    if WAVE in held.pushing:
+        # the whole push in place of the gust
+        P = P.copy()
+        P[GUST] += P[WAVE]
+        P[:, GUST] += P[:, WAVE]
     _, _, t, u, m, g, _ = held.motion
     heading = [P[D, i] - P[0, i] - t * P[1, i] - u * P[2, i] for i in (0, 1, 2, D, D + 1)]
     rate = [P[D + 1, i] - m * P[1, i] - g * P[2, i] for i in (1, 2, D + 1)]
@@ -243,7 +253,7 @@ def end_worth(held: Held, noise: StepNoise) -> EndWorth:
     e0, e1 = held.motion.heading, held.motion.rate
     l0, l1 = _pulled(held)
     w0, w1 = p * e0 + q * e1, q * e0 + s * e1
-    rate, gust = pull[begin, 1], pull[begin, 2]
+    rate, gust = pull[begin, 1], pushed_by(pull[begin], held.pushing)
     return EndWorth(
         -(w0 - p * l0 - q * l1),
         -(w1 - q * l0 - s * l1),
@@ -258,8 +268,9 @@ def _pulled(held: Held) -> tuple[FloatArray, FloatArray]:
     """Return what l does to what each step leaves of heading and rate."""
     begin, end, pull = held.record.begin, held.record.begin + 1, held.pull
     _, _, t, u, m, g, _ = held.motion
-    l0 = pull[end, 0] - pull[begin, 0] - t * pull[begin, 1] - u * pull[begin, 2]
-    return l0, pull[end, 1] - m * pull[begin, 1] - g * pull[begin, 2]
+    push = pushed_by(pull[begin], held.pushing)
+    l0 = pull[end, 0] - pull[begin, 0] - t * pull[begin, 1] - u * push
+    return l0, pull[end, 1] - m * pull[begin, 1] - g * push
 
 
 def moments_of(held: Held) -> Moments:
@@ -278,8 +289,8 @@ def moments_of(held: Held) -> Moments:
         seen, drawn = held.states[:, column], held.pull[:, column]
         own = held.pairs[column, column]
         own_last = held.pairs[D + column, D + column, closing]
-        if D == 5:
-            wave = 3 + column
+        if D == 5 and WAVE not in held.pushing:
+            wave = WAVE + column
             seen, drawn = seen + held.states[:, wave], drawn + held.pull[:, wave]
             P = held.pairs
             own = own + P[wave, wave] + 2.0 * P[column, wave]
@@ -360,7 +371,8 @@ def information(
     slope[:, end, 0], slope[:, end, 1] = w0, w1
     slope[:, begin, 0] -= w0
     slope[:, begin, 1] -= t * w0 + by_rate * w1
-    slope[:, begin, 2] -= u * w0 + by_gust * w1
+    for each in held.pushing:
+        slope[:, begin, each] -= u * w0 + by_gust * w1
     flat = slope.reshape(e0.shape[0], -1).T
     answer, _ = dpbtrs(factor, flat, lower=1)
     return np.asarray(e0 @ w0.T + e1 @ w1.T - flat.T @ answer)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from identification_intervals import PLANTS, SEAS
 from independent_boat import SPEED_M_S, Plant, Sea, zigzags
+from scipy.linalg import expm
 
 from autopilot.cli.identify_vessel import Given, write_vessel
 from autopilot.cli.main import main
@@ -23,7 +24,7 @@ from autopilot.identification.interval import interval_of
 from autopilot.identification.likelihood_fit import memory_of, scales
 from autopilot.identification.likelihood_record import Form, record_of, rudder_on, without_noise
 from autopilot.identification.likelihood_search import Space
-from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path
+from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path, wave_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
 from autopilot.identification.verdict import verdict_of, verdict_on_runs
@@ -79,6 +80,33 @@ def test_beside_waves_lasting_gusts_keep_their_doubt_about_the_rudders_zero() ->
     ratios = identify(runs_of(plant, SEA["gusts and waves"], 3017), QUESTION).ratios
     assert ratios is not None
     assert abs(ratios.values[3] - plant.e) < 3.0 * ratios.errors[3]
+
+
+@pytest.mark.parametrize("pushes", [False, True])
+def test_whether_waves_push_the_boat_or_only_move_its_heading_is_what_the_record_says(pushes: bool) -> None:
+    """Waves that push leave as much at the zigzag's slow frequency as gusts do; those that move the heading nothing."""
+    gusts = Sea("gusts", gust_deg=0.5, wave_deg=2.0 if pushes else 0.0)
+    runs = runs_of(PLANT["neutral"]._replace(seconds=120.0), gusts, 400)
+    if not pushes:
+        runs = [_moved(run, side) for side, run in enumerate(runs)]
+    fit = identify(runs, QUESTION).likely
+    assert fit is not None and fit.weather.wave > 0.0
+    assert fit.weather.pushes == pushes
+    assert fit.weather.wave_frequency == pytest.approx(2.0 * math.pi / 5.0, rel=0.2)
+
+
+def _moved(run: Run, seed: int) -> Run:
+    """Return the run with waves of 5 s and 0.4 deg, rms, in its heading."""
+    (segment,) = run.segments
+    random, frequency = np.random.default_rng(seed), 2.0 * math.pi / 5.0
+    moved, drives = wave_noise(Weather(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, frequency), np.diff(segment.time))[0][:2]
+    roots = np.linalg.cholesky(np.linalg.inv(drives.T.reshape(-1, 2, 2)))
+    state, waves = random.normal(size=2) * [1.0, frequency], []
+    for step, root in zip(moved.T.reshape(-1, 2, 2), roots, strict=True):
+        waves.append(state[0])
+        state = step @ state + root @ random.normal(size=2)
+    heading = segment.heading + math.radians(0.4) * np.array([*waves, state[0]])
+    return run._replace(segments=(segment._replace(heading=heading),))
 
 
 def test_an_interval_of_t_is_that_of_its_inverse() -> None:
@@ -224,7 +252,8 @@ def _ahead(segment: Segment, by: float) -> FloatArray:
     return np.interp(segment.time + by, segment.time, segment.rudder)
 
 
-def test_the_loss_is_that_of_a_kalman_filter() -> None:
+@pytest.mark.parametrize(("wave", "pushes"), [(0.0, False), (0.01, False), (0.01, True)])
+def test_the_loss_is_that_of_a_kalman_filter(wave: float, pushes: bool) -> None:
     """Of a linear boat the likelihood is the product of a Kalman filter's innovations, reckoned here one by one."""
     run = runs_of(Plant("linear", 0.1, 0.3, 0.0, 0.0, 15.0, 12.0), Sea("calm", gyro_deg_s=0.1), 7)[0]
     record = record_of(run.segments, SPEED_M_S, 1.0)
@@ -235,41 +264,50 @@ def test_the_loss_is_that_of_a_kalman_filter() -> None:
         m = math.exp(-b * h)
         keep = math.exp(-h / weather.gust_time)
         s = (1.0 - m) / b
-        A = np.array([[1.0, s, (h - s) / b], [0.0, m, s], [0.0, 0.0, keep]])
-        q = weather.white**2
-        Q = np.diag([0.0, 0.0, weather.gust**2 * (1.0 - keep**2)])
+        A = np.eye(5)
+        A[:3, :3] = [[1.0, s, (h - s) / b], [0.0, m, s], [0.0, 0.0, keep]]
+        q, W = weather.white**2, weather.wave_frequency
+        A[3:, 3:] = expm(np.array([[0.0, 1.0], [-W * W, -2.0 * weather.wave_damping * W]]) * h)
+        Q = np.diag([0.0, 0.0, weather.gust**2 * (1.0 - keep**2), 0.0, 0.0])
         Q[:2, :2] = q * np.array([[h**3 / 3.0, h**2 / 2.0], [h**2 / 2.0, h]])
-        x, P, total = np.zeros(3), np.diag([1.0e6, 1.0e6, weather.gust**2]), 0.0
+        still = np.diag([1.0, W * W]) * (weather.wave * (W * W if pushes else 1.0)) ** 2
+        Q[3:, 3:] = still - A[3:, 3:] @ still @ A[3:, 3:].T
+        x, P, total = np.zeros(5), np.diag([1.0e6, 1.0e6, weather.gust**2, *np.diag(still)]), 0.0
         R = np.diag([weather.compass**2, weather.gyro**2])
-        H = np.eye(3)[:2]
+        H = np.eye(5)[:2]
+        if pushes:
+            A[:2, 3] = A[:2, 2]
+        else:
+            H[:, 3:] = np.eye(2)
         for k in range(N):
             S = H @ P @ H.T + R
             e = np.array([record.heading[k], record.rate[k]]) - H @ x
             total += 0.5 * float(e @ np.linalg.solve(S, e)) + 0.5 * float(np.linalg.slogdet(S)[1])
             gain = P @ H.T @ np.linalg.inv(S)
-            x, P = x + gain @ e, (np.eye(3) - gain @ H) @ P
+            x, P = x + gain @ e, (np.eye(5) - gain @ H) @ P
             if k < N - 1:
                 drive = 0.1 * float(rudder[0][:, k].mean())
-                x = A @ x + drive * np.array([(h - s) / b, s, 0.0])
+                x = A @ x + drive * np.array([(h - s) / b, s, 0.0, 0.0, 0.0])
                 P = A @ P @ A.T + Q
         return total
 
-    one = Weather(0.01, 4.0, 0.003, math.radians(0.1), math.radians(0.3))
-    other = one._replace(gust=0.02, white=0.002, compass=math.radians(0.4))
+    start = start if wave == 0.0 else np.append(start, np.zeros((record.nodes, 2)), axis=1)
+    one = Weather(0.01, 4.0, 0.003, math.radians(0.1), math.radians(0.3), wave, 1.2, 0.12, pushes)
+    other = one._replace(gust=0.02, white=0.002, compass=math.radians(0.4), wave=2.0 * wave, wave_frequency=1.5)
     ours = [best_path(Rates(0.1, b), weather, record, rudder, start).loss for b, weather in ((0.3, one), (0.4, other))]
     theirs = [filtered(b, weather) for b, weather in ((0.3, one), (0.4, other))]
     assert ours[1] - ours[0] == pytest.approx(theirs[1] - theirs[0], abs=0.3)
     assert abs(theirs[1] - theirs[0]) > 10.0
 
 
-@pytest.mark.parametrize("wave", [0.0, 0.01])
-def test_the_slope_of_the_loss_is_that_of_its_differences(wave: float) -> None:
+@pytest.mark.parametrize(("wave", "pushes"), [(0.0, False), (0.01, False), (0.01, True)])
+def test_the_slope_of_the_loss_is_that_of_its_differences(wave: float, pushes: bool) -> None:
     """Of a boat with cubic damping too, where the curvature changes with the path."""
     plant = PLANT["unstable"]
     run = runs_of(plant, SEA["gusts, noise, gyro"], 8)[0]
     guess = Rates(1.05 * plant.a, 0.9 * plant.b, 1.1 * plant.d, plant.e)
     record = record_of(run.segments, SPEED_M_S, memory_of(guess, run.segments))
-    weather = Weather(0.5 * plant.a, 5.0, 0.1 * plant.a, 0.002, 0.006, wave, 1.2, 0.12)
+    weather = Weather(0.5 * plant.a, 5.0, 0.1 * plant.a, 0.002, 0.006, wave, 1.2, 0.12, pushes)
     train = RudderTrain(delay=0.15, lag=0.15)
     space = Space(record, guess, weather, train, ("delay", "lag"), scales(run.segments, guess))
     space.keep(space.start)
@@ -363,6 +401,18 @@ def test_the_noise_of_a_log_goes_and_its_changes_stay() -> None:
     seen = truth + 0.1 * np.random.default_rng(5).normal(size=time.size)
     off = without_noise(seen) - truth
     assert np.sqrt(np.mean(off**2)) < 0.05
+
+
+def test_a_turn_is_not_flattened_by_the_mean_over_a_node() -> None:
+    """A swing of 21 s, of which means over 0.9 s leave 0.3 % less."""
+    time = 0.1 * np.arange(1200)
+    swing = 0.5 * np.sin(0.3 * time)
+    segment = Segment(time, swing, np.gradient(swing, time), np.zeros(1200), np.full(1200, SPEED_M_S))
+    record = record_of([segment], SPEED_M_S, 20.0)
+    at = np.cumsum(np.append(time[: round(10.0 * record.step[0])].mean(), record.step))
+    assert record.step[0] > 0.8
+    assert record.heading[1:-1] == pytest.approx(0.5 * np.sin(0.3 * at)[1:-1], abs=1.0e-4)
+    assert record.rate[1:-1] == pytest.approx(0.15 * np.cos(0.3 * at)[1:-1], abs=1.0e-4)
 
 
 def test_a_propeller_astern_makes_no_race() -> None:
