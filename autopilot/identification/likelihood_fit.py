@@ -554,7 +554,7 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
     for pushes in (False, True):
         tried = []
         for size in WAVE_SIZES:
-            sized = wavy._replace(wave=size * wavy.wave, pushes=pushes)
+            sized = wavy._replace(wave=size * wavy.wave, wave_pushes=pushes)
             start = Space(space.record, rates, sized, train, space.parts, space.scale, beside, space.groups)
             if space.strengths:
                 start.start[-len(space.strengths) :] = z[-len(space.strengths) :]

@@ -42,8 +42,8 @@ class Rates(NamedTuple):
 
 class Weather(NamedTuple):
     """gust [rad/s^2], rms, and its time [s]; white [rad/s/sqrt(s)]; noise of gyro [rad/s] and compass [rad]; wave
-    [rad], rms of the heading, its frequency [rad/s] and damping; a wave of 0 is none. pushes: waves are a moment, of
-    `wave` times the frequency's square [rad/s^2]."""
+    [rad], rms of the heading, its frequency [rad/s] and damping; a wave of 0 is none. wave_pushes: waves are a
+    moment, of `wave` times the frequency's square [rad/s^2]."""
 
     gust: float
     gust_time: float
@@ -53,7 +53,7 @@ class Weather(NamedTuple):
     wave: float = 0.0
     wave_frequency: float = 1.0
     wave_damping: float = 0.1
-    pushes: bool = False
+    wave_pushes: bool = False
 
 
 class Motion(NamedTuple):
@@ -209,7 +209,7 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
         0.5 * logs,
         least / q,
         weather.white**2 / q,
-        (GUST, WAVE) if wave is not None and weather.pushes else (GUST,),
+        (GUST, WAVE) if wave is not None and weather.wave_pushes else (GUST,),
     )
 
 
@@ -233,7 +233,7 @@ WORST_RATIO = 1.0e10
 
 def still_waves(weather: Weather) -> FloatArray:
     """Return the variances of the waves' heading and rate, or of their push and its rate."""
-    size = weather.wave * weather.wave_frequency**2 if weather.pushes else weather.wave
+    size = weather.wave * weather.wave_frequency**2 if weather.wave_pushes else weather.wave
     return size**2 * np.array([1.0, weather.wave_frequency**2])
 
 

@@ -1,9 +1,10 @@
 """What a boat will do in manoeuvres that nobody sailed yet, with the bands in which it will, in weather like the runs'.
 
-Boats are drawn from what the fit knows (`likelihood_fit`), each at a speed that the runs had, and pushed by gusts and
-white noise of the size that the fit found. What the model's form leaves out pushed the boat in the runs as gusts do,
-and was found with them. It lasts longer than gusts where it is the model's fault: so the fit predicts stretches of its
-own runs first, and where it errs by more than it says, its doubt and what pushes the boat are widened by as much.
+Boats are drawn from what the fit knows (`likelihood_fit`), each at a speed that the runs had, and pushed by gusts,
+white noise, and waves where these push, of the size that the fit found. What the model's form leaves out pushed the
+boat in the runs as gusts do, and was found with them. It lasts longer than gusts where it is the model's fault: so the
+fit predicts stretches of its own runs first, and where it errs by more than it says, its doubt and what pushes the boat
+are widened by as much.
 
 With which power of the speed a rudder steers is not known either: in a turn the speed goes with the rate, and what a
 recording of one kind of turn lays to damping may be that. Boats are drawn with the powers that the runs allow, each as
@@ -21,7 +22,7 @@ from scipy.special import ndtri, stdtrit
 
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.likelihood_record import scales_of, without_noise
-from autopilot.identification.marginal_likelihood import Weather
+from autopilot.identification.marginal_likelihood import Weather, still_waves, wave_noise
 from autopilot.identification.rudder_path import rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.simulation import RATE_BOUND_RAD_S
@@ -147,7 +148,13 @@ class _Motion:
         count = boats.a.size
         self.boats, self.random = boats, random
         self.rate, self.heading = np.zeros(count) + rate, np.zeros(count)
-        self.gust = boats.fit.pushes.gust * random.normal(size=count)
+        weather = boats.fit.pushes
+        self.gust = weather.gust * random.normal(size=count)
+        self.wave: FloatArray | None = None
+        if weather.wave > 0.0 and weather.wave_pushes:
+            self.wave = np.sqrt(still_waves(weather))[:, None] * random.normal(size=(2, count))
+            moved, drives, *_ = wave_noise(weather, np.array([boats.step]))[0]
+            self._on, self._new = moved.reshape(2, 2), np.linalg.cholesky(np.linalg.inv(drives.reshape(2, 2)))
         self._played = self._lagged = np.zeros(count) + rudder
         self._late = [self._played] * round(boats.fit.train.delay / boats.step)
 
@@ -170,6 +177,9 @@ class _Motion:
         rudder = self.behind_train(rudder)
         scales = scales_of(boats.fit.form, ratio)
         drive = scales.steering * ratio**boats.beyond * (boats.a * rudder - boats.e) + self.gust
+        if self.wave is not None:
+            drive = drive + self.wave[0]
+            self.wave = self._on @ self.wave + self._new @ self.random.normal(size=self.wave.shape)
         linear, higher, beyond = boats.b * scales.linear, boats.d * scales.higher, boats.fit.form.power - 1
         middle = self.rate + 0.5 * h * (drive - self.rate * (linear + higher * np.abs(self.rate) ** beyond))
         turned = h * (drive - middle * (linear + higher * np.abs(middle) ** beyond))
@@ -298,7 +308,7 @@ def widened(fit: LikelihoodFit, runs: Sequence[Run], speed: float) -> Likelihood
     factor = max(few * float(np.sqrt(np.mean(ratio**2))), 1.0)
 
     def stronger(weather: Weather) -> Weather:
-        return weather._replace(gust=factor * weather.gust, white=factor * weather.white)
+        return weather._replace(gust=factor * weather.gust, white=factor * weather.white, wave=factor * weather.wave)
 
     return fit._replace(
         covariance=factor**2 * fit.covariance,

@@ -91,7 +91,7 @@ def test_whether_waves_push_the_boat_or_only_move_its_heading_is_what_the_record
         runs = [_moved(run, side) for side, run in enumerate(runs)]
     fit = identify(runs, QUESTION).likely
     assert fit is not None and fit.weather.wave > 0.0
-    assert fit.weather.pushes == pushes
+    assert fit.weather.wave_pushes == pushes
     assert fit.weather.wave_frequency == pytest.approx(2.0 * math.pi / 5.0, rel=0.2)
 
 

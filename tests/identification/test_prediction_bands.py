@@ -22,6 +22,7 @@ from autopilot.identification.prediction_bands import (
     headings_after,
     motions_of,
     stretches_of,
+    turned,
     widened,
 )
 from autopilot.identification.rudder_path import DIRECT
@@ -52,6 +53,19 @@ def test_boats_of_which_next_to_nothing_is_known_are_forecast_with_wide_bands(do
     ahead = forecast(fit, runs_of(300)[:1], SPEED_M_S, SteeringGear(math.inf, 0.26))
     assert np.isfinite(ahead.turn).all()
     assert (ahead.heading.high - ahead.heading.low > 10.0) == (doubt > 1.0)
+
+
+def test_waves_that_push_the_boat_are_in_the_bands() -> None:
+    """A boat that goes straight on forgets its rate in 1/b; the waves' push moves its rate by what a filter of first
+    order lets through at their frequency W."""
+    b, W, damping, wave = 0.3, 1.2, 0.1, 0.02
+    weather = Weather(1.0e-6, 6.0, 1.0e-6, 0.002, 0.005, wave, W, damping, True)
+    fit = LikelihoodFit(Rates(0.1, b), np.diag([1.0e-14] * 4), DIRECT, {}, weather, 0.0)
+    boats = boats_of(fit, np.ones(1), np.random.default_rng(2), 2000)
+    headings = turned(boats, lambda time: (np.zeros(2000), np.ones(2000)), 30.0)
+    rates = (headings[-1] - headings[-2]) / boats.step
+    through = wave * W * W / math.sqrt(b * b + 2.0 * damping * W * b + W * W) * math.sqrt((2.0 * damping * W + b) / b)
+    assert np.std(rates) == pytest.approx(through, rel=0.1)
 
 
 def first_overshoots(table: dict[str, FloatArray], angle: float) -> list[float]:
