@@ -171,7 +171,6 @@ def test_a_rudder_in_another_unit_is_refused(unit: str) -> None:
         run_of({**_recorded(), "rudder_rad": other}, "unit.csv")
 
 
-@pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason=f"no recordings in {os.fspath(RECORDINGS)}")
 @pytest.mark.parametrize("missing", ["heading_rad", "yaw_rate_rad_s"])
 def test_radians_that_stand_for_degrees_are_refused(missing: str) -> None:
     table = {**zigzag(0.35, 60.0, 0.1), missing: np.full(600, np.nan)}
@@ -197,6 +196,7 @@ def test_a_run_astern_is_refused_and_a_short_way_astern_is_not() -> None:
     run_from_columns("harbour.csv", {**table, "speed_m_s": some})
 
 
+@pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason=f"no recordings in {os.fspath(RECORDINGS)}")
 def test_a_real_ship_loses_no_sample() -> None:
     columns = {
         "time_s": "t [s]",
