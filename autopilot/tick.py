@@ -86,6 +86,7 @@ from autopilot.steering import (
 )
 from autopilot.supervision import failsafe, panel
 from autopilot.supervision.alarms import kind_of
+from autopilot.supervision.compass_watch import followed, still_held
 from autopilot.supervision.envelope import Picture
 from autopilot.supervision.failsafe import FailsafeSteering
 from autopilot.supervision.monitor_input import MonitorInput
@@ -103,7 +104,7 @@ from autopilot.supervision.monitors import State as MonitorState
 from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.states import ENGAGED, MODES
 from autopilot.supervision.supervisor import STEERING_ACTIONS, Memory, Supervisor
-from autopilot.supervision.tuning import RATE_OFF_KNOWN
+from autopilot.supervision.tuning import FROZEN_SAMPLES, RATE_OFF_KNOWN
 
 CALM = 10.0
 """Time constants over which the bias is averaged where the boat is steered softly."""
@@ -147,7 +148,7 @@ def by_other_compass(state: State, samples: tuple[Sample, ...]) -> tuple[State, 
             state = state._replace(
                 estimate=estimator.by_other_compass(state.estimate, turn),
                 way=state.way._replace(guide=guide),
-                monitors=without_past(state.monitors),
+                monitors=without_past(state.monitors)._replace(consistency=still_held(state.monitors.consistency)),
             )
             others = tuple(each for each in samples[:number] if type(each) is not HeadingSample)
             return by_other_compass(state, (*others, *samples[number + 1 :]))
@@ -170,6 +171,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     state, timely = by_other_compass(state, timely)
 
     monitors, estimate, control, failsafe = select(config, state, supervisor, now, timely)
+    is_ours = was is Mode.ENGAGED and boat.rudder_is_ours
+    monitors, estimate, timely = held_course(monitors, estimate, timely, (now, dt, is_ours))
     estimate, way, is_other_boat = believe(steering, state, monitors, estimate, now)
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
@@ -260,6 +263,33 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         estimate, monitors, memory, panel, failsafe, control, way, given, mean_bias, number, now, found, thrusters, bow
     )
     return after, tick
+
+
+def held_course(
+    monitors: MonitorState,
+    estimate: EstimatorState,
+    samples: tuple[Sample, ...],
+    at: tuple[float, float, bool],
+) -> tuple[MonitorState, EstimatorState, tuple[Sample, ...]]:
+    """Return the samples with headings as the rate of turn carries them past a jump of the compass, and the state as
+    far as the compass is followed. at: see `followed`."""
+    held, (now, dt, is_ours) = monitors.consistency.held, at
+    if held.offset == 0.0:
+        return monitors, estimate, samples
+    # a compass that stands where it jumped to is not followed
+    stands = is_ours and monitors.compass.standing.samples >= FROZEN_SAMPLES
+    held, turn = followed(held, now, 0.0 if stands else dt, is_ours)
+    if turn:
+        # no boat turned there, and no gyro is off
+        estimate = estimator.by_other_compass(estimate, turn)
+        monitors = monitors._replace(consistency=monitors.consistency._replace(held=held))
+    if held.offset == 0.0:
+        return monitors, estimate, samples
+    offset = held.offset
+    samples = tuple(
+        each._replace(heading=wrap(each.heading - offset)) if type(each) is HeadingSample else each for each in samples
+    )
+    return monitors, estimate, samples
 
 
 def monitored(

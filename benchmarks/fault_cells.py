@@ -61,6 +61,12 @@ def of_two(name: str, kind: FaultKind, size: float | None = None, source: Source
     return Row(name, (Injected(kind, size, 0.0, math.inf, source),), "both")
 
 
+def taking_turns(name: str, apart_deg: float, each_s: float) -> Row:
+    """Return the row of two compasses that reach the pilot by one name, one after the other for so long each."""
+    begins = (2.0 * each_s * number for number in range(math.ceil(0.5 * WINDOW_S / each_s)))
+    return Row(name, tuple(Injected("heading_jump", apart_deg, begin, begin + each_s) for begin in begins))
+
+
 def late(name: str, *kinds: FaultKind) -> Row:
     """Return the row of what is late without its time stamps telling so; the delay sets in within a second."""
     return Row(name, tuple(Injected(kind, LATE_S, ramp=1.0) for kind in kinds))
@@ -119,6 +125,8 @@ ROWS: tuple[Row, ...] = (
     simple("heading frozen, compass without rate", "heading_frozen", method="instruments"),
     simple("heading jumps by 40 deg", "heading_jump", 40.0),
     simple("heading jumps by 40 deg and back", "heading_jump", 40.0, end=2.0),
+    simple("heading jumps by 12 deg", "heading_jump", 12.0),
+    taking_turns("two compasses on one line, 15 deg apart", 15.0, 2.2),
     simple("heading drifts by 1 deg/s", "heading_drift", 1.0)._replace(window_s=DRIFT_S),
     simple("heading noise of 10 deg", "heading_noise", 10.0),
     simple("every tenth heading wild", "heading_spikes", 0.1),

@@ -123,6 +123,8 @@ NEEDS: Mapping[str, Expect] = {
     "heading frozen, compass without rate": stops(FROZEN, SOON_S),
     "heading jumps by 40 deg": stops(JUMPS, AT_ONCE_S),
     "heading jumps by 40 deg and back": stops(JUMPS, AT_ONCE_S),
+    "heading jumps by 12 deg": announced("compass jumps", SOON_S),
+    "two compasses on one line, 15 deg apart": announced("compass jumps", SOON_S),
     "heading drifts by 1 deg/s": noticed(),
     "heading noise of 10 deg": stops(JUMPS, SOON_S),
     "every tenth heading wild": stops(JUMPS, SOON_S),

@@ -34,6 +34,13 @@ CONDITIONS = {
         "two headings in a row differ by this angle three times within 10 s, or once for good",
         key="alarms.heading_jump_deg",
     ),
+    "compass_jumped": Condition(
+        "the heading is off what the rate of turn carries on by 6 deg, by five times what usually lies between the "
+        "two, and by what the boat turns in 1 s and the time between two headings; and has come to rest there, or "
+        "comes and goes three times within 20 s; by less than `heading_jumping` takes. While we steer the course is "
+        "held for 30 s and the compass then followed by 0.25 deg/s; else it is followed at once",
+        key="alarms.heading_jump_deg",
+    ),
     "heading_disagrees": Condition(
         "the two headings differ by more than the file's limit for several seconds",
         key="sensors.heading_monitor_deg",
@@ -253,7 +260,9 @@ CONDITIONS = {
         "in a tack or gybe no 5 deg nearer to the other side for 12 s: in irons, for instance", watcher=Watcher.LOOP
     ),
     "compass_silent": Condition(
-        "while another steers, for a minute; the chosen one, while it is not heard for 10 s", watcher=Watcher.LINK
+        "while another steers, for a minute; for a minute since the last time, where one does so again within one; "
+        "the chosen one, while it is not heard for 10 s",
+        watcher=Watcher.LINK,
     ),
     "headings_slow": Condition("asked for repeatedly, and still too slow", watcher=Watcher.LINK),
     "targets_lag": Condition("far off the heading ordered for long, and no nearer", watcher=Watcher.LINK),

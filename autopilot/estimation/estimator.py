@@ -448,7 +448,10 @@ def by_other_compass(state: EstimatorState, turn: float) -> EstimatorState:
 
     def seen(fusion: Fusion) -> Fusion:
         boat = fusion.state._replace(psi=wrap(fusion.state.psi + turn))
-        return fusion._replace(state=boat, spike=wrap(fusion.spike + turn))
+        gyro = fusion.gyro
+        # nan before the first heading
+        gyro = gyro._replace(heading=wrap(gyro.heading + turn)) if gyro.heading == gyro.heading else gyro
+        return fusion._replace(state=boat, spike=wrap(fusion.spike + turn), gyro=gyro)
 
     def said(sample: HeadingSample | RateSample) -> HeadingSample | RateSample:
         return sample._replace(heading=wrap(sample.heading + turn)) if isinstance(sample, HeadingSample) else sample

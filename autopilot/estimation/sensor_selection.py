@@ -113,6 +113,8 @@ class _Received:
         """Take the heading, as old as that of the compass which `steers`, as far as anybody knows."""
         if self.heading is None or steers.heading is None or steers.last < self.compared:
             return  # a compass that falls silent says nothing of a boat that turns on
+        if self.is_known and steers.last < self.first:
+            return  # of two that take turns each change would add what a single heading is wrong by
         step = min(max(now - self.compared, 0.0), APART_S) if self.is_known else 0.0
         self.known = min(self.known + step, APART_S)
         share = step / self.known if self.known else 1.0
@@ -149,6 +151,9 @@ class SensorSelection:
         new alarm each time."""
         self._left: tuple[str, float] | None = None
         """The compass that fell silent last, and when another took its place [s]."""
+        self._left_last = ("", -math.inf)
+        self._again = ""
+        """Who falls silent time and again; '' for nobody."""
         self._news: list[Sample] = []
 
     def selected(self, kind: str) -> str:
@@ -256,7 +261,8 @@ class SensorSelection:
             return False
         if best is None or has_failed or self._goes_before(now, entry, steers):
             if best is not None and best != source and now - steers.last > steers.stale:
-                self._left = (best, now)
+                self._again = self._silent_again(now, best)
+                self._left = self._left_last = (best, now)
             self._steer_by(now, source)
         elif best != source:
             return False
@@ -297,6 +303,15 @@ class SensorSelection:
                 return AlarmEvent("heading_disagrees", detail, FAILED)
         return None
 
+    def _silent_again(self, now: float, name: str) -> str:
+        """Return who is silent again, one having been so shortly before."""
+        before, since = self._left_last
+        if now - since > SILENT_SAID_S:
+            return ""
+        if name == before:
+            return f"{_short(name)} comes and goes"
+        return " and ".join(sorted((_short(before), _short(name)))) + " take turns"
+
     def _silent(self, now: float) -> AlarmEvent | None:
         """Return the alarm of a compass that has fallen silent while another steers, for a minute; of the one that the
         skipper has chosen while it is not heard."""
@@ -304,6 +319,8 @@ class SensorSelection:
         chosen = received.get(self.chosen)
         if self.chosen and steers and now - (self._begun if chosen is None else chosen.last) > CHOSEN_SILENT_S:
             return AlarmEvent("compass_silent", f"{_short(self.chosen)}, the chosen one; {steers} steers")
+        if self._again and now - self._left_last[1] <= SILENT_SAID_S:
+            return AlarmEvent("compass_silent", self._again)
         if self._left is None:
             return None
         name, since = self._left

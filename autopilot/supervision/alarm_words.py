@@ -30,6 +30,11 @@ WORDS = {
         "the heading jumps further than the boat can turn",
         "steer by hand, look for iron, loose plugs or a second compass at the same line",
     ),
+    "compass_jumped": Words(
+        "the compass jumps and the boat does not turn",
+        "look for iron, a loose plug or two compasses on one line; it is followed slowly from 30 s on: steer by hand "
+        "if it is wrong",
+    ),
     "heading_disagrees": Words(
         "heading monitor: two compasses disagree",
         "compare both with the hand-bearing compass, take the wrong one out of sensors.priority",

@@ -126,6 +126,7 @@ _KINDS = (
     AlarmKind("heading_lost", Response.FAILSAFE, Severity.CRITICAL),
     AlarmKind("heading_frozen", Response.FAILSAFE, Severity.CRITICAL),
     AlarmKind("heading_jumping", Response.FAILSAFE, Severity.CRITICAL),
+    AlarmKind("compass_jumped", Response.DEGRADE, Severity.ERROR),
     AlarmKind("heading_disagrees", Response.DEGRADE, Severity.WARNING),
     AlarmKind("variation_unknown", Response.NOTIFY, Severity.NOTICE),
     AlarmKind("variation_jumped", Response.NOTIFY, Severity.WARNING),

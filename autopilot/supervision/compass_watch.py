@@ -23,6 +23,15 @@ from autopilot.supervision.tuning import (
     FROZEN_RATES,
     FROZEN_SAMPLES,
     HEADINGS_APART_S,
+    HELD_FOLLOWS,
+    HELD_FOR,
+    HELD_LAG,
+    HELD_LEAST,
+    HELD_RESTS,
+    HELD_SAID,
+    HELD_SETTLES,
+    HELD_SIGMAS,
+    HELD_USUAL_TIME,
     INNOVATION_TIME,
     JUMP_SAID,
     JUMP_SAMPLES,
@@ -49,6 +58,9 @@ from autopilot.supervision.tuning import (
 OPPOSITE_WAYS = "they turn opposite ways"
 STANDS_STILL = "the rate stands still"
 LONGEST_STEP_S = 0.5
+SQRT_2 = math.sqrt(2.0)
+TURN_SHOWS = HELD_SETTLES + APART_TIME
+"""[s]: by then a heading that was taken for one that has jumped, and turns, is off again."""
 
 
 class Turns(NamedTuple):
@@ -106,6 +118,114 @@ class Still(NamedTuple):
 MOVES = Still()
 
 
+class Held(NamedTuple):
+    """How far the headings are off from what the rate of turn carries on, by a jump that it does not show.
+
+    offset [rad]: they are further than the boat by so much; usual [rad^2]: the mean square of the innovation. While it
+    is not known whether it is a jump: onset [s], nan otherwise, the offset `before`, and how far it still `moved` in
+    the second half [rad]. is_turn: the heading turns on and the rate does not, until they go together again. jumped
+    [s]: when the heading was off last, and how often in a row; by [rad]: the first time; is_said: whether that is an
+    alarm."""
+
+    offset: float = 0.0
+    usual: float = 0.0
+    onset: float = math.nan
+    before: float = 0.0
+    moved: float = 0.0
+    is_turn: bool = False
+    jumped: float = -math.inf
+    jumps: int = 0
+    by: float = 0.0
+    is_said: bool = False
+
+
+NOT_HELD = Held()
+
+
+def unturned_most(turns: Turns, rate: float, step: float, usual: float, lag: float) -> float:
+    """Return by how much [rad] a heading may be off from the one that the rate of turn carries on, a `step` [s] after
+    the one before: by noise, `usual` [rad] as a root mean square, by a `lag` [s] of the compass, and because a rate
+    stands for all of its step. turns: those until then."""
+    of_late, noise = abs(turns.rate) / SENSE_TIME, HELD_SIGMAS * usual
+    rate = abs(rate)
+    most = (lag + step) * (rate if rate > of_late else of_late)
+    return most + (noise if noise > HELD_LEAST else HELD_LEAST)
+
+
+def held_step(
+    held: Held, turns: Turns, turned: tuple[float, float, float], at: tuple[float, float], jump: float
+) -> tuple[Held, Turns]:
+    """Take a heading that is further by `turned`, (by heading, by rate [rad], in a step [s]), at (time [s], rate
+    [rad/s]); return what is held, and the turns without the jump.
+
+    What lies between the turns of late is the innovation of the heading against the rate's own reckoning, which
+    forgets in SENSE_TIME. Where it is beyond its limit, or its change at once beyond what no lag excuses, the heading
+    is off, and for HELD_SETTLES the rate alone carries on. One that has come to rest by then has jumped, one that is
+    back was a spike, and one that moves on, or again to the same side soon, turns, and the rate does not. By more than
+    `jump` [rad] it is none of ours: that ends steering.
+    """
+    (by_heading, by_rate, step), (time, rate) = turned, at
+    after, at_once = turns_step(turns, by_heading, by_rate, step), by_heading - by_rate
+    off = after.heading - after.rate
+    offset, usual, onset, before, moved, is_turn, jumped, jumps, by, is_said = held
+    deviation, most, goes_on = math.sqrt(usual), jump + HELD_LEAST, False
+    limit = unturned_most(turns, rate, step, deviation, HELD_LAG)
+    rests = HELD_RESTS * limit
+    if not math.isnan(onset):
+        off = at_once
+    else:
+        goes_on = offset * off > 0.0 and abs(off) > rests and time - jumped < TURN_SHOWS
+        is_off = abs(off) > limit or goes_on
+        is_jump = is_off or abs(at_once) > unturned_most(turns, rate, step, SQRT_2 * deviation, step)
+        if is_turn or not is_jump or abs(off) >= most:
+            counts = off * off if abs(off) < 3.0 * HELD_LEAST else 9.0 * HELD_LEAST * HELD_LEAST
+            usual -= math.expm1(-step / HELD_USUAL_TIME) * (counts - usual)
+            is_turn = abs(off) > (rests if is_turn else limit)
+            return Held(offset, usual, onset, before, moved, is_turn, jumped, jumps, by, is_said), after
+        off = off if is_off else at_once
+        onset, before, moved = time, 0.0 if goes_on else offset, 0.0
+        is_first = offset == 0.0 and not time - jumped < HELD_SAID
+        jumped, jumps, by, is_said = (time, 1, off, False) if is_first else (time, jumps + 1, by, is_said)
+    offset += off
+    by_jump = offset - before
+    is_over, is_back = time - onset >= HELD_SETTLES, abs(offset) <= 0.5 * HELD_LEAST
+    moved += off if time - onset > 0.5 * HELD_SETTLES else 0.0
+    moves_on = is_over and not is_back and abs(moved) > rests
+    if moves_on or abs(offset) >= most or goes_on:
+        by_jump -= off
+        after = after._replace(apart=after.apart + by_jump, heading=after.heading + by_jump)
+        return Held(before, usual, math.nan, before, 0.0, True, jumped, jumps, by, is_said), after
+    after = turns_step(turns, by_heading - off, by_rate, step)
+    if not is_over:
+        return Held(offset, usual, onset, before, moved, False, jumped, jumps, by, is_said), after
+    is_said = is_said or jumps >= JUMPS or abs(by_jump) > 0.5 * HELD_LEAST
+    if is_back:
+        # what is left is the noise of one heading
+        after = after._replace(apart=after.apart + offset, heading=after.heading + offset)
+        offset = 0.0
+    return Held(offset, usual, math.nan, before, 0.0, False, jumped, jumps, by, is_said), after
+
+
+def followed(held: Held, now: float, dt: float, is_ours: bool) -> tuple[Held, float]:
+    """Return what is still held at `now` [s], `dt` after the last time, and by how much [rad] the compass is followed:
+    slowly, once it has stayed for HELD_FOR where it jumped to; at once where nobody is steered by us."""
+    offset = held.offset
+    if not math.isnan(held.onset) or (is_ours and now - held.jumped < HELD_FOR):
+        return held, 0.0
+    most = HELD_FOLLOWS * dt if is_ours else math.inf
+    turn = clip(offset, -most, most)
+    return held._replace(offset=offset - turn), turn
+
+
+def held_events(held: Held, now: float) -> tuple[AlarmEvent, ...]:
+    """Return the alarm of a compass that has jumped, while it is held and for HELD_SAID."""
+    if not held.is_said or (held.offset == 0.0 and now - held.jumped >= HELD_SAID):
+        return ()
+    by = math.degrees(held.by)
+    detail = f"by {by:+.0f} deg" if held.jumps < JUMPS else f"to and fro by {abs(by):.0f} deg"
+    return (AlarmEvent("compass_jumped", detail),)
+
+
 def still_step(still: Still, time: float, turn: float, step: float) -> Still:
     """Return what is known at `time` [s] of a rate that stands, the heading having turned by `turn` [rad] more than it
     says in a `step` [s]."""
@@ -122,7 +242,7 @@ class Consistency(NamedTuple):
     do not; seen [s]: when that was found last; reported [rad]: how far apart they were when it was said; found: what is
     said, '' where they go together; is_refused: whether it is the rate that is wrong: they turn opposite ways, it
     stands still, or no boat like this turns so; wild [s]: when rates came of late that are beyond what a boat like this
-    turns by; still: what is known of a rate that stands."""
+    turns by; still: what is known of a rate that stands; held: of headings that jumped, and the boat did not turn."""
 
     heading: HeadingSample | None = None
     rate: RateSample | None = None
@@ -134,13 +254,23 @@ class Consistency(NamedTuple):
     is_refused: bool = False
     wild: tuple[float, ...] = ()
     still: Still = MOVES
+    held: Held = NOT_HELD
+
+
+def still_held(before: Consistency) -> Consistency:
+    """Return what is known where another compass steers: what is held was turned to it, and the boat stays there."""
+    return Consistency(held=before.held._replace(onset=math.nan))
 
 
 def consistency_step(
-    before: Consistency, sample: HeadingSample | RateSample, most: float, rate_most: float = math.inf
+    before: Consistency,
+    sample: HeadingSample | RateSample,
+    most: float,
+    rate_most: float = math.inf,
+    jump: float = math.inf,
 ) -> Consistency:
     """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of, inf: not watched; a boat that
-    turns by more than `rate_most` [rad/s] shows it."""
+    turns by more than `rate_most` [rad/s] shows it; jump [rad]: see `held_step`, inf: nothing is held."""
     rate, time = sample.rate, sample.time
     # a sum is finite only where every part of it is
     if not math.isfinite(time if rate is None else time + rate):
@@ -168,14 +298,25 @@ def consistency_step(
         or not 0.0 <= time - last.time <= HEADINGS_APART_S
         or not math.isfinite(sample.heading + last.heading)
     ):
-        return before._replace(heading=sample, still=still)
+        held = before.held._replace(onset=math.nan)
+        # what comes behind a gap, or by another name, is none that jumped
+        held = held._replace(offset=0.0) if last is not None and (rate is not None or not is_same) else held
+        return before._replace(heading=sample, still=still, held=held)
     step, turn = time - last.time, sample.heading - last.heading
     turn = turn if -PI < turn <= PI else wrap(turn)
-    turns = turns_step(before.turns, turn, rate * step, step)
+    if jump == math.inf or before.found or still.rates >= FROZEN_RATES:
+        turns = turns_step(before.turns, turn, rate * step, step)
+        if before.held.offset and time - before.held.jumped < TURN_SHOWS:
+            # it was the rate that did not show a turn
+            before = before._replace(held=NOT_HELD)
+    else:
+        held, turns = held_step(before.held, before.turns, (turn, rate * step, step), (time, rate), jump)
+        before = before._replace(held=held)
     if most == math.inf:
         return before._replace(heading=sample, turns=turns, wild=wild)
-    # where the compass stands as well nobody can tell which of the two is dead
-    before = before._replace(still=still_step(still, time, turn - rate * step, step) if turn else still)
+    # where the compass stands as well nobody can tell which of the two is dead, nor by what no boat like this turns
+    by, most_turn = turn - rate * step, rate_most * step if step > 0.0 else math.inf
+    before = before._replace(still=still_step(still, time, clip(by, -most_turn, most_turn), step) if turn else still)
     if before.still.is_dead:
         found = before.found if before.is_refused else STANDS_STILL
         return before._replace(
@@ -205,7 +346,7 @@ def _judged(
     most: float,
     is_wild: bool,
 ) -> Consistency:
-    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _, still) = news, before
+    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _, still, held) = news, before
     time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)
     if wild and time - wild[0] > APART_TIME:
         wild = wild[1:]
@@ -234,7 +375,7 @@ def _judged(
         seen = time
         if not found or (apart - reported > NEWS and found != OPPOSITE_WAYS):
             found, reported = f"{math.degrees(apart):.0f} deg apart", apart
-    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild, still)
+    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild, still, held)
 
 
 class Standing(NamedTuple):

@@ -286,7 +286,9 @@ def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...], 
     for sample in samples:
         if type(sample) is HeadingSample:
             headings += (sample,)
-            consistency = compass_watch.consistency_step(consistency, sample, limits.rate_disagrees, rate_most)
+            consistency = compass_watch.consistency_step(
+                consistency, sample, limits.rate_disagrees, rate_most, limits.heading_jump
+            )
         elif type(sample) is RollSample:
             if roll is not UPRIGHT or not -limits.roll <= sample.roll <= limits.roll:
                 roll = rolled(roll, sample, limits.roll)
@@ -319,6 +321,8 @@ def judged(
     found += of_rudder + of_course
     if conditions:
         found = (*(event for _, event in conditions), *found)
+    if consistency.held.is_said:
+        found += compass_watch.held_events(consistency.held, seen.now)
     if seen.waits:
         found += (AlarmEvent("low_speed"),)
     if roll.text:

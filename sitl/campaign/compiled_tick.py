@@ -57,13 +57,13 @@ from autopilot.steering import (
     steered_by,
     turning_at,
 )
-from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_opposite, turns_step
+from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_opposite, turns_step, unturned_most
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.response_filter import NO_SEAWAY
 from autopilot.supervision.rudder_response import FILED, enough, other_verdict, verdict
 from autopilot.supervision.rudder_watch import NOTHING_KNOWN, PAST_S, Evidence, evidence_step
-from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, LATE_S, RATE_OFF
+from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, HELD_LAG, LATE_S, RATE_OFF
 
 Floats = NDArray[np.float64]
 
@@ -334,6 +334,10 @@ def _listen(
         # the monitor's own reckoning is a little closer; what is half its measure is left to it
         since, before, unlearnt = measured.time - pilot_state.compass.time, fusion.state, fusion.unlearnt
         gone = gone or abs(turned - before.rate * since) > 0.5 * campaign.alarms.heading_jump
+        # what is usual only makes it wider
+        turns, off = pilot_state.compass.turns, compass.turns.heading - compass.turns.rate
+        gone = gone or abs(turned - measured.rate * since) > unturned_most(turns, measured.rate, since, 0.0, since)
+        gone = gone or abs(off) > unturned_most(turns, measured.rate, since, 0.0, HELD_LAG)
         gone = gone or measured.time - before.time > PREDICT_LONGEST
         # the gap that a restart of the filter ends is not carried over
         time = min(measured.time, before.time + PREDICT_LONGEST)

@@ -163,6 +163,74 @@ def test_a_heading_that_jumps_for_good_is_noticed() -> None:
     assert found(Run(seaway, corrupt=jumped), "the heading jumps", 1.0) < 15.0
 
 
+def steered_by(
+    shown: Callable[[float, float], float], sea: Callable[[float], float] = calm, course_deg: float = 0.0
+) -> tuple[list[float], list[tuple[float, str]]]:
+    """How far the boat is off its course [deg] in each tick, and what is said, with when it was said first [s], a
+    compass showing `shown` of its heading [deg] for the time [s] after SETTLED."""
+    pilot, course = build_pilot(VESSEL), math.radians(course_deg)
+    noise, rate_noise = math.radians(0.3), math.radians(0.2)
+    plant = Plant(
+        model_of(VESSEL), gear_of(VESSEL), course, disturbance=sea, heading_noise=noise, rate_noise=rate_noise
+    )
+    off, said = list[float](), list[tuple[float, str]]()
+    while plant.time < SETTLED + 100.0:
+        (sample,) = plant.sense()
+        assert isinstance(sample, HeadingSample)
+        since = plant.time - SETTLED
+        if since >= 0.0:
+            sample = sample._replace(heading=wrap(math.radians(shown(since, math.degrees(sample.heading)))))
+        tick = pilot.step(plant.time, (sample,), Order(OrderKind.HEADING, course, serial=1))
+        assert tick.mode is Mode.ENGAGED, words_of(tick)
+        words = "; ".join(f"{alarm.name} {alarm.detail}" for alarm in tick.alarms)
+        if since >= 0.0:
+            off.append(abs(math.degrees(wrap(plant.heading - course))))
+        if words != (said[-1][1] if said else ""):
+            said.append((since, words))
+        plant.step(tick.command.angle, DT)
+    return off, said
+
+
+@pytest.mark.parametrize("jump", [8.0, -12.0, 24.0])
+@pytest.mark.parametrize("sea", [calm, seaway])
+def test_a_compass_that_jumps_less_far_swings_no_boat_and_is_followed_slowly(
+    sea: Callable[[float], float], jump: float
+) -> None:
+    """The boat turned by all of it, without a word."""
+    well, silent = steered_by(lambda _, heading: heading, sea)
+    assert silent == []
+    most = max(well) + 1.0
+    off, said = steered_by(lambda _, heading: heading + jump, sea)
+    (when, words), *_ = said
+    assert when < 3.0
+    assert words.startswith(f"compass_jumped by {'+' if jump > 0.0 else '-'}")
+    assert max(off[: round(30.0 / DT)]) < most
+    # by 0.25 deg/s from then on, the sea beside it
+    assert max(off[: round(40.0 / DT)]) < most + 2.5
+    assert off[-1] == pytest.approx(min(abs(jump), 17.0), abs=most)
+    assert len(said) == (2 if abs(jump) < 15.0 else 1), said
+
+
+@pytest.mark.parametrize("apart", [8.0, 15.0, 24.0])
+@pytest.mark.parametrize("each_s", [0.5, 1.0, 2.2, 5.0])
+def test_two_compasses_that_take_turns_at_one_name_are_one_alarm_and_move_no_boat(apart: float, each_s: float) -> None:
+    """The boat steered between them, or round, and the alarm of the rate of turn came and went."""
+    off, said = steered_by(lambda since, heading: heading + (apart if since // each_s % 2.0 == 0.0 else 0.0))
+    assert max(off) < 2.0
+    assert {words.split()[0] for _, words in said} == {"compass_jumped"}
+    assert len(said) <= 2, "by so much, and then that it goes to and fro"
+
+
+@pytest.mark.parametrize("course", [19.6, -8.0])
+def test_a_heading_that_goes_to_nought_near_north_is_not_steered_by(course: float) -> None:
+    """19.6 deg off course by then."""
+    off, said = steered_by(lambda _, heading: 0.0, course_deg=course)
+    assert max(off) < 5.0
+    ((when, words),) = said
+    assert when < 3.0
+    assert words.startswith("compass_jumped by ")
+
+
 def test_one_spike_is_no_reason_to_leave_off_and_three_are() -> None:
     def spikes(times: tuple[float, ...]) -> Callable[[float, Sample], Sample]:
         def corrupt(now: float, sample: Sample) -> Sample:

@@ -367,6 +367,44 @@ def test_behind_a_change_that_came_by_itself_a_choice_turns_by_what_lies_between
     assert isinstance(chosen, CompassSample) and math.degrees(chosen.turn) == pytest.approx(-12.0)
 
 
+def taking_turns(names: tuple[str, str], seconds: float = 120.0) -> tuple[float, list[str]]:
+    """How far what is held is turned in the end [deg], and each change of alarm, two compasses 20 deg apart and with
+    0.3 deg of noise being heard for 2.2 s each in turns."""
+    selection, dice = SensorSelection(SelectionSettings(heading_stale=0.6)), random.Random(5)
+    turned, said = 0.0, list[str]()
+    for index in range(round(10.0 * seconds)):
+        now = 0.1 * index
+        turn = int(now / 2.2) % 2
+        shown = math.radians(20.0 * turn + dice.gauss(0.0, 0.3))
+        for sample in selection.admit(now, heading(now, names[turn], shown), LINK):
+            if isinstance(sample, CompassSample):
+                turned += math.degrees(sample.turn)
+            elif isinstance(sample, AlarmSample):
+                said.append("" if sample.event is None else sample.event.detail)
+    return turned, said
+
+
+def test_two_compasses_that_take_turns_are_one_alarm_and_turn_nothing_in_the_long_run() -> None:
+    """108 changes of alarm in two minutes, and 3 deg by the noise of each change."""
+    turned, said = taking_turns(("HEHDT", "HCHDG"))
+    assert abs(turned) < 0.1 or abs(turned) == pytest.approx(20.0, abs=1.5)
+    assert said == ["HEHDT; HCHDG steers", "", "HCHDG and HEHDT take turns"]
+
+
+def test_one_that_comes_and_goes_is_one_alarm_until_it_has_stayed_for_a_minute() -> None:
+    rules = (SourceRule("HEHDT", 1.0), SourceRule("HC*", 1.0))
+    selection, said = SensorSelection(SelectionSettings(rules, heading_stale=0.6)), list[tuple[float, str]]()
+    for index in range(1200):
+        now = 0.1 * index
+        for name in ("HEHDT", "HCHDG"):
+            if name == "HEHDT" and now % 10.0 > 8.0 and now < 30.0:
+                continue
+            samples = selection.admit(now, heading(now, name), LINK)
+            said += [(now, s.event.detail if s.event else "") for s in samples if isinstance(s, AlarmSample)]
+    assert [text for _, text in said] == ["HEHDT; HCHDG steers", "", "HEHDT comes and goes", ""]
+    assert said[-1][0] == pytest.approx(28.7 + 60.0, abs=0.5)
+
+
 def test_a_compass_that_falls_silent_in_a_turn_leaves_what_lies_between_as_it_was() -> None:
     selection = SensorSelection(SelectionSettings(heading_stale=1.2))
     sail(selection, (0.0, 10.0), {"HEHDT": turning(0.0), "HCHDM": turning(8.0)})

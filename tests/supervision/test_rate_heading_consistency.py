@@ -13,11 +13,14 @@ from hypothesis import strategies as st
 from autopilot.signals import HeadingSample, RateSample
 from autopilot.supervision.compass_watch import (
     NO_TURNS,
+    NOT_HELD,
     Consistency,
     Turns,
     are_consistent,
     are_opposite,
     consistency_step,
+    followed,
+    held_events,
     turns_step,
 )
 
@@ -235,3 +238,92 @@ def test_rates_in_other_units_stay_refused_on_a_course_where_they_are_small(peri
     texts = {known.found for now, known in said if now >= first}
     assert texts == {"115 deg/s is no turn of this boat"}
     assert all(known.is_refused for now, known in said if now >= first)
+
+
+def heard(
+    shown: Callable[[float], float],
+    rate: Callable[[float], float] = lambda _: 0.0,
+    seconds: float = 6.0,
+    dt: float = DT,
+    noise_deg: float = 0.2,
+) -> tuple[float, list[str]]:
+    """How far headings `shown` [deg] beside rates [deg/s] are held to be off in the end, and what is said by then."""
+    random, watch, said = np.random.default_rng(3), Consistency(), list[str]()
+    for k in range(round(seconds / dt)):
+        now = k * dt
+        heading, noise = math.radians(shown(now)), math.radians(noise_deg) * random.standard_normal(2)
+        turning = math.radians(rate(now)) + 0.5 * float(noise[1])
+        sample = HeadingSample(now, (heading + float(noise[0]) + math.pi) % (2.0 * math.pi) - math.pi, turning, "c")
+        watch = consistency_step(watch, sample, math.radians(15.0), 1.0, math.radians(25.0))
+        said += [event.detail for event in held_events(watch.held, now) if event.detail not in said]
+    return math.degrees(watch.held.offset), said
+
+
+@pytest.mark.parametrize("north", [0.0, 176.0, 90.0])
+@pytest.mark.parametrize("dt", [0.05, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("jump", [9.0, -9.0, 24.0])
+def test_a_heading_that_comes_to_rest_elsewhere_is_held(jump: float, dt: float, north: float) -> None:
+    offset, said = heard(lambda now: north + (jump if now >= 2.0 else 0.0), dt=dt)
+    assert offset == pytest.approx(jump, abs=1.5)
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize("damped", [0.3, 0.6])
+def test_behind_a_damped_compass_a_jump_is_held_too(damped: float) -> None:
+    offset, _ = heard(lambda now: 15.0 * (1.0 - math.exp(-max(now - 2.0, 0.0) / damped)))
+    assert offset == pytest.approx(15.0, abs=1.5)
+
+
+@pytest.mark.parametrize("jump", [3.0, -4.0, 32.0])
+def test_what_is_less_is_followed_and_what_is_more_ends_steering(jump: float) -> None:
+    assert heard(lambda now: jump if now >= 2.0 else 0.0) == (0.0, [])
+
+
+@pytest.mark.parametrize("rate", [4.0, 10.0, 30.0])
+def test_a_turn_that_no_rate_shows_is_a_turn(rate: float) -> None:
+    """A gyro that shows noise alone: what is held of the heading is given back."""
+    offset, _ = heard(lambda now: rate * max(now - 2.0, 0.0), seconds=12.0)
+    assert offset == 0.0
+
+
+@pytest.mark.parametrize("lag", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("rate", [5.0, 20.0])
+def test_a_turn_behind_a_compass_that_lags_is_no_jump(rate: float, lag: float) -> None:
+    def turned(now: float) -> float:
+        return rate * min(max(now - 2.0, 0.0), 6.0)
+
+    assert heard(lambda now: turned(now - lag), lambda now: rate if 2.0 <= now < 8.0 else 0.0, 15.0) == (0.0, [])
+
+
+def test_in_a_turn_a_jump_is_held_by_its_suddenness() -> None:
+    offset, said = heard(lambda now: 20.0 * now + (14.0 if now >= 3.0 else 0.0), lambda _: 20.0)
+    assert offset == pytest.approx(14.0, abs=1.5)
+    assert said == ["by +14 deg"]
+
+
+def test_spikes_are_said_when_they_come_the_third_time() -> None:
+    assert heard(lambda now: 12.0 if 2.0 <= now < 2.15 else 0.0) == (0.0, [])
+    offset, said = heard(lambda now: 12.0 if now >= 2.0 and now % 3.0 < 0.15 else 0.0, seconds=12.0)
+    assert (offset, said) == (0.0, ["to and fro by 12 deg"])
+
+
+def test_a_magnet_that_is_taken_away_leaves_nothing_held() -> None:
+    offset, said = heard(lambda now: 12.0 if 2.0 <= now < 12.0 else 0.0, seconds=20.0)
+    assert (offset, said) == (0.0, ["by +12 deg"])
+
+
+@pytest.mark.parametrize("noise", [4.0, 10.0])
+def test_a_compass_that_trembles_is_not_held_for_long(noise: float) -> None:
+    offset, _ = heard(lambda _: 0.0, seconds=60.0, noise_deg=noise)
+    assert offset == 0.0
+
+
+def test_the_compass_is_followed_after_half_a_minute_slowly_and_at_once_where_nobody_steers() -> None:
+    held = NOT_HELD._replace(offset=0.2, jumped=10.0, is_said=True)
+    assert followed(held, 39.9, 0.1, True) == (held, 0.0)
+    after, turn = followed(held, 40.0, 0.1, True)
+    assert turn == pytest.approx(math.radians(0.025))
+    assert after.offset == pytest.approx(0.2 - turn)
+    assert followed(held, 11.0, 0.1, False) == (held._replace(offset=0.0), 0.2)
+    settling = held._replace(onset=10.5)
+    assert followed(settling, 11.0, 0.1, False) == (settling, 0.0)

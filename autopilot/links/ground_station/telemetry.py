@@ -52,6 +52,7 @@ HEALTH: dict[int, tuple[str, ...]] = {
         "heading_lost",
         "heading_frozen",
         "heading_jumping",
+        "compass_jumped",
         "heading_disagrees",
         "attitude_unhealthy",
         "compass_doubtful",
