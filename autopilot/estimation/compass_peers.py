@@ -122,7 +122,9 @@ class CompassWatch:
             compass.stand(now, others)
         else:
             compass.same += 1
-            if not compass.reason and self._frozen and self._stands(now, compass, others):
+            # one that trembles shows no turn
+            quiet = {each: at for each, at in others.items() if self._compasses[each].noise.deviation < QUIET}
+            if not compass.reason and self._frozen and self._stands(now, compass, quiet):
                 compass.reason = "stands still"
         compass.heading, compass.last = heading, now
         self._forgive(now, compass, {} if is_noisy else others)

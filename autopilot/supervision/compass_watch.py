@@ -206,6 +206,11 @@ def held_step(
     return Held(offset, usual, math.nan, before, 0.0, False, jumped, jumps, by, is_said), after
 
 
+def settled(held: Held) -> Held:
+    """Return what is held without what may have been a spike."""
+    return held if math.isnan(held.onset) else held._replace(offset=held.before, onset=math.nan)
+
+
 def followed(held: Held, now: float, dt: float, is_ours: bool) -> tuple[Held, float]:
     """Return what is still held at `now` [s], `dt` after the last time, and by how much [rad] the compass is followed:
     slowly, once it has stayed for HELD_FOR where it jumped to; at once where nobody is steered by us."""
@@ -259,7 +264,7 @@ class Consistency(NamedTuple):
 
 def still_held(before: Consistency) -> Consistency:
     """Return what is known where another compass steers: what is held was turned to it, and the boat stays there."""
-    return Consistency(held=before.held._replace(onset=math.nan))
+    return Consistency(held=settled(before.held))
 
 
 def consistency_step(
@@ -298,7 +303,7 @@ def consistency_step(
         or not 0.0 <= time - last.time <= HEADINGS_APART_S
         or not math.isfinite(sample.heading + last.heading)
     ):
-        held = before.held._replace(onset=math.nan)
+        held = settled(before.held)
         # what comes behind a gap, or by another name, is none that jumped
         held = held._replace(offset=0.0) if last is not None and (rate is not None or not is_same) else held
         return before._replace(heading=sample, still=still, held=held)

@@ -275,6 +275,7 @@ ILLS = {
         "heading_lost",
         "heading_frozen",
         "heading_jumping",
+        "compass_jumped",
         "heading_disagrees",
         "attitude_unhealthy",
         "compass_doubtful",

@@ -21,6 +21,7 @@ from autopilot.supervision.compass_watch import (
     consistency_step,
     followed,
     held_events,
+    still_held,
     turns_step,
 )
 
@@ -325,5 +326,13 @@ def test_the_compass_is_followed_after_half_a_minute_slowly_and_at_once_where_no
     assert turn == pytest.approx(math.radians(0.025))
     assert after.offset == pytest.approx(0.2 - turn)
     assert followed(held, 11.0, 0.1, False) == (held._replace(offset=0.0), 0.2)
-    settling = held._replace(onset=10.5)
+    settling = held._replace(onset=10.5, before=0.1)
     assert followed(settling, 11.0, 0.1, False) == (settling, 0.0)
+
+
+def test_where_another_compass_takes_over_a_jump_stays_held_and_what_may_be_a_spike_does_not() -> None:
+    held = NOT_HELD._replace(offset=0.2, before=0.1, jumped=10.0, is_said=True)
+    assert still_held(Consistency(held=held)).held == held
+    spike = still_held(Consistency(held=held._replace(onset=10.5))).held
+    assert spike.offset == 0.1
+    assert math.isnan(spike.onset)
