@@ -95,9 +95,9 @@ CONDITIONS = {
         key="alarms.off_course_deg, alarms.off_course_s",
     ),
     "overpowered": Condition(
-        "by the model, what turns the boat besides rudder and waves exceeds the rudder's limit for 2 s, with the "
-        "rudder hard over against it or held by a trial; or, with the rudder hard over for a time constant, the boat "
-        "turns to the other side by 20 deg and twice the waves' yaw",
+        "by the model, what turns the boat besides rudder and waves is twice the rudder's limit for 1.5 s, or beyond "
+        "it by less for as much longer, with the rudder hard over against it or held by a trial; or, with the rudder "
+        "hard over for a time constant, the boat turns to the other side by 20 deg and twice the waves' yaw",
         key="alarms.reversed_rudder",
     ),
     "trial_doubtful": Condition(

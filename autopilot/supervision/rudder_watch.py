@@ -70,7 +70,7 @@ from autopilot.supervision.tuning import (
     ON_COURSE,
     PATIENCE_S,
     PROGRESS_SHARE,
-    PUSH_LASTS,
+    PUSH_BEYOND,
     PUSHED_S,
     REMEMBERED_S,
     REPORT_FRESH_S,
@@ -83,7 +83,6 @@ from autopilot.supervision.tuning import (
     SPEED_DOUBT,
     STANDS,
     STILL,
-    STOP_LASTS,
     TAKES_HOLD,
     TOLERANCE,
     TRIAL_SAID,
@@ -457,33 +456,36 @@ def _is_held_off(response: ResponseState, seen: MonitorInput, history: History, 
 
 class Overpowered(NamedTuple):
     """Wind, current and trim that are worth more than the rudder's limit, as the estimator learns them beside waves:
-    since when [s], nan: they are not; since when the rudder is hard over against them; and how hard, '' where the
-    rudder can hold it."""
+    the `time` [s] of the tick before, nan: they are not; beyond [s]: how far they were beyond it, in units of the
+    limit, summed over the time in which the rudder was hard over against them; and how hard, '' where the rudder can
+    hold it."""
 
-    since: float = math.nan
-    hard_since: float = math.nan
+    time: float = math.nan
+    beyond: float = 0.0
     found: str = ""
 
 
 def overpowered_step(before: Overpowered, seen: MonitorInput) -> Overpowered:
     """Judge a tick. A law that holds a course has put the rudder to its stop: as long as it has some left, what the
-    estimator believes is a sea that it does not know."""
+    estimator believes is a sea that it does not know.
+
+    A push that sets in is overrated at first, by half for a few seconds, until the rudder has shown what it does
+    against it. So the nearer it is to what the rudder holds, the longer it must last:
+    beyond = int (|push|/limit - 1) dt.
+    """
     push, most = seen.push, seen.angle_max
     if not (seen.steers and seen.has_way and (push > most or push < -most)):
         return NOT_OVERPOWERED
-    now, (since, hard_since, found) = seen.now, before
-    if not (is_hard_over(seen) and seen.rudder * seen.push < 0.0):
-        hard_since = math.nan
-    elif math.isnan(hard_since):
-        hard_since = now
-    # a trial's rudder rests where the trial wants it
-    has_none_left = not seen.follows or now - hard_since >= STOP_LASTS
-    if math.isnan(since):
-        since = now
-    elif now - since >= PUSH_LASTS and not found and has_none_left:
-        side = "starboard" if seen.push > 0.0 else "port"
-        found = f"to {side}, as by {math.degrees(abs(seen.push)):.0f} deg of rudder"
-    return Overpowered(since, hard_since, found)
+    time, beyond, found = before
+    if seen.follows and not (is_hard_over(seen) and seen.rudder * push < 0.0):
+        # a trial's rudder rests where the trial wants it
+        return Overpowered(found=found)
+    if time == time:  # what is not a number is not itself
+        beyond += (abs(push) / most - 1.0) * (seen.now - time)
+    if beyond >= PUSH_BEYOND and not found:
+        side = "starboard" if push > 0.0 else "port"
+        found = f"to {side}, as by {math.degrees(abs(push)):.0f} deg of rudder"
+    return Overpowered(seen.now, beyond, found)
 
 
 NOT_OVERPOWERED = Overpowered()

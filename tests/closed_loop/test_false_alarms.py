@@ -67,10 +67,12 @@ def test_a_push_heavier_than_the_rudder_is_reported_in_waves(boat: Boat, within:
     assert off < 45.0
 
 
+@pytest.mark.parametrize("gust_deg", [20.0, 25.0])
 @pytest.mark.parametrize("boat", [QUICK, SLOW, SHIP], ids=["quick", "slow", "ship"])
-def test_a_gust_that_the_rudder_can_hold_raises_no_overpowered_alarm(boat: Boat) -> None:
+def test_a_gust_that_the_rudder_can_hold_raises_no_overpowered_alarm(boat: Boat, gust_deg: float) -> None:
+    """The rudder holds 30 deg. A gust that sets in is overrated at first, one of 21 deg as 34."""
     begins = 200.0
-    found, _ = sailed(vessel_of(boat), lambda now: math.radians(20.0) if now >= begins else 0.0, begins + 300.0)
+    found, _ = sailed(vessel_of(boat), lambda now: math.radians(gust_deg) if now >= begins else 0.0, begins + 300.0)
     assert "overpowered" not in found
 
 
