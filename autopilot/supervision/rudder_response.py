@@ -54,6 +54,7 @@ from autopilot.supervision.tuning import (
     GUST,
     LEAST,
     LEAST_SHARE,
+    LITTLE,
     LIVELY,
     MISFIT,
     MISFIT_TIME,
@@ -114,7 +115,8 @@ class ResponseState(NamedTuple):
     is reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were; usual
     and shown: the share of the model's answer that the boat has had so far is the former over the latter; others:
     the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing
-    was suspect."""
+    was suspect; since: innovation times answer, and the answer's square, over the variance, summed since a fault may
+    have begun."""
 
     time: float
     covariance: Covariance
@@ -134,6 +136,7 @@ class ResponseState(NamedTuple):
     others: Others
     usual_colour: float
     blocks: Blocks
+    since: tuple[float, float]
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
@@ -159,6 +162,7 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         others=NO_OTHERS,
         usual_colour=1.0,
         blocks=first_blocks(noise, heading),
+        since=(0.0, 0.0),
     )
 
 
@@ -203,7 +207,7 @@ def response_step(
     the one before; the boat turns at about `rate` [rad/s]."""
     (
         last, known, mean, answer, late, slide, slid, stuck, stuck_late, wrong, wrong_late, unexplained, outliers,
-        usual, shown, others, usual_colour, blocks,
+        usual, shown, others, usual_colour, blocks, since,
     ) = before  # fmt: skip
     (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
     dt = time - last
@@ -249,6 +253,9 @@ def response_step(
         doubtful,
         most,
     )
+    both, squares = since
+    may_have_begun = stuck >= LITTLE or turned >= LITTLE
+    since = (both + off * s / variance, squares + s * s / variance) if may_have_begun else (0.0, 0.0)
     # what may be a fault is none of the boat's usual ways
     learns = 0.0 if is_suspect(stuck, wrong, blocks) else 1.0 / variance
     slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
@@ -273,6 +280,7 @@ def response_step(
         others,
         others.colour if learns > 0.0 else usual_colour,
         blocks,
+        since,
     )
 
 
@@ -308,6 +316,7 @@ def _without_heading(
         others,
         before.usual_colour,
         blocks,
+        before.since,
     )
 
 
@@ -420,6 +429,7 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
         ),
         after.usual_colour,
         no_more_blocks(before.blocks, after.blocks),
+        before.since,
     )
 
 
@@ -444,14 +454,20 @@ def _at_most(known: Evident, most: float) -> Evident:
 
 def verdict(response: ResponseState, sure: tuple[float, float, float]) -> int:
     """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite. sure:
-    so much evidence together, by headings, and by blocks is `enough`."""
+    so much evidence together, by headings, and by blocks is `enough`.
+
+    A boat that turns against its rudder shows as soon that it does not answer, as each heading adds no more than
+    MOST_AT_ONCE to either. Which of the two it is, the share of the answer tells that explains most since then.
+    """
     together, headings, blocks = sure
     if response.stuck < headings and response.reversed < headings:
         return 0
     (stuck, wrong), (stuck_too, wrong_too) = by_headings(response), by_blocks(response)
-    if wrong >= headings and wrong_too >= blocks and wrong + wrong_too >= together:
-        return -1
-    return 1 if stuck >= headings and stuck_too >= blocks and stuck + stuck_too >= together else 0
+    is_wrong = wrong >= headings and wrong_too >= blocks and wrong + wrong_too >= together
+    if not is_wrong and not (stuck >= headings and stuck_too >= blocks and stuck + stuck_too >= together):
+        return 0
+    both, squares = response.since
+    return -1 if both < -0.5 * squares else 1
 
 
 def by_headings(response: ResponseState) -> tuple[float, float]:

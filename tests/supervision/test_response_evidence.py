@@ -13,6 +13,7 @@ import pytest
 from watches import BOAT, DT, NOISE, Answering, MatrixFilter
 
 from autopilot.estimation.disturbance import slide_step
+from autopilot.models.norrbin import rate_step
 from autopilot.signals import HeadingSample, NavState
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.response_filter import (
@@ -263,21 +264,43 @@ def accused(stuck: float, stuck_too: float, wrong: float = 0.0, wrong_too: float
         ((99.0, 2.9), (0.0, 0.0), 0),
         ((6.0, 8.0), (0.0, 0.0), 1),
         ((5.9, 99.0), (0.0, 0.0), 0),
-        ((99.0, 99.0), (6.0, 8.0), -1),
-        ((99.0, 99.0), (6.0, 7.9), 1),
+        ((0.0, 0.0), (6.0, 8.0), -1),
+        ((0.0, 0.0), (6.0, 7.9), 0),
         ((0.0, 0.0), (99.0, 2.9), 0),
     ],
 )
 def test_a_verdict_takes_both_seas_in_time_and_late(
     silent: tuple[float, float], opposite: tuple[float, float], wanted: int
 ) -> None:
-    memory = accused(*silent, *opposite)
+    memory = accused(*silent, *opposite)._replace(since=(-1.0 if max(opposite) > 0.0 else 0.0, 1.0))
     assert verdict(memory, ON_COURSE) == wanted
     assert verdict(memory._replace(usual_colour=2.5), ON_COURSE) == wanted
     for name, less in (("stuck", 0), ("stuck_late", 0), ("reversed", -1), ("reversed_late", -1)):
         if wanted == (1 if less == 0 else -1):
             assert verdict(memory._replace(**{name: 0.0}), ON_COURSE) != wanted
             assert verdict(memory._replace(blocks=memory.blocks._replace(**{name: 0.0})), ON_COURSE) != wanted
+
+
+@pytest.mark.parametrize("evidence", [(99.0, 99.0, 0.0, 0.0), (0.0, 0.0, 99.0, 99.0), (99.0, 99.0, 99.0, 99.0)])
+@pytest.mark.parametrize(("share", "wanted"), [(-1.7, -1), (-0.51, -1), (-0.49, 1), (0.4, 1)])
+def test_which_fault_it_is_the_share_of_the_answer_since_it_began_tells(
+    evidence: tuple[float, float, float, float], share: float, wanted: int
+) -> None:
+    """Midway between a rudder that does nothing and one that does the opposite."""
+    assert verdict(accused(*evidence)._replace(since=(30.0 * share, 30.0)), ON_COURSE) == wanted
+
+
+def test_the_share_is_that_of_the_headings_since_there_was_no_evidence() -> None:
+    memory, heading, rate, begun = first_response(NOISE, 0.0, 0.0), 0.0, 0.0, []
+    for number in range(1, 400):
+        rudder = math.copysign(0.3, math.sin(0.4 * number * DT))
+        rate = rate_step(BOAT, rate, rudder if number < 200 else -rudder, DT)
+        heading += rate * DT
+        memory = response_step(memory, BOAT, NOISE, rate, (number * DT, heading), (rudder, rudder, rudder, 0.0, 1.0))
+        begun.append(max(memory.stuck, memory.reversed) >= 1.0)
+        assert (memory.since[1] > 0.0) is begun[-1]
+    assert not any(begun[:198]) and all(begun[250:])
+    assert memory.since[0] == pytest.approx(-memory.since[1], rel=0.4)
 
 
 def test_a_turn_asks_for_less_evidence_but_for_what_was_carried_into_it() -> None:
@@ -305,7 +328,7 @@ def test_a_turn_asks_for_less_evidence_but_for_what_was_carried_into_it() -> Non
 def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() -> None:
     """Of a sea eight times as coloured as noise; what is suspect is not the sea's."""
     for share, wanted in ((1.01, -1), (0.99, 0)):
-        memory = accused(0.0, 0.0, share * 8.0 / 2.5 * 6.0, 8.0)._replace(usual_colour=8.0)
+        memory = accused(0.0, 0.0, share * 8.0 / 2.5 * 6.0, 8.0)._replace(usual_colour=8.0, since=(-1.0, 1.0))
         assert verdict(memory, ON_COURSE) == wanted
     for opposite, learns in ((0.0, True), (5.0, False)):
         memory = first_response(NOISE, 0.0, 0.0)._replace(reversed=opposite)
@@ -474,7 +497,9 @@ def test_after_a_second_without_a_heading_and_with_another_compass_it_begins_ane
 
 
 def test_for_a_second_after_a_late_tick_nothing_is_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks = Looks(monkeypatch, reversed=99.0, reversed_late=99.0, blocks=accused(0.0, 0.0, 0.0, 9.0).blocks)
+    looks = Looks(
+        monkeypatch, reversed=99.0, reversed_late=99.0, blocks=accused(0.0, 0.0, 0.0, 9.0).blocks, since=(-1.0, 1.0)
+    )
     looks.update(0.1, is_late=True)
     assert [looks.update(0.1) for _ in range(10)] == [""] * 8 + ["rudder_reversed"] * 2
 
