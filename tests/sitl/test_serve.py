@@ -223,6 +223,10 @@ def test_a_link_left_over_is_replaced_though_its_terminal_is_somebody_else_s_now
     ours = path.resolve()
     with pytest.raises(LinkError, match="does not exist yet"):
         PtyTransport(str(path))  # in use
+    (tmp_path / "alias").symlink_to(tmp_path)
+    for spelled in ("alias/line", f"../{tmp_path.name}/line"):
+        with pytest.raises(LinkError, match="does not exist yet"):
+            PtyTransport(str(tmp_path / spelled))  # the same link, by another way to its folder
     assert path.resolve() == ours
     line.close()
     descriptors = os.openpty()
