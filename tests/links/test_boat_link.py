@@ -20,6 +20,7 @@ from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink.codec import MavlinkCodec
+from autopilot.links.mavlink.frames import CommandCancel
 from autopilot.links.transports import loopback_pair
 from autopilot.operators.trial_script import TrialScript, turning, zigzag
 from autopilot.signals import (
@@ -345,6 +346,9 @@ def acknowledged(answers: list[Any]) -> list[int]:
         ((7, 8), (0, 1), 1),  # said again, as the answer was lost
         ((7, 7), (0, 0), 1),  # doubled by the line
         ((7, 8), (0, 0), 2),  # ordered twice
+        ((7, 8), (1, 1), 2),  # by who gives every order with a confirmation
+        ((8, 7), (1, 0), 1),  # the first comes behind what was said again for it
+        ((7, 8), (1, 0), 2),  # the first was lost; ordered anew
     ],
 )
 def test_a_turn_that_comes_twice_is_sailed_once(
@@ -409,3 +413,68 @@ def test_an_order_to_engage_said_again_after_somebody_else_stood_by_is_not_carri
     put(bench, 8, *ENGAGE, confirmation=1)
     assert acknowledged(bench.run(0.2)) == [0]
     assert bench.hand.orders == [("engage", None), ("stand by", None)]
+
+
+def test_a_turn_that_comes_twice_behind_another_one_is_sailed_once() -> None:
+    bench = Bench(armed=True)
+    bench.run(0.1, Mode.ENGAGED)
+    port = (*TURN[:3], -1.0, 1.0)
+    for number, order in ((7, TURN), (8, port), (7, TURN), (9, TURN)):
+        put(bench, number, *order)
+        bench.run(0.2, Mode.ENGAGED)
+    assert len(bench.hand.orders) == 3
+
+
+def test_a_heading_ordered_back_counts_though_only_its_second_saying_comes() -> None:
+    """What was said again is the last that was ordered: 50, 90, and 50 anew."""
+    bench = Bench(armed=True)
+    bench.run(0.1, Mode.ENGAGED)
+    for number, (heading_deg, confirmation) in enumerate(((50.0, 0), (90.0, 0), (50.0, 1)), 7):
+        put(bench, number, dialect.MAV_CMD_CONDITION_YAW, heading_deg, confirmation=confirmation)
+        bench.run(0.2, Mode.ENGAGED)
+    assert [round(math.degrees(order[1])) for order in bench.hand.orders] == [50, 90, 50]
+
+
+@pytest.mark.parametrize("between", [230, 250, 500])
+def test_a_busy_sender_s_order_to_engage_after_standby_counts(between: int) -> None:
+    """A joystick sends 50 messages a second: the numbers have begun again when the next order comes."""
+    bench = Bench(armed=True)
+    put(bench, 0, *STAND_BY)
+    bench.run(0.2, Mode.ENGAGED)
+    beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    for number in range(1, between):
+        bench.station._mavlink.seq = number % 256
+        bench.far.send(bench.station.encode(beat))
+        if number % 10 == 0:
+            bench.run(0.05)
+    bench.run(0.1)
+    put(bench, between % 256, *ENGAGE)
+    assert acknowledged(bench.run(0.2)) == [0]
+    assert bench.hand.orders[-1] == ("engage", None)
+
+
+def test_an_order_to_engage_anew_after_standby_counts_though_only_its_second_saying_comes() -> None:
+    bench = Bench(armed=True)
+    bench.run(0.1)
+    for number, (order, confirmation, mode) in enumerate(
+        ((ENGAGE, 0, Mode.STANDBY), (STAND_BY, 0, Mode.ENGAGED), (ENGAGE, 1, Mode.STANDBY)), 7
+    ):
+        bench.run(0.1, mode)
+        put(bench, number, *order, confirmation=confirmation)
+        bench.run(0.1, mode)
+    assert bench.hand.orders == [("engage", None), ("stand by", None), ("engage", None)]
+
+
+def test_a_trial_that_was_cancelled_is_not_begun_again_by_what_comes_twice() -> None:
+    bench = Bench(armed=True)
+    bench.run(0.1, Mode.ENGAGED)
+    trial = dialect.MAV_CMD_USER_1, 10.0, 20.0, 60.0
+    put(bench, 7, *trial)
+    assert acknowledged(bench.run(0.2, Mode.ENGAGED)) == [5]
+    put(bench, 8, *trial, confirmation=1)
+    assert acknowledged(bench.run(0.2, Mode.ENGAGED)) == [5], "under way"
+    bench.ask(CommandCancel(7, 1, dialect.MAV_CMD_USER_1), Mode.ENGAGED)
+    bench.run(1.0, Mode.ENGAGED)
+    put(bench, 7, *trial)
+    assert acknowledged(bench.run(0.2, Mode.ENGAGED)) == [6], "cancelled"
+    assert [name for name, _ in bench.hand.orders] == ["zigzag"]

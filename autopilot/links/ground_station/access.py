@@ -338,18 +338,34 @@ REPEATED_S = 10.0
 """So long an order may be said again, or be held by a line."""
 OVERTAKEN = 32
 """So many of its sender's messages may have come before one that was sent ahead of them."""
-SENDERS_KEPT = 32
+SENDERS_KEPT, ORDERS_KEPT = 32, 32
 ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
 
 
-class _Sender:
-    """What is known of one sender: the number of its last message, whether its numbers go on at all, what it ordered
-    last that was taken, and the number and the time of its last order to stand by."""
+class _Taken(NamedTuple):
+    """An order that was taken: when [s], under which number, how often it had been said, and its words."""
 
-    def __init__(self) -> None:
-        self.number, self.counts = -1, False
-        self.taken: tuple[float, int, str] = (-math.inf, -1, "")
-        self.stood_by: tuple[float, int] = (-math.inf, -1)
+    time: float
+    number: int
+    confirmation: int
+    command: int
+    words: str
+
+
+class _Sender:
+    """What is known of one sender: the number of its newest message, that goes on where the one on the line begins
+    again behind 255; whether its numbers go on at all; what it ordered of late, the newest last, and the time and the
+    number of its last order to stand by."""
+
+    def __init__(self, number: int) -> None:
+        self.newest, self.counts = number, False
+        self.taken: deque[_Taken] = deque(maxlen=ORDERS_KEPT)
+        self.stood_by = (-math.inf, -1)
+
+    def number_of(self, message: Message) -> int:
+        """Return the number of a message, as it goes on: the nearest to the newest."""
+        ahead: int = (message.get_seq() - self.newest) % 256
+        return self.newest + (ahead if ahead < 128 else ahead - 256)
 
 
 class OrderSequence:
@@ -365,38 +381,63 @@ class OrderSequence:
 
     def heard(self, message: Message) -> None:
         """Take the number of any message."""
-        sender, number = self._sender(message), message.get_seq()
-        sender.counts = sender.counts or number != sender.number >= 0
-        sender.number = number
+        sender = self._sender(message)
+        number = sender.number_of(message)
+        sender.counts = sender.counts or number != sender.newest
+        sender.newest = max(sender.newest, number)
 
     def is_again(self, now: float, message: Message) -> bool:
-        """Return whether an order has been taken already."""
-        sender = self._sender(message)
-        time, number, what = sender.taken
-        if message.get_type() not in ONCE or now - time > REPEATED_S or what != _words(message):
+        """Return whether an order has been taken already: this very one, the same said once more, or before, and late.
+
+        To be said once more it is its sender's last of that command; who begins with a `confirmation`, and gives the
+        same each time, orders anew.
+        """
+        if message.get_type() not in ONCE:
             return False
-        return bool(getattr(message, "confirmation", 0)) or (sender.counts and number == message.get_seq())
+        sender, words, said = self._sender(message), _words(message), _confirmation(message)
+        number, of_command = sender.number_of(message), None
+        for order in sender.taken:
+            if now - order.time > REPEATED_S:
+                continue
+            if order.command == _command(message):
+                of_command = order
+            is_itself = order.number == number or (said < order.confirmation and number < order.number)
+            if sender.counts and is_itself and order.words == words:
+                return True
+        return of_command is not None and of_command.words == words and said > of_command.confirmation
 
     def is_overtaken(self, now: float, message: Message) -> bool:
         """Return whether the sender's order to stand by, which has come, was sent after this one."""
-        time, number = self._sender(message).stood_by
-        behind = (number - message.get_seq()) % 256
+        sender = self._sender(message)
+        time, number = sender.stood_by
+        behind = number - sender.number_of(message)
         return message.get_type() in ONCE and now - time <= REPEATED_S and 0 < behind <= OVERTAKEN
 
     def taken(self, now: float, message: Message) -> None:
         """Take an order that is carried out."""
         sender = self._sender(message)
-        sender.taken = now, message.get_seq(), _words(message)
+        number = sender.number_of(message)
         if stands_by(message):
-            sender.stood_by = now, message.get_seq()
+            sender.stood_by = now, number
+            sender.taken.clear()  # what is ordered from now on is meant to end it, however often it is said
+        sender.taken.append(_Taken(now, number, _confirmation(message), _command(message), _words(message)))
 
     def _sender(self, message: Message) -> _Sender:
         name = message.get_srcSystem(), message.get_srcComponent()
-        sender = self._senders.pop(name, None) or _Sender()
+        sender = self._senders.pop(name, None) or _Sender(message.get_seq())
         while len(self._senders) >= SENDERS_KEPT:
             del self._senders[next(iter(self._senders))]
         self._senders[name] = sender  # the last to speak is the last to be forgotten
         return sender
+
+
+def _confirmation(message: Message) -> int:
+    return int(getattr(message, "confirmation", 0))
+
+
+def _command(message: Message) -> int:
+    """Return the command of a message; -1 for one that is no command."""
+    return int(getattr(message, "command", -1))
 
 
 def _words(message: Message) -> str:

@@ -18,7 +18,7 @@ from autopilot.links.ground_station.access import (
     refused_senders_of,
     stands_by,
 )
-from autopilot.links.ground_station.commands import ACCEPTED, DENIED, OVERBOARD, REJECTED, Commands
+from autopilot.links.ground_station.commands import ACCEPTED, DENIED, IN_PROGRESS, OVERBOARD, REJECTED, Commands
 from autopilot.links.ground_station.file_server import (
     ALARMS,
     COMPASSES,
@@ -213,9 +213,11 @@ class BoatLink(StationLink):
                 self._refuse(now, OVERTAKEN)
                 return self._service.answered(message, REJECTED)
             if self._sequence.is_again(now, message):
-                return self._service.answered(message, ACCEPTED)
+                running = self._commands.running
+                is_it = running is not None and running.command == getattr(message, "command", None)
+                return self._service.answered(message, running.result if running is not None and is_it else ACCEPTED)
         answers = self._service.take(now, message)
-        if any(getattr(answer, "result", None) == ACCEPTED for answer in answers):
+        if any(getattr(answer, "result", None) in (ACCEPTED, IN_PROGRESS) for answer in answers):
             self._sequence.taken(now, message)
         return answers
 
