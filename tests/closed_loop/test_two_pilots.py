@@ -223,3 +223,56 @@ def test_a_hand_at_a_ground_station_gets_the_rudder_within_five_seconds(rate_hz:
     assert boat.run(5.5, lambda tick: tick.mode is Mode.OVERRIDE)
     boat.run(10.0)
     assert boat.tick.mode is Mode.OVERRIDE and boat.firmware.channels[0] == 1700
+
+
+def released_by(boat: Lockstep) -> list[float]:
+    """Return a list of the times at which the boat's own pilot releases the steering input from now on."""
+    times: list[float] = []
+    receive, reader = boat.vehicle.receive, MavlinkCodec()
+
+    def received(now: float, data: bytes) -> None:
+        found = [message for message in reader.decode(data) if message.get_type() == "RC_CHANNELS_OVERRIDE"]
+        times.extend(now for message in found if message.chan1_raw == 0)
+        receive(now, data)
+
+    boat.vehicle.receive = received  # type: ignore[method-assign]
+    return times
+
+
+@pytest.mark.parametrize("heading_deg", [60.0, 66.0])
+def test_who_steers_after_the_first_stood_by_keeps_the_helm_though_its_orders_look_like_the_first_s(
+    heading_deg: float,
+) -> None:
+    both = TwoPilots(True)
+    both.sail(3.0)
+    both.first.order = Order(OrderKind.STANDBY, serial=9)
+    both.sail(0.6)
+    times = released_by(both.first)
+    both.second.engage(heading_deg)
+    both.sail(6.0)
+    assert both.engaged == {"second"}
+    assert times == []
+
+
+def test_a_joystick_that_stands_where_our_rudder_stood_is_left_the_helm() -> None:
+    """Its orders are taken for late ones of ours for a moment, as nobody says whose they are; then no more."""
+    boat = Lockstep(VESSEL)
+    boat.engage(60.0)
+    assert boat.run(12.0, until=boat.engaged)
+    boat.run(5.0)
+    pulse = boat.link.session._output.commanded_pulse
+    boat.order = Order(OrderKind.STANDBY, serial=9)
+    boat.run(1.0)
+    times, without, begun = released_by(boat), 0, boat.now
+
+    def steers(bench: Lockstep) -> None:
+        if round(bench.now / 0.025) % 4 == 0:
+            message = dialect.MAVLink_rc_channels_override_message(1, 1, pulse, *[65535] * 7, *[0] * 10)
+            bench.vehicle.receive(bench.now, STATION.encode(message))
+
+    boat.hooks.append(steers)
+    for _ in range(240):
+        boat.run(0.025)
+        without += not boat.firmware.overrides.active(boat.now, 3.0)
+    assert times[-1] - begun < 2.0, "and no more"
+    assert without * 0.025 < 1.0

@@ -306,3 +306,16 @@ def test_a_report_of_the_input_that_was_overtaken_on_its_way_accuses_nobody() ->
     boat.channels(9.1, 100, chan1_raw=1710)
     boat.channels(9.1, 50, chan1_raw=1720)
     assert probe._reported == 1710, "its clock began anew"
+
+
+def test_a_servo_report_that_was_overtaken_accuses_no_bow_thruster() -> None:
+    output = SteeringOutput("rc_override", math.radians(30.0), False)
+    reader = VehicleReader(output, CompanionSettings(math.radians(30.0), bow_channel=9))
+    assert reader.bow is not None
+    reader.bow.output, shown = 5, []
+    reader.bow.report_output = lambda now, pulse: shown.append(pulse)  # type: ignore[method-assign]
+    for time_usec, pulse in ((2_000_000, 1700), (1_900_000, 1500), (2_100_000, 1710)):
+        message = dialect.MAVLink_servo_output_raw_message(time_usec, 0, 0, 0, 0, 0, pulse, 0, 0, 0)
+        (received,) = MavlinkCodec(1, 0).decode(MavlinkCodec(1, 1).encode(message))
+        reader.take(5.0, received, [])
+    assert shown == [1700, 1710]

@@ -41,6 +41,8 @@ ECHO_PATIENCE_S = 2.5
 """A slow telemetry radio may take this long from our message to the vehicle's report of it."""
 STRAGGLER_S = 5.0
 """One order may come so late that it is seen this long after it was sent: an old one of ours, and nobody else's."""
+RETURN_GAP_S, RETURNS_S = 0.35, 1.5
+"""Orders that are released and back within the one, for longer than the other: who steers repeats its own at 5 Hz."""
 
 
 class OverrideEcho:
@@ -57,6 +59,8 @@ class OverrideEcho:
         self.pulses: dict[int, float] = {}
         self._earlier: dict[int, float] = {}
         self._is_held = False
+        self._acted = (-math.inf, -math.inf)
+        """Since when, and when last, orders that are released have been seen to act again."""
         self._doubts: dict[str, tuple[float, float]] = {}
 
     def commanded(self, now: float, pulse: int | None) -> None:
@@ -91,13 +95,28 @@ class OverrideEcho:
 
     def acts_again(self, now: float, pulse: int) -> bool:
         """Return whether a reported `pulse` [us] may be an order of ours that came behind its release, which the
-        vehicle obeys until it lets go by itself."""
+        vehicle obeys until it lets go by itself.
+
+        Such a one goes with the next release. What comes back behind each of them is somebody else who steers, or a
+        stick that stands there: theirs is not to be released.
+        """
         if self._is_held or not self._earlier:
             return False
         recent = [sent for sent, time in self._earlier.items() if now - time <= STRAGGLER_S]
         if not recent:
             self._earlier.clear()
-        return agrees_with(pulse, recent)
+        if not agrees_with(pulse, recent):
+            return False
+        since, last = self._acted
+        self._acted = (since if now - last <= RETURN_GAP_S else now, now)
+        if now - self._acted[0] > RETURNS_S:
+            self.forget()
+            return False
+        return True
+
+    def forget(self) -> None:
+        """Take that what was commanded before the release is over, or that whatever shows it is not ours."""
+        self._earlier.clear()
 
     def shows(self, now: float, what: str, pulse: int, expected: Collection[int]) -> str:
         """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last; return what it
@@ -283,6 +302,10 @@ class ControlAuthority:
     def steers_by_hand(self) -> bool:
         """Whether the vehicle is in the mode, and armed, in which the steering input moves the rudder."""
         return self.armed and self.mode == MANUAL_MODE
+
+    def acts_again(self, now: float, pulse: int) -> bool:
+        """Return whether a `pulse` [us] that the input shows may be an order of ours that came behind its release."""
+        return not self.steering and not self._may_share and self.echo.acts_again(now, pulse)
 
     def others_override(self, now: float) -> bool:
         """Return whether the steering input has shown pulses of late that are none of ours, while we steer."""

@@ -433,8 +433,8 @@ class CompanionSession:
                 self._refused_before = signing.refused.total()
             elif signing.refused.total() > self._refused_before:
                 obstacle += f"; what comes is {signing.last_refusal}: {CURES[signing.last_refusal]}"
-        if not obstacle and not authority.steering:
-            obstacle = self._other.obstacle(now)
+        if not obstacle and not authority.steering and (obstacle := self._other.obstacle(now)):
+            authority.echo.forget()  # what the input shows from now on is theirs
         proof = self._probe if self._guided is None else self._guided
         if authority.disobeyed or obstacle:
             proof.reset()

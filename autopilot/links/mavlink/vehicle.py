@@ -422,11 +422,11 @@ class VehicleReader:
     def _servos(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[SERVOS] += 1
         servo, channel = self.parameters.steering_servo, self._output.channel
-        if self.bow is not None and message.port == 0 and 0 < self.bow.output <= SHOWN_OUTPUTS:
-            self.bow.report_output(now, getattr(message, f"servo{self.bow.output}_raw"))
-        if servo is None or channel is None or message.port != 0:
+        if message.port != 0 or self._is_overtaken(now, SERVOS, message.time_usec * 1.0e-6, USEC_WRAP_S):
             return
-        if self._is_overtaken(now, SERVOS, message.time_usec * 1.0e-6, USEC_WRAP_S):
+        if self.bow is not None and 0 < self.bow.output <= SHOWN_OUTPUTS:
+            self.bow.report_output(now, getattr(message, f"servo{self.bow.output}_raw"))
+        if servo is None or channel is None:
             return
         if self._is_mixed:
             self._thrusters(now, message, samples)
@@ -499,7 +499,7 @@ class VehicleReader:
             return
         # once overridden, a vehicle without a radio goes on to show the last override
         self.lacks_receiver = pulse == 0 or (self.lacks_receiver and self.release.has_ordered)
-        if not authority.steering and authority.echo.acts_again(now, pulse):
+        if authority.acts_again(now, pulse):
             self._output.release_again()
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
