@@ -104,7 +104,8 @@ def _lock(terminal: int, path: Path) -> None:
     """Show others that this open terminal is in use as `path` (fcntl(2), F_OFD_SETLK, at a place of the path's own;
     flock is for who opens the terminal as a port). Raises OSError."""
     # one link, by whatever way to its folder somebody writes it
-    place = zlib.crc32(os.fsencode(path.parent.resolve() / path.name))
+    folder = os.path.realpath(path.parent)
+    place = zlib.crc32(os.fsencode(Path(folder, path.name)))
     fcntl.fcntl(terminal, fcntl.F_OFD_SETLK, struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, place, 1, 0))
 
 

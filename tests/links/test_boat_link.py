@@ -15,6 +15,7 @@ from station_doubles import Skipper, Store
 
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import LinkError
+from autopilot.links.ground_station.access import AccessPolicy
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
@@ -423,6 +424,33 @@ def test_a_turn_that_comes_twice_behind_another_one_is_sailed_once() -> None:
         put(bench, number, *order)
         bench.run(0.2, Mode.ENGAGED)
     assert len(bench.hand.orders) == 3
+
+
+def test_a_turn_that_a_router_brings_over_two_links_is_sailed_once() -> None:
+    bench = Bench(armed=True)
+    policy = AccessPolicy()
+    pairs = [loopback_pair() for _ in range(2)]
+    links = [
+        BoatLink(near, bench.commands, ParameterServer(bench.store), system=7, access=policy.link())
+        for near, _ in pairs
+    ]
+
+    def passed_on(message: Any) -> list[int]:
+        bench.now += 0.05
+        packet, results = bench.station.encode(message), []
+        for link, (_, far) in zip(links, pairs, strict=True):
+            far.send(packet)
+            link.publish_tick(tick(Mode.ENGAGED, bench.now))
+            link.receive(bench.now)
+            results += acknowledged([each for data in far.receive() for each in MavlinkCodec().decode(data)])
+        return results
+
+    passed_on(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    command, *values = TURN
+    order = dialect.MAVLink_command_long_message(7, 1, command, 0, *values, 0.0, 0.0, 0.0)
+    for turns in (1, 2):
+        assert passed_on(order) == [0, 0]
+        assert len(bench.hand.orders) == turns
 
 
 def test_a_heading_ordered_back_counts_though_only_its_second_saying_comes() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -52,6 +52,8 @@ COMMANDS = frozenset(
         *("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST"),
     }
 )
+SENDERS_KEPT, ORDERS_KEPT = 32, 32
+Orders: TypeAlias = deque[tuple[float, tuple[int, int], int, str]]
 REFUSED_AT_ONCE = 20
 PACKETS_KEPT = 5000
 STOP_LASTS_S = 2.0
@@ -156,12 +158,14 @@ class AccessPolicy:
 
     Attributes:
         refused: counts what was not let in, by reason.  stops: which orders to stand by are obeyed without a key.
+        orders: the last that were carried out, over whichever link, as (time [s], sender, number on the line, words).
     """
 
     def __init__(self, rules: AccessRules = AccessRules()) -> None:  # noqa: B008 - a tuple that nobody can change
         self.rules = rules
         self.refused: Counter[str] = Counter()
         self.stops = Stops()
+        self.orders: Orders = deque(maxlen=ORDERS_KEPT)
 
     def link(self) -> LinkAccess:
         """Return what is let in over one more link."""
@@ -178,12 +182,12 @@ class LinkAccess:
     """What is let in over one link.
 
     Attributes:
-        crowded: more came than is looked at since it was last set to False.  stops: those of all links.
+        crowded: more came than is looked at since it was last set to False.  stops, orders: those of all links.
     """
 
     def __init__(self, policy: AccessPolicy) -> None:
         self.crowded = False
-        self.stops = policy.stops
+        self.stops, self.orders = policy.stops, policy.orders
         self._policy = policy
         rules = policy.rules
         self._bytes = Budget(BYTES_S, BYTES_AT_ONCE)
@@ -338,7 +342,6 @@ REPEATED_S = 10.0
 """So long an order may be said again, or be held by a line."""
 OVERTAKEN = 32
 """So many of its sender's messages may have come before one that was sent ahead of them."""
-SENDERS_KEPT, ORDERS_KEPT = 32, 32
 ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
 
 
@@ -374,9 +377,12 @@ class OrderSequence:
     A sender that had no answer says its order again, with the next `confirmation`; a line may double a datagram, whose
     sequence number is the same then. To do it again would turn twice as far, or engage a boat that somebody has let
     stand by meanwhile. So would an order that a line held until the order to stand by, sent after it, had come.
+
+    A router that has two ways to the boat passes the same datagram on over both: `orders` are those of all links.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, orders: Orders) -> None:
+        self._orders = orders
         self._senders: dict[tuple[int, int], _Sender] = {}
 
     def heard(self, message: Message) -> None:
@@ -395,14 +401,17 @@ class OrderSequence:
         if message.get_type() not in ONCE:
             return False
         sender, words, said = self._sender(message), _words(message), _confirmation(message)
+        itself = _name(message), message.get_seq(), words
+        if sender.counts and any(now - time <= REPEATED_S and tuple(rest) == itself for time, *rest in self._orders):
+            return True
         number, of_command = sender.number_of(message), None
         for order in sender.taken:
             if now - order.time > REPEATED_S:
                 continue
             if order.command == _command(message):
                 of_command = order
-            is_itself = order.number == number or (said < order.confirmation and number < order.number)
-            if sender.counts and is_itself and order.words == words:
+            is_first = said < order.confirmation and number < order.number
+            if sender.counts and is_first and order.words == words:
                 return True
         return of_command is not None and of_command.words == words and said > of_command.confirmation
 
@@ -421,14 +430,19 @@ class OrderSequence:
             sender.stood_by = now, number
             sender.taken.clear()  # what is ordered from now on is meant to end it, however often it is said
         sender.taken.append(_Taken(now, number, _confirmation(message), _command(message), _words(message)))
+        self._orders.append((now, _name(message), message.get_seq(), _words(message)))
 
     def _sender(self, message: Message) -> _Sender:
-        name = message.get_srcSystem(), message.get_srcComponent()
+        name = _name(message)
         sender = self._senders.pop(name, None) or _Sender(message.get_seq())
         while len(self._senders) >= SENDERS_KEPT:
             del self._senders[next(iter(self._senders))]
         self._senders[name] = sender  # the last to speak is the last to be forgotten
         return sender
+
+
+def _name(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
 
 
 def _confirmation(message: Message) -> int:

@@ -136,7 +136,7 @@ class BoatLink(StationLink):
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._flooded = -math.inf
-        self._sequence = OrderSequence()
+        self._sequence = OrderSequence(self._access.orders)
         self._looked, self._late_until = math.nan, -math.inf
         self._says_flooded = False
         self._stopped, self._stop_refused = _Notice("station_stopped", self.name), _Notice("stop_refused", self.name)
