@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.overrides import CHECKED_ON_ENGAGING
+from autopilot.links.rudder_order import RELEASES
 from autopilot.signals import HelmCause, HelmSample, Mode, Order, OrderKind
 from autopilot.vessel.file import load_vessel
 from sitl.wire_mavlink import MavlinkVehicle
@@ -252,6 +253,16 @@ def test_who_steers_after_the_first_stood_by_keeps_the_helm_though_its_orders_lo
     both.sail(6.0)
     assert both.engaged == {"second"}
     assert times == []
+
+
+@pytest.mark.parametrize("heading_deg", [66.0, 75.0, 120.0])
+def test_who_takes_the_helm_from_the_first_keeps_it(heading_deg: float) -> None:
+    both = TwoPilots(True, with_other_pilot=True)
+    times = released_by(both.first)
+    both.second.engage(heading_deg)
+    both.sail(10.0)
+    assert both.engaged == {"second"}
+    assert len(times) == RELEASES, "its own rudder, given back once"
 
 
 def test_a_joystick_that_stands_where_our_rudder_stood_is_left_the_helm() -> None:

@@ -110,13 +110,9 @@ class OverrideEcho:
         since, last = self._acted
         self._acted = (since if now - last <= RETURN_GAP_S else now, now)
         if now - self._acted[0] > RETURNS_S:
-            self.forget()
+            self._earlier.clear()
             return False
         return True
-
-    def forget(self) -> None:
-        """Take that what was commanded before the release is over, or that whatever shows it is not ours."""
-        self._earlier.clear()
 
     def shows(self, now: float, what: str, pulse: int, expected: Collection[int]) -> str:
         """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last; return what it
@@ -245,6 +241,8 @@ class ControlAuthority:
         """Why the radio counts as lost; empty while it does not."""
         self.switched_off = False
         """Whether the radio's switch for overrides is off."""
+        self.another_steers = False
+        """Whether another pilot has said last that it steers."""
         self._rebooted = False
         self._judged: tuple[int, int] | None = None
         self._parameter_reason = ""
@@ -305,7 +303,8 @@ class ControlAuthority:
 
     def acts_again(self, now: float, pulse: int) -> bool:
         """Return whether a `pulse` [us] that the input shows may be an order of ours that came behind its release."""
-        return not self.steering and not self._may_share and self.echo.acts_again(now, pulse)
+        is_meant = self.steering or self.another_steers or self._may_share
+        return not is_meant and self.echo.acts_again(now, pulse)
 
     def others_override(self, now: float) -> bool:
         """Return whether the steering input has shown pulses of late that are none of ours, while we steer."""

@@ -192,6 +192,7 @@ class CompanionSession:
                 news = True
             else:
                 self._other.take(now, message)
+                authority.another_steers = self._other.steers
         self.received_time = authority.received_time
         if authority.heartbeat_time != beat:
             self._helm = None
@@ -433,8 +434,8 @@ class CompanionSession:
                 self._refused_before = signing.refused.total()
             elif signing.refused.total() > self._refused_before:
                 obstacle += f"; what comes is {signing.last_refusal}: {CURES[signing.last_refusal]}"
-        if not obstacle and not authority.steering and (obstacle := self._other.obstacle(now)):
-            authority.echo.forget()  # what the input shows from now on is theirs
+        if not obstacle and not authority.steering:
+            obstacle = self._other.obstacle(now)
         proof = self._probe if self._guided is None else self._guided
         if authority.disobeyed or obstacle:
             proof.reset()

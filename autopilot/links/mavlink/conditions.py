@@ -172,7 +172,7 @@ class OtherPilot:
     """Says what we are, and hears what others say. `is_forced`: we engage though another steers.
 
     Attributes:
-        is_there: whether another has ever said that it steers, or waits to.
+        is_there: whether another has ever said that it steers, or waits to.  steers: whether the last word was so.
         due_at: when [s] it is time to say what we are.
     """
 
@@ -180,7 +180,7 @@ class OtherPilot:
         self._is_forced = is_forced
         self._own: deque[bytes] = deque(maxlen=OWN_KEPT)
         self._state = PilotState.IDLE
-        self.is_there, self.due_at = False, -math.inf
+        self.is_there, self.steers, self.due_at = False, False, -math.inf
         self._began: float | None = None
         self._steers_time = self._waits_time = -math.inf
 
@@ -214,6 +214,7 @@ class OtherPilot:
         self.is_there = self.is_there or message.value in (PilotState.STEERS, PilotState.WAITS)
         self._steers_time = now if message.value == PilotState.STEERS else -math.inf
         self._waits_time = now if message.value == PilotState.WAITS else -math.inf
+        self.steers = message.value == PilotState.STEERS
 
     def obstacle(self, now: float) -> str:
         """Return why we may not try to take the helm at `now` [s]; empty where nobody else is known to have it."""
