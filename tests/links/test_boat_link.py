@@ -401,6 +401,16 @@ def test_an_order_to_engage_that_a_line_held_does_not_end_the_standby_sent_after
     assert bench.hand.orders[1:] == [("engage", None)], "one that was given after it counts"
 
 
+def test_a_standby_that_comes_twice_is_not_its_senders_last() -> None:
+    bench = Bench(armed=True)
+    for number, mode in ((5, Mode.ENGAGED), (20, Mode.ENGAGED), (5, Mode.STANDBY)):
+        put(bench, number, *STAND_BY)
+        bench.run(0.2, mode)
+    assert [name for name, _ in bench.hand.orders] == ["stand by"] * 3, "it is obeyed each time"
+    put(bench, 10, *ENGAGE)
+    assert acknowledged(bench.run(0.2)) == [1]
+
+
 def test_an_order_to_engage_said_again_after_somebody_else_stood_by_is_not_carried_out() -> None:
     bench = Bench(armed=True)
     bench.run(0.1)

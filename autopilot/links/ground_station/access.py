@@ -427,7 +427,9 @@ class OrderSequence:
         sender = self._sender(message)
         number = sender.number_of(message)
         if stands_by(message):
-            sender.stood_by = now, number
+            # one that comes again, and late, is not its sender's last
+            time, last = sender.stood_by
+            sender.stood_by = now, max(number, last) if now - time <= REPEATED_S else number
             sender.taken.clear()  # what is ordered from now on is meant to end it, however often it is said
         sender.taken.append(_Taken(now, number, _confirmation(message), _command(message), _words(message)))
         self._orders.append((now, _name(message), message.get_seq(), _words(message)))
