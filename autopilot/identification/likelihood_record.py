@@ -309,12 +309,14 @@ def _averaged(segment: Segment, apart: int, together: int) -> tuple[FloatArray, 
     for values in (segment.rate, segment.heading):
         block = of_blocks(values)
         # where some are missing the rest is off the middle: such a mean is left out
-        whole = np.isfinite(block).all(axis=1)
+        whole = np.asarray(np.isfinite(block).all(axis=1))
         mean = np.where(whole, block.mean(axis=1), np.nan)
         if together > 1 and whole.any():
             known = np.isfinite(values)
             smooth = without_noise(np.interp(segment.time, segment.time[known], values[known]))
-            mean[1:-1] -= flattened * np.diff(of_blocks(smooth).mean(axis=1), 2)
+            # beside a gap nobody measured how it bends
+            between = whole[:-2] & whole[2:]
+            mean[1:-1] -= np.where(between, flattened * np.diff(of_blocks(smooth).mean(axis=1), 2), 0.0)
         means.append(mean)
         counts.append(np.where(whole, float(together), 0.0))
     return time, means[0], means[1], counts[0], counts[1]

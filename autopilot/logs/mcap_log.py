@@ -142,35 +142,48 @@ def _records(data: bytes, progress: Progress) -> Iterator[Any]:
         yield from _records_in(record.data)
 
 
-CHUNK, CHUNK_FROM = 6, 9
-CHUNK_HEAD = struct.Struct("<BQQQQII")
-"""Opcode and length of what follows (CHUNK_FROM bytes), time of first and last message, size and checksum unpacked,
-length of the packing's name, which stands before the length of the records and these."""
+CHUNK, LAST_KNOWN = 6, 15
+"""Opcodes: of a chunk, and the last one that the format gives a meaning."""
+RECORD_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<BQQQQII")
+"""Opcode and length of what follows; of a chunk also time of first and last message, size and checksum unpacked, length
+of the packing's name, which stands before the length of the records and these."""
 
 
 def _whole_in_torn(data: bytes, begins: int) -> Iterator[Any]:
-    """Yield the records that are whole in a chunk that begins there and that the file's end cuts off, before that is
-    raised; nothing where there is none."""
+    """Yield the records that are whole in a chunk that begins there, or behind records of unknown kinds, and that the
+    file's end cuts off, before that is raised; nothing where there is none."""
+    while len(data) >= begins + RECORD_HEAD.size and data[begins] > LAST_KNOWN:
+        begins += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, begins)[1]
     if len(data) < begins + CHUNK_HEAD.size or data[begins] != CHUNK:
         return
     _, length, _, _, size, _, named = CHUNK_HEAD.unpack_from(data, begins)
-    name = begins + CHUNK_HEAD.size
-    if begins + CHUNK_FROM + length <= len(data) or size > CHUNK_MOST:
+    name, missing = begins + CHUNK_HEAD.size, begins + RECORD_HEAD.size + length - len(data)
+    if missing <= 0 or size > CHUNK_MOST:
         return
     # of what is damaged, too, a reader raises what it likes
     with contextlib.suppress(Exception):
         yield from _records_in(_unpacked(data[name : name + named].decode(), data[name + named + 8 :], size))
-    raise ValueError(f"of a chunk of {length} bytes the last {begins + CHUNK_FROM + length - len(data)} are missing")
+    raise ValueError(f"of a chunk of {length} bytes the last {missing} are missing")
 
 
 def _records_in(chunk: bytes) -> Iterator[Any]:
-    """Yield the records in an unpacked chunk one at a time: all of them together take ten times as much."""
-    from mcap.stream_reader import StreamReader
+    """Yield the records in an unpacked chunk one at a time: all of them together take ten times as much. Those of kinds
+    that no chunk has are passed over."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Message, Schema
 
-    stream = io.BytesIO(chunk)
-    records = iter(StreamReader(stream, skip_magic=True, record_size_limit=len(chunk)).records)
-    while stream.tell() < len(chunk):
-        yield next(records)
+    at = 0
+    while at < len(chunk):
+        kind, length = RECORD_HEAD.unpack_from(chunk, at)
+        begins, at = at + RECORD_HEAD.size, at + RECORD_HEAD.size + length
+        if at > len(chunk):
+            raise ValueError("a record that goes beyond its chunk")
+        content = ReadDataStream(io.BytesIO(chunk[begins:at]))
+        if kind == Opcode.MESSAGE:
+            yield Message.read(content, length)
+        elif kind in (Opcode.CHANNEL, Opcode.SCHEMA):
+            yield (Channel if kind == Opcode.CHANNEL else Schema).read(content)
 
 
 def _unpacked(compression: str, data: bytes, most: int) -> bytes:

@@ -415,6 +415,22 @@ def test_a_turn_is_not_flattened_by_the_mean_over_a_node() -> None:
     assert record.rate[1:-1] == pytest.approx(0.15 * np.cos(0.3 * at)[1:-1], abs=1.0e-4)
 
 
+def test_beside_a_gap_no_mean_is_corrected_by_what_nobody_measured() -> None:
+    """The straight line over a gap bends where the gap begins, the boat does not."""
+    time = 0.1 * np.arange(1200)
+    swing = 0.5 * np.sin(0.3 * time)
+    rate = 0.15 * np.cos(0.3 * time)
+    gone = (time > 20.0) & (time < 40.5)
+    swing[gone] = rate[gone] = math.nan
+    record = record_of([Segment(time, swing, rate, np.zeros(1200), np.full(1200, SPEED_M_S))], SPEED_M_S, 20.0)
+    at = np.cumsum(np.append(time[: round(10.0 * record.step[0])].mean(), record.step))
+    off = np.abs(record.heading - 0.5 * np.sin(0.3 * at))[record.heading_count > 0.0]
+    off_rate = np.abs(record.rate - 0.15 * np.cos(0.3 * at))[record.rate_count > 0.0]
+    # a mean flattens by no more than w^2 (n dt)^2/24
+    most = (0.3 * 0.9) ** 2 / 24.0
+    assert max(off.max() / 0.5, off_rate.max() / 0.15) < most
+
+
 def test_a_propeller_astern_makes_no_race() -> None:
     around = RaceAndWind(race=1.0e-3, reference_propeller=10.0)
     ratio = np.array([1.0, 1.0])

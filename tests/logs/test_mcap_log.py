@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import builtins
 import contextlib
+import io
 import json
+import struct
 from functools import partialmethod
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,9 @@ import pytest
 from boat_recordings import EPOCH, FULL, tlog, tlog_events, zigzag_boat
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk, Footer, Header
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import CompressionType, Writer
 
 from autopilot.cli.main import main
@@ -70,6 +75,29 @@ def test_of_a_first_chunk_that_is_cut_off_what_is_whole_is_read(
     assert "is damaged or cut off (of a chunk of " in cut.notes[0] and " are missing); what comes" in cut.notes[0]
     with pytest.raises(InputError, match=r"without topics, damaged \(of a chunk of \d+ bytes the last \d+ are missing"):
         read_mcap("cut.mcap", data[: chunk + 60])
+
+
+def test_records_of_kinds_that_are_not_known_are_passed_over(both: tuple[Path, Path], tmp_path: Path) -> None:
+    """The format keeps opcodes from 0x80 on for what other programs write; also behind a chunk's last message."""
+    whole = read_recording(str(both[0]))
+    path = tmp_path / "whole.mcap"
+    write_mcap(path, series_entries(whole), "boat")
+    private, made = struct.pack("<BQ4s", 0x90, 4, b"mine"), [mcap_log.HEAD]
+    for record in StreamReader(io.BytesIO(path.read_bytes()), emit_chunks=True).records:
+        out = RecordBuilder()
+        if isinstance(record, Chunk):
+            inside, size = get_chunk_data_stream(record)
+            data = inside.read(size) + private
+            Chunk("", data, record.message_end_time, record.message_start_time, 0, len(data)).write(out)
+            made.append(private)
+        elif isinstance(record, Header | Footer):
+            record.write(out)
+        made.append(out.end())
+    found = read_mcap("made.mcap", b"".join(made) + mcap_log.HEAD)
+    assert (found.notes, len(found.series)) == ((), len(whole.series))
+    at = made.index(private) + 1
+    cut = read_mcap("cut.mcap", b"".join(made[:at]) + made[at][: len(made[at]) // 2])
+    assert len(cut.series) > 2 and "of a chunk of " in cut.notes[0], "the first chunk, behind such a record"
 
 
 def test_an_exported_log_is_identified_as_the_log_itself(both: tuple[Path, Path]) -> None:
