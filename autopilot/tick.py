@@ -86,7 +86,7 @@ from autopilot.steering import (
 )
 from autopilot.supervision import failsafe, panel
 from autopilot.supervision.alarms import kind_of
-from autopilot.supervision.compass_watch import followed, still_held
+from autopilot.supervision.compass_watch import followed, handed_over
 from autopilot.supervision.envelope import Picture
 from autopilot.supervision.failsafe import FailsafeSteering
 from autopilot.supervision.monitor_input import MonitorInput
@@ -142,13 +142,14 @@ def by_other_compass(state: State, samples: tuple[Sample, ...]) -> tuple[State, 
     one before: the boat has not turned, so it is on course as it was. The order is the skipper's to turn."""
     for number, sample in enumerate(samples):
         if type(sample) is CompassSample and math.isfinite(sample.turn):
-            turn, guide = sample.turn, state.way.guide
+            guide, (consistency, offset) = state.way.guide, handed_over(state.monitors.consistency)
+            turn = wrap(sample.turn + offset) if offset else sample.turn
             boat = guide.boat._replace(heading=wrap(guide.boat.heading + turn))
             guide = guide._replace(heading=wrap(guide.heading + turn), boat=boat)
             state = state._replace(
                 estimate=estimator.by_other_compass(state.estimate, turn),
                 way=state.way._replace(guide=guide),
-                monitors=without_past(state.monitors)._replace(consistency=still_held(state.monitors.consistency)),
+                monitors=without_past(state.monitors)._replace(consistency=consistency),
             )
             others = tuple(each for each in samples[:number] if type(each) is not HeadingSample)
             return by_other_compass(state, (*others, *samples[number + 1 :]))

@@ -121,14 +121,15 @@ MOVES = Still()
 class Held(NamedTuple):
     """How far the headings are off from what the rate of turn carries on, by a jump that it does not show.
 
-    offset [rad]: they are further than the boat by so much; usual [rad^2]: the mean square of the innovation. While it
-    is not known whether it is a jump: onset [s], nan otherwise, the offset `before`, and how far it still `moved` in
-    the second half [rad]. is_turn: the heading turns on and the rate does not, until they go together again. jumped
-    [s]: when the heading was off last, and how often in a row; by [rad]: the first time; is_said: whether that is an
-    alarm."""
+    offset [rad]: they are further than the boat by so much; usual [rad^2]: the mean square of the innovation, over the
+    time `known` [s]. While it is not known whether it is a jump: onset [s], nan otherwise, the offset `before`, and how
+    far it still `moved` in the second half [rad]. is_turn: the heading turns on and the rate does not, until they go
+    together again. jumped [s]: when the heading was off last, and how often in a row; by [rad]: the first time;
+    is_said: whether that is an alarm."""
 
     offset: float = 0.0
     usual: float = 0.0
+    known: float = 0.0
     onset: float = math.nan
     before: float = 0.0
     moved: float = 0.0
@@ -162,12 +163,12 @@ def held_step(
     forgets in SENSE_TIME. Where it is beyond its limit, or its change at once beyond what no lag excuses, the heading
     is off, and for HELD_SETTLES the rate alone carries on. One that has come to rest by then has jumped, one that is
     back was a spike, and one that moves on, or again to the same side soon, turns, and the rate does not. By more than
-    `jump` [rad] it is none of ours: that ends steering.
+    `jump` [rad] at once it is none of ours: that ends steering.
     """
     (by_heading, by_rate, step), (time, rate) = turned, at
     after, at_once = turns_step(turns, by_heading, by_rate, step), by_heading - by_rate
     off = after.heading - after.rate
-    offset, usual, onset, before, moved, is_turn, jumped, jumps, by, is_said = held
+    offset, usual, known, onset, before, moved, is_turn, jumped, jumps, by, is_said = held
     deviation, most, goes_on = math.sqrt(usual), jump + HELD_LEAST, False
     limit = unturned_most(turns, rate, step, deviation, HELD_LAG)
     rests = HELD_RESTS * limit
@@ -177,33 +178,48 @@ def held_step(
         goes_on = offset * off > 0.0 and abs(off) > rests and time - jumped < TURN_SHOWS
         is_off = abs(off) > limit or goes_on
         is_jump = is_off or abs(at_once) > unturned_most(turns, rate, step, SQRT_2 * deviation, step)
-        if is_turn or not is_jump or abs(off) >= most:
+        if is_turn or not is_jump or abs(off) >= most or known < HELD_LAG:
             counts = off * off if abs(off) < 3.0 * HELD_LEAST else 9.0 * HELD_LEAST * HELD_LEAST
-            usual -= math.expm1(-step / HELD_USUAL_TIME) * (counts - usual)
+            # a mean of all there is at first: what begins at nought takes noise for jumps
+            known += step if known < HELD_USUAL_TIME else 0.0
+            usual += step / known * (counts - usual) if known > step else counts - usual
             is_turn = abs(off) > (rests if is_turn else limit)
-            return Held(offset, usual, onset, before, moved, is_turn, jumped, jumps, by, is_said), after
+            return Held(offset, usual, known, onset, before, moved, is_turn, jumped, jumps, by, is_said), after
         off = off if is_off else at_once
         onset, before, moved = time, 0.0 if goes_on else offset, 0.0
         is_first = offset == 0.0 and not time - jumped < HELD_SAID
         jumped, jumps, by, is_said = (time, 1, off, False) if is_first else (time, jumps + 1, by, is_said)
     offset += off
     by_jump = offset - before
-    is_over, is_back = time - onset >= HELD_SETTLES, abs(offset) <= 0.5 * HELD_LEAST
+    # half of what noise alone allows
+    rest = 0.5 * unturned_most(NO_TURNS, 0.0, 0.0, deviation, 0.0)
+    is_over, is_back = time - onset >= HELD_SETTLES, abs(offset) <= rest
     moved += off if time - onset > 0.5 * HELD_SETTLES else 0.0
     moves_on = is_over and not is_back and abs(moved) > rests
-    if moves_on or abs(offset) >= most or goes_on:
+    if moves_on or abs(by_jump) >= most or goes_on:
         by_jump -= off
         after = after._replace(apart=after.apart + by_jump, heading=after.heading + by_jump)
-        return Held(before, usual, math.nan, before, 0.0, True, jumped, jumps, by, is_said), after
+        return Held(before, usual, known, math.nan, before, 0.0, True, jumped, jumps, by, is_said), after
     after = turns_step(turns, by_heading - off, by_rate, step)
     if not is_over:
-        return Held(offset, usual, onset, before, moved, False, jumped, jumps, by, is_said), after
-    is_said = is_said or jumps >= JUMPS or abs(by_jump) > 0.5 * HELD_LEAST
+        return Held(offset, usual, known, onset, before, moved, False, jumped, jumps, by, is_said), after
+    is_said = is_said or jumps >= JUMPS or abs(by_jump) > rest
     if is_back:
         # what is left is the noise of one heading
         after = after._replace(apart=after.apart + offset, heading=after.heading + offset)
         offset = 0.0
-    return Held(offset, usual, math.nan, before, 0.0, False, jumped, jumps, by, is_said), after
+    return Held(offset, usual, known, math.nan, before, 0.0, False, jumped, jumps, by, is_said), after
+
+
+def turn_shown(held: Held, turns: Turns, unseen: float) -> tuple[Held, Turns]:
+    """Return what is held, and the turns, after a rate that comes so much later than the one before it, and differs so
+    much, that the boat may have turned by `unseen` [rad] in between: what is as much and may have been a jump was none.
+    """
+    by_jump = held.offset - held.before
+    if math.isnan(held.onset) or by_jump * unseen <= 0.0 or abs(by_jump) > abs(unseen):
+        return held, turns
+    turns = turns._replace(apart=turns.apart + by_jump, heading=turns.heading + by_jump)
+    return settled(held)._replace(is_turn=True, jumps=held.jumps - 1), turns
 
 
 def settled(held: Held) -> Held:
@@ -262,9 +278,11 @@ class Consistency(NamedTuple):
     held: Held = NOT_HELD
 
 
-def still_held(before: Consistency) -> Consistency:
-    """Return what is known where another compass steers: what is held was turned to it, and the boat stays there."""
-    return Consistency(held=settled(before.held))
+def handed_over(before: Consistency) -> tuple[Consistency, float]:
+    """Return what is known where another compass steers, and how far [rad] the one before it was held to be off: what
+    lies between the two lies between the other and the heading it showed, not the one that was steered by."""
+    held = settled(before.held)
+    return Consistency(held=held._replace(offset=0.0)), held.offset
 
 
 def consistency_step(
@@ -278,7 +296,8 @@ def consistency_step(
     turns by more than `rate_most` [rad/s] shows it; jump [rad]: see `held_step`, inf: nothing is held."""
     rate, time = sample.rate, sample.time
     # a sum is finite only where every part of it is
-    if not math.isfinite(time if rate is None else time + rate):
+    parts = time if isinstance(sample, RateSample) else time + sample.heading
+    if not math.isfinite(parts if rate is None else parts + rate):
         return before
     last, beside, wild = before.heading, before.rate, before.wild
     # a rate that is held for the headings beside it is one, however many they are
@@ -288,6 +307,10 @@ def consistency_step(
         # that of the heading's own instrument goes before
         is_used = last is None or last.rate is None
         still = _repeated(before.still, rate, beside) if is_used else before.still
+        if is_used and beside is not None:
+            unseen = (sample.rate - beside.rate) * max(time - beside.time, 0.0)
+            held, turns = turn_shown(before.held, before.turns, unseen)
+            before = before._replace(held=held, turns=turns)
         return before._replace(rate=sample, wild=wild if is_used else before.wild, still=still)
     still = before.still if rate is None else _repeated(before.still, rate, last)
     is_same = last is not None and last.source == sample.source
@@ -296,13 +319,7 @@ def consistency_step(
     if rate is None and beside is not None and 0.0 <= time - beside.time <= HEADINGS_APART_S:
         rate = beside.rate
     # a burst that was read at once has one time: its turn happened since the heading before
-    if (
-        last is None
-        or rate is None
-        or not is_same
-        or not 0.0 <= time - last.time <= HEADINGS_APART_S
-        or not math.isfinite(sample.heading + last.heading)
-    ):
+    if last is None or rate is None or not is_same or not 0.0 <= time - last.time <= HEADINGS_APART_S:
         held = settled(before.held)
         # what comes behind a gap, or by another name, is none that jumped
         held = held._replace(offset=0.0) if last is not None and (rate is not None or not is_same) else held

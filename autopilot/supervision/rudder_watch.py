@@ -16,6 +16,7 @@ from autopilot.angles import PI, wrap
 from autopilot.estimation.disturbance import slide_step
 from autopilot.estimation.rudder_observer import Ring
 from autopilot.models.norrbin import Norrbin, steady_rudder
+from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RudderSample
 from autopilot.supervision.monitor_input import (
     AlarmLimits,
@@ -481,7 +482,8 @@ def overpowered_step(before: Overpowered, seen: MonitorInput) -> Overpowered:
         # a trial's rudder rests where the trial wants it
         return Overpowered(found=found)
     if time == time:  # what is not a number is not itself
-        beyond += (abs(push) / most - 1.0) * (seen.now - time)
+        # what happened between two ticks far apart nobody saw
+        beyond += (abs(push) / most - 1.0) * clip(seen.now - time, 0.0, LONGEST_GAP_S)
     if beyond >= PUSH_BEYOND and not found:
         side = "starboard" if push > 0.0 else "port"
         found = f"to {side}, as by {math.degrees(abs(push)):.0f} deg of rudder"

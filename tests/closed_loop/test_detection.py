@@ -14,6 +14,7 @@ from autopilot.angles import wrap
 from autopilot.models.steering_gear import clip
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import (
+    CompassSample,
     HeadingSample,
     Mode,
     Order,
@@ -219,6 +220,29 @@ def test_two_compasses_that_take_turns_at_one_name_are_one_alarm_and_move_no_boa
     assert max(off) < 2.0
     assert {words.split()[0] for _, words in said} == {"compass_jumped"}
     assert len(said) <= 2, "by so much, and then that it goes to and fro"
+
+
+@pytest.mark.parametrize("jump", [20.0, -12.0])
+def test_past_a_jump_the_other_compass_takes_over_the_course_that_was_held(jump: float) -> None:
+    """It was steered by as if it had jumped, and the boat turned slowly by the jump of the one left."""
+    pilot, by_turn = build_pilot(VESSEL), math.radians(jump)
+    plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=math.radians(0.3), rate_noise=math.radians(0.2))
+    off, changes = 0.0, SETTLED + 10.0
+    while plant.time < changes + 100.0:
+        (sample,) = plant.sense()
+        assert isinstance(sample, HeadingSample)
+        samples: tuple[Sample, ...] = (sample,)
+        if SETTLED <= plant.time < changes:
+            samples = (sample._replace(heading=wrap(sample.heading + by_turn)),)
+        elif plant.time >= changes:
+            samples = (sample._replace(source="other"),)
+            if plant.time - DT < changes:
+                samples = (CompassSample(plant.time, -by_turn, "other"), *samples)
+        tick = pilot.step(plant.time, samples, Order(OrderKind.HEADING, 0.0, serial=1))
+        off = max(off, abs(math.degrees(wrap(plant.heading)))) if plant.time >= SETTLED else 0.0
+        plant.step(tick.command.angle, DT)
+    assert off < 2.0
+    assert math.degrees(tick.state.heading) == pytest.approx(0.0, abs=1.0)
 
 
 @pytest.mark.parametrize("course", [19.6, -8.0])

@@ -70,6 +70,18 @@ def test_a_law_that_has_rudder_left_is_not_overpowered(
     assert bool(monitor.found) is is_said
 
 
+@pytest.mark.parametrize("gap", [5.0, -5.0])
+def test_a_tick_that_comes_late_or_behind_another_is_no_push_that_lasts(gap: float) -> None:
+    """5 s in which nobody looked made an alarm of one tick's push."""
+    monitor = overpowered()
+    for now in (0.0, 0.1, 0.1 + gap, 0.2 + gap):
+        monitor.update(watched(now, rudder=-STOP)._replace(push=2.0 * STOP))
+    assert monitor.found == ""
+    for tick in range(round(1.5 / 0.1)):
+        monitor.update(watched(0.3 + gap + 0.1 * tick, rudder=-STOP)._replace(push=2.0 * STOP))
+    assert monitor.found
+
+
 @SIDES
 @pytest.mark.parametrize(("seconds", "is_said"), [(1.65, True), (1.45, False)])
 def test_a_rudder_on_its_way_to_its_stop_is_not_overpowered_yet(side: float, seconds: float, is_said: bool) -> None:

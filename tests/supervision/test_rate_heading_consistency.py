@@ -20,8 +20,8 @@ from autopilot.supervision.compass_watch import (
     are_opposite,
     consistency_step,
     followed,
+    handed_over,
     held_events,
-    still_held,
     turns_step,
 )
 
@@ -247,9 +247,10 @@ def heard(
     seconds: float = 6.0,
     dt: float = DT,
     noise_deg: float = 0.2,
+    seed: int = 3,
 ) -> tuple[float, list[str]]:
     """How far headings `shown` [deg] beside rates [deg/s] are held to be off in the end, and what is said by then."""
-    random, watch, said = np.random.default_rng(3), Consistency(), list[str]()
+    random, watch, said = np.random.default_rng(seed), Consistency(), list[str]()
     for k in range(round(seconds / dt)):
         now = k * dt
         heading, noise = math.radians(shown(now)), math.radians(noise_deg) * random.standard_normal(2)
@@ -271,7 +272,7 @@ def test_a_heading_that_comes_to_rest_elsewhere_is_held(jump: float, dt: float, 
 
 @pytest.mark.parametrize("damped", [0.3, 0.6])
 def test_behind_a_damped_compass_a_jump_is_held_too(damped: float) -> None:
-    offset, _ = heard(lambda now: 15.0 * (1.0 - math.exp(-max(now - 2.0, 0.0) / damped)))
+    offset, _ = heard(lambda now: 15.0 * (1.0 - math.exp(-max(now - 6.0, 0.0) / damped)), seconds=10.0)
     assert offset == pytest.approx(15.0, abs=1.5)
 
 
@@ -319,6 +320,53 @@ def test_a_compass_that_trembles_is_not_held_for_long(noise: float) -> None:
     assert offset == 0.0
 
 
+def test_a_jump_behind_another_is_held_beside_it() -> None:
+    """Together beyond what is ours, neither was held, and the boat turned by both."""
+    offset, said = heard(lambda now: 20.0 * ((now >= 2.0) + (now >= 12.0)), seconds=20.0)
+    assert offset == pytest.approx(40.0, abs=1.5)
+    assert said == ["by +20 deg"]
+
+
+@pytest.mark.parametrize("odd", [math.nan, math.inf])
+def test_a_heading_that_is_no_number_ends_no_hold(odd: float) -> None:
+    offset, said = heard(lambda now: odd if abs(now - 5.0) < 0.01 else 20.0 if now >= 2.0 else 0.0, seconds=8.0)
+    assert offset == pytest.approx(20.0, abs=1.5)
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize("noise_deg", [1.0, 2.0, 3.0])
+def test_noise_is_no_jump_from_the_first_minute_on(noise_deg: float) -> None:
+    """What is usual was taken for nought at first: held by 12 deg for good behind noise of 2 deg."""
+    for seed in range(20):
+        assert heard(lambda _: 0.0, seconds=60.0, noise_deg=noise_deg, seed=seed) == (0.0, []), seed
+
+
+def test_a_rate_that_comes_each_second_shows_a_quick_turn_late() -> None:
+    """A boat that turns by 50 deg/s between two rates had jumped by 23 deg, and was held there."""
+    limits, watch = (math.radians(15.0), 2.0, math.radians(25.0)), Consistency()
+    for k in range(100):
+        now = 0.1 * k
+        rate = math.radians(50.0) if 5.45 < now < 7.0 else 0.0
+        turned = math.radians(50.0 * (min(max(now, 5.45), 7.0) - 5.45))
+        if k % 10 == 0:
+            watch = consistency_step(watch, RateSample(now, rate, "gyro"), *limits)
+        watch = consistency_step(watch, HeadingSample(now, turned, None, "c"), *limits)
+        assert not held_events(watch.held, now)
+        assert now < 6.0 or watch.held.offset == 0.0
+
+
+@pytest.mark.parametrize("jump", [12.0, -20.0])
+def test_a_jump_beside_a_rate_that_comes_each_second_is_held(jump: float) -> None:
+    limits, watch = (math.radians(15.0), 2.0, math.radians(25.0)), Consistency()
+    for k in range(100):
+        now, rate = 0.1 * k, math.radians(2.0 * math.sin(0.08 * k))
+        if k % 10 == 0:
+            watch = consistency_step(watch, RateSample(now, rate, "gyro"), *limits)
+        heading = math.radians(2.5 * (1.0 - math.cos(0.08 * k)) + (jump if now > 5.45 else 0.0))
+        watch = consistency_step(watch, HeadingSample(now, heading, None, "c"), *limits)
+    assert math.degrees(watch.held.offset) == pytest.approx(jump, abs=2.5)
+
+
 def test_the_compass_is_followed_after_half_a_minute_slowly_and_at_once_where_nobody_steers() -> None:
     held = NOT_HELD._replace(offset=0.2, jumped=10.0, is_said=True)
     assert followed(held, 39.9, 0.1, True) == (held, 0.0)
@@ -330,9 +378,10 @@ def test_the_compass_is_followed_after_half_a_minute_slowly_and_at_once_where_no
     assert followed(settling, 11.0, 0.1, False) == (settling, 0.0)
 
 
-def test_where_another_compass_takes_over_a_jump_stays_held_and_what_may_be_a_spike_does_not() -> None:
+def test_where_another_compass_takes_over_nothing_is_held_and_what_may_be_a_spike_counts_for_nothing() -> None:
     held = NOT_HELD._replace(offset=0.2, before=0.1, jumped=10.0, is_said=True)
-    assert still_held(Consistency(held=held)).held == held
-    spike = still_held(Consistency(held=held._replace(onset=10.5))).held
-    assert spike.offset == 0.1
-    assert math.isnan(spike.onset)
+    assert handed_over(Consistency(held=held)) == (Consistency(held=held._replace(offset=0.0)), 0.2)
+    known, offset = handed_over(Consistency(held=held._replace(onset=10.5)))
+    assert offset == 0.1
+    assert known.held.offset == 0.0
+    assert math.isnan(known.held.onset)
