@@ -137,9 +137,9 @@ def test_a_mapping_that_is_changed_while_we_steer_is_named(name: str, value: flo
 
 def test_after_the_steering_is_mapped_to_another_input_that_one_is_proved_and_steers() -> None:
     boat = steering(20.0)
-    for name, number in ((b"RCMAP_PITCH", 6.0), (b"RCMAP_ROLL", 2.0)):  # two sticks on one channel are refused
-        message = dialect.MAVLink_param_set_message(1, 1, name, number, 9)
-        boat.vehicle.receive(boat.now, MavlinkCodec(255, 190).encode(message))
+    boat.vehicle.receive(
+        boat.now, MavlinkCodec(255, 190).encode(dialect.MAVLink_param_set_message(1, 1, b"RCMAP_ROLL", 2.0, 9))
+    )
     boat.run(2.0)
     assert boat.tick.mode is Mode.OVERRIDE and boat.firmware.channels[:2] == [1500, 1500]
     boat.engage(60.0)

@@ -26,7 +26,7 @@ from collections.abc import Collection
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.requests import OVERRIDE_TIME, SPEED_SCALING, STICKS, TWO_PADDLES, VehicleParameters
+from autopilot.links.mavlink.requests import OVERRIDE_TIME, SPEED_SCALING, TWO_PADDLES, VehicleParameters
 from autopilot.models.drives import DRIVES
 from autopilot.signals import HelmCause
 
@@ -433,10 +433,8 @@ def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) 
         return ""
     if parameters.steering_input is None:
         return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
-    steering = parameters.steering_input
-    if name := next((name for name in STICKS if parameters.get(name) == steering), None):
-        works = "work the throttle" if name == "RCMAP_THROTTLE" else "move that stick, which could not take the helm"
-        return f"RCMAP_ROLL and {name} are both {steering}: to steer would {works}; correct one"
+    if (steering := parameters.steering_input) == parameters.get("RCMAP_THROTTLE"):
+        return f"RCMAP_ROLL and RCMAP_THROTTLE are both {steering}: to steer would work the throttle; correct one"
     if parameters.steering_servo is None:
         return _without_outputs(parameters)
     if parameters.get("PILOT_STEER_TYPE") == TWO_PADDLES:
