@@ -27,6 +27,7 @@ from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import InputError
 from autopilot.identification.filter_methods import particle_filter
 from autopilot.identification.identified import Question
+from autopilot.identification.interval import interval_of
 from autopilot.identification.methods import Method
 from autopilot.identification.registry import METHODS as REGISTERED
 from autopilot.identification.registry import method_named
@@ -124,7 +125,8 @@ def row(boat: Boat, method: str, name: str, bound: float, estimates: Sequence[Es
     values = [estimate.values[name] for estimate in estimates if name in estimate.values]
     truth = float(getattr(boat.model, name))
     errors = np.array([value - truth for value, _ in values])
-    inside = [abs(value - truth) <= 1.96 * error for value, error in values if error is not None]
+    intervals = [interval_of(name, value, error) for value, error in values if error is not None]
+    inside = [low <= truth <= high for low, high in intervals]
     rms = float(np.sqrt(np.mean(errors**2)))
     return {
         "boat": boat.name,

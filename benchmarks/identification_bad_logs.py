@@ -21,6 +21,7 @@ from identification_accuracy import BOATS, HEADING_NOISE, RATE_NOISE, SPEED, cle
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
+from autopilot.identification.interval import interval_of
 from autopilot.identification.runs import FloatArray, run_from_columns
 
 BOAT = BOATS[1]
@@ -176,11 +177,12 @@ def row(case: Case, seeds: int) -> tuple[str, ...]:
         name: [getattr(found.model, name) / getattr(BOAT.model, name) - 1.0 for found, _ in answered] for name in KT
     }
     rms = [f"{100.0 * float(np.sqrt(np.mean(np.square(errors[name])))):.2f}" for name in KT]
-    inside = [
-        abs(getattr(found.model, name) - getattr(BOAT.model, name)) <= 1.96 * (found.standard_errors[name] or 0.0)
+    intervals = [
+        (name, interval_of(name, getattr(found.model, name), found.standard_errors[name] or 0.0))
         for found, _ in answered
         for name in KT
     ]
+    inside = [low <= getattr(BOAT.model, name) <= high for name, (low, high) in intervals]
     said = answered[0][1] + (f" ({len(refused)} of {seeds} refused: {refused[0]})" if refused else "")
     return case.name, *rms, f"{np.count_nonzero(inside)}/{len(inside)}", said
 

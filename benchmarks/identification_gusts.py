@@ -20,6 +20,7 @@ from identification_accuracy import BOATS, GEAR, HEADING_NOISE, RATE_NOISE, SPAC
 from autopilot.guidance.manoeuvres import zigzag_side
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
+from autopilot.identification.interval import interval_of
 from autopilot.identification.output_error import Weighting
 from autopilot.identification.runs import Run, run_from_columns
 from autopilot.models.norrbin import at_speed, rate_step
@@ -54,9 +55,9 @@ def errors(weighting: Weighting, q: float, seed: int) -> list[float]:
     found = identify([gusty(q, seed)], Question("nomoto", SPEED, weighting=weighting))
     result = []
     for name in ("gain", "time_constant"):
-        truth, error = getattr(BOAT.model, name), found.standard_errors[name] or 0.0
-        miss = getattr(found.model, name) - truth
-        result += [miss / truth, float(abs(miss) <= 1.96 * error)]
+        truth, value = getattr(BOAT.model, name), getattr(found.model, name)
+        low, high = interval_of(name, value, found.standard_errors[name] or 0.0)
+        result += [value / truth - 1.0, float(low <= truth <= high)]
     return result
 
 

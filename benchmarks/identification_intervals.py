@@ -5,7 +5,8 @@
 
 A pair of 20/20 zigzags to either side, 10 Hz (`independent_boat.py`, which imports nothing of the project). For each
 plant and sea: in how many of 100 the interval holds the truth, median error and scatter [% of the truth; n0 and e in
-% of K and a times a degree of rudder], and in how many there was an answer. --today draws seeds from the date.
+% of K and a times a degree of rudder], and in how many there was an answer. K and T count where they are determined: of
+so many, where that is not in all. --today draws seeds from the date.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from independent_boat import SPEED_M_S, Plant, Sea, zigzags
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
+from autopilot.identification.interval import interval_of
 from autopilot.identification.runs import run_from_columns
+from autopilot.report.identification import undetermined
 
 PLANTS = (
     Plant("K 0.43, T 3.5", 0.43 / 3.5, 1.0 / 3.5, 6.0 / 3.5, 0.0015, 15.0, 60.0),
@@ -38,7 +41,8 @@ SEAS = (
     Sea("gusts, waves, noise", gust_deg=1.0, wave_deg=1.0, rudder_deg=0.2, speed_share=0.015),
     Sea("gusts, noise, gyro", gust_deg=1.0, rudder_deg=0.3, speed_share=0.02, gyro_deg_s=0.1),
 )
-FREE, RATIOS = ("K", "T", "n3", "n0"), ("a", "b", "d", "e")
+NAMES = {"K": "gain", "T": "time_constant", "n3": "n3", "n0": "n0"}
+FREE, RATIOS = tuple(NAMES), ("a", "b", "d", "e")
 
 
 def truth_of(plant: Plant) -> dict[str, float]:
@@ -49,10 +53,11 @@ def truth_of(plant: Plant) -> dict[str, float]:
 
 
 def estimates_of(found: Identified) -> dict[str, tuple[float, float | None]]:
-    """Return value and standard error of what was found."""
-    names = dict(zip(FREE, ("gain", "time_constant", "n3", "n0"), strict=True))
+    """Return value and standard error of what was determined."""
     result = {
-        symbol: (float(getattr(found.model, name)), found.standard_errors[name]) for symbol, name in names.items()
+        symbol: (float(getattr(found.model, name)), found.standard_errors[name])
+        for symbol, name in NAMES.items()
+        if symbol not in undetermined(found)
     }
     if found.ratios is not None:
         values, errors = found.ratios
@@ -71,19 +76,22 @@ def row(plant: Plant, sea: Sea, seeds: Sequence[int], train: tuple[str, ...]) ->
         except InputError:
             refused += 1
     took = (time.process_time() - began) / len(seeds)
-    cells = [_cell(name, truth, [answer[name] for answer in answers if name in answer]) for name in (*FREE, *RATIOS)]
+    found = {name: [answer[name] for answer in answers if name in answer] for name in (*FREE, *RATIOS)}
+    cells = [_cell(name, truth, each, len(answers)) for name, each in found.items()]
     return f"| {plant.name} | {sea.name} | {' | '.join(cells)} | {len(answers)} of {len(seeds)} | {took:.2f} |"
 
 
-def _cell(name: str, truth: dict[str, float], found: Sequence[tuple[float, float | None]]) -> str:
+def _cell(name: str, truth: dict[str, float], found: Sequence[tuple[float, float | None]], answered: int) -> str:
     if not found:
         return "-"
     lever = {"n0": "K", "e": "a"}.get(name)
     size = truth[lever] * math.radians(1.0) if lever else abs(truth[name])
-    inside = [std is not None and abs(value - truth[name]) <= 1.96 * std for value, std in found]
+    intervals = [interval_of(NAMES.get(name, name), value, 0.0 if std is None else std) for value, std in found]
+    inside = [low <= truth[name] <= high for low, high in intervals]
     errors = 100.0 * (np.array([value for value, _ in found]) - truth[name]) / size
     low, middle, high = np.quantile(errors, (0.16, 0.5, 0.84))
-    return f"{100.0 * float(np.mean(inside)):.0f} ({middle:+.1f}, {0.5 * (high - low):.1f})"
+    of = f" of {len(found)}" if len(found) < answered else ""
+    return f"{100.0 * float(np.mean(inside)):.0f}{of} ({middle:+.1f}, {0.5 * (high - low):.1f})"
 
 
 def main() -> None:

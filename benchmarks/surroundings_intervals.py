@@ -17,6 +17,7 @@ import numpy as np
 
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
+from autopilot.identification.interval import interval_of
 from autopilot.identification.runs import Run, run_from_columns
 
 U0, N0, RACE, WIND = 0.25, 10.0, 8.0e-4, 4.0e-4
@@ -72,9 +73,9 @@ def trial(seed: int, number: int, gust_deg: float, noise_deg: float) -> Run:
     return run_from_columns(f"trial {number}", dict(zip(NAMES, table.T, strict=True)))
 
 
-def errors_of(seed: int, gust_deg: float, noise_deg: float) -> dict[str, tuple[float, float]]:
+def errors_of(seed: int, gust_deg: float, noise_deg: float) -> dict[str, tuple[float, float, bool]]:
     """Return of each number that was found its error, in standard errors and in % of the truth (n0: of K times a
-    degree); nothing where neither race nor wind was found."""
+    degree), and whether its printed interval holds the truth; nothing where neither race nor wind was found."""
     runs = [trial(seed, number, gust_deg, noise_deg) for number in range(len(REVOLUTIONS))]
     found = identify(runs, Question(reference_speed=U0))
     if found.around is None:
@@ -82,15 +83,15 @@ def errors_of(seed: int, gust_deg: float, noise_deg: float) -> dict[str, tuple[f
     flow = inflow(U0, found.around.reference_propeller)
     a, b, d = 0.01 * flow, flow**0.5 / 12.0, 20.0 / flow**0.5
     truth = {"gain": a / b, "time_constant": 1.0 / b, "n3": d / b, "n0": 0.0}
-    off = {name: float(getattr(found.model, name)) - value for name, value in truth.items()}
+    values = {name: float(getattr(found.model, name)) for name in truth}
     truth |= {"race": RACE, "wind_beam": WIND, "wind_quarter": -0.5 * WIND}
-    off |= {name: float(getattr(found.around, name)) - truth[name] for name in tuple(truth)[4:]}
-    size = {**truth, "n0": truth["gain"] * math.radians(1.0)}
-    return {
-        name: (error / std, 100.0 * error / abs(size[name]))
-        for name, error in off.items()
-        if (std := found.standard_errors.get(name))
-    }
+    values |= {name: float(getattr(found.around, name)) for name in tuple(truth)[4:]}
+    size, result = {**truth, "n0": truth["gain"] * math.radians(1.0)}, {}
+    for name, value in values.items():
+        if std := found.standard_errors.get(name):
+            (low, high), off = interval_of(name, value, std), value - truth[name]
+            result[name] = (off / std, 100.0 * off / abs(size[name]), low <= truth[name] <= high)
+    return result
 
 
 def main() -> None:
@@ -106,8 +107,7 @@ def main() -> None:
     print("| | held in % | rms of error over standard error | rms error % |\n|---|---|---|---|")
     for name in max(rows, key=len):
         known = np.array([row[name] for row in rows if name in row])
-        rms, size = np.sqrt(np.mean(known**2, axis=0))
-        held = 100.0 * float(np.mean(np.abs(known[:, 0]) < 1.96))
+        (rms, size), held = np.sqrt(np.mean(known[:, :2] ** 2, axis=0)), 100.0 * float(np.mean(known[:, 2]))
         print(f"| {name} | {held:.0f} of {len(known)} | {rms:.2f} | {size:.1f} |")
 
 

@@ -38,11 +38,17 @@ class TurnedApart(NamedTuple):
     source: str
     share: float
 
+    @property
+    def doubt_of_gain(self) -> float:
+        """By what share K's standard error is larger for it: so that its interval, which is that of 1/K, and that of
+        K/T hold both boats, that of the gyro and that of the compass, whichever of them was found."""
+        return math.expm1(abs(math.log1p(self.share))) / SURE_OF_IT
+
     def doubt(self, rates: Rates) -> FloatArray:
         """Return the covariance of K/T, n1/T, n3/T and n0/T that this is worth, shape (4, 4): of a boat that turns by a
         share x more, K/T and n0/T are larger by x, and n3/T is smaller by 2 x."""
         a, _, d, e = rates
-        way = abs(self.share) / SURE_OF_IT * np.array([a, 0.0, -2.0 * d, e])
+        way = self.doubt_of_gain * np.array([a, 0.0, -2.0 * d, e])
         return np.outer(way, way)
 
     def sentence(self) -> str:

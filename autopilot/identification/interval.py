@@ -13,14 +13,19 @@ GRADES = ("not enough", "start", "good")
 """What a model or a trial is good for, the least first."""
 
 
+BY_INVERSE = ("gain", "time_constant", "race")
+"""What a recording tells by its inverse: that has errors alike to both sides."""
+
+
 def interval_of(name: str, value: float, error: float) -> tuple[float, float]:
     """Return the 95 % interval of a parameter by its name in the model, its value and its standard error.
 
-    What a recording tells of T with errors alike to both sides is n1/T: T's own interval reaches further up than down,
-    without end where n1/T may be 0.
+    What a recording tells of T with errors alike to both sides is n1/T, and K = (K/T) T errs as T does: their intervals
+    are those of their inverses and reach further up than down, without end where the inverse may be 0. So is that of
+    the race, from records of known boats; where it cannot be parted from 0 it reaches alike to both sides.
     """
     reach = SURE_OF_IT * error
-    if name != "time_constant":
+    if name not in BY_INVERSE or value <= 0.0 or (name == "race" and reach >= value):
         return value - reach, value + reach
     return value / (1.0 + reach / value), value / (1.0 - reach / value) if reach < value else math.inf
 

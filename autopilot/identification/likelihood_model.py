@@ -109,7 +109,7 @@ def as_doubtful(answer: Identified, runs: Sequence[Run], steps: Steps) -> Identi
             unidentifiable={**answer.unidentifiable, **wide.unidentifiable},
         )
     elif apart is not None:
-        gain = math.hypot(answer.standard_errors["gain"] or 0.0, abs(apart.share) * answer.model.gain / SURE_OF_IT)
+        gain = math.hypot(answer.standard_errors["gain"] or 0.0, apart.doubt_of_gain * answer.model.gain)
         answer = answer._replace(standard_errors={**answer.standard_errors, "gain": gain})
     is_stable = answer.model.n1 > 0.0 and "T" not in answer.unidentifiable
     answers = answered_share(answer.model, runs, [answer.simulated(run) for run in runs]) if is_stable else 0.0

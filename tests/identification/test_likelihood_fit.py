@@ -109,12 +109,19 @@ def _moved(run: Run, seed: int) -> Run:
     return run._replace(segments=(segment._replace(heading=heading),))
 
 
-def test_an_interval_of_t_is_that_of_its_inverse() -> None:
-    low, high = interval_of("time_constant", 10.0, 2.0)
+@pytest.mark.parametrize("name", ["gain", "time_constant", "race"])
+def test_intervals_of_gain_time_constant_and_race_are_those_of_their_inverses(name: str) -> None:
+    low, high = interval_of(name, 10.0, 2.0)
     rate, error = 1.0 / 10.0, 2.0 / 10.0**2
     assert (1.0 / high, 1.0 / low) == pytest.approx((rate - 1.96 * error, rate + 1.96 * error))
-    assert interval_of("time_constant", 10.0, 6.0)[1] == math.inf
-    assert interval_of("gain", 10.0, 2.0) == pytest.approx((10.0 - 1.96 * 2.0, 10.0 + 1.96 * 2.0))
+
+
+def test_an_interval_says_what_is_not_known_of_the_sign() -> None:
+    assert interval_of("time_constant", 10.0, 6.0)[1] == interval_of("gain", 10.0, 6.0)[1] == math.inf
+    # a race that may be none
+    assert interval_of("race", 10.0, 6.0) == pytest.approx((10.0 - 1.96 * 6.0, 10.0 + 1.96 * 6.0))
+    assert interval_of("race", 0.0, 6.0) == pytest.approx((-1.96 * 6.0, 1.96 * 6.0))
+    assert interval_of("n3", 10.0, 2.0) == pytest.approx((10.0 - 1.96 * 2.0, 10.0 + 1.96 * 2.0))
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from independent_boat import Boat, Sea, sailed
 
 from autopilot.identification.compass_and_gyro import on_one_course, turned_apart
 from autopilot.identification.identify import identify
+from autopilot.identification.interval import interval_of
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.one_boat import Differing
 from autopilot.identification.residual_tests import ResidualTest
@@ -98,8 +99,12 @@ def test_compass_and_gyro_that_turn_otherwise_are_named(deviates: float, scale: 
         return
     assert apart is not None and apart.share == pytest.approx(share, abs=0.02)
     assert "zigzag.csv" in apart.sentence() and f"turns {10.0 * (1.0 + apart.share):.1f}" in apart.sentence()
-    # the interval of K/T reaches to what either says
-    assert 1.96 * math.sqrt(apart.doubt(Rates(0.2, 0.3))[0, 0]) == pytest.approx(0.2 * abs(apart.share))
+    # the intervals of K/T and K reach to what either says, whichever the fit went by
+    for name, error in (("K/T", math.sqrt(apart.doubt(Rates(0.2, 0.3))[0, 0])), ("gain", 0.2 * apart.doubt_of_gain)):
+        low, high = interval_of(name, 0.2, 1.000001 * error)
+        for other in (0.2 * (1.0 + apart.share), 0.2 / (1.0 + apart.share)):
+            assert low <= other <= high
+        assert low > 0.7 * 0.2 and high < 1.3 * 0.2
 
 
 @pytest.mark.parametrize(("second", "gyro", "is_said"), [(0.0, None, True), (math.pi, None, False), (0.0, 0.1, False)])
