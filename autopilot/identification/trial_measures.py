@@ -423,10 +423,12 @@ def _zigzag(record: TrialRecord, holds: Sequence[Hold]) -> Zigzag:
 
 
 def _angle_of(holds: Sequence[Hold]) -> float:
-    """Return the rudder [rad] of a zigzag: where it never stood, that of the largest swings."""
+    """Return the rudder [rad] of a zigzag: where it seldom stood, as a slow one whose swings grow, that of the largest
+    swings."""
     stood = [abs(hold.angle) for hold in holds if hold.last > hold.first]
     swings = [abs(hold.angle) for hold in holds]
-    return float(np.median(stood or [angle for angle in swings if angle >= 0.9 * max(swings)]))
+    often = 2 * len(stood) >= len(holds)
+    return float(np.median(stood if often else [angle for angle in swings if angle >= 0.9 * max(swings)]))
 
 
 def _sharp(record: TrialRecord, values: FloatArray, rows: Sequence[float], number: int) -> float:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from autopilot.identification.trial_measures import Measures, measures_of, record_of
@@ -305,6 +305,7 @@ def test_a_spiral_is_found_with_all_its_angles(T: float, rate: float, hz: float,
 
 
 @settings(max_examples=25, deadline=None)
+@example(T=1.0, rate=1.0, hz=2.0, angle=26.75, execute=23.5, seed=44)
 @given(
     T=st.floats(0.5, 40.0),
     rate=st.floats(1.0, 60.0),
