@@ -6,7 +6,6 @@ import builtins
 import contextlib
 import io
 import math
-import tracemalloc
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,6 +17,7 @@ import pytest
 from boat_recordings import EPOCH, FULL, Boat, every, ulog, zigzag_boat
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory import measured
 from pyulog import ULog
 
 from autopilot.errors import InputError
@@ -342,11 +342,6 @@ def test_sentences_take_few_times_the_memory_of_their_file(tmp_path: Path) -> No
     text = "".join(body)
     path = written(tmp_path, text, "long.nmea")
     read_recording(path)
-    tracemalloc.start()
-    try:
-        recording = read_recording(path)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+    recording, taken = measured(lambda: read_recording(path))
     assert recording.series[0].time.size == 20_000
-    assert peak < 8 * len(text)
+    assert taken.peak < 8 * len(text)

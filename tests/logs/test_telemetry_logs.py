@@ -6,8 +6,7 @@ import contextlib
 import json
 import math
 import struct
-import tracemalloc
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -28,6 +27,7 @@ from boat_recordings import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from memory import measured
 from n2k_boat import lines, sent
 from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -105,12 +105,8 @@ def test_a_log_takes_few_times_the_memory_of_its_file(tmp_path: Path) -> None:
         folder.mkdir()
         for name, path in in_every_format(folder, seconds).items():
             read_recording(path)
-            tracemalloc.start()
-            try:
-                recording = read_recording(path)
-                peaks.setdefault(name, []).append((tracemalloc.get_traced_memory()[1], Path(path).stat().st_size))
-            finally:
-                tracemalloc.stop()
+            recording, taken = measured(partial(read_recording, path))
+            peaks.setdefault(name, []).append((taken.peak, Path(path).stat().st_size))
             assert recording.best(HEADING)
     del peaks["mcap_log"]
     times = {name: (large - small) / (more - less) for name, ((small, less), (large, more)) in peaks.items()}

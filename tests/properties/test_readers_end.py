@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import random
 import re
-import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from fuzz_everything import NUMBER, REFUSALS, STRANGE_NUMBERS, STRANGE_TEXTS, ST
 from fuzz_file_targets import SENTENCES, targets
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from memory import measured
 
 from autopilot.cli.main import main
 from autopilot.files.outside import read_regular
@@ -127,12 +127,8 @@ def test_reading_a_file_takes_no_more_memory_than_the_file(tmp_path: Path) -> No
     path = tmp_path / "small.csv"
     path.write_bytes(b"time_s,heading_deg\n" * 1000)
     read_regular(path)
-    tracemalloc.start()
-    try:
-        assert read_regular(path) == path.read_bytes()
-        assert tracemalloc.get_traced_memory()[1] < 1 << 20
-    finally:
-        tracemalloc.stop()
+    read, taken = measured(lambda: read_regular(path))
+    assert read == path.read_bytes() and taken.peak < 1 << 20
 
 
 def test_a_file_that_tells_no_size_is_read() -> None:

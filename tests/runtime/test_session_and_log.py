@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import struct
-import tracemalloc
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from manual_clock import ManualClock
+from memory import measured
 from plant import Plant
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -330,13 +330,8 @@ def test_the_ticks_of_a_log_take_no_more_memory_than_its_file(tmp_path: Path) ->
     path = tmp_path / "a.tlog"
     sail_logged(path, BoatLink(), 20.0)
     read_log(path)
-    tracemalloc.start()
-    try:
-        log = read_log(path)
-        kept = tracemalloc.get_traced_memory()[0]
-    finally:
-        tracemalloc.stop()
-    assert kept < path.stat().st_size + 50_000
+    log, taken = measured(lambda: read_log(path))
+    assert taken.kept < path.stat().st_size + 50_000
     assert [tick.number for tick in log.ticks] == [*range(log.ticks[0].number, log.ticks[0].number + len(log.ticks))]
     assert repr(log.ticks[-2:]) == repr([*log.ticks][-2:])
 
