@@ -287,6 +287,9 @@ CONDITIONS = {
     ),
     "forwarding_ended": Condition("the line to a ground station behind the router fails", watcher=Watcher.LINK),
     "output_failed": Condition("a write to the file of an alarm output fails", watcher=Watcher.LOOP),
+    "change_not_kept": Condition(
+        "a parameter, a route or a note could not be written to its file, until it is written", watcher=Watcher.LOOP
+    ),
     "other": Condition("only in logs of other versions, whose kinds are not known here", watcher=Watcher.LINK),
 }
 """By the alarms' names."""

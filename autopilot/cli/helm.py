@@ -9,7 +9,6 @@ import argparse
 import curses
 import select
 import sys
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -84,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from autopilot.cli.options import patience_of, signing_of
     from autopilot.interruption import as_exceptions
+    from autopilot.runtime.machine import running_time
     from autopilot.web.station import BoatLine, Station
 
     station = Station()
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     os.environ.setdefault("ESCDELAY", "25")
     try:
         with as_exceptions():  # the terminal is left as it was found
-            curses.wrapper(lambda window: draw(window, station, line, keys, time.monotonic))
+            curses.wrapper(lambda window: draw(window, station, line, keys, running_time))
     finally:
         line.close()
     return int(ExitCode.OK)

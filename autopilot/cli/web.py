@@ -201,10 +201,10 @@ def run_signalk(arguments: argparse.Namespace) -> int:
 def _serve_signalk(arguments: argparse.Namespace) -> int:
     import select
     import signal
-    import time
 
     from autopilot.cli.options import patience_of, signing_of
     from autopilot.interruption import print_end
+    from autopilot.runtime.machine import running_time
     from autopilot.signalk.bridge import Bridge, LineClients
     from autopilot.signalk.messages import LINE_MOST
     from autopilot.web.hub import token_of
@@ -228,7 +228,7 @@ def _serve_signalk(arguments: argparse.Namespace) -> int:
     try:
         while not stopped:
             select.select(bridge.descriptors, (), (), 0.05)
-            bridge.turn(time.monotonic())
+            bridge.turn(running_time())
     finally:
         bridge.close()
     print_end(stopped[0])

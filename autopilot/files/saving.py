@@ -19,11 +19,13 @@ import shutil
 import stat
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
+from autopilot.signals import AlarmEvent
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
@@ -73,19 +75,29 @@ class Worker:
 class BackgroundSaver:
     """Saves files from a thread of its own: flushing to a memory card takes longer than a tick. Call it to save.
 
-    warn: is called with what went wrong.
+    warn: is called with what went wrong, once for each file until it is saved again.
     """
 
     def __init__(self, warn: Callable[[str], None]) -> None:
         self._warn, self._worker = warn, Worker("save")
+        self._unsaved: dict[Path, str] = {}
         self.close = self._worker.shutdown
 
     def __call__(self, path: Path, text: str) -> None:
-        self._worker.submit(save_text, path, text).add_done_callback(self._complain)
+        self._worker.submit(save_text, path, text).add_done_callback(partial(self._note, path))
 
-    def _complain(self, done: Future[None]) -> None:
-        if (error := done.exception()) is not None:
-            self._warn(f"a change is not kept: {error}")
+    @property
+    def alarm(self) -> AlarmEvent | None:
+        """Why what was to be saved is not, None while all is."""
+        unsaved = (*self._unsaved.values(),)  # in one go: the thread changes it
+        return AlarmEvent("change_not_kept", unsaved[0]) if unsaved else None
+
+    def _note(self, path: Path, done: Future[None]) -> None:
+        error = done.exception()
+        if error is None:
+            self._unsaved.pop(path, None)
+        elif self._unsaved.setdefault(path, words := str(error)) is words:
+            self._warn(f"a change is not kept: {words}")
 
 
 def save_page(path: str | Path, page: str) -> None:

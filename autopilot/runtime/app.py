@@ -122,6 +122,7 @@ class App:
                 self.recorder = self._recorder(plan.log())
                 opened.callback(self.recorder.close)
                 links.append(GuideAlarms(self.recorder, "log"))
+            links.append(GuideAlarms(self._saver, "files"))
             links += alarm_outputs_of(vessel, machine.bell if machine is not None else None)[0]
             if machine is not None:
                 links.append(LoopHealth(1.0 / vessel.control.rate_hz))

@@ -264,7 +264,7 @@ BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 class Note(NamedTuple):
     """heading [rad] that was held by the `compass` NAME@LINK, '' where there was nothing to choose among, and `since`
-    [s] on the monotonic clock of the boot `boot`."""
+    [s] by the clock `running_time` of the boot `boot`."""
 
     heading: float
     since: float
@@ -278,7 +278,7 @@ class RestartState:
     Args:
         within: a note older than this [s] is forgotten; 0: any.
         save: writes a text to a file, later and from another thread.
-        clock: the machine's monotonic clock [s].
+        clock: the machine's clock [s], which goes on while it is suspended.
         compass: returns the source of the headings that are steered by.
     """
 
@@ -287,7 +287,7 @@ class RestartState:
         path: Path,
         within: float,
         save: Callable[[Path, str], None],
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = running_time,
         boot: str | None = None,
         compass: Callable[[], str] = str,
     ) -> None:

@@ -310,6 +310,10 @@ WORDS = {
         sentence="{text}: {detail}",
     ),
     "output_failed": Words("the alarm output cannot be written", "check alarms.outputs and its permissions"),
+    "change_not_kept": Words(
+        "a change counts, and is lost at the end of this run",
+        "free the disk, or look after it, and make the change once more",
+    ),
     "other": Words("what has no kind of its own", "as it says", sentence="{detail}"),
 }
 """By the alarms' names."""

@@ -218,6 +218,7 @@ _KINDS = (
     _notice("stop_refused"),
     _notice("forwarding_ended"),
     _notice("output_failed"),
+    _notice("change_not_kept"),
     _notice("other"),
 )
 CATALOGUE = {kind.name: kind for kind in _KINDS}

@@ -13,7 +13,6 @@ import hmac
 import json
 import secrets
 import stat
-import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
@@ -22,6 +21,7 @@ from typing import Any, TypeVar
 from autopilot.errors import InputError
 from autopilot.files.outside import is_same_token, read_regular
 from autopilot.files.saving import replace_file
+from autopilot.runtime.machine import running_time
 from autopilot.web.journal import Track
 from autopilot.web.orders import Answer, Asked
 from autopilot.web.station import BoatLine, Station
@@ -111,7 +111,7 @@ ANSWER_S = 8.0
 class Hub:
     """Start `run` in the event loop; `follow` gives one browser its events, `ask` carries an order out."""
 
-    def __init__(self, station: Station, line: BoatLine, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, station: Station, line: BoatLine, clock: Callable[[], float] = running_time) -> None:
         self.station, self.line, self.clock = station, line, clock
         self._queues: dict[asyncio.Queue[bytes | None], str] = {}
         """What waits for each browser, by the address of who only looks, "" of who has the token; the oldest first."""

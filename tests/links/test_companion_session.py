@@ -73,6 +73,30 @@ class Vehicle:
         return samples, self.hears(packets)
 
 
+@pytest.mark.parametrize(
+    ("system", "component", "autopilot", "words"),
+    [
+        (0, 1, 3, "heard is system 0, component 1: no vehicle may have the system id 0: set MAV_SYSID"),
+        (7, 1, 3, "heard is system 7, component 1: start with --vehicle-system 7"),
+        (1, 2, 3, "heard is system 1, component 2: an autopilot is component 1"),
+        (255, 190, 8, "heard is system 255, component 190, which is no autopilot"),
+    ],
+)
+def test_who_is_heard_in_place_of_the_vehicle_is_named(system: int, component: int, autopilot: int, words: str) -> None:
+    session = CompanionSession("line", CompanionSettings(FULL, vehicle_system=1))
+    foreign = dialect.MAVLink_heartbeat_message(11, autopilot, 0, 0, 4, 3)
+    (helm,) = session.receive(0.0, [MavlinkCodec(system, component).encode(foreign)])
+    assert isinstance(helm, HelmSample) and not helm.available
+    assert helm.reason.startswith("waiting for the heartbeat of a vehicle") and words in helm.reason
+    # a listening line lets in nobody but the vehicle, and asks here of each datagram
+    asked = CompanionSession("line", CompanionSettings(FULL, vehicle_system=1))
+    assert not asked.holds_our_vehicle(MavlinkCodec(system, component).encode(foreign))
+    (helm,) = asked.receive(0.0, [])
+    assert isinstance(helm, HelmSample) and words in helm.reason
+    (helm, *_) = asked.receive(1.0, [MavlinkCodec(1, 1).encode(Vehicle().beat())])
+    assert isinstance(helm, HelmSample) and "heard is" not in helm.reason and asked.vehicle == 1
+
+
 def steering() -> Vehicle:
     """A vehicle that is known, has shown that it takes our steering, and is steered."""
     vehicle = Vehicle()

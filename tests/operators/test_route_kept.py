@@ -33,7 +33,8 @@ class Start:
         self.track = self.mission.guide
         self.skipper = Skipper(limits_of(VESSEL).angle_max, PlotterGuide(), self.mission)
         stations = Stations((f"udpout:127.0.0.1:{free_port()}",))
-        self.app = App(Plan(VESSEL, self.skipper, path, skipper=self.skipper, stations=stations), ManualClock())
+        self.clock = ManualClock()
+        self.app = App(Plan(VESSEL, self.skipper, path, skipper=self.skipper, stations=stations), self.clock)
         assert self.app.store is not None
         self.store = self.app.store
 
@@ -62,6 +63,40 @@ def test_a_route_is_there_after_a_restart_and_followed_by_nobody(
     third = Start(tmp_path)
     assert third.mission.items == ()
     third.end()
+
+
+def test_a_change_that_cannot_be_kept_is_an_alarm_until_it_can(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "boat"
+    folder.mkdir()
+    start = Start(folder)
+
+    def alarms() -> list[tuple[str, str]]:
+        for now in (start.clock.now() + 1.0, start.clock.now() + 2.0):
+            start.app._saver._worker.submit(int).result()
+            start.clock.advance(1.0)
+            start.app.session.poll(now)
+        tick = start.app.session.tick
+        assert tick is not None
+        return [(alarm.name, alarm.detail) for alarm in tick.alarms if alarm.name == "change_not_kept"]
+
+    with start.app:
+        assert alarms() == []
+        folder.rename(tmp_path / "pulled out")
+        start.mission.replace(items())
+        ((_, detail),) = alarms()
+        assert "boat.mission.waypoints: cannot be written" in detail
+        start.mission.replace(items())
+        assert len(alarms()) == 1
+        assert start.store.set("GUI_LOOKAHEAD", 20.0) == ""
+        (tmp_path / "pulled out").rename(folder)
+        start.mission.replace(items())
+        ((_, detail),) = alarms()
+        assert "boat.tuned.yaml: cannot be written" in detail, "what is not kept yet"
+        start.store.set("GUI_LOOKAHEAD", 21.0)
+        assert alarms() == []
+    assert capsys.readouterr().err.count("boat.mission.waypoints: cannot be written") == 1
 
 
 @pytest.mark.parametrize("damage", [b"QGC WPL 110\n0\t0\t3\t16", b"\xff\xfe", b""])

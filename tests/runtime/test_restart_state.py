@@ -58,6 +58,19 @@ def test_it_is_forgotten_after_the_time_the_file_gives(held: tuple[Path, Lockste
     assert kept_by(path, run).left() is None
 
 
+def test_what_was_held_before_the_computer_slept_is_as_old_as_it_is(
+    held: tuple[Path, Lockstep], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, run = held
+    keeper = RestartState(path, 10.0, save_text)
+    keeper.ticked(run.tick)
+    assert RestartState(path, 10.0, save_text).left() is not None
+    # CLOCK_MONOTONIC stands still while a machine is suspended
+    awake = time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda clock: awake(clock) + 3600.0)
+    assert RestartState(path, 10.0, save_text).left() is None
+
+
 def test_another_boot_and_a_clock_from_before_know_nothing_of_it(held: tuple[Path, Lockstep]) -> None:
     path, run = held
     assert kept_by(path, run, boot="another").left() is None

@@ -15,6 +15,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,8 @@ from autopilot.cli.web import listening_address
 from autopilot.errors import InputError, NotYetError
 from autopilot.signals import AlarmSample
 from autopilot.web import page_files
-from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST, Access, token_of
+from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST, Access, Hub, token_of
+from autopilot.web.requests import CAME_LATE
 from autopilot.web.server import HEADERS, LogIndex, _short_body, build_app, known_hosts
 
 BEARER = {"authorization": f"Bearer {TOKEN}"}
@@ -121,6 +123,19 @@ def test_an_order_that_was_held_up_on_its_way_is_not_carried_out_but_a_release_i
     assert order(4.0, do="turn", degrees=10) == 200 and turned() == pytest.approx(10.0, abs=1.0)
     assert order(-1.0e12, do="standby") == 200
     assert order(10.0, do="release") == 200 and not sea.commands.armed
+
+
+def test_an_order_from_before_the_computer_slept_is_late(
+    sea: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub = Hub(sea.station, sea.line)
+    seen = hub.clock()
+    # CLOCK_MONOTONIC stands still while a machine is suspended
+    awake = time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda clock: awake(clock) + 600.0)
+    client = TestClient(build_app(hub, Access(TOKEN), LogIndex(tmp_path)))
+    answer = client.post("/api/order", json={"do": "turn", "degrees": 10, "seen": seen}, headers=BEARER)
+    assert (answer.status_code, answer.json()["words"]) == (409, CAME_LATE)
 
 
 @pytest.mark.parametrize(

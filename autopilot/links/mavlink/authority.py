@@ -196,6 +196,9 @@ STICK_MOVED_US = 150
 """A stick that is moved this far is meant."""
 
 
+NOT_HEARD = "waiting for the heartbeat of a vehicle"
+
+
 class ControlAuthority:
     """Collects what the vehicle shows; `reason` gives the sentence, or nothing where control is ours.
 
@@ -218,7 +221,7 @@ class ControlAuthority:
     def __init__(self, guided: bool = False, offboard: bool = False, may_share: bool = False) -> None:
         self._guided, self._offboard, self._may_share = guided or offboard, offboard, may_share
         self._is_killed = False
-        self.obstacle = "waiting for the heartbeat of a vehicle"
+        self.obstacle = NOT_HEARD
         self.misfit = ""
         self.mode = -1
         self.armed = self.booted = False

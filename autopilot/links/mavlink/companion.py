@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import StatusTexts, VehicleSounder, severity_of
 from autopilot.links.base import CarriedLink, LinkError, Transport
-from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S
+from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S, NOT_HEARD
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
 from autopilot.links.mavlink.conditions import OtherPilot
 from autopilot.links.mavlink.frames import SIGNED
@@ -381,14 +381,23 @@ class CompanionSession:
         return f"the flight controller lets go by itself after {OVERRIDE_TIME} {seconds:g} s"
 
     def _is_ours(self, message: Message) -> bool:
-        header = message._header
-        wanted = self._settings.vehicle_system
-        return (
-            message.autopilot != dialect.MAV_AUTOPILOT_INVALID
-            and header.srcComponent == AUTOPILOT_COMPONENT
-            and header.srcSystem != 0
-            and wanted in (None, header.srcSystem)
-        )
+        """Return whether a heartbeat is of a vehicle that may be ours; who it is of, while we wait for one, is said."""
+        header, wanted, authority = message._header, self._settings.vehicle_system, self._authority
+        if message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+            strange = ", which is no autopilot" if authority.obstacle == NOT_HEARD else ""
+        elif header.srcSystem == 0:
+            strange = ": no vehicle may have the system id 0: set MAV_SYSID (SYSID_THISMAV) to 1"
+        elif wanted not in (None, header.srcSystem):
+            strange = f": start with --vehicle-system {header.srcSystem} to steer it"
+        elif header.srcComponent != AUTOPILOT_COMPONENT:
+            strange = ": an autopilot is component 1: set its MAV_COMP_ID to 1"
+        else:
+            return True
+        if strange and not self.vehicle:
+            authority.obstacle = (
+                f"{NOT_HEARD}; heard is system {header.srcSystem}, component {header.srcComponent}{strange}"
+            )
+        return False
 
     def _is_vacant(self, now: float, message: Message) -> bool:
         """Return whether a heartbeat's vehicle may be latched on to.
