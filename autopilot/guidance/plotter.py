@@ -122,6 +122,7 @@ class PlotterGuide:
         self._wants_far = 0.0
         self._led: float | None = None
         self._began: float | None = None
+        """When it led last [s], or was first waited for."""
         self._passed: float | None = None
 
     def follow(self) -> None:
@@ -150,6 +151,8 @@ class PlotterGuide:
             return
         self._invalid.clear()
         before, self._candidate = self._candidate, message
+        if before is None or message.time - before.time > TIMEOUT_S:
+            self._began = message.time
         if self._message is not None and _is_same(self._message, message):
             self._message = message
         elif before is not None and _is_same(before, message) and self._may_turn(message):
@@ -177,6 +180,8 @@ class PlotterGuide:
         if self._began is None:
             self._began = now
         message = self._fresh(now)
+        if message is not None:
+            self._began = message.time
         if isinstance(message, PlotterHeading):
             self._held = message.heading
         elif message is not None:
@@ -204,10 +209,11 @@ class PlotterGuide:
         self._passed = (self._passed or now) if is_passed else None
         if self._passed is not None and isinstance(message, PlotterLeg) and now - self._passed >= PASSED_S:
             return AlarmEvent("plotter_arrived", f"{message.name or 'its waypoint'}: {held}")
-        if message is not None or is_fresh or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
+        if message is not None or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
             return None
-        if self._invalid:
-            return AlarmEvent("plotter_invalid", f"({', '.join(self._invalid)}): {held}")
+        if self._invalid or is_fresh:
+            reasons = ", ".join(self._invalid) or "no two of its sentences in a row name the same leg"
+            return AlarmEvent("plotter_invalid", f"({reasons}): {held}")
         return AlarmEvent("plotter_silent", f"for {TIMEOUT_S:.0f} s or more: {held}")
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:

@@ -229,7 +229,7 @@ class FolderSink(_OpenFile):
             (path for path in self._folder.iterdir() if RUN_NAME.fullmatch(path.name)),
             key=lambda path: (run_number(path), part_number(path)),
         )
-        sizes = {path: path.stat().st_size for path in parts}
+        sizes = {path: path.lstat().st_size for path in parts}
         total = sum(sizes.values())
         for path in parts:
             disk = os.statvfs(self._folder)
@@ -238,7 +238,7 @@ class FolderSink(_OpenFile):
                 return
             if is_in_use(path):
                 continue
-            path.unlink()
+            path.unlink(missing_ok=True)
             total -= sizes[path]
 
 

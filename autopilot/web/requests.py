@@ -41,15 +41,22 @@ SIZES_MOST = 2
 LATE_S = 5.0
 """An order whose giver has heard nothing for so long [s] was held up on its way: nobody waits for it any more. So was
 one that names a state so far ahead: this computer has started anew since, and its clock with it."""
-NEVER_LATE = ("standby", "release", "mob")
+STOPS = ("standby", "release")
+NEVER_LATE = (*STOPS, "mob")
 CAME_LATE = "the order was held up on its way and is not carried out: order again"
+STOOD_BY = "somebody let the pilot stand by before you could see it: order again if you still want it"
 
 
-def came_late(request: dict[str, Any], now: float) -> bool:
-    """Take out of a request the time [s] of the newest state that its giver saw, where one is in it; return whether the
-    order is too late to be carried out at `now` [s]. Raises InputError."""
+def came_late(request: dict[str, Any], now: float, stood_by: float) -> str:
+    """Take out of a request the time [s] of the newest state that its giver saw, where one is in it; return why the
+    order is too late to be carried out at `now` [s], '' where it is not. Raises InputError.
+
+    stood_by [s]: when somebody let the pilot stand by last; inf: it is under way.
+    """
     seen = number_from(request.pop("seen"), "seen", 0.0, math.inf) if "seen" in request else now
-    return abs(now - seen) > LATE_S and request.get("do") not in NEVER_LATE
+    if request.get("do") in NEVER_LATE:
+        return ""
+    return CAME_LATE if abs(now - seen) > LATE_S else STOOD_BY if seen < stood_by else ""
 
 
 def asked_of(station: Station, request: Any) -> Asked:

@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import gzip
 import logging
+import math
 import os
 import signal
 import socket
@@ -36,7 +37,7 @@ from autopilot.interruption import print_end
 from autopilot.web import is_reachable, page_files, svg_of
 from autopilot.web.hub import Access, Hub, makes_room
 from autopilot.web.journal import words_of
-from autopilot.web.requests import CAME_LATE, asked_of, came_late
+from autopilot.web.requests import STOPS, asked_of, came_late
 from autopilot.web.view import COLUMNS
 
 SUFFIXES = (".tlog", ".html", ".csv", ".yaml")
@@ -174,6 +175,7 @@ class Page:
 
     def __init__(self, hub: Hub, access: Access, logs: LogIndex, steps: Steps | None = None) -> None:
         self._hub, self._access, self._logs, self._steps = hub, access, logs, steps
+        self._stood_by = -math.inf
         self._assets = page_files()
         self._packed = {
             name: gzip.compress(content) for name, content in self._assets.items() if _ending(name) in PACKED
@@ -264,15 +266,20 @@ class Page:
             return body
         try:
             wanted = order_object(body)
-            is_late = came_late(wanted, self._hub.clock())
+            late = came_late(wanted, self._hub.clock(), self._stood_by)
             asked = asked_of(self._hub.station, wanted)
         except InputError as error:
             return _refusal(BAD_ORDER, str(error))
-        if is_late:
-            return _refusal(CANNOT_NOW, CAME_LATE)
+        if late:
+            return _refusal(CANNOT_NOW, late)
         if self._hub.station.target is None:
             return _refusal(CANNOT_NOW, "no boat that runs this pilot is heard")
-        taken, words = await self._hub.ask(asked, (_display_of(request), words_of(wanted)))
+        stops = wanted["do"] in STOPS
+        self._stood_by = math.inf if stops else self._stood_by
+        try:
+            taken, words = await self._hub.ask(asked, (_display_of(request), words_of(wanted)))
+        finally:
+            self._stood_by = self._hub.clock() if stops else self._stood_by
         return JSONResponse({"taken": True, "words": words}) if taken else _refusal(CANNOT_NOW, words)
 
     async def steps(self, request: Request) -> Response:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import secrets
 from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ from autopilot.files.printable import printable
 from autopilot.firmware.download import Download
 from autopilot.firmware.metadata import FtpClient, expanded
 from autopilot.firmware.protocol import Target, parameter_value, set_value
-from autopilot.firmware.session import GROUND_STATION_COMPONENT, GROUND_STATION_SYSTEM
+from autopilot.firmware.session import GROUND_STATION_SYSTEM
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.ground_station.file_server import COMPASSES, PARAMETERS, ROUTE
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
@@ -187,7 +188,15 @@ WANTED_HZ = {
     int(dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT): 5.0,
     int(dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT): 2.0,
 }
-SYSTEM, COMPONENT = GROUND_STATION_SYSTEM, int(GROUND_STATION_COMPONENT)
+
+
+def own_component() -> int:
+    """Return a component id for this process: of two displays under one, or of a display and a ground station, each
+    takes what is answered to the other, and the boat takes both for one sender."""
+    return secrets.choice(range(dialect.MAV_COMP_ID_USER1, dialect.MAV_COMP_ID_USER75 + 1))
+
+
+SYSTEM, COMPONENT = GROUND_STATION_SYSTEM, own_component()
 
 
 class Station:
@@ -242,6 +251,9 @@ class Station:
         target = self.target
         if target is None or (message.get_srcSystem(), message.get_srcComponent()) != target[:2]:
             return
+        to = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
+        if to[0] not in (0, SYSTEM) or to[1] not in (0, COMPONENT):
+            return  # an answer to another station
         kind = message.get_type()
         if kind == "COMMAND_ACK":
             self.orders.receive(now, message)

@@ -138,6 +138,31 @@ def test_silence_holds_the_course_and_says_so_after_eight_seconds() -> None:
     assert guide.alarm is None
 
 
+@pytest.mark.parametrize("led", [0, 5], ids=["from the first", "after a while"])
+@pytest.mark.parametrize("what", ["two plotters", "a name with the range in it"])
+def test_legs_that_never_agree_lead_nowhere_and_that_is_said(what: str, led: int) -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    said = []
+    for second in range(40):
+        leg = PlotterLeg(float(second), 1.0, 0.0, 0.0, "WP1")
+        if led <= second < 30 and what == "two plotters":
+            leg = leg._replace(track=1.2 if second % 2 else 0.8)
+        elif led <= second < 30:
+            leg = leg._replace(waypoint=f"WP1 {30 - second}.0 nm")
+        guide.take(leg)
+        guide.course(second + 0.5, 1.0, SPEED)
+        said.append("" if guide.alarm is None else guide.alarm.name)
+    since = 12 if led else 8  # 8 s after the last that agreed
+    assert said == [""] * since + ["plotter_invalid"] * (31 - since) + [""] * 9
+    guide.take(PlotterInvalid(40.0, "APB holds no valid data"))
+    guide.course(55.0, 1.0, SPEED)
+    assert guide.alarm is not None
+    guide.take(PlotterLeg(56.0, 1.0, 0.0, 0.0, "WP1"))
+    guide.course(56.1, 1.0, SPEED)
+    assert guide.alarm is None, "the first of two that agree"
+
+
 def test_the_turn_is_measured_from_leg_to_leg_and_said_once() -> None:
     """Far off to starboard the course leads back at -70 deg; the next leg at +90 deg is no turn of 160 deg."""
     guide = PlotterGuide()

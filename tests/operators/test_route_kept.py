@@ -72,9 +72,12 @@ def test_a_change_that_cannot_be_kept_is_an_alarm_until_it_can(
     folder.mkdir()
     start = Start(folder)
 
+    def saved() -> None:
+        start.app._saver._worker.submit(int).result()
+
     def alarms() -> list[tuple[str, str]]:
+        saved()
         for now in (start.clock.now() + 1.0, start.clock.now() + 2.0):
-            start.app._saver._worker.submit(int).result()
             start.clock.advance(1.0)
             start.app.session.poll(now)
         tick = start.app.session.tick
@@ -90,6 +93,7 @@ def test_a_change_that_cannot_be_kept_is_an_alarm_until_it_can(
         start.mission.replace(items())
         assert len(alarms()) == 1
         assert start.store.set("GUI_LOOKAHEAD", 20.0) == ""
+        saved()
         (tmp_path / "pulled out").rename(folder)
         start.mission.replace(items())
         ((_, detail),) = alarms()

@@ -129,6 +129,21 @@ def test_a_folder_stays_below_its_size_and_other_files_are_left_alone(tmp_path: 
     assert kept[0].name > "norrbin-00002"
 
 
+def test_a_link_to_a_log_that_is_gone_keeps_no_log_from_being_written(tmp_path: Path) -> None:
+    folder, outside = tmp_path / "logs", tmp_path / "outside.tlog"
+    folder.mkdir()
+    outside.write_bytes(b"x" * 3000)
+    for number, to in enumerate(("a stick that is out", str(outside)), 1):
+        (folder / f"norrbin-{number:05d}-20260101T000000Z.001.tlog").symlink_to(to)
+    sink = FolderSink(folder, FolderLimits(total=1500, part=1000, free=0))
+    sink.write(b"y" * 900)
+    sink.next_part()
+    sink.write(b"z" * 900)
+    sink.close()
+    assert sink.trouble == "" and sink.path.read_bytes() == b"z" * 900
+    assert outside.read_bytes() == b"x" * 3000
+
+
 def test_a_restart_never_touches_an_earlier_log(tmp_path: Path) -> None:
     sail(Recorder(FolderSink(tmp_path), HEADER, 0.0), 3.0)
     (first,) = tmp_path.iterdir()

@@ -31,7 +31,7 @@ from autopilot.web.journal import LIST_MOST, AlarmBoard, Track, alarms_from, rou
 from autopilot.web.orders import ENGAGE, Command, Orders, turn_to
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
-from autopilot.web.station import Station, descriptions_from
+from autopilot.web.station import COMPONENT, Station, descriptions_from, own_component
 from autopilot.web.view import BoatView, TextPieces
 
 
@@ -592,6 +592,34 @@ def test_however_often_an_order_to_engage_was_sent_its_answers_are_none_to_who_s
         for _ in orders.due(2.1 + 0.5 * step, target):
             orders.receive(2.2 + 0.5 * step, acknowledged)
     assert ends == [True], "heard at the latest when more has been answered than was asked before"
+
+
+@pytest.mark.parametrize("to", [(255, 190), (254, COMPONENT), (1, 191)])
+def test_what_the_boat_answers_to_another_station_is_no_answer_to_us(sea: Watched, to: tuple[int, int]) -> None:
+    """Behind a router everybody hears all: who stands by must not take another's order to engage for it."""
+    ends = list[bool]()
+    sea.order(do="engage")
+    station, sea.links = sea.station, []
+    station.ask(sea.now, asked_of(station, {"do": "standby"}), lambda taken, _: ends.append(bool(taken)))
+
+    def answered(system: int, component: int) -> None:
+        station.due(sea.now)
+        mode = int(dialect.MAV_CMD_DO_SET_MODE)
+        acknowledged = dialect.MAVLink_command_ack_message(mode, 0, 0, 0, system, component)
+        (message,) = MavlinkCodec().decode(MavlinkCodec(1, 1).encode(acknowledged))
+        station.receive(sea.now, message)
+
+    answered(*to)
+    assert ends == []
+    answered(255, COMPONENT)
+    assert ends == [True]
+
+
+def test_each_display_has_an_address_of_its_own() -> None:
+    """With that of a ground station, or of another display, its orders and answers would be taken for theirs."""
+    drawn = {own_component() for _ in range(30)}
+    assert len(drawn) > 1
+    assert all(dialect.MAV_COMP_ID_USER1 <= each <= dialect.MAV_COMP_ID_USER75 for each in drawn)
 
 
 @pytest.mark.parametrize("sent_at", [(0.0, 0.5), (0.0, 0.5, 1.0, 1.5)])

@@ -33,10 +33,10 @@ from autopilot.cli.main import build_parser, main
 from autopilot.cli.new_boat import PageOfSteps
 from autopilot.cli.web import listening_address
 from autopilot.errors import InputError, NotYetError
-from autopilot.signals import AlarmSample
+from autopilot.signals import AlarmSample, Mode
 from autopilot.web import page_files
 from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST, Access, Hub, token_of
-from autopilot.web.requests import CAME_LATE
+from autopilot.web.requests import CAME_LATE, STOOD_BY
 from autopilot.web.server import HEADERS, LogIndex, _short_body, build_app, known_hosts
 
 BEARER = {"authorization": f"Bearer {TOKEN}"}
@@ -123,6 +123,29 @@ def test_an_order_that_was_held_up_on_its_way_is_not_carried_out_but_a_release_i
     assert order(4.0, do="turn", degrees=10) == 200 and turned() == pytest.approx(10.0, abs=1.0)
     assert order(-1.0e12, do="standby") == 200
     assert order(10.0, do="release") == 200 and not sea.commands.armed
+
+
+@pytest.mark.parametrize("stop", ["standby", "release"])
+def test_who_has_not_seen_that_another_hand_let_the_pilot_stand_by_engages_nothing(
+    client: Any, sea: Watched, stop: str
+) -> None:
+    def order(seen: float, **wanted: Any) -> tuple[int, str]:
+        answer = client.post("/api/order", json={**wanted, "seen": seen}, headers=BEARER)
+        return answer.status_code, answer.json()["words"]
+
+    sea.watch(10.0)
+    assert order(sea.now, do="engage") == (200, "")
+    sea.watch(1.0)
+    seen = sea.now
+    sea.watch(0.5)
+    assert order(sea.now, do=stop) == (200, "")
+    for wanted in ({"do": "engage"}, {"do": "heading", "degrees": 90.0}, {"do": "wind"}):
+        assert order(seen, **wanted) == (409, STOOD_BY)
+    sea.watch(1.0)
+    assert sea.tick is not None and sea.tick.mode is Mode.STANDBY
+    assert order(seen, do=stop) == (200, "")
+    sea.watch(0.2)
+    assert order(sea.now, do="engage") == (200, ""), "who has seen it engages again"
 
 
 def test_an_order_from_before_the_computer_slept_is_late(
