@@ -164,6 +164,30 @@ class CarriedLink(SilentLink):
         self._transport.close()
 
 
+STOOD_STILL_S, CAUGHT_UP_S = 3.0, 0.5
+
+
+class Backlog:
+    """Tells orders that have waited here while this computer stood still: what has waited for STOOD_STILL_S, and is
+    read within CAUGHT_UP_S, was given up by who sent it, or sent again. By then a vehicle has taken its rudder back.
+
+    Attributes:
+        looked: when [s] the line was read last, nan before.
+    """
+
+    def __init__(self) -> None:
+        self.looked, self._until = math.nan, -math.inf
+
+    def on_receive(self, now: float) -> None:
+        """Take that the line is read at `now` [s]."""
+        self._until = now + CAUGHT_UP_S if now - self.looked > STOOD_STILL_S else self._until
+        self.looked = now
+
+    def has(self, now: float) -> bool:
+        """Return whether what is read at `now` [s] may be of the backlog."""
+        return now <= self._until
+
+
 class AlarmNews:
     """Says an alarm under `source` when it begins, becomes another, or ends."""
 

@@ -408,6 +408,27 @@ def test_what_cannot_be_done_is_not_done_in_part(
     assert ordered(*pairs, **changes) == (*expected, [])  # type: ignore[arg-type]
 
 
+def test_what_was_ordered_while_the_computer_stood_still_is_not_carried_out_but_to_stand_by() -> None:
+    skipper = Skipper()
+    session = ready(N2kSession("bus", N2kSettings(takes_orders=True), helm=skipper))
+    state = NavState(1.0, 0.25, 0.0, 4.0, 0.0, 0.0, 0.1, True)
+    tick = Tick(0, 1.0, (), Order(), state, Reference(0.0), 0.0, RudderCommand(1.0, 0.0, False), Mode.STANDBY, ())
+    session.on_tick(tick)
+
+    def answered(now: float, *pairs: tuple[int, bytes]) -> int:
+        session.due(now)
+        session.receive(now, [Message(126208, command(127237, *pairs), 35, 204)])
+        (answer,) = session.due(now)
+        return answer.data[4] & 15
+
+    session.receive(1.0, [])
+    assert answered(61.0, steering("heading")) == answered(61.4, steering("track")) == NOT_NOW
+    assert skipper.orders == []
+    assert answered(61.4, steering("main")) == DONE
+    assert answered(61.6, steering("heading")) == DONE
+    assert skipper.orders == [("stand by", None), ("engage", None)]
+
+
 def test_a_commanded_course_is_taken_from_the_north_that_it_names() -> None:
     turned = ordered(MAGNETIC, course(1.0), mode=ENGAGED, variation=0.1)
     assert turned == (DONE, b"\x00", [("turn", pytest.approx(1.1))])

@@ -7,7 +7,7 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import StatusTexts, severity_of
-from autopilot.links.base import AlarmNews, Transport
+from autopilot.links.base import AlarmNews, Backlog, Transport
 from autopilot.links.ground_station.access import (
     LinkAccess,
     OrderSequence,
@@ -59,9 +59,6 @@ STOPPED_S = 30.0
 LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
 CAME_LATE = "orders from while this computer stood still are not carried out: order again"
 OVERTAKEN = "an order from before the one to stand by came behind it and is not carried out: order again"
-STOOD_STILL_S, CAUGHT_UP_S = 3.0, 0.5
-"""What has waited here for so long, and is read within this time, was given up by who sent it, or sent again. By then a
-vehicle has taken its rudder back."""
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
 
 
@@ -127,7 +124,7 @@ class BoatLink(StationLink):
         files: dict[str, Content] = {
             ALARMS: self._alarm_file,
             ROUTE: lambda: route_list(commands.mission.route),
-            COMPASSES: lambda: compass_list(compasses.compasses(self._looked) if compasses is not None else ()),
+            COMPASSES: lambda: compass_list(compasses.compasses(self._backlog.looked) if compasses is not None else ()),
         }
         self._service = StationService(
             commands, parameters, self._telemetry, self._texts, {**parameters.files, **files}
@@ -137,7 +134,7 @@ class BoatLink(StationLink):
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._flooded = -math.inf
         self._sequence = OrderSequence(self._access.orders)
-        self._looked, self._late_until = math.nan, -math.inf
+        self._backlog = Backlog()
         self._says_flooded = False
         self._stopped, self._stop_refused = _Notice("station_stopped", self.name), _Notice("stop_refused", self.name)
 
@@ -148,9 +145,7 @@ class BoatLink(StationLink):
         if self._access.crowded:
             self._flooded = now
             return []  # looked at after the next command has left
-        if now - self._looked > STOOD_STILL_S:
-            self._late_until = now + CAUGHT_UP_S
-        self._looked = now
+        self._backlog.on_receive(now)
         dropped = refused_senders_of(self._transport)
         chunks, word = self._arrived(now, "station_lost")
         if word:
@@ -194,7 +189,7 @@ class BoatLink(StationLink):
         refusal = self._access.refusal(now, message)
         if refusal:
             self._refuse(now, refusal)
-        elif now <= self._late_until and is_order(message) and not counts_late(message):
+        elif self._backlog.has(now) and is_order(message) and not counts_late(message):
             self._refuse(now, CAME_LATE)
             self._transmit(now, *self._service.answered(message, REJECTED))
         elif not is_order(message):

@@ -27,7 +27,7 @@ from typing import NamedTuple, Protocol
 from autopilot.angles import shortest_turn
 from autopilot.guidance.current import Overboard, Place
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import AlarmNews, HelmNews
+from autopilot.links.base import AlarmNews, Backlog, HelmNews
 from autopilot.links.n2k.node import (
     DENIED,
     DONE,
@@ -285,9 +285,11 @@ class N2kSession:
         self._sent: dict[int, bytes] = {}
         self._orders: deque[bytes] = deque(maxlen=ORDERS_KEPT)
         self._waiting: list[Message] = []
+        self._backlog = Backlog()
 
     def receive(self, now: float, messages: list[Message]) -> list[Sample]:
         """Take the messages that have arrived by `now` [s], and return the samples in them."""
+        self._backlog.on_receive(now)
         samples: list[Sample] = []
         if messages:
             self.received_time = now
@@ -512,8 +514,8 @@ class N2kSession:
                 variation=self._variation.value,
             )
         heads = tick is not None and tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
-        is_blind = tick is None or not tick.state.valid
-        if is_blind or (course is None and "headingToSteerCourse" in asked) or (mode is None and not heads):
+        not_now = tick is None or not tick.state.valid or self._backlog.has(now)
+        if not_now or (course is None and "headingToSteerCourse" in asked) or (mode is None and not heads):
             return NOT_NOW, [TEMPORARY] * len(pairs)
         if mode == TRACK_CONTROL:
             helm.follow()
