@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gzip
+import ipaddress
 import logging
 import math
 import os
@@ -418,9 +419,10 @@ def known_hosts(app: ASGIApp, address: str) -> ASGIApp:
 
     A foreign page whose name is made to lead to this machine could otherwise read what is shown here.
     """
-    if address != "127.0.0.1":
+    if not ipaddress.ip_address(address).is_loopback:
         return app
-    return TrustedHostMiddleware(app, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False)
+    # before starlette 1.0, "[" is all that is read of [::1]:8080
+    return TrustedHostMiddleware(app, allowed_hosts=[address, f"[{address}]", "[", "localhost"], www_redirect=False)
 
 
 def build_app(hub: Hub, access: Access, logs: LogIndex, steps: Steps | None = None) -> ASGIApp:

@@ -485,11 +485,14 @@ def test_addresses_that_are_none_are_refused(text: str) -> None:
         listening_address(text)
 
 
-def test_on_loopback_no_foreign_name_leads_to_the_page(sea: Watched) -> None:
-    app = known_hosts(build_app(SailingHub(sea), Access(TOKEN), LogIndex(None)), "127.0.0.1")
-    for name, status in (("127.0.0.1:8080", 200), ("localhost", 200), ("evil.example:8080", 400), ("", 400)):
+@pytest.mark.parametrize(
+    ("address", "name"), [("127.0.0.1", "127.0.0.1:8080"), ("::1", "[::1]:8080"), ("127.0.0.2", "127.0.0.2:80")]
+)
+def test_on_loopback_no_foreign_name_leads_to_the_page(sea: Watched, address: str, name: str) -> None:
+    app = known_hosts(build_app(SailingHub(sea), Access(TOKEN), LogIndex(None)), address)
+    for host, status in ((name, 200), ("localhost", 200), ("evil.example:8080", 400), ("", 400)):
         with TestClient(app) as client:
-            assert client.get("/api/history", headers={"host": name}).status_code == status
+            assert client.get("/api/history", headers={"host": host}).status_code == status
 
 
 @pytest.mark.real_time
