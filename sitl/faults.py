@@ -16,7 +16,7 @@ from __future__ import annotations
 import difflib
 import math
 import socket
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -72,6 +72,8 @@ class FaultBoard:
         self._memories: dict[tuple[str, Source], dict[FaultKind, dict[str, Any]]] = {}
         self._spans: dict[tuple[FaultKind, Source], tuple[float, float, Fault | None]] = {}
         """Which fault of a kind is at work from one time to before another [s]; empty where that must be found anew."""
+        self._placed: dict[str, list[tuple[FaultKind, Callable[..., Any]]]] = {}
+        """Those of this board that act at a place."""
         for section in sections:
             for fault in _occurrences(section, rng):
                 self.add(fault)
@@ -83,6 +85,7 @@ class FaultBoard:
         """Add a fault, now or later."""
         self._faults.setdefault(fault.kind, []).append(fault)
         self._spans.clear()
+        self._placed.clear()
 
     def clear(self, time: float, kind: FaultKind | None = None) -> int:
         """End every fault of `kind`, or of any, that is at work or to come; return how many."""
@@ -125,19 +128,22 @@ class FaultBoard:
         """Return whether a fault at work in `source` at `time` [s] silences a message, a sentence or an instrument."""
         return bool(self._faults) and any(self.is_on(kind, time, source) for kind in that_silence(what))
 
-    def acting(self, place: str, time: float, source: Source = "first") -> Iterator[tuple[Acting, Callable[..., Any]]]:
-        """Yield the faults at work in `source` at `time` [s] that act at a place, a field of `Kind`, in the order of
+    def acting(self, place: str, time: float, source: Source = "first") -> Sequence[tuple[Acting, Callable[..., Any]]]:
+        """Return the faults at work in `source` at `time` [s] that act at a place, a field of `Kind`, in the order of
         their kinds, and what each does there. Memory: what each remembers there while it lasts."""
         if not self._faults:
-            return
-        memories = self._memories.setdefault((place, source), {})
-        for kind, effect in that_act_at(place):
-            fault = self._newest(kind, time, source)
-            size = None if fault is None else fault.size_at(time)
-            if fault is None or size is None:
+            return ()
+        placed = self._placed.get(place)
+        if placed is None:
+            placed = self._placed[place] = [each for each in that_act_at(place) if each[0] in self._faults]
+        found = []
+        for kind, effect in placed:
+            memories, fault = self._memories.setdefault((place, source), {}), self._newest(kind, time, source)
+            if fault is None or (size := fault.size_at(time)) is None:
                 memories.pop(kind, None)
             else:
-                yield Acting(size, time, memories.setdefault(kind, {}), time - fault.begin), effect
+                found.append((Acting(size, time, memories.setdefault(kind, {}), time - fault.begin), effect))
+        return found
 
     def at_work(self, time: float) -> list[Fault]:
         """Return the faults at work at `time` [s], by the order of their kinds."""

@@ -286,11 +286,9 @@ class Firmware:
             self._switch_time = math.inf
             self.set_mode(self._wanted_mode)
         setup = self.setup
-        self._read_radio(time, setup)
+        steering, throttle = self._read_radio(time, setup)
         self._check_station(time, setup)
         is_manual = self.mode is FirmwareMode.MANUAL and self._radio_failed_since is None
-        steering = input_angle(setup.steering_input, self._pulse(setup.steering_channel), STEERING_FULL)
-        throttle = input_angle(setup.throttle_input, self._pulse(setup.throttle_channel), THROTTLE_FULL)
         if self.mode is FirmwareMode.GUIDED:
             stick = 0.0 if self._radio_failed_since is not None else throttle / THROTTLE_FULL
             steering, throttle = self._follow_target(time, setup, stick)
@@ -352,20 +350,29 @@ class Firmware:
         throttle = guided.speed(gains, stick) / full if full > 0.0 else 0.0
         return round(steering * STEERING_FULL), round(min(max(throttle, -1.0), 1.0) * THROTTLE_FULL)
 
-    def _pulse(self, channel: int) -> int:
-        return self.channels[channel - 1]
-
-    def _read_radio(self, time: float, setup: Setup) -> None:
-        """Sticks or overrides into the channels; without either for RC_FS_TIMEOUT the radio has failed."""
+    def _read_radio(self, time: float, setup: Setup) -> tuple[int, int]:
+        """Sticks or overrides into the channels; without either for RC_FS_TIMEOUT the radio has failed. Return the
+        steering and the throttle that they hold."""
         has_news = self.receiver or self.overrides.are_new
         self.overrides.are_new = False
         self._has_received_radio = self._has_received_radio or self.receiver
-        if has_news and self._update_channels(time, setup):
+        is_updated = has_news and self._update_channels(time, setup)
+        steering, throttle = self._held(setup)
+        if is_updated:
             self._last_radio_time = time
-            self._arm_by_stick(time, setup)
-        is_low = self._has_received_radio and self._pulse(setup.throttle_channel) < setup.radio_failsafe_pulse
+            self._arm_by_stick(time, setup, steering, throttle)
+        pulse = self.channels[setup.throttle_channel - 1]
+        is_low = self._has_received_radio and pulse < setup.radio_failsafe_pulse
         has_failed = setup.radio_failsafe and (is_low or time - self._last_radio_time > setup.radio_timeout)
         self._radio_failed_since = self._watch("Radio", has_failed, self._radio_failed_since, time, setup)
+        return steering, throttle
+
+    def _held(self, setup: Setup) -> tuple[int, int]:
+        """Return the steering and the throttle that the channels hold."""
+        return (
+            input_angle(setup.steering_input, self.channels[setup.steering_channel - 1], STEERING_FULL),
+            input_angle(setup.throttle_input, self.channels[setup.throttle_channel - 1], THROTTLE_FULL),
+        )
 
     def _update_channels(self, time: float, setup: Setup) -> bool:
         overrides = self.overrides.active(time, setup.override_time)
@@ -381,10 +388,8 @@ class Firmware:
             self.channels[channel - 1] = pulse
         return self._has_received_radio or bool(overrides)
 
-    def _arm_by_stick(self, time: float, setup: Setup) -> None:
+    def _arm_by_stick(self, time: float, setup: Setup, steering: int, throttle: int) -> None:
         """ARMING_RUDDER: an override of the steering counts as the stick."""
-        steering = input_angle(setup.steering_input, self._pulse(setup.steering_channel), STEERING_FULL)
-        throttle = input_angle(setup.throttle_input, self._pulse(setup.throttle_channel), THROTTLE_FULL)
         arming_wanted = self._stick_arming.arming_wanted(time, setup, steering, throttle)
         if arming_wanted and self.mode is not FirmwareMode.GUIDED:
             self.set_armed(True)
@@ -433,9 +438,10 @@ class Firmware:
         if self._radio_failed_since is not None:
             kept = self.servos[channel - 1] or servo.trim
             return servo.trim if setup.safe_mask & 1 << (number - 1) else kept
-        if not self._pulse(number):
+        pulse = self.channels[number - 1]
+        if not pulse:
             return servo.trim
-        position = input_angle(input_calibration(self.parameters, number), self._pulse(number), STEERING_FULL)
+        position = input_angle(input_calibration(self.parameters, number), pulse, STEERING_FULL)
         return output_pulse(servo, position, STEERING_FULL)
 
     def _bow_of_servo(self) -> float:

@@ -110,10 +110,11 @@ class Px4(Firmware):
                 self._enter(wanted)
         return super().orders(time)
 
-    def _read_radio(self, time: float, setup: Setup) -> None:
+    def _read_radio(self, time: float, setup: Setup) -> tuple[int, int]:
         """Sticks into the channels; that a radio may be lost is left out, and so are overrides."""
         self._has_received_radio = self._has_received_radio or self.receiver
         self.channels = list(self.sticks) if self.receiver else self.channels
+        return self._held(setup)
 
     def _become_ready(self) -> None:
         super()._become_ready()

@@ -218,17 +218,20 @@ class Sea:
         self._swell_noise = Deviates(np.random.default_rng(swell_seed))
         self._wind_noise = Deviates(np.random.default_rng(wind_seed))
         self._swell, self._gust = WaveState(), 0.0
+        self._calm = acting(self._water, 0.0, 0.0, 0.0, 0.0, BoatState())
         if self._water.has_swell:
             self._swell = swell_at_start(scenario, self._swell_noise.next(), self._swell_noise.next())
 
-    def apparent_wind(self, state: BoatState) -> weather.ApparentWind:
-        """Return the wind over the boat; in a calm it is that of its way."""
-        speed = max(self._water.wind_speed + self._gust, 0.0)
-        return weather.apparent_wind(speed, self._water.wind_from, state.heading, state.north_speed, state.east_speed)
+    @property
+    def air(self) -> tuple[float, float]:
+        """The true wind [m/s], and where it comes from [rad]."""
+        return max(self._water.wind_speed + self._gust, 0.0), self._water.wind_from
 
     def step(self, time: float, state: BoatState) -> Disturbance:
         """Return what acts on the boat at `time` [s] since the start; to be called once a step."""
         water, swell_noise = self._water, self._swell_noise
+        if not (water.has_swell or water.has_wind or water.has_waves):
+            return self._calm
         if water.has_swell:
             self._swell = weather.wave_step(water.swell, self._swell, swell_noise.next(), swell_noise.next())
         if water.has_wind:

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from autopilot.angles import wrap, wrap_positive
-from autopilot.models.weather import ApparentWind
+from autopilot.models.weather import apparent_wind
 from autopilot.vessel.schema import Vessel
 from sitl.boat import EARTH_RADIUS, BoatState
-from sitl.fault_kind import COMPASS, EVERYTHING, Dice
+from sitl.fault_kind import COMPASS, EVERYTHING, Acting, Dice
 from sitl.faults import FaultBoard
 from sitl.registry import Source
 from sitl.scenario import Scenario
@@ -50,14 +51,15 @@ class Reading(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What instruments measured at a time [s], before anybody looks: the boat, the wind over it, and their deviates.
+    """What instruments measured at a time [s], before anybody looks: the boat, the true wind [m/s] and where it comes
+    from [rad], and their deviates.
 
-    faulty: what the first and the second compass make of it where there are faults, else None.
+    faulty: what the first and the second compass make of it where faults are at work, else None.
     """
 
     time: float
     state: BoatState
-    wind: ApparentWind
+    air: tuple[float, float]
     drawn: list[float]
     vane: list[float]
     faulty: tuple[Reading, Reading] | None = None
@@ -78,6 +80,7 @@ class Noise(NamedTuple):
 DEVIATES_A_SET = 10
 """How many deviates one set of readings takes; heading, rate and speed take these of them."""
 HEADING, RATE, SPEED = 0, 5, 9
+COMPASSES: tuple[Source, Source] = ("first", "second")
 
 
 def noise_of(vessel: Vessel, scenario: Scenario) -> Noise:
@@ -123,20 +126,23 @@ class Sensors:
         self.variation = math.radians(variation_deg)
         """Magnetic variation [rad] where the boat is, east positive; 0 where neither file says."""
 
-    def sample(self, time: float, state: BoatState, wind: ApparentWind = ApparentWind(0.0, 0.0)) -> None:  # noqa: B008
+    def sample(self, time: float, state: BoatState, air: tuple[float, float] = (0.0, 0.0)) -> None:
         """Measure the boat, and the wind over it, at `time` [s] since the start.
 
-        What is shown is worked out where somebody looks, which is seldom; faults, which remember, see all of it.
+        What is shown is worked out where somebody looks, which is seldom; faults, which remember, see all of it while
+        they are at work. air: the true wind [m/s], and where it comes from [rad].
         """
-        measured = Measured(time, state, wind, self._deviates.take(DEVIATES_A_SET), self._vane.take(2))
-        if self._faults:
-            reading, (one, other) = self._reading(measured), self._dice
-            pair = self._faulty(time, reading, "first", one), self._faulty(time, reading, "second", other)
-            measured = measured._replace(faulty=pair)
+        measured = Measured(time, state, air, self._deviates.take(DEVIATES_A_SET), self._vane.take(2))
+        at_work = [self._faults.acting("reads", time, source) for source in COMPASSES] if self._faults else []
+        if any(at_work):
+            reading = self._reading(measured)
+            one, other = (_faulty(reading, *each) for each in zip(at_work, self._dice, strict=True))
+            measured = measured._replace(faulty=(one, other))
         self._on_their_way.append(measured)
 
     def _reading(self, measured: Measured) -> Reading:
-        time, state, wind, drawn, vane, _ = measured
+        time, state, air, drawn, vane, _ = measured
+        wind = apparent_wind(*air, state.heading, state.north_speed, state.east_speed)
         section, noise = self._section, self._noise
         heading, rate, water_speed = shown(noise, state, drawn[HEADING], drawn[RATE], drawn[SPEED])
         position = section.position_noise_m
@@ -162,12 +168,6 @@ class Sensors:
             wind_angle=wrap(wind.angle + math.radians(section.wind_angle_noise_deg) * vane[0]),
             wind_speed=max(wind.speed + section.wind_speed_noise_m_s * vane[1], 0.0),
         )
-
-    def _faulty(self, time: float, reading: Reading, source: Source, dice: Dice) -> Reading:
-        """Return the reading measured at `time` [s] as the faults of that time leave it."""
-        for fault, effect in self._faults.acting("reads", time, source):
-            reading = effect(fault, reading, dice)
-        return reading
 
     def latest(self, time: float) -> Reading | None:
         """Return the newest reading of the flight controller that has left the sensor by `time` [s]; None before any.
@@ -199,6 +199,13 @@ class Sensors:
     def is_silent(self, time: float) -> bool:
         """Return whether nothing leaves the boat at all at `time` [s]."""
         return self._faults.silences(EVERYTHING, time)
+
+
+def _faulty(reading: Reading, at_work: Sequence[tuple[Acting, Callable[..., Any]]], dice: Dice) -> Reading:
+    """Return the reading as the faults `at_work` leave it."""
+    for fault, effect in at_work:
+        reading = effect(fault, reading, dice)
+    return reading
 
 
 def _dice(seed: np.random.SeedSequence) -> Dice:

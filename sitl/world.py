@@ -93,7 +93,7 @@ class World:
         self._steps = 0
         self._pace = pace
         self._felt = STILL
-        self.sensors.sample(0.0, self.boat.state, self._sea.apparent_wind(self.boat.state))
+        self.sensors.sample(0.0, self.boat.state, self._sea.air)
 
     @property
     def time(self) -> float:
@@ -114,8 +114,9 @@ class World:
         time = self.time_at(now)
         while self.next_step <= time + 1.0e-9:
             self._step()
+            reached = self.time
             for watch in self.watchers:
-                watch(self.time)
+                watch(reached)
 
     def _step(self) -> None:
         time = self.time
@@ -138,13 +139,16 @@ class World:
         state = after
         self._steps += 1
         if self._steps % self._pace.measured_every == 0:
-            self.sensors.sample(self.time, state, self._sea.apparent_wind(state))
+            self.sensors.sample(self.time, state, self._sea.air)
 
     def _orders(self, time: float) -> tuple[float, float, float]:
         """The first helm that wants the rudder has it, and likewise the engine; nobody: as it was at the start."""
-        orders = [helm.orders(time) for helm in self.helms]
-        return (
-            next((order.rudder for order in orders if order.rudder is not None), 0.0),
-            next((order.thrust_speed for order in orders if order.thrust_speed is not None), self.cruise_speed),
-            next((order.bow for order in orders if order.bow), 0.0),
-        )
+        rudder: float | None = None
+        thrust: float | None = None
+        bow = 0.0
+        for helm in self.helms:
+            order = helm.orders(time)
+            rudder = order.rudder if rudder is None else rudder
+            thrust = order.thrust_speed if thrust is None else thrust
+            bow = bow or order.bow
+        return 0.0 if rudder is None else rudder, self.cruise_speed if thrust is None else thrust, bow
