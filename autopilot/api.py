@@ -8,13 +8,17 @@ where a file or a number cannot be used, and `LinkError` where a link fails.
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from autopilot.angles import wrap
+from autopilot.control.registry import filed_laws
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
+from autopilot.identification.model_choice import steering_errors, steering_model
 from autopilot.identification.ordered_rudder import slower_rudder, with_doubt_of_rate, with_rudder_of
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run
@@ -30,7 +34,7 @@ from autopilot.runtime.machine import MonotonicClock
 from autopilot.runtime.record import read_log as _read_own_log
 from autopilot.runtime.tuning import GainRequest, designed
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample, RudderSample, SpeedSample, Tick
-from autopilot.vessel.file import boats_prior, dump_vessel, load_vessel, recorded_vessel, rounded
+from autopilot.vessel.file import boats_prior, dump_vessel, load_vessel, model_section, recorded_vessel, rounded
 from autopilot.vessel.schema import Vessel
 
 __all__ = [
@@ -123,20 +127,13 @@ def _filed_rate(vessel: Vessel | None) -> float:
 def with_model(vessel: Vessel, found: Identified) -> Vessel:
     """Return the vessel with the identified model and no gains, for those of the old model are another boat's. A rudder
     that turned out to be slower than its file says is so in the vessel too."""
-    model, rudder, rate = found.model, vessel.rudder, found.rudder_rate
+    rudder, rate = vessel.rudder, found.rudder_rate
     if rate is not None:
         rudder = dataclasses.replace(rudder, rate_max_deg_s=rounded(math.degrees(rate.rate)), rate_port_deg_s=None)
-    control = dataclasses.replace(vessel.control, backstepping=None, pid=None, sliding=None, sliding_roll=None)  # type: ignore[call-arg]
-    filed = dataclasses.replace(
-        vessel.model,
-        K_1_s=rounded(model.gain),
-        T_s=rounded(model.time_constant),
-        n1=model.n1,
-        n2_s_rad=rounded(model.n2),
-        n3_s2_rad2=rounded(model.n3),
-        n0_rad_s=rounded(model.n0),
-        reference_speed_m_s=rounded(model.reference_speed),
-    )
+    no_gains: dict[str, Any] = dict.fromkeys(filed_laws())
+    control = dataclasses.replace(vessel.control, **no_gains)
+    today = datetime.date.today().isoformat()
+    filed = model_section(steering_model(found), steering_errors(found), "identified", today)
     return dataclasses.replace(vessel, model=filed, rudder=rudder, control=control)
 
 

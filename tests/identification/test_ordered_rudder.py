@@ -160,4 +160,9 @@ def test_a_rudder_slower_than_its_file_is_noticed_and_taken_over() -> None:
     assert filed.rudder.rate_max_deg_s == 20.0
     found = autopilot.identify(run, vessel=filed)
     assert "its rudder turns out to move at 3" in autopilot.verdict(found, run, vessel=filed).sentence
-    assert autopilot.with_model(filed, found).rudder.rate_max_deg_s == pytest.approx(3.0, rel=0.1)
+    taken = autopilot.with_model(filed, found)
+    assert taken.rudder.rate_max_deg_s == pytest.approx(3.0, rel=0.1)
+    # the model says whose it is and how sure, not whose the file's was
+    assert (taken.model.source, taken.model.log) == ("identified", ())
+    error = found.standard_errors["time_constant"]
+    assert error is not None and taken.model.standard_errors.T_s == pytest.approx(error, rel=0.01)
