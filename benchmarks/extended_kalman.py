@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot.filters.feedback_particle import (
+from autopilot.identification.feedback_particle import (
     Case,
     FloatArray,
     Found,

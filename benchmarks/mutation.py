@@ -69,7 +69,6 @@ TESTS = (
     "runtime",
     "logs",
     "operators",
-    "filters",
     "signalk",
     "cli",
 )

@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.filters.feedback_particle import FloatArray, Moved, damped
+from autopilot.identification.feedback_particle import FloatArray, Moved, damped
 
 ISOLATED = 1.0e-6
 """Share of phi that a particle forgets: far below any error of the gain."""

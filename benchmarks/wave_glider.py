@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from autopilot.filters.feedback_particle import FloatArray
+from autopilot.identification.feedback_particle import FloatArray
 from autopilot.identification.identified import Question
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run, run_from_columns

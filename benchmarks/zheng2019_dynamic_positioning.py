@@ -24,7 +24,7 @@ from zheng2019_ship import (
     trial_steps,
 )
 
-from autopilot.filters.feedback_particle import (
+from autopilot.identification.feedback_particle import (
     Case,
     FloatArray,
     Found,

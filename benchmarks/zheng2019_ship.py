@@ -32,7 +32,7 @@ import numpy as np
 from extended_kalman import prior_deviation
 from scipy.optimize import least_squares
 
-from autopilot.filters.feedback_particle import Case, FloatArray, Gaussian, Steps, midpoint_step, observed
+from autopilot.identification.feedback_particle import Case, FloatArray, Gaussian, Steps, midpoint_step, observed
 
 GRAVITY_M_S2 = 9.81
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.filters.feedback_particle import (
+from autopilot.identification.feedback_particle import (
     Case,
     Found,
     Gaussian,

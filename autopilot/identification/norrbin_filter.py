@@ -43,7 +43,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot.filters.feedback_particle import Case, Gaussian, Steps
+from autopilot.identification.feedback_particle import Case, Gaussian, Steps
 from autopilot.identification.residual_tests import simulate_run
 from autopilot.identification.residuals import initial_state, instrument_noise, robust_covariance
 from autopilot.identification.rudder_path import with_corners

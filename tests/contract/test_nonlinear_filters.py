@@ -10,7 +10,7 @@ import pytest
 from extended_kalman import ekf_predict, ekf_update
 from particle_gains import GalerkinGain, KernelGain, moved_by
 
-from autopilot.filters.feedback_particle import (
+from autopilot.identification.feedback_particle import (
     Drift,
     FloatArray,
     Gaussian,

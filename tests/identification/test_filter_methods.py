@@ -7,7 +7,7 @@ import pytest
 from extended_kalman import by_kalman_filter
 from zigzag_trials import zigzag
 
-from autopilot.filters.feedback_particle import Gaussian
+from autopilot.identification.feedback_particle import Gaussian
 from autopilot.identification.filter_methods import kalman_filter
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.norrbin_filter import (

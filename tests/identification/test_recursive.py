@@ -15,7 +15,7 @@ from zheng2019_ship import (
     trial_steps,
 )
 
-from autopilot.filters.feedback_particle import (
+from autopilot.identification.feedback_particle import (
     Found,
     Steps,
     by_particle_filter,

@@ -16,7 +16,7 @@ from zheng2019_ship import (
     sway_yaw_rates,
 )
 
-from autopilot.filters.feedback_particle import midpoint_step
+from autopilot.identification.feedback_particle import midpoint_step
 
 L, m, g = 128.0, 1.9413e7, 9.81
 UNIT_T, UNIT_V = np.sqrt(L / g), np.sqrt(L * g)

@@ -1,1 +1,0 @@
-"""Pure estimators that know no boat."""
