@@ -90,7 +90,7 @@ class BackgroundSaver:
     def alarm(self) -> AlarmEvent | None:
         """Why what was to be saved is not, None while all is."""
         unsaved = (*self._unsaved.values(),)  # in one go: the thread changes it
-        return AlarmEvent("change_not_kept", unsaved[0]) if unsaved else None
+        return AlarmEvent("change_not_kept", unsaved[0].partition("; ")[0]) if unsaved else None
 
     def _note(self, path: Path, done: Future[None]) -> None:
         error = done.exception()

@@ -48,6 +48,8 @@ def line_of_sight(
     return wrap(track - math.atan2(cross_track + drift, ahead)), drift
 
 
+STILL_SAID_S = 1.5
+"""A leg said so lately is still led along: what says another may be a second plotter."""
 TIMEOUT_S = 8.0
 """A plotter sends once a second or two; silent for this long it leads nobody any more."""
 STEPS_IN_LOOKAHEAD = 6.0
@@ -155,6 +157,8 @@ class PlotterGuide:
             self._began = message.time
         if self._message is not None and _is_same(self._message, message):
             self._message = message
+        elif self._message is not None and message.time - self._message.time < STILL_SAID_S:
+            pass
         elif before is not None and _is_same(before, message) and self._may_turn(message):
             self._message = message
             self._drift = 0.0

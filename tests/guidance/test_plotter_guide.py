@@ -163,6 +163,22 @@ def test_legs_that_never_agree_lead_nowhere_and_that_is_said(what: str, led: int
     assert guide.alarm is None, "the first of two that agree"
 
 
+@pytest.mark.parametrize("drift", [0.98, 1.02])
+def test_of_two_plotters_the_one_that_leads_goes_on_leading(drift: float) -> None:
+    """Each once a second by a clock of its own: every minute one speaks twice between two words of the other."""
+    guide = PlotterGuide()
+    guide.follow()
+    said = [PlotterLeg(float(second), 1.0, 0.0, 0.0, "WP1") for second in range(200)]
+    said += [PlotterLeg(5.3 + drift * second, 0.6, 0.0, 0.0, "HOME") for second in range(190)]
+    for leg in sorted(said):
+        guide.take(leg)
+        assert guide.course(leg.time, 1.0, SPEED) == pytest.approx(1.0), leg
+    assert guide.alarm is None
+    for second in range(200, 203):
+        guide.take(PlotterLeg(float(second), 0.6, 0.0, 0.0, "HOME"))
+    assert guide.course(203.0, 1.0, SPEED) == pytest.approx(0.6), "the other is silent"
+
+
 def test_the_turn_is_measured_from_leg_to_leg_and_said_once() -> None:
     """Far off to starboard the course leads back at -70 deg; the next leg at +90 deg is no turn of 160 deg."""
     guide = PlotterGuide()
