@@ -76,6 +76,21 @@ def test_only_a_signed_station_arms_sets_and_changes_the_mode() -> None:
     assert (commands.armed, store.values["GAIN"], len(skipper.orders)) == (False, 1.0, 1), "a recording of it does not"
 
 
+def test_a_station_with_the_right_key_and_a_wrong_clock_gets_word_of_it() -> None:
+    near, far = loopback_pair()
+    commands = Commands(Skipper(), armed=False, mission=Mission(TrackGuide()))
+    boat = BoatLink(near, commands, ParameterServer(Store()), signing=signing())
+    late = MavlinkCodec(255, 190, signing=Signing(KEY, CountingTimestamps(10**12 - 10**8)).link())
+    reader, said = MavlinkCodec(254, 1), []
+    for now in (1.0, 2.0, 3.0):
+        far.send(late.encode(ARM))
+        boat.receive(now)
+        boat.poll(now)
+        said += [message.text for data in far.receive() for message in reader.decode(data) if "text" in vars(message)]
+    assert not commands.armed
+    assert "".join(said) == "refused: messages signed by a clock that is more than a minute behind, or sent long ago"
+
+
 def served(transport: UdpInTransport, ours: LinkSigning) -> Any:
     return BoatLink(
         transport, Commands(Skipper(), False, Mission(TrackGuide())), ParameterServer(Store()), signing=ours

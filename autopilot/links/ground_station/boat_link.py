@@ -32,7 +32,7 @@ from autopilot.links.ground_station.station_service import ParameterServer, Stat
 from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import STATES
-from autopilot.links.mavlink.signing import LinkSigning
+from autopilot.links.mavlink.signing import UNSIGNED, WRONG_KEY, LinkSigning
 from autopilot.links.transports.medium import peer_of
 from autopilot.links.url import accept_signed
 from autopilot.signals import (
@@ -116,6 +116,7 @@ class BoatLink(StationLink):
     ) -> None:
         super().__init__(transport, signing is not None, access)
         self._commands = commands
+        self._signing = signing
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
         accept_signed(transport, signing, self._accepts)
         self._telemetry = Telemetry(commands.mission, commands.tuner, commands.wind, commands.instruments)
@@ -164,8 +165,9 @@ class BoatLink(StationLink):
                 else:
                     self._refuse(now, NOT_ALLOWED)
         self._access.count_refused_senders(refused_senders_of(self._transport) - dropped)
-        if self._codec.refused > refused:
-            self._refuse(now, REFUSAL)
+        if self._signing is not None and self._codec.refused > refused:
+            reason = self._signing.signing.last_refusal
+            self._refuse(now, REFUSAL if reason in (UNSIGNED, WRONG_KEY) else f"refused: messages {reason}")
         tick = self._telemetry.tick
         return [
             *self._flood(now),
