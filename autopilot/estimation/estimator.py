@@ -626,45 +626,25 @@ def _with_late(config: EstimatorConfig, state: EstimatorState, sample: HeadingSa
 def _fused(
     config: EstimatorConfig, state: EstimatorState, rudder: RudderObserver, sample: HeadingSample | RateSample
 ) -> EstimatorState:
-    (
-        model, _, memory, speeds, speed, before, has_begun, heading_time, first_time, taken, begun, reinit, beliefs,
-        path, quick, ahead,
-    ) = state  # fmt: skip
+    before, beliefs, heading_time = state.fusion, state.beliefs, state.heading_time
     rate = math.nan if sample.rate is None else sample.rate
     heading = sample.heading if type(sample) is HeadingSample else math.nan
     measured = sample.time, heading, rate
-    lively = model if beliefs.liveliness == 1.0 else state.lively_model
-    past = memory.times, memory.angles, rudder.ticks
+    lively = state.model if beliefs.liveliness == 1.0 else state.lively_model
+    past = state.memory.times, state.memory.angles, rudder.ticks
     fusion, is_fused = fuse_measured(lively, config.noises, before, past, measured)
-    taken = (*taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
+    taken = (*state.taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
     if not is_fused:
         state = state._replace(rudder=rudder, fusion=fusion, taken=taken)
         if fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):
             return _begun(config, state, sample)
         return state
-    if beliefs.holds_bias or speed < config.steerage:
+    if beliefs.holds_bias or state.speed < config.steerage:
         held = ekf.with_bias_of(lively, config.noises.usual, before.state, fusion.state)
         fusion = fusion._replace(state=held, unlearnt=before.unlearnt)
     if sample.time > heading_time and heading == heading:
         heading_time = sample.time
-    return EstimatorState(
-        model,
-        rudder,
-        memory,
-        speeds,
-        speed,
-        fusion,
-        has_begun,
-        heading_time,
-        first_time,
-        taken,
-        begun,
-        reinit,
-        beliefs,
-        path,
-        quick,
-        ahead,
-    )
+    return state._replace(rudder=rudder, fusion=fusion, heading_time=heading_time, taken=taken)
 
 
 def nav_state(config: EstimatorConfig, state: EstimatorState, now: float) -> NavState:
