@@ -9,7 +9,7 @@ from typing import Any
 
 from autopilot.cli.options import SEED
 from autopilot.errors import ExitCode, InputError
-from autopilot.files.json_text import json_text
+from autopilot.files.printable import json_text
 
 
 def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import ExitCode, InputError
-from autopilot.files.json_text import json_text
+from autopilot.files.printable import json_text
 
 if TYPE_CHECKING:
     from autopilot.doctor.machine import Finding

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from autopilot.cli.options import NumberOption, named_vessel, number, whole_number
 from autopilot.control.registry import designed_laws, filed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.files.json_text import json_text
+from autopilot.files.printable import json_text
 from autopilot.interruption import Interrupted, run_child
 
 if TYPE_CHECKING:

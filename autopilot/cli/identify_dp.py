@@ -16,7 +16,7 @@ import yaml
 
 from autopilot.errors import ExitCode, InputError
 from autopilot.files import typed
-from autopilot.files.json_text import json_text
+from autopilot.files.printable import json_text
 from autopilot.files.strict_yaml import Node, read_document
 from autopilot.files.typed import Bounds, Positive
 from autopilot.identification.dynamic_positioning import (

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.errors import InputError, RefusedError
-from autopilot.files.json_text import json_text
-from autopilot.files.printable import aligned
+from autopilot.files.printable import aligned, json_text
 from autopilot.identification.runs import Run, seconds
 
 if TYPE_CHECKING:

@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from autopilot.cli.options import SYSTEM_ID, add_signing_option, named_vessel, number, signing_of
 from autopilot.errors import ExitCode, InputError
-from autopilot.files.json_text import json_text
-from autopilot.files.printable import SENTENCE, aligned, escaped, fixed, printable
+from autopilot.files.printable import SENTENCE, aligned, escaped, fixed, json_text, printable
 from autopilot.files.saving import is_standard_output, newer_numbered, refuse_existing, save_page
 from autopilot.identification import trial_measures as criteria
 from autopilot.identification.trial_measures import Measures, measures_of, record_of

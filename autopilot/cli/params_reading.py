@@ -21,8 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.cli.options import patience_of, signing_of
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.files.json_text import json_text
-from autopilot.files.printable import SENTENCE, aligned, escaped, printable
+from autopilot.files.printable import SENTENCE, aligned, escaped, json_text, printable
 from autopilot.files.saving import refuse_existing, save_schema, save_text, save_unused
 from autopilot.firmware.download import Difference, Download, NamedDownload, differences, flattened
 from autopilot.firmware.file import (

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from autopilot.angles import wrap
 from autopilot.cli.options import SECONDS, SEED, NumberOption, named_vessel, number
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.files.json_text import json_text
 from autopilot.files.outside import typed_number
+from autopilot.files.printable import json_text
 from autopilot.guidance.manoeuvres import TrialLimits
 from autopilot.models.norrbin import Norrbin
 from autopilot.operators.trial_script import HOLDS, LASTING, SPEEDS, TrialScript, steps_of

@@ -2,12 +2,14 @@
 
 Names in files, STATUSTEXT of a vehicle, NMEA sentences and what strangers send may hold escape sequences (C0, C1),
 marks that turn the direction of writing, and halves of characters that no encoding has. They are shown as Python writes
-them.
+them. Beside it the two forms in which commands print what they found: a table, and JSON.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 import re
 import sys
 from collections.abc import Collection, Iterator, Sequence
@@ -127,3 +129,17 @@ def rewrite_line(stream: Any, line: str, end: str = "") -> None:
     terminal = terminal_of(stream)
     terminal.write(f"\r{escaped(line, KEPT)}\033[K{end}")
     terminal.flush()
+
+
+def json_text(found: Any, indent: int | None = 2) -> str:
+    """Return `found`, of dicts, sequences, texts, numbers and None, as JSON that every reader takes: null
+    where a number is not finite, for JSON has no word for that."""
+    return json.dumps(_with_null(found), indent=indent, allow_nan=False)
+
+
+def _with_null(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _with_null(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with_null(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

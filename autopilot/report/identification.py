@@ -9,8 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from autopilot.files.json_text import json_text
-from autopilot.files.printable import aligned, fixed
+from autopilot.files.printable import aligned, fixed, json_text
 from autopilot.identification.identified import Identified, SteadyTurns
 from autopilot.identification.interval import interval_of
 from autopilot.identification.model_choice import Candidate, Choice

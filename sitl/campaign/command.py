@@ -21,8 +21,7 @@ from autopilot.cli.options import whole_number
 from autopilot.control.design import DESIGNED
 from autopilot.control.registry import designed_laws
 from autopilot.errors import ExitCode, InputError
-from autopilot.files.json_text import json_text
-from autopilot.files.printable import aligned
+from autopilot.files.printable import aligned, json_text
 from autopilot.interruption import as_exceptions
 
 if TYPE_CHECKING:

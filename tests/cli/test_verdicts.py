@@ -11,7 +11,7 @@ import pytest
 from boat_at_sea import SPEED, Sea
 
 from autopilot.cli.main import main
-from autopilot.files.json_text import json_text
+from autopilot.files.printable import json_text
 from autopilot.report.log_pages import compared, document_of_runs, measures_of_run, run_of, table_of_runs
 from autopilot.report.steered import Steered, Turn, trial_verdict
 from autopilot.signals import Mode, Tick

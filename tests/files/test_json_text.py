@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from autopilot.cli.gains import _tuned_text
-from autopilot.files.json_text import json_text
+from autopilot.files.printable import json_text
 
 
 def refused(constant: str) -> Any:
