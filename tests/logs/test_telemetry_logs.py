@@ -104,7 +104,8 @@ def test_a_log_takes_few_times_the_memory_of_its_file(tmp_path: Path) -> None:
         folder = tmp_path / str(seconds)
         folder.mkdir()
         for name, path in in_every_format(folder, seconds).items():
-            read_recording(path)
+            if name not in peaks:
+                read_recording(path)
             recording, taken = measured(partial(read_recording, path))
             peaks.setdefault(name, []).append((taken.peak, Path(path).stat().st_size))
             assert recording.best(HEADING)
