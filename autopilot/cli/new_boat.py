@@ -7,6 +7,7 @@ What was done is kept in a small file beside the vessel's.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import sys
@@ -18,7 +19,7 @@ from typing import Any, NamedTuple
 
 from autopilot.cli.options import SPEEDUP, number
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.files.outside import parse_json, read_regular, typed_number
+from autopilot.files.outside import number_from, parse_json, read_regular, typed_number
 from autopilot.files.saving import check_folder, numbered, save_text
 from autopilot.interruption import as_exceptions, run_child
 from autopilot.models.drives import DRIVES
@@ -440,18 +441,14 @@ class Talk:
         self.silent = silent or not sys.stdin.isatty()
         self._says_yes = silent
 
-    def number(self, words: str, option: str, check: Callable[[float], None]) -> float:
-        """Return a number that is typed; what `check` refuses is asked for again. InputError where nobody answers."""
+    def number(self, words: str, option: str, low: float, high: float) -> float:
+        """Return a number from `low` to `high`, asked for until one is typed. InputError where nobody answers."""
         if self.silent:
             raise InputError(f"{option} is needed where nobody answers: {words}")
         while True:
-            try:
-                value = typed_number(input(f"{words}: ").strip())
-                check(value)
-            except InputError as error:
-                print(f"  {error}")
-            else:
-                return value
+            with contextlib.suppress(InputError):
+                return number_from(typed_number(input(f"{words} ({low:g} to {high:g}): ").strip()), option, low, high)
+            print(f"  write a number from {low:g} to {high:g}, such as 7.5")
 
     def choice(self, words: str, allowed: Sequence[str]) -> str:
         """Return one of the words that are allowed, the first where nothing is typed or nobody answers."""
@@ -474,6 +471,7 @@ class Talk:
             answer = input(f"{words} [y/n] ").strip().lower()
             if answer in ("y", "yes", "n", "no"):
                 return answer[0] == "y"
+            print("  write y or n")
 
     def ready(self, words: str) -> None:
         """Wait until the operator is ready."""
@@ -499,11 +497,7 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     print(f"{file} is not there yet. A few numbers begin it; the zigzag will find the rest.")
 
     def asked(given: float | None, words: str, option: str, allowed: Any) -> float:
-        def check(value: float) -> None:
-            if not allowed.low <= value <= allowed.high:
-                raise InputError(f"allowed is {allowed.low:g} to {allowed.high:g}")
-
-        return given if given is not None else talk.number(words, option, check)
+        return given if given is not None else talk.number(words, option, allowed.low, allowed.high)
 
     kind = DRIVES[arguments.drive or talk.choice("What steers it", tuple(DRIVES))]
     length = asked(arguments.length_m, "Length of the waterline in metres", "--length-m", LENGTHS)

@@ -159,11 +159,14 @@ def _course(degrees: float | None, decimals: int = 0) -> str:
 
 
 def _overboard(shown: dict[str, Any]) -> list[Line]:
-    if shown["ages"].get("mob", math.inf) > STALE_S["navigation"]:
+    """Where somebody went overboard: kept while nothing comes, not once the boat has spoken without it."""
+    age = shown["ages"].get("mob", math.inf)
+    if age - shown["ages"].get("beat", 0.0) > STALE_S["navigation"]:
         return []
     bearing, distance, since = (shown.get(f"mob_{name}") for name in ("bearing", "distance", "since"))
     seen = f"{_course(bearing)}°  {_whole(distance)} m  {_whole(since)} s ago"
-    return [Line(f" MAN OVERBOARD  {seen}  (:mob_off ends it)", "bad")]
+    old = " (old)" if age > STALE_S["navigation"] else ""
+    return [Line(f" MAN OVERBOARD  {seen}{old}  (:mob_off ends it)", "bad")]
 
 
 def _wind(shown: dict[str, Any]) -> list[Line]:

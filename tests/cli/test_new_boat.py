@@ -240,3 +240,24 @@ def test_where_nobody_answers_the_option_is_named(tmp_path: Path, capsys: pytest
     assert "not there yet" in capsys.readouterr().err
     assert main(["new-boat", "lanxin", "--yes"]) == 2
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("typed", ["", "long", "7,5", "7.5 m", "0", "1e9"])
+def test_what_is_no_length_is_answered_with_what_one_is(
+    typed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[str] = []
+    answers = iter([typed, "7.5"])
+
+    def answer(words: str) -> str:
+        asked.append(words)
+        return next(answers)
+
+    monkeypatch.setattr("builtins.input", answer)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    arguments = build_parser().parse_args(["new-boat", str(tmp_path / "mine.yaml"), "--drive", "rudder", *NUMBERS[2:]])
+    new_boat.write_boat(arguments, new_boat.Talk(silent=False))
+    assert asked == ["Length of the waterline in metres (0.2 to 500): "] * 2
+    said = capsys.readouterr().out
+    assert "write a number from 0.2 to 500, such as 7.5" in said and "''" not in said
+    assert load_vessel(tmp_path / "mine.yaml").length_m == 7.5

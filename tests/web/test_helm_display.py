@@ -501,6 +501,26 @@ def test_a_place_overboard_and_a_wind_are_shown_though_a_part_of_them_is_lost(lo
     assert len(words) == 1 and "--" in words[0] and "200" in words[0]
 
 
+def test_a_place_overboard_is_kept_in_a_silence_and_not_once_the_boat_speaks_without_it() -> None:
+    station, boat = Station(), MavlinkCodec(1, 1)
+
+    def heard(now: float, message: Any) -> None:
+        (read,) = MavlinkCodec().decode(boat.encode(message))
+        station.receive(now, read)
+
+    def shown(now: float) -> list[str]:
+        return [line.text for line in screen(station, now, (80, 24)) if "OVERBOARD" in line.text]
+
+    beat = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, 0, 0, 4, 3)
+    heard(1.0, beat)
+    for name in ("mob_brg", "mob_dist", "mob_s"):
+        heard(1.0, dialect.MAVLink_named_value_float_message(0, name.encode(), 200.0))
+    assert "(old)" not in shown(1.5)[0] and "(old)" in shown(60.0)[0]
+    for now in (2.0, 3.0, 4.0, 5.0):
+        heard(now, beat)
+    assert shown(5.0) == shown(60.0) == [], "somebody who is back on board stays there"
+
+
 @pytest.mark.parametrize(
     ("times_ms", "starts"),
     [

@@ -134,6 +134,9 @@ def _ten_things(helm: Helm, real: Vessel) -> None:
     word(page, "trial-word", "Zigzag: under way")
     with helm.hub.lock:
         sea.until(lambda: sea.station.view.learning()["lrn_state"] == 2.0, 290.0)
+        now = sea.now
+    # an order that rests on a picture of minutes ago is not carried out
+    until(page, f"import('/boat.js').then(({{ boat }}) => boat.state.t >= {now - 1.0})")
     tap("#cancel")
     word(page, "trial-word", "ended as you asked")
     tap(".main-nav a[href='#more']")
@@ -424,6 +427,35 @@ def test_what_no_boat_sends_is_not_drawn_and_what_is_old_promises_nothing(helm: 
     for _ in range(2):
         page.click("#mob-off")
     page.wait_for_selector("#overboard", state="hidden")
+    with helm.hub.lock:
+        sea.links = []
+    word(page, "stale", "No data from the boat")
+    assert not page.is_visible("#overboard"), "who is back on board does not go overboard again in a silence"
+    with helm.hub.lock:
+        sea.links = before
+    word(page, "who-word", "you may steer")
+    page.context.close()
+
+
+WIDEST = """async () => {
+  const { boat } = await import("/boat.js"), { drawDial } = await import("/dial.js"), cut = [];
+  for (const value of [-0.4, -9.94, -9.96, -34.9, -123.4]) {
+    boat.state = { ...boat.state, mode: "route", rudder: value, xte: value };
+    drawDial();
+    for (const id of ["t-rudder", "t-xte"]) {
+      const at = document.getElementById(id), { width } = at.parentElement.getBoundingClientRect();
+      if (at.parentElement.scrollWidth > Math.ceil(width)) cut.push(at.textContent);
+    }
+  }
+  return cut;
+}"""
+
+
+def test_the_side_of_rudder_and_track_is_whole_on_the_smallest_phones(helm: Helm) -> None:
+    page = helm.open()
+    for width, height in ((320, 568), (360, 740), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.is_visible("#t-rudder") and page.evaluate(WIDEST) == [], width
     page.context.close()
 
 

@@ -66,6 +66,8 @@ export const tile = (id, value, unit) => {
     element.append(small);
   }
 };
+/* With a decimal below 10: more has no room beside its side on a phone. */
+const sidedTile = (id, value) => tile(id, typeof value === "number" ? Math.abs(value).toFixed(Math.abs(value) < 9.95 ? 1 : 0) : null, sideOf(value));
 
 export function drawDial() {
   const state = boat.state;
@@ -91,11 +93,10 @@ export function drawDial() {
   put("heading-age", age !== null && boat.isStale("attitude") ? `${Math.round(age)} s old` : "");
   byId("dial").setAttribute("aria-label", known ? `Heading ${Math.round(heading)} degrees${steered ? `, ${wind || `order ${Math.round(order)}`}` : ""}` : "No heading");
   drawRudder(state);
-  tile("t-rudder", typeof state.rudder === "number" ? Math.abs(state.rudder).toFixed(1) : null, sideOf(state.rudder));
+  sidedTile("t-rudder", state.rudder);
   tile("t-rate", typeof state.rate === "number" ? (Math.abs(state.rate) < 0.05 ? "" : state.rate > 0 ? "+" : "−") + Math.abs(state.rate).toFixed(1) : null, "");
   tile("t-speed", typeof state.speed === "number" ? state.speed.toFixed(1) : null, "");
-  const onTrack = state.mode === "route" && typeof state.xte === "number";
-  tile("t-xte", onTrack ? Math.abs(state.xte).toFixed(1) : null, sideOf(state.xte));
+  sidedTile("t-xte", state.mode === "route" ? state.xte : null);
 }
 
 function drawRudder(state) {

@@ -10,7 +10,8 @@ export function setUpOverboard(order, surely) {
 
 export function drawOverboard() {
   const { mob_bearing: bearing, mob_distance: distance, mob_since: since } = boat.state ?? {};
-  const known = typeof bearing === "number" && (!boat.isStale("mob") || boat.isStale("beat"));
+  // kept while nothing comes, not once the boat has spoken without it
+  const known = typeof bearing === "number" && boat.age("mob") - boat.age("beat") < 3;
   byId("overboard").hidden = !known;
   if (!known) return;
   const is = (value) => typeof value === "number"; // of three messages one may be lost
