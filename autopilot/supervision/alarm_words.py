@@ -40,7 +40,7 @@ WORDS = {
         "compare both with the hand-bearing compass, take the wrong one out of sensors.priority",
     ),
     "variation_unknown": Words(
-        "headings come that take the magnetic variation, and it is not known",
+        "the headings need the magnetic variation, which is not known",
         "set sensors.variation_deg, or sensors.magnetic: true to steer magnetic courses",
     ),
     "variation_jumped": Words(
@@ -48,7 +48,7 @@ WORDS = {
         "check the instrument's place and date; if the new one is right, release for 10 s and engage again",
     ),
     "rate_disagrees": Words(
-        "the rate of turn and the heading do not go together",
+        "the rate of turn and the heading do not agree",
         "check the rate sensor's sign, scale and zero, and the heading by a second compass",
     ),
     "innovation": Words(
@@ -99,7 +99,7 @@ WORDS = {
         "steer by hand; check that the vessel file is this boat's, and the rudder angle at full PWM",
     ),
     "lively": Words(
-        "the boat answers its rudder more than its file says",
+        "the boat answers its rudder more strongly than its file says",
         "check the vessel file, the load and the rudder angle at full PWM; the boat is steered softly",
     ),
     "rudder_slow": Words(
@@ -107,11 +107,11 @@ WORDS = {
         "check the drive's supply and oil, and rudder.rate_max_deg_s; the boat is steered softly",
     ),
     "path_late": Words(
-        "orders come to the rudder later than the file says",
-        "use a quicker line, or let this one, or the computer, do less; the boat is steered by what is measured",
+        "orders reach the rudder later than the file says",
+        "use a faster line, or give this one, or the computer, less to do; steering goes by the measured delay",
     ),
     "speed_doubtful": Words(
-        "the speed does not go with the way the boat turns",
+        "the speed does not match the way the boat turns",
         "check the speed log; the boat is steered as at the speed of its trial",
     ),
     "thruster_weak": Words(
@@ -120,22 +120,22 @@ WORDS = {
         "by swings: type swing",
     ),
     "bow_thruster_off": Words(
-        "the bow thruster is not used", "do what stands behind it; the boat is steered by its rudder alone"
+        "the bow thruster is not used", "put right what is said here; the boat is steered by its rudder alone"
     ),
     "bow_thruster_not_following": Words(
         "the bow thruster's output does not follow its orders",
         "stop what else overrides its channel; look at its SERVOn_FUNCTION; engage again to try it anew",
     ),
     "bow_thruster_hot": Words(
-        "the bow thruster has run for as long as it may, and cools",
+        "the bow thruster has run for as long as it may and is cooling down",
         "make way, or let the boat lie; it runs again when it has half cooled",
     ),
     "bow_thruster_weak": Words(
-        "the boat does not turn for its bow thruster",
+        "the bow thruster does not turn the boat",
         "look for weed, a rope, its fuse or its battery; make way; engage again to have it tried anew",
     ),
     "speeds_disagree": Words(
-        "the speed log and the speed over ground do not go together",
+        "the speed log and the speed over ground do not agree",
         "clean or check the log's impeller; the boat is steered as for the mean of both",
     ),
     "roll": Words("heeling", "ease sheets, slow down, or change course", sentence="{text} {detail}: {remedy}"),
@@ -162,7 +162,7 @@ WORDS = {
         "this computer stood still", "steer by hand, find out what stopped it, and order the course again"
     ),
     "link_flooded": Words(
-        "more comes in over a link than can be read", "find out who sends so much, and take them off the line"
+        "more comes in over a link than can be read in time", "find out who sends so much, and take them off the line"
     ),
     "station_silent": Words(
         "a ground station is silent",
@@ -177,12 +177,13 @@ WORDS = {
         "compare the heading with a compass, and steer by hand where it drifts",
     ),
     "compass_doubtful": Words(
-        "the vehicle's compass does not go with how it moves",
+        "the vehicle's compass does not match its motion",
         "compare the heading with a compass, and steer by hand where it differs; look for iron, a current or a loose "
         "compass, and calibrate it anew",
     ),
     "vehicle_failsafe": Words(
-        "the vehicle says that it is in a fail-safe", "read its texts; be ready at the helm, for it may change its mode"
+        "the vehicle says that it is in a fail-safe",
+        "read its messages; be ready at the helm, for it may change its mode",
     ),
     "vehicle_failed": Words(
         "the vehicle says that it has failed", "take the helm by hand, and stop the engine if it does not obey"
@@ -209,7 +210,7 @@ WORDS = {
     ),
     "man_overboard": Words(
         "man overboard",
-        "point at them, turn back under the helm that you trust; mob off ends this",
+        "keep pointing at them and turn back, by hand if in doubt; mob off ends this",
         sentence="{text} at {detail}: {remedy}",
     ),
     "position_lost": Words(
@@ -253,10 +254,10 @@ WORDS = {
         "the wind has shifted", "check the course", sentence="{text} by more than {detail}: {remedy}"
     ),
     "wind_turn_asked": Words(
-        "a turn waits to be confirmed", "confirm it within 10 s, or it is cancelled", sentence="{detail}: {remedy}"
+        "a turn is waiting to be confirmed", "confirm it within 10 s, or it is cancelled", sentence="{detail}: {remedy}"
     ),
     "wind_turn_stalled": Words(
-        "the tack or gybe does not go on",
+        "the tack or gybe has stalled",
         "back the jib or bear away by hand, and begin it again with more way",
         sentence="{text}, {detail} are left: {remedy}",
     ),
@@ -276,11 +277,11 @@ WORDS = {
         "check that it makes way (throttle stick, helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, "
         "ATC_STR_ANG_P)",
     ),
-    "other_pilot": Words("another pilot steers this boat too", "two helms fight, let one stand by"),
-    "other_pilot_waits": Words("another pilot wants to engage on this boat", "let one stand by", sentence="{text}"),
+    "other_pilot": Words("another pilot steers this boat too", "two helms fight: put one in standby"),
+    "other_pilot_waits": Words("another pilot wants to engage on this boat", "put one in standby", sentence="{text}"),
     "input_shared": Words(
         "another pilot or ground station overrides the steering input now and then",
-        "let one stand by",
+        "put one in standby",
         sentence="{text}",
     ),
     "motor_current": Words(
@@ -296,13 +297,13 @@ WORDS = {
         "ground station lost, steering goes on", "check its link, as it says", sentence="{text}: {detail}"
     ),
     "station_stopped": Words(
-        "a ground station without a key has let the pilot stand by",
+        "a ground station without a key has put the pilot in standby",
         "steer by hand, or order the course again",
         sentence="{text}{bracketed}: steer by hand",
     ),
     "stop_refused": Words(
-        "a ground station without a key wants the pilot to stand by",
-        "look around; it is not obeyed again so soon after you have engaged anew: stand by at the helm if it is right",
+        "a ground station without a key wants the pilot in standby",
+        "look around and, if it is right, go to standby at the helm: so soon after engaging it is not obeyed again",
     ),
     "forwarding_ended": Words(
         "forwarding to a ground station ended, steering goes on",

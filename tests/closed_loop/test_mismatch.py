@@ -147,7 +147,7 @@ def test_a_speed_that_reads_too_low_is_doubted_by_the_boat_s_own_turns(name: str
     if (name, share) == ("lanxin", 0.15):
         pytest.xfail("the boat turns as it should, by a plan so slow that hardly any rudder is used: nothing is said")
     if share < 0.3:
-        assert outcome.said("the speed does not go with the way the boat turns")
+        assert outcome.said("the speed does not match the way the boat turns")
 
 
 @pytest.mark.parametrize("name", STABLE)
@@ -203,7 +203,7 @@ def test_a_course_unstable_boat_with_a_low_log_uses_its_trial_speed(law: str, sh
     """It went round one to three times without a word: by that speed no rudder turns it so fast."""
     vessel = vessel_of(BOATS["unstable"])
     outcome = run(vessel, speeds={False: constant(share * vessel.model.reference_speed_m_s)}, law=law)
-    assert outcome.said("the speed does not go with the way the boat turns")
+    assert outcome.said("the speed does not match the way the boat turns")
     assert outcome.farthest < 360.0
     assert outcome.swing < 3.0 or outcome.gave_back < math.inf
 
@@ -276,5 +276,5 @@ def test_a_boat_that_is_its_file_is_left_alone_in_seas_and_gusts(
 
 def test_a_log_and_a_receiver_that_cannot_both_be_right_are_reported() -> None:
     outcome = run(vessel_of(BOATS["lanxin"]), speeds={False: constant(0.5), True: constant(4.6)})
-    assert outcome.said("the speed log and the speed over ground do not go together")
+    assert outcome.said("the speed log and the speed over ground do not agree")
     assert outcome.swing < 1.0

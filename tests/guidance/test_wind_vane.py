@@ -314,7 +314,7 @@ def test_a_tack_that_hangs_in_irons_is_said_until_the_boat_turns_on() -> None:
     assert boat.guide.alarm is None
     boat.sail(4.0)
     said = words(boat.guide.alarm)
-    assert said.startswith("the tack or gybe does not go on, 4") and "back the jib" in said
+    assert said.startswith("the tack or gybe has stalled, 4") and "back the jib" in said
     boat.quick = 6.0 * DEG
     boat.sail(2.0)
     assert boat.guide.alarm is None

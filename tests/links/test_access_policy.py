@@ -550,7 +550,7 @@ def test_without_a_key_another_machine_may_let_the_pilot_stand_by_and_everybody_
     (said,) = boat.receive(0.1)
     assert commands._helmsman.released == 1
     assert words(said.event) == (
-        "a ground station without a key has let the pilot stand by (system 255 at 192.0.2.9:50312): steer by hand"
+        "a ground station without a key has put the pilot in standby (system 255 at 192.0.2.9:50312): steer by hand"
     )
     boat.publish_tick(ordered(0.2, STANDBY, said.event, AlarmState.SOUNDING))
     assert boat.receive(31.0) == [], "nobody has acknowledged it"

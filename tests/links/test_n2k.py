@@ -129,7 +129,7 @@ def test_headings_that_take_an_unknown_variation_are_reported(bus: Bus) -> None:
             for sample in bus.samples(float(second))
             if isinstance(sample, AlarmSample)
         ]
-    assert reported == ["headings come that take the magnetic variation, and it is not known", ""]
+    assert reported == ["the headings need the magnetic variation, which is not known", ""]
 
 
 def test_headings_that_cannot_be_used_are_reported_after_three_seconds() -> None:
