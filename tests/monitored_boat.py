@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -78,6 +79,7 @@ class Watched(Sea):
         self.commands.instruments = Instruments(compasses, self.store.keep_compass)
         self.is_cut = False
         self.keeps_history = True
+        self.lock = threading.RLock()  # a test and the thread of a page's server sail one boat
         self.station = Station()
         self.line = BoatLine("udpin:127.0.0.1:14550", self.station, opens=self._connect)
 
@@ -93,12 +95,13 @@ class Watched(Sea):
         return self.box.time
 
     def watch(self, seconds: float, **options: Any) -> None:
-        for _ in range(round(seconds / STEP)):
-            self.sail(STEP, **options)
-            self.tuner.turn()
-            self.line.turn(self.now)
-            if self.keeps_history:
-                self.station.view.keep_history(self.now)
+        with self.lock:
+            for _ in range(round(seconds / STEP)):
+                self.sail(STEP, **options)
+                self.tuner.turn()
+                self.line.turn(self.now)
+                if self.keeps_history:
+                    self.station.view.keep_history(self.now)
 
     def until(self, happens: Callable[[], bool], seconds: float = 20.0) -> None:
         for _ in range(round(seconds / STEP)):

@@ -30,7 +30,7 @@ class SailingHub(Hub):
     def __init__(self, sea: Watched) -> None:
         super().__init__(sea.station, sea.line, lambda: sea.now)
         self.sea = sea
-        self.lock = threading.Lock()
+        self.lock = sea.lock
         sea.keeps_history = False
 
     def _turn(self) -> None:

@@ -393,7 +393,7 @@ def _is_late(found: LikelihoodFit) -> bool:
 
 def _why_no(name: str, found: LikelihoodFit, kept: bool) -> str:
     late = found.train.delay + found.train.lag
-    then = "T, of which they take their part, shares that doubt" if kept else f"so {name} is held at 0"
+    then = "and T, from which they take their part, is as uncertain" if kept else f"so {name} is held at 0"
     return (
         f"{name}: delay and lag together, {late:.3g} s with a standard error of {found.late_error:.2g}, cannot be "
         f"distinguished from 0, {then}; trials with quick reversals, sampled well within that time, would show it."

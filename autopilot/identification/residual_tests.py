@@ -177,8 +177,8 @@ class ResidualTest(NamedTuple):
             said = [f"The residuals of the {self.signal} are white: noise of the instruments explains them."]
         else:
             said = [
-                f"The residuals of the {self.signal} remember {self.memory:.3g} s: gusts, or what the model leaves "
-                "out; the standard errors allow for it."
+                f"The residuals of the {self.signal} stay correlated for {self.memory:.3g} s: gusts, or what the model "
+                "leaves out; the standard errors allow for it."
             ]
         if self.follows_rudder:
             said.append(

@@ -435,7 +435,7 @@ def _without_bad_samples(
         if name in cleaned:
             cleaned[name], spikes = without_spikes(cleaned[name], angle=name == "heading_rad")
             if spikes:
-                notes.append(f"{source}: {spikes} of {cleaned[name].size} {name} are left out as spikes.")
+                notes.append(f"{source}: {spikes} of {cleaned[name].size} values of {name} left out as spikes.")
     return cleaned, tuple(notes)
 
 

@@ -292,7 +292,7 @@ ROWS = (
 def table_of_runs(first: RunOf, second: RunOf) -> list[tuple[str, ...]]:
     """Return both runs' measures and the second's as a share of the first's, the heads first."""
     one, other = measures_of_run(first), measures_of_run(second)
-    table: list[tuple[str, ...]] = [("", first.name, second.name, "second of first")]
+    table: list[tuple[str, ...]] = [("", first.name, second.name, "second, of the first")]
     for key, words, unit, digits in ROWS:
         left, right = one[key], other[key]
         share = (

@@ -147,7 +147,7 @@ def test_two_runs_are_compared_by_course_and_rudder() -> None:
     assert "rudder travel alike" in compared(calm, turning).sentence, "a turn's rudder is no unquiet one"
     assert compared(calm, calm).grade == "alike" and compared(calm, run_of("no", [])).grade == "not enough"
     head, *rows = table_of_runs(calm, wild)
-    assert head == ("", "calm", "wild", "second of first")
+    assert head == ("", "calm", "wild", "second, of the first")
     assert {len(row) for row in rows} == {4} and len(rows) == len(measures_of_run(calm))
     nothing = json.loads(json_text(document_of_runs(calm, run_of("no", []))))["runs"][1]
     assert nothing["heading_rms_deg"] is None and table_of_runs(calm, run_of("no", []))[3][2:] == ("-", "")

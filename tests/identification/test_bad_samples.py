@@ -42,7 +42,7 @@ def _with_spikes(table: Table, name: str, size: float) -> Table:
 )
 def test_spikes_are_left_out_reported_and_change_nothing(name: str, size: float) -> None:
     run = run_of(_with_spikes(_recorded(), name, size), "spiky.csv")
-    assert run.notes == (f"spiky.csv: 12 of 1200 {name} are left out as spikes.",)
+    assert run.notes == (f"spiky.csv: 12 of 1200 values of {name} left out as spikes.",)
     found = identify([run], Question(weighting="residuals"))
     assert found.model.gain == pytest.approx(0.2, rel=0.02)
     assert found.model.time_constant == pytest.approx(5.0, rel=0.03)

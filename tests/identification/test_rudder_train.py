@@ -91,7 +91,7 @@ def test_a_rudder_only_ordered_is_late_though_nothing_shows_it_and_t_holds_that_
     assert measured.train == DIRECT and ordered.train.delay > 0.0 and ordered.train.lag > 0.0
     doubts = [found.standard_errors["time_constant"] or 0.0 for found in (measured, ordered)]
     assert doubts[1] > 1.2 * doubts[0]
-    assert "T, of which they take their part, shares that doubt" in ordered.unidentifiable["delay"]
+    assert "and T, from which they take their part, is as uncertain" in ordered.unidentifiable["delay"]
 
 
 def test_a_boat_that_hardly_shows_its_rudder_is_in_doubt_and_not_fitted_without_gusts() -> None:
