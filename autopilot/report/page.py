@@ -172,7 +172,11 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
   body { background: #14171b; color: #e6e8eb; } code, .verdict { background: #252a31; } header span { color: #a9b1bb; }
   th, td { border-color: #333a43; } figcaption, .note { color: #a9b1bb; } figure { padding: .3rem; }
 }
-@media (max-width: 34rem) { h1 { font-size: 1.25rem; line-height: 1.25; } }
+@media screen and (max-width: 34rem) {
+  h1 { font-size: 1.25rem; line-height: 1.25; } th, td { padding: .25rem .3rem; font-size: .85rem; }
+  th:first-child, td:first-child { white-space: normal; min-width: 4.5rem; }
+  .note code { overflow-wrap: anywhere; }
+}
 @page { size: A4; margin: 16mm 14mm; }
 @media print {
   body { font-size: 10pt; max-width: none; margin: 0; padding: 0; color: #000; }
