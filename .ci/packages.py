@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from autopilot import __version__
@@ -140,23 +140,44 @@ def helps(folder: Path) -> None:
         ):
             said = subprocess.run([sys.executable, "-m", program, "completion", shell], capture_output=True, check=True)
             save(folder / place, said.stdout)
-        module = {"autopilot": "autopilot.cli.main", "sitl": "sitl.cli"}[program]
-        page = folder / f"usr/share/man/man1/{program}.1"
-        page.parent.mkdir(parents=True, exist_ok=True)
-        command = [
-            sys.executable,
-            "-c",
-            "from argparse_manpage.cli import main; main()",
-            "--module",
-            module,
-            "--function",
-            "build_parser",
-        ]
-        command += ["--project-name", "norrbin", "--version", __version__, "--prog", program, "--output", str(page)]
-        command += ["--description", "boat autopilot" if program == "autopilot" else "simulated boat"]
-        subprocess.run(command, check=True, cwd=ROOT)
-        save(page.with_suffix(".1.gz"), gzip.compress(page.read_bytes(), mtime=0))
-        page.unlink()
+    for title, text in manuals():
+        save(folder / f"usr/share/man/man1/{title}.1.gz", gzip.compress(text.encode(), mtime=0))
+
+
+def manuals() -> Iterator[tuple[str, str]]:
+    """Yield the manual page of every command, by its name: autopilot, autopilot-run and so on; its help as it stands."""
+    from autopilot.cli.main import build_parser as autopilot_parser
+    from sitl.cli import build_parser as sitl_parser
+
+    os.environ["COLUMNS"] = "80"
+    for program, summary, parser in (
+        ("autopilot", "turns a sea trial into a boat autopilot", autopilot_parser()),
+        ("sitl", "the simulated boat", sitl_parser()),
+    ):
+        for name, said, command in _commands(program, summary, parser):
+            text = command.format_help().replace("\\", "\\e").replace("-", "\\-")
+            lines = [f"\\&{line}" if line.startswith((".", "'")) else line for line in text.splitlines()]
+            yield (
+                name,
+                "\n".join(
+                    [
+                        f'.TH {name.upper()} 1 "" "norrbin {__version__}" "Norrbin"',
+                        *(".SH NAME", f"{name} \\- {said}", ".SH DESCRIPTION", ".nf", *lines, ".fi"),
+                        *(".SH SEE ALSO", f".BR {program} (1)", ""),
+                    ]
+                ),
+            )
+
+
+def _commands(
+    name: str, summary: str, parser: argparse.ArgumentParser
+) -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
+    yield name, summary, parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            said = {each.dest: each.help for each in action._choices_actions}
+            for word, command in action.choices.items():
+                yield from _commands(f"{name}-{word}", said.get(word) or summary, command)
 
 
 def service(folder: Path) -> None:

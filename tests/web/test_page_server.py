@@ -578,13 +578,31 @@ def test_blueos_finds_the_page_by_what_it_asks_for(client: Any) -> None:
     assert found["version"] == __version__
 
 
-def test_the_image_starts_the_page_and_has_the_labels_that_blueos_reads() -> None:
-    """`{tag_name}` is what the repository of extensions puts the image's tag in for; permissions are Docker's."""
+@pytest.fixture
+def packages() -> Any:
     place = Path(__file__).parents[2] / ".ci" / "packages.py"
     spec = importlib.util.spec_from_file_location("packages", place)
     assert spec is not None and spec.loader is not None
-    packages = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(packages)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_command_has_a_manual_page_with_its_options(packages: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    pages = dict(packages.manuals())
+    assert {"autopilot", "autopilot-run", "autopilot-log-compare", "autopilot-new-boat", "sitl-serve"} <= pages.keys()
+    assert "\\-\\-engage" in pages["autopilot-run"] and "new\\-boat" in pages["autopilot"]
+    for name, text in pages.items():
+        head, heading, said, *rest = text.splitlines()
+        assert head.startswith(f".TH {name.upper()} 1 ") and heading == ".SH NAME", name
+        assert said.startswith(f"{name} \\- ") and len(said) > len(name) + 8, name
+        macros = {line for line in rest if line.startswith((".", "'"))}
+        assert macros == {".SH DESCRIPTION", ".nf", ".fi", ".SH SEE ALSO", f".BR {name.partition('-')[0]} (1)"}, name
+
+
+def test_the_image_starts_the_page_and_has_the_labels_that_blueos_reads(packages: Any) -> None:
+    """`{tag_name}` is what the repository of extensions puts the image's tag in for; permissions are Docker's."""
     labels = packages.blueos_labels("https://example.org/norrbin")
     assert labels["type"] == "device-integration"
     assert json.loads(labels["permissions"])["HostConfig"]["NetworkMode"] == "host"
@@ -597,12 +615,7 @@ def test_the_image_starts_the_page_and_has_the_labels_that_blueos_reads() -> Non
     assert build_parser().parse_args(packages.PAGE.split()).listen == "0.0.0.0:8080"
 
 
-def test_a_package_leaves_out_other_dialects_and_the_libraries_tests(tmp_path: Path) -> None:
-    place = Path(__file__).parents[2] / ".ci" / "packages.py"
-    spec = importlib.util.spec_from_file_location("packages", place)
-    assert spec is not None and spec.loader is not None
-    packages = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(packages)
+def test_a_package_leaves_out_other_dialects_and_the_libraries_tests(packages: Any, tmp_path: Path) -> None:
     kept = {f"pymavlink/dialects/{name}" for name in ("__init__.py", "v20/__init__.py", "v20/ardupilotmega.py")}
     kept |= {"numpy/testing/__init__.py", "scipy/linalg/blas.py", "autopilot/tests/a.py"}
     left_out = {"pymavlink/dialects/v10/common.py", "pymavlink/dialects/v20/common.py", "scipy/linalg/tests/a.py"}
