@@ -145,7 +145,7 @@ def helps(folder: Path) -> None:
 
 
 def manuals() -> Iterator[tuple[str, str]]:
-    """Yield the manual page of every command, by its name: autopilot, autopilot-run and so on; its help as it stands."""
+    """Yield the manual page of every command by its name, autopilot, autopilot-run and so on: its help as it stands."""
     from autopilot.cli.main import build_parser as autopilot_parser
     from sitl.cli import build_parser as sitl_parser
 
