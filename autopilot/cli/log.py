@@ -14,7 +14,6 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +38,7 @@ from autopilot.report.log_pages import (
 if TYPE_CHECKING:
     from autopilot.logs.mcap_log import Entry
     from autopilot.logs.reading import LogInfo, LogOptions
-    from autopilot.logs.series import Recording
+    from autopilot.logs.series import Progress, Recording
     from autopilot.vessel.schema import Vessel
 
 
@@ -148,9 +147,13 @@ def export(text: str, recording: Recording, options: LogOptions, path: Path, end
     if ending not in ENDINGS:
         raise InputError(f"--to {path}: its ending says what it becomes; allowed are {', '.join(ENDINGS)}.")
     if ending == ".mcap":
+        from autopilot.cli.terminal import ProgressBar
         from autopilot.logs.mcap_log import write_mcap
+        from autopilot.logs.series import duration
 
-        return f"Wrote {write_mcap(path, _entries(text, recording), text)} messages to {path}."
+        with ProgressBar("writing") as bar:
+            entries = _watched(_entries(text, recording), duration(recording), bar.update_share)
+            return f"Wrote {write_mcap(path, entries, text)} messages to {path}."
     from autopilot.logs.table import table_of, write_csv, write_parquet
 
     table = table_of(recording, options.rudder)
@@ -159,9 +162,19 @@ def export(text: str, recording: Recording, options: LogOptions, path: Path, end
     return f"Wrote {write_parquet(path, table, text, recording.began)} rows to {path}."
 
 
+def _watched(entries: Iterable[Entry], lasts: float, progress: Progress) -> Iterator[Entry]:
+    """Yield the entries, which are in order of time, telling the share of the log's duration [s] that is done."""
+    begin = None
+    for place, entry in enumerate(entries):
+        begin = entry.time if begin is None else begin
+        if place % 1000 == 0:
+            progress(min(max(round(entry.time - begin), 0), round(lasts)), round(lasts))
+        yield entry
+
+
 def _entries(text: str, recording: Recording) -> Iterator[Entry]:
     """Return the series, and where the log is one .tlog also its messages and, of our own, its ticks."""
-    from autopilot.logs.mcap_log import message_entries, series_entries, tick_entries
+    from autopilot.logs.mcap_log import in_order, message_entries, series_entries, tick_entries
     from autopilot.logs.merge import sources_of
     from autopilot.logs.own_log import began_of
     from autopilot.logs.reading import bytes_of, format_of, head_of
@@ -175,8 +188,8 @@ def _entries(text: str, recording: Recording) -> Iterator[Entry]:
     found = format_of(path, head_of(path))
     if found.ticks:
         log = read_log(Path(path))
-        entries = chain(entries, tick_entries(log, began_of(path, log) or 0.0))
-    return chain(entries, message_entries(bytes_of(path))) if found.packets else entries
+        entries = in_order([entries, tick_entries(log, began_of(path, log) or 0.0)])
+    return in_order([entries, message_entries(bytes_of(path))]) if found.packets else entries
 
 
 def measures_as_json(source: str, measures: Measures, length: float | None, notes: Sequence[str] = ()) -> str:
@@ -285,7 +298,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     names = [path.name for path in paths] if paths[0].name != paths[1].name else [str(path) for path in paths]
     with ProgressBar("reading") as bar:
         first, second = (
-            run_of(name, [tick for log in read_logs(path, progress=bar.update_share) for tick in log.ticks])
+            run_of(name, *(log.ticks for log in read_logs(path, progress=bar.update_share)))
             for name, path in zip(names, paths, strict=True)
         )
     if arguments.json:

@@ -16,6 +16,7 @@ import math
 import re
 import struct
 from collections.abc import Iterable, Iterator
+from heapq import merge
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,6 +44,7 @@ from autopilot.logs.series import (
     LogFormat,
     Progress,
     Recording,
+    Series,
     on_one_clock,
     series_of,
     silent,
@@ -259,6 +261,8 @@ TICK: dict[str, Any] = {
     "engaged": {"type": "boolean"},
     "alarms": {"type": "array", "items": TEXT},
 }
+TOGETHER = 4096
+"""Samples of a series that are made numbers of Python at a time."""
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT")
 
 
@@ -307,12 +311,22 @@ def write_mcap(path: Path, entries: Iterable[Entry], source: str) -> int:
 
 
 def series_entries(recording: Recording) -> Iterator[Entry]:
-    """Yield every sample of every series; on a clock from zero where the log does not tell the date."""
-    began = recording.began or 0.0
-    for series in recording.series:
-        topic = f"/log/{series.quantity}/{_word(series.source)}"
-        for time, value in zip(series.time.tolist(), series.values.tolist(), strict=True):
+    """Yield every sample of all series, in order of time; on a clock from zero where the log does not tell the date."""
+    return in_order([_entries_of(series, recording.began or 0.0) for series in recording.series])
+
+
+def _entries_of(series: Series, began: float) -> Iterator[Entry]:
+    topic = f"/log/{series.quantity}/{_word(series.source)}"
+    for at in range(0, series.time.size, TOGETHER):
+        part = slice(at, at + TOGETHER)
+        for time, value in zip(series.time[part].tolist(), series.values[part].tolist(), strict=True):
             yield Entry(topic, SAMPLE, VALUE, began + time, {"value": _number(value)})
+
+
+def in_order(entries: Iterable[Iterable[Entry]]) -> Iterator[Entry]:
+    """Yield entries in order of time that are so each by themselves: a chunk of a .mcap then holds one stretch of time,
+    and who seeks a moment, or plays the log, reads the chunks of that moment alone."""
+    return merge(*entries, key=lambda entry: entry.time)
 
 
 def tick_entries(log: Log, began: float) -> Iterator[Entry]:

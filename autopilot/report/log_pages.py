@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -240,19 +241,19 @@ NEARLY = 0.1
 
 
 class RunOf(NamedTuple):
-    """A run: the log's name, its ticks, and how well it was steered."""
+    """A run: the log's name, its ticks in parts, which are decoded where they are looked at, and how it was steered."""
 
     name: str
-    ticks: Sequence[Tick]
+    parts: tuple[Sequence[Tick], ...]
     steered: Steered
 
 
-def run_of(name: str, ticks: Sequence[Tick]) -> RunOf:
-    """Return a run with its measures."""
+def run_of(name: str, *parts: Sequence[Tick]) -> RunOf:
+    """Return a run with its measures; parts: its ticks, of one log after the other."""
     steered = Steered()
-    for tick in ticks:
+    for tick in chain.from_iterable(parts):
         steered(tick)
-    return RunOf(name, ticks, steered)
+    return RunOf(name, parts, steered)
 
 
 def measures_of_run(run: RunOf) -> dict[str, float | int]:
@@ -350,8 +351,7 @@ def document_of_runs(first: RunOf, second: RunOf) -> dict[str, Any]:
 def comparison_page(first: RunOf, second: RunOf, command: str) -> str:
     """Return the page: how far each was off and its rudder over time, the verdict, then the table."""
     runs = (first, second)
-    offs = [_line(run, "off") for run in runs]
-    rudders = [_line(run, "rudder") for run in runs]
+    offs, rudders = zip(*map(_lines, runs), strict=True)
     figure = time_figure([Panel("off the course [deg]", offs), Panel("rudder ordered [deg]", rudders)])
     sections = [
         Section("Measures", table_of_runs(first, second)),
@@ -366,11 +366,13 @@ def comparison_page(first: RunOf, second: RunOf, command: str) -> str:
     return render(opening, sections, command)
 
 
-def _line(run: RunOf, what: str) -> Line:
-    engaged = [tick for tick in run.ticks if tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING]
-    shown = engaged[:: max(1, len(engaged) // POINTS_MOST)]
-    begun = shown[0].now if shown else 0.0
-    values = [
-        wrap(tick.state.heading - tick.reference.heading) if what == "off" else tick.command.angle for tick in shown
+def _lines(run: RunOf) -> tuple[Line, Line]:
+    """Return how far off the course the run was, and its rudder."""
+    rows = [
+        (tick.now, wrap(tick.state.heading - tick.reference.heading), tick.command.angle)
+        for tick in chain.from_iterable(run.parts)
+        if tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
     ]
-    return Line(run.name, np.array([tick.now - begun for tick in shown]), np.degrees(values))
+    time, off, angle = np.array(rows[:: max(1, len(rows) // POINTS_MOST)]).reshape(-1, 3).T
+    since = time - (time[0] if time.size else 0.0)
+    return Line(run.name, since, np.degrees(off)), Line(run.name, since, np.degrees(angle))

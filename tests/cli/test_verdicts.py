@@ -9,12 +9,15 @@ from typing import Any
 
 import pytest
 from boat_at_sea import SPEED, Sea
+from lockstep import Lockstep
+from memory import measured
 
 from autopilot.cli.main import main
 from autopilot.files.printable import json_text
 from autopilot.report.log_pages import compared, document_of_runs, measures_of_run, run_of, table_of_runs
 from autopilot.report.steered import Steered, Turn, trial_verdict
 from autopilot.signals import Mode, Tick
+from autopilot.vessel.file import load_vessel
 
 
 def sailed(seconds: float, turns: tuple[str, ...] = ()) -> list[Tick]:
@@ -136,6 +139,21 @@ def test_a_trial_that_is_not_good_enough_is_refused_where_that_is_asked(
     assert main(given) == 0
     assert main([*given, "--at-least", "start"]) == 4
     assert "--at-least start" in capsys.readouterr().err
+
+
+def test_to_compare_two_logs_takes_no_memory_for_their_ticks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [tmp_path / "one.tlog", tmp_path / "two.tlog"]
+    for log in logs:
+        steps = Lockstep(load_vessel("lanxin"), log=log)
+        steps.engage(90.0)
+        steps.run(60.0)
+        steps.session.close()
+    words = ["log", "compare", *map(str, logs)]
+    assert main(words) == 0
+    _, taken = measured(lambda: main(words))
+    assert taken.peak < 2.0 * sum(log.stat().st_size for log in logs), "decoded they take ten times a file"
 
 
 def test_two_runs_are_compared_by_course_and_rudder() -> None:
