@@ -121,6 +121,13 @@ def test_an_order_that_was_held_up_on_its_way_is_not_carried_out_but_a_release_i
     assert order(-6.0, do="turn", degrees=10) == order(-1.0e12, do="turn", degrees=10) == 409
     assert turned() == pytest.approx(0.0, abs=1.0)
     assert order(4.0, do="turn", degrees=10) == 200 and turned() == pytest.approx(10.0, abs=1.0)
+    sea.watch(10.0)
+    assert order(0.1, do="zigzag", rudder=10, change=10, duration=300) == 200
+    sea.watch(3.0)
+    assert sea.commands.running is not None and not sea.commands.running.run.is_over
+    assert order(10.0, do="cancel") == 200
+    sea.watch(1.0)
+    assert sea.commands.running.run.is_over, "to end a trial counts, however late"
     assert order(-1.0e12, do="standby") == 200
     assert order(10.0, do="release") == 200 and not sea.commands.armed
 
