@@ -10,7 +10,9 @@ import argparse
 import contextlib
 import json
 import math
+import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Sequence
 from datetime import datetime
@@ -561,7 +563,8 @@ def links_of(arguments: argparse.Namespace, checklist: Checklist, talk: Talk) ->
 
 def take(step: Step, boat: Boat, talk: Talk) -> None:
     """Run a step, as often as it takes. Raises RefusedError where it is not good enough."""
-    print(f"== {step.title}\n{step.before}")
+    # no word is cut at the terminal's edge; a command stays one line, to be copied
+    print(f"== {step.title}\n{textwrap.fill(step.before, shutil.get_terminal_size().columns, break_on_hyphens=False)}")
     _take_once(step, boat, talk)
     by_thrust = not DRIVES[boat.vessel.drive.kind].usual.is_rudder
     while step.again and by_thrust and not talk.silent and talk.yes(step.again):

@@ -261,3 +261,14 @@ def test_what_is_no_length_is_answered_with_what_one_is(
     said = capsys.readouterr().out
     assert "write a number from 0.2 to 500, such as 7.5" in said and "''" not in said
     assert load_vessel(tmp_path / "mine.yaml").length_m == 7.5
+
+
+def test_what_to_prepare_is_not_cut_within_a_word(
+    tmp_path: Path, commands: list[list[str]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    assert main(["new-boat", str(tmp_path / "mine.yaml"), "--link", "udpin:127.0.0.1:1", "--yes", *NUMBERS]) == 4
+    said = capsys.readouterr().out
+    before = said[said.index("At the dock") : said.index("autopilot trial turning")].splitlines()
+    assert len(before) > 3 and max(map(len, before)) <= 60 and " ".join(before) == STEPS[1].before
+    assert any(len(line) > 60 for line in said.splitlines() if line.startswith("autopilot ")), "commands stay whole"
