@@ -147,6 +147,39 @@ def sailed(
     return {**table, "speed_m_s": table["speed_m_s"] * recorded[:, 3] / SPEED_M_S}
 
 
+class ThrustBoat(NamedTuple):
+    """A boat that thrust steers: r' = beta f^q delta + beta g - (a + c (f - 1)) r - d r^3, at f times the thrust that
+    gives 1 m/s, and as many m/s; gusts do not grow with it. rate: of the angle delta [rad/s]."""
+
+    beta: float = 1.6
+    q: float = 2.0
+    a: float = 0.8
+    c: float = 0.5
+    d: float = 1.5
+    rate: float = 2.0
+
+
+def thrust_zigzag(
+    boat: ThrustBoat, share: float, sea: Sea, seed: list[int], seconds: float = 60.0
+) -> dict[str, FloatArray]:
+    """Return a zigzag of 0.2 rad about 0.3 rad of heading at `share` times the thrust, at 20 Hz: columns in SI units.
+    Runge and Kutta's second order."""
+    random, h, steps = np.random.default_rng(seed), FINE_S, round(seconds / FINE_S)
+    pushes = boat.beta * _pushes(sea, random, steps)
+    heading, rate, angle, order, rows = 0.0, 0.0, 0.0, 0.2, []
+    effect, damping = boat.beta * share**boat.q, boat.a + boat.c * (share - 1.0)
+    for i, push in enumerate(pushes.tolist()):
+        if i % 5 == 0:
+            rows.append((heading, rate, angle))
+        order = -order if heading * math.copysign(1.0, order) >= 0.3 else order
+        before, angle = angle, angle + min(max(order - angle, -boat.rate * h), boat.rate * h)
+        drive = 0.5 * effect * (before + angle) + push
+        middle = rate + 0.5 * h * (drive - damping * rate - boat.d * rate**3)
+        heading, rate = heading + h * middle, rate + h * (drive - damping * middle - boat.d * middle**3)
+    table = _recorded(np.array(rows), sea, random)
+    return {**table, "time_s": 0.5 * table["time_s"], "speed_m_s": share / SPEED_M_S * table["speed_m_s"]}
+
+
 def _recorded(row: FloatArray, sea: Sea, random: np.random.Generator) -> dict[str, FloatArray]:
     size = row.shape[0]
     table = {

@@ -5,8 +5,8 @@ All runs are simulated at once from their rudder, speed and throttle by the equa
     r' = beta s^p t^q delta - (a + c (s - 1)) r - d r^3 + e,     s = U/U0,   t = n/n0,
 
 from a rate at the start that is fitted for each run, and the rates' differences from the measured ones are made least
-(output error). Then K = beta/|a|, T = 1/|a|, n1 the sign of a, n3 = d/|a|, w = c/a. Residuals that are no white noise
-tell less: the standard errors count each independent stretch of them once, as many as their correlation time leaves.
+(output error). Then K = beta/|a|, T = 1/|a|, n1 the sign of a, n3 = d/|a|, w = c/a. The standard errors are those of
+residuals that remember.
 
 Where the throttle is recorded thrust that is turned has q fitted with p = 0. All else has p fitted with q = 0: in a
 steady run the speed follows the throttle, and the two cannot be parted. What the runs cannot tell stays as it is
@@ -28,6 +28,8 @@ from autopilot.identification.likelihood_model import SURELY_TURNS, ordered
 from autopilot.identification.likelihood_record import Form
 from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
+from autopilot.identification.residuals import robust_covariance
+from autopilot.identification.rudder_path import with_corners
 from autopilot.identification.runs import FloatArray, Run, Segment, mean_speed, seconds
 from autopilot.models.drives import THROTTLE_FLOOR, DriveLaw, Needs, effect_of
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin
@@ -60,10 +62,11 @@ class DriveFit(NamedTuple):
 
 
 class _Stack(NamedTuple):
-    """All segments side by side, shape (N, S), nan behind the end of the shorter ones: rudder [rad], speed and throttle
-    over those of reference, measured rate [rad/s]."""
+    """All segments side by side, shape (N, S), nan behind the end of the shorter ones: mean and rise of the rudder
+    [rad] until the next sample, speed and throttle over those of reference, measured rate [rad/s]."""
 
     rudder: FloatArray
+    rise: FloatArray
     speed: FloatArray
     throttle: FloatArray
     rate: FloatArray
@@ -79,6 +82,17 @@ def _rate_of(part: Segment, at: FloatArray) -> FloatArray:
     return np.asarray(np.gradient(heading, at))
 
 
+def _steered(part: Segment, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and rise of the rudder [rad] until the next of the times: a rudder that goes over within a step turns
+    the boat by its mean, not by where it is at both ends."""
+    time, angle = with_corners(part.time, part.rudder)
+    grid = np.union1d(time, at)
+    rudder = np.interp(grid, time, angle)
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (rudder[1:] + rudder[:-1]) * np.diff(grid))])
+    here = np.searchsorted(grid, at)
+    return np.append(np.diff(area[here]) / np.diff(at), rudder[-1]), np.append(np.diff(rudder[here]), 0.0)
+
+
 def _stacked(runs: Sequence[Run], speed: float, throttle: float) -> _Stack:
     columns: list[tuple[FloatArray, ...]] = []
     for run in runs:
@@ -86,7 +100,7 @@ def _stacked(runs: Sequence[Run], speed: float, throttle: float) -> _Stack:
             at = np.arange(part.time[0], part.time[-1], SPACING_S)
             ratio = np.maximum(np.abs(np.interp(at, part.time, part.speed)) / speed, SPEED_FLOOR_RATIO)
             share = max(abs(run.throttle), THROTTLE_FLOOR) / throttle if math.isfinite(throttle) else 1.0
-            columns.append((np.interp(at, part.time, part.rudder), ratio, np.full(at.size, share), _rate_of(part, at)))
+            columns.append((*_steered(part, at), ratio, np.full(at.size, share), _rate_of(part, at)))
     longest = max(each[0].size for each in columns)
 
     def wide(place: int) -> FloatArray:
@@ -94,28 +108,29 @@ def _stacked(runs: Sequence[Run], speed: float, throttle: float) -> _Stack:
             [np.append(each[place], np.full(longest - each[place].size, np.nan)) for each in columns], axis=1
         )
 
-    return _Stack(*(wide(place) for place in range(4)))
+    return _Stack(*(wide(place) for place in range(5)))
 
 
 def _simulated(stack: _Stack, values: FloatArray, start: FloatArray, *, by_throttle: bool) -> FloatArray:
     """Return the rates [rad/s], shape (N, S), by the classical Runge-Kutta method, the input in straight lines."""
     strength, exponent, damping, slope, cubic, push = values
     over = stack.throttle if by_throttle else stack.speed
-    drive = strength * over**exponent * stack.rudder + push
+    effect = strength * over**exponent
+    drive, half = effect * stack.rudder + push, 0.5 * effect * stack.rise
     damped = damping + slope * (stack.speed - 1.0)
     rates = np.empty_like(stack.rate)
     rate = rates[0] = start
     dt = SPACING_S
     for step in range(stack.rate.shape[0] - 1):
-        u0, u2, a0, a2 = drive[step], drive[step + 1], damped[step], damped[step + 1]
-        u1, a1 = 0.5 * (u0 + u2), 0.5 * (a0 + a2)
-        k1 = u0 - (a0 + cubic * rate * rate) * rate
+        u, more, a0, a2 = drive[step], half[step], damped[step], damped[step + 1]
+        a1 = 0.5 * (a0 + a2)
+        k1 = u - more - (a0 + cubic * rate * rate) * rate
         r = rate + 0.5 * dt * k1
-        k2 = u1 - (a1 + cubic * r * r) * r
+        k2 = u - (a1 + cubic * r * r) * r
         r = rate + 0.5 * dt * k2
-        k3 = u1 - (a1 + cubic * r * r) * r
+        k3 = u - (a1 + cubic * r * r) * r
         r = rate + dt * k3
-        k4 = u2 - (a2 + cubic * r * r) * r
+        k4 = u + more - (a2 + cubic * r * r) * r
         rate = np.clip(rate + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4), -RATE_MOST, RATE_MOST)
         rates[step + 1] = rate
     return rates
@@ -167,9 +182,10 @@ def fit_drive(runs: Sequence[Run], usual: DriveLaw, needs: Needs) -> DriveFit:
             low[free.index(NAMES.index(name))] = 0.0
     found = least_squares(residuals, np.maximum(first, low + 1.0e-9), bounds=(low, np.inf), x_scale="jac")
     values[free] = found.x[: len(free)]
-    covariance = _covariance(stack, known, found.jac, found.fun)
-    errors = {NAMES[place]: math.sqrt(max(covariance[i, i], 0.0)) for i, place in enumerate(free)}
-    return _drive_fit(values, errors, _Asked(usual, needs, reference, throttle, by_throttle, speeds, throttles))
+    covariance = _covariance(known, found.jac, found.fun)
+    return _drive_fit(
+        values, free, covariance, _Asked(usual, needs, reference, throttle, by_throttle, speeds, throttles)
+    )
 
 
 class _Asked(NamedTuple):
@@ -192,8 +208,9 @@ def _way_exponent(asked: _Asked) -> float:
     return float(min(max(slope, 0.2), 3.0))
 
 
-def _drive_fit(values: FloatArray, errors: dict[str, float], asked: _Asked) -> DriveFit:
-    """Return the fit in the model's terms, and in words."""
+def _drive_fit(values: FloatArray, free: Sequence[int], covariance: FloatArray, asked: _Asked) -> DriveFit:
+    """Return the fit in the model's terms, and in words; covariance: of the `free` values first."""
+    errors = {NAMES[place]: math.sqrt(max(covariance[i, i], 0.0)) for i, place in enumerate(free)}
     strength, exponent, damping, slope, cubic, push = (float(each) for each in values)
     size = max(abs(damping), 1.0e-4)
     model = Norrbin(
@@ -214,9 +231,11 @@ def _drive_fit(values: FloatArray, errors: dict[str, float], asked: _Asked) -> D
         min(asked.speeds) / asked.speed,
         max(asked.speeds) / asked.speed,
     )
-    of_damping = errors["damping"] / size
-    errors["time_constant"] = of_damping / size
-    errors["gain"] = model.gain * math.hypot(errors["strength"] / max(strength, 1.0e-9), of_damping)
+    errors["time_constant"] = errors["damping"] / size**2
+    # a boat that turns harder and is damped more turns alike in the end: their errors go together
+    by = np.zeros(covariance.shape[0])
+    by[free.index(0)], by[free.index(2)] = 1.0 / max(strength, 1.0e-9), -math.copysign(1.0 / size, damping)
+    errors["gain"] = model.gain * math.sqrt(max(float(by @ covariance @ by), 0.0))
     sentences = []
     if "exponent" in errors:
         name = "throttle_exponent" if asked.by_throttle else "speed_exponent"
@@ -239,19 +258,20 @@ def _drive_fit(values: FloatArray, errors: dict[str, float], asked: _Asked) -> D
     return DriveFit(model, law, errors, tuple(sentences))
 
 
-def _covariance(stack: _Stack, known: NDArray[np.bool_], jacobian: FloatArray, left: FloatArray) -> FloatArray:
-    """Return (J'J)^-1 times the variance of the residuals, times as many samples as are of one stretch: their
-    integrated autocorrelation, summed until it is first below 0.05."""
-    spread = float(np.mean(left**2))
-    wide = np.zeros(stack.rate.shape)
-    wide[known] = left
-    times, sum_all = 1.0, max(float(np.sum(wide * wide)), 1.0e-30)
-    for lag in range(1, len(wide) // 4):
-        alike = float(np.sum(wide[lag:] * wide[:-lag])) / sum_all
-        if alike < 0.05:
-            break
-        times += 2.0 * alike
-    return np.asarray(np.linalg.pinv(jacobian.T @ jacobian) * spread * times)
+def _covariance(known: NDArray[np.bool_], jacobian: FloatArray, left: FloatArray) -> FloatArray:
+    """Return the covariance of what was fitted, from the residuals that are `left` and their `jacobian`, a row for each
+    sample that is `known`: that of scores that may remember (`residuals.robust_covariance`).
+
+    What pushes a boat slowly tells against what its rudder does within seconds by little: residuals that remember
+    long do not make each sample tell less alike.
+    """
+    slopes, residuals = np.zeros((*known.shape, jacobian.shape[1])), np.zeros(known.shape)
+    slopes[known], residuals[known] = jacobian, left
+    lasts = [int(np.flatnonzero(column)[-1]) + 1 for column in known.T]
+    return robust_covariance(
+        [slopes[:last, k, None] for k, last in enumerate(lasts)],
+        [residuals[:last, k, None] for k, last in enumerate(lasts)],
+    )
 
 
 def _span(values: Sequence[float]) -> float:

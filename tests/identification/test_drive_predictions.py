@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from thrust_intervals import off_by
 
 from autopilot.cli.main import main
 from autopilot.identification.drive_effect import DriveFit, Prediction, at_one_throttle, fit_drive, likely_drive
@@ -146,6 +147,15 @@ def test_what_is_little_known_is_not_called_good(
     predictions = [Prediction(0.99, 0.0), Prediction(r2, 0.0)]
     verdict = verdict_by_thrust(fit._replace(errors=errors), predictions, lasted * fit.model.time_constant)
     assert verdict.grade == grade and verdict.sentence.endswith(".")
+
+
+@pytest.mark.parametrize("gust_deg", [0.0, 1.0])
+def test_intervals_are_as_wide_as_the_errors(gust_deg: float) -> None:
+    """Within a factor of three too wide, and of two too narrow, in a calm and in gusts."""
+    found = [off_by(seed, gust_deg) for seed in range(5)]
+    for name in ("K", "T", "K/T", "n1/T"):
+        size = math.sqrt(float(np.mean([each[name][0] ** 2 for each in found])))
+        assert 1.0 / 3.0 < size < 2.0, name
 
 
 def test_identify_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
