@@ -10,17 +10,18 @@ How well a model predicts a run: open loop over its whole length, from rudder an
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import chdtrc, ndtri
 
 from autopilot.identification.residuals import initial_state
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment, seconds
-from autopilot.identification.simulation import Forcing, Trajectory, at_samples, forcing, rudder_behind, simulate
+from autopilot.identification.simulation import Forcing, Trajectory, at_samples, forcing, motion_in_parts, rudder_behind
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.weather import RaceAndWind
 
@@ -59,7 +60,7 @@ def simulate_run(
     steps = forcing(run.segments, longest)
     steps = steps._replace(rudder=rudder_behind(train, steps))
     states = [initial_state(segment) for segment in run.segments]
-    motion = simulate(model, steps, np.array([rate for rate, _ in states]), around, _as_measured(run, steps))
+    motion = motion_in_parts(model, steps, np.array([rate for rate, _ in states]), around, _as_measured(run, steps))
     return [
         np.stack([at_samples(motion.rate, steps, s), at_samples(motion.turned, steps, s) + heading], axis=1)
         for s, (_, heading) in enumerate(states)
@@ -177,8 +178,8 @@ class ResidualTest(NamedTuple):
             said = [f"The residuals of the {self.signal} are white: noise of the instruments explains them."]
         else:
             said = [
-                f"The residuals of the {self.signal} stay correlated for {self.memory:.3g} s: gusts, or what the model "
-                "leaves out; the standard errors allow for it."
+                f"The residuals of the {self.signal} remember {self.memory:.3g} s: gusts, or what the model leaves "
+                "out; the standard errors allow for it."
             ]
         if self.follows_rudder:
             said.append(
@@ -221,20 +222,17 @@ def _test(
     longest = min(max(segment.time.size for segment in segments) - 1, 2000)
     N = sum(int(np.count_nonzero(np.isfinite(e))) for e in residuals)
     chance = QUANTILE / np.sqrt(N)
-    own, remembered = np.empty(0), longest
-    for correlation in _correlations(residuals, residuals, range(1, longest + 1)):
-        own = np.append(own, correlation)
-        remembered = min(remembered, own.size - 1) if abs(correlation) < chance else remembered
-        if own.size >= WHITENESS_LAGS and remembered < own.size:
-            break
+    own = correlations(residuals, residuals, longest)[1:]
+    within = np.flatnonzero(np.abs(own) < chance)
+    remembered = int(within[0]) if within.size else longest
     first = own[:WHITENESS_LAGS]
     box = N * (N + 2.0) * float(np.sum(first**2 / (N - np.arange(1, first.size + 1))))
     memory = float(remembered) * spacing
     rudders = [_centred(segment.rudder) for segment in segments]
     step = max(1, round(REACH_TIME_CONSTANTS * time_constant / RUDDER_LAGS / spacing))
     lags = [lag for lag in range(0, step * RUDDER_LAGS, step) if lag < longest] or [0]
-    crossed = np.array([*_correlations(rudders, residuals, lags)])
-    rudder_own = np.array([*_correlations(rudders, rudders, range(1, remembered + 1))])
+    crossed = correlations(rudders, residuals, longest)[lags]
+    rudder_own = correlations(rudders, rudders, remembered)[1:]
     # two signals that both remember are alike by chance more often than white ones
     spread = np.sqrt(max(1.0 + 2.0 * float(np.sum(own[:remembered] * rudder_own)), 1.0) / N)
     # the largest of many is larger by chance than one of them
@@ -255,18 +253,27 @@ def _centred(values: FloatArray) -> FloatArray:
     return np.asarray(values - np.nanmean(values)) if np.isfinite(values).any() else values
 
 
-def _correlations(earlier: Sequence[FloatArray], later: Sequence[FloatArray], lags: Iterable[int]) -> Iterator[float]:
-    """Yield the correlations of `later` with `earlier` a number of samples before, over all segments."""
-    power = _power(earlier) * _power(later)
-    for lag in lags:
-        together = count = 0.0
-        for before, after in zip(earlier, later, strict=True):
-            if lag < after.size:
-                products = before[: before.size - lag] * after[lag:]
-                known = np.isfinite(products)
-                together += float(np.sum(products[known]))
-                count += float(np.count_nonzero(known))
-        yield together / count / float(np.sqrt(power)) if count and power > 0.0 else 0.0
+def correlations(earlier: Sequence[FloatArray], later: Sequence[FloatArray], longest: int) -> FloatArray:
+    """Return the correlations of `later` with `earlier` a number of samples before, from 0 to `longest`, over all
+    segments: by their spectra, for thousands of lags of a long log would take minutes one by one."""
+    together, count = np.zeros(longest + 1), np.zeros(longest + 1)
+    for before, after in zip(earlier, later, strict=True):
+        lags = slice(0, min(longest + 1, after.size))
+        known = np.isfinite(before), np.isfinite(after)
+        together[lags] += _products(np.where(known[0], before, 0.0), np.where(known[1], after, 0.0), lags.stop)
+        if known[0].all() and known[1].all():
+            count[lags] += after.size - np.arange(lags.stop)
+        else:
+            count[lags] += np.rint(_products(known[0].astype(float), known[1].astype(float), lags.stop))
+    power = math.sqrt(_power(earlier) * _power(later))
+    return together / np.maximum(count, 1.0) / power if power > 0.0 else np.zeros(longest + 1)
+
+
+def _products(before: FloatArray, after: FloatArray, lags: int) -> FloatArray:
+    """Return the sums of `after` times `before` so many samples earlier, shape (lags,); zeros behind the end keep it
+    from coming round."""
+    size = next_fast_len(after.size + lags - 1, real=True)
+    return np.asarray(irfft(rfft(after, size) * np.conj(rfft(before, size)), size)[:lags])
 
 
 def _power(signals: Sequence[FloatArray]) -> float:

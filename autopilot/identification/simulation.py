@@ -83,12 +83,7 @@ def forcing(segments: Sequence[Segment], longest_step: float, together: float | 
     )
     driven = {
         "rudder": np.concatenate([np.interp(m, *path) for m, path in zip(moments, paths, strict=True)], axis=1)
-    } | {
-        name: np.concatenate(
-            [_recorded(segment, name, times) for segment, times in zip(segments, moments, strict=True)], axis=1
-        )
-        for name in INPUTS_BESIDE_RUDDER
-    }
+    } | {name: _recorded(segments, name, moments) for name in INPUTS_BESIDE_RUDDER}
     samples = tuple(
         _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
     )
@@ -108,9 +103,18 @@ def rudder_behind(train: RudderTrain, forcing: Forcing) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def _recorded(segment: Segment, name: str, moments: FloatArray) -> FloatArray:
-    values = getattr(segment, name)
-    return np.interp(moments, segment.time, values) if values.size else np.zeros_like(moments)
+def _recorded(segments: Sequence[Segment], name: str, moments: Sequence[FloatArray]) -> FloatArray:
+    """Return what was recorded at the moments, shape (3, M); 0 where nothing was, which takes no memory of its own."""
+    columns = [getattr(segment, name) for segment in segments]
+    if not any(values.size for values in columns):
+        return np.broadcast_to(0.0, (3, sum(times.shape[1] for times in moments)))
+    return np.concatenate(
+        [
+            np.interp(times, segment.time, values) if values.size else np.zeros_like(times)
+            for segment, values, times in zip(segments, columns, moments, strict=True)
+        ],
+        axis=1,
+    )
 
 
 def _places(time: FloatArray, knots: FloatArray, start: int) -> SamplePlaces:
@@ -205,7 +209,6 @@ class Trajectory(NamedTuple):
     linearised: Linearised | None = None
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a model that runs away is bounded, not an accident
 def simulate(
     model: Norrbin,
     forcing: Forcing,
@@ -220,15 +223,57 @@ def simulate(
     begins as if it had turned so for long. guess: a similar model's motion to begin the search with; it does not change
     the result.
     """
+    state, advance, near = _moved(model, forcing, _initial(initial_rate, around), around, guess)
+    return _trajectory(state, _turned(advance, forcing))._replace(linearised=near)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a model that runs away is bounded, not an accident
+def _moved(
+    model: Norrbin, forcing: Forcing, initial: FloatArray, around: RaceAndWind | None, guess: Trajectory | None
+) -> tuple[FloatArray, FloatArray, Linearised | None]:
+    """Return the states at the nodes, the angles [rad] turned in the steps, and the steps next to that motion where
+    Newton's method arrived."""
     drives = _drives(model, forcing, around)
-    initial = _initial(initial_rate, around)
     found = _by_newton(drives, forcing, initial, guess)
     if found is None:
         state = _one_by_one(drives, forcing, initial)
-        return _trajectory(state, _turned(_advance(drives, state[:, forcing.begin])[1], forcing))
+        return state, _advance(drives, state[:, forcing.begin])[1], None
     state, near = found
-    advance = near.advance + np.einsum("cm,cm->m", near.turning, state[:, forcing.begin] - near.start)
-    return _trajectory(state, _turned(advance, forcing))._replace(linearised=near)
+    return state, near.advance + np.einsum("cm,cm->m", near.turning, state[:, forcing.begin] - near.start), near
+
+
+def motion_in_parts(
+    model: Norrbin,
+    forcing: Forcing,
+    initial_rate: FloatArray,
+    around: RaceAndWind | None = None,
+    guess: Trajectory | None = None,
+) -> Trajectory:
+    """Return what `simulate` does, without what a fit needs beside it: some steps after the others, so that a day's log
+    takes little more memory than its rudder and its motion."""
+    steps, nodes = forcing.step.size, forcing.step.size + forcing.first.size
+    state, advance = np.empty((_initial(initial_rate, around).shape[0], nodes)), np.empty(steps)
+    state[:, forcing.first] = _initial(initial_rate, around)
+    for start in range(0, steps, PART):
+        inside = slice(start, min(start + PART, steps))
+        begin = forcing.begin[inside]
+        whole = slice(int(begin[0]), int(begin[-1]) + 2)
+        first = forcing.first[(forcing.first >= whole.start) & (forcing.first < whole.stop - 1)]
+        first = np.union1d(first, whole.start)
+        part = forcing._replace(
+            step=forcing.step[inside],
+            begin=begin - whole.start,
+            first=first - whole.start,
+            **{name: getattr(forcing, name)[:, inside] for name in ("rudder", *INPUTS_BESIDE_RUDDER)},
+            scales={},
+        )
+        near = None if guess is None else Trajectory(guess.rate[whole], guess.turned[whole])
+        state[:, whole], advance[inside], _ = _moved(model, part, state[:, first], around, near)
+    return _trajectory(state, _turned(advance, forcing))
+
+
+PART = 1 << 16
+"""Steps that are simulated together where nothing is fitted to them."""
 
 
 @np.errstate(over="ignore", invalid="ignore")

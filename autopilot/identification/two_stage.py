@@ -25,6 +25,9 @@ from autopilot.errors import InputError
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO
 
+START_VARIANCE = 1.0e6
+"""Of a guess that nobody believes, in units of the noise's variance."""
+
 
 class RlsState(NamedTuple):
     """theta: estimate, n numbers. P: its covariance in units of the noise variance, n rows of n numbers."""
@@ -33,7 +36,7 @@ class RlsState(NamedTuple):
     P: tuple[tuple[float, ...], ...]
 
 
-def rls_start(theta: Sequence[float], variance: float | Sequence[float] = 1.0e6) -> RlsState:
+def rls_start(theta: Sequence[float], variance: float | Sequence[float] = START_VARIANCE) -> RlsState:
     """Return the state before the first measurement: a guess `theta` with P = diag(`variance`), one for all or each.
 
     Raises ValueError where a variance is not positive and finite.
@@ -118,7 +121,15 @@ def nomoto_stage(runs: Sequence[Run], reference_speed: float, forgetting: float 
     Without a measured yaw rate it is differenced from the heading. None where the result is no boat that
     settles on a turn (K and T not both positive).
     """
-    return nomoto_at_end(nomoto_path(runs, reference_speed, forgetting)[1])
+    if forgetting < 1.0:
+        return nomoto_at_end(nomoto_path(runs, reference_speed, forgetting)[1])
+    # where nothing is forgotten the recursion ends at the least squares of all equations and the guess it began with
+    information, pull, count = np.diag([1.0 / START_VARIANCE] * 2), np.zeros(2), 0
+    for segment in (segment for run in runs for segment in run.segments):
+        _, phi, y = _equations(segment, reference_speed)
+        information, pull, count = information + phi.T @ phi, pull + phi.T @ y, count + y.size
+    gain, time_constant = np.linalg.solve(information, pull).tolist()
+    return Nomoto(gain, time_constant, count) if gain > 0.0 and time_constant > 0.0 else None
 
 
 def nomoto_at_end(values: FloatArray) -> Nomoto | None:

@@ -12,7 +12,13 @@ from independent_boat import Boat, Sea, sailed
 from zigzag_trials import LANXIN, noisy, run_of, zigzag
 
 from autopilot.identification import simulation
-from autopilot.identification.residual_tests import ResidualTest, answered_share, residual_tests, simulate_run
+from autopilot.identification.residual_tests import (
+    ResidualTest,
+    answered_share,
+    correlations,
+    residual_tests,
+    simulate_run,
+)
 from autopilot.models.norrbin import Norrbin
 
 TRUTH = Norrbin(LANXIN["K"], LANXIN["T"], LANXIN["n3"], reference_speed=5.0)
@@ -45,6 +51,19 @@ def test_a_gain_that_is_wrong_leaves_the_rudder_in_the_residuals() -> None:
     assert test.rudder > 0.5
     assert test.rudder_lag < 1.0
     assert any("misses part of what the rudder does" in sentence for sentence in test.sentences())
+
+
+def test_correlations_of_segments_with_blanks_are_those_of_the_products_lag_by_lag() -> None:
+    random = np.random.default_rng(8)
+    one, other = ([random.normal(size=size) for size in (400, 37, 9)] for _ in range(2))
+    other[0][50:80] = one[1][3] = math.nan
+    found = correlations(one, other, 60)
+    scale = math.sqrt(float(np.nanmean(np.concatenate(one) ** 2)) * float(np.nanmean(np.concatenate(other) ** 2)))
+    for lag in range(61):
+        products = np.concatenate(
+            [a[: a.size - lag] * b[lag:] for a, b in zip(one, other, strict=True) if lag < a.size]
+        )
+        assert found[lag] == pytest.approx(float(np.nanmean(products)) / scale, abs=1.0e-12)
 
 
 def test_only_what_was_measured_is_tested() -> None:

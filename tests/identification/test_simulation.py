@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory import measured
 from scipy.integrate import solve_ivp
 from zigzag_trials import LANXIN, zigzag
 
 from autopilot.identification import simulation
+from autopilot.identification.residual_tests import simulate_run
 from autopilot.identification.rudder_path import corners
-from autopilot.identification.runs import FloatArray, Segment, run_from_columns
-from autopilot.identification.simulation import at_samples, forcing, simulate, slopes
+from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
+from autopilot.identification.simulation import at_samples, forcing, motion_in_parts, simulate, slopes
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.weather import RaceAndWind
 
@@ -53,6 +55,24 @@ def test_all_steps_at_once_are_the_steps_one_after_the_other(
     expected = in_turn(model, segments, start, longest)
     found = simulate(model, forcing(segments, longest), np.array(start)).rate
     np.testing.assert_allclose(found, expected, atol=1.0e-9 * max(1.0, float(np.max(np.abs(expected)))))
+
+
+@pytest.mark.parametrize("around", [None, DRIFTING])
+def test_in_parts_the_motion_is_the_same(around: RaceAndWind | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, start = forcing([segment(seed=1), segment(1.0, seed=3), segment(8.0, 0.25, seed=2)], 0.02), np.zeros(3) + 0.1
+    whole = simulate(TRUTH, steps, start, around)
+    monkeypatch.setattr(simulation, "PART", 97)
+    parts = motion_in_parts(TRUTH, steps, start, around, guess=whole)
+    np.testing.assert_allclose(parts.rate, whole.rate, atol=1.0e-11)
+    np.testing.assert_allclose(parts.turned, whole.turned, atol=1.0e-11)
+
+
+def test_predicting_a_day_takes_little_more_memory_than_its_motion() -> None:
+    time = np.arange(0.0, 5_000.0, 0.1)
+    still = np.zeros_like(time)
+    longs = Segment(time, still, still, 0.2 * np.sin(0.7 * time), still + 5.0)
+    _, taken = measured(lambda: simulate_run(TRUTH, Run("day", (longs,))))
+    assert taken.peak < 2.0e3 * time.size, "of 7 steps to a sample"
 
 
 def test_a_guess_does_not_change_the_result() -> None:

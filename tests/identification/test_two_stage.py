@@ -12,7 +12,7 @@ from autopilot.identification.identified import Question
 from autopilot.identification.identify import SteadyTurns
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run
-from autopilot.identification.two_stage import nomoto_stage
+from autopilot.identification.two_stage import nomoto_at_end, nomoto_path, nomoto_stage
 
 TWO_STAGE = method_named("two-stage")
 
@@ -28,6 +28,13 @@ def test_with_forgetting_the_latest_run_counts_and_without_it_all_do() -> None:
     assert forgetful is not None and faithful is not None
     assert forgetful.gain == pytest.approx(0.5, rel=0.03)
     assert 0.52 < faithful.gain < 0.78
+
+
+def test_without_forgetting_the_sums_of_all_equations_end_where_the_recursion_does() -> None:
+    runs = [sampled(0.8), sampled(0.5)]
+    at_once, in_turn = nomoto_stage(runs, 5.0), nomoto_at_end(nomoto_path(runs, 5.0)[1])
+    assert at_once is not None and in_turn is not None
+    np.testing.assert_allclose(at_once, in_turn, rtol=1.0e-9)
 
 
 def test_n3_comes_from_steady_turns_with_the_gain_held() -> None:
