@@ -185,12 +185,12 @@ def _quickest(time: FloatArray, order: FloatArray) -> float:
 
 def unchecked(runs: Sequence[Run]) -> str:
     """Return what K and T depend on that nothing in the runs checks: what is alike in all of them, no fit shows."""
-    what = ["the speed that was recorded (not of a fouled log, nor over the ground in a current)"]
+    what = ["the recorded speed is right (no fouled log, no current under a speed over ground)"]
     if not any(np.isfinite(segment.rate).any() for run in runs for segment in run.segments):
-        what.append("a rudder that goes as far as recorded (no gyro would show an end stop)")
+        what.append("the rudder goes as far as recorded (no gyro would show an end stop)")
     if on_one_course(runs):
-        what.append("the compass (neither a gyro nor another course checks it)")
-    return f"K and T count on {' and '.join(filter(None, [', '.join(what[:-1]), what[-1]]))}"
+        what.append("the compass is right (neither a gyro nor another course checks it)")
+    return f"K and T rest on this: {', and '.join(what)}"
 
 
 def gear_check(runs: Sequence[Run], filed: float, measured: RudderRate | None) -> GearCheck:
@@ -211,7 +211,7 @@ def gear_check(runs: Sequence[Run], filed: float, measured: RudderRate | None) -
     elif not math.isfinite(filed):
         shown = "the rudder's angles and rate are as ordered"
     elif shows_rate(runs, filed):
-        shown = "it turns as with a rudder of the typed rate, whose angles are as typed"
+        shown = "it turns as a rudder of the typed rate would turn it, its angles are as typed"
     else:
         return GearCheck((UNKNOWN_RATE,), "", AS_TYPED)
     return GearCheck((), f"{shown}; {unchecked(runs)}", AS_TYPED)
