@@ -153,8 +153,59 @@ def unturned_most(turns: Turns, rate: float, step: float, usual: float, lag: flo
     return most + (noise if noise > HELD_LEAST else HELD_LEAST)
 
 
+def usual_step(held: Held, off: float, step: float, is_turn: bool) -> Held:
+    """Return what is known after a heading that is `off` [rad] as it usually is, a `step` [s] after the one before."""
+    usual, known = held.usual, held.known
+    counts = off * off if abs(off) < 3.0 * HELD_LEAST else 9.0 * HELD_LEAST * HELD_LEAST
+    # a mean of all there is at first: what begins at nought takes noise for jumps
+    known += step if known < HELD_USUAL_TIME else 0.0
+    usual += step / known * (counts - usual) if known > step else counts - usual
+    return held._replace(usual=usual, known=known, is_turn=is_turn)
+
+
+def begun(held: Held, off: float, time: float) -> Held:
+    """Return what is held as a heading is `off` [rad] at `time` [s], and nobody knows yet whether it has jumped."""
+    is_first = held.offset == 0.0 and not time - held.jumped < HELD_SAID
+    jumps, by, is_said = (1, off, False) if is_first else (held.jumps + 1, held.by, held.is_said)
+    return held._replace(onset=time, before=held.offset, moved=0.0, jumped=time, jumps=jumps, by=by, is_said=is_said)
+
+
+def ended(held: Held, rest: float) -> Held:
+    """Return what is held where the heading has come to rest: nothing where less than `rest` [rad] is left."""
+    offset = 0.0 if abs(held.offset) <= rest else held.offset
+    is_said = held.is_said or held.jumps >= JUMPS or abs(held.offset - held.before) > rest
+    return held._replace(offset=offset, onset=math.nan, moved=0.0, is_turn=False, is_said=is_said)
+
+
+def sudden_most(quickest: float, step: float, usual: float) -> float:
+    """Return by how much [rad] a heading may be off at once, a `step` [s] after the one before, in a boat that turns by
+    `quickest` [rad/s] at most, behind noise, `usual` [rad] as a root mean square."""
+    noise = HELD_SIGMAS * SQRT_2 * usual
+    return quickest * step + (noise if noise > HELD_LEAST else HELD_LEAST)
+
+
+def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float, quickest: float) -> Held:
+    """Take a heading that is further by `turned`, (by heading [rad], in a step [s]), at `time` [s], no rate of turn being
+    believed; return what is held.
+
+    By more than the boat turns at its `quickest` [rad/s] it has jumped, and is held like that: by what it moves on
+    beside, the boat turns. One that is back within HELD_SETTLES was a spike. jump: see `held_step`.
+    """
+    (by_heading, step), deviation = turned, math.sqrt(held.usual)
+    is_sudden = sudden_most(quickest, step, deviation) < abs(by_heading) < jump + HELD_LEAST
+    if not is_sudden or held.known < HELD_LAG:
+        # half of it is the heading's before
+        held = usual_step(held, by_heading / SQRT_2, step, False)
+    else:
+        held = begun(held, by_heading, time) if math.isnan(held.onset) else held
+        held = held._replace(offset=held.offset + by_heading)
+    if time - held.onset >= HELD_SETTLES:
+        return ended(held, 0.5 * unturned_most(NO_TURNS, 0.0, 0.0, deviation, 0.0))
+    return held
+
+
 def held_step(
-    held: Held, turns: Turns, turned: tuple[float, float, float], at: tuple[float, float], jump: float
+    held: Held, turns: Turns, turned: tuple[float, float, float], at: tuple[float, float], most: tuple[float, float]
 ) -> tuple[Held, Turns]:
     """Take a heading that is further by `turned`, (by heading, by rate [rad], in a step [s]), at (time [s], rate
     [rad/s]); return what is held, and the turns without the jump.
@@ -162,53 +213,44 @@ def held_step(
     What lies between the turns of late is the innovation of the heading against the rate's own reckoning, which
     forgets in SENSE_TIME. Where it is beyond its limit, or its change at once beyond what no lag excuses, the heading
     is off, and for HELD_SETTLES the rate alone carries on. One that has come to rest by then has jumped, one that is
-    back was a spike, and one that moves on, or again to the same side soon, turns, and the rate does not. By more than
-    `jump` [rad] at once it is none of ours: that ends steering.
+    back was a spike, and one that moves on, or again to the same side soon, turns, and the rate does not. One that moves
+    on by what no boat turns at once has jumped again. most: by more than its first [rad] at once it is none of ours,
+    that ends steering; its second is the boat's quickest turn [rad/s].
     """
-    (by_heading, by_rate, step), (time, rate) = turned, at
+    (by_heading, by_rate, step), (time, rate), (jump, quickest) = turned, at, most
     after, at_once = turns_step(turns, by_heading, by_rate, step), by_heading - by_rate
     off = after.heading - after.rate
-    offset, usual, known, onset, before, moved, is_turn, jumped, jumps, by, is_said = held
-    deviation, most, goes_on = math.sqrt(usual), jump + HELD_LEAST, False
+    deviation, ours, goes_on = math.sqrt(held.usual), jump + HELD_LEAST, False
     limit = unturned_most(turns, rate, step, deviation, HELD_LAG)
     rests = HELD_RESTS * limit
-    if not math.isnan(onset):
-        off = at_once
-    else:
-        goes_on = offset * off > 0.0 and abs(off) > rests and time - jumped < TURN_SHOWS
+    if math.isnan(held.onset):
+        goes_on = held.offset * off > 0.0 and abs(off) > rests and time - held.jumped < TURN_SHOWS
         is_off = abs(off) > limit or goes_on
         is_jump = is_off or abs(at_once) > unturned_most(turns, rate, step, SQRT_2 * deviation, step)
-        if is_turn or not is_jump or abs(off) >= most or known < HELD_LAG:
-            counts = off * off if abs(off) < 3.0 * HELD_LEAST else 9.0 * HELD_LEAST * HELD_LEAST
-            # a mean of all there is at first: what begins at nought takes noise for jumps
-            known += step if known < HELD_USUAL_TIME else 0.0
-            usual += step / known * (counts - usual) if known > step else counts - usual
-            is_turn = abs(off) > (rests if is_turn else limit)
-            return Held(offset, usual, known, onset, before, moved, is_turn, jumped, jumps, by, is_said), after
+        if held.is_turn or not is_jump or abs(off) >= ours or held.known < HELD_LAG:
+            return usual_step(held, off, step, abs(off) > (rests if held.is_turn else limit)), after
         off = off if is_off else at_once
-        onset, before, moved = time, 0.0 if goes_on else offset, 0.0
-        is_first = offset == 0.0 and not time - jumped < HELD_SAID
-        jumped, jumps, by, is_said = (time, 1, off, False) if is_first else (time, jumps + 1, by, is_said)
-    offset += off
-    by_jump = offset - before
+        held = begun(held, off, time)
+        held = held._replace(before=0.0) if goes_on else held
+    else:
+        off = at_once
+        if abs(held.offset + off - held.before) >= ours > abs(off) > sudden_most(quickest, step, deviation):
+            held = begun(held, off, time)
+    by_jump, before = held.offset + off - held.before, held.before
     # half of what noise alone allows
     rest = 0.5 * unturned_most(NO_TURNS, 0.0, 0.0, deviation, 0.0)
-    is_over, is_back = time - onset >= HELD_SETTLES, abs(offset) <= rest
-    moved += off if time - onset > 0.5 * HELD_SETTLES else 0.0
-    moves_on = is_over and not is_back and abs(moved) > rests
-    if moves_on or abs(by_jump) >= most or goes_on:
+    moved = held.moved + (off if time - held.onset > 0.5 * HELD_SETTLES else 0.0)
+    is_over, is_back = time - held.onset >= HELD_SETTLES, abs(before + by_jump) <= rest
+    if (is_over and not is_back and abs(moved) > rests) or abs(by_jump) >= ours or goes_on:
         by_jump -= off
         after = after._replace(apart=after.apart + by_jump, heading=after.heading + by_jump)
-        return Held(before, usual, known, math.nan, before, 0.0, True, jumped, jumps, by, is_said), after
+        return held._replace(offset=before, onset=math.nan, moved=0.0, is_turn=True), after
     after = turns_step(turns, by_heading - off, by_rate, step)
-    if not is_over:
-        return Held(offset, usual, known, onset, before, moved, False, jumped, jumps, by, is_said), after
-    is_said = is_said or jumps >= JUMPS or abs(by_jump) > rest
-    if is_back:
+    held = held._replace(offset=held.offset + off, moved=moved)
+    if is_over and is_back:
         # what is left is the noise of one heading
-        after = after._replace(apart=after.apart + offset, heading=after.heading + offset)
-        offset = 0.0
-    return Held(offset, usual, known, math.nan, before, 0.0, False, jumped, jumps, by, is_said), after
+        after = after._replace(apart=after.apart + held.offset, heading=after.heading + held.offset)
+    return (ended(held, rest) if is_over else held), after
 
 
 def turn_shown(held: Held, turns: Turns, unseen: float) -> tuple[Held, Turns]:
@@ -319,21 +361,25 @@ def consistency_step(
     if rate is None and beside is not None and 0.0 <= time - beside.time <= HEADINGS_APART_S:
         rate = beside.rate
     # a burst that was read at once has one time: its turn happened since the heading before
-    if last is None or rate is None or not is_same or not 0.0 <= time - last.time <= HEADINGS_APART_S:
+    if last is None or not is_same or not 0.0 <= time - last.time <= HEADINGS_APART_S:
         held = settled(before.held)
         # what comes behind a gap, or by another name, is none that jumped
         held = held._replace(offset=0.0) if last is not None and (rate is not None or not is_same) else held
         return before._replace(heading=sample, still=still, held=held)
     step, turn = time - last.time, sample.heading - last.heading
     turn = turn if -PI < turn <= PI else wrap(turn)
-    if jump == math.inf or before.found or still.rates >= FROZEN_RATES:
-        turns = turns_step(before.turns, turn, rate * step, step)
-        if before.held.offset and time - before.held.jumped < TURN_SHOWS:
-            # it was the rate that did not show a turn
-            before = before._replace(held=NOT_HELD)
+    if rate is None:
+        held = alone_step(before.held, (turn, step), time, jump, rate_most)
+        return before._replace(heading=sample, still=still, held=held)
+    if jump == math.inf:
+        held, turns = NOT_HELD, turns_step(before.turns, turn, rate * step, step)
+    elif before.found or still.rates >= FROZEN_RATES:
+        held = alone_step(before.held, (turn, step), time, jump, rate_most)
+        turns = turns_step(before.turns, turn + before.held.offset - held.offset, rate * step, step)
     else:
-        held, turns = held_step(before.held, before.turns, (turn, rate * step, step), (time, rate), jump)
-        before = before._replace(held=held)
+        at = time, rate
+        held, turns = held_step(before.held, before.turns, (turn, rate * step, step), at, (jump, rate_most))
+    before = before._replace(held=held)
     if most == math.inf:
         return before._replace(heading=sample, turns=turns, wild=wild)
     # where the compass stands as well nobody can tell which of the two is dead, nor by what no boat like this turns
@@ -341,10 +387,15 @@ def consistency_step(
     before = before._replace(still=still_step(still, time, clip(by, -most_turn, most_turn), step) if turn else still)
     if before.still.is_dead:
         found = before.found if before.is_refused else STANDS_STILL
-        return before._replace(
+        after = before._replace(
             heading=sample, turns=turns, since=math.nan, seen=time, found=found, is_refused=True, wild=wild
         )
-    return _judged(before, (sample, turns, wild), rate, most, not -rate_most <= rate <= rate_most)
+    else:
+        after = _judged(before, (sample, turns, wild), rate, most, not -rate_most <= rate <= rate_most)
+    if after.found and not before.found and held.offset and time - held.jumped < TURN_SHOWS:
+        # it was the rate that did not show a turn
+        return after._replace(held=NOT_HELD)
+    return after
 
 
 def _repeated(still: Still, rate: float | None, last: HeadingSample | RateSample | None) -> Still:

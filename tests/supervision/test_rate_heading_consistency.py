@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autopilot.angles import wrap
 from autopilot.signals import HeadingSample, RateSample
 from autopilot.supervision.compass_watch import (
     NO_TURNS,
@@ -325,6 +326,90 @@ def test_a_jump_behind_another_is_held_beside_it() -> None:
     offset, said = heard(lambda now: 20.0 * ((now >= 2.0) + (now >= 12.0)), seconds=20.0)
     assert offset == pytest.approx(40.0, abs=1.5)
     assert said == ["by +20 deg"]
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1])
+@pytest.mark.parametrize("apart_s", [0.3, 1.0])
+@pytest.mark.parametrize("jump", [16.0, -20.0])
+def test_two_jumps_right_after_one_another_are_both_held(jump: float, apart_s: float, dt: float) -> None:
+    """Together beyond what is ours, they were taken for a turn, and the boat turned by both."""
+    offset, said = heard(lambda now: jump * ((now >= 2.0) + (now >= 2.0 + apart_s)), dt=dt)
+    assert offset == pytest.approx(2.0 * jump, abs=1.5)
+    assert said == [f"by {jump:+.0f} deg"]
+
+
+def beside_no_rate(
+    shown: Callable[[float], float],
+    *,
+    refused: bool,
+    seconds: float = 40.0,
+    dt: float = 0.1,
+    noise_deg: float = 0.2,
+    seed: int = 3,
+) -> tuple[float, list[str]]:
+    """As `heard`, the boat turning by 30 deg/s at most, without a rate or beside one that was found to be wrong."""
+    random, watch, said = np.random.default_rng(seed), Consistency(), list[str]()
+    for k in range(round(seconds / dt)):
+        now = k * dt
+        rate = math.radians(10.0 if now >= 2.0 else 0.0) if refused else None
+        heading = math.radians(shown(now) + noise_deg * float(random.standard_normal()))
+        watch = consistency_step(
+            watch, HeadingSample(now, wrap(heading), rate, "c"), math.radians(15.0), math.radians(30.0), math.radians(25.0)
+        )
+        said += [event.detail for event in held_events(watch.held, now) if event.detail not in said]
+    assert bool(watch.found) is refused
+    return math.degrees(watch.held.offset), said
+
+
+@pytest.mark.parametrize("refused", [False, True])
+@pytest.mark.parametrize("jump", [12.0, -12.0, 20.0, 24.0])
+def test_without_a_rate_what_no_boat_turns_at_once_is_held(jump: float, refused: bool) -> None:
+    """A compass alone, or beside a gyro that was found wrong, was followed without a word."""
+    offset, said = beside_no_rate(lambda now: 3.0 * math.sin(now) + (jump if now >= 30.0 else 0.0), refused=refused)
+    assert offset == pytest.approx(jump, abs=1.5)
+    assert said == [f"by {math.degrees(math.radians(offset)):+.0f} deg"]
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_without_a_rate_a_spike_is_none_and_a_magnet_taken_away_leaves_nothing(refused: bool) -> None:
+    assert beside_no_rate(lambda now: 12.0 if 30.0 <= now < 30.25 else 0.0, refused=refused) == (0.0, [])
+    offset, said = beside_no_rate(lambda now: 12.0 if 20.0 <= now < 30.0 else 0.0, refused=refused)
+    assert (offset, len(said)) == (0.0, 1)
+    offset, said = beside_no_rate(lambda now: 12.0 * (now >= 20.0 and now % 3.0 < 0.25), refused=refused, seconds=41.0)
+    assert offset == 0.0
+    assert len(said) == 1
+    assert said[0].startswith("to and fro by ")
+
+
+@pytest.mark.parametrize("refused", [False, True])
+@pytest.mark.parametrize("dt", [0.1, 0.5, 1.0])
+def test_without_a_rate_no_turn_of_the_boat_is_a_jump(dt: float, refused: bool) -> None:
+    """Ramps of 28 deg/s to both sides."""
+
+    def swung(now: float) -> float:
+        return 28.0 * abs((now % 4.0) - 2.0)
+
+    assert beside_no_rate(swung, refused=refused, dt=dt, seconds=120.0) == (0.0, [])
+
+
+@pytest.mark.parametrize("noise_deg", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("dt", [0.05, 0.1, 1.0])
+def test_without_a_rate_noise_is_no_jump(noise_deg: float, dt: float) -> None:
+    for seed in range(10):
+        found = beside_no_rate(lambda _: 0.0, refused=False, seconds=120.0, dt=dt, noise_deg=noise_deg, seed=seed)
+        assert found == (0.0, []), seed
+
+
+def test_a_rate_that_ends_behind_a_jump_leaves_it_held() -> None:
+    """Half a second after a jump the gyro fell silent, and the boat turned by the jump."""
+    limits, watch = (math.radians(15.0), 2.0, math.radians(25.0)), Consistency()
+    for k in range(100):
+        now = 0.1 * k
+        shown = math.radians(12.0 if now > 4.95 else 0.0)
+        rate = 0.001 * (-1.0) ** k if now < 5.5 else None
+        watch = consistency_step(watch, HeadingSample(now, shown, rate, "c"), *limits)
+    assert math.degrees(watch.held.offset) == pytest.approx(12.0, abs=0.5)
+    assert held_events(watch.held, now)
 
 
 @pytest.mark.parametrize("odd", [math.nan, math.inf])
