@@ -121,14 +121,15 @@ MOVES = Still()
 class Held(NamedTuple):
     """How far the headings are off from what the rate of turn carries on, by a jump that it does not show.
 
-    offset [rad]: they are further than the boat by so much; usual [rad^2]: the mean square of the innovation, over the
-    time `known` [s]. While it is not known whether it is a jump: onset [s], nan otherwise, the offset `before`, and how
+    offset [rad]: they are further than the boat by so much; usual and at_once [rad^2]: the mean squares of the
+    innovation, and of its change from one heading to the next, over the time `known` [s]. While it is not known whether it is a jump: onset [s], nan otherwise, the offset `before`, and how
     far it still `moved` in the second half [rad]. is_turn: the heading turns on and the rate does not, until they go
     together again. jumped [s]: when the heading was off last, and how often in a row; by [rad]: the first time;
     is_said: whether that is an alarm."""
 
     offset: float = 0.0
     usual: float = 0.0
+    at_once: float = 0.0
     known: float = 0.0
     onset: float = math.nan
     before: float = 0.0
@@ -153,14 +154,17 @@ def unturned_most(turns: Turns, rate: float, step: float, usual: float, lag: flo
     return most + (noise if noise > HELD_LEAST else HELD_LEAST)
 
 
-def usual_step(held: Held, off: float, step: float, is_turn: bool) -> Held:
-    """Return what is known after a heading that is `off` [rad] as it usually is, a `step` [s] after the one before."""
-    usual, known = held.usual, held.known
-    counts = off * off if abs(off) < 3.0 * HELD_LEAST else 9.0 * HELD_LEAST * HELD_LEAST
+def usual_step(held: Held, offs: tuple[float, float], step: float, is_turn: bool) -> Held:
+    """Return what is known after a heading that is off as it usually is, `offs` [rad] the innovation and its change, a
+    `step` [s] after the one before."""
+    off, change = offs
+    usual, at_once, known, most = held.usual, held.at_once, held.known, 9.0 * HELD_LEAST * HELD_LEAST
     # a mean of all there is at first: what begins at nought takes noise for jumps
     known += step if known < HELD_USUAL_TIME else 0.0
-    usual += step / known * (counts - usual) if known > step else counts - usual
-    return held._replace(usual=usual, known=known, is_turn=is_turn)
+    share = step / known if known > step else 1.0
+    usual += share * (min(off * off, most) - usual)
+    at_once += share * (min(change * change, most) - at_once)
+    return held._replace(usual=usual, at_once=at_once, known=known, is_turn=is_turn)
 
 
 def begun(held: Held, off: float, time: float) -> Held:
@@ -179,8 +183,8 @@ def ended(held: Held, rest: float) -> Held:
 
 def sudden_most(quickest: float, step: float, usual: float) -> float:
     """Return by how much [rad] a heading may be off at once, a `step` [s] after the one before, in a boat that turns by
-    `quickest` [rad/s] at most, behind noise, `usual` [rad] as a root mean square."""
-    noise = HELD_SIGMAS * SQRT_2 * usual
+    `quickest` [rad/s] at most, where it is usually off by `usual` [rad], a root mean square."""
+    noise = HELD_SIGMAS * usual
     return quickest * step + (noise if noise > HELD_LEAST else HELD_LEAST)
 
 
@@ -191,16 +195,16 @@ def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float
     By more than the boat turns at its `quickest` [rad/s] it has jumped, and is held like that: by what it moves on
     beside, the boat turns. One that is back within HELD_SETTLES was a spike. jump: see `held_step`.
     """
-    (by_heading, step), deviation = turned, math.sqrt(held.usual)
-    is_sudden = sudden_most(quickest, step, deviation) < abs(by_heading) < jump + HELD_LEAST
+    (by_heading, step), usual = turned, math.sqrt(held.at_once)
+    is_sudden = sudden_most(quickest, step, usual) < abs(by_heading) < jump + HELD_LEAST
     if not is_sudden or held.known < HELD_LAG:
         # half of it is the heading's before
-        held = usual_step(held, by_heading / SQRT_2, step, False)
+        held = usual_step(held, (by_heading / SQRT_2, by_heading), step, False)
     else:
         held = begun(held, by_heading, time) if math.isnan(held.onset) else held
         held = held._replace(offset=held.offset + by_heading)
     if time - held.onset >= HELD_SETTLES:
-        return ended(held, 0.5 * unturned_most(NO_TURNS, 0.0, 0.0, deviation, 0.0))
+        return ended(held, 0.5 * sudden_most(0.0, 0.0, usual))
     return held
 
 
@@ -220,21 +224,22 @@ def held_step(
     (by_heading, by_rate, step), (time, rate), (jump, quickest) = turned, at, most
     after, at_once = turns_step(turns, by_heading, by_rate, step), by_heading - by_rate
     off = after.heading - after.rate
-    deviation, ours, goes_on = math.sqrt(held.usual), jump + HELD_LEAST, False
+    deviation, change, ours, goes_on = math.sqrt(held.usual), math.sqrt(held.at_once), jump + HELD_LEAST, False
     limit = unturned_most(turns, rate, step, deviation, HELD_LAG)
     rests = HELD_RESTS * limit
     if math.isnan(held.onset):
         goes_on = held.offset * off > 0.0 and abs(off) > rests and time - held.jumped < TURN_SHOWS
         is_off = abs(off) > limit or goes_on
-        is_jump = is_off or abs(at_once) > unturned_most(turns, rate, step, SQRT_2 * deviation, step)
+        is_jump = is_off or abs(at_once) > unturned_most(turns, rate, step, change, step)
         if held.is_turn or not is_jump or abs(off) >= ours or held.known < HELD_LAG:
-            return usual_step(held, off, step, abs(off) > (rests if held.is_turn else limit)), after
+            is_turn = abs(off) > (rests if held.is_turn else limit)
+            return usual_step(held, (off, at_once), step, is_turn), after
         off = off if is_off else at_once
         held = begun(held, off, time)
         held = held._replace(before=0.0) if goes_on else held
     else:
         off = at_once
-        if abs(held.offset + off - held.before) >= ours > abs(off) > sudden_most(quickest, step, deviation):
+        if abs(held.offset + off - held.before) >= ours > abs(off) > sudden_most(quickest, step, change):
             held = begun(held, off, time)
     by_jump, before = held.offset + off - held.before, held.before
     # half of what noise alone allows
