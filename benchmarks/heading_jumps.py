@@ -31,7 +31,7 @@ from sitl.sea import Sea
 ROUGH = {**SEAS, "state 6": StudySea(5.0, 12.4, 16.0, 2.5)}
 HZ, COURSE_S = 20, 150.0
 JUMPS_DEG = (3, 5, 6, 7, 8, 10, 12, 15, 20, 24)
-JUMP, APART, RATE_MOST = math.radians(25.0), math.radians(15.0), 10.0
+JUMP, APART = math.radians(25.0), math.radians(15.0)
 SEEN_S, KNOWN_S = 10.0, 50.0
 
 Floats = npt.NDArray[np.float64]
@@ -39,7 +39,8 @@ Floats = npt.NDArray[np.float64]
 
 class Instruments(NamedTuple):
     """Compass: rate [Hz], noise [deg], lag and delay [s], share of headings lost, and a deviation that rolls with the
-    boat [deg]. Gyro: noise and the amplitude of a bias that drifts [deg/s], and its own rate [Hz], nan: the compass's.
+    boat [deg]. Gyro: noise and the amplitude of a bias that drifts [deg/s], and its own rate [Hz], nan: the compass's,
+    0: there is none.
     """
 
     hz: float = 10.0
@@ -68,6 +69,9 @@ INSTRUMENTS = {
     "2 Hz, 50 % lost": Instruments(2.0, 0.5, 0.3, lag=0.5, lost=0.5),
     "10 Hz, deviation 5 deg in roll": Instruments(noise=0.5, rate_noise=0.3, lag=0.5, deviation=5.0),
     "5 Hz, gyro 1 deg/s off": Instruments(5.0, 0.5, 1.0, 1.0, 0.5),
+    "10 Hz, no gyro": Instruments(noise=0.5, rate_hz=0.0),
+    "10 Hz, 2 deg, no gyro": Instruments(noise=2.0, rate_hz=0.0),
+    "5 Hz, lag 1 s, no gyro": Instruments(5.0, lag=1.0, rate_hz=0.0),
 }
 
 
@@ -111,21 +115,22 @@ def read(rows: Floats, kind: Instruments, random: np.random.Generator) -> Iterat
     heading = heading + np.radians(kind.noise * noise[1])
     for index in range(0, len(time), every):
         now, turns, own = float(time[index]), float(rate[index]), math.isnan(kind.rate_hz)
-        if not own and index % round(HZ / kind.rate_hz) == 0:
+        if kind.rate_hz > 0.0 and index % round(HZ / kind.rate_hz) == 0:
             yield RateSample(now, turns, "gyro")
         if not lost[index]:
             yield HeadingSample(now, wrap(float(heading[index])), turns if own else None, "compass")
 
 
 def watched(
-    samples: Iterator[HeadingSample | RateSample], at: float = math.inf, jump: float = 0.0
+    samples: Iterator[HeadingSample | RateSample], quickest: float, at: float = math.inf, jump: float = 0.0
 ) -> tuple[list[float], float]:
-    """Return when the alarm came [s], a compass being off by a `jump` [rad] from `at` [s] on, and what is held."""
+    """Return when the alarm came [s], a compass being off by a `jump` [rad] from `at` [s] on, and what is held; the
+    boat turns by `quickest` [rad/s] at most."""
     watch, said, was = compass_watch.Consistency(), list[float](), False
     for sample in samples:
         if isinstance(sample, HeadingSample) and sample.time >= at:
             sample = sample._replace(heading=wrap(sample.heading + jump))
-        watch = compass_watch.consistency_step(watch, sample, APART, RATE_MOST, JUMP)
+        watch = compass_watch.consistency_step(watch, sample, APART, quickest, JUMP)
         if watch.held.offset:
             watch = watch._replace(held=compass_watch.followed(watch.held, sample.time, 1.0 / HZ, True)[0])
         is_said = bool(compass_watch.held_events(watch.held, sample.time))
@@ -141,7 +146,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=20261128)
     asked = parser.parse_args()
     runs = [
-        sailed(boat, sea, np.random.default_rng((asked.seed, place, number)), 3600.0 * asked.hours)
+        (
+            build_pilot(boat.vessel)._config.steering.estimator.noises.rate_most,
+            sailed(boat, sea, np.random.default_rng((asked.seed, place, number)), 3600.0 * asked.hours),
+        )
         for place, boat in enumerate(alarms.plants().values())
         for number, sea in enumerate(ROUGH.values())
     ]
@@ -151,20 +159,20 @@ def main() -> None:
     print("|---|---|---|", "---|" * len(JUMPS_DEG), sep="")
     for place, (name, kind) in enumerate(INSTRUMENTS.items()):
         dice = np.random.default_rng((asked.seed, 7, place))
-        false = sum(len(watched(read(rows, kind, dice))[0]) for rows in runs)
+        false = sum(len(watched(read(rows, kind, dice), quickest)[0]) for quickest, rows in runs)
         cells = [of_jump(runs, kind, math.radians(jump), dice) for jump in JUMPS_DEG]
         print(f"| {name} | {false} | {false / hours:.3f} |", *(f"{cell} |" for cell in cells), flush=True)
 
 
-def of_jump(runs: list[Floats], kind: Instruments, jump: float, dice: np.random.Generator) -> str:
+def of_jump(runs: list[tuple[float, Floats]], kind: Instruments, jump: float, dice: np.random.Generator) -> str:
     """Return the share of jumps that are found, how soon, and by how much what is held is off then, at the median."""
     found = Counter[bool]()
     soon, off = list[float](), list[float]()
-    for rows in runs * 2:
+    for quickest, rows in runs * 2:
         at = float(dice.uniform(KNOWN_S, rows[-1, 0] - SEEN_S))
         part = rows[(rows[:, 0] >= at - KNOWN_S) & (rows[:, 0] < at + SEEN_S)]
         signed = math.copysign(jump, float(dice.uniform(-1.0, 1.0)))
-        said, held = watched(read(part, kind, dice), at, signed)
+        said, held = watched(read(part, kind, dice), quickest, at, signed)
         said = [time - at for time in said if time >= at]
         found[bool(said)] += 1
         if said:

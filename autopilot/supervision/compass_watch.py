@@ -122,10 +122,10 @@ class Held(NamedTuple):
     """How far the headings are off from what the rate of turn carries on, by a jump that it does not show.
 
     offset [rad]: they are further than the boat by so much; usual and at_once [rad^2]: the mean squares of the
-    innovation, and of its change from one heading to the next, over the time `known` [s]. While it is not known whether it is a jump: onset [s], nan otherwise, the offset `before`, and how
-    far it still `moved` in the second half [rad]. is_turn: the heading turns on and the rate does not, until they go
-    together again. jumped [s]: when the heading was off last, and how often in a row; by [rad]: the first time;
-    is_said: whether that is an alarm."""
+    innovation, and of its change from one heading to the next, over the time `known` [s]. While it is not known whether
+    it is a jump: onset [s], nan otherwise, the offset `before`, and how far it still `moved` in the second half [rad].
+    is_turn: the heading turns on and the rate does not, until they go together again. jumped [s]: when the heading was
+    off last, and how often in a row; by [rad]: the first time; is_said: whether that is an alarm."""
 
     offset: float = 0.0
     usual: float = 0.0
@@ -189,8 +189,8 @@ def sudden_most(quickest: float, step: float, usual: float) -> float:
 
 
 def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float, quickest: float) -> Held:
-    """Take a heading that is further by `turned`, (by heading [rad], in a step [s]), at `time` [s], no rate of turn being
-    believed; return what is held.
+    """Take a heading that is further by `turned`, (by heading [rad], in a step [s]), at `time` [s], beside no rate of
+    turn that is believed; return what is held.
 
     By more than the boat turns at its `quickest` [rad/s] it has jumped, and is held like that: by what it moves on
     beside, the boat turns. One that is back within HELD_SETTLES was a spike. jump: see `held_step`.
@@ -217,9 +217,9 @@ def held_step(
     What lies between the turns of late is the innovation of the heading against the rate's own reckoning, which
     forgets in SENSE_TIME. Where it is beyond its limit, or its change at once beyond what no lag excuses, the heading
     is off, and for HELD_SETTLES the rate alone carries on. One that has come to rest by then has jumped, one that is
-    back was a spike, and one that moves on, or again to the same side soon, turns, and the rate does not. One that moves
-    on by what no boat turns at once has jumped again. most: by more than its first [rad] at once it is none of ours,
-    that ends steering; its second is the boat's quickest turn [rad/s].
+    back was a spike, one that moves on by what no boat turns at once has jumped again, and one that moves on otherwise,
+    or to the same side soon, turns, and the rate does not. most: by more than its first [rad] at once it is none of
+    ours, that ends steering; its second is the boat's quickest turn [rad/s].
     """
     (by_heading, by_rate, step), (time, rate), (jump, quickest) = turned, at, most
     after, at_once = turns_step(turns, by_heading, by_rate, step), by_heading - by_rate
@@ -325,6 +325,26 @@ class Consistency(NamedTuple):
     held: Held = NOT_HELD
 
 
+def carried_on(
+    before: Consistency,
+    by_heading: tuple[float, float],
+    at: tuple[float, float | None],
+    is_believed: bool,
+    most: tuple[float, float],
+) -> tuple[Held, Turns]:
+    """Return what is held, and the turns, after a heading that is further `by_heading` [rad, in s]; at: time [s] and
+    rate [rad/s], None without one, and whether that is believed; most: see `held_step`."""
+    (turn, step), (time, rate), (jump, quickest) = by_heading, at, most
+    held, turns = before.held, before.turns
+    if jump == math.inf:
+        return held, turns if rate is None else turns_step(turns, turn, rate * step, step)
+    if rate is not None and is_believed:
+        return held_step(held, turns, (turn, rate * step, step), (time, rate), most)
+    held = alone_step(held, by_heading, time, jump, quickest)
+    turn -= held.offset - before.held.offset
+    return held, turns if rate is None else turns_step(turns, turn, rate * step, step)
+
+
 def handed_over(before: Consistency) -> tuple[Consistency, float]:
     """Return what is known where another compass steers, and how far [rad] the one before it was held to be off: what
     lies between the two lies between the other and the heading it showed, not the one that was steered by."""
@@ -373,22 +393,15 @@ def consistency_step(
         return before._replace(heading=sample, still=still, held=held)
     step, turn = time - last.time, sample.heading - last.heading
     turn = turn if -PI < turn <= PI else wrap(turn)
+    is_believed = not before.found and still.rates < FROZEN_RATES
+    held, turns = carried_on(before, (turn, step), (time, rate), is_believed, (jump, rate_most))
     if rate is None:
-        held = alone_step(before.held, (turn, step), time, jump, rate_most)
         return before._replace(heading=sample, still=still, held=held)
-    if jump == math.inf:
-        held, turns = NOT_HELD, turns_step(before.turns, turn, rate * step, step)
-    elif before.found or still.rates >= FROZEN_RATES:
-        held = alone_step(before.held, (turn, step), time, jump, rate_most)
-        turns = turns_step(before.turns, turn + before.held.offset - held.offset, rate * step, step)
-    else:
-        at = time, rate
-        held, turns = held_step(before.held, before.turns, (turn, rate * step, step), at, (jump, rate_most))
-    before = before._replace(held=held)
+    jumped, before = held.offset - before.held.offset, before._replace(held=held)
     if most == math.inf:
         return before._replace(heading=sample, turns=turns, wild=wild)
     # where the compass stands as well nobody can tell which of the two is dead, nor by what no boat like this turns
-    by, most_turn = turn - rate * step, rate_most * step if step > 0.0 else math.inf
+    by, most_turn = turn - jumped - rate * step, rate_most * step if step > 0.0 else math.inf
     before = before._replace(still=still_step(still, time, clip(by, -most_turn, most_turn), step) if turn else still)
     if before.still.is_dead:
         found = before.found if before.is_refused else STANDS_STILL

@@ -165,10 +165,13 @@ def test_a_heading_that_jumps_for_good_is_noticed() -> None:
 
 
 def steered_by(
-    shown: Callable[[float, float], float], sea: Callable[[float], float] = calm, course_deg: float = 0.0
+    shown: Callable[[float, float], float],
+    sea: Callable[[float], float] = calm,
+    course_deg: float = 0.0,
+    rate_of: Callable[[float, float], float | None] = lambda _, rate: rate,
 ) -> tuple[list[float], list[tuple[float, str]]]:
     """How far the boat is off its course [deg] in each tick, and what is said, with when it was said first [s], a
-    compass showing `shown` of its heading [deg] for the time [s] after SETTLED."""
+    compass showing `shown` of its heading [deg] and a gyro `rate_of` its rate [rad/s], by the seconds after SETTLED."""
     pilot, course = build_pilot(VESSEL), math.radians(course_deg)
     noise, rate_noise = math.radians(0.3), math.radians(0.2)
     plant = Plant(
@@ -179,6 +182,8 @@ def steered_by(
         (sample,) = plant.sense()
         assert isinstance(sample, HeadingSample)
         since = plant.time - SETTLED
+        assert sample.rate is not None
+        sample = sample._replace(rate=rate_of(since, sample.rate))
         if since >= 0.0:
             sample = sample._replace(heading=wrap(math.radians(shown(since, math.degrees(sample.heading)))))
         tick = pilot.step(plant.time, (sample,), Order(OrderKind.HEADING, course, serial=1))
@@ -223,6 +228,22 @@ def test_two_compasses_that_take_turns_at_one_name_are_one_alarm_and_move_no_boa
     assert max(off) < 2.0
     assert {words.split()[0] for _, words in said} == {"compass_jumped"}
     assert len(said) <= 2, "by so much, and then that it goes to and fro"
+
+
+@pytest.mark.parametrize("gyro_is_off", [False, True])
+@pytest.mark.parametrize(("sea", "jump"), [(calm, 12.0), (seaway, -20.0)])
+def test_without_a_rate_that_is_believed_a_jump_is_held_too(
+    sea: Callable[[float], float], jump: float, gyro_is_off: bool
+) -> None:
+    """No gyro, or one that has been off by 10 deg/s for 15 s: the boat turned by the jump, without a word."""
+
+    def rate_of(since: float, rate: float) -> float | None:
+        return rate + math.radians(10.0 if since >= -15.0 else 0.0) if gyro_is_off else None
+
+    off, said = steered_by(lambda _, heading: heading + jump, sea, rate_of=rate_of)
+    assert max(off[: round(30.0 / DT)]) < 10.0, "as far as a good helmsman"
+    when = [when for when, words in said if "compass_jumped by " in words]
+    assert 1.0 < when[0] < 3.0
 
 
 @pytest.mark.parametrize("jump", [20.0, -12.0])

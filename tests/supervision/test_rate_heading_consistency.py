@@ -354,7 +354,11 @@ def beside_no_rate(
         rate = math.radians(10.0 if now >= 2.0 else 0.0) if refused else None
         heading = math.radians(shown(now) + noise_deg * float(random.standard_normal()))
         watch = consistency_step(
-            watch, HeadingSample(now, wrap(heading), rate, "c"), math.radians(15.0), math.radians(30.0), math.radians(25.0)
+            watch,
+            HeadingSample(now, wrap(heading), rate, "c"),
+            math.radians(15.0),
+            math.radians(30.0),
+            math.radians(25.0),
         )
         said += [event.detail for event in held_events(watch.held, now) if event.detail not in said]
     assert bool(watch.found) is refused
