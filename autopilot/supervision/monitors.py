@@ -35,6 +35,7 @@ from collections.abc import Mapping
 from operator import mul
 from typing import NamedTuple
 
+from autopilot.angles import wrap
 from autopilot.estimation.tuning import SPEED_SMOOTHING
 from autopilot.models.norrbin import Norrbin, damping
 from autopilot.signals import (
@@ -314,6 +315,11 @@ def judged(
     catalogue."""
     measured, consistency, compass, rudder, course, conditions, roll, wind_time = before
     compass, found = compass_watch.update(limits, compass, seen, measured)
+    offset = consistency.held.offset
+    if offset:
+        # the boat has not turned by a jump, which is no answer to the rudder
+        held = tuple(each._replace(heading=wrap(each.heading - offset)) for each in measured.headings)
+        measured = measured._replace(headings=held)
     rudder, of_rudder = rudder_watch.update(limits, rudder, seen, measured, rudder_history)
     course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder)
     if contradicts_speed:
@@ -329,7 +335,7 @@ def judged(
         found += (AlarmEvent("roll", roll.text),)
     if limits.wind_wanted and seen.now - wind_time > WIND_FRESH:
         found += (AlarmEvent("no_wind"),)
-    after = State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
+    after = State(before.measured, consistency, compass, rudder, course, conditions, roll, wind_time)
     return after, {event.name: event for event in found} if found else {}
 
 

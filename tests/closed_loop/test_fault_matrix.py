@@ -53,6 +53,18 @@ def test_every_run_comes_as_json_and_the_seeds_are_those_of_the_date() -> None:
     assert other["runs"][0]["seed"] != one["runs"][0]["seed"]
 
 
+def test_a_jump_in_a_turn_is_no_answer_to_the_rudder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The jump that was held counted as a turn of the boat: a rudder called slow, a course held softly, 35 deg behind."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    from fault_cells import ROWS, run_cells
+
+    (row,) = (each for each in ROWS if each.name == "heading jumps by 12 deg")
+    (cell,) = run_cells([row], ["turn"], 1, seed=1053664086)
+    assert len(cell.alarms) == 1
+    assert cell.alarms[0].startswith("the compass jumps")
+    assert cell.off_deg < 10.0
+
+
 @pytest.fixture
 def expectations(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
