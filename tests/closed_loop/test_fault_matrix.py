@@ -54,7 +54,7 @@ def test_every_run_comes_as_json_and_the_seeds_are_those_of_the_date() -> None:
 
 
 def test_a_jump_in_a_turn_is_no_answer_to_the_rudder(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The jump that was held counted as a turn of the boat: a rudder called slow, a course held softly, 35 deg behind."""
+    """What was held counted as a turn of the boat: a rudder called slow, a course held softly, 35 deg behind."""
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     from fault_cells import ROWS, run_cells
 
