@@ -14,6 +14,7 @@ from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
+from autopilot.supervision.panel import ESCALATES_AFTER
 from autopilot.supervision.tuning import (
     APART_TIME,
     DISAGREES_LASTS,
@@ -24,7 +25,6 @@ from autopilot.supervision.tuning import (
     FROZEN_SAMPLES,
     HEADINGS_APART_S,
     HELD_FOLLOWS,
-    HELD_FOR,
     HELD_LAG,
     HELD_LEAST,
     HELD_RESTS,
@@ -276,9 +276,10 @@ def settled(held: Held) -> Held:
 
 def followed(held: Held, now: float, dt: float, is_ours: bool) -> tuple[Held, float]:
     """Return what is still held at `now` [s], `dt` after the last time, and by how much [rad] the compass is followed:
-    slowly, once it has stayed for HELD_FOR where it jumped to; at once where nobody is steered by us."""
+    slowly, once it has stayed where it jumped to for as long as an alarm waits for somebody before it grows louder; at
+    once where nobody is steered by us."""
     offset = held.offset
-    if not math.isnan(held.onset) or (is_ours and now - held.jumped < HELD_FOR):
+    if not math.isnan(held.onset) or (is_ours and now - held.jumped < ESCALATES_AFTER):
         return held, 0.0
     most = HELD_FOLLOWS * dt if is_ours else math.inf
     turn = clip(offset, -most, most)

@@ -242,10 +242,8 @@ HELD_SETTLES = 1.5  # 30 %: nothing
 """A jump is over in this time [s], a damped compass's too; what moves on is a turn."""
 HELD_RESTS = 2.0 / 3.0  # 30 %: of jumps of 8 deg 5 % less are found behind noise of 1 deg, with less
 """It has come to rest where it moves by no more than this share of what it must jump by."""
-HELD_FOR = 30.0
 HELD_FOLLOWS = math.radians(0.25)
-"""So long [s] a course is held past a jump, as long as an alarm waits for somebody before it grows louder; then the
-compass is followed, by so much each second [rad/s]."""
+"""By so much each second [rad/s] a compass is followed whose jump nobody has acknowledged by taking the helm."""
 HELD_SAID = 20.0
 """A jump is said for this time [s] at least, and jumps that come sooner belong together."""
 JUMPS = 3
