@@ -12,6 +12,9 @@ Of a boat that answers and slides in its turn nu - a s - c g is left: g is the a
 is estimated from the headings before, none where the boat has sailed turns without a slide. A boat that turns against
 its rudder, or on with it where the rudder has come back, is none that is braked: that counts in full.
 
+A gust that sets in, or ends, as the rudder moves the other way turns the boat as a reversed rudder would. So a push
+that may have begun with the evidence is one more explanation: where it is likelier than any fault nothing is evidence.
+
 A sea other than the one that is estimated accuses a healthy rudder, as the rudder follows it. So the same is weighed in
 the sea as it was learnt, too (`response_spectrum`): a verdict takes both together, and something of each. In a turn it
 takes less: there the order moves the rudder, and not the sea.
@@ -31,10 +34,12 @@ from autopilot.supervision.response_filter import (
     NO_SLIDE,
     NOTHING,
     Covariance,
+    Gains,
     Mean,
     Means,
     Noise,
     Slide,
+    Transition,
     all_corrected,
     first_covariance,
     foreseen,
@@ -52,6 +57,10 @@ from autopilot.supervision.tuning import (
     FADES_SLOW,
     FADES_TIME,
     GUST,
+    GUST_IN,
+    GUST_OVER,
+    GUST_SIZE,
+    HARDLY,
     LEAST,
     LEAST_SHARE,
     LITTLE,
@@ -108,6 +117,15 @@ class Others(NamedTuple):
 NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0, 1.0)
 
 
+Gust = tuple[Mean, float, float, float, float, float, float]
+"""A push that may have set in when evidence against the rudder began: the answer to one of 1 rad; both and squares:
+sums over the variance of what a boat that answers leaves, times that, and of its square; stuck and slow: how much
+likelier such a rudder is than a boat that answers without a push, by then and by all that the headings since tell;
+against and own: sums of innovation times the answer to the rudder, and of that one's square, by which a reversed one is
+likelier yet."""
+NO_GUST: Gust = (NOTHING, 0.0, 0.0, math.inf, 0.0, 0.0, 0.0)
+
+
 class ResponseState(NamedTuple):
     """time [s] of the newest heading, nan: nothing is known yet; covariance and mean of a boat without a rudder;
     answers to the rudder [rad], in time and late, and to what brakes a boat that slides; slid: how much this one
@@ -116,7 +134,7 @@ class ResponseState(NamedTuple):
     and shown: the share of the model's answer that the boat has had so far is the former over the latter; others:
     the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing
     was suspect; since: innovation times answer, and the answer's square, over the variance, summed since a fault may
-    have begun."""
+    have begun; gust: what may have set in then in its place."""
 
     time: float
     covariance: Covariance
@@ -137,6 +155,7 @@ class ResponseState(NamedTuple):
     usual_colour: float
     blocks: Blocks
     since: tuple[float, float]
+    gust: Gust
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
@@ -163,6 +182,7 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         usual_colour=1.0,
         blocks=first_blocks(noise, heading),
         since=(0.0, 0.0),
+        gust=NO_GUST,
     )
 
 
@@ -207,10 +227,11 @@ def response_step(
     the one before; the boat turns at about `rate` [rad/s]."""
     (
         last, known, mean, answer, late, slide, slid, stuck, stuck_late, wrong, wrong_late, unexplained, outliers,
-        usual, shown, others, usual_colour, blocks, since,
+        usual, shown, others, usual_colour, blocks, since, gust,
     ) = before  # fmt: skip
     (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
     dt = time - last
+    is_pushed = is_gust_likelier(gust, usual / shown)
     is_gust = unexplained > UNEXPLAINED
     least = LEAST_SHARE * usual / shown
     least = least if least > LEAST[0] else LEAST[0]
@@ -228,11 +249,11 @@ def response_step(
     square = unlike(off, s, slow[0], 1.0) / variance
     if square > OUTLIER_SQUARE:
         if outliers < OUTLIERS_MOST:
-            return _without_heading(before, time, covariance, means, blocks)
+            return _without_heading(before, time, covariance, means, blocks, gust_moved(gust, step))
         square = OUTLIER_SQUARE
     kept, remembered = math.exp(-dt / FADES_TIME), math.exp(-dt / USUAL_TIME)
     # while a gust sets in nothing that the rudder does against it is evidence
-    most = 0.0 if is_gust else MOST_AT_ONCE
+    most = 0.0 if is_gust or is_pushed else MOST_AT_ONCE
     off_some, off_some_late = off - least * s, off - least * s_late
     # how much the boat slides is known by what came before, so that no heading explains itself
     g, left_over = slide[0], off_some
@@ -256,11 +277,18 @@ def response_step(
     both, squares = since
     may_have_begun = stuck >= LITTLE or turned >= LITTLE
     since = (both + off * s / variance, squares + s * s / variance) if may_have_begun else (0.0, 0.0)
+    evidence = stuck if stuck > turned else turned
+    if evidence < HARDLY:
+        gust = begun_gust(evidence)
+    else:
+        gust = gust_step(gust_moved(gust, step), gains, (off, s, slow[0], off_some), doubtful, evidence)
     # what may be a fault is none of the boat's usual ways
     learns = 0.0 if is_suspect(stuck, wrong, blocks) else 1.0 / variance
     slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
     mean, answer, late, slide, corrected_slow = all_corrected(gains, means, off)
-    others = others_step(others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), corrected_slow)
+    others = others_step(
+        others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), corrected_slow, is_pushed
+    )
     return ResponseState(
         time,
         known,
@@ -281,7 +309,58 @@ def response_step(
         others.colour if learns > 0.0 else usual_colour,
         blocks,
         since,
+        gust,
     )
+
+
+def gust_moved(gust: Gust, step: Transition) -> Gust:
+    """Return the same a step later, before its heading."""
+    ((psi, r, p, w), both, squares, stuck, slow, against, own), (turn, drift, decay, gain, kept) = gust, step
+    u = 1.0 + p + w
+    return (psi + turn * r + drift * u, decay * r + gain * u, p, kept * w), both, squares, stuck, slow, against, own
+
+
+def gust_step(
+    moved: Gust, gains: Gains, shown: tuple[float, float, float, float], variance: float, evidence: float
+) -> Gust:
+    """Return what a heading tells of a gust that has `moved` the boat until it. shown [rad]: the innovation, the
+    answers to the rudder and to a slow one, and what a boat that answers leaves; evidence: how much there is of a
+    fault.
+
+    Another one is supposed where there was none, by its size, and where such a one would show no more."""
+    ((psi, r, p, w), both, squares, stuck, slow, against, own), (_, k0, k1, k2, k3) = moved, gains
+    off, s, s_slow, left = shown
+    added, by_slow, square = psi * psi / variance, off - s_slow, left * left
+    both, squares = both + left * psi / variance, squares + added
+    stuck, slow = stuck + 0.5 * (square - off * off) / variance, slow + 0.5 * (square - by_slow * by_slow) / variance
+    against, own = against + off * s / variance, own + s * s / variance
+    is_over = added * GUST_SIZE * GUST_SIZE < 1.0 and added < GUST_OVER * squares
+    if is_over or gust_likelier(both, squares) < -GUST_IN:
+        return begun_gust(evidence)
+    return (psi - k0 * psi, r - k1 * psi, p - k2 * psi, w - k3 * psi), both, squares, stuck, slow, against, own
+
+
+def begun_gust(evidence: float) -> Gust:
+    """Return a gust that sets in now, where there is so much `evidence` of a fault."""
+    return NOTHING, 0.0, 0.0, evidence, 0.0, 0.0, 0.0
+
+
+def gust_likelier(both: float, squares: float) -> float:
+    """Return how much likelier the headings are where a gust has set in than without one, of which nothing is known but
+    GUST_SIZE B: b ~ N(0, B^2), and log p(y | gust)/p(y) = both^2/(2 (squares + 1/B^2)) - log(1 + B^2 squares)/2."""
+    size = GUST_SIZE * GUST_SIZE
+    return 0.5 * both * both / (squares + 1.0 / size) - 0.5 * math.log(1.0 + size * squares)
+
+
+def is_gust_likelier(gust: Gust, usual: float) -> bool:
+    """Return whether a gust explains the headings, and better than any fault does: a rudder that does nothing, one of
+    the opposite share of the answer that explains most, but no more than the `usual` one, or a slow one."""
+    _, both, squares, stuck, slow, against, own = gust
+    likelier = gust_likelier(both, squares) - GUST_IN
+    if not (likelier > 0.0 and likelier > stuck and likelier > slow):
+        return False
+    share = usual if -against > usual * own else -against / own if against < 0.0 else 0.0
+    return likelier > stuck - share * against - 0.5 * share * share * own
 
 
 def is_suspect(stuck: float, wrong: float, blocks: Blocks) -> bool:
@@ -291,7 +370,7 @@ def is_suspect(stuck: float, wrong: float, blocks: Blocks) -> bool:
 
 
 def _without_heading(
-    before: ResponseState, time: float, covariance: Covariance, means: Means, blocks: Blocks
+    before: ResponseState, time: float, covariance: Covariance, means: Means, blocks: Blocks, gust: Gust
 ) -> ResponseState:
     """Return what is known at `time` [s] of a heading that is left out."""
     mean, answer, late, slide, slow = means
@@ -317,6 +396,7 @@ def _without_heading(
         before.usual_colour,
         blocks,
         before.since,
+        gust,
     )
 
 
@@ -327,10 +407,11 @@ def others_step(
     dt: float,
     shown: tuple[float, float, float, float],
     slow: Mean,
+    is_pushed: bool,
 ) -> Others:
     """Return what is known of the other explanations `dt` [s] later; shown: how far the heading is from what it would
     be without a rudder, the answers to the rudder, to a late one and to a slow one [rad]; slow: the mean of that
-    answer after the heading."""
+    answer after the heading; is_pushed: by a gust, which is no evidence of a slow rudder."""
     _, of_lively, of_quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before
     (lively, lively_port), (quick, quick_port) = of_lively, of_quick
     off, s, s_late, s_slow = shown
@@ -345,7 +426,7 @@ def others_step(
     square = square_slow / variance
     misfit_slow += share * ((OUTLIER_SQUARE if square > OUTLIER_SQUARE else square) - misfit_slow)
     most = MOST_AT_ONCE if misfit < MISFIT else 0.0
-    most_slow = MOST_AT_ONCE if misfit_slow < MISFIT else 0.0
+    most_slow = MOST_AT_ONCE if misfit_slow < MISFIT and not is_pushed else 0.0
     lively, lively_port, quick, quick_port = kept * lively, kept * lively_port, kept * quick, kept * quick_port
     one, other = off - LIVELY[0] * s, off - LIVELY[1] * s
     squares_lively = one * one - other * other
@@ -430,6 +511,7 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
         after.usual_colour,
         no_more_blocks(before.blocks, after.blocks),
         before.since,
+        after.gust,
     )
 
 

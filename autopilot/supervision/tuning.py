@@ -83,6 +83,15 @@ UNEXPLAINED = 3.0  # 30 %: nothing
 """Where headings of this time [s] are so much further off, squared, than any answer explains, a gust has set in."""
 GUST = math.radians(25.0) ** 2  # 30 %: nothing
 """What a gust adds to the push's variance, a second [rad^2/s]."""
+HARDLY = 0.1
+GUST_SIZE = math.radians(25.0)
+GUST_IN = 4.0
+GUST_OVER = 0.01
+"""Where there is more evidence against the rudder than the first, a gust may have set in, worth about the second [rad
+of rudder]. One that is likelier than none by the third, as a natural logarithm, is one. One that is as much less
+likely, or adds by a heading less than the fourth, a share, to what it has shown, makes room for another. With 2 in
+place of 4 reversed rudders were found up to 0.9 s later in a sea, with 0.2 in place of 0.1 a push that ended as the
+rudder came off its stop was called one."""
 DOUBTED = 7.0  # 30 %: nothing
 """Evidence that is a doubt in a trial, as a natural logarithm: its rudder rests, and a gust looks the same there. The
 law's rudder moves, and tells them apart."""

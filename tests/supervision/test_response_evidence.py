@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.stats import multivariate_normal
 from watches import BOAT, DT, NOISE, Answering, MatrixFilter
 
 from autopilot.estimation.disturbance import slide_step
-from autopilot.models.norrbin import rate_step
+from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.signals import HeadingSample, NavState
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.response_filter import (
@@ -22,6 +23,7 @@ from autopilot.supervision.response_filter import (
     Covariance,
     Noise,
     all_moved,
+    measured,
     predicted,
     seaway_noise,
     seaway_step,
@@ -36,9 +38,13 @@ from autopilot.supervision.rudder_response import (
     Others,
     ResponseState,
     acquitted,
+    begun_gust,
     carried_on,
     enough,
     first_response,
+    gust_likelier,
+    gust_moved,
+    gust_step,
     is_doubtful,
     other_verdict,
     push_at_least,
@@ -46,7 +52,7 @@ from autopilot.supervision.rudder_response import (
     verdict,
     without_evidence,
 )
-from autopilot.supervision.tuning import SEA_FIRST, SEA_FIRST_TIME, WORKED_TIME
+from autopilot.supervision.tuning import GUST_SIZE, SEA_FIRST, SEA_FIRST_TIME, WORKED_TIME
 from sitl.compiled import compiled
 
 Matrix = npt.NDArray[np.float64]
@@ -301,6 +307,48 @@ def test_the_share_is_that_of_the_headings_since_there_was_no_evidence() -> None
         assert (memory.since[1] > 0.0) is begun[-1]
     assert not any(begun[:198]) and all(begun[250:])
     assert memory.since[0] == pytest.approx(-memory.since[1], rel=0.4)
+
+
+def test_how_likely_a_gust_is_by_normal_densities() -> None:
+    """Of a boat that is pushed evenly since, against one that is not: its headings have one covariance more."""
+    random, filtered = np.random.default_rng(3), MatrixFilter(0.1, NOISE.sea, NOISE.pace, ("push",))
+    gust, number = begun_gust(3.0), 12
+    left, sigmas, shows = np.zeros(number), np.zeros(number), np.zeros(number)
+    covariance = first_response(NOISE, 0.0, 0.1).covariance
+    for place in range(number):
+        _, sigmas[place] = filtered.predict(0.0, 0.02, {"push": 1.0})
+        shows[place] = filtered.answers["push"][0]
+        left[place] = 0.004 * place + 0.01 * random.standard_normal()
+        filtered.correct(0.0)
+        step = transition_of(BOAT, 0.02, NOISE.pace, DT)
+        gains, covariance = measured(
+            predicted(step, covariance, (NOISE.acceleration, NOISE.push, NOISE.sea), DT), NOISE.heading
+        )
+        gust = gust_step(gust_moved(gust, step), gains, (left[place], 0.0, 0.0, left[place]), gains[0], 9.0)
+    alone = np.diag(sigmas**2)
+    pushed_too = alone + GUST_SIZE**2 * np.outer(shows, shows)
+    likelier = multivariate_normal(cov=pushed_too).logpdf(left) - multivariate_normal(cov=alone).logpdf(left)
+    assert gust_likelier(gust[1], gust[2]) == pytest.approx(likelier, rel=1e-6)
+    assert gust[3] == 3.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_push_that_ends_as_the_rudder_comes_off_its_stop_accuses_no_rudder(side: float) -> None:
+    """The boat goes to where the push has held it off, and the rudder to the other side: 1 s later it was reversed."""
+    boat = Norrbin(0.7, 0.33)
+    noise = Noise(math.radians(0.3) ** 2, NOISE.acceleration, NOISE.push, math.radians(1.0) ** 2, 0.5, 0.0)
+    memory, heading, rate, accused = first_response(noise, 0.0, 0.0), 0.0, 0.0, []
+    for tick in range(1, 440):
+        now = 0.05 * tick
+        rudder = math.radians(max(min(30.0, 30.0 - 20.0 * (now - 19.8)), 10.0))
+        push = math.radians(-32.0 if now < 20.0 else 0.0)
+        for _ in range(5):
+            rate += 0.01 / boat.time_constant * (0.7 * boat.gain * side * (rudder + push) - rate)
+            heading += 0.01 * rate
+        at = side * rudder
+        memory = response_step(memory, boat, noise, rate, (now, heading), (at, at, at, 0.0, 1.0))
+        accused.append(verdict(memory, ON_COURSE) or other_verdict(memory.others))
+    assert not any(accused[390:])
 
 
 def test_a_turn_asks_for_less_evidence_but_for_what_was_carried_into_it() -> None:
@@ -564,7 +612,9 @@ def test_a_sea_that_may_be_larger_takes_from_the_evidence_and_from_nothing_else(
     sums = ("stuck", "stuck_late", "reversed", "reversed_late")
     for name in sums:
         assert 0.25 * getattr(surely, name) < getattr(perhaps, name) < 0.99 * getattr(surely, name)
-    assert perhaps._replace(**{name: getattr(surely, name) for name in sums}) == surely
+    for more, less in zip(surely.gust[1:], perhaps.gust[1:], strict=True):
+        assert 0.25 * abs(more) < abs(less) < 0.99 * abs(more)
+    assert perhaps._replace(**{name: getattr(surely, name) for name in (*sums, "gust")}) == surely
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
