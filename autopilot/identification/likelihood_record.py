@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
 from autopilot.identification.residuals import instrument_noise
-from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, with_corners
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, means_behind, with_corners
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.drives import BEYOND, RUDDER_LAW, DriveLaw
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO
@@ -324,20 +324,13 @@ def _averaged(segment: Segment, apart: int, together: int) -> tuple[FloatArray, 
 
 def rudder_on(record: Record, train: RudderTrain = DIRECT) -> tuple[FloatArray, FloatArray]:
     """Return mean and rise [rad] of the rudder over each substep, shape (S, M) each, behind `train`."""
-    means, rises = [], []
-    substeps = record.substeps
-    for edges, (time, angle) in zip(record.edges, record.paths, strict=True):
-        moments, there = time, angle
-        if train != DIRECT:
-            moments = np.union1d(time + train.delay, edges)
-            there = behind_train(train, time, angle, moments)
-        grid = np.union1d(moments, edges)
-        values = np.interp(grid, moments, there)
-        area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(grid))])
-        at = np.searchsorted(grid, edges)
-        means.append((np.diff(area[at]) / np.diff(edges)).reshape(-1, substeps).T)
-        rises.append(np.diff(values[at]).reshape(-1, substeps).T)
-    return np.concatenate(means, axis=1), np.concatenate(rises, axis=1)
+    parts = [means_behind(train, *path, edges) for edges, path in zip(record.edges, record.paths, strict=True)]
+    means, rises = zip(*parts, strict=True)
+    return _by_substep(means, record.substeps), _by_substep(rises, record.substeps)
+
+
+def _by_substep(parts: Sequence[FloatArray], substeps: int) -> FloatArray:
+    return np.ascontiguousarray(np.concatenate(parts).reshape(-1, substeps).T)
 
 
 def instruments(segments: Sequence[Segment]) -> tuple[float, float]:

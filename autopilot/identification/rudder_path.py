@@ -116,6 +116,33 @@ def behind_train(train: RudderTrain, time: FloatArray, rudder: FloatArray, momen
     return np.asarray(lagged + train.lead / lag * (direct - lagged))
 
 
+def means_behind(
+    train: RudderTrain, time: FloatArray, rudder: FloatArray, edges: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and rise [rad] between increasing `edges` [s] of the rudder that turns the boat, one less than edges.
+
+    time and rudder as for `behind_train`. Exact for straight lines between the path's points, of which there may be
+    many more than edges: from lag x' + x = u the integral of x is that of u less lag times what x rises by.
+    """
+    taken = _play(train.dead_band, rudder) if train.dead_band > 0.0 else rudder
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (taken[1:] + taken[:-1]) * np.diff(time))])
+    moments = edges - train.delay
+    left = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, time.size - 2)
+    since, angle = moments - time[left], taken[left]
+    slope = (taken[left + 1] - angle) / (time[left + 1] - time[left])
+    slope[since < 0.0] = 0.0
+    direct = angle + slope * since
+    span, rise = np.diff(edges), np.diff(direct)
+    mean = np.diff(area[left] + 0.5 * (angle + direct) * since) / span
+    if train.lag < SHORTEST_LAG_S and train.lead == 0.0:
+        return np.asarray(mean), np.asarray(rise)
+    lag = max(train.lag, SHORTEST_LAG_S)
+    behind = _lagged(lag, time, taken)[left] - angle + slope * lag
+    lagged_rise = np.diff(direct - slope * lag + np.exp(-np.maximum(since, 0.0) / lag) * behind)
+    lagged_mean, ahead = mean - lag * lagged_rise / span, train.lead / lag
+    return lagged_mean + ahead * (mean - lagged_mean), lagged_rise + ahead * (rise - lagged_rise)
+
+
 def _play(dead_band: float, rudder: FloatArray) -> FloatArray:
     """Return what follows `rudder` only after the play is taken up, to either side."""
     rise = np.diff(rudder)

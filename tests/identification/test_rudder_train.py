@@ -16,6 +16,7 @@ from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.likelihood_model import answer_of, follows_surely
+from autopilot.identification.likelihood_record import record_of, rudder_on
 from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, small_swings
 from autopilot.identification.runs import FloatArray, Run, Segment
@@ -39,6 +40,30 @@ def test_a_delay_shifts_and_nothing_changes_nothing() -> None:
     np.testing.assert_allclose(late[10:], PATH[:-10], atol=1.0e-12)
     assert np.all(late[:10] == PATH[0])
     np.testing.assert_array_equal(behind_train(DIRECT, TIME, PATH, TIME), PATH)
+
+
+@pytest.mark.parametrize(
+    "train",
+    [
+        DIRECT,
+        RudderTrain(delay=0.13),
+        RudderTrain(0.02, 0.13, 0.21),
+        RudderTrain(lag=0.7, lead=2.1),
+        RudderTrain(lag=2e-6),
+    ],
+)
+def test_the_mean_behind_the_train_is_its_integral_however_coarse_the_record(train: RudderTrain) -> None:
+    time, angle = TIME[::8], PATH[::8]
+    table = {"time_s": time, "rudder_rad": angle, "speed_m_s": np.full(time.size, 5.0), "yaw_rate_rad_s": angle}
+    record = record_of(run_of(table).segments, 5.0, 8.0)
+    found = rudder_on(record, train)
+    (edges,), (path,) = record.edges, record.paths
+    fine = np.union1d(np.union1d(np.linspace(edges[0], edges[-1], 40_001), path[0] + train.delay), edges)
+    there = behind_train(train, *path, fine)
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (there[1:] + there[:-1]) * np.diff(fine))])
+    at = np.searchsorted(fine, edges)
+    np.testing.assert_allclose(found[0].T.ravel(), np.diff(area[at]) / np.diff(edges), atol=1.0e-6)
+    np.testing.assert_allclose(found[1].T.ravel(), np.diff(there[at]), atol=1.0e-9)
 
 
 @given(
