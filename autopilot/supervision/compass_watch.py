@@ -398,11 +398,11 @@ def consistency_step(
     held, turns = carried_on(before, (turn, step), (time, rate), is_believed, (jump, rate_most))
     if rate is None:
         return before._replace(heading=sample, still=still, held=held)
-    jumped, before = held.offset - before.held.offset, before._replace(held=held)
+    before = before._replace(held=held)
     if most == math.inf:
         return before._replace(heading=sample, turns=turns, wild=wild)
     # where the compass stands as well nobody can tell which of the two is dead, nor by what no boat like this turns
-    by, most_turn = turn - jumped - rate * step, rate_most * step if step > 0.0 else math.inf
+    by, most_turn = turn - rate * step, rate_most * step if step > 0.0 else math.inf
     before = before._replace(still=still_step(still, time, clip(by, -most_turn, most_turn), step) if turn else still)
     if before.still.is_dead:
         found = before.found if before.is_refused else STANDS_STILL
