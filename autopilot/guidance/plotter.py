@@ -48,10 +48,12 @@ def line_of_sight(
     return wrap(track - math.atan2(cross_track + drift, ahead)), drift
 
 
-STILL_SAID_S = 1.5
-"""A leg said so lately is still led along: what says another may be a second plotter."""
+PERIOD_LEAST, PERIOD_MOST = 1.0, 2.0
+"""A plotter sends once a second or two [s]."""
+STILL_SAID = 1.5
+"""A leg said within so many periods of its plotter is still led along: what says another may be a second plotter."""
 TIMEOUT_S = 8.0
-"""A plotter sends once a second or two; silent for this long it leads nobody any more."""
+"""Silent for this long a plotter leads nobody any more."""
 STEPS_IN_LOOKAHEAD = 6.0
 """Delta is at least this many steps of the plotter's last digit (0.01 nm is 18.5 m), or each step would be a turn."""
 SAME_BEARING = math.radians(3.0)
@@ -119,6 +121,7 @@ class PlotterGuide:
         """Why it does not lead, each with when [s] that was said last: its sentences say it in turn."""
         self._held: float | None = None
         self._drift = 0.0
+        self._period = PERIOD_LEAST
         self._now: float | None = None
         self._confirmed = False
         self._wants_far = 0.0
@@ -156,15 +159,22 @@ class PlotterGuide:
         if before is None or message.time - before.time > TIMEOUT_S:
             self._began = message.time
         if self._message is not None and _is_same(self._message, message):
+            self._period = min(max(message.time - self._message.time, PERIOD_LEAST), PERIOD_MOST)
             self._message = message
-        elif self._message is not None and message.time - self._message.time < STILL_SAID_S:
+            self._confirmed = False  # no turn waits
+        elif self._is_still_said(message.time):
             pass
         elif before is not None and _is_same(before, message) and self._may_turn(message):
             self._message = message
+            self._period = PERIOD_LEAST
             self._drift = 0.0
             self._confirmed = False
         if self._message is message:
             self._led = _goal(message)
+
+    def _is_still_said(self, now: float) -> bool:
+        """Return whether the leg that is led along was said so lately that another may be of a second plotter."""
+        return self._message is not None and now - self._message.time < STILL_SAID * self._period
 
     def _may_turn(self, message: PlotterLeg | PlotterHeading) -> bool:
         goal = _goal(message)
@@ -205,7 +215,8 @@ class PlotterGuide:
         held = f"holding {compass_text(self._held or 0.0, 1)} deg"
         newest = self._candidate
         is_fresh = newest is not None and now - newest.time <= TIMEOUT_S
-        if is_fresh and newest is not None and message is not newest and not self._may_turn(newest):
+        waits = is_fresh and newest is not None and message is not newest and not self._is_still_said(newest.time)
+        if waits and newest is not None and not self._may_turn(newest):
             far = f"further than {math.degrees(TURN_MOST):.0f} deg from the leg before"
             to = f" to {newest.name}" if isinstance(newest, PlotterLeg) and newest.name else ""
             return AlarmEvent("plotter_turn", f"{compass_text(self._wants_far, 1)} deg{to}, {far}")

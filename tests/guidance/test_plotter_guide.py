@@ -179,6 +179,45 @@ def test_of_two_plotters_the_one_that_leads_goes_on_leading(drift: float) -> Non
     assert guide.course(203.0, 1.0, SPEED) == pytest.approx(0.6), "the other is silent"
 
 
+def two_plotters(first_every: float, first: float, second: float) -> PlotterGuide:
+    """Return the guide that one plotter leads for 10 s, and for 20 s more with another beside it; degrees."""
+    guide = PlotterGuide()
+    guide.follow()
+    said = [(first_every * number, first, "A") for number in range(round(30.0 / first_every))]
+    said += [(10.9 + number, second, "B") for number in range(20)]
+    for now, track, name in sorted(said):
+        guide.take(PlotterLeg(now, math.radians(track), 0.0, 0.0, name))
+        course = guide.course(now, 0.0, SPEED)
+        if now > 2.0 * first_every:
+            assert math.degrees(course) == pytest.approx(first, abs=0.1)
+            assert guide.alarm is None, "a turn that nobody waits for is not to be confirmed"
+    return guide
+
+
+@pytest.mark.parametrize("every", [0.2, 1.0, 2.0])
+def test_who_leads_seldom_goes_on_leading_beside_one_who_speaks_more_often(every: float) -> None:
+    two_plotters(every, 90.0, 150.0)
+
+
+def test_a_second_plotter_that_leads_far_off_is_no_turn_to_confirm() -> None:
+    two_plotters(1.0, 90.0, 270.0)
+
+
+def test_to_follow_said_once_more_confirms_no_turn_to_come() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    for second in range(20):
+        guide.take(PlotterLeg(float(second), math.radians(90.0), 0.0, 0.0, "A"))
+        guide.course(float(second), 0.0, SPEED)
+        if second == 10:
+            guide.follow()
+    for second in range(20, 40):
+        guide.take(PlotterLeg(float(second), math.radians(240.0), 0.0, 0.0, "B"))
+        course = guide.course(float(second), 0.0, SPEED)
+    assert math.degrees(course) == pytest.approx(90.0, abs=0.1)
+    assert guide.alarm is not None and guide.alarm.name == "plotter_turn"
+
+
 def test_the_turn_is_measured_from_leg_to_leg_and_said_once() -> None:
     """Far off to starboard the course leads back at -70 deg; the next leg at +90 deg is no turn of 160 deg."""
     guide = PlotterGuide()
@@ -194,8 +233,9 @@ def test_the_turn_is_measured_from_leg_to_leg_and_said_once() -> None:
     for step in range(70):
         guide.take(PlotterLeg(7.0 + step / 10.0, math.radians(-80.0), 0.0, 0.0, "WP3"))
         guide.course(7.05 + step / 10.0, 0.0, SPEED)
-        said.add(words(guide.alarm))
-    assert len(said) == 1, "an alarm that changes with every tick is a new alarm each time"
+        if step >= 10:  # 1.5 s after the leg before was said last
+            said.add(words(guide.alarm))
+    assert len(said) == 1 and said != {""}, "an alarm that changes with every tick is a new alarm each time"
 
 
 def test_nothing_is_said_of_silence_before_there_was_time_to_speak() -> None:
