@@ -97,6 +97,18 @@ def test_who_is_heard_in_place_of_the_vehicle_is_named(system: int, component: i
     assert isinstance(helm, HelmSample) and "heard is" not in helm.reason and asked.vehicle == 1
 
 
+def test_of_several_strangers_the_first_autopilot_is_named_and_no_news_comes_of_the_others() -> None:
+    session = CompanionSession("line", CompanionSettings(FULL, vehicle_system=1))
+    strangers = [(255, 190, 8), (7, 1, 3), (8, 1, 3), (255, 190, 8)]
+    said = []
+    for turn in range(20):
+        system, component, autopilot = strangers[turn % len(strangers)]
+        beat = dialect.MAVLink_heartbeat_message(11, autopilot, 0, 0, 4, 3)
+        packets = [MavlinkCodec(system, component).encode(beat)]
+        said += [sample.reason for sample in session.receive(0.5 * turn, packets) if isinstance(sample, HelmSample)]
+    assert ["system 255" in said[0], *("system 7" in reason for reason in said[1:])] == [True] * len(said)
+
+
 def steering() -> Vehicle:
     """A vehicle that is known, has shown that it takes our steering, and is steered."""
     vehicle = Vehicle()

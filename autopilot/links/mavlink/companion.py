@@ -70,6 +70,7 @@ WITHOUT_RECEIVER = (
     "the rudder was ordered amidships first, where it stays: without a radio receiver the flight controller keeps "
     "the last input"
 )
+NO_AUTOPILOT = ", which is no autopilot"
 UNSIGNED_ORDERS = " (it signs its messages: without --signing-key it may take none of ours)"
 SEVERITIES = {
     Mode.STANDBY: dialect.MAV_SEVERITY_NOTICE,
@@ -381,10 +382,11 @@ class CompanionSession:
         return f"the flight controller lets go by itself after {OVERRIDE_TIME} {seconds:g} s"
 
     def _is_ours(self, message: Message) -> bool:
-        """Return whether a heartbeat is of a vehicle that may be ours; who it is of, while we wait for one, is said."""
+        """Return whether a heartbeat is of a vehicle that may be ours; who it is of, while we wait for one, is said: of
+        several the first that is an autopilot."""
         header, wanted, authority = message._header, self._settings.vehicle_system, self._authority
         if message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
-            strange = ", which is no autopilot" if authority.obstacle == NOT_HEARD else ""
+            strange = NO_AUTOPILOT
         elif header.srcSystem == 0:
             strange = ": no vehicle may have the system id 0: set MAV_SYSID (SYSID_THISMAV) to 1"
         elif wanted not in (None, header.srcSystem):
@@ -393,7 +395,8 @@ class CompanionSession:
             strange = ": an autopilot is component 1: set its MAV_COMP_ID to 1"
         else:
             return True
-        if strange and not self.vehicle:
+        names_none = authority.obstacle.endswith(NO_AUTOPILOT) and strange != NO_AUTOPILOT
+        if not self.vehicle and (authority.obstacle == NOT_HEARD or names_none):
             authority.obstacle = (
                 f"{NOT_HEARD}; heard is system {header.srcSystem}, component {header.srcComponent}{strange}"
             )
