@@ -44,19 +44,21 @@ one that names a state so far ahead: this computer has started anew since, and i
 STOPS = ("standby", "release")
 NEVER_LATE = (*STOPS, "cancel", "mob")
 CAME_LATE = "the order was held up on its way and is not carried out: order again"
-STOOD_BY = "somebody let the pilot stand by before you could see it: order again if you still want it"
+STOOD_BY = "the pilot stands by since before you could see it: order again if you still want it"
 
 
 def came_late(request: dict[str, Any], now: float, stood_by: float) -> str:
     """Take out of a request the time [s] of the newest state that its giver saw, where one is in it; return why the
     order is too late to be carried out at `now` [s], '' where it is not. Raises InputError.
 
-    stood_by [s]: when somebody let the pilot stand by last; inf: it is under way.
+    stood_by [s]: when it could be seen that the pilot stands by; inf: not yet.
     """
     seen = number_from(request.pop("seen"), "seen", 0.0, math.inf) if "seen" in request else now
     if request.get("do") in NEVER_LATE:
         return ""
-    return CAME_LATE if abs(now - seen) > LATE_S else STOOD_BY if seen < stood_by else ""
+    if abs(now - seen) > LATE_S:
+        return CAME_LATE
+    return STOOD_BY if seen < stood_by and request.get("do") != "acknowledge" else ""
 
 
 def asked_of(station: Station, request: Any) -> Asked:

@@ -35,6 +35,7 @@ from autopilot import __version__
 from autopilot.errors import InputError, NotYetError
 from autopilot.files.outside import ORDER_MOST, order_object
 from autopilot.interruption import print_end
+from autopilot.links.ground_station.access import MANUAL
 from autopilot.web import is_reachable, page_files, svg_of
 from autopilot.web.hub import Access, Hub, makes_room
 from autopilot.web.journal import words_of
@@ -124,6 +125,8 @@ UNREACHABLE = (
     "autopilot web with --listen and an interface, like wlan0:8080, and open the address that it prints."
 )
 NO_CODES = "Codes need the package segno: pip install 'norrbin[web]'."
+SHOWN_WITHIN_S = 2.0
+"""So long [s] after an order to stand by a display may still show that the pilot has the helm."""
 ORDER_S = 5.0
 """Within this time an order has come whole."""
 BAD_ORDER, CANNOT_NOW = 400, 409
@@ -176,7 +179,8 @@ class Page:
 
     def __init__(self, hub: Hub, access: Access, logs: LogIndex, steps: Steps | None = None) -> None:
         self._hub, self._access, self._logs, self._steps = hub, access, logs, steps
-        self._stood_by = -math.inf
+        self._stop_began = self._stopped = -math.inf
+        self._stopping = 0
         self._assets = page_files()
         self._packed = {
             name: gzip.compress(content) for name, content in self._assets.items() if _ending(name) in PACKED
@@ -267,7 +271,7 @@ class Page:
             return body
         try:
             wanted = order_object(body)
-            late = came_late(wanted, self._hub.clock(), self._stood_by)
+            late = came_late(wanted, self._hub.clock(), self._stood_by())
             asked = asked_of(self._hub.station, wanted)
         except InputError as error:
             return _refusal(BAD_ORDER, str(error))
@@ -276,12 +280,21 @@ class Page:
         if self._hub.station.target is None:
             return _refusal(CANNOT_NOW, "no boat that runs this pilot is heard")
         stops = wanted["do"] in STOPS
-        self._stood_by = math.inf if stops else self._stood_by
+        if stops:
+            self._stopping += 1
+            self._stop_began = self._hub.clock() if self._hub.station.view.mode != MANUAL else -math.inf
         try:
             taken, words = await self._hub.ask(asked, (_display_of(request), words_of(wanted)))
         finally:
-            self._stood_by = self._hub.clock() if stops else self._stood_by
+            if stops:
+                self._stopping, self._stopped = self._stopping - 1, self._hub.clock()
         return JSONResponse({"taken": True, "words": words}) if taken else _refusal(CANNOT_NOW, words)
+
+    def _stood_by(self) -> float:
+        """Return when [s] the displays could see that the pilot stands by, whoever let it; inf: they cannot yet."""
+        view, now = self._hub.station.view, self._hub.clock()
+        is_shown = view.mode == MANUAL or view.stood_by >= self._stop_began or now - self._stopped > SHOWN_WITHIN_S
+        return max(self._stopped, view.stood_by) if is_shown and not self._stopping else math.inf
 
     async def steps(self, request: Request) -> Response:
         """The steps to the first hold, where --boat names a vessel file; marked by who may give orders."""
@@ -419,8 +432,10 @@ def known_hosts(app: ASGIApp, address: str) -> ASGIApp:
 
     A foreign page whose name is made to lead to this machine could otherwise read what is shown here.
     """
-    if not ipaddress.ip_address(address).is_loopback:
+    place = ipaddress.ip_address(address)
+    if not place.is_loopback:
         return app
+    address = str(place)  # as a browser writes it
     # before starlette 1.0, "[" is all that is read of [::1]:8080
     return TrustedHostMiddleware(app, allowed_hosts=[address, f"[{address}]", "[", "localhost"], www_redirect=False)
 

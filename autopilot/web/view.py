@@ -132,12 +132,14 @@ class BoatView:
     Attributes:
         vehicle: the boat that was heard first, None before; only it is listened to.
         texts: what it said lately.  trial: the trial of this session, None before one.
+        stood_by: when [s] the pilot was first heard to have left the helm the last time, -inf before.
     """
 
     def __init__(self) -> None:
         self.vehicle: Vehicle | None = None
         self.texts = TextPieces()
         self.trial: Trial | None = None
+        self.stood_by = -math.inf
         self.history: deque[tuple[float | None, ...]] = deque(maxlen=HISTORY_ROWS)
         self._values: dict[str, float] = {}
         self._received: dict[str, float] = {}
@@ -243,6 +245,8 @@ class BoatView:
 
     def _heartbeat(self, now: float, message: Message) -> None:
         self._received["beat"] = now
+        if self._mode != MANUAL and message.custom_mode == MANUAL:
+            self.stood_by = now
         self._status, self._mode = int(message.system_status), int(message.custom_mode)
         vehicle = vehicle_of(message)
         if vehicle is not None:

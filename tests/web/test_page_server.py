@@ -155,6 +155,37 @@ def test_who_has_not_seen_that_another_hand_let_the_pilot_stand_by_engages_nothi
     assert order(sea.now, do="engage") == (200, ""), "who has seen it engages again"
 
 
+def test_a_page_that_still_shows_the_pilot_at_the_helm_engages_nothing_anew(client: Any, sea: Watched) -> None:
+    def order(seen: float, **wanted: Any) -> tuple[int, str]:
+        answer = client.post("/api/order", json={**wanted, "seen": seen}, headers=BEARER)
+        return answer.status_code, answer.json()["words"]
+
+    sea.watch(10.0)
+    for _ in range(4):
+        assert order(sea.now, do="engage") == (200, ""), "who has seen it engages again"
+        sea.watch(1.3)
+        assert order(sea.now, do="standby") == (200, "")
+        begun = sea.now
+        while sea.station.view.mode_name != "standby":
+            assert order(sea.now, do="wind") == order(sea.now, do="engage") == (409, STOOD_BY)
+            sea.watch(0.1)
+        assert sea.now - begun < 0.3, "the heartbeat of another mode does not wait"
+        sea.watch(0.1)
+    for _ in range(2):
+        assert order(sea.now, do="engage") == (200, "")
+        sea.watch(0.3)
+        assert order(sea.now, do="turn", degrees=10) == (200, ""), "just behind standing by, too"
+        assert order(sea.now, do="standby") == order(sea.now, do="standby") == (200, "")
+        sea.watch(0.3)
+    assert order(sea.now, do="engage") == (200, "")
+    sea.watch(1.3)
+    shown = sea.now
+    sea.skipper.stand_by()  # at another station
+    sea.watch(0.5)
+    assert order(shown, do="engage") == (409, STOOD_BY) and order(shown, do="acknowledge")[0] == 200
+    assert order(sea.now, do="engage") == (200, "")
+
+
 def test_an_order_from_before_the_computer_slept_is_late(
     sea: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -493,7 +524,11 @@ def test_addresses_that_are_none_are_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("address", "name"), [("127.0.0.1", "127.0.0.1:8080"), ("::1", "[::1]:8080"), ("127.0.0.2", "127.0.0.2:80")]
+    ("address", "name"),
+    [
+        *(("127.0.0.1", "127.0.0.1:8080"), ("::1", "[::1]:8080")),
+        *(("127.0.0.2", "127.0.0.2:80"), ("0:0:0:0:0:0:0:1", "[::1]:80")),
+    ],
 )
 def test_on_loopback_no_foreign_name_leads_to_the_page(sea: Watched, address: str, name: str) -> None:
     app = known_hosts(build_app(SailingHub(sea), Access(TOKEN), LogIndex(None)), address)

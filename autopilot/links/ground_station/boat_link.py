@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.links.alarm_outputs import StatusTexts, severity_of
 from autopilot.links.base import AlarmNews, Backlog, Transport
 from autopilot.links.ground_station.access import (
+    MANUAL,
     LinkAccess,
     OrderSequence,
     StationLink,
@@ -130,7 +131,7 @@ class BoatLink(StationLink):
         self._service = StationService(
             commands, parameters, self._telemetry, self._texts, {**parameters.files, **files}
         )
-        self._next_heartbeat = -math.inf
+        self._next_heartbeat, self._mode_said = -math.inf, MANUAL
         self._refusals: dict[str, float] = {}
         self._alarms: tuple[AlarmEvent, ...] = ()
         self._flooded = -math.inf
@@ -266,10 +267,10 @@ class BoatLink(StationLink):
         self._alarms = tick.alarms
 
     def poll(self, now: float) -> None:
-        """Send heartbeat, texts and the next of a parameter list."""
-        if now >= self._next_heartbeat:
+        """Send heartbeat, at once where the mode is another, texts and the next of a parameter list."""
+        tick = self._telemetry.tick
+        if now >= self._next_heartbeat or self._mode_said != self._mode():
             self._next_heartbeat = now + HEARTBEAT_S
-            tick = self._telemetry.tick
             self._heartbeat(now, STATES[tick.mode] if tick is not None else dialect.MAV_STATE_BOOT)
         self._transmit(now, *self._service.due(now), *self._texts.due(now))
 
@@ -284,11 +285,15 @@ class BoatLink(StationLink):
         flags |= dialect.MAV_MODE_FLAG_AUTO_ENABLED if engaged else dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
         if engaged or self._commands.armed:
             flags |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
-        mode = self._telemetry.mode(tick) if tick is not None else 0
+        self._mode_said = self._mode()
         message = dialect.MAVLink_heartbeat_message(
-            dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, flags, mode, state, 3
+            dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_GENERIC, flags, self._mode_said, state, 3
         )
         self._transmit(now, message)
+
+    def _mode(self) -> int:
+        tick = self._telemetry.tick
+        return self._telemetry.mode(tick) if tick is not None else MANUAL
 
     def _accepts(self, message: Message) -> bool:
         """Return whether a ground station may have sent it; our own identity is nobody else's."""
