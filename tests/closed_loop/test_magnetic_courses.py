@@ -89,7 +89,7 @@ def test_without_a_variation_a_magnetic_compass_never_passes_for_true() -> None:
     tick = boat.sail(30.0)
     assert tick.mode is Mode.STANDBY and not tick.state.valid
     assert any(
-        "the magnetic variation, and it is not known: set sensors.variation_deg, or sensors.magnetic: true" in alarm
+        "the magnetic variation, which is not known: set sensors.variation_deg, or sensors.magnetic: true" in alarm
         for alarm in words_of(tick)
     )
 
