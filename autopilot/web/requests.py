@@ -42,7 +42,7 @@ LATE_S = 5.0
 """An order whose giver has heard nothing for so long [s] was held up on its way: nobody waits for it any more. So was
 one that names a state so far ahead: this computer has started anew since, and its clock with it."""
 STOPS = ("standby", "release")
-NEVER_LATE = (*STOPS, "cancel", "mob")
+NEVER_LATE = (*STOPS, "cancel", "mob", "mob_at")
 CAME_LATE = "the order was held up on its way and is not carried out: order again"
 STOOD_BY = "the pilot stands by since before you could see it: order again if you still want it"
 

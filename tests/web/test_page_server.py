@@ -128,6 +128,7 @@ def test_an_order_that_was_held_up_on_its_way_is_not_carried_out_but_a_release_i
     assert order(10.0, do="cancel") == 200
     sea.watch(1.0)
     assert sea.commands.running.run.is_over, "to end a trial counts, however late"
+    assert order(10.0, do="mob_at", latitude=57.0, longitude=12.0) == 200, "whoever is overboard still is"
     assert order(-1.0e12, do="standby") == 200
     assert order(10.0, do="release") == 200 and not sea.commands.armed
 
