@@ -346,11 +346,17 @@ def carried_on(
     return held, turns if rate is None else turns_step(turns, turn, rate * step, step)
 
 
+def concluded(before: Consistency) -> Consistency:
+    """Return what is known of the rate without what was compared so far: one that was found wrong stays so until it
+    goes together with headings again."""
+    return before._replace(heading=None, rate=None, turns=NO_TURNS, since=math.nan, held=NOT_HELD)
+
+
 def handed_over(before: Consistency) -> tuple[Consistency, float]:
     """Return what is known where another compass steers, and how far [rad] the one before it was held to be off: what
     lies between the two lies between the other and the heading it showed, not the one that was steered by."""
     held = settled(before.held)
-    return Consistency(held=held._replace(offset=0.0)), held.offset
+    return concluded(before)._replace(held=held._replace(offset=0.0)), held.offset
 
 
 def consistency_step(

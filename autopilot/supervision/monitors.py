@@ -259,11 +259,11 @@ NOTHING_SEEN = State()
 
 def without_past(state: State) -> State:
     """Return the state without what was compared so far: nothing that came before a standstill says anything about now.
-    What has been concluded of boat, speed and rudder stays."""
+    What has been concluded of boat, rate, speed and rudder stays."""
     rudder, course = state.rudder, state.course
     return state._replace(
         measured=Measured(),
-        consistency=compass_watch.Consistency(),
+        consistency=compass_watch.concluded(state.consistency),
         compass=compass_watch.State(),
         rudder=rudder_watch.State(other=rudder.other, rests_roll=rudder.rests_roll, doubts_speed=rudder.doubts_speed),
         course=course_watch.State(softer=course.softer, hunts=course.hunts),

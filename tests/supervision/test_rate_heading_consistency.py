@@ -474,3 +474,15 @@ def test_where_another_compass_takes_over_nothing_is_held_and_what_may_be_a_spik
     assert offset == 0.1
     assert known.held.offset == 0.0
     assert math.isnan(known.held.onset)
+
+
+@pytest.mark.parametrize("rate_deg_s", [10.0, 0.5])
+def test_a_rate_found_wrong_stays_so_by_another_compass_until_it_goes_with_the_headings(rate_deg_s: float) -> None:
+    known, _ = handed_over(Consistency(found="20 deg apart", seen=100.0))
+    rate, said = math.radians(rate_deg_s), []
+    for number in range(250):
+        time = 100.0 + 0.1 * number
+        known = consistency_step(known, HeadingSample(time, 0.01 * (-1) ** number, rate, "other"), math.radians(10.0))
+        said.append(bool(known.found))
+    assert all(said[:190])
+    assert said[-1] == (rate_deg_s == 10.0)
