@@ -265,13 +265,18 @@ def _covariance(known: NDArray[np.bool_], jacobian: FloatArray, left: FloatArray
     What pushes a boat slowly tells against what its rudder does within seconds by little: residuals that remember
     long do not make each sample tell less alike.
     """
-    slopes, residuals = np.zeros((*known.shape, jacobian.shape[1])), np.zeros(known.shape)
-    slopes[known], residuals[known] = jacobian, left
-    lasts = [int(np.flatnonzero(column)[-1]) + 1 for column in known.T]
-    return robust_covariance(
-        [slopes[:last, k, None] for k, last in enumerate(lasts)],
-        [residuals[:last, k, None] for k, last in enumerate(lasts)],
-    )
+    row = np.zeros(known.shape, dtype=np.intp)
+    row[known] = np.arange(left.size)
+    slopes, residuals = [], []
+    # one segment after the other: all of them as long as the longest, by all starting rates, are gigabytes
+    for there, rows in zip(known.T, row.T, strict=True):
+        last = int(np.flatnonzero(there)[-1]) + 1
+        rows, missing = rows[:last], ~there[:last]
+        slope, residual = jacobian[rows, None], left[rows, None]
+        slope[missing], residual[missing] = 0.0, 0.0
+        slopes.append(slope)
+        residuals.append(residual)
+    return robust_covariance(slopes, residuals)
 
 
 def _span(values: Sequence[float]) -> float:

@@ -250,7 +250,12 @@ def _test(
 
 
 def _centred(values: FloatArray) -> FloatArray:
-    return np.asarray(values - np.nanmean(values)) if np.isfinite(values).any() else values
+    """Return the values less their mean, exact zeros where they are constant: rounding errors go with all else."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return values
+    off = values - known[0]
+    return np.asarray(off - np.nanmean(off))
 
 
 def correlations(earlier: Sequence[FloatArray], later: Sequence[FloatArray], longest: int) -> FloatArray:

@@ -15,9 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from memory import measured
 from thrust_intervals import off_by
 
 from autopilot.cli.main import main
+from autopilot.identification import drive_effect
 from autopilot.identification.drive_effect import DriveFit, Prediction, at_one_throttle, fit_drive, likely_drive
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.prediction_bands import boats_of, forecast, widened
@@ -156,6 +158,18 @@ def test_intervals_are_as_wide_as_the_errors(gust_deg: float) -> None:
     for name in ("K", "T", "K/T", "n1/T"):
         size = math.sqrt(float(np.mean([each[name][0] ** 2 for each in found])))
         assert 1.0 / 3.0 < size < 2.0, name
+
+
+def test_errors_of_many_short_runs_beside_a_long_one_take_no_more_memory_than_their_samples() -> None:
+    known = np.zeros((4000, 40), dtype=bool)
+    known[:, 0], known[:20] = True, True
+    random = np.random.default_rng(5)
+    jacobian, left = (random.normal(size=(np.count_nonzero(known), *shape)) for shape in ((46,), ()))
+    drive_effect._covariance(known[:10], jacobian[:400], left[:400])
+    covariance, taken = measured(lambda: drive_effect._covariance(known, jacobian, left))
+    assert taken.peak < 8 * jacobian.nbytes
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance) / np.diag(inverse)), 1.0, atol=0.2)
 
 
 def test_identify_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

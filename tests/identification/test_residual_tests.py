@@ -66,6 +66,16 @@ def test_correlations_of_segments_with_blanks_are_those_of_the_products_lag_by_l
         assert found[lag] == pytest.approx(float(np.nanmean(products)) / scale, abs=1.0e-12)
 
 
+def test_nothing_follows_a_rudder_that_stands_still() -> None:
+    random, time = np.random.default_rng(1239), np.arange(39) / 20.0
+    still = np.full(time.size, 0.1)
+    for drift in (0.0, 0.05):
+        table = {"time_s": time, "rudder_rad": still, "speed_m_s": still + 4.9, "heading_rad": drift * time**2}
+        table["heading_rad"] = table["heading_rad"] + random.normal(0.0, 0.003, time.size)
+        (test,) = residual_tests([run_of(table)] * 2, TRUTH)
+        assert test.rudder == 0.0 and not test.follows_rudder
+
+
 def test_only_what_was_measured_is_tested() -> None:
     heading_only = {key: values for key, values in noisy(TABLE, 0.0, 0.003, 1).items() if key != "yaw_rate_rad_s"}
     assert [test.signal for test in residual_tests([run_of(heading_only)], TRUTH)] == ["heading"]
