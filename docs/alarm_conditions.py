@@ -38,9 +38,9 @@ CONDITIONS = {
         "the heading is off what the rate of turn carries on by 6 deg, by five times what usually lies between the "
         "two, and by what the boat turns in 1 s and the time between two headings, or at once by 6 deg, by five times "
         "what it usually changes by, and by what the boat turns in twice that time; where no rate is believed, by "
-        "more at once than a boat like this turns; and has come to rest there, or "
-        "comes and goes three times within 20 s; by less than `heading_jumping` takes. While we steer the course is "
-        "held for 30 s and the compass then followed by 0.25 deg/s; else it is followed at once",
+        "more at once than a boat like this turns, and no more than half of it before or after; and has come to "
+        "rest there, or comes and goes three times within 20 s; by less than `heading_jumping` takes. While we steer "
+        "the course is held for 30 s and the compass then followed by 0.25 deg/s; else it is followed at once",
         key="alarms.heading_jump_deg",
     ),
     "heading_disagrees": Condition(

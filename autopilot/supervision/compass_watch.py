@@ -31,6 +31,7 @@ from autopilot.supervision.tuning import (
     HELD_SAID,
     HELD_SETTLES,
     HELD_SIGMAS,
+    HELD_STAYS,
     HELD_USUAL_TIME,
     INNOVATION_TIME,
     JUMP_SAID,
@@ -123,9 +124,10 @@ class Held(NamedTuple):
 
     offset [rad]: they are further than the boat by so much; usual and at_once [rad^2]: the mean squares of the
     innovation, and of its change from one heading to the next, over the time `known` [s]. While it is not known whether
-    it is a jump: onset [s], nan otherwise, the offset `before`, and how far it still `moved` in the second half [rad].
-    is_turn: the heading turns on and the rate does not, until they go together again. jumped [s]: when the heading was
-    off last, and how often in a row; by [rad]: the first time; is_said: whether that is an alarm."""
+    it is a jump: onset [s], nan otherwise, the offset `before`, and how far it still `moved` in the second half [rad],
+    or, beside no rate that is believed, since; is_sudden: no boat turns so far at once. is_turn: the heading turns on
+    and the rate does not, until they go together again. jumped [s]: when the heading was off last, and how often in a
+    row; by [rad]: the first time; is_said: whether that is an alarm."""
 
     offset: float = 0.0
     usual: float = 0.0
@@ -139,6 +141,7 @@ class Held(NamedTuple):
     jumps: int = 0
     by: float = 0.0
     is_said: bool = False
+    is_sudden: bool = False
 
 
 NOT_HELD = Held()
@@ -171,7 +174,8 @@ def begun(held: Held, off: float, time: float) -> Held:
     """Return what is held as a heading is `off` [rad] at `time` [s], and nobody knows yet whether it has jumped."""
     is_first = held.offset == 0.0 and not time - held.jumped < HELD_SAID
     jumps, by, is_said = (1, off, False) if is_first else (held.jumps + 1, held.by, held.is_said)
-    return held._replace(onset=time, before=held.offset, moved=0.0, jumped=time, jumps=jumps, by=by, is_said=is_said)
+    held = held._replace(onset=time, before=held.offset, moved=0.0, jumped=time, jumps=jumps, by=by, is_said=is_said)
+    return held._replace(is_sudden=False)
 
 
 def ended(held: Held, rest: float) -> Held:
@@ -192,20 +196,25 @@ def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float
     """Take a heading that is further by `turned`, (by heading [rad], in a step [s]), at `time` [s], beside no rate of
     turn that is believed; return what is held.
 
-    By more than the boat turns at its `quickest` [rad/s] it has jumped, and is held like that: by what it moves on
-    beside, the boat turns. One that is back within HELD_SETTLES was a spike. jump: see `held_step`.
+    By more than the boat turns at its `quickest` [rad/s] it has jumped, if it stays: no gyro bears witness. One that is
+    back within HELD_SETTLES was a spike, and one that moves by more than HELD_STAYS of its jump otherwise turns, by
+    hand, in a wake or in a broach, as does one that was about to. jump: see `held_step`.
     """
     (by_heading, step), usual = turned, math.sqrt(held.at_once)
-    is_sudden = sudden_most(quickest, step, usual) < abs(by_heading) < jump + HELD_LEAST
-    if not is_sudden or held.known < HELD_LAG:
-        # half of it is the heading's before
-        held = usual_step(held, (by_heading / SQRT_2, by_heading), step, False)
-    else:
-        held = begun(held, by_heading, time) if math.isnan(held.onset) else held
-        held = held._replace(offset=held.offset + by_heading)
-    if time - held.onset >= HELD_SETTLES:
-        return ended(held, 0.5 * sudden_most(0.0, 0.0, usual))
-    return held
+    least, turns = sudden_most(quickest, step, usual), abs(by_heading)
+    if math.isnan(held.onset):
+        if not least < turns < jump + HELD_LEAST or held.is_turn or held.known < HELD_LAG:
+            # half of it is the heading's before
+            return usual_step(held, (by_heading / SQRT_2, by_heading), step, turns > HELD_STAYS * least)
+        return begun(held, by_heading, time)._replace(offset=held.offset + by_heading, is_sudden=True)
+    by_jump, moved = held.offset - held.before, (held.moved if held.is_sudden else 0.0) + by_heading
+    rest = 0.5 * sudden_most(0.0, 0.0, usual)
+    if abs(moved) > HELD_STAYS * abs(by_jump):
+        if abs(by_jump + moved) < HELD_STAYS * abs(by_jump):
+            return ended(held._replace(offset=held.before), rest)
+        return settled(held)._replace(moved=0.0, is_turn=True, jumps=held.jumps - 1)
+    held = held._replace(moved=moved, is_sudden=True)
+    return ended(held, rest) if time - held.onset >= HELD_SETTLES else held
 
 
 def held_step(
@@ -235,7 +244,7 @@ def held_step(
             is_turn = abs(off) > (rests if held.is_turn else limit)
             return usual_step(held, (off, at_once), step, is_turn), after
         off = off if is_off else at_once
-        held = begun(held, off, time)
+        held = begun(held, off, time)._replace(is_sudden=abs(at_once) > sudden_most(quickest, step, change))
         held = held._replace(before=0.0) if goes_on else held
     else:
         off = at_once
@@ -341,6 +350,9 @@ def carried_on(
         return held, turns if rate is None else turns_step(turns, turn, rate * step, step)
     if rate is not None and is_believed:
         return held_step(held, turns, (turn, rate * step, step), (time, rate), most)
+    if rate is not None and not held.is_sudden:
+        # it was the rate that did not show a turn
+        held = settled(held)
     held = alone_step(held, by_heading, time, jump, quickest)
     turn -= held.offset - before.held.offset
     return held, turns if rate is None else turns_step(turns, turn, rate * step, step)

@@ -251,6 +251,8 @@ HELD_SETTLES = 1.5  # 30 %: nothing
 """A jump is over in this time [s], a damped compass's too; what moves on is a turn."""
 HELD_RESTS = 2.0 / 3.0  # 30 %: nothing
 """It has come to rest where it moves by no more than this share of what it must jump by."""
+HELD_STAYS = 0.5
+"""Beside no gyro a heading has jumped that stays as near to where it jumped to as this share of its jump."""
 HELD_FOLLOWS = math.radians(0.25)  # 30 %: 2.2 deg more off course 60 s after a jump of 12 deg, with more
 """By so much each second [rad/s] a compass is followed whose jump nobody has acknowledged by taking the helm."""
 HELD_SAID = 20.0  # 30 %: of jumps every 25 s 11 changes of the alarm in place of 7, with less

@@ -404,6 +404,79 @@ def test_without_a_rate_noise_is_no_jump(noise_deg: float, dt: float) -> None:
         assert found == (0.0, []), seed
 
 
+def alone(
+    shown: Callable[[float], float], most_deg_s: float, dt: float, noise_deg: float, seed: int
+) -> tuple[float, list[str]]:
+    """As `beside_no_rate`, of a boat that turns by `most_deg_s` at most: how far it is held to be off at the most, once
+    it is known, and what is said."""
+    random, watch, worst, said = np.random.default_rng(seed), Consistency(), 0.0, list[str]()
+    limits = math.radians(15.0), math.radians(most_deg_s), math.radians(25.0)
+    for k in range(round(50.0 / dt)):
+        now = k * dt
+        heading = math.radians(shown(now) + noise_deg * float(random.standard_normal()))
+        watch = consistency_step(watch, HeadingSample(now, wrap(heading), None, "c"), *limits)
+        worst = max(worst, abs(watch.held.offset) if math.isnan(watch.held.onset) else 0.0)
+        said += [event.detail for event in held_events(watch.held, now) if event.detail not in said]
+    return math.degrees(worst), said
+
+
+@pytest.mark.parametrize("most", [5.4, 11.4, 33.0])
+@pytest.mark.parametrize("dt", [0.1, 0.2])
+def test_without_a_rate_a_spike_of_any_size_leaves_nothing_held(dt: float, most: float) -> None:
+    """What came back by a little less than it had jumped by was held for half a minute."""
+    for seed in range(40):
+        spike = 6.0 + 0.4 * seed
+
+        def shown(now: float, spike: float = spike) -> float:
+            return spike if 29.95 < now < 29.95 + dt else 0.0
+
+        assert alone(shown, most, dt, 0.5, seed) == (0.0, []), spike
+
+
+@pytest.mark.parametrize("most", [1.0, 5.4, 11.4, 33.0])
+@pytest.mark.parametrize("dt", [0.1, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("rate", [20.0, 25.0])
+def test_without_a_rate_a_boat_that_is_swung_by_hand_is_not_held(rate: float, dt: float, most: float) -> None:
+    """By a wave, too: it was taken for jumps, one on the other, and held by up to 179 deg."""
+    for seed in range(8):
+        begins = 30.0 + seed / 8.0
+
+        def swung(now: float, begins: float = begins) -> float:
+            return rate * min(max(now - begins, 0.0), 7.0)
+
+        assert alone(swung, most, dt, 0.5, seed)[0] == 0.0, begins
+
+
+@pytest.mark.parametrize("dt", [0.5, 1.0])
+def test_without_a_rate_a_wake_is_not_held(dt: float) -> None:
+    for seed in range(16):
+        begins = 30.0 + seed / 16.0
+
+        def rolled(now: float, begins: float = begins) -> float:
+            return 8.0 * math.sin(1.8 * (now - begins)) if begins <= now < begins + 10.0 else 0.0
+
+        assert alone(rolled, 1.0, dt, 0.3, seed)[0] == 0.0, begins
+
+
+def test_a_turn_beside_a_rate_that_died_long_ago_is_given_back_soon() -> None:
+    """What was held of the turn proved nothing against the rate, and the boat was carried 30 deg past its course."""
+    limits, watch, most, random = (
+        (math.radians(15.0), 0.6, math.radians(25.0)),
+        Consistency(),
+        0.0,
+        np.random.default_rng(3),
+    )
+    for k in range(500):
+        now = 0.1 * k
+        rate = 0.01 * float(random.standard_normal()) if now < 20.0 else 0.0
+        watch = consistency_step(watch, RateSample(now, rate, "gyro"), *limits)
+        heading = math.radians(15.0 * min(max(now - 40.0, 0.0), 4.0) + 0.2 * float(random.standard_normal()))
+        watch = consistency_step(watch, HeadingSample(now, heading, None, "c"), *limits)
+        most = max(most, abs(watch.held.offset))
+    assert math.degrees(most) < 15.0
+    assert watch.found
+
+
 def test_a_rate_that_ends_behind_a_jump_leaves_it_held() -> None:
     """Half a second after a jump the gyro fell silent, and the boat turned by the jump."""
     limits, watch = (math.radians(15.0), 2.0, math.radians(25.0)), Consistency()
