@@ -267,9 +267,9 @@ class BoatLink(StationLink):
         self._alarms = tick.alarms
 
     def poll(self, now: float) -> None:
-        """Send heartbeat, at once where the mode is another, texts and the next of a parameter list."""
+        """Send heartbeat, at once where the pilot has left the helm, texts and the next of a parameter list."""
         tick = self._telemetry.tick
-        if now >= self._next_heartbeat or self._mode_said != self._mode():
+        if now >= self._next_heartbeat or self._mode_said != MANUAL == self._mode():
             self._next_heartbeat = now + HEARTBEAT_S
             self._heartbeat(now, STATES[tick.mode] if tick is not None else dialect.MAV_STATE_BOOT)
         self._transmit(now, *self._service.due(now), *self._texts.due(now))
