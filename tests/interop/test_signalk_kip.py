@@ -67,9 +67,14 @@ def steer(page: Any, server: Server) -> None:
     def pilot(name: str) -> Any:
         return server.value(f"steering/autopilot/{name}")
 
+    def target() -> Any:
+        return server.ask("v2/api/vessels/self/autopilots/norrbin/target")[1]["value"]
+
     press("Engage")
     until("engaged", lambda: (pilot("state"), pilot("engaged")) == ("auto", True))
-    before = math.degrees(server.ask("v2/api/vessels/self/autopilots/norrbin/target")[1]["value"])
+    # what is held is heard a moment later than that something is
+    until("the course", lambda: target() is not None)
+    before = math.degrees(target())
     for step, turned in (("+10°", 10.0), ("+10°", 20.0), ("-1°", 19.0), ("-10°", 9.0)):
         press(step)
         until("the turn", lambda turned=turned: near(server.value("navigation/headingTrue"), before + turned, 0.6))
