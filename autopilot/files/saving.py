@@ -96,8 +96,9 @@ class BackgroundSaver:
         error = done.exception()
         if error is None:
             self._unsaved.pop(path, None)
-        elif self._unsaved.setdefault(path, words := str(error)) is words:
-            self._warn(f"a change is not kept: {words}")
+        elif path not in self._unsaved:
+            self._unsaved[path] = str(error)
+            self._warn(f"a change is not kept: {error}")
 
 
 def save_page(path: str | Path, page: str) -> None:

@@ -29,7 +29,7 @@ from autopilot.identification.likelihood_record import Form
 from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.residuals import robust_covariance
-from autopilot.identification.rudder_path import with_corners
+from autopilot.identification.rudder_path import DIRECT, means_behind, with_corners
 from autopilot.identification.runs import FloatArray, Run, Segment, mean_speed, seconds
 from autopilot.models.drives import THROTTLE_FLOOR, DriveLaw, Needs, effect_of
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin
@@ -85,12 +85,8 @@ def _rate_of(part: Segment, at: FloatArray) -> FloatArray:
 def _steered(part: Segment, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean and rise of the rudder [rad] until the next of the times: a rudder that goes over within a step turns
     the boat by its mean, not by where it is at both ends."""
-    time, angle = with_corners(part.time, part.rudder)
-    grid = np.union1d(time, at)
-    rudder = np.interp(grid, time, angle)
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (rudder[1:] + rudder[:-1]) * np.diff(grid))])
-    here = np.searchsorted(grid, at)
-    return np.append(np.diff(area[here]) / np.diff(at), rudder[-1]), np.append(np.diff(rudder[here]), 0.0)
+    mean, rise = means_behind(DIRECT, *with_corners(part.time, part.rudder), at)
+    return np.append(mean, part.rudder[-1]), np.append(rise, 0.0)
 
 
 def _stacked(runs: Sequence[Run], speed: float, throttle: float) -> _Stack:

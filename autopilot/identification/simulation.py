@@ -196,6 +196,8 @@ UNIT = Norrbin(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
 BLOCK = 8192
 """Steps that are evaluated together: their arrays then stay in the processor's cache."""
+PART = 1 << 16
+"""Steps that are simulated together where nothing is fitted to them."""
 
 
 class Trajectory(NamedTuple):
@@ -251,9 +253,9 @@ def motion_in_parts(
 ) -> Trajectory:
     """Return what `simulate` does, without what a fit needs beside it: some steps after the others, so that a day's log
     takes little more memory than its rudder and its motion."""
-    steps, nodes = forcing.step.size, forcing.step.size + forcing.first.size
-    state, advance = np.empty((_initial(initial_rate, around).shape[0], nodes)), np.empty(steps)
-    state[:, forcing.first] = _initial(initial_rate, around)
+    initial, steps = _initial(initial_rate, around), forcing.step.size
+    state, advance = np.empty((initial.shape[0], steps + forcing.first.size)), np.empty(steps)
+    state[:, forcing.first] = initial
     for start in range(0, steps, PART):
         inside = slice(start, min(start + PART, steps))
         begin = forcing.begin[inside]
@@ -270,10 +272,6 @@ def motion_in_parts(
         near = None if guess is None else Trajectory(guess.rate[whole], guess.turned[whole])
         state[:, whole], advance[inside], _ = _moved(model, part, state[:, first], around, near)
     return _trajectory(state, _turned(advance, forcing))
-
-
-PART = 1 << 16
-"""Steps that are simulated together where nothing is fitted to them."""
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 import pytest
@@ -242,6 +242,15 @@ def test_rates_in_other_units_stay_refused_on_a_course_where_they_are_small(peri
     assert all(known.is_refused for now, known in said if now >= first)
 
 
+def after_each(samples: Iterable[HeadingSample], rate_most: float) -> Iterator[tuple[Consistency, list[str]]]:
+    """What is known after each heading of a boat that turns by `rate_most` [rad/s] at most, and what was said by it."""
+    watch, said = Consistency(), list[str]()
+    for sample in samples:
+        watch = consistency_step(watch, sample, math.radians(15.0), rate_most, math.radians(25.0))
+        said += [event.detail for event in held_events(watch.held, sample.time) if event.detail not in said]
+        yield watch, said
+
+
 def heard(
     shown: Callable[[float], float],
     rate: Callable[[float], float] = lambda _: 0.0,
@@ -251,14 +260,14 @@ def heard(
     seed: int = 3,
 ) -> tuple[float, list[str]]:
     """How far headings `shown` [deg] beside rates [deg/s] are held to be off in the end, and what is said by then."""
-    random, watch, said = np.random.default_rng(seed), Consistency(), list[str]()
-    for k in range(round(seconds / dt)):
-        now = k * dt
+    random = np.random.default_rng(seed)
+
+    def sample(now: float) -> HeadingSample:
         heading, noise = math.radians(shown(now)), math.radians(noise_deg) * random.standard_normal(2)
         turning = math.radians(rate(now)) + 0.5 * float(noise[1])
-        sample = HeadingSample(now, (heading + float(noise[0]) + math.pi) % (2.0 * math.pi) - math.pi, turning, "c")
-        watch = consistency_step(watch, sample, math.radians(15.0), 1.0, math.radians(25.0))
-        said += [event.detail for event in held_events(watch.held, now) if event.detail not in said]
+        return HeadingSample(now, (heading + float(noise[0]) + math.pi) % (2.0 * math.pi) - math.pi, turning, "c")
+
+    *_, (watch, said) = after_each((sample(k * dt) for k in range(round(seconds / dt))), 1.0)
     return math.degrees(watch.held.offset), said
 
 
@@ -348,19 +357,14 @@ def beside_no_rate(
     seed: int = 3,
 ) -> tuple[float, list[str]]:
     """As `heard`, the boat turning by 30 deg/s at most, without a rate or beside one that was found to be wrong."""
-    random, watch, said = np.random.default_rng(seed), Consistency(), list[str]()
-    for k in range(round(seconds / dt)):
-        now = k * dt
+    random = np.random.default_rng(seed)
+
+    def sample(now: float) -> HeadingSample:
         rate = math.radians(10.0 if now >= 2.0 else 0.0) if refused else None
         heading = math.radians(shown(now) + noise_deg * float(random.standard_normal()))
-        watch = consistency_step(
-            watch,
-            HeadingSample(now, wrap(heading), rate, "c"),
-            math.radians(15.0),
-            math.radians(30.0),
-            math.radians(25.0),
-        )
-        said += [event.detail for event in held_events(watch.held, now) if event.detail not in said]
+        return HeadingSample(now, wrap(heading), rate, "c")
+
+    *_, (watch, said) = after_each((sample(k * dt) for k in range(round(seconds / dt))), math.radians(30.0))
     assert bool(watch.found) is refused
     return math.degrees(watch.held.offset), said
 
@@ -409,15 +413,15 @@ def alone(
 ) -> tuple[float, list[str]]:
     """As `beside_no_rate`, of a boat that turns by `most_deg_s` at most: how far it is held to be off at the most, once
     it is known, and what is said."""
-    random, watch, worst, said = np.random.default_rng(seed), Consistency(), 0.0, list[str]()
-    limits = math.radians(15.0), math.radians(most_deg_s), math.radians(25.0)
-    for k in range(round(50.0 / dt)):
-        now = k * dt
+    random = np.random.default_rng(seed)
+
+    def sample(now: float) -> HeadingSample:
         heading = math.radians(shown(now) + noise_deg * float(random.standard_normal()))
-        watch = consistency_step(watch, HeadingSample(now, wrap(heading), None, "c"), *limits)
-        worst = max(worst, abs(watch.held.offset) if math.isnan(watch.held.onset) else 0.0)
-        said += [event.detail for event in held_events(watch.held, now) if event.detail not in said]
-    return math.degrees(worst), said
+        return HeadingSample(now, wrap(heading), None, "c")
+
+    known = list(after_each((sample(k * dt) for k in range(round(50.0 / dt))), math.radians(most_deg_s)))
+    worst = max((abs(watch.held.offset) for watch, _ in known if math.isnan(watch.held.onset)), default=0.0)
+    return math.degrees(worst), known[-1][1]
 
 
 @pytest.mark.parametrize("most", [5.4, 11.4, 33.0])
