@@ -223,24 +223,26 @@ def test_a_stick_that_was_pulled_and_is_back_gets_another_file(
 
 def test_a_disk_that_hangs_keeps_nobody_waiting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = Disk(monkeypatch)
-    recorder = Recorder(ThreadedSink(FileSink(tmp_path / "a.tlog"), waiting_max=20), HEADER, 0.0)
+    sink = ThreadedSink(FileSink(tmp_path / "a.tlog"), waiting_max=20)
+    recorder = Recorder(sink, HEADER, 0.0)
     said = set()
 
     def hang(run: Lockstep) -> None:
         # a loop that waited for this disk would never come to the second of these
         if run.now == 3.0:
             disk.goes_on.clear()
-        elif run.now == 8.0:
+        elif run.now >= 8.0:
             disk.goes_on.set()
+            # nothing in lockstep gives the writer's thread its share of time: without this it may fall behind again
             deadline = time.monotonic() + 60.0
-            while recorder.failed and time.monotonic() < deadline:
-                time.sleep(0.01)
+            while (recorder.failed or sink._queue.qsize()) and time.monotonic() < deadline:
+                time.sleep(0.001)
         said.add(recorder.failed)
 
     run = sail(recorder, hook=hang)
     assert "log has a gap: the disk is too slow; use a faster card, or log elsewhere" in said
     logs = read_logs(tmp_path / "a.tlog")
-    # one part before the gap and one behind it; more where the writer's thread fell behind a loop that never waits
+    # one part before the gap and one behind it; more where the writer's thread fell behind before the disk hung
     assert len(logs) >= 2
     written = [tick.number for log in logs for tick in log.ticks]
     assert recorder.dropped == len(run.ticks) - len(written) > 50
