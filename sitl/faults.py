@@ -382,10 +382,10 @@ def kinds_table() -> str:
     return "\n".join(rows)
 
 
-def ask(address: str, line: str) -> str:
-    """Send a line to the service at `address` and return its answer. LinkError where nobody answers."""
+def ask(address: str, line: str, patience: float = ANSWER_S) -> str:
+    """Send a line to the service at `address` and return its answer. LinkError where none comes in `patience` [s]."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
-        asker.settimeout(ANSWER_S)
+        asker.settimeout(patience)
         try:
             asker.connect(service_address(address))
             asker.send(line.encode())

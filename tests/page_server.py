@@ -62,7 +62,7 @@ def served(sea: Watched, logs: Path | None = None) -> Iterator[tuple[str, Sailin
         thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
         thread.start()
         try:
-            assert server.up.wait(30.0)
+            assert server.up.wait(60.0)
             yield f"http://127.0.0.1:{sock.getsockname()[1]}", hub
         finally:
             server.should_exit = True

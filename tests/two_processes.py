@@ -33,6 +33,14 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
         return int(probe.getsockname()[1])
 
 
+def await_bound(port: int) -> None:
+    """Return when a program has opened a UDP port of this machine."""
+    end = time.monotonic() + PATIENCE_S
+    while f":{port:04X} " not in Path("/proc/net/udp").read_text():
+        assert time.monotonic() < end, f"nobody has opened {port}"
+        time.sleep(0.05)
+
+
 @contextlib.contextmanager
 def simulator(speedup: float, *arguments: str, kind: str = "lanxin") -> Iterator[subprocess.Popen[str]]:
     """Run `sitl serve` at `speedup` while the block lasts."""
@@ -78,5 +86,5 @@ def sailed_for(path: Path, seconds: float) -> dict[str, float]:
 
 def provoke(control: int, fault: str) -> None:
     """Let the simulator that listens at the port `control` have a fault from now on."""
-    answer = ask(f"127.0.0.1:{control}", fault)
+    answer = ask(f"127.0.0.1:{control}", fault, PATIENCE_S)
     assert not answer.startswith("error"), answer

@@ -20,11 +20,13 @@ from unittest.mock import Mock
 
 import pytest
 from lockstep import Lockstep
+from two_processes import PATIENCE_S, patient_vessel
 
 from autopilot.angles import compass_text
 from autopilot.cli.terminal import TYPED_MOST, Steady, TypedLines, course_text, line_of, status_text
 from autopilot.errors import ExitCode
-from autopilot.signals import Order, OrderKind, Tick
+from autopilot.runtime.record import read_log
+from autopilot.signals import Mode, Order, OrderKind, Tick
 from autopilot.vessel.file import load_vessel
 
 
@@ -136,7 +138,7 @@ def test_keys_that_another_program_takes_first_keep_nobody_waiting(
 class AtTerminal:
     """`autopilot run` on a pseudo-terminal of its own, beside a simulated boat."""
 
-    def __init__(self, folder: Path, columns: int) -> None:
+    def __init__(self, folder: Path, columns: int, *options: str) -> None:
         line = folder / "boat"
         command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--nmea", f"{line}:38400"]
         command += ["--sentences", "HDG:10,ROT:10,RSA:5,VHW:1"]
@@ -146,7 +148,10 @@ class AtTerminal:
         self.before = termios.tcgetattr(theirs)
         self._theirs = theirs
         self.pilot = subprocess.Popen(
-            [sys.executable, "-m", "autopilot", "run", "lanxin", "--link", f"nmea:{line}:38400"],
+            [
+                *(sys.executable, "-m", "autopilot", "run", str(patient_vessel(folder))),
+                *("--link", f"nmea:{line}:38400", *options),
+            ],
             cwd=folder,
             stdin=theirs,
             stdout=theirs,
@@ -156,7 +161,7 @@ class AtTerminal:
         )
         self.shown = ""
 
-    def until(self, pattern: str, seconds: float = 40.0) -> str:
+    def until(self, pattern: str, seconds: float = PATIENCE_S) -> str:
         """Read until the screen has shown `pattern`; return what came."""
         since, end = len(self.shown), time.monotonic() + seconds
         os.set_blocking(self._ours, False)
@@ -222,13 +227,17 @@ def test_orders_typed_slowly_under_a_running_status_line(tmp_path: Path) -> None
 
 @pytest.mark.real_time
 def test_a_terminal_that_is_stopped_does_not_stop_the_steering(tmp_path: Path) -> None:
-    at = AtTerminal(tmp_path, 80)
+    log = tmp_path / "run.tlog"
+    at = AtTerminal(tmp_path, 80, "--log", str(log))
     try:
         at.type("e 90\r")
         at.until("ENGAGED  course 090")
         at.type("\x13")  # Ctrl-S
         at.lose_headings()  # an alarm, which rings the bell
-        time.sleep(3.0)
+        end = time.monotonic() + PATIENCE_S
+        while read_log(log).ticks[-1].mode is not Mode.FAILSAFE:
+            assert time.monotonic() < end, "the screen that stands still holds up the steering"
+            time.sleep(0.1)
         at.pilot.send_signal(signal.SIGTERM)
         assert at.pilot.wait(60) == ExitCode.FAILSAFE
     finally:

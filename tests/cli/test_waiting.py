@@ -5,29 +5,44 @@ from __future__ import annotations
 import os
 import pty
 import socket
-import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from autopilot.cli import options
 from autopilot.cli.options import Patience
 from autopilot.links.base import LinkError, NotThereError, Transport
 from autopilot.links.url import open_transport
 
-
-def later(work: object, seconds: float = 0.5) -> threading.Timer:
-    timer = threading.Timer(seconds, work)  # type: ignore[arg-type]
-    timer.start()
-    return timer
+Meanwhile = Callable[[Callable[[], object]], None]
 
 
-def test_a_device_that_appears_is_opened(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture
+def meanwhile(monkeypatch: pytest.MonkeyPatch) -> Meanwhile:
+    """Let something happen in the third pause of who waits."""
+    pauses: list[float] = []
+
+    def happen(work: Callable[[], object]) -> None:
+        def pause(seconds: float) -> None:
+            pauses.append(seconds)
+            if len(pauses) == 3:
+                work()
+
+        monkeypatch.setattr(options, "time", SimpleNamespace(monotonic=time.monotonic, sleep=pause))
+
+    return happen
+
+
+def test_a_device_that_appears_is_opened(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], meanwhile: Meanwhile
+) -> None:
     ours, theirs = pty.openpty()
     device = tmp_path / "boat"
-    timer = later(lambda: device.symlink_to(os.ttyname(theirs)))
+    meanwhile(lambda: device.symlink_to(os.ttyname(theirs)))
     transport: Transport = Patience(20.0)(lambda: open_transport(f"nmea:{device}:4800"))
-    timer.join()
     transport.close()
     os.close(ours)
     os.close(theirs)
@@ -35,16 +50,14 @@ def test_a_device_that_appears_is_opened(tmp_path: Path, capsys: pytest.CaptureF
     assert said == f"nmea:{device}:4800: there is no device {device}: waiting up to 20 s for it (--link-wait)\n"
 
 
-def test_a_program_that_begins_to_listen_is_connected_to(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    servers: list[socket.socket] = []
-    timer = later(lambda: servers.append(socket.create_server(("127.0.0.1", port))))
-    transport: Transport = Patience(20.0)(lambda: open_transport(f"tcp:127.0.0.1:{port}"))
-    timer.join()
-    transport.close()
-    servers[0].close()
+def test_a_program_that_begins_to_listen_is_connected_to(
+    capsys: pytest.CaptureFixture[str], meanwhile: Meanwhile
+) -> None:
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        meanwhile(server.listen)
+        transport: Transport = Patience(20.0)(lambda: open_transport(f"tcp:127.0.0.1:{server.getsockname()[1]}"))
+        transport.close()
     assert "connection refused" in capsys.readouterr().err
 
 
@@ -54,9 +67,11 @@ def test_what_does_not_come_is_an_error_with_what_to_do(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("url", ["serial:/dev/null:4800", "carrier-pigeon:7"])
-def test_what_waiting_does_not_cure_is_said_at_once(url: str, capsys: pytest.CaptureFixture[str]) -> None:
-    begun = time.monotonic()
+def test_what_waiting_does_not_cure_is_said_at_once(
+    url: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    never = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: pytest.fail("it waits"))
+    monkeypatch.setattr(options, "time", never)
     with pytest.raises(LinkError):
         Patience(30.0)(lambda: open_transport(url))
-    assert time.monotonic() - begun < 20.0
     assert capsys.readouterr().err == ""

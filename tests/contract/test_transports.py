@@ -40,9 +40,9 @@ class Pair:
 
 
 def wait(fileno: int) -> None:
-    """Let the kernel deliver: at most two seconds, as a rule microseconds."""
+    """Let the kernel deliver: as a rule within microseconds."""
     if fileno >= 0:
-        select.select([fileno], [], [], 2.0)
+        select.select([fileno], [], [], 60.0)
 
 
 def collect(transport: Transport, length: int) -> bytes:

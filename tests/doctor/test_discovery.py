@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -70,15 +69,18 @@ def test_a_sender_on_the_loopback_is_heard() -> None:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
 
+    is_heard = threading.Event()
+
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            for _ in range(300):
+            while not is_heard.wait(0.02):
                 sender.sendto(COMPASS, ("127.0.0.1", port))
-                time.sleep(0.02)
 
     sending = threading.Thread(target=send, daemon=True)
     sending.start()
-    came = listened(f"nmea-udp:127.0.0.1:{port}", 5.0)
+    came = listened(f"nmea-udp:127.0.0.1:{port}", 60.0)
+    is_heard.set()
+    sending.join()
     assert sender_of(f"nmea-udp:127.0.0.1:{port}", came) is not None
 
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from boat_recordings import zigzag_boat
-from two_processes import free_port
+from two_processes import await_bound, free_port, patient_vessel
 
 from autopilot.cli.steering import Ending
 from autopilot.interruption import REAL_TIME, STRAY
@@ -187,7 +187,8 @@ def test_output_to_a_full_disk_leaves_the_steering_and_the_log_alone(tmp_path: P
     (tmp_path / "run.tlog").write_bytes(b"a sea trial")
     boat = start(Command(lambda _: ["sitl", "serve", "lanxin", "--mavlink", f"udpout:127.0.0.1:{port}"]), tmp_path)
     with Path("/dev/full").open("wb") as full:
-        command = ["run", "lanxin", "--link", f"udpin:127.0.0.1:{port}", "--as-gcs", "--engage", "30"]
+        link = f"udpin:127.0.0.1:{port}"
+        command = ["run", str(patient_vessel(tmp_path)), "--link", link, "--as-gcs", "--engage", "30"]
         pilot = subprocess.run(
             [sys.executable, "-m", "autopilot", *command, "--duration", "8", "--log", "run.tlog"],
             cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=full, stderr=full, timeout=60, check=False,
@@ -300,12 +301,13 @@ def test_who_leaves_the_list_of_a_new_boat_learns_where_it_goes_on(tmp_path: Pat
     """The step under way ends first, and lets its rudder go; then the list says where it was left."""
     file = tmp_path / "mine.yaml"
     file.write_text(dump_vessel(load_vessel("lanxin")))
-    line = [sys.executable, "-m", "autopilot", "new-boat", str(file), "--link", _udp(), "--yes"]
+    link = _udp()
+    line = [sys.executable, "-m", "autopilot", "new-boat", str(file), "--link", link, "--yes"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen([*line], start_new_session=True, **pipes) as process:
         assert process.stdout is not None
         assert any(line.startswith("autopilot doctor ") for line in iter(process.stdout.readline, ""))
-        time.sleep(2.0)
+        await_bound(int(link.rpartition(":")[2]))  # the step has come to its link, and long before to its handlers
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         said, complained = process.communicate(timeout=120)
     assert process.returncode == 130, said + complained

@@ -6,7 +6,6 @@ import json
 import lzma
 import random
 import struct
-import time
 from collections import deque
 from types import SimpleNamespace
 from typing import Any
@@ -50,6 +49,27 @@ def sum_by_the_bit(content: bytes) -> int:
     return crc
 
 
+class ClientClock:
+    """The time of pymavlink's client, which asks again, and gives up, by the clock: it goes on while it waits."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def time(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+CLOCK = ClientClock()
+
+
+@pytest.fixture(autouse=True)
+def _client_on_our_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mavftp, "time", CLOCK)
+
+
 class Master:
     """Looks to mavftp like a mavutil connection; each side's packets may be lost."""
 
@@ -75,9 +95,9 @@ class Master:
     def recv_match(self, type: Any = None, timeout: float = 0.0, **_: Any) -> Any:
         self.on_sample(self.server.due())
         if not self.waiting:
-            # its client asks again at once
-            time.sleep(0.005)
+            CLOCK.sleep(timeout)
             return None
+        CLOCK.sleep(0.001)
         return self.waiting.popleft()
 
 

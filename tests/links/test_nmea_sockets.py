@@ -101,7 +101,7 @@ def test_we_connect_to_a_multiplexer_and_say_when_it_is_gone() -> None:
 def test_nmea_over_udp_sends_one_sentence_a_datagram_and_hears_replies() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as display:
         display.bind(("127.0.0.1", 0))
-        display.settimeout(5.0)
+        display.settimeout(60.0)
         link = link_of(f"nmea-udpout:127.0.0.1:{display.getsockname()[1]}{OPTIONS}&steer=no")
         speak(link, 1.0)
         data, address = display.recvfrom(200)

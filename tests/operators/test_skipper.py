@@ -184,7 +184,9 @@ def test_a_key_of_another_character_set_ends_no_steering(tmp_path: Path) -> None
     assert run.stdout is not None
     shown = b""
     while b"STANDBY" not in shown:  # it takes keys from its first tick on
-        shown += run.stdout.readline()
+        said = run.stdout.readline()
+        assert said, shown
+        shown += said
     os.close(theirs)
     os.write(ours, b"e \xff\xfe90\nr \xed\xa0\x80\n\x1b[31mx\n" + b"t " + b"9" * 3000 + b"\nq\n")
     out, _ = run.communicate(timeout=120)

@@ -25,6 +25,13 @@ from autopilot.vessel.file import dump_vessel, load_vessel
 # threads and processes that keep to the wall clock
 pytestmark = pytest.mark.real_time
 
+
+@pytest.fixture(autouse=True)
+def _closing_takes_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test reads is written, however long the machine lets the writer's thread wait."""
+    monkeypatch.setattr(log_files, "CLOSING_S", 60.0)
+
+
 VESSEL = load_vessel("lanxin")
 HEADER = {"vessel": dump_vessel(VESSEL), "law": None}
 SMALL = FolderLimits(total=100_000, part=15_000, free=0)
@@ -40,6 +47,13 @@ def sail(recorder: Recorder, seconds: float = 9.0, hook: Callable[[Lockstep], No
     run.run(seconds)
     run.session.close()
     return run
+
+
+def await_writer(sink: ThreadedSink, recorder: Recorder) -> None:
+    """Wait until all is written: nothing in lockstep gives the writer's thread its share of time."""
+    deadline = time.monotonic() + 60.0
+    while (recorder.failed or sink._queue.qsize()) and time.monotonic() < deadline:
+        time.sleep(0.001)
 
 
 class Disk:
@@ -233,10 +247,7 @@ def test_a_disk_that_hangs_keeps_nobody_waiting(tmp_path: Path, monkeypatch: pyt
             disk.goes_on.clear()
         elif run.now >= 8.0:
             disk.goes_on.set()
-            # nothing in lockstep gives the writer's thread its share of time: without this it may fall behind again
-            deadline = time.monotonic() + 60.0
-            while (recorder.failed or sink._queue.qsize()) and time.monotonic() < deadline:
-                time.sleep(0.001)
+            await_writer(sink, recorder)
         said.add(recorder.failed)
 
     run = sail(recorder, hook=hang)
@@ -315,7 +326,7 @@ def test_a_log_that_is_removed_or_cut_while_steering_is_said_and_begun_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, harm: Callable[[Path], None], in_parts: bool
 ) -> None:
     monkeypatch.setattr(log_files, "SYNC_S", 0.0)
-    sink = ThreadedSink(FolderSink(tmp_path) if in_parts else FileSink(tmp_path / "a.tlog"), retry=0.3)
+    sink = ThreadedSink(FolderSink(tmp_path) if in_parts else FileSink(tmp_path / "a.tlog"), retry=600.0)
     recorder = Recorder(sink, HEADER, 0.0)
     deadline = time.monotonic() + 60.0
     said, begun = set(), sink.path
@@ -323,13 +334,18 @@ def test_a_log_that_is_removed_or_cut_while_steering_is_said_and_begun_anew(
     def rob(run: Lockstep) -> None:
         if run.now >= 2.0 and not said - {""}:
             while not begun.stat().st_size:
+                assert time.monotonic() < deadline, "nothing is written"
                 time.sleep(0.005)
             harm(begun)
             while not recorder.failed and time.monotonic() < deadline:
                 sink.write(b"x", 0)
                 time.sleep(0.005)
             said.add(recorder.failed)
-            time.sleep(0.4)
+            while sink._queue.qsize() and time.monotonic() < deadline:
+                time.sleep(0.005)  # what was put there before is lost with it
+            sink._refused_until = 0.0
+        elif said:
+            await_writer(sink, recorder)
 
     sail(recorder, 4.0, rob)
     assert said == {log_files.REMOVED}

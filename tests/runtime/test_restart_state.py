@@ -134,7 +134,7 @@ def test_the_vessel_file_decides_and_the_service_gives_the_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arguments = argparse.Namespace(state=None)
-    allowed = replace(VESSEL, failsafe=replace(VESSEL.failsafe, reengage_after_restart_s=5.0))
+    allowed = replace(VESSEL, failsafe=replace(VESSEL.failsafe, reengage_after_restart_s=600.0))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     assert restart_file(arguments) is None
     monkeypatch.setenv("RUNTIME_DIRECTORY", f"{tmp_path}:/other")

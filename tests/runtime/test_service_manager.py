@@ -200,7 +200,10 @@ def test_a_process_that_hangs_is_aborted_says_where_and_the_next_one_is_ready(ma
         assert manager.hears("READY=1", 60.0)
         assert manager.hears("WATCHDOG=1", 60.0)
         first.send_signal(signal.SIGSTOP)
-        time.sleep(0.1)
+        end = time.monotonic() + 60.0
+        while Path(f"/proc/{first.pid}/stat").read_text().rpartition(")")[2].split()[0] != "T":
+            assert time.monotonic() < end, "it does not stand still"
+            time.sleep(0.01)
         manager.heard()
         assert "WATCHDOG=1" not in manager.heard(1.5)
     finally:

@@ -307,11 +307,11 @@ def test_a_worker_whose_study_ended_before_it_began_ends_too() -> None:
     """Forked a moment before a signal ended the study, it waited for work for ever."""
     worker = multiprocessing.get_context("fork").Process(target=end_with_parent, args=(os.getpid() + 1,))
     worker.start()
-    worker.join(20.0)
+    worker.join(60.0)
     assert worker.exitcode == 1
     ours = multiprocessing.get_context("fork").Process(target=end_with_parent, args=(os.getpid(),))
     ours.start()
-    ours.join(20.0)
+    ours.join(60.0)
     assert ours.exitcode == 0
 
 

@@ -454,7 +454,10 @@ def test_the_desk_refuses_in_one_sentence(line: str, words: str) -> None:
     assert not world.faults.at_work(0.0)
 
 
-def test_the_desk_answers_on_the_loopback_and_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_desk_answers_on_the_loopback_and_the_command_prints_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sitl.faults.ask.__defaults__", (60.0,))  # its thread may wait for its turn
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{probe.getsockname()[1]}"
