@@ -1,9 +1,12 @@
 """Norrbin: a MAVLink-connected autopilot bridge for boats."""
 
 import sys
-from typing import TYPE_CHECKING, Any
+
+TYPE_CHECKING = False  # as type checkers take it: `typing` itself would be a tenth of the time of a help
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from autopilot.api import *  # noqa: F403 - the public interface, which its own __all__ names
 
 __version__ = "0.2.0"
@@ -14,7 +17,7 @@ if sys.version_info < (3, 11):  # noqa: UP036 - said before any newer syntax is 
     )
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Load the public interface when a name of it is asked for: `from autopilot import identify`."""
     if name.startswith("_"):
         raise AttributeError(f"module 'autopilot' has no attribute {name!r}")

@@ -33,6 +33,13 @@ class InputError(ValueError):
         return [self]
 
 
+class LinkError(Exception):
+    """A link could not be opened or has been lost. The message, which is short, names it, what happened, what to do."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(brief(message))
+
+
 UNREACHABLE = (errno.EACCES, errno.ENAMETOOLONG)
 
 

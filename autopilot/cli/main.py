@@ -10,8 +10,8 @@ import sys
 from collections.abc import Callable, Sequence
 
 from autopilot import __version__
-from autopilot.cli.options import Parser, add_completion_parser, commands_in_groups, print_completion
-from autopilot.errors import ExitCode, InputError, RefusedError, unreachable
+from autopilot.cli.options import HelpText, Parser, add_completion_parser, commands_in_groups, print_completion
+from autopilot.errors import ExitCode, InputError, LinkError, RefusedError, unreachable
 from autopilot.files.printable import brief, escaped, printable_output
 
 SUBCOMMANDS = {
@@ -68,21 +68,21 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
         description="Identify a boat from its log, design its gains, and steer it over MAVLink or serial.",
         epilog=f"{commands_in_groups(GROUPS, SUBCOMMANDS)}\neach has a help of its own: autopilot COMMAND --help\n\n"
         + EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpText,
     )
     parser.add_argument("--version", action="version", version=f"norrbin {__version__}")
     subparsers = parser.add_subparsers(
         dest="command", metavar="COMMAND", required=True, help=argparse.SUPPRESS, prog="autopilot"
     )
     named = None if argv is None else next((word for word in argv if not word.startswith("-")), "")
-    for name, summary in SUBCOMMANDS.items():
-        if name == "completion":
+    for name in SUBCOMMANDS:
+        if named not in (None, name):
+            subparsers._name_parser_map[name] = parser  # to choose from, and never asked
+        elif name == "completion":
             add_completion_parser(subparsers, "autopilot").set_defaults(run=_completion)
-        elif named is None or name == named:
+        else:
             module, function = ADDED_BY.get(name, (name.replace("-", "_"), "add_parser"))
             getattr(importlib.import_module(f"autopilot.cli.{module}"), function)(subparsers)
-        else:
-            subparsers.add_parser(name, help=summary)
     return parser
 
 
@@ -107,8 +107,6 @@ def answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[st
 
 
 def _answer(program: str, given: Sequence[str], parser_for: Callable[[Sequence[str]], argparse.ArgumentParser]) -> int:
-    from autopilot.links.base import LinkError
-
     try:
         _refuse_empty(given)
         arguments = parser_for(given).parse_args(given)

@@ -10,19 +10,23 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from autopilot.errors import ExitCode, InputError, NotYetError
-from autopilot.files.outside import SHOWN, typed_number
 from autopilot.files.printable import SENTENCE, brief, escaped, printable
 
+TYPE_CHECKING = False  # see `autopilot`
 if TYPE_CHECKING:
+    from typing import Any, NoReturn, TypeVar
+
     from autopilot.links.mavlink.signing import Signing
     from autopilot.vessel.schema import Vessel
+
+    Opened = TypeVar("Opened")
 
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
@@ -47,6 +51,8 @@ class NumberOption(argparse.Action):
         setattr(namespace, self.dest, self._read(values) if is_given else values)
 
     def _read(self, text: str) -> float:
+        from autopilot.files.outside import SHOWN, typed_number  # a help reads no number
+
         try:
             value = int(text) if self.is_whole and WHOLE.fullmatch(text) else typed_number(text)
         except InputError:
@@ -104,8 +110,6 @@ SEED = whole_number(0, 2**63 - 1)
 
 LINK_WAIT_S = 10.0
 PAUSE_S = 0.1
-
-Opened = TypeVar("Opened")
 
 
 def add_waiting_option(parser: argparse.ArgumentParser) -> None:
@@ -218,6 +222,18 @@ OPTION_GROUPS = {
 MANY = 10
 """Options from which on help is grouped, and its first line short."""
 CHOICE = re.compile(r"argument (.+?): invalid choice: '?(.*?)'? \(choose from (.*)\)$")
+
+
+class HelpText(argparse.RawDescriptionHelpFormatter):
+    """As wide as the terminal: by itself argparse loads a module of archives to learn that."""
+
+    def __init__(self, prog: str) -> None:
+        columns = os.environ.get("COLUMNS", "")
+        try:
+            width = int(columns) if columns.isdecimal() else os.get_terminal_size(1).columns
+        except OSError:
+            width = 0
+        super().__init__(prog, width=(width or 80) - 2)
 
 
 class Parser(argparse.ArgumentParser):

@@ -8,12 +8,14 @@ them. Beside it the two forms in which commands print what they found: a table, 
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import re
 import sys
 from collections.abc import Collection, Iterator, Sequence
-from typing import Any, TextIO
+
+TYPE_CHECKING = False  # see `autopilot`
+if TYPE_CHECKING:
+    from typing import Any, TextIO
 
 SHORT = 200
 """Characters of a foreign text that a sentence quotes."""
@@ -134,6 +136,8 @@ def rewrite_line(stream: Any, line: str, end: str = "") -> None:
 def json_text(found: Any, indent: int | None = 2) -> str:
     """Return `found`, of dicts, sequences, texts, numbers and None, as JSON that every reader takes: null
     where a number is not finite, for JSON has no word for that."""
+    import json  # few print it
+
     return json.dumps(_with_null(found), indent=indent, allow_nan=False)
 
 

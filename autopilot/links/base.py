@@ -12,16 +12,9 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from typing import Generic, Protocol, TypeVar, runtime_checkable
 
-from autopilot.files.printable import brief
+from autopilot.errors import LinkError as LinkError  # the links' own word, which their users import from here
 from autopilot.links.rudder_order import Release
 from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, RudderCommand, Sample, Tick
-
-
-class LinkError(Exception):
-    """A link could not be opened or has been lost. The message, which is short, names it, what happened, what to do."""
-
-    def __init__(self, message: str = "") -> None:
-        super().__init__(brief(message))
 
 
 def parted(sentence: str) -> tuple[str, str]:

@@ -53,6 +53,7 @@ def test_help_loads_no_command() -> None:
         "autopilot.cli.options",
     }
     assert not loaded & {*HEAVY, "yaml", "pymavlink", "serial"}
+    assert not loaded & {"typing", "shutil", "json", "pathlib", "autopilot.signals"}, "half of a help's time"
 
 
 def test_steering_loads_neither_numpy_nor_what_is_heavier() -> None:
