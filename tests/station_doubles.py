@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from autopilot.guidance.current import Overboard
+from autopilot.links.base import LastStop
 
 
 class Skipper:
@@ -13,6 +14,7 @@ class Skipper:
     def __init__(self) -> None:
         self.orders: list[tuple[str, float | None]] = []
         self.overboard: Overboard | None = Overboard()
+        self.last_stop = LastStop()
 
     @property
     def released(self) -> int:

@@ -49,9 +49,10 @@ class StatusTexts:
         self._identity = 0
         self._last = ("", math.nan)
 
-    def send_text(self, now: float, severity: int, text: str) -> None:
-        """Queue `text` with MAV_SEVERITY `severity` (0 emergency to 7 debug)."""
-        if text == self._last[0] and now - self._last[1] < REPEAT_S:
+    def send_text(self, now: float, severity: int, text: str, is_answer: bool = False) -> None:
+        """Queue `text` with MAV_SEVERITY `severity` (0 emergency to 7 debug); one that answers an order is said to
+        everyone who asks, once they have heard the one before."""
+        if text == self._last[0] and (self.waiting if is_answer else now - self._last[1] < REPEAT_S):
             return
         raw = text.encode("ascii", errors="replace")
         pieces = [raw[start : start + PIECE] for start in range(0, len(raw), PIECE)]

@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 from autopilot.errors import LinkError as LinkError  # the links' own word, which their users import from here
 from autopilot.links.rudder_order import Release
-from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, RudderCommand, Sample, Tick
+from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
 
 
 def parted(sentence: str) -> tuple[str, str]:
@@ -179,6 +179,36 @@ class Backlog:
     def has(self, now: float) -> bool:
         """Return whether what is read at `now` [s] may be of the backlog."""
         return now <= self._until
+
+
+UNSEEN_S = 0.8
+"""So long after the pilot has left the helm [s] an order may come from before its giver could see that: there and back
+over a slow radio, and a human's eye and hand between."""
+SAID_AGAIN_S = 3.0
+"""So long at most [s] a station waits for an answer before it says its order again, by itself (QGroundControl)."""
+
+
+class LastStop:
+    """Tells orders whose giver cannot have seen that the pilot left the helm. For all links together; who let the pilot
+    stand by knows it, and may engage it again at once."""
+
+    def __init__(self) -> None:
+        self._time, self._giver = -math.inf, object()
+        self._steers = False
+
+    def ordered(self, now: float, giver: object) -> None:
+        """Take that `giver` has let the pilot stand by at `now` [s]."""
+        self._time, self._giver = now, giver
+
+    def on_tick(self, tick: Tick) -> None:
+        """Take who has the helm: that it was taken on board, or lost, is nobody's order."""
+        if self._steers and tick.mode not in (Mode.ENGAGED, Mode.STANDBY):
+            self.ordered(tick.now, object())
+        self._steers = tick.mode is Mode.ENGAGED
+
+    def is_unseen(self, now: float, giver: object, said: int = 0) -> bool:
+        """Return whether an order of `giver` that comes at `now` [s], said so many times before, may be from before."""
+        return giver != self._giver and now - self._time < UNSEEN_S + SAID_AGAIN_S * said
 
 
 class AlarmNews:

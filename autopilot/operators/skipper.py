@@ -23,6 +23,7 @@ from autopilot.guidance.current import Overboard
 from autopilot.guidance.manoeuvres import OneThruster, Pattern, PatternGuide, TrialLimits
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.wind_vane import CONFIRM_S, Manoeuvre, WindGuide
+from autopilot.links.base import LastStop
 from autopilot.links.ground_station.mission import Mission
 from autopilot.operators.trial_script import Step, TrialScript, turning, zigzag
 from autopilot.signals import (
@@ -149,6 +150,7 @@ class Skipper:
         mission: the route.  overboard: where somebody went overboard.
         plotter, track, patterns, wind: who may lead: the chart plotter, the route, a turn pattern, the wind.
         swings: on one thruster; weak: the side of the one that stood still last, '' where none has.
+        last_stop: when the pilot left the helm last, for all links.
         acknowledged: the names of alarms acknowledged since `Acknowledgements` looked last, "" for all that sound.
     """
 
@@ -157,6 +159,7 @@ class Skipper:
         self._order = Order()
         self._adopt = False
         self.quit = False
+        self.last_stop = LastStop()
         self.acknowledged: list[str] = []
         self.mission = mission
         self.overboard: Overboard | None = mission.overboard
@@ -274,6 +277,8 @@ class Skipper:
 
     def stand_by(self) -> None:
         """Order the rudder to be given back; nobody leads any more."""
+        if self._tick is not None:
+            self.last_stop.ordered(self._tick.now, self)
         self.plotter.leave()
         self.give(Order())
 

@@ -264,6 +264,7 @@ class App:
         commands = Commands(skipper, plan.armed, mission, self._tuning, skipper.wind, self.pilot.against_engaging)
         known = self._shared.variation or variation_of(plan.vessel, by_model=False)
         commands.instruments = Instruments(self._shared.selection, self.store.keep_compass, known)
+        commands.last_stop = skipper.last_stop
         return [*links, *build_station_links(plan.vessel, plan.stations, commands, self.store, plan.options)]
 
     def _store(self, skipper: Skipper) -> VesselStore:

@@ -10,6 +10,7 @@ import socket
 from collections.abc import Callable
 from typing import NamedTuple
 
+from autopilot.links.base import UNSEEN_S
 from autopilot.links.transports.medium import open_error, resolve
 from autopilot.signalk.messages import (
     BEAT_S,
@@ -27,7 +28,7 @@ from autopilot.signalk.messages import (
 from autopilot.web.hub import makes_room
 from autopilot.web.journal import words_of
 from autopilot.web.orders import Answer
-from autopilot.web.requests import CAME_LATE, asked_of
+from autopilot.web.requests import CAME_LATE, STOPS, GivenStops, asked_of
 from autopilot.web.station import BoatLine, Station
 
 CLIENTS_MOST = 8
@@ -187,7 +188,8 @@ class Bridge:
     ) -> None:
         self._station, self._line, self._clients, self._token, self._print = station, line, clients, token, print_line
         self._deltas = Deltas()
-        self._next = self._next_beat = -math.inf
+        self._stops, self._stood_by = GivenStops(station.view), -math.inf
+        self._now = self._next = self._next_beat = -math.inf
         self._trouble = ""
 
     @property
@@ -199,6 +201,11 @@ class Bridge:
         """Do what falls due at `now` [s]."""
         self._line.turn(now)
         new, received = self._clients.turn()
+        self._now = now
+        if self._stood_by != self._station.view.stood_by:
+            self._stood_by = self._station.view.stood_by
+            self._next_beat = -math.inf  # who has this beat has the state before it
+            self._tell(now)
         if now >= self._next_beat or new:
             self._next_beat = now + BEAT_S
             self._clients.send(beat_of(now))
@@ -211,11 +218,14 @@ class Bridge:
         if received:
             self._line.turn(now)
         if now >= self._next:
-            self._next = now + PERIOD_S
-            delta = self._deltas.due(self._station, now)
-            if delta is not None:
-                self._clients.send(line_of(delta))
+            self._tell(now)
         self._publish()
+
+    def _tell(self, now: float) -> None:
+        self._next = now + PERIOD_S
+        delta = self._deltas.due(self._station, now)
+        if delta is not None:
+            self._clients.send(line_of(delta))
 
     def close(self) -> None:
         """Hang up on everybody."""
@@ -232,8 +242,11 @@ class Bridge:
         if request.order is None:
             self._clients.send(answer(request.id, 200), client)
             return
-        if request.is_late(now):
-            self._clients.send(answer(request.id, SILENT, CAME_LATE), client)
+        since = self._stops.seen_since(now)
+        # the beat is the plugin's: what a dashboard behind it has shown is later still
+        late = request.why_late(now, since if now >= since + UNSEEN_S else math.inf)
+        if late:
+            self._clients.send(answer(request.id, SILENT if late == CAME_LATE else REFUSED, late), client)
             return
         if self._station.target is None:
             self._clients.send(answer(request.id, 503, "no pilot is heard"), client)
@@ -243,7 +256,13 @@ class Bridge:
             self._clients.send(answer(request.id, REFUSED, OTHER_NORTH[is_magnetic]), client)
             return
 
+        is_stop = request.order["do"] in STOPS
+        if is_stop:
+            self._stops.begin(now)
+
         def on_done(answered: Answer, words: str) -> None:
+            if is_stop:
+                self._stops.end(self._now)
             status = 200 if answered else SILENT if answered is Answer.SILENT else REFUSED
             self._clients.send(answer(request.id, status, words), client)
 

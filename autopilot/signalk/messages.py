@@ -27,7 +27,7 @@ from autopilot.files.outside import ORDER_MOST, SHOWN, is_same_token, number_fro
 from autopilot.files.printable import printable
 from autopilot.links.ground_station.commands import HEADING, TRACK, TRIAL, WIND
 from autopilot.supervision.alarms import CATALOGUE
-from autopilot.web.requests import LATE_S
+from autopilot.web.requests import came_late
 from autopilot.web.station import Station
 
 LABEL = "norrbin"
@@ -228,10 +228,10 @@ class Request(NamedTuple):
     path: str = ""
     beat: float = math.inf
 
-    def is_late(self, now: float) -> bool:
-        """Return whether it was held up for so long that it fails for its sender; a man overboard and standby count."""
-        counts = self.path == MOB or self.order == STATE_ORDERS["standby"]
-        return now - self.beat > LATE_S and not counts
+    def why_late(self, now: float, stood_by: float) -> str:
+        """Return why the order is too late at `now` [s], '' where it is not (`came_late`)."""
+        seen = {} if math.isinf(self.beat) else {"seen": self.beat}
+        return came_late({**(self.order or {}), **seen}, now, stood_by)
 
 
 class BadRequestError(InputError):

@@ -20,6 +20,7 @@ from autopilot.links.ground_station.commands import (
     GYBE,
     LEARNING,
     LEVEL,
+    MANUAL,
     OVERBOARD,
     PATTERN,
     REVERT,
@@ -33,6 +34,7 @@ from autopilot.supervision.alarms import CATALOGUE, OTHER
 from autopilot.web import orders
 from autopilot.web.orders import ARM, Asked, Command
 from autopilot.web.station import Station
+from autopilot.web.view import BoatView
 
 TURN_MOST_DEG = 180.0
 SIZES_MOST = 2
@@ -45,6 +47,33 @@ STOPS = ("standby", "release")
 NEVER_LATE = (*STOPS, "cancel", "mob", "mob_at")
 CAME_LATE = "the order was held up on its way and is not carried out: order again"
 STOOD_BY = "the pilot stands by since before you could see it: order again if you still want it"
+
+
+SHOWN_WITHIN_S = 2.0
+"""So long [s] after an order to stand by a display may still show that the pilot has the helm."""
+
+
+class GivenStops:
+    """Since when displays can see that the pilot stands by, whoever let it; `view`: what they show of the boat."""
+
+    def __init__(self, view: BoatView) -> None:
+        self._view = view
+        self._under_way, self._began, self._ended = 0, -math.inf, -math.inf
+
+    def begin(self, now: float) -> None:
+        """Take that a display orders to stand by at `now` [s]."""
+        self._under_way += 1
+        self._began = now if self._view.mode != MANUAL else -math.inf
+
+    def end(self, now: float) -> None:
+        """Take that the order has ended at `now` [s], carried out or not."""
+        self._under_way, self._ended = self._under_way - 1, now
+
+    def seen_since(self, now: float) -> float:
+        """Return the time [s]; inf: at `now` they cannot see it yet."""
+        view = self._view
+        is_shown = view.mode == MANUAL or view.stood_by >= self._began or now - self._ended > SHOWN_WITHIN_S
+        return max(self._ended, view.stood_by) if is_shown and not self._under_way else math.inf
 
 
 def came_late(request: dict[str, Any], now: float, stood_by: float) -> str:

@@ -10,7 +10,6 @@ import contextlib
 import gzip
 import ipaddress
 import logging
-import math
 import os
 import signal
 import socket
@@ -35,11 +34,10 @@ from autopilot import __version__
 from autopilot.errors import InputError, NotYetError
 from autopilot.files.outside import ORDER_MOST, order_object
 from autopilot.interruption import print_end
-from autopilot.links.ground_station.access import MANUAL
 from autopilot.web import is_reachable, page_files, svg_of
 from autopilot.web.hub import Access, Hub, makes_room
 from autopilot.web.journal import words_of
-from autopilot.web.requests import STOPS, asked_of, came_late
+from autopilot.web.requests import STOPS, GivenStops, asked_of, came_late
 from autopilot.web.view import COLUMNS
 
 SUFFIXES = (".tlog", ".html", ".csv", ".yaml")
@@ -125,8 +123,6 @@ UNREACHABLE = (
     "autopilot web with --listen and an interface, like wlan0:8080, and open the address that it prints."
 )
 NO_CODES = "Codes need the package segno: pip install 'norrbin[web]'."
-SHOWN_WITHIN_S = 2.0
-"""So long [s] after an order to stand by a display may still show that the pilot has the helm."""
 ORDER_S = 5.0
 """Within this time an order has come whole."""
 BAD_ORDER, CANNOT_NOW = 400, 409
@@ -179,8 +175,7 @@ class Page:
 
     def __init__(self, hub: Hub, access: Access, logs: LogIndex, steps: Steps | None = None) -> None:
         self._hub, self._access, self._logs, self._steps = hub, access, logs, steps
-        self._stop_began = self._stopped = -math.inf
-        self._stopping = 0
+        self._stops = GivenStops(hub.station.view)
         self._assets = page_files()
         self._packed = {
             name: gzip.compress(content) for name, content in self._assets.items() if _ending(name) in PACKED
@@ -271,7 +266,8 @@ class Page:
             return body
         try:
             wanted = order_object(body)
-            late = came_late(wanted, self._hub.clock(), self._stood_by())
+            now = self._hub.clock()
+            late = came_late(wanted, now, self._stops.seen_since(now))
             asked = asked_of(self._hub.station, wanted)
         except InputError as error:
             return _refusal(BAD_ORDER, str(error))
@@ -281,20 +277,13 @@ class Page:
             return _refusal(CANNOT_NOW, "no boat that runs this pilot is heard")
         stops = wanted["do"] in STOPS
         if stops:
-            self._stopping += 1
-            self._stop_began = self._hub.clock() if self._hub.station.view.mode != MANUAL else -math.inf
+            self._stops.begin(now)
         try:
             taken, words = await self._hub.ask(asked, (_display_of(request), words_of(wanted)))
         finally:
             if stops:
-                self._stopping, self._stopped = self._stopping - 1, self._hub.clock()
+                self._stops.end(self._hub.clock())
         return JSONResponse({"taken": True, "words": words}) if taken else _refusal(CANNOT_NOW, words)
-
-    def _stood_by(self) -> float:
-        """Return when [s] the displays could see that the pilot stands by, whoever let it; inf: they cannot yet."""
-        view, now = self._hub.station.view, self._hub.clock()
-        is_shown = view.mode == MANUAL or view.stood_by >= self._stop_began or now - self._stopped > SHOWN_WITHIN_S
-        return max(self._stopped, view.stood_by) if is_shown and not self._stopping else math.inf
 
     async def steps(self, request: Request) -> Response:
         """The steps to the first hold, where --boat names a vessel file; marked by who may give orders."""

@@ -97,7 +97,7 @@ def test_every_path_is_answered_as_it_says(server: Server) -> None:
     until("the way back", lambda: near(pilot(server)["target"], math.degrees(before), 0.5))
     assert post(server, "disengage") == 200
     until("standby", lambda: pilot(server)["state"] == "standby")
-    assert post(server, "engage") == 200
+    until("engaging", lambda: post(server, "engage") == 200)
     until("engaged", lambda: server.value("steering/autopilot/engaged") is True)
     # and version 1
     v1 = "v1/api/vessels/self/steering/autopilot"
@@ -161,7 +161,7 @@ def test_a_stranger_changes_nothing_by_any_path(server: Server) -> None:
     # from standby, where there is no target: what is read next is this heading and none from before
     assert put(server, "state", "standby") == 200
     until("standby", lambda: pilot(server)["state"] == "standby")
-    assert put(server, "state", "auto") == 200
+    until("engaging", lambda: put(server, "state", "auto") == 200)
     until("the heading held", lambda: (pilot(server)["state"], pilot(server)["mode"]) == ("auto", "compass"))
     held = until("the heading", lambda: pilot(server)["target"])
     assert put(server, "dodge", 10, units="deg") == 200

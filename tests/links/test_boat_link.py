@@ -60,6 +60,9 @@ class Hand(Skipper):
     def end_trial(self) -> None:
         self.trial.stop()
 
+    def acknowledge(self, name: str = "") -> None:
+        self.orders.append(("acknowledge", None))
+
 
 def tick(mode: Mode = Mode.STANDBY, now: float = 0.0, heading: float = 1.0) -> Tick:
     order = Order(OrderKind.HEADING, 0.5, serial=1) if mode is Mode.ENGAGED else Order()
@@ -426,6 +429,105 @@ def test_an_order_to_engage_said_again_after_somebody_else_stood_by_is_not_carri
     assert bench.hand.orders == [("engage", None), ("stand by", None)]
 
 
+class TwoStations:
+    """Stations A and B, each on a link of its own to one boat that A has engaged; lockstep, 20 ticks a second."""
+
+    def __init__(self) -> None:
+        hand = Hand()
+        self.commands = Commands(hand, True, Mission(TrackGuide()))
+        self.orders, self.now, self.mode = hand.orders, 0.0, Mode.ENGAGED
+        policy, store = AccessPolicy(), Store()
+        pairs = {name: loopback_pair() for name in "AB"}
+        self.far = {name: far for name, (_, far) in pairs.items()}
+        self.links = [
+            BoatLink(near, self.commands, ParameterServer(store), system=7, access=policy.link())
+            for near, _ in pairs.values()
+        ]
+        # both with the id that ground stations come with
+        self.codecs = {name: MavlinkCodec(255, 190) for name in "AB"}
+        self.run(0.5)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * 20)):
+            self.now += 0.05
+            for link in self.links:
+                link.receive(self.now)
+            if self.orders:
+                self.mode = Mode.STANDBY if self.orders[-1][0] == "stand by" else Mode.ENGAGED
+            for link in self.links:
+                link.publish_tick(tick(self.mode, self.now))
+                link.poll(self.now)
+
+    def put(self, name: str, command: int, *values: float, confirmation: int = 0) -> None:
+        values = (*values, *[0.0] * (7 - len(values)))
+        order = dialect.MAVLink_command_long_message(7, 1, command, confirmation, *values)
+        self.far[name].send(self.codecs[name].encode(order))
+
+    def answers(self, name: str) -> tuple[list[int], str]:
+        heard = [each for data in self.far[name].receive() for each in self.codecs[name].decode(data)]
+        return acknowledged(heard), "".join(each.text for each in heard if each.get_type() == "STATUSTEXT")
+
+
+def test_an_order_to_engage_whose_station_could_not_see_that_another_stood_by_is_refused() -> None:
+    two = TwoStations()
+    two.put("A", *STAND_BY)
+    two.put("B", *ENGAGE)
+    two.run(0.3)
+    two.put("B", *ENGAGE)  # a third of a second later: still on its way when it could be seen
+    two.run(1.0)
+    assert two.orders == [("stand by", None)]
+    results, words = two.answers("B")
+    assert results == [1, 1] and "before you could see it" in words
+    two.put("B", *ENGAGE)
+    two.run(0.2)
+    assert two.orders[1:] == [("engage", None)], "one that was given a second after it counts"
+
+
+def test_what_was_said_again_since_before_another_stood_by_is_refused() -> None:
+    """The first saying was lost; a station repeats by itself what nobody has acknowledged."""
+    two = TwoStations()
+    two.put("A", *STAND_BY)
+    two.run(2.0)
+    two.put("B", *ENGAGE, confirmation=1)
+    two.run(0.2)
+    assert two.orders == [("stand by", None)]
+    two.put("B", *ENGAGE)
+    two.run(0.2)
+    assert two.orders[1:] == [("engage", None)]
+
+
+def test_who_stood_by_may_engage_again_at_once_and_who_saw_nothing_may_stand_by() -> None:
+    two = TwoStations()
+    two.put("A", *STAND_BY)
+    two.run(0.1)
+    two.put("B", *STAND_BY)
+    two.run(0.1)
+    two.put("B", *ENGAGE)
+    two.run(0.1)
+    assert [name for name, _ in two.orders] == ["stand by", "stand by", "engage"]
+
+
+def test_an_order_to_engage_on_its_way_when_the_helm_is_taken_on_board_is_refused() -> None:
+    two = TwoStations()
+    two.mode = Mode.OVERRIDE
+    two.run(0.1)
+    two.put("A", *ENGAGE)
+    two.run(0.2)
+    assert two.orders == []
+    two.run(1.0)
+    two.put("A", *ENGAGE)
+    two.run(0.1)
+    assert two.orders == [("engage", None)]
+
+
+def test_alarms_are_acknowledged_though_the_pilot_has_just_stood_by() -> None:
+    two = TwoStations()
+    two.put("A", *STAND_BY)
+    two.put("B", int(dialect.MAV_CMD_SPATIAL_USER_5))
+    two.run(0.2)
+    assert two.answers("B")[0] == [0]
+
+
 def test_a_turn_that_comes_twice_behind_another_one_is_sailed_once() -> None:
     bench = Bench(armed=True)
     bench.run(0.1, Mode.ENGAGED)
@@ -516,3 +618,12 @@ def test_a_trial_that_was_cancelled_is_not_begun_again_by_what_comes_twice() -> 
     put(bench, 7, *trial)
     assert acknowledged(bench.run(0.2, Mode.ENGAGED)) == [6], "cancelled"
     assert [name for name, _ in bench.hand.orders] == ["zigzag"]
+
+
+def test_whoever_is_refused_for_the_same_reason_soon_after_another_hears_it_too() -> None:
+    bench = Bench(armed=True)
+    turn = dialect.MAVLink_command_long_message(7, 1, dialect.MAV_CMD_CONDITION_YAW, 0, 90.0, 0, 0, 0, 0, 0, 0)
+    for _ in range(2):
+        answers = bench.ask(turn) + bench.run(1.0)
+        assert acknowledged(answers) == [1]
+        assert "not engaged" in "".join(each.text for each in answers if each.get_type() == "STATUSTEXT")

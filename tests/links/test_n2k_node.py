@@ -485,3 +485,26 @@ def test_two_autopilots_do_not_order_one_rudder() -> None:
         assert not barred or said[0].reason.startswith("another autopilot of the NMEA 2000 network, address 5, orders")
         released = Message(127245, struct.pack("<BBhhH", 0, 0xF8, 0x7FFF, 0, 0xFFFF), 5)
         assert [each for each in session.receive(4.0, [released]) if isinstance(each, HelmSample)] == []
+
+
+def test_a_display_that_could_not_see_that_another_stood_by_engages_nothing() -> None:
+    skipper = Skipper()
+    session = ready(N2kSession("bus", N2kSettings(takes_orders=True), helm=skipper))
+    state = NavState(1.0, 0.25, 0.0, 4.0, 0.0, 0.0, 0.1, True)
+
+    def answered(now: float, source: int, mode: Mode, *pairs: tuple[int, bytes]) -> int:
+        session.on_tick(Tick(0, now, (), Order(), state, Reference(0.0), 0.0, RudderCommand(now, 0.0, True), mode, ()))
+        session.due(now)
+        session.receive(now, [Message(126208, command(127237, *pairs), source, 204)])
+        answer = next(each for each in session.due(now) if each.group == 126208)
+        return answer.data[4] & 15
+
+    session.receive(1.0, [])
+    assert answered(1.0, 35, ENGAGED, steering("main")) == DONE
+    assert answered(1.1, 36, Mode.STANDBY, steering("track")) == NOT_NOW
+    assert answered(1.2, 36, Mode.STANDBY, steering("main")) == DONE
+    assert answered(1.3, 36, Mode.STANDBY, steering("heading")) == DONE, "who stood by may engage at once"
+    skipper.last_stop.ordered(1.5, "somebody at the page")
+    assert answered(1.6, 36, Mode.STANDBY, steering("heading")) == NOT_NOW
+    assert answered(2.4, 36, Mode.STANDBY, steering("heading")) == DONE
+    assert [name for name, _ in skipper.orders] == ["stand by", "stand by", "engage", "engage"]

@@ -15,7 +15,7 @@ from station_doubles import Store
 from autopilot.guidance.track import TrackGuide
 from autopilot.guidance.wind_vane import WindGuide
 from autopilot.links.alarm_outputs import StatusTexts
-from autopilot.links.base import LinkError
+from autopilot.links.base import LastStop, LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Instruments, LongCommand, ProgressReports
@@ -60,7 +60,7 @@ class Carrier:
         self.mission, self.armed, self.tuner, self.wind = mission, False, None, WindGuide()
         self.tuning = SimpleNamespace(outcome=lambda: self.tuned)
         self.tuned = self.refusal = ""
-        self.instruments = Instruments()
+        self.instruments, self.last_stop = Instruments(), LastStop()
         self.running: LongCommand | None = None
         self.result = ACCEPTED
         self.cancels = True

@@ -31,6 +31,7 @@ from autopilot.signalk.messages import (
     state_of,
     values_of,
 )
+from autopilot.web.requests import STOOD_BY
 from autopilot.web.station import BoatLine, Station
 
 TOKEN = "a-token-of-enough-letters"
@@ -257,10 +258,48 @@ def test_an_order_that_was_held_up_on_its_way_is_not_carried_out(rig: Rig) -> No
     assert order(beat, "notifications.mob", {"latitude": 1.0, "longitude": 2.0}) == 200, "whoever is overboard still is"
     assert order(beat, "steering.autopilot.state", "standby") == 200, "who lets go has let go"
     assert rig.boat.commands[-1] == (dialect.MAV_CMD_DO_SET_MODE, 1.0, MANUAL)
+    rig.turn(60)
     assert order(rig.now, adjust, 10) == 200
     assert [each[0] for each in rig.boat.commands].count(dialect.MAV_CMD_CONDITION_YAW) == 2
     assert order(-1.0, adjust, 10) == 400
     line.close()
+
+
+def test_whose_dashboard_could_not_show_a_stand_by_engages_nothing(rig: Rig) -> None:
+    line = rig.connect()
+
+    def heard() -> list[dict[str, Any]]:
+        line.settimeout(10.0)
+        return [json.loads(each) for each in line.recv(65536).split(b"\n") if each]
+
+    def order(beat: float, value: str) -> tuple[int, str]:
+        put = {"path": "steering.autopilot.state", "value": value}
+        line.sendall(json.dumps({"requestId": "7", "token": TOKEN, "beat": beat, "put": put}).encode() + b"\n")
+        reply = rig.reply(line)
+        return reply["statusCode"], reply.get("message", "")
+
+    rig.turn(30)
+    assert order(rig.now, "standby")[0] == 200
+    assert order(rig.now, "auto") == (409, STOOD_BY), "another dashboard, before the boat has said so"
+    rig.boat.mode = MANUAL
+    rig.turn(2)
+    said = heard()
+    beats = [place for place, each in enumerate(said) if each.get("beat", 0.0) >= rig.now - 0.1]
+    states = [place for place, each in enumerate(said) if '"standby"' in json.dumps(each)]
+    assert states and beats and states[0] < beats[-1], "the newest beat comes behind what it stands for"
+    assert order(rig.now, "route") == (409, STOOD_BY), "so soon no dashboard has shown it"
+    rig.turn(20)
+    assert order(rig.now, "auto")[0] == 200
+    rig.boat.mode = HEADING
+    rig.turn(40)
+    seen = rig.now
+    rig.boat.mode = MANUAL  # by another station
+    rig.turn(40)
+    assert order(seen, "auto") == (409, STOOD_BY), "an order that the line held"
+    assert order(seen, "standby")[0] == 200
+    line.close()
+    engaged = (dialect.MAV_CMD_DO_SET_MODE, 1.0, HEADING)
+    assert rig.boat.commands.count(engaged) == 1
 
 
 def test_without_a_token_nothing_is_obeyed() -> None:

@@ -183,7 +183,7 @@ def test_a_page_that_still_shows_the_pilot_at_the_helm_engages_nothing_anew(clie
     sea.watch(1.3)
     shown = sea.now
     sea.skipper.stand_by()  # at another station
-    sea.watch(0.5)
+    sea.watch(1.0)
     assert order(shown, do="engage") == (409, STOOD_BY) and order(shown, do="acknowledge")[0] == 200
     assert order(sea.now, do="engage") == (200, "")
 

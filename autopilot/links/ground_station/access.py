@@ -68,6 +68,10 @@ LOOKING_ONLY = (
 )
 NOT_THE_PEER = "datagrams from others than the station that is heard"
 NO_KEY = "orders without a key over a link that others can reach"
+ACKNOWLEDGE = int(dialect.MAV_CMD_SPATIAL_USER_5)
+"""SPATIAL_USER_5: acknowledge the alarm of a number, `AlarmKind.number`, or with 0 all that sound.
+
+MAVLink has no command for it, and the USER ones are taken."""
 MANUAL = 0
 """Our custom mode in which the rudder is free, as ArduRover numbers it."""
 NOT_ALLOWED, TOO_MANY_COMMANDS, TOO_MANY_WRITES = "from system ids not allowed", "commands too many", "writes too many"
@@ -400,7 +404,7 @@ class OrderSequence:
         """
         if message.get_type() not in ONCE:
             return False
-        sender, words, said = self._sender(message), _words(message), _confirmation(message)
+        sender, words, said = self._sender(message), _words(message), confirmation_of(message)
         itself = _name(message), message.get_seq(), words
         if sender.counts and any(now - time <= REPEATED_S and tuple(rest) == itself for time, *rest in self._orders):
             return True
@@ -431,7 +435,7 @@ class OrderSequence:
             time, last = sender.stood_by
             sender.stood_by = now, max(number, last) if now - time <= REPEATED_S else number
             sender.taken.clear()  # what is ordered from now on is meant to end it, however often it is said
-        sender.taken.append(_Taken(now, number, _confirmation(message), _command(message), _words(message)))
+        sender.taken.append(_Taken(now, number, confirmation_of(message), _command(message), _words(message)))
         self._orders.append((now, _name(message), message.get_seq(), _words(message)))
 
     def _sender(self, message: Message) -> _Sender:
@@ -447,7 +451,8 @@ def _name(message: Message) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _confirmation(message: Message) -> int:
+def confirmation_of(message: Message) -> int:
+    """Return how often an order has been said before."""
     return int(getattr(message, "confirmation", 0))
 
 
@@ -467,6 +472,11 @@ def is_order(message: Message) -> bool:
     if kind in ("COMMAND_LONG", "COMMAND_INT"):
         return message.command not in QUESTIONS
     return kind in ORDERS
+
+
+def may_engage(message: Message) -> bool:
+    """Return whether an order may be one to steer: every command and mode, but to acknowledge an alarm."""
+    return message.get_type() in ONCE and _command(message) != ACKNOWLEDGE
 
 
 def only_looks(message: Message) -> bool:

@@ -13,9 +13,11 @@ from autopilot.links.ground_station.access import (
     LinkAccess,
     OrderSequence,
     StationLink,
+    confirmation_of,
     disarms,
     gives_rudder_back,
     is_order,
+    may_engage,
     refused_senders_of,
     stands_by,
 )
@@ -60,6 +62,7 @@ STOPPED_S = 30.0
 LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
 CAME_LATE = "orders from while this computer stood still are not carried out: order again"
 OVERTAKEN = "an order from before the one to stand by came behind it and is not carried out: order again"
+UNSEEN = "the pilot stands by since before you could see it: order again if you still want it"
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
 
 
@@ -193,8 +196,7 @@ class BoatLink(StationLink):
         if refusal:
             self._refuse(now, refusal)
         elif self._backlog.has(now) and is_order(message) and not counts_late(message):
-            self._refuse(now, CAME_LATE)
-            self._transmit(now, *self._service.answered(message, REJECTED))
+            self._transmit(now, *self._put_off(now, message, CAME_LATE))
         elif not is_order(message):
             self._transmit(now, *self._service.take(now, message))
         elif self.takes_orders:
@@ -206,17 +208,21 @@ class BoatLink(StationLink):
 
     def _carry_out(self, now: float, message: Message) -> list[Message]:
         """Carry an order out, once, unless its sender has given the rudder back since; return the answer."""
+        stop, giver = self._commands.last_stop, (self, message.get_srcSystem(), message.get_srcComponent())
         if not counts_late(message):
             if self._sequence.is_overtaken(now, message):
-                self._refuse(now, OVERTAKEN)
-                return self._service.answered(message, REJECTED)
+                return self._put_off(now, message, OVERTAKEN)
             if self._sequence.is_again(now, message):
                 running = self._commands.running
                 is_it = running is not None and running.command == getattr(message, "command", None)
                 return self._service.answered(message, running.result if running is not None and is_it else ACCEPTED)
+            if may_engage(message) and stop.is_unseen(now, giver, confirmation_of(message)):
+                return self._put_off(now, message, UNSEEN)
         answers = self._service.take(now, message)
         if any(getattr(answer, "result", None) in (ACCEPTED, IN_PROGRESS) for answer in answers):
             self._sequence.taken(now, message)
+        if answers and gives_rudder_back(message):
+            stop.ordered(now, giver)
         return answers
 
     def _stop(self, now: float, message: Message) -> list[Message]:
@@ -227,6 +233,7 @@ class BoatLink(StationLink):
         )
         if stops.obeys(now):
             self._stopped.happened(now, sender)
+            self._commands.last_stop.ordered(now, sender)
             return self._service.take(now, message)
         if stops.keeps(now):
             self._stop_refused.happened(now, sender)
@@ -237,6 +244,11 @@ class BoatLink(StationLink):
                 return self._deny(now, message, LOOKING_ONLY)
             self._commands.armed = False
         return self._service.answered(message, ACCEPTED)
+
+    def _put_off(self, now: float, message: Message, reason: str) -> list[Message]:
+        """Refuse what may be ordered again; each who does hears why."""
+        self._texts.send_text(now, dialect.MAV_SEVERITY_WARNING, reason, is_answer=True)
+        return self._service.answered(message, REJECTED)
 
     def _deny(self, now: float, message: Message, reason: str) -> list[Message]:
         self._refuse(now, reason)
@@ -257,6 +269,7 @@ class BoatLink(StationLink):
         A flood that was looked away from may wake the loop again.
         """
         self._access.stops.ticked(tick.now, tick.order.kind is not OrderKind.STANDBY)
+        self._commands.last_stop.on_tick(tick)
         self._telemetry.take(tick)
         self._transmit(tick.now, *self._service.passed(), *self._telemetry.due(tick.now))
         self._access.crowded = False

@@ -26,6 +26,8 @@ from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.guidance.current import ROUTE_LATITUDE_MOST_DEG, Place
 from autopilot.guidance.track import Waypoint
 from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
+from autopilot.links.base import LastStop
+from autopilot.links.ground_station.access import ACKNOWLEDGE as ACKNOWLEDGE
 from autopilot.links.ground_station.access import MANUAL as MANUAL
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
 from autopilot.links.mavlink.codec import Message
@@ -231,10 +233,6 @@ PATTERN = int(dialect.MAV_CMD_USER_3)
 """USER_1: zigzag; rudder [deg], change of heading [deg] at which it goes over, duration [s].
 USER_2: turn at a held rudder; rudder [deg], starboard positive, duration [s].
 USER_3: turn pattern; number, side (1 starboard, -1 port), its sizes [m] or [deg]."""
-ACKNOWLEDGE = int(dialect.MAV_CMD_SPATIAL_USER_5)
-"""SPATIAL_USER_5: acknowledge the alarm of a number, `AlarmKind.number`, or with 0 all that sound.
-
-MAVLink has no command for it, and the USER ones are taken."""
 WINDWARD = int(dialect.MAV_CMD_SPATIAL_USER_4)
 """SPATIAL_USER_4: the wind. Parameter 1: 0 hold the apparent, 1 the true wind, at an angle [deg], positive with the
 wind from starboard, nan: the present one; 2 tack, 3 gybe, to a side (1 starboard, -1 port, 0 either), third parameter
@@ -307,7 +305,7 @@ class Helmsman(Protocol):
 class Commands:
     """Carries commands out. `armed`: a ground station, or `run --engage`, has said that the pilot may engage. `wind`:
     what the helmsman holds the wind by, None where nobody does. `against_engaging`: what keeps the pilot from engaging
-    after a tick, '' for nothing (`Pilot.against_engaging`)."""
+    after a tick, '' for nothing (`Pilot.against_engaging`). `last_stop`: when the pilot left the helm last."""
 
     def __init__(
         self,
@@ -323,6 +321,7 @@ class Commands:
         self.wind = wind
         self.mission = mission
         self.instruments = Instruments()
+        self.last_stop = LastStop()
         self.tuner = tuner
         self.tuning = TuningCommands(tuner)
         self.armed = armed

@@ -269,7 +269,7 @@ class StationService:
 
     def _warn(self, now: float, refusal: str) -> None:
         if refusal:
-            self._texts.send_text(now, dialect.MAV_SEVERITY_WARNING, refusal)
+            self._texts.send_text(now, dialect.MAV_SEVERITY_WARNING, refusal, is_answer=True)
 
 
 def _sender(message: Message) -> tuple[int, int]:

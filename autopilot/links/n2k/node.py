@@ -139,8 +139,9 @@ class Device(NamedTuple):
     version: str = ""
 
 
-Commanded = Callable[[float, tuple[tuple[int, int], ...]], tuple[int, list[int]]]
-"""Carries a command of 127237 out: time [s], index and bits of its fields; returns the code, and that of each field."""
+Commanded = Callable[[float, int, tuple[tuple[int, int], ...]], tuple[int, list[int]]]
+"""Carries a command of 127237 out: time [s], whose, index and bits of its fields; returns the code, and that of each
+field."""
 
 
 class Node:
@@ -306,7 +307,7 @@ class Node:
         elif asked.pairs is None:
             code, fields = UNSUPPORTED, [NO_SUCH_FIELD] * asked.named
         else:
-            code, fields = self._commanded(now, asked.pairs)
+            code, fields = self._commanded(now, message.source, asked.pairs)
             other = DONE if asked.priority in PRIORITIES_AS_IS else FIXED_PRIORITY
         if is_for_all:
             return said

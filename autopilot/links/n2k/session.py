@@ -27,7 +27,7 @@ from typing import NamedTuple, Protocol
 from autopilot.angles import shortest_turn
 from autopilot.guidance.current import Overboard, Place
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import AlarmNews, Backlog, HelmNews
+from autopilot.links.base import AlarmNews, Backlog, HelmNews, LastStop
 from autopilot.links.n2k.node import (
     DENIED,
     DONE,
@@ -209,9 +209,11 @@ COMMANDS = {5: "steeringMode", 7: "headingReference", 11: "headingToSteerCourse"
 
 
 class Helm(Protocol):
-    """Who carries out what a plotter's user orders; overboard: where somebody went overboard."""
+    """Who carries out what a plotter's user orders; overboard: where somebody went overboard; last_stop: when the pilot
+    left the helm last."""
 
     overboard: Overboard | None
+    last_stop: LastStop
 
     def engage(self, heading: float | None) -> None:
         """Order a heading [rad], or the present one."""
@@ -384,6 +386,8 @@ class N2kSession:
     def on_tick(self, tick: Tick) -> None:
         """Say heading/track control at its rate."""
         self._tick = tick
+        if self._helm is not None:
+            self._helm.last_stop.on_tick(tick)
         self._variation.on_tick(tick.now, tick.command.engaged)
         if self._alerts is not None and self.node is not None and self.node.is_ready(tick.now):
             address = self.node.address
@@ -484,7 +488,7 @@ class N2kSession:
             fields["offHeadingLimitExceeded"] = YES_NO[off]
         return fields
 
-    def _commanded(self, now: float, pairs: tuple[tuple[int, int], ...]) -> tuple[int, list[int]]:
+    def _commanded(self, now: float, source: int, pairs: tuple[tuple[int, int], ...]) -> tuple[int, list[int]]:
         """Carry out a command of 127237 and return its codes. Ending the steering is always allowed, and goes first."""
         asked: dict[str, float | str] = {}
         codes: list[int] = []
@@ -494,9 +498,10 @@ class N2kSession:
             codes.append(FIELD_UNSUPPORTED if name is None else OUT_OF_RANGE if value is None else DONE)
             if name is not None and value is not None:
                 asked[name] = value
-        helm, mode = self._helm, asked.get("steeringMode")
+        helm, mode, giver = self._helm, asked.get("steeringMode"), (self, source)
         if helm is not None and mode == MAIN:
             helm.stand_by()
+            helm.last_stop.ordered(now, giver)
             return DONE, codes
         if helm is None or not self.settings.takes_orders:
             return DENIED, [FIELD_DENIED] * len(pairs)
@@ -515,6 +520,7 @@ class N2kSession:
             )
         heads = tick is not None and tick.mode is Mode.ENGAGED and tick.order.kind is OrderKind.HEADING
         not_now = tick is None or not tick.state.valid or self._backlog.has(now)
+        not_now = not_now or helm.last_stop.is_unseen(now, giver)
         if not_now or (course is None and "headingToSteerCourse" in asked) or (mode is None and not heads):
             return NOT_NOW, [TEMPORARY] * len(pairs)
         if mode == TRACK_CONTROL:
