@@ -35,14 +35,14 @@ from autopilot.logs.reading import load_run
 from autopilot.models.norrbin import Norrbin
 from autopilot.operators.trial_script import Step, TrialScript, heading, turning, zigzag
 from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
-from autopilot.report.steered import GOOD_PAST_DEG, Verdict
+from autopilot.report.steered import FAIR_PAST_DEG, GOOD_PAST_DEG, Verdict
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import model_of
 from autopilot.runtime.build_links import LinkOptions
 from autopilot.runtime.log_files import FileSink
 from autopilot.runtime.machine import MonotonicClock
 from autopilot.runtime.tuning import designed
-from autopilot.signals import Tick
+from autopilot.signals import HeadingSample, Tick
 from autopilot.supervision.panel import sentences_of
 from autopilot.vessel.file import dump_vessel, load_vessel, model_section
 from autopilot.vessel.schema import Model, Vessel
@@ -251,10 +251,23 @@ def _steer(leg: Leg, vessel: Vessel, url: str, log: Path, pace: float) -> tuple[
         if any(event.name == "disk_full" for tick in ticks for event in tick.alarms):
             raise InputError(f"demo leg {leg.name}: {why}")  # sailed slower it would be no better
         raise RefusedError(f"demo leg {leg.name} ended early: {why}")
-    wanted = vessel.control.rate_hz * (ticks[-1].now - script.begun_at[0])
-    if pace > PACES[-1] and sum(tick.now >= script.begun_at[0] for tick in ticks) < FEWEST_TICKS * wanted:
-        raise RefusedError(f"demo leg {leg.name}: the machine left most of the ticks out")
+    sailed = [tick for tick in ticks if tick.now >= script.begun_at[0]]
+    if pace > PACES[-1]:
+        if len(sailed) < FEWEST_TICKS * vessel.control.rate_hz * (ticks[-1].now - script.begun_at[0]):
+            raise RefusedError(f"demo leg {leg.name}: the machine left most of the ticks out")
+        if turned_unseen(sailed) > math.radians(FAIR_PAST_DEG):
+            raise RefusedError(f"demo leg {leg.name}: the machine held up the loop in a turn")
     return ticks, script.begun_at
+
+
+def turned_unseen(ticks: Sequence[Tick]) -> float:
+    """Return by how much [rad] the boat turned, at most, from one heading that came to the next.
+
+    So far past its course it goes where that is when its turn should be checked.
+    """
+    seen = [tick for tick in ticks if any(isinstance(sample, HeadingSample) for sample in tick.samples)]
+    turned = ((b.now - a.now) * max(abs(a.state.rate), abs(b.state.rate)) for a, b in itertools.pairwise(seen))
+    return max(turned, default=0.0)
 
 
 def _patient(vessel: Vessel) -> Vessel:

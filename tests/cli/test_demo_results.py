@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import re
@@ -31,7 +32,7 @@ from autopilot.identification.identified import Identified
 from autopilot.identification.residuals import Noise
 from autopilot.models.norrbin import Norrbin
 from autopilot.report.page import Line, Opening, Panel, Section, render, time_figure
-from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
+from autopilot.signals import HeadingSample, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 from autopilot.vessel.file import load_vessel
 
 GOAL = math.radians(90.0)
@@ -69,8 +70,29 @@ def test_a_leg_that_a_busy_machine_disturbs_is_sailed_slower_and_slower(
     assert capsys.readouterr().err.count("busy: turn is sailed again, slower\n") == 3
 
 
-def test_a_leg_whose_ticks_the_machine_left_out_is_sailed_slower(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def stalled(seconds: float) -> list[Tick]:
+    """Twenty headings a second of a boat that turns by 10 deg/s, and none for so long from 2 s on."""
+    moments = [0.05 * step for step in range(160) if not 2.0 < 0.05 * step < 2.0 + seconds]
+    return [
+        tick(now, 0.0, 0.0)._replace(
+            samples=(HeadingSample(now, 0.0),), state=NavState(now, 0.0, math.radians(10.0), 4.6, 0.0, 0.0, 0.0, True)
+        )
+        for now in moments
+    ]
+
+
+@pytest.mark.parametrize(
+    ("sailed", "words"),
+    [
+        (turned(), "left most of the ticks out"),
+        (stalled(0.8), "held up the loop in a turn"),
+        ([each._replace(samples=()) for each in stalled(0.1)], ""),
+        (stalled(0.5), ""),
+    ],
+    ids=["most left out", "held up in the turn", "no heading", "held up for a moment"],
+)
+def test_a_leg_in_which_the_machine_held_up_the_loop_is_sailed_slower(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sailed: list[Tick], words: str
 ) -> None:
     class Shown:
         def __init__(self, *anything: object) -> None:
@@ -83,7 +105,7 @@ def test_a_leg_whose_ticks_the_machine_left_out_is_sailed_slower(
             pass
 
         def run(self, longest: float, watch: Callable[[Tick], bool]) -> None:
-            for each in turned():
+            for each in sailed:
                 watch(each)
 
     class Script:
@@ -92,11 +114,11 @@ def test_a_leg_whose_ticks_the_machine_left_out_is_sailed_slower(
     for name, stand_in in (("App", Shown), ("TrialScript", lambda steps: Script())):
         monkeypatch.setattr(demo_legs, name, stand_in)
     boat = load_vessel("lanxin")
-    with pytest.raises(RefusedError, match="left most of the ticks out"):
+    with pytest.raises(RefusedError, match=words) if words else contextlib.nullcontext():
         demo_legs._steer(Leg("turn", "pid", ()), boat, "udpin:127.0.0.1:0", tmp_path / "turn.tlog", 4.0)
     slowest = demo_legs.PACES[-1]
     ticks, _ = demo_legs._steer(Leg("turn", "pid", ()), boat, "udpin:127.0.0.1:0", tmp_path / "turn.tlog", slowest)
-    assert len(ticks) == len(turned())
+    assert len(ticks) == len(sailed)
 
 
 def test_the_verdict_is_that_of_the_worse_turn_of_the_designed_law(result: DemoResult) -> None:
