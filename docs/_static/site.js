@@ -12,7 +12,7 @@ addEventListener("DOMContentLoaded", () => {
       table.classList.remove("stacks");
       table.classList.toggle("stacks", narrow.matches && table.scrollWidth > table.parentElement.clientWidth);
     }
-    for (const box of document.querySelectorAll(".highlight pre, .table-wrapper, p:has(> img[src*='wiring-'])")) if (box.scrollWidth > box.clientWidth) box.tabIndex = 0;
+    for (const box of document.querySelectorAll(".highlight pre, .table-wrapper")) if (box.scrollWidth > box.clientWidth) box.tabIndex = 0;
   }
   fit();
   narrow.addEventListener("change", fit);
