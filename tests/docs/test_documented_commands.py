@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,7 @@ from autopilot.cli.main import main as autopilot
 from sitl.cli import build_parser as sitl_parser
 from sitl.cli import main as sitl
 
-PARSERS = {"autopilot": autopilot_parser, "sitl": sitl_parser}
+PARSERS = {"autopilot": cache(autopilot_parser), "sitl": cache(sitl_parser)}
 MAINS = {"autopilot": autopilot, "sitl": sitl}
 SLOW = os.environ.get("NORRBIN_SLOW") == "1"
 STAYS = re.compile(
