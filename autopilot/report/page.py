@@ -175,6 +175,7 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 @media screen and (max-width: 34rem) {
   h1 { font-size: 1.25rem; line-height: 1.25; } th, td { padding: .25rem .3rem; font-size: .85rem; }
   th:first-child, td:first-child { white-space: normal; min-width: 4.5rem; }
+  figure { overflow-x: auto; } figure svg { width: 40rem; } /* letters of a size that is read; it is pushed sideways */
   .note code { overflow-wrap: anywhere; }
 }
 @page { size: A4; margin: 16mm 14mm; }
