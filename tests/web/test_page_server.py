@@ -58,6 +58,7 @@ def test_the_page_is_whole_small_and_asks_nobody_else(client: Any) -> None:
     page = client.get("/").text
     first_load = 0
     assert "main.js" in page_files() and "uplot.LICENSE" in page_files()
+    assert b"\n/*" not in page_files()["style.css"] and b"/*!" in page_files()["uplot.js"], "only our own comments go"
     assert "://" not in page.replace("http://www.w3.org", "")
     for name in page_files():
         answer = client.get(f"/{name}")
