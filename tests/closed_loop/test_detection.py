@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import cache
 
 import pytest
 from alarm_texts import words_of
@@ -12,6 +14,8 @@ from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.models.steering_gear import clip
+from autopilot.pilot import Pilot
+from autopilot.pilot_state import State
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import (
     CompassSample,
@@ -42,6 +46,36 @@ def seaway(now: float) -> float:
     return math.radians(6.0 * math.sin(0.8 * now) + 4.0 * math.sin(1.05 * now + 1.0) + 3.0 * math.sin(1.25 * now + 2.0))
 
 
+@cache
+def _settled(sea: Callable[[float], float], course: float, seed: int, has_sensor: bool) -> tuple[State, Plant]:
+    pilot, noise, rate_noise = build_pilot(VESSEL), math.radians(0.3), math.radians(0.2)
+    plant = Plant(
+        model_of(VESSEL), gear_of(VESSEL), course,
+        disturbance=sea, heading_noise=noise, rate_noise=rate_noise, seed=seed,
+    )  # fmt: skip
+    while plant.time < SETTLED:
+        tick = pilot.step(plant.time, sensed(plant, has_sensor), Order(OrderKind.HEADING, course, serial=1))
+        assert tick.mode is Mode.ENGAGED and tick.supervisor is not SupervisorState.DEGRADED
+        assert has_sensor or not tick.alarms
+        plant.step(tick.command.angle, DT)
+    return pilot.state, plant
+
+
+def settled(
+    sea: Callable[[float], float] = calm, course: float = 0.0, seed: int = 1, has_sensor: bool = False
+) -> tuple[Pilot, Plant]:
+    """Return pilot and boat as the fault finds them: sailed once, as what a pilot remembers is a value."""
+    pilot = build_pilot(VESSEL)
+    pilot.state, plant = _settled(sea, course, seed, has_sensor)
+    return pilot, deepcopy(plant)
+
+
+def sensed(plant: Plant, has_sensor: bool) -> tuple[Sample, ...]:
+    """What the instruments say now."""
+    rudder = [RudderSample(plant.time, plant.rudder, False, "sensor")] if has_sensor else []
+    return (*plant.sense(), *rudder)
+
+
 @dataclass
 class Run:
     """A boat held on a course in a sea; from `SETTLED` on `corrupt` alters what the instruments say, and `steer` what
@@ -56,31 +90,16 @@ class Run:
 
     def sail(self, seconds: float = 30.0) -> tuple[Tick | None, float]:
         """Return the tick in which steering ended, or a doubt arose, and the furthest error until then [deg]."""
-        pilot = build_pilot(VESSEL)
-        noise, rate_noise = math.radians(0.3), math.radians(0.2)
-        plant = Plant(
-            model_of(VESSEL),
-            gear_of(VESSEL),
-            disturbance=self.sea,
-            heading_noise=noise,
-            rate_noise=rate_noise,
-            seed=self.seed,
-        )
+        pilot, plant = settled(self.sea, 0.0, self.seed, self.has_sensor)
         worst = 0.0
         while plant.time < SETTLED + seconds:
-            samples = plant.sense()
-            if self.has_sensor:
-                samples.append(RudderSample(plant.time, plant.rudder, False, "sensor"))
-            failed = plant.time >= SETTLED
-            if failed:
-                samples = [altered for sample in samples if (altered := self.corrupt(plant.time, sample)) is not None]
-            wanted = self.course if failed else 0.0
-            tick = pilot.step(plant.time, tuple(samples), Order(OrderKind.HEADING, wanted, serial=1))
-            if failed:
-                worst = max(worst, abs(math.degrees(wrap(plant.heading - wanted))))
+            said = (self.corrupt(plant.time, sample) for sample in sensed(plant, self.has_sensor))
+            samples = tuple(sample for sample in said if sample is not None)
+            tick = pilot.step(plant.time, samples, Order(OrderKind.HEADING, self.course, serial=1))
+            worst = max(worst, abs(math.degrees(wrap(plant.heading - self.course))))
             if tick.mode is not Mode.ENGAGED or tick.supervisor is SupervisorState.DEGRADED:
                 return tick, worst
-            plant.step(self.steer(plant, tick.command.angle) if failed else tick.command.angle, DT)
+            plant.step(self.steer(plant, tick.command.angle), DT)
         return None, worst
 
 
@@ -168,22 +187,25 @@ def steered_by(
     shown: Callable[[float, float], float],
     sea: Callable[[float], float] = calm,
     course_deg: float = 0.0,
-    rate_of: Callable[[float, float], float | None] = lambda _, rate: rate,
+    rate_of: Callable[[float, float], float | None] | None = None,
 ) -> tuple[list[float], list[tuple[float, str]]]:
     """How far the boat is off its course [deg] in each tick, and what is said, with when it was said first [s], a
     compass showing `shown` of its heading [deg] and a gyro `rate_of` its rate [rad/s], by the seconds after SETTLED."""
-    pilot, course = build_pilot(VESSEL), math.radians(course_deg)
-    noise, rate_noise = math.radians(0.3), math.radians(0.2)
-    plant = Plant(
-        model_of(VESSEL), gear_of(VESSEL), course, disturbance=sea, heading_noise=noise, rate_noise=rate_noise
-    )
+    course = math.radians(course_deg)
+    if rate_of is None:
+        pilot, plant = settled(sea, course)
+    else:
+        pilot, noise, rate_noise = build_pilot(VESSEL), math.radians(0.3), math.radians(0.2)
+        plant = Plant(
+            model_of(VESSEL), gear_of(VESSEL), course, disturbance=sea, heading_noise=noise, rate_noise=rate_noise
+        )
     off, said = list[float](), list[tuple[float, str]]()
     while plant.time < SETTLED + 100.0:
         (sample,) = plant.sense()
         assert isinstance(sample, HeadingSample)
         since = plant.time - SETTLED
         assert sample.rate is not None
-        sample = sample._replace(rate=rate_of(since, sample.rate))
+        sample = sample._replace(rate=sample.rate if rate_of is None else rate_of(since, sample.rate))
         if since >= 0.0:
             sample = sample._replace(heading=wrap(math.radians(shown(since, math.degrees(sample.heading)))))
         tick = pilot.step(plant.time, (sample,), Order(OrderKind.HEADING, course, serial=1))
@@ -249,21 +271,20 @@ def test_without_a_rate_that_is_believed_a_jump_is_held_too(
 @pytest.mark.parametrize("jump", [20.0, -12.0])
 def test_past_a_jump_the_other_compass_takes_over_the_course_that_was_held(jump: float) -> None:
     """It was steered by as if it had jumped, and the boat turned slowly by the jump of the one left."""
-    pilot, by_turn = build_pilot(VESSEL), math.radians(jump)
-    plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=math.radians(0.3), rate_noise=math.radians(0.2))
-    off, changes = 0.0, SETTLED + 10.0
+    pilot, plant = settled()
+    by_turn, off, changes = math.radians(jump), 0.0, SETTLED + 10.0
     while plant.time < changes + 100.0:
         (sample,) = plant.sense()
         assert isinstance(sample, HeadingSample)
         samples: tuple[Sample, ...] = (sample,)
-        if SETTLED <= plant.time < changes:
+        if plant.time < changes:
             samples = (sample._replace(heading=wrap(sample.heading + by_turn)),)
-        elif plant.time >= changes:
+        else:
             samples = (sample._replace(source="other"),)
             if plant.time - DT < changes:
                 samples = (CompassSample(plant.time, -by_turn, "other"), *samples)
         tick = pilot.step(plant.time, samples, Order(OrderKind.HEADING, 0.0, serial=1))
-        off = max(off, abs(math.degrees(wrap(plant.heading)))) if plant.time >= SETTLED else 0.0
+        off = max(off, abs(math.degrees(wrap(plant.heading))))
         plant.step(tick.command.angle, DT)
     assert off < 2.0
     assert math.degrees(tick.state.heading) == pytest.approx(0.0, abs=1.0)
