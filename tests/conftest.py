@@ -164,8 +164,13 @@ def pytest_runtest_makereport(item: pytest.Item) -> Any:
     return report
 
 
+@cache
+def _place(path: Path) -> str:
+    return path.relative_to(NIGHTLY.parent).as_posix()
+
+
 def _name(item: pytest.Item) -> str:
-    return item.path.relative_to(NIGHTLY.parent).as_posix() + item.nodeid[item.nodeid.index("::") :]
+    return _place(item.path) + item.nodeid[item.nodeid.index("::") :]
 
 
 def _is_real_time(item: pytest.Item) -> bool:
