@@ -464,6 +464,7 @@ def view_of(
         state.rudder.rate.is_sure,
         gyro.bias if gyro.p11 < RATE_OFF_KNOWN else 0.0,
         ahead if boat.law.is_rudder and 0.0 < ahead < 1.0 else 1.0,
+        estimate.fusion.state.sea.watched,
     )
 
 

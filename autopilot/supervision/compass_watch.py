@@ -10,6 +10,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import PI, shortest_turn, wrap
+from autopilot.estimation.tuning import WAVE_MEMORY
 from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample
@@ -513,11 +514,28 @@ class Standing(NamedTuple):
 
 class Sea(NamedTuple):
     """What moves the heading: by this standard deviation [rad] when it began to stand, felt on a course that is held
-    since flat water [s]; digit [rad]: the least step of the compass."""
+    since flat water [s]; digit [rad]: the least step of the compass. watched [s]: for how long it had been learnt.
+    kept [rad]: the deviation that was known when it was forgotten, until it is known anew."""
 
     digit: float = math.inf
     deviation: float = math.nan
     flat: float = math.nan
+    watched: float = 0.0
+    kept: float = 0.0
+
+
+def felt(sea: Sea, seen: MonitorInput) -> Sea:
+    """Return what moves the heading after a tick in which it moves.
+
+    A sea that the estimate forgets, for it was learnt beside a rate that is found wrong, is no flat water: where it was
+    proven it counts on for WAVE_MEMORY, as long as the estimate would have remembered it.
+    """
+    now, watched, deviation = seen.now, seen.sea_watched, seen.state.wave_deviation
+    kept = sea.deviation if watched < sea.watched and now - sea.flat >= SEA_PROVEN else sea.kept
+    kept = kept if seen.holds_course and watched < WAVE_MEMORY else 0.0
+    deviation = deviation if deviation > kept else kept
+    is_flat = deviation < SEA_FELT or math.isnan(sea.flat) or not seen.holds_course
+    return Sea(sea.digit, deviation, now if is_flat else sea.flat, watched, kept)
 
 
 def stood_by(before: Standing, sample: HeadingSample) -> Standing:
@@ -558,14 +576,12 @@ def frozen_step(
             continue
         step = heading - standing.heading
         step = abs(step if -PI < step <= PI else wrap(step))
-        sea = Sea(step, sea.deviation, sea.flat) if step < sea.digit else sea
+        sea = sea._replace(digit=step) if step < sea.digit else sea
         standing = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
     if standing.is_frozen:
         return standing, sea
     if standing.samples < 2:
-        digit, _, flat = sea
-        is_flat = state.wave_deviation < SEA_FELT or math.isnan(flat) or not seen.holds_course
-        sea = Sea(digit, state.wave_deviation, now if is_flat else flat)
+        sea = felt(sea, seen)
     elif (
         sea.deviation >= max(SEA_FELT, SEA_DIGITS * sea.digit)
         and standing.since - sea.flat >= SEA_PROVEN

@@ -47,7 +47,8 @@ class MonitorInput(NamedTuple):
     trial's. rudder_is_measured: there is a sensor of its angle. damps_roll: the rudder works against roll too.
     rudder_is_slow: it has turned out to be slower than filed, and turns are planned with that. rate_bias [rad/s]: the
     standing error of the rate sensor, 0 where it is not known. weaker: the share of the model's answer that
-    drift leaves, where only the ground tells the speed.
+    drift leaves, where only the ground tells the speed. sea_watched [s]: for how long the sea has been learnt, since it
+    was forgotten last.
     """
 
     now: float
@@ -72,6 +73,7 @@ class MonitorInput(NamedTuple):
     rudder_is_slow: bool = False
     rate_bias: float = 0.0
     weaker: float = 1.0
+    sea_watched: float = math.inf
 
 
 class Measured(NamedTuple):

@@ -266,6 +266,7 @@ def _answer(
         rudder_is_slow=False,
         rate_bias=0.0,
         weaker=1.0,
+        sea_watched=math.inf,
     )
     since = now if math.isnan(evidence.since) else evidence.since
     middle = 0.5 * (evidence.response.time + measured.time)

@@ -67,6 +67,18 @@ def test_a_jump_in_a_turn_is_no_answer_to_the_rudder(monkeypatch: pytest.MonkeyP
     assert cell.off_deg < 10.0
 
 
+def test_a_heading_freezes_in_a_sea_that_is_learnt_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rate was found wrong 9 s before, and the sea forgotten, which passed for flat water for 20 s."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    from fault_cells import ROWS, run_cells
+
+    (row,) = (each for each in ROWS if each.name == "heading frozen, compass without rate")
+    (cell,) = run_cells([row], ["degraded"], 1, seed=70267987)
+    assert cell.alarms[0].startswith("heading frozen")
+    assert cell.detected is not None
+    assert cell.detected <= 5.0
+
+
 @pytest.fixture
 def expectations(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))

@@ -232,6 +232,29 @@ def test_in_a_sea_no_heading_stands_for_three_seconds() -> None:
     assert not stood(0.72, 0.1, 40.0, 20.0, holds=False), "on a course that is held"
 
 
+def forgotten(felt_deg: float, learnt_deg: float, felt: float, then: float, watched_from: float = 0.0) -> bool:
+    """Whether a heading is frozen that has stood for 3.1 s, in a sea that was felt for so long, and is learnt anew from
+    then on: a rate that was believed is found wrong. then [s]: the heading moves on until then."""
+    monitor, is_frozen, last = Frozen(), False, round((felt + then) / 0.1)
+    for tick in range(last + 32):
+        now = 0.1 * tick
+        since, heading = now - felt, math.radians(0.1) * (min(tick, last) % 2)
+        monitor.on_sample(HeadingSample(now, heading))
+        at = watched(now, heading, waves=math.radians(felt_deg if since < 0.0 else learnt_deg))
+        is_frozen = monitor.is_frozen(at._replace(sea_watched=math.inf if since < 0.0 else since + watched_from))
+    return is_frozen
+
+
+def test_a_sea_that_is_learnt_anew_is_not_flat_water() -> None:
+    assert forgotten(1.5, 0.5, 20.2, 9.0), "it moved the heading until the rate was found wrong"
+    assert forgotten(1.5, 0.5, 20.2, 0.0), "the heading stands from then on"
+    assert not forgotten(1.5, 0.5, 19.8, 9.0), "it had not been felt for 20 s: a gyro that fails looks like a wave"
+    assert not forgotten(0.5, 0.5, 40.0, 9.0), "there was none"
+    assert not forgotten(1.5, 0.5, 20.2, 9.0, watched_from=40.0), "it has been watched for its memory, and is over"
+    assert not forgotten(1.5, 0.5, 20.2, 41.0), "it has been watched for its memory by then"
+    assert forgotten(1.5, 0.8, 20.2, 41.0), "it is felt again: it never was flat"
+
+
 def turned(rate_deg_s: float, seconds: float, rudder: float = 0.0, moves: bool = True) -> bool:
     """Whether a heading is frozen that stands from 1 s on while a rate beside it, or the rudder, turns the boat."""
     monitor, is_frozen = Frozen(), False
