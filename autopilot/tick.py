@@ -86,7 +86,7 @@ from autopilot.steering import (
 )
 from autopilot.supervision import failsafe, panel
 from autopilot.supervision.alarms import kind_of
-from autopilot.supervision.compass_watch import followed, handed_over
+from autopilot.supervision.compass_watch import followed, handed_over, is_looked_at
 from autopilot.supervision.envelope import Picture
 from autopilot.supervision.failsafe import FailsafeSteering
 from autopilot.supervision.monitor_input import MonitorInput
@@ -103,7 +103,7 @@ from autopilot.supervision.monitors import (
 from autopilot.supervision.monitors import State as MonitorState
 from autopilot.supervision.panel import AlarmPanel
 from autopilot.supervision.states import ENGAGED, MODES
-from autopilot.supervision.supervisor import STEERING_ACTIONS, Memory, Supervisor
+from autopilot.supervision.supervisor import HEADING_LOST, STEERING_ACTIONS, Memory, Supervisor
 from autopilot.supervision.tuning import FROZEN_SAMPLES, RATE_OFF_KNOWN
 
 CALM = 10.0
@@ -185,7 +185,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     found = {**found, "path_late": path_event(estimate.path, boat.loop_delay)} if late else found
 
     noted = supervisor.memory.notes
-    mode = supervisor.decide(now, order, seen, with_doubts(found, noted) if noted else found)
+    is_open = was is not Mode.ENGAGED and is_looked_at(monitors.consistency.held)
+    mode = supervisor.decide(now, order, seen, with_doubts(found, noted, is_open) if noted or is_open else found)
     is_engaged, model = mode is Mode.ENGAGED, estimate.model
     if is_engaged and was is not Mode.ENGAGED:
         estimate, seen = with_known_rudder(estimate, seen, now)
@@ -468,10 +469,17 @@ def view_of(
     )
 
 
-def with_doubts(found: Mapping[str, AlarmEvent], noted: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
+def with_doubts(
+    found: Mapping[str, AlarmEvent], noted: Mapping[str, AlarmEvent], is_open: bool
+) -> Mapping[str, AlarmEvent]:
     """Return what is found, and those of the links' alarms that are doubts: for the supervisor, who decides by names.
-    Shown they are once, by who says them."""
-    return {**found, **{event.name: event for event in noted.values() if kind_of(event).is_doubt}}
+    Shown they are once, by who says them.
+
+    is_open: nobody steers, and a heading may have jumped. Who engaged by it would have it held as if it had jumped on
+    the course: there is none until that shows.
+    """
+    doubts = {event.name: event for event in noted.values() if kind_of(event).is_doubt}
+    return {**found, **doubts, **({HEADING_LOST: AlarmEvent(HEADING_LOST)} if is_open else {})}
 
 
 def path_event(path: PathDelay, filed: float) -> AlarmEvent:

@@ -226,7 +226,9 @@ CONDITIONS = {
         key="alarms.battery_percent",
         watcher=Watcher.VEHICLE,
     ),
-    "waiting_heading": Condition("an order to engage before a heading"),
+    "waiting_heading": Condition(
+        "an order to engage before a heading, or for the 1.5 s in which it shows whether a heading has jumped"
+    ),
     "cannot_engage": Condition("an order to engage comes while somebody else has the helm, or a fault lasts"),
     "order_dropped": Condition("such an order has waited 30 s"),
     "route_ended": Condition("the last waypoint is passed: the last course is held", watcher=Watcher.LOOP),

@@ -279,6 +279,11 @@ def turn_shown(held: Held, turns: Turns, unseen: float) -> tuple[Held, Turns]:
     return settled(held)._replace(is_turn=True, jumps=held.jumps - 1), turns
 
 
+def is_looked_at(held: Held) -> bool:
+    """Return whether it is not known yet what a heading that is off has done: jumped, turned, or been a spike."""
+    return not math.isnan(held.onset)
+
+
 def settled(held: Held) -> Held:
     """Return what is held without what may have been a spike."""
     return held if math.isnan(held.onset) else held._replace(offset=held.before, onset=math.nan)

@@ -290,6 +290,33 @@ def test_past_a_jump_the_other_compass_takes_over_the_course_that_was_held(jump:
     assert math.degrees(tick.state.heading) == pytest.approx(0.0, abs=1.0)
 
 
+@pytest.mark.parametrize("has_rate", [True, False])
+@pytest.mark.parametrize("waits", [0.1, 0.8, 1.4])
+@pytest.mark.parametrize(("lasts", "course"), [(math.inf, 0.5), (math.inf, math.nan), (1.0, math.nan)])
+def test_who_engages_right_after_a_jump_steers_by_the_compass_that_is_left(
+    lasts: float, course: float, waits: float, has_rate: bool
+) -> None:
+    """What had jumped before somebody engaged was held as if it jumped on a course: 15 deg beside what the compass
+    showed, for 30 s."""
+    pilot, jumps, jump = build_pilot(VESSEL), SETTLED, math.radians(15.0)
+    plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=math.radians(0.3), rate_noise=math.radians(0.2))
+    engaged, order = math.inf, Order(OrderKind.STANDBY)
+    while plant.time < jumps + 25.0:
+        (sample,) = plant.sense()
+        assert isinstance(sample, HeadingSample)
+        off = jump if 0.0 <= plant.time - jumps < lasts else 0.0
+        sample = sample._replace(heading=wrap(sample.heading + off), rate=sample.rate if has_rate else None)
+        if plant.time >= jumps + waits:
+            order = Order(OrderKind.HEADING, course, serial=1)
+        tick = pilot.step(plant.time, (sample,), order)
+        engaged = min(engaged, plant.time) if tick.mode is Mode.ENGAGED else engaged
+        plant.step(tick.command.angle, DT)
+    assert engaged - jumps < 2.0
+    left = jump if lasts == math.inf else 0.0
+    assert wrap(plant.heading + left - tick.reference.heading) == pytest.approx(0.0, abs=math.radians(3.0))
+    assert tick.reference.heading == pytest.approx(left if math.isnan(course) else course, abs=math.radians(3.0))
+
+
 @pytest.mark.parametrize("course", [19.6, -8.0])
 def test_a_heading_that_goes_to_nought_near_north_is_not_steered_by(course: float) -> None:
     """19.6 deg off course by then."""
