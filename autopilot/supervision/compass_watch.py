@@ -218,54 +218,104 @@ def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float
     return ended(held, rest) if time - held.onset >= HELD_SETTLES else held
 
 
+class Off(NamedTuple):
+    """How far a heading is off from what the rate of turn beside it carries on, `step` [s] after the one before.
+
+    off [rad]: the innovation against the rate's own reckoning, which forgets in SENSE_TIME, and `at_once`: its change.
+    limit and once [rad]: by no more of either is it off by noise and lag; sudden [rad]: by more than this no boat turns
+    at once; ours [rad]: what is further ends steering, and is not held.
+    """
+
+    time: float
+    step: float
+    off: float
+    at_once: float
+    limit: float
+    once: float
+    sudden: float
+    ours: float
+
+
+Looked = tuple[Held, float, float]
+"""What is held after a heading; by how much [rad] of its turn the boat has not turned; and what was held until now, and
+is a turn, or noise, after all [rad]."""
+
+
 def held_step(
     held: Held, turns: Turns, turned: tuple[float, float, float], at: tuple[float, float], most: tuple[float, float]
 ) -> tuple[Held, Turns]:
     """Take a heading that is further by `turned`, (by heading, by rate [rad], in a step [s]), at (time [s], rate
     [rad/s]); return what is held, and the turns without the jump.
 
-    What lies between the turns of late is the innovation of the heading against the rate's own reckoning, which
-    forgets in SENSE_TIME. Where it is beyond its limit, or its change at once beyond what no lag excuses, the heading
-    is off, and for HELD_SETTLES the rate alone carries on. One that has come to rest by then has jumped, one that is
-    back was a spike, one that moves on by what no boat turns at once has jumped again, and one that moves on otherwise,
-    or to the same side soon, turns, and the rate does not. most: by more than its first [rad] at once it is none of
-    ours, that ends steering; its second is the boat's quickest turn [rad/s].
+    It is known what the heading does, or it is looked at for HELD_SETTLES, or it turns and the rate does not, until
+    they go together again. most: by more than its first [rad] at once it is none of ours, that ends steering; its
+    second is the boat's quickest turn [rad/s].
     """
     (by_heading, by_rate, step), (time, rate), (jump, quickest) = turned, at, most
-    after, at_once = turns_step(turns, by_heading, by_rate, step), by_heading - by_rate
-    off = after.heading - after.rate
-    deviation, change, ours, goes_on = math.sqrt(held.usual), math.sqrt(held.at_once), jump + HELD_LEAST, False
-    limit = unturned_most(turns, rate, step, deviation, HELD_LAG)
-    rests = HELD_RESTS * limit
-    if math.isnan(held.onset):
-        goes_on = held.offset * off > 0.0 and abs(off) > rests and time - held.jumped < TURN_SHOWS
-        is_off = abs(off) > limit or goes_on
-        is_jump = is_off or abs(at_once) > unturned_most(turns, rate, step, change, step)
-        if held.is_turn or not is_jump or abs(off) >= ours or held.known < HELD_LAG:
-            is_turn = abs(off) > (rests if held.is_turn else limit)
-            return usual_step(held, (off, at_once), step, is_turn), after
-        off = off if is_off else at_once
-        held = begun(held, off, time)._replace(is_sudden=abs(at_once) > sudden_most(quickest, step, change))
-        held = held._replace(before=0.0) if goes_on else held
+    after, usual, change = turns_step(turns, by_heading, by_rate, step), math.sqrt(held.usual), math.sqrt(held.at_once)
+    seen = Off(
+        time,
+        step,
+        after.heading - after.rate,
+        by_heading - by_rate,
+        unturned_most(turns, rate, step, usual, HELD_LAG),
+        unturned_most(turns, rate, step, change, step),
+        sudden_most(quickest, step, change),
+        jump + HELD_LEAST,
+    )
+    if is_looked_at(held):
+        held, by, back = looking_step(held, seen)
+    elif held.is_turn:
+        held, by, back = (
+            usual_step(held, (seen.off, seen.at_once), step, abs(seen.off) > HELD_RESTS * seen.limit),
+            0.0,
+            0.0,
+        )
     else:
-        off = at_once
-        if abs(held.offset + off - held.before) >= ours > abs(off) > sudden_most(quickest, step, change):
-            held = begun(held, off, time)
-    by_jump, before = held.offset + off - held.before, held.before
+        held, by, back = known_step(held, seen)
+    after = turns_step(turns, by_heading - by, by_rate, step) if by else after
+    return held, after._replace(apart=after.apart + back, heading=after.heading + back) if back else after
+
+
+def known_step(held: Held, seen: Off) -> Looked:
+    """Take a heading while it is known what the headings do. One that is off further than by noise and lag, or changes
+    by more at once, is looked at; one that was held to have jumped, and goes on to the same side soon, turns."""
+    time, step, off, at_once, limit, once, sudden, ours = seen
+    goes_on = held.offset * off > 0.0 and abs(off) > HELD_RESTS * limit and time - held.jumped < TURN_SHOWS
+    is_off = abs(off) > limit or goes_on
+    if not (is_off or abs(at_once) > once) or abs(off) >= ours or held.known < HELD_LAG:
+        return usual_step(held, (off, at_once), step, abs(off) > limit), 0.0, 0.0
+    by = off if is_off else at_once
+    begins = begun(held, by, time)
+    if goes_on:
+        return turning(begins._replace(before=0.0)), 0.0, held.offset
+    if abs(by) >= ours:
+        return turning(begins), 0.0, 0.0
+    return begins._replace(offset=held.offset + by, is_sudden=abs(at_once) > sudden), by, 0.0
+
+
+def looking_step(held: Held, seen: Off) -> Looked:
+    """Take a heading while the headings are looked at, and the rate alone carries on. One that has come to rest after
+    HELD_SETTLES has jumped, one that is back was a spike, one that moves on by what no boat turns at once has jumped
+    again, and one that moves on otherwise turns, and the rate does not."""
+    by, before, since = seen.at_once, held.before, seen.time - held.onset
+    offset = held.offset + by
+    if abs(offset - before) >= seen.ours > abs(by) > seen.sudden:
+        return begun(held, by, seen.time)._replace(offset=offset), by, 0.0
+    moved = held.moved + (by if since > 0.5 * HELD_SETTLES else 0.0)
     # half of what noise alone allows
-    rest = 0.5 * unturned_most(NO_TURNS, 0.0, 0.0, deviation, 0.0)
-    moved = held.moved + (off if time - held.onset > 0.5 * HELD_SETTLES else 0.0)
-    is_over, is_back = time - held.onset >= HELD_SETTLES, abs(before + by_jump) <= rest
-    if (is_over and not is_back and abs(moved) > rests) or abs(by_jump) >= ours or goes_on:
-        by_jump -= off
-        after = after._replace(apart=after.apart + by_jump, heading=after.heading + by_jump)
-        return held._replace(offset=before, onset=math.nan, moved=0.0, is_turn=True), after
-    after = turns_step(turns, by_heading - off, by_rate, step)
-    held = held._replace(offset=held.offset + off, moved=moved)
-    if is_over and is_back:
-        # what is left is the noise of one heading
-        after = after._replace(apart=after.apart + held.offset, heading=after.heading + held.offset)
-    return (ended(held, rest) if is_over else held), after
+    rest, is_over = 0.5 * sudden_most(0.0, 0.0, math.sqrt(held.usual)), since >= HELD_SETTLES
+    is_back = abs(offset) <= rest
+    if (is_over and not is_back and abs(moved) > HELD_RESTS * seen.limit) or abs(offset - before) >= seen.ours:
+        return turning(held), 0.0, held.offset - before
+    held = held._replace(offset=offset, moved=moved)
+    # what is left of a spike is the noise of one heading
+    return (ended(held, rest), by, offset if is_back else 0.0) if is_over else (held, by, 0.0)
+
+
+def turning(held: Held) -> Held:
+    """Return what is held where the heading turned, and did not jump."""
+    return held._replace(offset=held.before, onset=math.nan, moved=0.0, is_turn=True)
 
 
 def turn_shown(held: Held, turns: Turns, unseen: float) -> tuple[Held, Turns]:
