@@ -8,14 +8,14 @@ import math
 import numpy as np
 import pytest
 from alarm_texts import words_of
-from boat_at_sea import Sea, ServedBoat, Vane, only
+from boat_at_sea import Sea, ServedBoat, Vane, only, place
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.guidance.wind_vane import Manoeuvre, WindSettings
 from autopilot.links.ground_station.commands import ACCEPTED, DENIED, REJECTED, WINDWARD
-from autopilot.signals import HelmSample, Mode, WindSample
+from autopilot.signals import HeadingSample, HelmSample, Mode, WindSample
 
 
 @pytest.fixture
@@ -59,6 +59,35 @@ def test_a_wind_that_is_lost_leaves_the_heading_and_is_reported(sea: Sea) -> Non
     tick = sea.sail(1.0)
     assert not words_of(tick)
     assert abs(math.degrees(shortest_turn(sea.box.heading, tick.order.heading))) < 3.0
+
+
+@pytest.mark.parametrize("jump", [12.0, -20.0])
+@pytest.mark.parametrize("leader", ["w", "w true", "route"])
+def test_a_compass_that_jumps_moves_no_boat_off_its_wind_or_route(sea: Sea, leader: str, jump: float) -> None:
+    """The jump is held for 30 s; then the compass is followed, and wind and route lead all the same."""
+    sense, by, jumps = sea.box.sense, math.radians(jump), 40.0
+
+    def off_by() -> list[HeadingSample]:
+        is_off = sea.box.time >= jumps
+        return [each._replace(heading=wrap(each.heading + by)) if is_off else each for each in sense()]
+
+    sea.box.sense = off_by  # type: ignore[method-assign]
+    sea.sail(5.0)
+    if leader == "route":
+        sea.route = [place(2000.0, 0.0)]
+        sea.follow()
+    else:
+        sea.skipper.type_line(leader)
+    sea.sail(jumps - 5.0)
+    wind, turned, across = sea.alarms.angle(), [], []
+    for _ in range(180):
+        tick = sea.sail(0.5)
+        assert tick.mode is Mode.ENGAGED
+        turned.append(abs(math.degrees(shortest_turn(wind, sea.alarms.angle()))))
+        across.append(abs(sea.east))
+    assert max(turned) < 6.0
+    if leader == "route":
+        assert max(across) < 2.0
 
 
 @pytest.mark.parametrize("line", ["e 10", "r 5", "s", "e"])
