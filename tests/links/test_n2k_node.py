@@ -71,6 +71,28 @@ def test_nothing_but_the_claim_is_said_while_others_may_object() -> None:
     assert [each.group for each in made.take(0.3, asked)] == [126996]
 
 
+def test_whose_address_is_claimed_again_and_again_says_that_no_order_leaves() -> None:
+    """A device with a lower NAME follows us from address to address, and we may say nothing for 0.25 s each time."""
+    session = ready(N2kSession("bus"))
+    node = session.node
+    assert node is not None
+    said: list[HelmSample] = []
+    ordered: list[float] = []
+    for step in range(1, 1200):
+        now = 0.05 * step
+        chased = step % 4 == 0 and 2.0 < now < 50.0
+        samples = session.receive(now, [claim(node.name - 1, node.address)] if chased else [])
+        said += [each for each in samples if isinstance(each, HelmSample)]
+        session.send(now, RudderCommand(now, 0.1, True))
+        session.poll(now)
+        ordered += [now for each in session.due(now) if each.group == 127245]
+    assert [each.available for each in said] == [True, *[False] * (len(said) - 2), True]
+    lost, back = said[1], said[-1]
+    assert 2.0 < lost.time < 3.5 and "claims our address" in lost.reason
+    assert back.time > 50.0 and ordered[-1] > back.time, "it is not at the helm again before orders leave"
+    assert not [each for each in ordered if lost.time < each < back.time - 0.1]
+
+
 def test_an_address_that_is_heard_to_be_taken_is_not_wanted() -> None:
     made = Node(Device(1, "1.0"), (127250,), lambda _: None, lambda *_: (0, []))
     made.due(0.0)

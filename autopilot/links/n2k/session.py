@@ -204,6 +204,9 @@ OFF_HEADING = math.radians(10.0)
 PLOTTER = "chart plotter"
 LAPSE = "nothing on the bus confirms it; the drive lets go by itself when no more orders come"
 STRANDED = "no address is free on the NMEA 2000 network: no order can leave"
+CONTESTED = "another device claims our address again and again on the NMEA 2000 network: no order can leave"
+MUTE_S = 1.0
+"""So long [s] claims may keep us from ordering the rudder; a claim without objections takes half of it."""
 COMMANDS = {5: "steeringMode", 7: "headingReference", 11: "headingToSteerCourse"}
 """Fields of 127237 that another node may set, by their index."""
 
@@ -280,6 +283,7 @@ class N2kSession:
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._release = UnshownRelease(name, LAPSE)
         self._helm_news = HelmNews(name, settings.steers)
+        self._may_speak: float | None = None
         self._next_control = self._next_overboard = -math.inf
         self._overboard = None if helm is None else helm.overboard
         self._tick: Tick | None = None
@@ -306,8 +310,13 @@ class N2kSession:
 
     def _barred(self, now: float) -> str:
         """Return why the network does not let us steer; empty where it does."""
-        if self.node is not None and self.node.address == NO_ADDRESS:
-            return STRANDED
+        if self.node is not None:
+            if self.node.address == NO_ADDRESS:
+                return STRANDED
+            if self._may_speak is None or self.node.is_ready(now):
+                self._may_speak = now
+            if now - self._may_speak > MUTE_S:
+                return CONTESTED
         other = self._other_pilot
         if other is not None and now - other[1] <= OTHER_PILOT_S and not self.settings.with_other_pilot:
             return (
