@@ -18,7 +18,7 @@ from importlib import import_module
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.drives import DRIVES
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, is_mavlink
-from autopilot.links.mavlink.signing import LinkSigning
+from autopilot.links.mavlink.signing import BEHIND, LinkSigning
 from autopilot.links.transports import UdpInTransport
 from autopilot.links.transports.medium import BAUD_MAX as BAUD_MAX
 from autopilot.links.transports.medium import BAUD_MIN as BAUD_MIN
@@ -156,26 +156,35 @@ def accept_signed(
 ) -> None:
     """Let nobody become the peer of a listening MAVLink transport who does not sign with our key, where we have one.
 
+    Who does, by a clock that is behind our time, is answered one datagram: from it a station learns the time, as one
+    does that hears us anyway, and goes on from there.
+
     hears: says of a message whether its sender may become the peer; None: every valid one's may.
     """
     if signing is None and hears is None:
         return
     observer = signing.observer() if signing is not None else None
 
+    was_behind = False
+
     def accepts(datagram: bytes) -> bool:
+        nonlocal was_behind
+        behind = signing.signing.refused[BEHIND] if signing is not None else 0
         messages = MavlinkCodec(signing=observer).decode(datagram)
+        was_behind = signing is not None and signing.signing.refused[BEHIND] > behind
         return any(hears is None or hears(message) for message in messages)
 
-    let_in(transport, accepts)
+    let_in(transport, accepts, lambda: was_behind)
 
 
-def let_in(transport: Transport, accepts: Callable[[bytes], bool]) -> None:
-    """Let only the sender of a datagram that `accepts` takes become the peer of a listening transport."""
+def let_in(transport: Transport, accepts: Callable[[bytes], bool], answers: Callable[[], bool] = lambda: False) -> None:
+    """Let only the sender of a datagram that `accepts` takes become the peer of a listening transport; `answers`:
+    whether the sender of the last one that it did not take is sent one, once."""
     listening = transport
     while (inside := getattr(listening, "inside", None)) is not None:
         listening = inside
     if isinstance(listening, UdpInTransport):
-        listening.accepts = accepts
+        listening.accepts, listening.answers = accepts, answers
 
 
 KEPT_BYTES = 30_000

@@ -152,7 +152,7 @@ class Steps(Protocol):
 
 
 class SafeHeaders:
-    """Adds HEADERS to every answer."""
+    """Adds HEADERS to every answer; a request whose end two readers would see in two places is refused whole."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -167,7 +167,11 @@ class SafeHeaders:
                     headers.setdefault(name, value)
             await send(message)
 
-        await self._app(scope, receive, sent)
+        named = {name for name, _ in scope.get("headers", ())}
+        if named >= {b"content-length", b"transfer-encoding"}:
+            await _refusal(400, "give the length of a request once", CLOSING)(scope, receive, sent)
+        else:
+            await self._app(scope, receive, sent)
 
 
 class Page:

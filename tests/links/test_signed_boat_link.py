@@ -97,6 +97,53 @@ def served(transport: UdpInTransport, ours: LinkSigning) -> Any:
     )
 
 
+def test_a_station_with_the_right_clock_comes_in_where_we_listen_after_one_whose_clock_was_ahead() -> None:
+    """As pymavlink, MAVLink's C library and with it QGroundControl do: a station goes on from the time it hears."""
+    transport = UdpInTransport("udpin:127.0.0.1:0", "127.0.0.1", 0)
+    boat = served(transport, signing())
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ahead,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as right,
+    ):
+        lines, now = {ahead: 10**12 + 36 * 10**7, right: 10**12}, 0.0  # an hour ahead
+        stations = {}
+        for line, start in lines.items():
+            line.connect(("127.0.0.1", transport.port))
+            line.settimeout(10.0)
+            stations[line] = dialect.MAVLink(None, 255, 190 + len(stations))
+            stations[line].signing.secret_key, stations[line].signing.timestamp = KEY, start
+            stations[line].signing.sign_outgoing = True
+
+        def turn(line: socket.socket) -> list[str]:
+            nonlocal now
+            now += 1.0
+            line.send(STATION_BEAT.pack(stations[line]))
+            boat.receive(now)
+            boat.poll(now)
+            line.setblocking(False)
+            heard = []
+            while True:
+                try:
+                    heard += stations[line].parse_buffer(line.recv(2048)) or []
+                except BlockingIOError:
+                    return [message.get_type() for message in heard]
+
+        assert "HEARTBEAT" in turn(ahead)
+        boat.receive(now + 6.0)  # silent: another may come
+        now += 6.0
+        recorded = STATION_BEAT.pack(stations[right])
+        turn(right)
+        assert transport.peer == ahead.getsockname(), "of another time it becomes nobody's peer"
+        turn(right)
+        assert transport.peer == right.getsockname() and "HEARTBEAT" in turn(right)
+        boat.receive(now + 6.0)
+        now += 6.0
+        ahead.send(recorded)
+        boat.receive(now + 1.0)
+        assert transport.peer == right.getsockname(), "a recording moves nobody"
+    boat.close()
+
+
 def companion(transport: UdpInTransport, ours: LinkSigning) -> Any:
     return CompanionLink(transport, CompanionSettings(0.5), ours)
 

@@ -595,6 +595,22 @@ def test_connections_that_say_nothing_do_not_shut_out_the_skipper(tmp_path: Path
         web.communicate()
 
 
+def test_a_request_whose_end_two_readers_would_see_in_two_places_is_refused_whole(sea: Watched) -> None:
+    """RFC 9112, 6.1: a proxy that goes by the length would let the second order pass as the first one's body."""
+    order = b'{"do":"engage"}'
+    head = f"POST /api/order HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {TOKEN}\r\n".encode()
+    inner = head + b"Content-Length: %d\r\n\r\n" % len(order) + order
+    outer = b"0\r\n\r\n" + inner
+    with (
+        served(sea) as (address, _),
+        socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2].strip("/"))), 60.0) as line,
+    ):
+        line.sendall(head + b"Content-Length: %d\r\nTransfer-Encoding: chunked\r\n\r\n" % len(outer) + outer)
+        heard = b"".join(iter(lambda: line.recv(65536), b""))
+    assert heard.startswith(b"HTTP/1.1 400 ") and heard.count(b"HTTP/1.1 ") == 1
+    assert not sea.station.journal.entries
+
+
 def test_a_file_in_the_place_of_the_folder_of_logs_is_refused_at_once(tmp_path: Path) -> None:
     log = tmp_path / "run.tlog"
     log.touch()

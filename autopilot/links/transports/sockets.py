@@ -155,6 +155,9 @@ class UdpInTransport(_UdpTransport):
         self._connects = not is_everywhere(address)
         self.accepts = accepts
         """May be set anew, by a link that knows better which sender is the right one."""
+        self.answers: Callable[[], bool] = lambda: False
+        """Whether the sender that `accepts` has just refused is sent the next datagram that leaves."""
+        self._asker: tuple[str | int, ...] | None = None
         self.refused: tuple[bytes, str] | None = None
         """The newest datagram that could make nobody our peer, as far as it was looked into, and who sent it."""
         self._allows = allows
@@ -199,12 +202,18 @@ class UdpInTransport(_UdpTransport):
                     self._latch(sender)
                     self.refused_senders -= 1
                     chunks.append(bytes(room[:length]))
-                elif self._peer is None:
+                    continue
+                if self.answers():
+                    self._asker = sender
+                if self._peer is None:
                     self.refused = bytes(room[: min(length, UNKNOWN_SENDER_LIMIT)]), f"{sender[0]}:{sender[1]}"
         return chunks
 
     def send(self, data: bytes) -> bool:
         """Send one datagram to the peer; False while there is none, or when the system's buffer is full."""
+        asker, self._asker = self._asker, None
+        if asker is not None and not self._is_held:
+            self._has_left(data, asker)
         if self._peer is None:
             if self._closed:
                 raise LinkError(f"{self.name}: the link is closed; open it again")
