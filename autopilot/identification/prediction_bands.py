@@ -336,8 +336,10 @@ def overshoots(boats: Boats, angle: float, gear: SteeringGear) -> FloatArray:
         reversals = reversals + across
         if (reversals > 2).all():
             break
+        before = rudder
         rudder = rudder + np.clip(share * (side * angle - rudder), -travel, travel)
-        motion.move(rudder, boats.ratio)
+        # what turns the boat in a step is where the rudder is on the way, not at its end
+        motion.move(0.5 * (before + rudder), boats.ratio)
         for number in (0, 1):
             beyond = -side * motion.heading - called
             furthest[number] = np.where(reversals == number + 1, np.maximum(furthest[number], beyond), furthest[number])

@@ -21,6 +21,7 @@ from autopilot.identification.prediction_bands import (
     gear_of,
     headings_after,
     motions_of,
+    overshoots,
     stretches_of,
     turned,
     widened,
@@ -66,6 +67,28 @@ def test_waves_that_push_the_boat_are_in_the_bands() -> None:
     rates = (headings[-1] - headings[-2]) / boats.step
     through = wave * W * W / math.sqrt(b * b + 2.0 * damping * W * b + W * W) * math.sqrt((2.0 * damping * W + b) / b)
     assert np.std(rates) == pytest.approx(through, rel=0.1)
+
+
+def test_a_zigzag_of_a_known_boat_overshoots_as_its_equation_does() -> None:
+    """A quick boat in a calm, against small steps of Euler's: to a tenth of what a compass shows."""
+    a, b, d, travel, lag, h, angle = 1.5, 0.7, 30.0, 0.44, 0.1, 2.0e-4, math.radians(10.0)
+    fit = LikelihoodFit(
+        Rates(a, b, d), np.diag([1.0e-14] * 4), DIRECT, {}, Weather(1.0e-7, 6.0, 1.0e-7, 0.002, 0.005), 0.0
+    )
+    drawn = boats_of(fit, np.ones(1), np.random.default_rng(2), 3)
+    heading = rate = rudder = called = 0.0
+    side, beyond = 1.0, list[float]()
+    while len(beyond) < 3:
+        if side * heading >= angle:
+            side, called = -side, abs(heading)
+            beyond.append(0.0)
+        rudder += min(max(h / lag * (side * angle - rudder), -travel * h), travel * h)
+        rate += h * (a * rudder - b * rate - d * rate**3)
+        heading += h * rate
+        if beyond:
+            beyond[-1] = max(beyond[-1], -side * heading - called)
+    found = overshoots(drawn, angle, SteeringGear(math.inf, travel, lag))
+    assert np.degrees(found[:, 0]) == pytest.approx(np.degrees(beyond[:2]), abs=0.03)
 
 
 def first_overshoots(table: dict[str, FloatArray], angle: float) -> list[float]:
