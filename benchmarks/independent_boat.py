@@ -160,22 +160,26 @@ class ThrustBoat(NamedTuple):
 
 
 def thrust_zigzag(
-    boat: ThrustBoat, share: float, sea: Sea, seed: list[int], seconds: float = 60.0
+    boat: ThrustBoat, share: float, sea: Sea, seed: list[int], seconds: float = 60.0, answers: bool = True
 ) -> dict[str, FloatArray]:
     """Return a zigzag of 0.2 rad about 0.3 rad of heading at `share` times the thrust, at 20 Hz: columns in SI units.
-    Runge and Kutta's second order."""
+    Runge and Kutta's second order. answers: the helm sees what gusts do to the boat, else that boat in a calm."""
     random, h, steps = np.random.default_rng(seed), FINE_S, round(seconds / FINE_S)
     pushes = boat.beta * _pushes(sea, random, steps)
-    heading, rate, angle, order, rows = 0.0, 0.0, 0.0, 0.2, []
+    still, here, angle, order, rows = (0.0, 0.0), (0.0, 0.0), 0.0, 0.2, []
     effect, damping = boat.beta * share**boat.q, boat.a + boat.c * (share - 1.0)
+
+    def moved(heading: float, rate: float, drive: float) -> tuple[float, float]:
+        middle = rate + 0.5 * h * (drive - damping * rate - boat.d * rate**3)
+        return heading + h * middle, rate + h * (drive - damping * middle - boat.d * middle**3)
+
     for i, push in enumerate(pushes.tolist()):
         if i % 5 == 0:
-            rows.append((heading, rate, angle))
-        order = -order if heading * math.copysign(1.0, order) >= 0.3 else order
+            rows.append((*here, angle))
+        order = -order if (here if answers else still)[0] * math.copysign(1.0, order) >= 0.3 else order
         before, angle = angle, angle + min(max(order - angle, -boat.rate * h), boat.rate * h)
-        drive = 0.5 * effect * (before + angle) + push
-        middle = rate + 0.5 * h * (drive - damping * rate - boat.d * rate**3)
-        heading, rate = heading + h * middle, rate + h * (drive - damping * middle - boat.d * middle**3)
+        drive = 0.5 * effect * (before + angle)
+        still, here = moved(*still, drive), moved(*here, drive + push)
     table = _recorded(np.array(rows), sea, random)
     return {**table, "time_s": 0.5 * table["time_s"], "speed_m_s": share / SPEED_M_S * table["speed_m_s"]}
 

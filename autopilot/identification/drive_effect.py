@@ -1,12 +1,15 @@
 """The model of a boat that steers by thrust, and how it goes with speed and throttle, from runs at several of them.
 
-All runs are simulated at once from their rudder, speed and throttle by the equation of `autopilot.models.drives`,
+The equation is that of `autopilot.models.drives`,
 
-    r' = beta s^p t^q delta - (a + c (s - 1)) r - d r^3 + e,     s = U/U0,   t = n/n0,
+    r' = s^p t^q (beta delta + e) - (a + c (s - 1)) r - d r^3 + gusts + noise,     s = U/U0,   t = n/n0,
 
-from a rate at the start that is fitted for each run, and the rates' differences from the measured ones are made least
-(output error). Then K = beta/|a|, T = 1/|a|, n1 the sign of a, n3 = d/|a|, w = c/a. The standard errors are those of
-residuals that remember.
+with K = beta/|a|, T = 1/|a|, n1 the sign of a, n3 = d/|a|, w = c/a. First all runs are simulated at once from their
+rudder, speed and throttle, and the rates' differences from the measured ones are made least (output error). A helm that
+answers its compass answers the gusts with it: rudder and gusts go together, and output error, which knows none, takes
+for the rudder's doing what gusts did. So it is where the search for the boat begins that the runs make likely
+(`likelihood_fit`), gusts, waves and noise being states and sizes to be found. Where that finds none output error
+stands, with the standard errors of residuals that remember.
 
 Where the throttle is recorded thrust that is turned has q fitted with p = 0. All else has p fitted with q = 0: in a
 steady run the speed follows the throttle, and the two cannot be parted. What the runs cannot tell stays as it is
@@ -25,7 +28,7 @@ from scipy.optimize import least_squares
 
 from autopilot.identification.likelihood_fit import LikelihoodFit, largest_rate, likelihood_fit
 from autopilot.identification.likelihood_model import SURELY_TURNS, ordered
-from autopilot.identification.likelihood_record import Form
+from autopilot.identification.likelihood_record import Form, Surroundings
 from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.residuals import robust_covariance
@@ -111,8 +114,8 @@ def _simulated(stack: _Stack, values: FloatArray, start: FloatArray, *, by_throt
     """Return the rates [rad/s], shape (N, S), by the classical Runge-Kutta method, the input in straight lines."""
     strength, exponent, damping, slope, cubic, push = values
     over = stack.throttle if by_throttle else stack.speed
-    effect = strength * over**exponent
-    drive, half = effect * stack.rudder + push, 0.5 * effect * stack.rise
+    effect = over**exponent
+    drive, half = effect * (strength * stack.rudder + push), 0.5 * strength * effect * stack.rise
     damped = damping + slope * (stack.speed - 1.0)
     rates = np.empty_like(stack.rate)
     rate = rates[0] = start
@@ -178,10 +181,11 @@ def fit_drive(runs: Sequence[Run], usual: DriveLaw, needs: Needs) -> DriveFit:
             low[free.index(NAMES.index(name))] = 0.0
     found = least_squares(residuals, np.maximum(first, low + 1.0e-9), bounds=(low, np.inf), x_scale="jac")
     values[free] = found.x[: len(free)]
-    covariance = _covariance(known, found.jac, found.fun)
-    return _drive_fit(
-        values, free, covariance, _Asked(usual, needs, reference, throttle, by_throttle, speeds, throttles)
-    )
+    asked = _Asked(usual, needs, reference, throttle, by_throttle, speeds, throttles)
+    likely = _likely(runs, values, free, asked)
+    if likely is None:
+        return _drive_fit(values, free, _covariance(known, found.jac, found.fun), asked)
+    return _drive_fit(likely[0], free, likely[1], asked)
 
 
 class _Asked(NamedTuple):
@@ -194,6 +198,42 @@ class _Asked(NamedTuple):
     by_throttle: bool
     speeds: Sequence[float]
     throttles: Sequence[float]
+
+
+def _likely(
+    runs: Sequence[Run], values: FloatArray, free: Sequence[int], asked: _Asked
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return what the runs make likely near `values`, gusts, waves and noise apart, and the covariance of what is
+    `free` of it; None where they do not, or where nothing parts their damping from 0: c has no share of that."""
+    strength, exponent, damping, slope, cubic, push = values.tolist()
+    power = "throttle_exponent" if asked.by_throttle else "speed_exponent"
+    names = tuple(name for place, name in ((1, power), (3, "damping_share")) if place in free)
+    law = DriveLaw(slowest=SPEED_FLOOR_RATIO, fastest=math.inf)._replace(
+        **{power: exponent}, damping_share=slope / damping
+    )
+    shares = [max(abs(each), THROTTLE_FLOOR) / asked.throttle if asked.by_throttle else 1.0 for each in asked.throttles]
+    by_segment = tuple(share for share, run in zip(shares, runs, strict=True) for _ in run.segments)
+    found = likelihood_fit(
+        [part for run in runs for part in run.segments],
+        asked.speed,
+        Rates(strength, damping, cubic, -push),
+        form=Form(law),
+        surroundings=Surroundings(names, law, asked.usual, by_segment),
+    )
+    if found is None or found.joint is None or found.rates.a <= 0.0:
+        return None
+    a, b, d, e = found.rates
+    if abs(b) < SURELY_TURNS * math.sqrt(max(float(found.joint[1, 1]), 0.0)):
+        return None
+    law = found.form.law
+    values = np.array([a, getattr(law, power), b, law.damping_share * b, d, -e])
+    # how `values` go with a, b, d, e and what is searched for of the law
+    by = np.zeros((6, found.joint.shape[0]))
+    by[0, 0] = by[2, 1] = by[4, 2] = 1.0
+    by[5, 3], by[3, 1] = -1.0, law.damping_share
+    for place, name in enumerate(names, start=4):
+        by[1 if name == power else 3, place] = 1.0 if name == power else b
+    return values, by[list(free)] @ found.joint @ by[list(free)].T
 
 
 def _way_exponent(asked: _Asked) -> float:
@@ -244,7 +284,10 @@ def _drive_fit(values: FloatArray, free: Sequence[int], covariance: FloatArray, 
         )
     if "damping_slope" in errors:
         low, high = min(asked.speeds) / asked.speed, max(asked.speeds) / asked.speed
-        errors["damping_share"] = errors["damping_slope"] / size
+        # c and a err together
+        by = np.zeros(covariance.shape[0])
+        by[free.index(3)], by[free.index(2)] = 1.0 / size, -slope / (size * damping)
+        errors["damping_share"] = math.sqrt(max(float(by @ covariance @ by), 0.0))
         sentences.append(
             f"The yaw damping n1/T is {damping + slope * (low - 1.0):.3g} 1/s at {min(asked.speeds):.2f} m/s and "
             f"{damping + slope * (high - 1.0):.3g} 1/s at {max(asked.speeds):.2f} m/s."

@@ -48,6 +48,7 @@ from autopilot.identification.marginal_likelihood import (
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.identification.weather_average import averaged, mixed
+from autopilot.models.drives import DriveLaw
 from autopilot.models.weather import RaceAndWind
 
 USUALLY_LATE_S, START_LATE = 0.15, 0.1
@@ -113,8 +114,8 @@ class LikelihoodFit(NamedTuple):
     of the rudder's way was not fitted; motions: of each segment time [s], heading [rad] and rate [rad/s] of the boat,
     as all of the recording tells them, shape (3, N); form: which d is meant, and how the boat goes with speed;
     joint: covariance of a, b, d, e and the logarithms of what `train_errors` names, in that order; power: of the
-    speed with which the rudder steers; None where a law says it. around: what was fitted of `Surroundings`, whose own
-    part of `joint` comes last, of a race its logarithm's."""
+    speed with which the rudder steers; None where a law says it. around: what was fitted of `Surroundings`, a law in
+    the form's place; its own part of `joint` comes last, of a race its logarithm's."""
 
     rates: Rates
     covariance: FloatArray
@@ -162,8 +163,9 @@ def likelihood_fit(
     memory = memory_of(guess, segments, form.power)
     record = record_of(segments, reference_speed, memory, form)
     scale = scales(segments, guess, form.power)
-    around = None if surroundings is None else surroundings.start
-    record = record._replace(blur=blur_of(segments, scale.a, reference_speed, form, around))
+    around: RaceAndWind | DriveLaw | None = None if surroundings is None else surroundings.start
+    wind = around if isinstance(around, RaceAndWind) else None
+    record = record._replace(blur=blur_of(segments, scale.a, reference_speed, form, wind))
     gyro, compass = instruments(segments)
     gust = scale.a * math.radians(0.3)
     calm = usual = Weather(gust, GUST_TIME_S, 0.3 * gust, gyro, compass)
@@ -228,6 +230,8 @@ def likelihood_fit(
     fit = LikelihoodFit(
         boat, joint[:4, :4], train, errors, weather, loss, late_error, NOTHING_UNSEEN, motions, form, joint
     )
+    if isinstance(around, DriveLaw):
+        return fit._replace(form=form._replace(law=around))
     if around is not None:
         return fit._replace(around=around)
     unseen = _unseen(space, best, memory, least_play(segments))

@@ -13,8 +13,8 @@ and what they do not show keeps its doubt, in K and T too.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -352,49 +352,42 @@ def usual_race(reference_speed: float, reference_propeller: float) -> float:
 
 
 class Surroundings(NamedTuple):
-    """names: of `RaceAndWind`'s fields, what is searched for, beginning at `start`."""
+    """names: of the fields of `start`, what is searched for, beginning there: of race and wind, or of the law of thrust
+    that steers, of which `usual` is what is known beforehand, at a throttle of each segment of so many times the
+    reference, `shares`."""
 
     names: tuple[str, ...]
-    start: RaceAndWind
+    start: RaceAndWind | DriveLaw
+    usual: DriveLaw = RUDDER_LAW
+    shares: tuple[float, ...] = ()
 
 
 class Beside(NamedTuple):
-    """Surroundings on the substeps of a record, shape (S, M): ratio, the speed to the reference [m/s], propeller [1/s],
-    and beam and quarter wind [m^2/s^2]. unit [rad/m^2]: of wind that turns the boat as the rudder does."""
+    """Surroundings on the substeps of a record. units: of each number that is searched for, as it stands in a
+    covariance; before: its middle and deviation in those, before a record is known. turning: how the boat goes, and the
+    push [rad/s^2] on it, shape (S, M), in such surroundings."""
 
     names: tuple[str, ...]
-    start: RaceAndWind
-    unit: float
-    form: Form
-    reference_speed: float
-    ratio: FloatArray
-    propeller: FloatArray
-    beam: FloatArray
-    quarter: FloatArray
+    start: RaceAndWind | DriveLaw
+    units: FloatArray
+    before: tuple[tuple[float, float], ...]
+    turning: Callable[[RaceAndWind | DriveLaw], tuple[Scales, FloatArray]]
 
-    @property
-    def units(self) -> FloatArray:
-        """Of each number that is searched for, as it stands in a covariance."""
-        return np.array([1.0 if name == "race" else self.unit for name in self.names])
-
-    def opened(self, z: Mapping[str, float]) -> RaceAndWind:
+    def opened(self, z: Mapping[str, float]) -> RaceAndWind | DriveLaw:
         """Return what the numbers that are searched for stand for."""
-        return self.start._replace(
-            **{
-                name: math.exp(min(max(z[name], -WIDE), WIDE)) if name == "race" else z[name] * self.unit
-                for name in self.names
-            }
-        )
+        values: dict[str, Any] = {
+            name: math.exp(min(max(z[name], -WIDE), WIDE)) if name == "race" else z[name] * unit
+            for name, unit in zip(self.names, self.units.tolist(), strict=True)
+        }
+        return self.start._replace(**values)
 
     def closed(self) -> list[float]:
         """Return the numbers that stand for the start."""
-        values = [(name, float(getattr(self.start, name))) for name in self.names]
-        return [math.log(value) if name == "race" else value / self.unit for name, value in values]
-
-    def turning(self, around: RaceAndWind) -> tuple[Scales, FloatArray]:
-        """Return how the boat goes with the flow, and the push [rad/s^2] on it."""
-        flow = inflow_ratio(around, self.reference_speed, self.ratio, self.propeller)
-        return scales_of(self.form, flow), wind_acceleration(around, self.beam, self.quarter)
+        values = [float(getattr(self.start, name)) for name in self.names]
+        return [
+            math.log(value) if name == "race" else value / unit
+            for name, value, unit in zip(self.names, values, self.units.tolist(), strict=True)
+        ]
 
     def changes(self, z: Mapping[str, float], by: float) -> list[tuple[Scales, FloatArray]]:
         """Return how scales and push change with each of the numbers, by differences."""
@@ -408,6 +401,8 @@ class Beside(NamedTuple):
 
 WIDE = 40.0
 """Logarithms beyond this are held."""
+LAW_DOUBT = 1.0
+"""Of the powers with which thrust steers, and of the share of the damping that goes with the speed, one deviation."""
 
 
 def beside_of(
@@ -419,7 +414,7 @@ def beside_of(
     form: Form,
 ) -> Beside:
     """Return the surroundings on the record's substeps; moment [rad/s^2]: the rudder's largest."""
-    names, start = surroundings
+    names, start, usual, shares = surroundings
     columns: list[list[FloatArray]] = [[], [], [], []]
     for segment, edges in zip(segments, record.edges, strict=True):
         speed = np.maximum(without_noise(np.abs(segment.speed)) / reference_speed, SPEED_FLOOR_RATIO)
@@ -427,8 +422,26 @@ def beside_of(
         for column, values in zip(columns, (speed, ahead, segment.beam_wind, segment.quarter_wind), strict=True):
             column.append(_means(edges, segment.time, values, record.substeps))
     ratio, propeller, beam, quarter = (np.concatenate(column, axis=1) for column in columns)
+    if isinstance(start, DriveLaw):
+        share = np.array(shares)[record.segment_of(record.begin)]
+
+        def by_thrust(law: Any) -> tuple[Scales, FloatArray]:
+            scales = scales_of(form._replace(law=law), ratio)
+            return scales._replace(steering=scales.steering * share**law.throttle_exponent), record.push
+
+        known = tuple((float(getattr(usual, name)), LAW_DOUBT) for name in names)
+        return Beside(names, start, np.ones(len(names)), known, by_thrust)
+
+    def in_flow(around: Any) -> tuple[Scales, FloatArray]:
+        flow = inflow_ratio(around, reference_speed, ratio, propeller)
+        return scales_of(form, flow), wind_acceleration(around, beam, quarter)
+
+    # wind that turns the boat as the rudder does [rad/m^2]
     unit = moment / max(float(np.sqrt(np.mean(np.square([beam, quarter])))), NO_WIND)
-    return Beside(names, start, unit, form, reference_speed, ratio, propeller, beam, quarter)
+    race = math.log(usual_race(reference_speed, start.reference_propeller)) if "race" in names else 0.0
+    units = np.array([1.0 if name == "race" else unit for name in names])
+    known = tuple((race, RACE_DOUBT) if name == "race" else (0.0, 1.0) for name in names)
+    return Beside(names, start, units, known, in_flow)
 
 
 NO_WIND = 1.0e-9

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from autopilot.identification.likelihood_record import RACE_DOUBT, WIDE, Beside, IntArray, Record, rudder_on, usual_race
+from autopilot.identification.likelihood_record import WIDE, Beside, IntArray, Record, rudder_on
 from autopilot.identification.marginal_likelihood import (
     Path,
     Rates,
@@ -167,8 +167,7 @@ class Space:
         if self.strengths:
             self.priors["gust_power"] = GUST_POWER
         if beside is not None:
-            usual = math.log(usual_race(beside.reference_speed, beside.start.reference_propeller))
-            self.priors |= dict.fromkeys(beside.names, _Prior(0.0, 1.0)) | {"race": _Prior(usual, RACE_DOUBT)}
+            self.priors |= {name: _Prior(*known) for name, known in zip(beside.names, beside.before, strict=True)}
         self.path = begin_path(record)
         if weather.wave > 0.0:
             self.path = np.concatenate([self.path, np.zeros((record.nodes, 2))], axis=1)

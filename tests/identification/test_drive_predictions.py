@@ -21,8 +21,12 @@ from thrust_intervals import off_by
 from autopilot.cli.main import main
 from autopilot.identification import drive_effect
 from autopilot.identification.drive_effect import DriveFit, Prediction, at_one_throttle, fit_drive, likely_drive
-from autopilot.identification.likelihood_fit import LikelihoodFit
+from autopilot.identification.likelihood_fit import LikelihoodFit, memory_of, scales
+from autopilot.identification.likelihood_record import Form, Surroundings, beside_of, record_of
+from autopilot.identification.likelihood_search import Space
+from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.prediction_bands import boats_of, forecast, widened
+from autopilot.identification.rudder_path import DIRECT
 from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.identification.verdict import verdict_by_thrust
 from autopilot.models.drives import DRIVES, DriveLaw
@@ -158,6 +162,30 @@ def test_intervals_are_as_wide_as_the_errors(gust_deg: float) -> None:
     for name in ("K", "T", "K/T", "n1/T"):
         size = math.sqrt(float(np.mean([each[name][0] ** 2 for each in found])))
         assert 1.0 / 3.0 < size < 2.0, name
+    # a helm that answers gusts makes no boat of them: T and n3/T as a skipper wants them after three minutes
+    off = {name: math.sqrt(float(np.mean([each[name][1] ** 2 for each in found]))) for name in ("T", "n3/T")}
+    assert off["T"] < 3.0 and off["n3/T"] < 10.0
+
+
+def test_the_slope_of_the_loss_by_powers_of_speed_and_throttle_is_that_of_its_differences() -> None:
+    """And by the share of the damping that goes with the speed, at two throttles."""
+    segments = [part for run in runs_of() for part in run.segments]
+    guess, law = Rates(2.4, 1.1, 5.0, 0.01), DriveLaw(0.3, 1.5, 0.4, slowest=0.05, fastest=math.inf)
+    record = record_of(segments, 1.2, memory_of(guess, segments))
+    scale = scales(segments, guess)
+    names = ("speed_exponent", "throttle_exponent", "damping_share")
+    beside = beside_of(record, segments, Surroundings(names, law, TWO.usual, (0.6, 1.3)), 1.2, scale.e, Form(law))
+    space = Space(record, guess, Weather(0.05, 6.0, 0.01, 3.0e-3, 5.0e-3), DIRECT, (), scale, beside, np.array([0, 1]))
+    assert space.beside_at(space.start).opened(dict(zip(space.names, space.start, strict=True))) == law
+    _, slope, known = space.slope(space.start)
+    assert np.linalg.eigvalsh(known).min() > 0.0
+    for i, name in enumerate(space.names):
+        losses = []
+        for by in (1.0e-4, -1.0e-4):
+            at = space.start.copy()
+            at[i] += by
+            losses.append(space.found(at).loss)
+        assert slope[i] == pytest.approx((losses[0] - losses[1]) / 2.0e-4, rel=1.0e-3, abs=0.01), name
 
 
 def test_errors_of_many_short_runs_beside_a_long_one_take_no_more_memory_than_their_samples() -> None:
