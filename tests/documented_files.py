@@ -52,7 +52,7 @@ def _steady_turns(path: Path) -> None:
 
 
 def _flash(path: Path) -> None:
-    path.write_bytes(dataflash(zigzag_boat(seconds=90.0)))
+    path.write_bytes(dataflash(zigzag_boat(seconds=60.0)))
 
 
 def _ulog(path: Path) -> None:
