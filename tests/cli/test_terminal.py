@@ -142,7 +142,9 @@ class AtTerminal:
         line = folder / "boat"
         command = [sys.executable, "-m", "sitl", "serve", "lanxin", "--nmea", f"{line}:38400"]
         command += ["--sentences", "HDG:10,ROT:10,RSA:5,VHW:1"]
-        self._boat = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._boat = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        assert self._boat.stdout is not None
+        assert self._boat.stdout.readline().startswith(b"ready"), "the pilot waits 10 s for its line, and no longer"
         self._ours, theirs = pty.openpty()
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
         self.before = termios.tcgetattr(theirs)
@@ -192,7 +194,7 @@ class AtTerminal:
         """End both."""
         for process in (self.pilot, self._boat):
             process.kill()
-            process.wait()
+            process.communicate()
         os.close(self._ours)
         os.close(self._theirs)
 

@@ -186,6 +186,7 @@ def test_output_to_a_full_disk_leaves_the_steering_and_the_log_alone(tmp_path: P
     port = free_port(socket.SOCK_DGRAM)
     (tmp_path / "run.tlog").write_bytes(b"a sea trial")
     boat = start(Command(lambda _: ["sitl", "serve", "lanxin", "--mavlink", f"udpout:127.0.0.1:{port}"]), tmp_path)
+    assert boat.stdout is not None and boat.stdout.readline().startswith("ready")
     with Path("/dev/full").open("wb") as full:
         link = f"udpin:127.0.0.1:{port}"
         command = ["run", str(patient_vessel(tmp_path)), "--link", link, "--as-gcs", "--engage", "30"]
