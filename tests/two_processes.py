@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
+import os
 import socket
 import subprocess
 import sys
@@ -26,11 +28,19 @@ def patient_vessel(folder: Path) -> Path:
     return path
 
 
+PORTS = range(10_000, 32_000)
+"""Below those that Linux gives to who asks for any: until the program that it is for opens a port, nobody gets it."""
+_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+_asked = itertools.count(os.getpid() * 37 % 5000)
+
+
 def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    """Return a port that is free now."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a port that is free now, and that no other worker is given."""
+    while True:
+        port = PORTS[(5000 * _worker + next(_asked) % 5000) % len(PORTS)]
+        with socket.socket(socket.AF_INET, kind) as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
 
 
 def await_bound(port: int) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from two_processes import free_port
 
 from autopilot.doctor.vehicle import candidates, discover, listened, sender_of
 from autopilot.links.mavlink.codec import MavlinkCodec
@@ -65,9 +66,7 @@ def test_a_device_that_was_understood_is_not_tried_again() -> None:
 
 
 def test_a_sender_on_the_loopback_is_heard() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
 
     is_heard = threading.Event()
 

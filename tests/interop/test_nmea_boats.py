@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from alarm_texts import words_of
-from two_processes import patient_vessel
+from two_processes import free_port, patient_vessel
 
 from autopilot.angles import wrap
 from autopilot.runtime.record import read_log
@@ -80,9 +80,7 @@ def test_a_heading_is_changed_by_a_rudder_drive_on_its_own_line(tmp_path: Path, 
     [("nmea-tcpin", "nmea-tcp", socket.SOCK_STREAM), ("nmea-udpout", "nmea-udp", socket.SOCK_DGRAM)],
 )
 def test_a_heading_is_changed_over_a_network(tmp_path: Path, theirs: str, ours: str, kind: socket.SocketKind) -> None:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        place = f"127.0.0.1:{probe.getsockname()[1]}"
+    place = f"127.0.0.1:{free_port(kind)}"
     boat, log = patient_vessel(tmp_path), tmp_path / "run.tlog"
     command = [
         sys.executable,

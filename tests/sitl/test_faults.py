@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import select
-import socket
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from two_processes import free_port
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
@@ -458,9 +458,7 @@ def test_the_desk_answers_on_the_loopback_and_the_command_prints_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sitl.faults.ask.__defaults__", (60.0,))  # its thread may wait for its turn
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    address = f"127.0.0.1:{free_port()}"
     world = world_with()
     service = FaultService(world, address)
     stop = threading.Event()

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 import serial
+from two_processes import free_port
 
 from autopilot.links.base import LinkError
 from sitl.cli import main
@@ -42,12 +43,6 @@ def serve() -> Iterator[Serve]:
     for process in running:
         process.kill()
         process.communicate()
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def line_of(process: subprocess.Popen[str]) -> str:
