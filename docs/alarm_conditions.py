@@ -80,8 +80,8 @@ CONDITIONS = {
         key="rudder.follow_tolerance_deg",
     ),
     "rudder_reversed": Condition(
-        "the rudder sensor shows it moving away from its order, or the boat answers as if the rudder were on the "
-        "other side",
+        "the rudder sensor shows it moving away from its orders, those of the gear's delay and lag before included, by "
+        "more than the tolerance; or the boat answers as if the rudder were on the other side",
         key="alarms.reversed_rudder",
     ),
     "runaway": Condition(

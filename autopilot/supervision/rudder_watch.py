@@ -178,14 +178,14 @@ def following_step(
     """Compare a measured angle with the orders that we have given `since` [s], of which one was in force.
 
     Time in which the rudder is off its order by more than the tolerance and not on its way to it fills a bucket, other
-    time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that has gone
-    away from its order further than the gear's delay explains is reversed. An order may leave at any time until the
-    next tick begins: an angle that was measured between two ticks is judged by that one of the two orders, the one
-    before and the one of that tick, which explains it better. After a tick that came late it may go on past its order:
-    a motor whose speed is ordered runs until the next one.
+    time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that goes
+    away from all orders that its gear's delay may have left it with, by more than the tolerance, is reversed. An order
+    may leave at any time until the next tick begins: an angle that was measured between two ticks is judged by that one
+    of the two orders, the one before and the one of that tick, which explains it better. After a tick that came late it
+    may go on past its order: a motor whose speed is ordered runs until the next one.
 
     A line that stalls holds our orders, or the angles, and delivers them late: as long as it may do so (`line_step`)
-    the rudder goes the wrong way where it leaves all those orders behind that may still be on their way.
+    those orders are among them.
     """
     last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line = before
     angle, now, delay, filed = sample.angle, sample.time, limits.rudder_delay, limits.rudder_rate
@@ -208,16 +208,16 @@ def following_step(
         bucket = max(bucket - elapsed, 0.0)
     if bucket == 0.0:
         low, high = math.inf, -math.inf
-    nearer = max(moved, 0.0) if now <= late_until else moved
     if is_off:
         line = line._replace(off_at=now)
-        if line.held + line.unseen > 0.0:
-            least, most = orders_within(history, now - line.held - line.unseen - delay, now)
-            beyond = angle - max(most, last.angle) if turned > 0.0 else min(least, last.angle) - angle
-            nearer = max(nearer, min(-beyond, 0.0))
-    away = max(away - nearer, 0.0) if is_off else 0.0
+    if is_off and moved < 0.0:
+        least, most = orders_within(history, last.time - line.held - line.unseen - delay, now)
+        beyond = angle - max(most, last.angle) if turned > 0.0 else min(least, last.angle) - angle
+        away += max(beyond, 0.0) if now > late_until else 0.0
+    else:
+        away = max(away - moved, 0.0) if is_off else 0.0
     if not name:
-        if away > limits.rudder_tolerance + delay * min(filed, 4.0 * ASSUMED_RATE):
+        if away > limits.rudder_tolerance:
             name = "rudder_reversed"
         elif bucket > PATIENCE_S + delay:
             name = "rudder_stuck" if high - low < STANDS else "rudder_not_following"

@@ -157,9 +157,13 @@ def test_a_stuck_rudder_is_noticed_within_three_seconds(sea: Callable[[float], f
     found(run, "steering gear: rudder not responding", 3.0)
 
 
-def test_a_rudder_that_wanders_off_by_itself_does_not_follow() -> None:
-    run = Run(steer=lambda plant, _: math.radians(20.0 * math.sin(0.3 * (plant.time - SETTLED))), has_sensor=True)
-    found(run, "steering gear: rudder does not follow", 6.0)
+@pytest.mark.parametrize(
+    ("quick", "name", "within"), [(0.15, "does not follow", 6.0), (0.3, "moves the wrong way", 2.0)]
+)
+def test_a_rudder_that_wanders_off_by_itself_does_not_follow(quick: float, name: str, within: float) -> None:
+    """By 3 deg/s, or by 6: then it goes away from the orders that are to bring it back as a reversed one would."""
+    run = Run(steer=lambda plant, _: math.radians(20.0 * math.sin(quick * (plant.time - SETTLED))), has_sensor=True)
+    found(run, f"steering gear: rudder {name}", within)
 
 
 @pytest.mark.parametrize(

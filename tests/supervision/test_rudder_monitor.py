@@ -146,8 +146,8 @@ def judged(
         (1.55, 80, 60.0, ""),
         (0.38, 11, 60.0, "rudder_stuck"),
         (0.42, 11, 60.0, "rudder_not_following"),
-        (-11.0, 5, 60.0, ""),
-        (-11.0, 6, 60.0, "rudder_reversed"),
+        (-11.0, 3, 60.0, ""),
+        (-11.0, 4, 60.0, "rudder_reversed"),
         (0.0, 40, 4.99, ""),
         (0.0, 40, 5.01, "rudder_stuck"),
     ],
@@ -156,8 +156,22 @@ def test_the_limits_of_a_rudder_that_does_not_follow_in_numbers(
     side: float, rate_deg_s: float, ticks: int, order_deg: float, name: str
 ) -> None:
     """Of 20 deg/s and 0.1 s of delay, with 5 deg tolerated: 1.3 s without progress, which is 30 % of 5 deg/s; 0.5 deg
-    from the second angle on is no movement; reversed beyond 5 deg and the 2 deg of the delay."""
+    from the second angle on is no movement; reversed beyond 5 deg, as no order was another when the delay began."""
     assert judged(rate_deg_s, ticks, order_deg=order_deg, side=side).found == name
+
+
+@pytest.mark.parametrize(("late", "name"), [(0.1, ""), (0.3, ""), (0.5, "rudder_reversed")])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_rudder_that_goes_on_to_an_order_of_before_is_reversed_beyond_the_tolerance(
+    side: float, late: float, name: str
+) -> None:
+    """At 20 deg/s, an order to the other side under way: 0.1 s of going on are filed, and 5 deg more are tolerated."""
+    found, _ = seen(
+        lambda now: side * (30.0 if now < 0.95 else -30.0),
+        lambda now: side * (20.0 * min(now, 0.95 + late) - 20.0 * max(now - 0.95 - late, 0.0)),
+        2.0,
+    )
+    assert found == name
 
 
 @pytest.mark.parametrize(("dt", "is_found"), [(1.0, True), (1.0625, False)])
