@@ -64,10 +64,11 @@ def _settled(sea: Callable[[float], float], course: float, seed: int, has_sensor
 def settled(
     sea: Callable[[float], float] = calm, course: float = 0.0, seed: int = 1, has_sensor: bool = False
 ) -> tuple[Pilot, Plant]:
-    """Return pilot and boat as the fault finds them: sailed once, as what a pilot remembers is a value."""
+    """Return pilot and boat as the fault finds them: sailed once, and gone on with in copies (an estimate's past is a
+    ring, which is written round and round)."""
     pilot = build_pilot(VESSEL)
-    pilot.state, plant = _settled(sea, course, seed, has_sensor)
-    return pilot, deepcopy(plant)
+    pilot.state, plant = deepcopy(_settled(sea, course, seed, has_sensor))
+    return pilot, plant
 
 
 def sensed(plant: Plant, has_sensor: bool) -> tuple[Sample, ...]:
