@@ -57,6 +57,8 @@ TIMEOUT_S = 8.0
 STEPS_IN_LOOKAHEAD = 6.0
 """Delta is at least this many steps of the plotter's last digit (0.01 nm is 18.5 m), or each step would be a turn."""
 SAME_BEARING = math.radians(3.0)
+ALIKE_M = 30.0
+"""So far [m] the errors of one leg by two lines may differ: two antennas, and what the boat has gone meanwhile."""
 TURN_MOST = math.radians(100.0)
 PASSED_S = 5.0
 """A waypoint passed for so long, without a new leg, was the last one."""
@@ -68,7 +70,7 @@ class PlotterLeg(NamedTuple):
 
     track [rad]: its true bearing.  cross_track [m]: positive with the boat to starboard of it.  step [m]: what the
     last digit of the error is worth.  waypoint: where it ends; name: of that, for people.
-    passed: whether the plotter says that this lies abeam or astern.
+    passed: whether the plotter says that this lies abeam or astern.  source: what tells its plotter from others.
     """
 
     time: float
@@ -78,6 +80,7 @@ class PlotterLeg(NamedTuple):
     waypoint: str = ""
     name: str = ""
     passed: bool = False
+    source: str = ""
 
 
 class PlotterHeading(NamedTuple):
@@ -85,6 +88,7 @@ class PlotterHeading(NamedTuple):
 
     time: float
     heading: float
+    source: str = ""
 
 
 class PlotterInvalid(NamedTuple):
@@ -92,6 +96,7 @@ class PlotterInvalid(NamedTuple):
 
     time: float
     reason: str
+    source: str = ""
 
 
 PlotterMessage = PlotterLeg | PlotterHeading | PlotterInvalid
@@ -125,7 +130,8 @@ class PlotterGuide:
         self._now: float | None = None
         self._confirmed = False
         self._wants_far = 0.0
-        self._led: float | None = None
+        self._led: PlotterLeg | PlotterHeading | None = None
+        """What was led along last."""
         self._began: float | None = None
         """When it led last [s], or was first waited for."""
         self._passed: float | None = None
@@ -139,6 +145,8 @@ class PlotterGuide:
             self._drift = 0.0
             # the leg that was steered before is as new as any other
             self._message = None
+        elif self._message is None:
+            self._led = None  # another plotter may lead now
 
     def leave(self) -> None:
         """Follow no longer."""
@@ -147,12 +155,15 @@ class PlotterGuide:
         self._confirmed = False
 
     def take(self, message: PlotterMessage) -> None:
-        """Take what the plotter says."""
+        """Take what a plotter says; what is another's than that of the one that is followed changes nothing."""
+        if self._is_anothers(message):
+            return
         if isinstance(message, PlotterInvalid):
             since = message.time - TIMEOUT_S
             self._invalid = {reason: time for reason, time in self._invalid.items() if time >= since}
             self._invalid[message.reason] = message.time
-            self._message = self._candidate = None
+            if self._candidate is None or self._candidate.source == message.source:
+                self._message = self._candidate = None
             return
         self._invalid.clear()
         before, self._candidate = self._candidate, message
@@ -170,7 +181,18 @@ class PlotterGuide:
             self._drift = 0.0
             self._confirmed = False
         if self._message is message:
-            self._led = _goal(message)
+            self._led = message
+
+    def _is_anothers(self, message: PlotterMessage) -> bool:
+        """Return whether it is of another plotter than the one that is followed: nobody has asked for that one's way.
+
+        One that leads alike, when the first has fallen silent, may be the same plotter by another line or address.
+        """
+        led = self._led
+        if not self.following or led is None or message.source == led.source:
+            return False
+        is_alike = not isinstance(message, PlotterInvalid) and _leads_alike(led, message)
+        return not is_alike or message.time - led.time < STILL_SAID * self._period
 
     def _is_still_said(self, now: float) -> bool:
         """Return whether the leg that is led along was said so lately that another may be of a second plotter."""
@@ -179,7 +201,7 @@ class PlotterGuide:
     def _may_turn(self, message: PlotterLeg | PlotterHeading) -> bool:
         goal = _goal(message)
         # from leg to leg: the course steered leads back to the old track, and is no measure of the turn
-        if self._led is None or self._confirmed or abs(shortest_turn(self._led, goal)) <= TURN_MOST:
+        if self._led is None or self._confirmed or abs(shortest_turn(_goal(self._led), goal)) <= TURN_MOST:
             return True
         self._wants_far = goal
         return False
@@ -244,6 +266,14 @@ class PlotterGuide:
 
 def _goal(message: PlotterLeg | PlotterHeading) -> float:
     return message.track if isinstance(message, PlotterLeg) else message.heading
+
+
+def _leads_alike(one: PlotterLeg | PlotterHeading, other: PlotterLeg | PlotterHeading) -> bool:
+    """Return whether two plotters lead the same way, whatever they call it."""
+    if isinstance(one, PlotterLeg) and isinstance(other, PlotterLeg):
+        is_near = abs(one.cross_track - other.cross_track) <= one.step + other.step + ALIKE_M
+        return is_near and abs(shortest_turn(one.track, other.track)) <= SAME_BEARING
+    return _is_same(one, other)
 
 
 def _is_same(one: PlotterLeg | PlotterHeading, other: PlotterLeg | PlotterHeading) -> bool:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.angles import shortest_turn, wrap
-from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg
+from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
 from autopilot.guidance.track import Set
 
 SPEED = 4.0
@@ -350,3 +350,52 @@ def test_a_waypoint_that_is_passed_and_not_followed_by_a_leg_is_said_after_five_
     guide.take(PlotterLeg(22.0, 1.4, 0.0, 1.0, "W2", "Anchorage"))
     guide.course(26.0, 1.0, SPEED)
     assert guide.alarm is None, "the next leg has come"
+
+
+class TwoPlotters:
+    """One that is followed and another; each says its leg once a second while it has one."""
+
+    def __init__(self) -> None:
+        self.guide, self.now = PlotterGuide(), 0.0
+        self.said: list[str] = []
+        self.guide.follow()
+
+    def sail(self, seconds: int, **tracks: PlotterMessage | float | None) -> float:
+        for _ in range(seconds):
+            self.now += 1.0
+            for source, track in tracks.items():
+                if isinstance(track, float):
+                    self.guide.take(PlotterLeg(self.now, track, 0.0, 0.0, f"{source} {track}", source=source))
+                elif track is not None:
+                    self.guide.take(track._replace(time=self.now, source=source))
+            course = self.guide.course(self.now + 0.5, 0.0, SPEED)
+            self.said.append("" if self.guide.alarm is None else self.guide.alarm.name)
+        return course
+
+
+def test_a_second_plotter_that_disagrees_keeps_the_first_from_no_leg_of_its_own() -> None:
+    two = TwoPlotters()
+    two.sail(5, first=0.2)
+    assert two.sail(10, first=0.2, second=1.0) == pytest.approx(0.2)
+    assert two.sail(3, first=0.6, second=1.0) == pytest.approx(0.6), "its next leg"
+    idle = PlotterInvalid(0.0, "APB holds no valid data")
+    assert two.sail(20, first=0.6, second=idle) == pytest.approx(0.6)
+    assert set(two.said) == {""}
+
+
+def test_no_other_plotter_takes_over_from_one_that_falls_silent_unless_it_leads_alike() -> None:
+    two = TwoPlotters()
+    two.sail(2, first=0.2)
+    two.sail(5, first=0.2, second=1.0)
+    assert two.sail(30, second=1.0) == pytest.approx(0.2)
+    assert two.said[-1] == "plotter_silent", "and that is said as long as it is so"
+    two.guide.follow()
+    assert two.sail(3, second=1.0) == pytest.approx(1.0), "the skipper has asked for it"
+    two.sail(3, second=1.0, third=2.0)
+    again = PlotterLeg(0.0, 1.02, 10.0, 0.0, "4@57.1,12.2")
+    far = again._replace(cross_track=500.0)
+    assert two.sail(20, fourth=again, fifth=far, third=2.0) == pytest.approx(1.0, abs=0.6), "by another line"
+    assert two.said[-18:] == [""] * 18
+    idle = PlotterInvalid(0.0, "its navigation has ended")
+    assert two.sail(20, fourth=idle, third=2.0) == pytest.approx(1.0, abs=0.6)
+    assert two.said[-1] == "plotter_invalid"

@@ -8,6 +8,7 @@ import pytest
 
 from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
+from autopilot.links.nmea.link import NmeaSession, NmeaSettings
 from autopilot.links.nmea.samples import NmeaReader
 from autopilot.links.nmea.sentences import NmeaFramer, format_sentence
 from autopilot.signals import SpeedSample
@@ -363,3 +364,12 @@ def test_at_a_waypoint_neither_sentence_leads_the_wrong_way(order: tuple[str, st
     assert min(settled) > math.radians(-15.0)
     assert max(settled) < math.radians(90.0)
     assert settled[-1] == pytest.approx(math.radians(70.0), abs=0.1)
+
+
+def test_plotters_on_two_lines_are_distinguished() -> None:
+    ear = Ear()
+    for name in ("nmea:/dev/a", "nmea:/dev/b"):
+        address, *fields = APB.split(",")
+        session = NmeaSession(name, NmeaSettings(variation=0.0), guide=ear)
+        session.receive(1.0, [format_sentence(address[:2], address[2:], fields)])
+    assert [each.source for each in ear.heard] == ["nmea:/dev/a", "nmea:/dev/b"]

@@ -341,7 +341,7 @@ class N2kSession:
             if self._guide is not None and not is_pilots:
                 led = self._plotter.take(now, message)
                 if led is not None:
-                    self._guide.take(led)
+                    self._guide.take(led._replace(source=f"{self.name}, address {message.source}"))
             return
         if group == ALERT_RESPONSE and self._alerts is not None and (alarm := self._alerts.acknowledged(message.data)):
             samples.append(AcknowledgeSample(now, alarm, f"N2K{group}.{message.source}"))

@@ -224,6 +224,7 @@ class NmeaSession:
         self._is_stream = is_stream
         self._framer = NmeaFramer()
         self._reader = NmeaReader(known, Deviation(settings.deviation), guide, settings.talker, settings.magnetic)
+        self._reader.line = name
         self._unusable = UnusableHeadings(name)
         self._jumped = AlarmNews(f"{name}, jumped variation")
         self._guide = guide

@@ -262,6 +262,7 @@ class NmeaReader:
         magnetic: whether the boat steers magnetic courses.
 
     Attributes:
+        line: its name, by which the guide tells a plotter from others.
         malformed: sentences with a value that cannot be.  ignored: of types not used here.
         invalid: sentences that said of themselves that they hold no data.
         waiting_for_variation: headings and bearings dropped because no variation is known.
@@ -280,7 +281,7 @@ class NmeaReader:
         self._magnetic = magnetic
         self.unusable = 0
         self._ours = (OWN_TALKER, talker)
-        self._name = ""
+        self._name = self.line = ""
         self.malformed = 0
         self.ignored = 0
         self.invalid = 0
@@ -343,7 +344,7 @@ class NmeaReader:
         message = self._plotter.read(time, sentence.type, sentence.fields)
         if message is not None and self._guide is not None:
             self.invalid += isinstance(message, PlotterInvalid)
-            self._guide.take(message)
+            self._guide.take(message._replace(source=self.line))
 
     def _hdg(self, time: float, fields: tuple[str, ...]) -> Sample | None:
         compass = angle(fields, 0)
