@@ -2,6 +2,7 @@
 import { boat } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
+let isOver = false;
 
 export function setUpOverboard(order, surely) {
   const over = byId("mob-off");
@@ -10,8 +11,10 @@ export function setUpOverboard(order, surely) {
 
 export function drawOverboard() {
   const { mob_bearing: bearing, mob_distance: distance, mob_since: since } = boat.state ?? {};
-  // kept while nothing comes, not once the boat has spoken without it
-  const known = typeof bearing === "number" && boat.age("mob") - boat.age("beat") < 3;
+  // kept while nothing comes, not once the boat has spoken without it; then only a newer one counts, however ages round
+  const placed = typeof bearing === "number", without = placed && boat.age("mob") - boat.age("beat") >= 3;
+  isOver = without || (isOver && !(boat.age("mob") < 3));
+  const known = placed && !isOver;
   byId("overboard").hidden = !known;
   if (!known) return;
   const is = (value) => typeof value === "number"; // of three messages one may be lost
