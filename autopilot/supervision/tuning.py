@@ -83,10 +83,10 @@ UNEXPLAINED = 3.0  # 30 %: nothing
 """Where headings of this time [s] are so much further off, squared, than any answer explains, a gust has set in."""
 GUST = math.radians(25.0) ** 2  # 30 %: nothing
 """What a gust adds to the push's variance, a second [rad^2/s]."""
-HARDLY = 0.1
-GUST_SIZE = math.radians(25.0)
-GUST_IN = 4.0
-GUST_OVER = 0.01
+HARDLY = 0.1  # 30 %: nothing
+GUST_SIZE = math.radians(25.0)  # 30 %: nothing
+GUST_IN = 4.0  # 30 %: nothing
+GUST_OVER = 0.01  # 30 %: nothing
 """Where there is more evidence against the rudder than the first, a gust may have set in, worth about the second [rad
 of rudder]. One that is likelier than none by the third, as a natural logarithm, is one. One that is as much less
 likely, or adds by a heading less than the fourth, a share, to what it has shown, makes room for another. With 2 in
@@ -251,7 +251,7 @@ HELD_SETTLES = 1.5  # 30 %: nothing
 """A jump is over in this time [s], a damped compass's too; what moves on is a turn."""
 HELD_RESTS = 2.0 / 3.0  # 30 %: nothing
 """It has come to rest where it moves by no more than this share of what it must jump by."""
-HELD_STAYS = 0.5
+HELD_STAYS = 0.5  # 30 %: of jumps of 20 deg 24 % less are found behind noise of 2 deg, with less
 """Beside no gyro a heading has jumped that stays as near to where it jumped to as this share of its jump."""
 HELD_FOLLOWS = math.radians(0.25)  # 30 %: 2.2 deg more off course 60 s after a jump of 12 deg, with more
 """By so much each second [rad/s] a compass is followed whose jump nobody has acknowledged by taking the helm."""
