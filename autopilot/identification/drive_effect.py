@@ -209,7 +209,7 @@ def _likely(
     power = "throttle_exponent" if asked.by_throttle else "speed_exponent"
     names = tuple(name for place, name in ((1, power), (3, "damping_share")) if place in free)
     law = DriveLaw(slowest=SPEED_FLOOR_RATIO, fastest=math.inf)._replace(
-        **{power: exponent}, damping_share=slope / damping
+        **{power: exponent}, damping_share=slope / damping if damping else 0.0
     )
     shares = [max(abs(each), THROTTLE_FLOOR) / asked.throttle if asked.by_throttle else 1.0 for each in asked.throttles]
     by_segment = tuple(share for share, run in zip(shares, runs, strict=True) for _ in run.segments)
