@@ -18,8 +18,7 @@ from autopilot.errors import InputError
 from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
-from autopilot.links.alarm_outputs import GuideAlarms
-from autopilot.links.base import Link
+from autopilot.links.base import GuideAlarms, Link
 from autopilot.links.ground_station.mission import Mission
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.mavlink.vehicle import CompanionSettings

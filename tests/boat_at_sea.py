@@ -13,8 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.angles import wrap
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide, Waypoint
-from autopilot.links.alarm_outputs import GuideAlarms
-from autopilot.links.base import Transport
+from autopilot.links.base import GuideAlarms, Transport
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission

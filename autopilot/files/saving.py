@@ -76,21 +76,19 @@ class BackgroundSaver:
     """Saves files from a thread of its own: flushing to a memory card takes longer than a tick. Call it to save.
 
     warn: is called with what went wrong, once for each file until it is saved again.
+
+    Attributes:
+        alarm: why what was to be saved is not, None while all is.
     """
 
     def __init__(self, warn: Callable[[str], None]) -> None:
         self._warn, self._worker = warn, Worker("save")
         self._unsaved: dict[Path, str] = {}
+        self.alarm: AlarmEvent | None = None
         self.close = self._worker.shutdown
 
     def __call__(self, path: Path, text: str) -> None:
         self._worker.submit(save_text, path, text).add_done_callback(partial(self._note, path))
-
-    @property
-    def alarm(self) -> AlarmEvent | None:
-        """Why what was to be saved is not, None while all is."""
-        unsaved = (*self._unsaved.values(),)  # in one go: the thread changes it
-        return AlarmEvent("change_not_kept", unsaved[0].partition("; ")[0]) if unsaved else None
 
     def _note(self, path: Path, done: Future[None]) -> None:
         error = done.exception()
@@ -99,6 +97,8 @@ class BackgroundSaver:
         elif path not in self._unsaved:
             self._unsaved[path] = str(error)
             self._warn(f"a change is not kept: {error}")
+        unsaved = (*self._unsaved.values(),)
+        self.alarm = AlarmEvent("change_not_kept", unsaved[0].partition("; ")[0]) if unsaved else None
 
 
 def save_page(path: str | Path, page: str) -> None:

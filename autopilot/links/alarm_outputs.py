@@ -105,27 +105,6 @@ class Acknowledgements(SilentLink):
         return [AcknowledgeSample(now, name, self.name) for name in names]
 
 
-class Guide(Protocol):
-    """Who has something to say."""
-
-    @property
-    def alarm(self) -> AlarmEvent | None:
-        """What the skipper should know, None while all is well."""
-
-
-class GuideAlarms(SilentLink):
-    """Word of `guide`, under `name`, whenever it changes."""
-
-    def __init__(self, guide: Guide, name: str) -> None:
-        self.name = name
-        self._guide = guide
-        self._news = AlarmNews(name)
-
-    def receive(self, now: float) -> list[Sample]:
-        """Return what is new."""
-        return self._news.of(now, self._guide.alarm)
-
-
 class Bell(SilentLink):
     """Rings the bell of a terminal: every other second, and twice a second once escalated."""
 

@@ -226,6 +226,27 @@ class AlarmNews:
         return [AlarmSample(now, alarm, self._source)]
 
 
+class Guide(Protocol):
+    """Who has something to say."""
+
+    @property
+    def alarm(self) -> AlarmEvent | None:
+        """What the skipper should know, None while all is well."""
+
+
+class GuideAlarms(SilentLink):
+    """Word of `guide`, under `name`, whenever it changes."""
+
+    def __init__(self, guide: Guide, name: str) -> None:
+        self.name = name
+        self._guide = guide
+        self._news = AlarmNews(name)
+
+    def receive(self, now: float) -> list[Sample]:
+        """Return what is new."""
+        return self._news.of(now, self._guide.alarm)
+
+
 class HelmNews:
     """Says why the rudder cannot be steered over the link `name`, or that it can, whenever that changes.
 

@@ -15,8 +15,8 @@ from autopilot.angles import compass_text
 from autopilot.errors import InputError
 from autopilot.estimation.tuning import PATH_LATER
 from autopilot.files.saving import BackgroundSaver, check_folder
-from autopilot.links.alarm_outputs import Acknowledgements, GuideAlarms
-from autopilot.links.base import Link, close_all
+from autopilot.links.alarm_outputs import Acknowledgements
+from autopilot.links.base import GuideAlarms, Link, close_all
 from autopilot.runtime.build import build_pilot, track_settings_of, wind_settings_of
 from autopilot.runtime.build_links import (
     LinkOptions,

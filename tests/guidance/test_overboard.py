@@ -11,7 +11,7 @@ from monitored_boat import BothAlarms, Watched
 
 from autopilot.errors import InputError
 from autopilot.guidance.current import OLDEST_S, Fix, Overboard
-from autopilot.links.alarm_outputs import GuideAlarms
+from autopilot.links.base import GuideAlarms
 from autopilot.signals import Mode, PositionSample
 from autopilot.web.screen import screen
 

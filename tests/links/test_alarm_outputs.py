@@ -14,12 +14,12 @@ from alarm_texts import other, words
 from autopilot.links.alarm_outputs import (
     Acknowledgements,
     Bell,
-    GuideAlarms,
     StatusTexts,
     SwitchFile,
     VehicleSounder,
     severity_of,
 )
+from autopilot.links.base import GuideAlarms
 from autopilot.signals import (
     AcknowledgeSample,
     AlarmEvent,

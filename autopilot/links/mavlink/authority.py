@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -192,6 +192,8 @@ CONTEST_GAP_S, CONTEST_S = 2.5, 3.0
 nearly the reports' own rate their pulses hide behind ours for seconds. Another pilot's proof comes every four."""
 STANDBY_STATE = 3
 TAKEN_FOR_A_MOMENT = "the mode, the arming or the radio's switch was changed and changed back: the helm is yours"
+SWITCH_LOW_US = 1200
+"""Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
 STICK_MOVED_US = 150
 """A stick that is moved this far is meant."""
 
@@ -304,15 +306,26 @@ class ControlAuthority:
         """Whether the vehicle is in the mode, and armed, in which the steering input moves the rudder."""
         return self.armed and self.mode == MANUAL_MODE
 
-    def acts_again(self, now: float, pulse: int) -> bool:
-        """Return whether a `pulse` [us] that the input shows may be an order of ours that came behind its release."""
+    def inputs(self, now: float, pulses: Sequence[int], parameters: VehicleParameters) -> bool:
+        """Take what RC_CHANNELS shows: the pulse [us] of each channel at its number, 0 where there is none; return
+        whether the steering input may show an order of ours that came behind its release."""
+        number, switch = parameters.steering_input, parameters.override_switch
+        assert number is not None
+        if switch is not None:
+            self.switch(0 < pulses[switch] < SWITCH_LOW_US)
+        for stick in parameters.free_sticks:
+            self.stick(stick, pulses[stick])
+        pulse = pulses[number]
+        if self._guided:
+            self.stick(number, pulse)  # nobody overrides it: it shows the hand
+            return False
+        if recent := self.echo.pulses:
+            self.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
         is_meant = self.steering or self.another_steers or self._may_share
         return not is_meant and self.echo.acts_again(now, pulse)
 
     def others_override(self, now: float) -> bool:
         """Return whether the steering input has shown pulses of late that are none of ours, while we steer."""
-        if not self._strange:
-            return False
         if len(self._strange) == STRANGE_REPORTS and self._strange[-1] - self._strange[0] <= STRANGE_S:
             self._strange_until = self._strange[-1] + STRANGE_LASTS_S
         return self.steering and now <= self._strange_until
@@ -384,7 +397,9 @@ class ControlAuthority:
             return f"{lost}; {waiting}"
         if self.radio and not waiting:
             self.cause = HelmCause.RADIO_LOST
-        return waiting or self.radio or self._state_reason() or self._obedience_reason(now)
+        if found := waiting or self.radio or self._state_reason():
+            return found
+        return (self.disobeyed and self._recent(now)) or self._blindness(now)
 
     def _state_reason(self) -> str:
         needed, ours = (GUIDED_MODE, "heading targets") if self._guided else (MANUAL_MODE, "rudder commands")
@@ -405,9 +420,7 @@ class ControlAuthority:
             self.disobeyed = ""
         return self.disobeyed
 
-    def _obedience_reason(self, now: float) -> str:
-        if found := self._recent(now):
-            return found
+    def _blindness(self, now: float) -> str:
         # where the heartbeats stay away too, silence is the better word
         reported = self.echo.report_time
         talks = self.received_time > reported + HEARTBEAT_S

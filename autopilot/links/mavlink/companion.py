@@ -266,7 +266,7 @@ class CompanionSession:
         due = self._probe.due(now) if proves else None
         if due is not None:
             self._release.ordered(now, self._probe.pulse)
-        elif self._probe.message is None:
+        elif self._probe.message is None and self._authority.last_command < now:
             due = self._output.repeat(now, self._settings.command_rate_hz)
         if due is not None:
             sent.append(self._steering_codec.encode(due))
@@ -426,8 +426,8 @@ class CompanionSession:
         return self.vehicle
 
     def _with_signing(self, reason: str) -> str:
-        """Return the reason why a vehicle does not obey us with word of its signing, where it signs and we do not."""
-        if not reason or not self._it_signs or self._signing is not None:
+        """Return the reason why a vehicle that signs does not obey us, with word of that where we do not."""
+        if self._signing is not None:
             return reason
         is_deaf = self._authority.disobeyed or self._probe.stage is Stage.NOT_TAKEN
         return reason + UNSIGNED_ORDERS if is_deaf or self._reader.parameters.unanswered else reason
@@ -454,7 +454,8 @@ class CompanionSession:
         self._may_prove = not obstacle
         # once we steer, the age of each heading decides
         waits = "" if authority.steering else reader.streams.waiting or self._other.waiting(now)
-        self._reason = self._with_signing(obstacle or proof.reason or waits)
+        reason = obstacle or proof.reason or waits
+        self._reason = self._with_signing(reason) if reason and self._it_signs else reason
         is_old = self._guided is None and not obstacle and self._probe.stage is Stage.GROWN_OLD
         cause = HelmCause.UNPROVEN if is_old else authority.cause
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):

@@ -310,5 +310,5 @@ class OverrideRelease:
             self._sent.append((now, pulse))
         else:
             self._sent[-1] = (now, pulse)
-        while len(self._sent) > 1 and now - self._sent[0][0] > HISTORY_S:
+        while now - self._sent[0][0] > HISTORY_S:  # the newest is of now
             self._sent.popleft()

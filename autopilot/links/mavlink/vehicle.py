@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum
+from operator import attrgetter
 from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -69,6 +71,8 @@ WRAPPED_S = WRAP_S - 60.0
 
 NO_CHANNEL = 0xFFFF
 """What RC_CHANNELS shows of a channel that is not there (MAVLink common, RC_CHANNELS)."""
+INPUTS_OF = attrgetter("chancount", *(f"chan{number}_raw" for number in range(1, 19)))
+"""How many channels RC_CHANNELS shows, and behind it their pulses [us], each at its number."""
 
 
 class Belongs(Enum):
@@ -178,8 +182,6 @@ SERVO_SOURCE = "servo_output_raw"
 SHOWN_OUTPUTS = 16
 """As many outputs has a SERVO_OUTPUT_RAW."""
 FIX_2D = 2
-SWITCH_LOW_US = 1200
-"""Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
 CLEARED_BY_STICK = "RC overrides cleared by pilot input"
 """ArduPilot since 4.8, where RC_OPTIONS has bit 14 (libraries/RC_Channel/RC_Channels.cpp)."""
 USEC_WRAP_S = 2.0**32 * 1.0e-6
@@ -485,26 +487,20 @@ class VehicleReader:
         number = parameters.steering_input
         if number is None:
             return
-        if parameters.override_switch is not None:
-            switch = _input_pulse(message, parameters.override_switch)
-            authority.switch(0 < switch < SWITCH_LOW_US)
-        for stick in parameters.free_sticks:
-            authority.stick(stick, _input_pulse(message, stick))
+        pulses = [0 if pulse == NO_CHANNEL else pulse for pulse in INPUTS_OF(message)]
+        acts_again = authority.inputs(now, pulses, parameters)
         if self.bow is not None:
-            self.bow.report(now, _input_pulse(message, self.bow.channel))
-        pulse = _input_pulse(message, number)
+            self.bow.report(now, pulses[self.bow.channel])
         if self.guided is not None:
-            authority.stick(number, pulse)  # nobody overrides it: it shows the hand
-            self.guided.stick(self._throttle_asks(message))
+            self.guided.stick(self._throttle_asks(pulses))
             return
+        pulse = pulses[number]
         # once overridden, a vehicle without a radio goes on to show the last override
         self.lacks_receiver = pulse == 0 or (self.lacks_receiver and self.release.has_ordered)
-        if authority.acts_again(now, pulse):
+        if acts_again:
             self._output.release_again()
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
-        if recent := authority.echo.pulses:
-            authority.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.guided is not None:
@@ -512,14 +508,13 @@ class VehicleReader:
             bearing, target = math.radians(message.nav_bearing), math.radians(message.target_bearing)
             self.guided.report(now, bearing, target, float(message.wp_dist))
 
-    def _throttle_asks(self, message: Message) -> bool | None:
+    def _throttle_asks(self, pulses: Sequence[int]) -> bool | None:
         """Whether the throttle stick is out of neutral, None where its calibration has not come."""
         neutral = self.parameters.throttle_neutral
         if neutral is None:
             return None
         number, low, high = neutral
-        pulse = _input_pulse(message, number)
-        return bool(pulse) and not low <= pulse <= high
+        return bool(pulses[number]) and not low <= pulses[number] <= high
 
     def _parameter(self, now: float, message: Message, samples: list[Sample]) -> None:
         name, parameters, authority = message.param_id, self.parameters, self.authority
@@ -577,9 +572,3 @@ class VehicleReader:
         self._newest.clear()
         if self.guided is not None:
             self.guided.reset()
-
-
-def _input_pulse(message: Message, number: int) -> int:
-    """Return the pulse [us] that RC_CHANNELS shows of an input; 0: there is none."""
-    pulse = int(getattr(message, f"chan{number}_raw"))
-    return 0 if pulse == NO_CHANNEL else pulse
