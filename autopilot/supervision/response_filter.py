@@ -78,7 +78,8 @@ RATE_UNKNOWN = 0.2**2
 PUSH_UNKNOWN = math.radians(20.0) ** 2
 """Variances of a rate [(rad/s)^2] and a push [rad^2] of which nothing is known."""
 Means = tuple[Mean, Mean, Mean, Mean, Mean]
-"""Of the heading without a rudder, and of what adds to it: the rudder, a late one, a slide's braking, a slow one."""
+"""Of the heading without a rudder [rad], and of what adds to it: the rudder, a late one, what brakes a boat that
+slides, a slow rudder."""
 
 
 class Seaway(NamedTuple):
@@ -302,6 +303,11 @@ def all_corrected(gains: Gains, means: Means, innovation: float) -> Means:
         (psi_3 - k0 * psi_3, r_3 - k1 * psi_3, p_3 - k2 * psi_3, w_3 - k3 * psi_3),
         (psi_4 - k0 * psi_4, r_4 - k1 * psi_4, p_4 - k2 * psi_4, w_4 - k3 * psi_4),
     )
+
+
+def first_means(heading: float) -> Means:
+    """Return the means after the first `heading` [rad]."""
+    return (heading, 0.0, 0.0, 0.0), NOTHING, NOTHING, NOTHING, NOTHING
 
 
 def first_covariance(heading: float, sea: float) -> Covariance:

@@ -28,13 +28,13 @@ from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
 from autopilot.supervision.response_filter import (
-    NOTHING,
     Covariance,
-    Mean,
+    Means,
     Noise,
     Transition,
     all_corrected,
     first_covariance,
+    first_means,
     foreseen,
     unlike,
 )
@@ -169,17 +169,12 @@ def _reflected(k: float) -> float:
 
 
 class Blocks(NamedTuple):
-    """What is known in the sea that was learnt. In a slight sea covariance and mean of a boat without a rudder, answers
-    to the rudder [rad], in time, late and of a slow one, and to what brakes a boat that slides; spectrum: of what is
-    left; how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it is
-    reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were."""
+    """What is known in the sea that was learnt. In a slight sea covariance and means; spectrum: of what is left; how
+    much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it is reversed;
+    unexplained: squares that no answer explains; outliers: how many of the last headings were."""
 
     covariance: Covariance
-    mean: Mean
-    answer: Mean
-    late: Mean
-    slide: Mean
-    slow: Mean
+    means: Means
     spectrum: Spectrum
     stuck: float
     stuck_late: float
@@ -191,8 +186,8 @@ class Blocks(NamedTuple):
 
 def first_blocks(noise: Noise, heading: float) -> Blocks:
     """Return what is known after the first heading [rad]."""
-    covariance, mean = first_covariance(noise.heading, SEA_SLIGHT), (heading, 0.0, 0.0, 0.0)
-    return Blocks(covariance, mean, NOTHING, NOTHING, NOTHING, NOTHING, NO_SPECTRUM, 0.0, 0.0, 0.0, 0.0, 1.0, 0)
+    covariance = first_covariance(noise.heading, SEA_SLIGHT)
+    return Blocks(covariance, first_means(heading), NO_SPECTRUM, 0.0, 0.0, 0.0, 0.0, 1.0, 0)
 
 
 def likelier(evidence: float, square: float, other: float, variance: float, most: float) -> float:
@@ -215,15 +210,13 @@ def blocks_step(
     slight sea, whatever sea there is: how that differs is learnt. moves: of the boat, in any sea; rudders: as
     `foreseen` has them; shares: the least of the model's answer of a boat that answers, the usual one, and how much
     this one slides."""
-    known, mean, answer, late, slide, slow, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = (
-        before
-    )
+    known, means, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = before
     (time, dt, heading), (least, usual, slides) = newest, shares
     is_gust = unexplained > UNEXPLAINED
     turn, drift, decay, gain, _ = moves
     step, push = (turn, drift, decay, gain, math.exp(-SEA_SLOWEST * dt)), noise.push + GUST if is_gust else noise.push
     noises = noise.heading, noise.acceleration, push, SEA_SLIGHT
-    covariance, gains, known, means = foreseen(step, known, (mean, answer, late, slide, slow), rudders, noises, dt)
+    covariance, gains, known, means = foreseen(step, known, means, rudders, noises, dt)
     variance = gains[0]
     mean, answer, late, slide, slow = means
     off, s, s_late = heading - mean[0], answer[0], late[0]
@@ -239,22 +232,9 @@ def blocks_step(
         if is_whole:
             evidence, spectrum = weighed((stuck, stuck_late, wrong, wrong_late), spectrum, (least, usual), is_gust)
             stuck, stuck_late, wrong, wrong_late = evidence
-        mean, answer, late, slide, slow = all_corrected(gains, means, off)
-    return Blocks(
-        known,
-        mean,
-        answer,
-        late,
-        slide,
-        slow,
-        spectrum,
-        stuck,
-        stuck_late,
-        wrong,
-        wrong_late,
-        unexplained,
-        outliers + 1 if is_left_out else 0,
-    )
+        means = all_corrected(gains, means, off)
+    outliers = outliers + 1 if is_left_out else 0
+    return Blocks(known, means, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers)
 
 
 def weighed(
@@ -283,16 +263,10 @@ def weighed(
 
 def no_more_blocks(before: Blocks, after: Blocks) -> Blocks:
     """Return `after` with no more evidence against the rudder than `before`."""
-    known, mean, answer, late, slide, slow, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = (
-        after
-    )
+    known, means, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = after
     return Blocks(
         known,
-        mean,
-        answer,
-        late,
-        slide,
-        slow,
+        means,
         emptied(spectrum),
         min(before.stuck, stuck),
         min(before.stuck_late, stuck_late),

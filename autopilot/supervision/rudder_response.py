@@ -42,6 +42,7 @@ from autopilot.supervision.response_filter import (
     Transition,
     all_corrected,
     first_covariance,
+    first_means,
     foreseen,
     slide_learnt,
     slide_share,
@@ -94,13 +95,12 @@ answer that drift leaves."""
 
 
 class Others(NamedTuple):
-    """What else may turn the boat as it turns. slow: the answer to a slow rudder; lively and quick: how much likelier
+    """What else may turn the boat as it turns. lively and quick: how much likelier
     each is, to starboard and to port; strange and strange_slow: squares that no answer explains, nor a slow rudder;
     weak, right, strong and late: how much likelier a slow rudder is than a boat that answers in this way; fit: sums of
     innovation times answer and of the answer's square, over the variance; left: the mean of late of what the best share
     of the answer leaves over [standard deviations]; colour: its square, 1 where that is white noise."""
 
-    slow: Mean
     lively: tuple[float, float]
     quick: tuple[float, float]
     misfit: float
@@ -114,7 +114,7 @@ class Others(NamedTuple):
     colour: float
 
 
-NO_OTHERS = Others(NOTHING, (0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0, 1.0)
+NO_OTHERS = Others((0.0, 0.0), (0.0, 0.0), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0, 1.0)
 
 
 Gust = tuple[Mean, float, float, float, float, float, float]
@@ -127,9 +127,8 @@ NO_GUST: Gust = (NOTHING, 0.0, 0.0, math.inf, 0.0, 0.0, 0.0)
 
 
 class ResponseState(NamedTuple):
-    """time [s] of the newest heading, nan: nothing is known yet; covariance and mean of a boat without a rudder;
-    answers to the rudder [rad], in time and late, and to what brakes a boat that slides; slid: how much this one
-    does; how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it
+    """time [s] of the newest heading, nan: nothing is known yet; covariance and means; slid: how much the boat slides;
+    how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it
     is reversed; unexplained: squares that no answer explains; outliers: how many of the last headings were; usual
     and shown: the share of the model's answer that the boat has had so far is the former over the latter; others:
     the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing
@@ -138,10 +137,7 @@ class ResponseState(NamedTuple):
 
     time: float
     covariance: Covariance
-    mean: Mean
-    answer: Mean
-    late: Mean
-    slide: Mean
+    means: Means
     slid: Slide
     stuck: float
     stuck_late: float
@@ -160,15 +156,11 @@ class ResponseState(NamedTuple):
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
     """Return what is known after the first heading [rad]."""
-    mean, usual = (heading, 0.0, 0.0, 0.0), USUAL * USUAL_SURE
     # every field is given: what numba compiles has no defaults
     return ResponseState(
         time,
         first_covariance(noise.heading, noise.sea),
-        mean,
-        NOTHING,
-        NOTHING,
-        NOTHING,
+        first_means(heading),
         NO_SLIDE,
         stuck=0.0,
         stuck_late=0.0,
@@ -176,7 +168,7 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         reversed_late=0.0,
         unexplained=1.0,
         outliers=0,
-        usual=usual,
+        usual=USUAL * USUAL_SURE,
         shown=USUAL_SURE,
         others=NO_OTHERS,
         usual_colour=1.0,
@@ -226,7 +218,7 @@ def response_step(
     """Return what is known after the `newest` heading [rad] at its time [s], the rudder having been at `rudders` since
     the one before; the boat turns at about `rate` [rad/s]."""
     (
-        last, known, mean, answer, late, slide, slid, stuck, stuck_late, wrong, wrong_late, unexplained, outliers,
+        last, known, means, slid, stuck, stuck_late, wrong, wrong_late, unexplained, outliers,
         usual, shown, others, usual_colour, blocks, since, gust,
     ) = before  # fmt: skip
     (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
@@ -236,7 +228,7 @@ def response_step(
     least = LEAST_SHARE * usual / shown
     least = least if least > LEAST[0] else LEAST[0]
     least = weaker * (least if least < LEAST[1] else LEAST[1])
-    means, at = (mean, answer, late, slide, others.slow), (rudder, rudder_late, braked, rudder_slow)
+    at = rudder, rudder_late, braked, rudder_slow
     shares = least, usual / shown, slide_share(slid)
     step = transition_of(model, rate, noise.pace, dt)
     blocks = blocks_step(blocks, step, noise, at, (time, dt, heading), shares)
@@ -285,17 +277,11 @@ def response_step(
     # what may be a fault is none of the boat's usual ways
     learns = 0.0 if is_suspect(stuck, wrong, blocks) else 1.0 / variance
     slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
-    mean, answer, late, slide, corrected_slow = all_corrected(gains, means, off)
-    others = others_step(
-        others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), corrected_slow, is_pushed
-    )
+    others = others_step(others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), is_pushed)
     return ResponseState(
         time,
         known,
-        mean,
-        answer,
-        late,
-        slide,
+        all_corrected(gains, means, off),
         slid,
         stuck,
         stuck_late,
@@ -356,6 +342,8 @@ def is_gust_likelier(gust: Gust, usual: float) -> bool:
     """Return whether a gust explains the headings, and better than any fault does: a rudder that does nothing, one of
     the opposite share of the answer that explains most, but no more than the `usual` one, or a slow one."""
     _, both, squares, stuck, slow, against, own = gust
+    if squares == 0.0:
+        return False
     likelier = gust_likelier(both, squares) - GUST_IN
     if not (likelier > 0.0 and likelier > stuck and likelier > slow):
         return False
@@ -373,16 +361,10 @@ def _without_heading(
     before: ResponseState, time: float, covariance: Covariance, means: Means, blocks: Blocks, gust: Gust
 ) -> ResponseState:
     """Return what is known at `time` [s] of a heading that is left out."""
-    mean, answer, late, slide, slow = means
-    _, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before.others
-    others = Others(slow, lively, quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour)
     return ResponseState(
         time,
         covariance,
-        mean,
-        answer,
-        late,
-        slide,
+        means,
         before.slid,
         before.stuck,
         before.stuck_late,
@@ -392,7 +374,7 @@ def _without_heading(
         before.outliers + 1,
         before.usual,
         before.shown,
-        others,
+        before.others,
         before.usual_colour,
         blocks,
         before.since,
@@ -406,13 +388,12 @@ def others_step(
     variance: float,
     dt: float,
     shown: tuple[float, float, float, float],
-    slow: Mean,
     is_pushed: bool,
 ) -> Others:
     """Return what is known of the other explanations `dt` [s] later; shown: how far the heading is from what it would
-    be without a rudder, the answers to the rudder, to a late one and to a slow one [rad]; slow: the mean of that
-    answer after the heading; is_pushed: by a gust, which is no evidence of a slow rudder."""
-    _, of_lively, of_quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before
+    be without a rudder, the answers to the rudder, to a late one and to a slow one [rad]; is_pushed: by a gust, which
+    is no evidence of a slow rudder."""
+    of_lively, of_quick, misfit, misfit_slow, weak, right, strong, latest, fit, left, colour = before
     (lively, lively_port), (quick, quick_port) = of_lively, of_quick
     off, s, s_late, s_slow = shown
     lasts = FADES_SLOW * time_constant
@@ -460,7 +441,6 @@ def others_step(
         most_slow,
     )
     return Others(
-        slow,
         (lively, lively_port),
         (quick, quick_port),
         misfit,
@@ -481,10 +461,7 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
     return ResponseState(
         after.time,
         after.covariance,
-        after.mean,
-        after.answer,
-        after.late,
-        after.slide,
+        after.means,
         after.slid,
         min(before.stuck, after.stuck),
         min(before.stuck_late, after.stuck_late),
@@ -495,7 +472,6 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
         after.usual,
         after.shown,
         Others(
-            others.slow,
             (min(was.lively[0], others.lively[0]), min(was.lively[1], others.lively[1])),
             (min(was.quick[0], others.quick[0]), min(was.quick[1], others.quick[1])),
             others.misfit,
@@ -599,7 +575,8 @@ def is_doubtful(response: ResponseState) -> bool:
 def push_at_least(response: ResponseState) -> float:
     """Return what the boat is pushed by beside rudder and sea [rad of rudder], less `PUSHED_SIGMAS`; 0 where that
     may be nothing. The boat is supposed to answer to its rudder as usual."""
-    push = response.mean[2] + response.usual / response.shown * response.answer[2]
+    mean, answer, _, _, _ = response.means
+    push = mean[2] + response.usual / response.shown * answer[2]
     uncertain = PUSHED_SIGMAS * math.sqrt(max(response.covariance[7], 0.0))
     return math.copysign(max(abs(push) - uncertain, 0.0), push)
 

@@ -199,8 +199,7 @@ def test_after_the_first_heading_the_usual_response_is_three_quarters() -> None:
     noise = Noise(1e-4, 1e-5, 1e-6, 1e-3, 0.5, 0.0)
     memory = first_response(noise, 3.0, 0.7)
     assert memory.time == 3.0
-    assert memory.mean == (0.7, 0.0, 0.0, 0.0)
-    assert memory.answer == memory.late == memory.slide == memory.others.slow == NOTHING
+    assert memory.means == ((0.7, 0.0, 0.0, 0.0), NOTHING, NOTHING, NOTHING, NOTHING)
     assert memory.usual / memory.shown == 0.75
     assert memory.shown == 60.0
     assert (memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late) == (0.0, 0.0, 0.0, 0.0)

@@ -172,7 +172,8 @@ def judge_copy(judge: Judge) -> Judge:
 def test_the_evidence_is_the_difference_of_log_likelihoods(share: float, slowness: float, usual: float) -> None:
     for memory, judge in sailed(share, slowness, usual):
         others, sums = memory.others, judge.sums
-        means = [*memory.mean, *memory.answer, *memory.late, *others.slow]
+        mean, answer, late, _, slow = memory.means
+        means = [*mean, *answer, *late, *slow]
         names = ("in time", "late", "slow")
         assert are_close(means, np.concatenate([judge.x, *(judge.answers[name] for name in names)]), 1e-9)
         evidence = [memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late]
@@ -195,12 +196,12 @@ def test_a_wild_heading_is_left_out_four_times_in_a_row(wild_so_far: int, side: 
     after = response_step(before, BOAT, NOISE, 0.0, (before.time + DT, side * 1.0), (0.1, 0.1, 0.1, 0.0, 1.0))
     if wild_so_far < 4:
         assert after.outliers == wild_so_far + 1
-        assert after.mean == pytest.approx((before.mean[0], 0.0, 0.0, 0.0), abs=1e-3)
+        assert after.means[0] == pytest.approx((before.means[0][0], 0.0, 0.0, 0.0), abs=1e-3)
         assert (after.stuck, after.usual, after.unexplained) == (3.0, 50.0, before.unexplained)
-        assert after.answer[0] > 0.0 and after.covariance[0] > before.covariance[0]
+        assert after.means[1][0] > 0.0 and after.covariance[0] > before.covariance[0]
     else:
         assert after.outliers == 0
-        assert side * after.mean[0] > 0.1
+        assert side * after.means[0][0] > 0.1
 
 
 def in_waves(heading: float, deviation: float = 0.0, frequency: float = 0.0) -> NavState:
@@ -404,20 +405,19 @@ def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer
 
 def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() -> None:
     def memory(value: float) -> ResponseState:
-        others = NO_OTHERS._replace(
-            slow=(value, 0.0, 0.0, 0.0), lively=(value, value + 1), quick=(value + 2, value + 3)
-        )
+        others = NO_OTHERS._replace(lively=(value, value + 1), quick=(value + 2, value + 3))
         others = others._replace(**dict.fromkeys(("misfit", "misfit_slow", "weak", "right", "strong", "late"), value))
-        plain = first_response(NOISE, value, 0.0)._replace(others=others)
+        plain = first_response(NOISE, value, value)._replace(others=others)
         return plain._replace(stuck=value, stuck_late=value, reversed=value, reversed_late=value)
 
     low, high = memory(2.0), memory(5.0)
     assert without_evidence(high, low) == low
     kept = without_evidence(low, high)
-    assert kept.time == 5.0 and kept.others.slow == high.others.slow
+    assert kept.time == 5.0 and kept.means == high.means
     assert (kept.others.misfit, kept.others.misfit_slow) == (5.0, 5.0)
-    assert kept._replace(time=2.0, others=low.others) == low
-    assert kept.others[1:3] == low.others[1:3] and kept.others[5:] == low.others[5:]
+    assert kept.blocks.means == high.blocks.means
+    assert kept._replace(time=2.0, means=low.means, others=low.others, blocks=low.blocks) == low
+    assert kept.others[:2] == low.others[:2] and kept.others[4:] == low.others[4:]
 
 
 def pushed(variance: float) -> Covariance:
@@ -431,8 +431,7 @@ def test_a_push_counts_beyond_two_deviations_and_beside_the_usual_answer() -> No
     before = first_response(NOISE, 0.0, 0.0)
     for side in (-1.0, 1.0):
         memory = before._replace(
-            mean=(9.0, 9.0, side * 0.5, 9.0),
-            answer=(9.0, 9.0, side * 0.2, 9.0),
+            means=((9.0, 9.0, side * 0.5, 9.0), (9.0, 9.0, side * 0.2, 9.0), *before.means[2:]),
             covariance=pushed(0.04),
             usual=30.0,
             shown=60.0,
@@ -627,7 +626,7 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
     """Known after 2 pi/0.4 = 15.71 s, and then for 0.3 s: at 15.75 s, the first tick after, and 0.375 s later. It is
     said in one tick of a trial."""
     still = pushed(0.0)
-    looks = Looks(monkeypatch, mean=(0.0, 0.0, -side * push, 0.0), covariance=still)
+    looks = Looks(monkeypatch, means=((0.0, 0.0, -side * push, 0.0), *[NOTHING] * 4), covariance=still)
     for _ in range(160):
         looks.update(side * rudder, follows=False)
     assert looks.doubts == ([16.125] if is_doubted else [])
@@ -640,7 +639,7 @@ def test_a_trial_is_doubted_where_a_push_holds_against_its_rudder_once_the_sea_i
 def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypatch: pytest.MonkeyPatch) -> None:
     """As far as it was over within the last 2.4 s counts."""
     still = pushed(0.0)
-    looks = Looks(monkeypatch, mean=(0.0, 0.0, -0.2, 0.0), covariance=still)
+    looks = Looks(monkeypatch, means=((0.0, 0.0, -0.2, 0.0), *[NOTHING] * 4), covariance=still)
     for number in range(200):
         looks.update(0.25 if number <= 144 else 0.1, follows=False)
     # the last of 0.25 rad at 18 s is forgotten at 20.5 s, the first tick more than 2.4 s later
@@ -649,7 +648,7 @@ def test_a_rudder_on_its_way_from_one_side_to_the_other_is_not_held_off(monkeypa
 
 def test_a_second_heading_of_the_same_instant_says_nothing_of_colour() -> None:
     before = sailed(1.0, 0.0, 0.75, 5.0)[-1][0]
-    after = response_step(before, BOAT, NOISE, 0.0, (before.time, before.mean[0] + 0.01), (0.1, 0.1, 0.1, 0.0, 1.0))
+    after = response_step(before, BOAT, NOISE, 0.0, (before.time, before.means[0][0] + 0.01), (0.1, 0.1, 0.1, 0.0, 1.0))
     assert (after.others.fit, after.others.left, after.others.colour) == (
         before.others.fit,
         before.others.left,
@@ -662,10 +661,10 @@ def stepped(share: float, seen: float, **change: Any) -> tuple[ResponseState, Re
     [rad] could be seen before."""
     before = sailed(1.0, 0.0, 0.75, 6.0)[-1][0]
     others = {name: change.pop(name) for name in tuple(change) if name in Others._fields}
-    before = before._replace(others=before.others._replace(**others), answer=(seen, 0.0, 0.0, 0.0), **change)
-    step = transition_of(BOAT, 0.1, NOISE.pace, DT)
-    means = all_moved(step, (before.mean, before.answer, NOTHING, NOTHING, NOTHING), (0.3, 0.0, 0.0, 0.0))
-    mean, answer = means[0][0], means[1][0]
+    mean, _, late, slide, slow = before.means
+    means = mean, (seen, 0.0, 0.0, 0.0), late, slide, change.pop("slow", slow)
+    before = before._replace(others=before.others._replace(**others), means=means, **change)
+    (mean, *_), (answer, *_), *_ = all_moved(transition_of(BOAT, 0.1, NOISE.pace, DT), means, (0.3, 0.0, 0.0, 0.0))
     after = response_step(
         before, BOAT, NOISE, 0.1, (before.time + DT, mean + share * answer), (0.3, 0.3, 0.3, 0.0, 1.0)
     )

@@ -98,7 +98,7 @@ def test_the_evidence_of_blocks_is_the_difference_of_log_likelihoods(share: floa
         moves = transition_of(BOAT, rate, NOISE.pace, DT)
         memory = blocks_step(memory, moves, NOISE, rudders, (now, DT, shown), (LEAST, USUAL, SLIDES))
         judge.on_sample(shown, rate, rudders)
-        found = [*memory.mean, *memory.answer, *memory.late, *memory.slide, *memory.slow]
+        found = [value for mean in memory.means for value in mean]
         assert found == pytest.approx(np.concatenate([judge.x, *judge.answers.values()]), abs=1e-9)
         found = [memory.stuck, memory.stuck_late, memory.reversed, memory.reversed_late]
         assert found == pytest.approx(list(judge.sums.values()), abs=1e-6)
@@ -118,7 +118,7 @@ def test_a_wild_heading_is_in_no_block(wild_so_far: int) -> None:
     assert after.outliers == (wild_so_far + 1 if wild_so_far < 4 else 0)
     if wild_so_far < 4:
         assert (after.stuck, after.unexplained) == (3.0, before.unexplained)
-        assert after.answer[0] > 0.0 and after.covariance[0] > before.covariance[0]
+        assert after.means[1][0] > 0.0 and after.covariance[0] > before.covariance[0]
 
 
 def test_without_evidence_no_block_counts() -> None:
@@ -127,7 +127,7 @@ def test_without_evidence_no_block_counts() -> None:
     low, high = low._replace(**dict.fromkeys(four, 2.0)), high._replace(**dict.fromkeys(four, 5.0))
     high = high._replace(spectrum=(1.0, 2.0, *high.spectrum[2:]))
     kept = no_more_blocks(low, high)
-    assert (kept.mean, kept.spectrum[1]) == (high.mean, 0.0)
+    assert (kept.means, kept.spectrum[1]) == (high.means, 0.0)
     assert [getattr(kept, name) for name in four] == [2.0] * 4
     assert [getattr(no_more_blocks(high, low), name) for name in four] == [2.0] * 4
 
