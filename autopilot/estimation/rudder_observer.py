@@ -241,17 +241,17 @@ SLOWER = (1.0, 2.0, 4.0, 8.0)
 Gear = tuple[float, float, float, float, float]
 """Where the rudder would be [rad]; u [rad/s]; the sums over time of u, u^2 and u y. No record: four of them are made
 anew in each tick."""
+Gears = tuple[Gear, Gear, Gear, Gear]
+"""One for each of SLOWER."""
 NO_GEAR: Gear = (0.0, 0.0, 0.0, 0.0, 0.0)
+NO_GEARS: Gears = (NO_GEAR, NO_GEAR, NO_GEAR, NO_GEAR)
 
 
 class RudderRate(NamedTuple):
     """The gears; r_ and (damping(r))_ [rad/s]; the sums over time of 1, y and y^2; slower: how many times slower than
     the file's the gear is that is gone by; is_sure: whether the file's is out of question."""
 
-    filed: Gear = NO_GEAR
-    half: Gear = NO_GEAR
-    quarter: Gear = NO_GEAR
-    eighth: Gear = NO_GEAR
+    gears: Gears = NO_GEARS
     rate: float = math.nan
     damping: float = 0.0
     sum_time: float = 0.0
@@ -261,23 +261,18 @@ class RudderRate(NamedTuple):
     is_sure: bool = False
 
 
-AS_FILED = RudderRate(NO_GEAR, NO_GEAR, NO_GEAR, NO_GEAR, math.nan, 0.0, 0.0, 0.0, 0.0, 1.0, False)
+AS_FILED = RudderRate(NO_GEARS, math.nan, 0.0, 0.0, 0.0, 0.0, 1.0, False)
 
 
 def begun_at(angle: float, slower: float = 1.0) -> RudderRate:
     """Return what is known of a rudder that stands at `angle` [rad], so many times `slower` than filed."""
     gear = (angle, 0.0, 0.0, 0.0, 0.0)
-    return RudderRate(gear, gear, gear, gear, math.nan, 0.0, 0.0, 0.0, 0.0, slower, slower > 1.0)
+    return RudderRate((gear, gear, gear, gear), math.nan, 0.0, 0.0, 0.0, 0.0, slower, slower > 1.0)
 
 
 def angle_of(state: RudderRate) -> float:
     """Return where the rudder [rad] of the gear that is gone by is."""
-    slower = state.slower
-    if slower == SLOWER[0]:
-        return state.filed[0]
-    if slower == SLOWER[1]:
-        return state.half[0]
-    return state.quarter[0] if slower == SLOWER[2] else state.eighth[0]
+    return state.gears[SLOWER.index(state.slower)][0]
 
 
 def gone_by(gear: SteeringGear, state: RudderRate) -> SteeringGear:
@@ -302,7 +297,7 @@ def rudder_rate_step(
     whether a sea pushes the boat about, which lasts longer than the mean of y, and what the boat does says as much
     less; and whether it is on its course too, where the rudder answers the sea. limits: the rudder's angle [rad] and
     filed rate [rad/s]."""
-    filed, half, quarter, eighth, last, damped, time, found, squared, slower, is_sure = before
+    gears, last, damped, time, found, squared, slower, is_sure = before
     (rate, command, is_swept, on_course), (angle_max, rate_max) = steered, limits
     gain, time_constant, n3, n2, n1, n0, _ = model
     if not dt > 0.0 or not rate_max < math.inf or n1 <= 0.0:
@@ -310,24 +305,24 @@ def rudder_rate_step(
     reach = rate_max * dt
     if time == 0.0:
         rests = (
-            _at_rest(filed, command, reach / SLOWER[0]),
-            _at_rest(half, command, reach / SLOWER[1]),
-            _at_rest(quarter, command, reach / SLOWER[2]),
-            _at_rest(eighth, command, reach / SLOWER[3]),
+            _at_rest(gears[0], command, reach / SLOWER[0]),
+            _at_rest(gears[1], command, reach / SLOWER[1]),
+            _at_rest(gears[2], command, reach / SLOWER[2]),
+            _at_rest(gears[3], command, reach / SLOWER[3]),
         )
         if abs(rests[0][0] - rests[3][0]) < GEAR_PLAY:
-            return RudderRate(rests[0], rests[1], rests[2], rests[3], math.nan, 0.0, 0.0, 0.0, 0.0, slower, is_sure)
+            return RudderRate(rests, math.nan, 0.0, 0.0, 0.0, 0.0, slower, is_sure)
     passed = GEAR_PASSED * time_constant
     share, kept = -math.expm1(-dt / passed), math.exp(-dt / (GEAR_FADES * time_constant))
     damping = ((n3 * rate + n2) * rate + n1) * rate + n0
     if last != last:
         # nothing has moved yet: each gear begins in balance with what the boat does
         last, damped = rate, damping
-        filed, half, quarter, eighth = (
-            _in_balance(filed, command, reach / SLOWER[0], gain),
-            _in_balance(half, command, reach / SLOWER[1], gain),
-            _in_balance(quarter, command, reach / SLOWER[2], gain),
-            _in_balance(eighth, command, reach / SLOWER[3], gain),
+        gears = (
+            _in_balance(gears[0], command, reach / SLOWER[0], gain),
+            _in_balance(gears[1], command, reach / SLOWER[1], gain),
+            _in_balance(gears[2], command, reach / SLOWER[2], gain),
+            _in_balance(gears[3], command, reach / SLOWER[3], gain),
         )
     slow = last + share * (rate - last)
     damped += share * (damping - damped)
@@ -342,27 +337,16 @@ def rudder_rate_step(
     noise = passed * floor * floor
     weight = noise / (GEAR_SIGMA_SHARE * GEAR_SIGMA_SHARE)
     shared = (command, gain, share, kept, dt, y, weight, time + noise / (push * push), found, squared)
-    filed, cost = _summed(filed, reach / SLOWER[0], shared)
-    half, cost_half = _summed(half, reach / SLOWER[1], shared)
-    quarter, cost_quarter = _summed(quarter, reach / SLOWER[2], shared)
-    eighth, cost_eighth = _summed(eighth, reach / SLOWER[3], shared)
-    least, best = cost, SLOWER[0]
-    if cost_half < least:
-        least, best = cost_half, SLOWER[1]
-    if cost_quarter < least:
-        least, best = cost_quarter, SLOWER[2]
-    if cost_eighth < least:
-        least, best = cost_eighth, SLOWER[3]
+    filed, cost = _summed(gears[0], reach / SLOWER[0], shared)
+    half, cost_half = _summed(gears[1], reach / SLOWER[1], shared)
+    quarter, cost_quarter = _summed(gears[2], reach / SLOWER[2], shared)
+    eighth, cost_eighth = _summed(gears[3], reach / SLOWER[3], shared)
+    costs, least, best, ours = (cost, cost_half, cost_quarter, cost_eighth), cost, SLOWER[0], cost
+    for place in range(1, 4):
+        if costs[place] < least:
+            least, best = costs[place], SLOWER[place]
+        ours = costs[place] if slower == SLOWER[place] else ours
     noise += lasts * (least if least > 0.0 else 0.0) / (time + time_constant)
-    ours = (
-        cost
-        if slower == SLOWER[0]
-        else cost_half
-        if slower == SLOWER[1]
-        else cost_quarter
-        if slower == SLOWER[2]
-        else cost_eighth
-    )
     # a push that changes is explained by no gear, and by a slow one a little better; back to the file's needs no more
     # than that it is likelier
     explains = (answers and best < slower) or least < GEAR_EXPLAINS * ours
@@ -371,7 +355,7 @@ def rudder_rate_step(
     is_sure = slower > 1.0 and (is_sure or (least < GEAR_EXPLAINS * cost and 0.5 * (cost - least) / noise > GEAR_SURE))
     # a boat that is held by a wrong gear swings, and seems to prove it
     slower = slower if is_sure or not answers else SLOWER[0]
-    return RudderRate(filed, half, quarter, eighth, slow, damped, time, found, squared, slower, is_sure)
+    return RudderRate((filed, half, quarter, eighth), slow, damped, time, found, squared, slower, is_sure)
 
 
 def _moved(angle: float, command: float, reach: float) -> float:
