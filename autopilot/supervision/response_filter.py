@@ -208,10 +208,19 @@ def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transi
     return dt * once, drive * dt * twice, 1.0 - lost, drive * once, math.exp(-pace * dt)
 
 
-def predicted(step: Transition, covariance: Covariance, noises: tuple[float, float, float], dt: float) -> Covariance:
-    """Return the covariance `dt` [s] later: F P F' + Q. noises: acceleration, push and sea, as `Noise` has them."""
-    acceleration, push, sea = noises
-    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = covariance
+def foreseen(
+    step: Transition,
+    known: Covariance,
+    means: Means,
+    rudders: tuple[float, float, float, float],
+    noises: tuple[float, float, float, float],
+    dt: float,
+) -> tuple[Covariance, Gains, Covariance, Means]:
+    """Return the covariance before the next heading, F P F' + Q, how much that is believed, the covariance after it,
+    and the means before it, `dt` [s] after the last. rudders [rad]: since then; noises: heading, acceleration, push and
+    sea, as `Noise` has them."""
+    heading, acceleration, push, sea = noises
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = known
     turn, drift, decay, gain, kept = step
     push_and_sea, of_sea = p22 + p23, p23 + p33
     pushes = p12 + p13
@@ -221,7 +230,7 @@ def predicted(step: Transition, covariance: Covariance, noises: tuple[float, flo
     a12 = decay * p12 + gain * push_and_sea
     a13 = decay * p13 + gain * of_sea
     q = acceleration * dt
-    return (
+    before = (
         p00 + turn * p01 + drift * (p02 + p03) + turn * a01 + drift * (a02 + a03) + q * dt * dt / 3.0,
         decay * a01 + gain * (a02 + a03) + 0.5 * q * dt,
         a02,
@@ -233,14 +242,10 @@ def predicted(step: Transition, covariance: Covariance, noises: tuple[float, flo
         kept * p23,
         kept * kept * p33 + (1.0 - kept * kept) * sea,
     )
-
-
-def measured(before: Covariance, heading: float) -> tuple[Gains, Covariance]:
-    """Return how much a heading of that variance [rad^2] is believed, and the covariance after it."""
     p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = before
     variance = p00 + heading
     k0, k1, k2, k3 = p00 / variance, p01 / variance, p02 / variance, p03 / variance
-    return (variance, k0, k1, k2, k3), (
+    after = (
         p00 - k0 * p00,
         p01 - k0 * p01,
         p02 - k0 * p02,
@@ -252,23 +257,7 @@ def measured(before: Covariance, heading: float) -> tuple[Gains, Covariance]:
         p23 - k2 * p03,
         p33 - k3 * p03,
     )
-
-
-def foreseen(
-    step: Transition,
-    known: Covariance,
-    means: Means,
-    rudders: tuple[float, float, float, float],
-    noises: tuple[float, float, float, float],
-    dt: float,
-) -> tuple[Covariance, Gains, Covariance, Means]:
-    """Return the covariance before the next heading, how much that is believed, the covariance after it, and the means
-    before it, `dt` [s] after the last. rudders [rad]: since then; noises: heading, acceleration, push and sea, as
-    `Noise` has them."""
-    heading, acceleration, push, sea = noises
-    before = predicted(step, known, (acceleration, push, sea), dt)
-    gains, after = measured(before, heading)
-    return before, gains, after, all_moved(step, means, rudders)
+    return before, (variance, k0, k1, k2, k3), after, all_moved(step, means, rudders)
 
 
 def all_moved(step: Transition, means: Means, rudders: tuple[float, float, float, float]) -> Means:

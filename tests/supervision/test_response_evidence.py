@@ -23,8 +23,7 @@ from autopilot.supervision.response_filter import (
     Covariance,
     Noise,
     all_moved,
-    measured,
-    predicted,
+    foreseen,
     seaway_noise,
     seaway_step,
     transition_of,
@@ -313,7 +312,7 @@ def test_the_share_is_that_of_the_headings_since_there_was_no_evidence() -> None
 def test_how_likely_a_gust_is_by_normal_densities() -> None:
     """Of a boat that is pushed evenly since, against one that is not: its headings have one covariance more."""
     random, filtered = np.random.default_rng(3), MatrixFilter(0.1, NOISE.sea, NOISE.pace, ("push",))
-    gust, number = begun_gust(3.0), 12
+    gust, number, unmoved = begun_gust(3.0), 12, (0.0, 0.0, 0.0, 0.0)
     left, sigmas, shows = np.zeros(number), np.zeros(number), np.zeros(number)
     covariance = first_response(NOISE, 0.0, 0.1).covariance
     for place in range(number):
@@ -322,9 +321,7 @@ def test_how_likely_a_gust_is_by_normal_densities() -> None:
         left[place] = 0.004 * place + 0.01 * random.standard_normal()
         filtered.correct(0.0)
         step = transition_of(BOAT, 0.02, NOISE.pace, DT)
-        gains, covariance = measured(
-            predicted(step, covariance, (NOISE.acceleration, NOISE.push, NOISE.sea), DT), NOISE.heading
-        )
+        _, gains, covariance, _ = foreseen(step, covariance, (NOTHING,) * 5, unmoved, NOISE[:4], DT)
         gust = gust_step(gust_moved(gust, step), gains, (left[place], 0.0, 0.0, left[place]), gains[0], 9.0)
     alone = np.diag(sigmas**2)
     pushed_too = alone + GUST_SIZE**2 * np.outer(shows, shows)
@@ -682,8 +679,8 @@ def test_a_gust_is_three_times_what_any_answer_explains(odd: float, is_gust: boo
 @pytest.mark.parametrize(("sigmas", "is_wild"), [(5.99, False), (6.01, True), (-5.99, False), (-6.01, True)])
 def test_six_deviations_beyond_every_answer_are_wild(sigmas: float, is_wild: bool) -> None:
     memory = first_response(NOISE, 0.0, 0.1)
-    step, noises = transition_of(BOAT, 0.0, NOISE.pace, DT), (NOISE.acceleration, NOISE.push, NOISE.sea)
-    covariance = predicted(step, memory.covariance, noises, DT)
+    step = transition_of(BOAT, 0.0, NOISE.pace, DT)
+    covariance, *_ = foreseen(step, memory.covariance, memory.means, (0.0, 0.0, 0.0, 0.0), NOISE[:4], DT)
     off = sigmas * math.sqrt(covariance[0] + NOISE.heading)
     after = response_step(memory, BOAT, NOISE, 0.0, (DT, 0.1 + off), (0.0, 0.0, 0.0, 0.0, 1.0))
     assert after.outliers == is_wild

@@ -22,8 +22,7 @@ from autopilot.supervision.response_filter import (
     Slide,
     all_corrected,
     all_moved,
-    measured,
-    predicted,
+    foreseen,
     slide_learnt,
     slide_share,
     transition_of,
@@ -147,8 +146,9 @@ def test_the_mean_and_the_covariance_move_by_the_same_matrix(model: Norrbin, see
     noise[:2, :2] = NOISE.acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     noise[2, 2] = NOISE.push * dt
     noise[3, 3] = (1.0 - math.exp(-2.0 * NOISE.pace * dt)) * NOISE.sea
-    found = matrix_of(predicted(step, covariance_of(p), (NOISE.acceleration, NOISE.push, NOISE.sea), dt))
-    assert np.allclose(found, f @ p @ f.T + noise, rtol=1e-10, atol=1e-14)
+    before, *_, moved = foreseen(step, covariance_of(p), (X,) * 5, (rudder, 0.0, 0.0, -rudder), NOISE[:4], dt)
+    assert moved == all_moved(step, (X,) * 5, (rudder, 0.0, 0.0, -rudder))
+    assert np.allclose(matrix_of(before), f @ p @ f.T + noise, rtol=1e-10, atol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -158,7 +158,10 @@ def test_a_heading_is_taken_in_as_a_kalman_filter_takes_it(seed: int) -> None:
     total = float((h @ p @ h.T)[0, 0]) + NOISE.heading
     gain = p @ h.T / total
     kept = np.eye(4) - gain @ h
-    gains, known = measured(covariance_of(p), NOISE.heading)
+    before, gains, known, _ = foreseen(
+        (0.0, 0.0, 1.0, 0.0, 1.0), covariance_of(p), (X,) * 5, (0.0,) * 4, NOISE[:4], 0.0
+    )
+    assert before == covariance_of(p)
     assert gains[0] == pytest.approx(total)
     assert np.allclose(gains[1:], gain.ravel(), rtol=1e-12)
     after = kept @ p @ kept.T + NOISE.heading * gain @ gain.T

@@ -399,7 +399,11 @@ class ControlAuthority:
             self.cause = HelmCause.RADIO_LOST
         if found := waiting or self.radio or self._state_reason():
             return found
-        return (self.disobeyed and self._recent(now)) or self._blindness(now)
+        if self.disobeyed and (found := self._recent(now)):
+            return found
+        # where the heartbeats stay away too, silence is the better word
+        talks = self.received_time > self.echo.report_time + HEARTBEAT_S
+        return self._blindness(now) if self.steering and talks and not self._offboard else ""
 
     def _state_reason(self) -> str:
         needed, ours = (GUIDED_MODE, "heading targets") if self._guided else (MANUAL_MODE, "rudder commands")
@@ -421,14 +425,11 @@ class ControlAuthority:
         return self.disobeyed
 
     def _blindness(self, now: float) -> str:
-        # where the heartbeats stay away too, silence is the better word
-        reported = self.echo.report_time
-        talks = self.received_time > reported + HEARTBEAT_S
-        if self.steering and talks and now - reported > BLIND_S and not self._offboard:
-            if self._guided:
-                return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"
-            return "the vehicle reports neither RC_CHANNELS nor SERVO_OUTPUT_RAW, so nobody can see the rudder obey"
-        return ""
+        if now - self.echo.report_time <= BLIND_S:
+            return ""
+        if self._guided:
+            return "the vehicle reports no NAV_CONTROLLER_OUTPUT, so nobody can see it take our headings"
+        return "the vehicle reports neither RC_CHANNELS nor SERVO_OUTPUT_RAW, so nobody can see the rudder obey"
 
 
 def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) -> str:

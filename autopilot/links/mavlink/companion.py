@@ -179,8 +179,9 @@ class CompanionSession:
         samples: list[Sample] = []
         beat = authority.heartbeat_time
         news = now >= self._judge_at
-        for message in self._codec.decoded(chunks):
-            self.packets.append((now, bytes(message._msgbuf)))
+        messages = self._codec.decoded(chunks)
+        self.packets += [(now, bytes(message._msgbuf)) for message in messages]
+        for message in messages:
             header = message._header
             if vehicle and header.srcSystem == vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
                 reader.take(now, message, samples)
