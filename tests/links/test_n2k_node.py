@@ -93,6 +93,37 @@ def test_whose_address_is_claimed_again_and_again_says_that_no_order_leaves() ->
     assert not [each for each in ordered if lost.time < each < back.time - 0.1]
 
 
+@pytest.mark.parametrize(("period", "loop"), [(0.26, 0.05), (0.3, 0.05), (0.3, 0.1), (0.26, 0.02)])
+def test_the_helm_is_there_only_while_orders_leave_between_the_claims_of_others(period: float, loop: float) -> None:
+    """We may speak for one turn of the loop in several: an order that was due while we might not waited for its next
+    time, and none left for 25 s beside a helm that was said to be there."""
+    session = ready(N2kSession("bus"))
+    node = session.node
+    assert node is not None
+    now, chased, left, is_there, longest = 1.0, 2.0, 1.0, False, 0.0
+    while now < 60.0:
+        now += loop
+        is_chased = now >= chased
+        chased = now + period if is_chased else chased
+        samples = session.receive(now, [claim(node.name - 1, node.address)] if is_chased else [])
+        is_there = next((each.available for each in samples if isinstance(each, HelmSample)), is_there)
+        session.send(now, RudderCommand(now, 0.1, True))
+        session.poll(now)
+        left = now if [each for each in session.due(now) if each.group == 127245] else left
+        longest = max(longest, now - left if is_there else 0.0)
+    assert 0.2 < longest < 1.2
+
+
+def test_one_claim_behind_a_loop_that_stood_still_is_no_contest() -> None:
+    session = ready(N2kSession("bus"))
+    node = session.node
+    assert node is not None
+    said = [each for now in (1.0, 1.1) for each in session.receive(now, [])]
+    said += session.receive(9.0, [claim(node.name - 1, node.address)])
+    said += [each for now in (9.1, 9.2, 9.3) for each in session.receive(now, [])]
+    assert [each.available for each in said if isinstance(each, HelmSample)] == [True]
+
+
 def test_an_address_that_is_heard_to_be_taken_is_not_wanted() -> None:
     made = Node(Device(1, "1.0"), (127250,), lambda _: None, lambda *_: (0, []))
     made.due(0.0)

@@ -283,7 +283,7 @@ class N2kSession:
         self._order = StandingOrder(ORDER_PERIOD_S, ORDER_PERIOD_S)
         self._release = UnshownRelease(name, LAPSE)
         self._helm_news = HelmNews(name, settings.steers)
-        self._may_speak: float | None = None
+        self._mute: tuple[float, str] | None = None
         self._next_control = self._next_overboard = -math.inf
         self._overboard = None if helm is None else helm.overboard
         self._tick: Tick | None = None
@@ -311,12 +311,14 @@ class N2kSession:
     def _barred(self, now: float) -> str:
         """Return why the network does not let us steer; empty where it does."""
         if self.node is not None:
-            if self.node.address == NO_ADDRESS:
-                return STRANDED
-            if self._may_speak is None or self.node.is_ready(now):
-                self._may_speak = now
-            if now - self._may_speak > MUTE_S:
-                return CONTESTED
+            if self.node.is_ready(now):
+                self._mute = None
+            elif self.node.address == NO_ADDRESS:
+                self._mute = -math.inf, STRANDED  # until an address is ours, and not only asked for
+            elif self._mute is None:
+                self._mute = now, CONTESTED
+            if self._mute is not None and now - self._mute[0] > MUTE_S:
+                return self._mute[1]
         other = self._other_pilot
         if other is not None and now - other[1] <= OTHER_PILOT_S and not self.settings.with_other_pilot:
             return (
@@ -452,7 +454,8 @@ class N2kSession:
         return self._release.result(now)
 
     def _say_order(self, now: float) -> None:
-        if self.settings.steers:
+        # one that may not leave yet is not said, so that it leaves at once when we may speak
+        if self.settings.steers and (self.node is None or self.node.is_ready(now)):
             self._order.send(now, lambda angle: self._send_rudder(now, angle))
 
     def _send_rudder(self, now: float, angle: float | None) -> bool:
