@@ -186,6 +186,8 @@ UNSEEN_S = 0.8
 over a slow radio, and a human's eye and hand between."""
 SAID_AGAIN_S = 3.0
 """So long at most [s] a station waits for an answer before it says its order again, by itself (QGroundControl)."""
+REPEATED_S = 10.0
+"""So long an order may be said again, or be held by a line."""
 
 
 class LastStop:
@@ -208,7 +210,8 @@ class LastStop:
 
     def is_unseen(self, now: float, giver: object, said: int = 0) -> bool:
         """Return whether an order of `giver` that comes at `now` [s], said so many times before, may be from before."""
-        return giver != self._giver and now - self._time < UNSEEN_S + SAID_AGAIN_S * said
+        since = min(UNSEEN_S + SAID_AGAIN_S * said, REPEATED_S)
+        return giver != self._giver and now - self._time < since
 
 
 class AlarmNews:

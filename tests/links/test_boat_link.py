@@ -496,6 +496,19 @@ def test_what_was_said_again_since_before_another_stood_by_is_refused() -> None:
     assert two.orders[1:] == [("engage", None)]
 
 
+def test_an_order_that_comes_as_if_said_ever_so_often_is_refused_no_longer_than_one_may_be_said_again() -> None:
+    """A script that gives each command a `confirmation` of 255 was refused for a quarter of an hour."""
+    two = TwoStations()
+    two.put("A", *STAND_BY)
+    two.run(9.5)
+    two.put("B", *ENGAGE, confirmation=255)
+    two.run(1.0)
+    assert two.orders == [("stand by", None)]
+    two.put("B", *ENGAGE, confirmation=255)
+    two.run(0.2)
+    assert two.orders[1:] == [("engage", None)]
+
+
 def test_who_stood_by_may_engage_again_at_once_and_who_saw_nothing_may_stand_by() -> None:
     two = TwoStations()
     two.put("A", *STAND_BY)

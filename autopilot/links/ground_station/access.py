@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.base import CarriedLink, LinkError, Transport
+from autopilot.links.base import REPEATED_S, CarriedLink, LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, Sample
 
@@ -342,8 +342,6 @@ def is_from_station(message: Message) -> bool:
     return not is_vehicle or message.type == dialect.MAV_TYPE_GCS
 
 
-REPEATED_S = 10.0
-"""So long an order may be said again, or be held by a line."""
 OVERTAKEN = 32
 """So many of its sender's messages may have come before one that was sent ahead of them."""
 ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
