@@ -304,7 +304,7 @@ def answer(id: str, status: int, message: str = "") -> bytes:
 
 def beat_of(now: float) -> bytes:
     """Return the line that says the time [s] of the bridge, by which it knows later how old an order is."""
-    return line_of({"beat": round(now, 3)})
+    return line_of({"beat": now})
 
 
 def line_of(content: dict[str, Any]) -> bytes:

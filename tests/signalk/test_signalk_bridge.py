@@ -302,6 +302,23 @@ def test_whose_dashboard_could_not_show_a_stand_by_engages_nothing(rig: Rig) -> 
     assert rig.boat.commands.count(engaged) == 1
 
 
+@pytest.mark.parametrize("off", [0.0003, 0.0006])
+def test_the_beat_that_comes_with_a_stand_by_stands_for_having_seen_it(rig: Rig, off: float) -> None:
+    """Rounded to a millisecond, every other one was from before it: who engaged was refused until the next."""
+    line = rig.connect()
+    rig.turn(30)
+    rig.now += off
+    rig.boat.mode = MANUAL  # by another station
+    rig.turn(2)
+    line.settimeout(10.0)
+    *_, beat = [json.loads(each)["beat"] for each in line.recv(65536).split(b"\n") if b"beat" in each]
+    rig.turn(17)
+    put = {"path": "steering.autopilot.state", "value": "auto"}
+    line.sendall(json.dumps({"requestId": "7", "token": TOKEN, "beat": beat, "put": put}).encode() + b"\n")
+    assert rig.reply(line)["statusCode"] == 200
+    line.close()
+
+
 def test_without_a_token_nothing_is_obeyed() -> None:
     rig = Rig(token="")
     rig.turn(5)
