@@ -206,6 +206,18 @@ def test_who_is_not_allowed_is_not_looked_into() -> None:
     assert link.refused_senders == 1 and link.refused is None
 
 
+def test_an_answer_that_cannot_leave_is_no_fault_of_the_line() -> None:
+    """The system takes no datagram to port 0, from where one may come: the line was said to fail."""
+    link, wire = udp_in((b"late", OTHER), accepts=lambda data: data == b"good")
+    link.answers = lambda: True
+    wire.taking = [failure("EINVAL")]
+    assert link.receive() == [] and link.send(b"x") is False
+    assert wire.sent == [OTHER], "once"
+    wire.arriving = [(b"good", PEER)]
+    assert link.receive() == [b"good"] and link.send(b"y") is True
+    assert wire.sent == [OTHER, b"y"]
+
+
 def test_an_empty_datagram_makes_nobody_the_peer() -> None:
     link, _ = udp_in((b"", PEER), (b"x", OTHER))
     assert link.receive() == [b"x"] and link.peer == OTHER

@@ -7,6 +7,7 @@ streams.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import socket
 from collections.abc import Callable
@@ -213,7 +214,8 @@ class UdpInTransport(_UdpTransport):
         """Send one datagram to the peer; False while there is none, or when the system's buffer is full."""
         asker, self._asker = self._asker, None
         if asker is not None and not self._is_held:
-            self._has_left(data, asker)
+            with contextlib.suppress(LinkError):  # from port 0, or where a firewall holds it: no fault of the line
+                self._has_left(data, asker)
         if self._peer is None:
             if self._closed:
                 raise LinkError(f"{self.name}: the link is closed; open it again")
