@@ -192,8 +192,8 @@ def sail(leg: Leg, vessel: Vessel, out: Path, seed: int) -> Sailed:
     for pace in PACES[:-1]:
         try:
             return _sail_once(leg, vessel, out, seed, pace)
-        except RefusedError:
-            print(f"demo: this machine is busy: {leg.name} is sailed again, slower", file=sys.stderr)
+        except RefusedError as error:
+            print(f"{error}: sailed again, slower, as for a busy machine", file=sys.stderr)
     return _sail_once(leg, vessel, out, seed, PACES[-1])
 
 

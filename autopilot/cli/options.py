@@ -231,7 +231,7 @@ class HelpText(argparse.RawDescriptionHelpFormatter):
         columns = os.environ.get("COLUMNS", "")
         try:
             width = int(columns) if columns.isdecimal() else os.get_terminal_size(1).columns
-        except OSError:
+        except (OSError, ValueError):  # no terminal, or more digits than a number has
             width = 0
         super().__init__(prog, width=(width or 80) - 2)
 

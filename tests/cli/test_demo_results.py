@@ -67,7 +67,7 @@ def test_a_leg_that_a_busy_machine_disturbs_is_sailed_slower_and_slower(
 
     monkeypatch.setattr(demo_legs, "_sail_once", held_up)
     assert demo_legs.sail(Leg("turn", "pid", ()), load_vessel("lanxin"), tmp_path, 1) == 0.5  # type: ignore[comparison-overlap]
-    assert capsys.readouterr().err.count("busy: turn is sailed again, slower\n") == 3
+    assert capsys.readouterr().err.count("stood still: sailed again, slower, as for a busy machine\n") == 3
 
 
 def stalled(seconds: float) -> list[Tick]:

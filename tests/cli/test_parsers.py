@@ -63,6 +63,12 @@ def test_help_shows_every_option_once_and_is_of_our_kind(parser: argparse.Argume
     assert shown.endswith("\n")
 
 
+@pytest.mark.parametrize("columns", ["", "0", "-1", "x", "60", "9" * 5000])
+def test_the_help_comes_whatever_width_is_given(columns: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert "autopilot COMMAND" in autopilot_parser([]).format_help()
+
+
 def test_every_command_of_the_program_stands_in_one_group_of_its_help() -> None:
     grouped = [name for names in GROUPS.values() for name in names]
     assert sorted(grouped) == sorted(SUBCOMMANDS)

@@ -167,8 +167,7 @@ def test_what_is_not_there_is_not_found() -> None:
 
 
 def test_without_columns_neither_propeller_nor_wind_counts() -> None:
-    run = without(trial(1, 12.0, L2, 4.0e-4, seconds=75.0), "propeller", "beam_wind", "quarter_wind")
-    around = identify([run]).around
+    around = identify([without(trial(1, 12.0, L2, 4.0e-4), "propeller", "beam_wind", "quarter_wind")]).around
     assert around is None or around.race == around.wind_beam == around.wind_quarter == around.drift == 0.0
 
 
