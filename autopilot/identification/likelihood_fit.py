@@ -356,28 +356,25 @@ def _unseen(space: Space, z: FloatArray, memory: float, least: float) -> Unseen:
     """Return what delay and play would do for the likelihood, had the boat one step of Newton's to suit them. A play
     below the `least` [rad] is not tried: it would only take up what noise the recorded rudder has."""
     space.keep(z)
-    loss = space.found(z).loss
-    rates, weather, train = space.opened(z)
-
-    def worth(changed: RudderTrain, record: Record = space.record) -> float:
-        trial = Space(record, rates, weather, changed, (), space.scale)
-        trial.priors, trial.path = space.priors, space.path
-        there, slope, known = trial.slope(trial.start, boat_only=True)
-        if not math.isfinite(there):
-            return -math.inf
-        # what was known before of the rudder's way is no part of the comparison
-        alike = sum(space.priors[part].loss(math.log(max(getattr(train, part), 1.0e-9))) for part in space.parts)
-        return loss - alike - there + 0.5 * float(slope[trial.boat] @ inverse(known) @ slope[trial.boat])
-
-    late = [worth(train._replace(delay=share * memory)) for share in LATE_SHARES] if train.delay == 0.0 else []
+    train, record = space.opened(z)[2], space.record
+    lates = [train._replace(delay=share * memory) for share in LATE_SHARES] if train.delay == 0.0 else []
     tried = [play for play in PLAYS if play > least] if train.dead_band == 0.0 else []
-    plays = {0.0: 0.0, **{play: worth(train._replace(dead_band=play)) for play in tried}}
+    ways = [(lag * memory, ratio * lag * memory) for lag, ratio in SLIDING_WAYS] if train.lead == 0.0 else []
+    largest = max(float(np.quantile(np.abs(angle), LARGEST_ANGLE)) for _, angle in record.paths)
+    trains = [
+        *lates,
+        *(train._replace(dead_band=play) for play in tried),
+        *(train._replace(lag=lag, lead=lead) for lag, lead in ways),
+    ]
+    rudders = [rudder_on(record, each) for each in trains]
+    rudders += [rudder_on(_stopped(record, share * largest), train) for share in STOPS]
+    worths = iter(space.worths_behind(z, rudders))
+    late = [next(worths) for _ in lates]
+    plays = {0.0: 0.0, **{play: next(worths) for play in tried}}
+    slides = max((next(worths) for _ in ways), default=0.0)
+    stops = {share * largest: next(worths) for share in STOPS}
     likeliest = max(plays, key=lambda play: plays[play])
     unlikely = [play for play in plays if play > likeliest and plays[play] < plays[likeliest] - UNLIKELY]
-    ways = [(lag * memory, ratio * lag * memory) for lag, ratio in SLIDING_WAYS] if train.lead == 0.0 else []
-    slides = max((worth(train._replace(lag=lag, lead=lead)) for lag, lead in ways), default=0.0)
-    largest = max(float(np.quantile(np.abs(angle), LARGEST_ANGLE)) for _, angle in space.record.paths)
-    stops = {share * largest: worth(train, _stopped(space.record, share * largest)) for share in STOPS}
     stop = max(stops, key=lambda each: stops[each])
     return Unseen(
         max([0.0, *late]),

@@ -8,6 +8,7 @@ damping that would at the largest rate seen take some twice the rudder's whole m
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from autopilot.identification.marginal_likelihood import (
 from autopilot.identification.marginal_slope import (
     Held,
     Moments,
+    Rudder,
     adjoint_of,
     end_worth,
     gust_worth,
@@ -256,6 +258,39 @@ class Space:
             return path.loss, slope, np.eye(len(self.boat))
         known = np.outer(size, size) * information(path.factor, held, rates, rudder, rudders, noise, besides)
         return path.loss, slope, known + np.diag([self.curvature_before(i) for i in self.boat])
+
+    def worths_behind(self, z: FloatArray, rudders: Sequence[Rudder]) -> list[float]:
+        """Return by how much each of these rudders would raise the logarithm of the likelihood in the place of the one
+        at the vector, the boat being one step of Newton's off to suit it; -inf where no path is found.
+
+        A change D of the rudder beside changes of a, b, d and e stands in the turning as (a0 + da) D: the score and
+        the information of Gauss and Newton, with a column for each change, hold all trials at once.
+        """
+        path = self.found(z)
+        if path.factor is None:
+            return [-math.inf] * len(rudders)
+        rates, weather, train = self.opened(z)
+        now, record = rudder_on(self.record, train) if self.parts else self.rudder, self.record_at(z)
+        noise = noise_of(weather, record)
+        held = held_at(path, rates, record, noise)
+        changes = [(mean - now[0], rise - now[1]) for mean, rise in rudders]
+        adjoint = adjoint_of(held, rates, end_worth(held, noise))
+        slope = worth_by_boat(held, rates, now, changes, adjoint).sum(axis=1)
+        known = information(path.factor, held, rates, now, changes, noise)
+        rate_count, worths = len(RATE_NAMES), []
+        slope[:rate_count] += self.slope_before(z)[:rate_count] / self._rate_units()
+        before = np.array([self.curvature_before(i) for i in range(rate_count)]) / self._rate_units() ** 2
+        for k in range(rate_count, slope.size):
+            taken = [*range(rate_count), k]
+            here, bend = slope[taken], known[np.ix_(taken, taken)]
+            step_by = np.vstack([np.eye(rate_count), np.eye(1, rate_count) / rates.a])
+            pull = step_by.T @ (here + bend[:, -1])
+            rest = step_by.T @ bend @ step_by + np.diag(before)
+            worths.append(0.5 * float(pull @ inverse(rest) @ pull) - float(here[-1] + 0.5 * bend[-1, -1]))
+        return worths
+
+    def _rate_units(self) -> FloatArray:
+        return np.array([getattr(self.scale, name) for name in RATE_NAMES])
 
     def _rudders_beside(self, z: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Return how mean and rise of the rudder change with each part of its way that is searched for."""

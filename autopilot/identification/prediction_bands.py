@@ -157,12 +157,13 @@ class _Motion:
             self._on, self._new = moved.reshape(2, 2), np.linalg.cholesky(np.linalg.inv(drives.reshape(2, 2)))
         self._played = self._lagged = np.zeros(count) + rudder
         self._late = [self._played] * round(boats.fit.train.delay / boats.step)
+        self._ratio, self._terms = np.empty(0), (np.empty(0), np.empty(0), np.empty(0))
 
     def behind_train(self, rudder: FloatArray) -> FloatArray:
         """Go on by a step with the train alone, the rudders standing at `rudder` [rad]; return what turns the boats."""
         boats, h = self.boats, self.boats.step
         play, lag, lead = boats.fit.train.dead_band, boats.lag, boats.lead
-        self._played = np.clip(self._played, rudder - play, rudder + play)
+        self._played = np.clip(self._played, rudder - play, rudder + play) if play > 0.0 else rudder
         self._late.append(self._played)
         rudder = self._late.pop(0)
         if boats.fit.train.lag > 0.0:
@@ -175,22 +176,26 @@ class _Motion:
         """Go on by a step, the rudders standing at `rudder` [rad], at these speeds."""
         boats, weather, h = self.boats, self.boats.fit.pushes, self.boats.step
         rudder = self.behind_train(rudder)
-        scales = scales_of(boats.fit.form, ratio)
-        drive = scales.steering * ratio**boats.beyond * (boats.a * rudder - boats.e) + self.gust
+        if ratio is not self._ratio:
+            self._ratio, scales = ratio, scales_of(boats.fit.form, ratio)
+            beyond_law = ratio**boats.beyond if boats.beyond.any() else 1.0
+            self._terms = scales.steering * beyond_law, boats.b * scales.linear, boats.d * scales.higher
+        steering, linear, higher = self._terms
+        drive = steering * (boats.a * rudder - boats.e) + self.gust
         if self.wave is not None:
             drive = drive + self.wave[0]
             self.wave = self._on @ self.wave + self._new @ self.random.normal(size=self.wave.shape)
-        linear, higher, beyond = boats.b * scales.linear, boats.d * scales.higher, boats.fit.form.power - 1
+        beyond = boats.fit.form.power - 1
         middle = self.rate + 0.5 * h * (drive - self.rate * (linear + higher * np.abs(self.rate) ** beyond))
         turned = h * (drive - middle * (linear + higher * np.abs(middle) ** beyond))
-        # a boat that runs away is bounded, as where runs are simulated
-        turned = np.nan_to_num(turned, nan=RATE_BOUND_RAD_S)
-        after = self.rate + turned + weather.white * math.sqrt(h) * self.random.normal(size=middle.size)
-        after = np.clip(after, -RATE_BOUND_RAD_S, RATE_BOUND_RAD_S)
+        white, gust = self.random.normal(size=(2, middle.size))
+        after = self.rate + turned + weather.white * math.sqrt(h) * white
+        # a boat that runs away, into what is no number, is bounded, as where runs are simulated
+        after = np.fmax(np.fmin(after, RATE_BOUND_RAD_S), -RATE_BOUND_RAD_S)
         self.heading = self.heading + 0.5 * h * (self.rate + after)
         self.rate = after
         keep = math.exp(-h / weather.gust_time)
-        self.gust = keep * self.gust + weather.gust * math.sqrt(1.0 - keep * keep) * self.random.normal(size=after.size)
+        self.gust = keep * self.gust + weather.gust * math.sqrt(1.0 - keep * keep) * gust
 
 
 def turned(
