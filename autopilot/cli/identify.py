@@ -191,7 +191,8 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     known = recorded_vessel(fitted) if vessel is None else vessel
     filed = math.inf if known is None else known.rudder.slower_rate
     by_thrust = known is not None and known.drive.kind != "rudder"
-    ordered, as_ordered = slower_rudder(fitted, filed, by_thrust=by_thrust), fitted
+    with ProgressBar("rudder's rate") as bar:
+        ordered, as_ordered = slower_rudder(fitted, filed, by_thrust=by_thrust, progress=bar.update), fitted
     if ordered is not None:
         fitted, held_out = ([with_rudder_of(run, ordered) for run in runs] for runs in (fitted, held_out))
     driven = identified_by_thrust(arguments, vessel, fitted, held_out)

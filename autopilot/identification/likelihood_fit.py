@@ -357,19 +357,19 @@ def _unseen(space: Space, z: FloatArray, memory: float, least: float) -> Unseen:
     below the `least` [rad] is not tried: it would only take up what noise the recorded rudder has."""
     space.keep(z)
     train, record = space.opened(z)[2], space.record
-    lates = [train._replace(delay=share * memory) for share in LATE_SHARES] if train.delay == 0.0 else []
+    delays = [train._replace(delay=share * memory) for share in LATE_SHARES] if train.delay == 0.0 else []
     tried = [play for play in PLAYS if play > least] if train.dead_band == 0.0 else []
     ways = [(lag * memory, ratio * lag * memory) for lag, ratio in SLIDING_WAYS] if train.lead == 0.0 else []
     largest = max(float(np.quantile(np.abs(angle), LARGEST_ANGLE)) for _, angle in record.paths)
     trains = [
-        *lates,
+        *delays,
         *(train._replace(dead_band=play) for play in tried),
         *(train._replace(lag=lag, lead=lead) for lag, lead in ways),
     ]
     rudders = [rudder_on(record, each) for each in trains]
     rudders += [rudder_on(_stopped(record, share * largest), train) for share in STOPS]
     worths = iter(space.worths_behind(z, rudders))
-    late = [next(worths) for _ in lates]
+    late = [next(worths) for _ in delays]
     plays = {0.0: 0.0, **{play: next(worths) for play in tried}}
     slides = max((next(worths) for _ in ways), default=0.0)
     stops = {share * largest: next(worths) for share in STOPS}

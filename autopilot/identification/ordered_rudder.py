@@ -76,11 +76,18 @@ def rate_limited(time: FloatArray, rudder: FloatArray, rate_max: float) -> Float
     return moved
 
 
-def slower_rudder(runs: Sequence[Run], filed: float, *, by_thrust: bool = False) -> RudderRate | None:
+def slower_rudder(
+    runs: Sequence[Run],
+    filed: float,
+    *,
+    by_thrust: bool = False,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> RudderRate | None:
     """Return the rate at which the rudder moved where the runs show that it was slower than `filed` [rad/s].
 
     runs: their rudder as ordered or estimated, moved at the filed rate, which may be inf. by_thrust: the boat has no
-    rudder, and what is estimated is its thrust. None where they do not show it, and where a sensor shows the rudder.
+    rudder, and what is estimated is its thrust. progress: called with how many rates are tried, and of how many. None
+    where they do not show it, and where a sensor shows the rudder.
     """
     if any(run.rudder == "measured" or (by_thrust and run.rudder == "estimated") for run in runs):
         return None
@@ -90,8 +97,16 @@ def slower_rudder(runs: Sequence[Run], filed: float, *, by_thrust: bool = False)
     if not quickest > SLOWEST:
         return None
     rates = quickest / LADDER ** np.arange(math.ceil(math.log(quickest / SLOWEST) / math.log(LADDER)))
-    as_filed = min(_misfit(series, math.inf, late, lag) for late in LATER for lag in LAGGING)
-    tried = [_at_rate(series, float(rate)) for rate in rates]
+    trains = [(late, lag) for late in LATER for lag in LAGGING]
+    total, direct, tried = len(trains) + rates.size, list[_Misfit](), list[_Misfit]()
+    for late, lag in trains:
+        progress(len(direct), total)
+        direct.append(_misfit(series, math.inf, late, lag))
+    for rate in rates.tolist():
+        progress(len(trains) + len(tried), total)
+        tried.append(_at_rate(series, rate))
+    progress(total, total)
+    as_filed = min(direct)
     best = int(np.argmin([found.square for found in tried]))
     if best == 0:
         return None

@@ -23,7 +23,7 @@ from autopilot.identification.identify import at_least_as_doubtful, identify
 from autopilot.identification.interval import interval_of
 from autopilot.identification.likelihood_fit import memory_of, scales
 from autopilot.identification.likelihood_record import Form, record_of, rudder_on, without_noise
-from autopilot.identification.likelihood_search import Space
+from autopilot.identification.likelihood_search import Space, maximised
 from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path, wave_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
@@ -357,6 +357,29 @@ def test_the_slope_of_a_calm_is_right_to_a_thousandth_of_a_standard_error(
             losses.append(space.found(at).loss)
         differences = (losses[0] - losses[1]) / 0.06
         assert slope[i] * error[i] == pytest.approx(differences, rel=1.0e-3, abs=1.0e-3), space.names[i]
+
+
+def test_the_worth_of_a_late_or_clipped_rudder_is_that_of_a_boat_fitted_to_it() -> None:
+    plant = PLANT["Lanxin"]
+    segments = [segment for run in runs_of(plant, SEA["gusts and waves"], 31) for segment in run.segments]
+    truth = Rates(plant.a, plant.b, plant.d, plant.e)
+    record = record_of(segments, SPEED_M_S, memory_of(truth, segments))
+    weather = Weather(0.02 * plant.a, 5.0, 1.0e-3 * plant.a, 1.0, math.radians(0.3), 0.01, 1.2, 0.1)
+    space = Space(record, truth, weather, DIRECT, (), scales(segments, truth))
+    end, loss, _ = maximised(space, space.start)
+    rates, weather, train = space.opened(end)
+    paths = tuple((time, np.clip(angle, -0.33, 0.33)) for time, angle in record.paths)
+    short = record._replace(paths=paths)
+    tried = [(record, train._replace(delay=0.03)), (record, train._replace(delay=0.1)), (short, train)]
+    worths = space.worths_behind(end, [rudder_on(each, behind) for each, behind in tried])
+    for (each, behind), worth in zip(tried, worths, strict=True):
+        trial = Space(each, rates, weather, behind, (), space.scale)
+        trial.priors, trial.path = space.priors, space.path
+        z = trial.start.copy()
+        for _ in range(4):
+            there, slope, known = trial.slope(z, boat_only=True)
+            z[:4] -= np.linalg.solve(known, slope[:4])
+        assert loss - there == pytest.approx(worth, rel=0.1, abs=1.0)
 
 
 def test_what_the_record_tells_of_the_boat_is_the_curvature_of_the_loss() -> None:

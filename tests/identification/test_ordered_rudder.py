@@ -77,6 +77,13 @@ def test_the_rudder_of_a_run_goes_no_faster_than_found_and_comes_where_it_was_or
     assert np.max(segment.rudder) == pytest.approx(np.max(run.segments[0].rudder))
 
 
+def test_each_rate_that_is_tried_is_progress() -> None:
+    shown = list[tuple[int, int]]()
+    slower_rudder([ordered(5.0)], FILED, progress=lambda done, total: shown.append((done, total)))
+    done, totals = zip(*shown, strict=True)
+    assert list(done) == list(range(totals[0] + 1)) and set(totals) == {totals[0]}
+
+
 def test_orders_that_never_move_show_no_rate() -> None:
     run = ordered(5.0)
     still = run.segments[0]._replace(rudder=np.zeros_like(run.segments[0].rudder))
