@@ -114,6 +114,19 @@ def test_the_helm_is_there_only_while_orders_leave_between_the_claims_of_others(
     assert 0.2 < longest < 1.2
 
 
+def test_whom_a_tool_moves_from_address_to_address_says_so() -> None:
+    session = ready(N2kSession("bus"))
+    node = session.node
+    assert node is not None
+    said: list[HelmSample] = []
+    for step in range(1, 80):
+        moved = Message(65240, struct.pack("<QB", node.name, 100 + step // 4 % 2), 35)
+        samples = session.receive(0.05 * step, [moved] if step > 20 and step % 4 == 0 else [])
+        said += [each for each in samples if isinstance(each, HelmSample)]
+    assert [each.available for each in said] == [True, False]
+    assert "claims our address, or moves us," in said[1].reason
+
+
 def test_one_claim_behind_a_loop_that_stood_still_is_no_contest() -> None:
     session = ready(N2kSession("bus"))
     node = session.node

@@ -204,7 +204,9 @@ OFF_HEADING = math.radians(10.0)
 PLOTTER = "chart plotter"
 LAPSE = "nothing on the bus confirms it; the drive lets go by itself when no more orders come"
 STRANDED = "no address is free on the NMEA 2000 network: no order can leave"
-CONTESTED = "another device claims our address again and again on the NMEA 2000 network: no order can leave"
+CONTESTED = (
+    "another device claims our address, or moves us, again and again on the NMEA 2000 network: no order can leave"
+)
 MUTE_S = 1.0
 """So long [s] claims may keep us from ordering the rudder; a claim without objections takes half of it."""
 COMMANDS = {5: "steeringMode", 7: "headingReference", 11: "headingToSteerCourse"}
