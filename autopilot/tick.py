@@ -114,6 +114,8 @@ THRUSTER_HEARD = 3.0
 """[s]: a link that has not said for so long that it commands the bow thruster does not."""
 STEERAGE_AGAIN = 1.2
 """Steering begins again at this many times the speed at which it ended."""
+MAY_HAVE_JUMPED = "it may have jumped, which shows soon"
+"""Why an order to engage waits though headings come."""
 EVENTS = (HelmSample, AlarmSample, ConditionSample, AcknowledgeSample, CompassSample)
 """Samples of what happened: nothing depends on when."""
 
@@ -479,7 +481,7 @@ def with_doubts(
     the course: there is none until that shows.
     """
     doubts = {event.name: event for event in noted.values() if kind_of(event).is_doubt}
-    return {**found, **doubts, **({HEADING_LOST: AlarmEvent(HEADING_LOST)} if is_open else {})}
+    return {**found, **doubts, **({HEADING_LOST: AlarmEvent(HEADING_LOST, MAY_HAVE_JUMPED)} if is_open else {})}
 
 
 def path_event(path: PathDelay, filed: float) -> AlarmEvent:

@@ -61,7 +61,8 @@ WORDS = {
     ),
     "rudder_reversed": Words(
         "steering gear: rudder moves the wrong way",
-        "steer by hand, check drive.reversed or helm.reversed and the rudder sensor's sign",
+        "steer by hand; if it followed until now, check drive, valves and rudder sensor, else drive.reversed or "
+        "helm.reversed and the sensor's sign",
     ),
     "runaway": Words(
         "the boat turns against its rudder",
@@ -193,7 +194,9 @@ WORDS = {
     ),
     "shallow": Words("shallow water", "slow down and turn to deeper water"),
     "battery_low": Words("the vehicle's battery is low", "make for harbour, switch off what is not needed"),
-    "waiting_heading": Words("waiting for a heading", "check that the compass or the vehicle sends one"),
+    "waiting_heading": Words(
+        "waiting for a heading", "check that the compass or the vehicle sends one, and that it does not jump"
+    ),
     "cannot_engage": Words(
         "not engaged", "put right what is said here; the order waits for it 30 s", sentence="{text}: {detail}"
     ),

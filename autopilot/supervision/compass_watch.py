@@ -301,7 +301,9 @@ def looking_step(held: Held, seen: Off) -> Looked:
     by, before, since = seen.at_once, held.before, seen.time - held.onset
     offset = held.offset + by
     if abs(offset - before) >= seen.ours > abs(by) > seen.sudden:
-        return begun(held, by, seen.time)._replace(offset=offset), by, 0.0
+        again = begun(held, by, seen.time)
+        # one that jumps on and on never comes to rest
+        return again._replace(offset=offset, is_said=again.is_said or again.jumps >= JUMPS), by, 0.0
     moved = held.moved + (by if since > 0.5 * HELD_SETTLES else 0.0)
     # half of what noise alone allows
     rest, is_over = 0.5 * sudden_most(0.0, 0.0, math.sqrt(held.usual)), since >= HELD_SETTLES

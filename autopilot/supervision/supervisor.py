@@ -192,8 +192,8 @@ class Supervisor:
         if taken is not None:
             self._block(now, order, state, AlarmEvent(CANNOT_ENGAGE, taken.reason))
         elif against:
-            waits = against == HEADING_LOST
-            self._block(now, order, state, AlarmEvent("waiting_heading") if waits else found[against])
+            event, waits = found[against], against == HEADING_LOST
+            self._block(now, order, state, AlarmEvent("waiting_heading", event.detail) if waits else event)
         else:
             self._fire(now, _order_event(order) if order.serial != spent else back)
             # what came back holds a heading; what it is that was ordered is seen at once

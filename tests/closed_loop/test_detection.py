@@ -257,6 +257,16 @@ def test_two_compasses_that_take_turns_at_one_name_are_one_alarm_and_move_no_boa
     assert len(said) <= 2, "by so much, and then that it goes to and fro"
 
 
+@pytest.mark.parametrize(("step", "each_s"), [(20.0, 1.0), (-20.0, 0.7), (22.0, 1.2)])
+def test_a_compass_that_jumps_on_and_on_is_said(step: float, each_s: float) -> None:
+    """The boat was steered by the gyro alone for as long as it did, without a word."""
+    off, said = steered_by(lambda since, heading: heading + step * (since // each_s + 1.0))
+    assert max(off) < 2.0
+    (when, words), *_ = said
+    assert when < 3.0 * each_s
+    assert words.startswith("compass_jumped")
+
+
 @pytest.mark.parametrize("gyro_is_off", [False, True])
 @pytest.mark.parametrize(("sea", "jump"), [(calm, 12.0), (seaway, -20.0)])
 def test_without_a_rate_that_is_believed_a_jump_is_held_too(
@@ -320,6 +330,25 @@ def test_who_engages_right_after_a_jump_steers_by_the_compass_that_is_left(
     left = jump if lasts == math.inf else 0.0
     assert wrap(plant.heading + left - tick.reference.heading) == pytest.approx(0.0, abs=math.radians(3.0))
     assert tick.reference.heading == pytest.approx(left if math.isnan(course) else course, abs=math.radians(3.0))
+
+
+def test_an_order_that_waits_for_a_compass_that_jumps_says_so_and_is_cancelled_by_standby() -> None:
+    """What was said was that no compass sent a heading; one that is dropped engages nobody."""
+    pilot, turns, said = build_pilot(VESSEL), 20.0, set[str]()
+    plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=math.radians(0.3), rate_noise=math.radians(0.2))
+    while plant.time < turns + 10.0:
+        (sample,) = plant.sense()
+        assert isinstance(sample, HeadingSample)
+        off = math.radians(20.0) * max(math.floor(plant.time - turns) + 1.0, 0.0)
+        off = off if plant.time < turns + 6.0 else 0.0
+        waits = turns + 0.5 <= plant.time < turns + 4.0
+        order = Order(OrderKind.HEADING, 0.0, serial=1) if waits else Order(OrderKind.STANDBY)
+        tick = pilot.step(plant.time, (sample._replace(heading=wrap(sample.heading + off)),), order)
+        assert tick.mode is Mode.STANDBY
+        said |= {words for words in words_of(tick) if words.startswith("waiting")}
+        plant.step(0.0, DT)
+    (words,) = said
+    assert words.startswith("waiting for a heading (it may have jumped")
 
 
 @pytest.mark.parametrize("course", [19.6, -8.0])
