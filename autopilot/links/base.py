@@ -14,7 +14,17 @@ from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 from autopilot.errors import LinkError as LinkError  # the links' own word, which their users import from here
 from autopilot.links.rudder_order import Release
-from autopilot.signals import AlarmEvent, AlarmSample, HelmCause, HelmSample, Mode, RudderCommand, Sample, Tick
+from autopilot.signals import (
+    AlarmEvent,
+    AlarmSample,
+    HelmCause,
+    HelmSample,
+    Mode,
+    OrderKind,
+    RudderCommand,
+    Sample,
+    Tick,
+)
 
 
 def parted(sentence: str) -> tuple[str, str]:
@@ -195,23 +205,27 @@ class LastStop:
     stand by knows it, and may engage it again at once."""
 
     def __init__(self) -> None:
-        self._time, self._giver = -math.inf, object()
-        self._steers = False
+        self._time = -math.inf
+        self._givers: set[object] = set()
+        self._steers, self._ends = False, True
 
     def ordered(self, now: float, giver: object) -> None:
-        """Take that `giver` has let the pilot stand by at `now` [s]."""
-        self._time, self._giver = now, giver
+        """Take that `giver` lets the pilot stand by at `now` [s]: nothing new to others where it does already."""
+        if self._ends:
+            self._time, self._givers, self._ends = now, set(), False
+        self._givers.add(giver)
 
     def on_tick(self, tick: Tick) -> None:
         """Take who has the helm: that it was taken on board, or lost, is nobody's order."""
         if self._steers and tick.mode not in (Mode.ENGAGED, Mode.STANDBY):
-            self.ordered(tick.now, object())
+            self._time, self._givers = tick.now, set()
         self._steers = tick.mode is Mode.ENGAGED
+        self._ends = self._steers or tick.order.kind is not OrderKind.STANDBY
 
     def is_unseen(self, now: float, giver: object, said: int = 0) -> bool:
         """Return whether an order of `giver` that comes at `now` [s], said so many times before, may be from before."""
         since = min(UNSEEN_S + SAID_AGAIN_S * said, REPEATED_S)
-        return giver != self._giver and now - self._time < since
+        return giver not in self._givers and now - self._time < since
 
 
 class AlarmNews:

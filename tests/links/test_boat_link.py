@@ -520,6 +520,16 @@ def test_who_stood_by_may_engage_again_at_once_and_who_saw_nothing_may_stand_by(
     assert [name for name, _ in two.orders] == ["stand by", "stand by", "engage"]
 
 
+def test_who_says_standby_again_and_again_keeps_nobody_from_engaging() -> None:
+    two = TwoStations()
+    for _ in range(4):
+        two.put("A", *STAND_BY)
+        two.run(0.6)
+    two.put("B", *ENGAGE)
+    two.run(0.2)
+    assert two.orders[-1] == ("engage", None)
+
+
 def test_an_order_to_engage_on_its_way_when_the_helm_is_taken_on_board_is_refused() -> None:
     two = TwoStations()
     two.mode = Mode.OVERRIDE

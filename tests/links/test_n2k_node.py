@@ -570,6 +570,7 @@ def test_a_display_that_could_not_see_that_another_stood_by_engages_nothing() ->
     assert answered(1.1, 36, Mode.STANDBY, steering("track")) == NOT_NOW
     assert answered(1.2, 36, Mode.STANDBY, steering("main")) == DONE
     assert answered(1.3, 36, Mode.STANDBY, steering("heading")) == DONE, "who stood by may engage at once"
+    session.on_tick(Tick(0, 1.4, (), Order(), state, Reference(0.0), 0.0, RudderCommand(1.4, 0.0, True), ENGAGED, ()))
     skipper.last_stop.ordered(1.5, "somebody at the page")
     assert answered(1.6, 36, Mode.STANDBY, steering("heading")) == NOT_NOW
     assert answered(2.4, 36, Mode.STANDBY, steering("heading")) == DONE
