@@ -34,7 +34,8 @@ def identified_by_thrust(
 ) -> tuple[str, Verdict] | None:
     """Return what is found, as text or JSON, and what it is good for; None for a boat with a rudder.
 
-    The file is written where the model is as good as --at-least asks. Raises InputError.
+    The file is written where the model is as good as --at-least asks. Raises InputError; where no command could read
+    the file what is found is printed before.
     """
     from autopilot.models.drives import DRIVES
     from autopilot.vessel.file import load_vessel, parse_vessel
@@ -61,13 +62,16 @@ def identified_by_thrust(
         (run, role, predict_drive(run, fit)) for role, runs in (("fit", fitted), ("holdout", held_out)) for run in runs
     ]
     verdict = verdict_by_thrust(fit, [found for _, _, found in rows], sum(map(seconds, fitted)))
-    is_written = arguments.out and verdict.serves(arguments.at_least)
-    if is_written:
+    shown = _document(fit, rows, ahead, verdict) if arguments.json else _lines(kind.name, fit, rows, ahead, verdict)
+    text = "\n".join(shown) if isinstance(shown, list) else json_text(shown)
+    if not (arguments.out and verdict.serves(arguments.at_least)):
+        return text, verdict
+    try:
         _write(arguments.out, vessel, fit, fitted)
-    if arguments.json:
-        return json_text(_document(fit, rows, ahead, verdict)), verdict
-    written = [f"\nWrote the model to {arguments.out}."] if is_written else []
-    return "\n".join([*_lines(kind.name, fit, rows, ahead, verdict), *written]), verdict
+    except InputError:
+        print(text)
+        raise  # as of a boat with a rudder
+    return text if arguments.json else f"{text}\n\nWrote the model to {arguments.out}.", verdict
 
 
 def _forecast(runs: Sequence[Run], fit: DriveFit, vessel: Vessel) -> Forecast | None:

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from autopilot.identification.identify import LEAST_EXPLAINED, check_excitation, check_response, starting_point
 from autopilot.identification.likelihood_fit import LikelihoodFit, largest_rate, likelihood_fit
 from autopilot.identification.likelihood_model import SURELY_TURNS, ordered
 from autopilot.identification.likelihood_record import Form, Surroundings
@@ -110,6 +111,7 @@ def _stacked(runs: Sequence[Run], speed: float, throttle: float) -> _Stack:
     return _Stack(*(wide(place) for place in range(5)))
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _simulated(stack: _Stack, values: FloatArray, start: FloatArray, *, by_throttle: bool) -> FloatArray:
     """Return the rates [rad/s], shape (N, S), by the classical Runge-Kutta method, the input in straight lines."""
     strength, exponent, damping, slope, cubic, push = values
@@ -130,7 +132,8 @@ def _simulated(stack: _Stack, values: FloatArray, start: FloatArray, *, by_throt
         k3 = u - (a1 + cubic * r * r) * r
         r = rate + dt * k3
         k4 = u + more - (a2 + cubic * r * r) * r
-        rate = np.clip(rate + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4), -RATE_MOST, RATE_MOST)
+        # into what is no number, too
+        rate = np.fmax(np.fmin(rate + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4), RATE_MOST), -RATE_MOST)
         rates[step + 1] = rate
     return rates
 
@@ -149,10 +152,15 @@ def _begin(stack: _Stack, exponent: float, *, by_throttle: bool) -> FloatArray:
 
 
 def fit_drive(runs: Sequence[Run], usual: DriveLaw, needs: Needs) -> DriveFit:
-    """Return the model of the runs and how it goes with speed and throttle."""
+    """Return the model of the runs and how it goes with speed and throttle.
+
+    Raises InputError where nothing steers, the boat makes no way, or the motion does not follow what steers, or follows
+    it backwards.
+    """
     total = sum(seconds(run) for run in runs)
     speeds = [mean_speed([run]) for run in runs]
     reference = sum(speed * seconds(run) for speed, run in zip(speeds, runs, strict=True)) / total
+    check_excitation(runs, reference)
     throttles = [abs(run.throttle) for run in runs]
     throttle = sum(each * seconds(run) for each, run in zip(throttles, runs, strict=True)) / total
     by_throttle = needs is Needs.THRUST and throttle > 0.0
@@ -181,11 +189,13 @@ def fit_drive(runs: Sequence[Run], usual: DriveLaw, needs: Needs) -> DriveFit:
             low[free.index(NAMES.index(name))] = 0.0
     found = least_squares(residuals, np.maximum(first, low + 1.0e-9), bounds=(low, np.inf), x_scale="jac")
     values[free] = found.x[: len(free)]
+    covariance, rates = _covariance(known, found.jac, found.fun), stack.rate[known]
+    explains = float(found.fun @ found.fun) < (1.0 - LEAST_EXPLAINED) * float(np.sum((rates - np.mean(rates)) ** 2))
+    if not (explains and values[0] > SURELY_TURNS * math.sqrt(max(float(covariance[0, 0]), 0.0))):
+        check_response(runs, starting_point(runs, reference))
     asked = _Asked(usual, needs, reference, throttle, by_throttle, speeds, throttles)
-    likely = _likely(runs, values, free, asked)
-    if likely is None:
-        return _drive_fit(values, free, _covariance(known, found.jac, found.fun), asked)
-    return _drive_fit(likely[0], free, likely[1], asked)
+    values, covariance = _likely(runs, values, free, asked) or (values, covariance)
+    return _drive_fit(values, free, covariance, asked)
 
 
 class _Asked(NamedTuple):

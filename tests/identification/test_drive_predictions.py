@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from memory import measured
 from thrust_intervals import off_by
 
 from autopilot.cli.main import main
+from autopilot.errors import InputError
 from autopilot.identification import drive_effect
 from autopilot.identification.drive_effect import DriveFit, Prediction, at_one_throttle, fit_drive, likely_drive
 from autopilot.identification.likelihood_fit import LikelihoodFit, memory_of, scales
@@ -35,6 +37,7 @@ from autopilot.models.steering_gear import SteeringGear
 A, B, C, D, S, TAU = 2.6, 1.2, 6.0, 0.8, 1.0, 0.8
 STEP, EVERY, LAG = 0.01, 5, 0.15
 TWO = DRIVES["two_thrusters"]
+MOTION = ("heading_rad", "yaw_rate_rad_s")
 GEAR = SteeringGear(math.inf, math.inf, LAG)
 
 
@@ -200,16 +203,69 @@ def test_errors_of_many_short_runs_beside_a_long_one_take_no_more_memory_than_th
     np.testing.assert_allclose(np.sqrt(np.diag(covariance) / np.diag(inverse)), 1.0, atol=0.2)
 
 
-def test_identify_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("damaged", "words"),
+    [
+        ({"rudder_rad": lambda columns: np.full_like(columns["rudder_rad"], 0.1)}, "the rudder never moves"),
+        ({"speed_m_s": lambda columns: np.zeros_like(columns["speed_m_s"])}, "the boat makes no way"),
+        ({"rudder_rad": lambda columns: -columns["rudder_rad"]}, "pass --reverse-rudder"),
+        ({name: lambda columns: np.zeros_like(columns["time_s"]) for name in MOTION}, "does not follow the rudder"),
+        (
+            {
+                name: lambda columns: np.random.default_rng(7).normal(0.0, 0.004, columns["time_s"].size)
+                for name in MOTION
+            },
+            "does not follow the rudder",
+        ),
+    ],
+    ids=["constant thrust", "no way", "other side", "still", "straight"],
+)
+def test_runs_that_tell_nothing_end_in_a_sentence(
+    damaged: dict[str, Callable[[dict[str, FloatArray]], FloatArray]], words: str
+) -> None:
+    columns = sailed(22.0, 1, 12.0, 4).columns
+    run = run_from_columns("run", {**columns, **{name: change(columns) for name, change in damaged.items()}})
+    with pytest.raises(InputError, match=words):
+        fit_drive([run], TWO.usual, TWO.needs)
+
+
+def test_a_boat_that_runs_away_ends_at_a_rate_and_not_in_what_is_no_number() -> None:
+    columns = sailed(22.0, 1, 5.0, 4).columns
+    stack = drive_effect._stacked([run_from_columns("run", columns)], 1.0, math.nan)
+    runaway = np.array([2.0, 0.0, 1.0, 0.0, 1.0e9, 1.0])
+    with np.errstate(all="raise"):
+        rates = drive_effect._simulated(stack, runaway, stack.rate[0], by_throttle=False)
+    assert np.all(np.abs(rates) <= drive_effect.RATE_MOST)
+
+
+def saved(tmp_path: Path, lasts: float) -> list[str]:
     paths = []
     for side in (1, -1):
-        columns = sailed(22.0, side, 50.0, 3 + side).columns
+        columns = sailed(22.0, side, lasts, 3 + side).columns
         paths.append(tmp_path / f"zigzag{side}.csv")
         with paths[-1].open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(columns)
             rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-    logs = [str(path) for path in paths]
+    return [str(path) for path in paths]
+
+
+def test_a_fit_whose_file_cannot_be_is_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> str:
+        raise InputError("no command could read it")
+
+    monkeypatch.setattr("autopilot.vessel.file.text_for", refuse)
+    asked = ["identify", *saved(tmp_path, 12.0), "--vessel", "twin_thruster", "--out", str(tmp_path / "boat.yaml")]
+    assert main(asked) == 2
+    shown = capsys.readouterr()
+    assert "Prediction of the yaw rate" in shown.out and "no command could read it" in shown.err
+    assert "Wrote" not in shown.out
+
+
+def test_identify_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    logs = saved(tmp_path, 50.0)
     assert main(["identify", *logs, "--vessel", "twin_thruster", "--json"]) == 0
     bands = json.loads(capsys.readouterr().out)["forecast"]
     first = bands["first overshoot of a 10/10 zigzag"]
