@@ -139,7 +139,8 @@ def _lines(
         "Prediction of the yaw rate from rudder, speed and throttle alone:",
     ]
     lines += [
-        f"  {role:8} R2 {found.r2:.3f}, {math.degrees(found.rms):.2f} deg/s rms  {run.source}"
+        f"  {role:8} R2 {'-' if found.r2 is None else f'{found.r2:.3f}'}, {math.degrees(found.rms):.2f} deg/s rms  "
+        f"{run.source}"
         for run, role, found in rows
     ]
     if ahead is not None:

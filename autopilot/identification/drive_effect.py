@@ -49,9 +49,10 @@ NAMES = ("strength", "exponent", "damping", "damping_slope", "cubic", "push")
 
 
 class Prediction(NamedTuple):
-    """How well a run's yaw rate is predicted from rudder, speed and throttle: R2, and rms of what is left [rad/s]."""
+    """How well a run's yaw rate is predicted from rudder, speed and throttle: R2, None where the rate stands
+    still, and rms of what is left [rad/s]."""
 
-    r2: float
+    r2: float | None
     rms: float
 
 
@@ -385,6 +386,5 @@ def predict_drive(run: Run, fit: DriveFit) -> Prediction:
     )
     left = _simulated(stack, values, stack.rate[0], by_throttle=by_throttle) - stack.rate
     left, rate = left[np.isfinite(left)], stack.rate[np.isfinite(stack.rate)]
-    return Prediction(
-        1.0 - float(np.sum(left**2) / np.sum((rate - np.mean(rate)) ** 2)), float(np.sqrt(np.mean(left**2)))
-    )
+    moved = float(np.sum((rate - np.mean(rate)) ** 2))
+    return Prediction(1.0 - float(np.sum(left**2)) / moved if moved > 0.0 else None, float(np.sqrt(np.mean(left**2))))

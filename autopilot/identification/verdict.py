@@ -261,7 +261,8 @@ def verdict_by_thrust(fit: DriveFit, predictions: Sequence[DrivePrediction], las
     values = {"K": (fit.model.gain, fit.errors["gain"]), "T": (fit.model.time_constant, fit.errors["time_constant"])}
     doubts = {symbol: SURE_OF_IT * error / abs(value) for symbol, (value, error) in values.items()}
     worst = max(doubts, key=lambda symbol: doubts[symbol])
-    share, least = f"{worst} +- {100.0 * doubts[worst]:.0f} %, 95 %", min(each.r2 for each in predictions)
+    share = f"{worst} +- {100.0 * doubts[worst]:.0f} %, 95 %"
+    least = min((each.r2 for each in predictions if each.r2 is not None), default=-math.inf)
     if not doubts[worst] <= ENOUGH or not least >= LEAST_R2:
         why = share if not doubts[worst] <= ENOUGH else f"of the yaw rate of one run R2 is {least:.2f}"
         return Verdict("not enough", f"not enough ({why}): sail the zigzags once more, each for twice as long.")

@@ -22,7 +22,14 @@ from thrust_intervals import off_by
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification import drive_effect
-from autopilot.identification.drive_effect import DriveFit, Prediction, at_one_throttle, fit_drive, likely_drive
+from autopilot.identification.drive_effect import (
+    DriveFit,
+    Prediction,
+    at_one_throttle,
+    fit_drive,
+    likely_drive,
+    predict_drive,
+)
 from autopilot.identification.likelihood_fit import LikelihoodFit, memory_of, scales
 from autopilot.identification.likelihood_record import Form, Surroundings, beside_of, record_of
 from autopilot.identification.likelihood_search import Space
@@ -227,6 +234,15 @@ def test_runs_that_tell_nothing_end_in_a_sentence(
     run = run_from_columns("run", {**columns, **{name: change(columns) for name, change in damaged.items()}})
     with pytest.raises(InputError, match=words):
         fit_drive([run], TWO.usual, TWO.needs)
+
+
+def test_a_run_that_stands_still_has_no_share_to_predict_and_no_say(fit: DriveFit) -> None:
+    columns = sailed(22.0, 1, 12.0, 4).columns
+    still = run_from_columns("run", {**columns, **{name: np.zeros_like(columns["time_s"]) for name in MOTION}})
+    with np.errstate(all="raise"):
+        found = predict_drive(still, fit)
+    assert found.r2 is None and found.rms > 0.0
+    assert verdict_by_thrust(fit, [Prediction(0.99, 0.01), found], 100.0).grade != "not enough"
 
 
 def test_a_boat_that_runs_away_ends_at_a_rate_and_not_in_what_is_no_number() -> None:
