@@ -229,7 +229,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         present = steady
     elif steers:
         way, reference = refer(steering, way, order, model, steady, (rudder.command.angle, dt))
-        asked = model if softer <= 1.0 and boat.law.is_rudder else answering(boat, model, softer), ratio
+        asked = answering(boat, model, softer), ratio
         control, demand = ask_law(config, control, asked, reference, steady, (own, dt))
         demand += control.roll_rudder
     else:

@@ -115,8 +115,13 @@ class Fusion(NamedTuple):
 def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
     """Return whether the innovations lie to one side, by a lot for seconds or by a little for the time of gusts."""
     is_even = -INNOVATION_LASTING < fusion.innovation_mean < INNOVATION_LASTING
-    # what leans for longer than a push takes to be learnt is something else: instruments that contradict one another
-    return not is_even or 0.0 < fusion.leans < LEARNT * noise.gust_time
+    return not is_even or does_lean(fusion.leans, noise)
+
+
+def does_lean(leans: float, noise: FilterNoise) -> bool:
+    """Return whether the headings have leant to one side for the time `leans` [s], and not for longer than a push takes
+    to be learnt: that is something else, instruments that contradict one another."""
+    return 0.0 < leans < LEARNT * noise.gust_time
 
 
 NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -269,8 +274,8 @@ def fuse_measured(
         is_off = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share
         leans = leans + dt if is_off else 0.0
         if noise.waves and leans > 0.0:
-            lasts, intensity = leans < LEARNT * noise.gust_time, state.intensity
-            intensity = raised_intensity(intensity, changes, dt) if lasts else reset_density(intensity)
+            lasts = does_lean(leans, noise)
+            intensity = raised_intensity(state.intensity, changes, dt) if lasts else reset_density(state.intensity)
             state = FilterState(*state[:-1], intensity)
     if rate == rate:
         rates = noise_step(rates, filed_rate, apart, unknown, time, longest)
@@ -377,8 +382,7 @@ class EstimatorState(NamedTuple):
 
         0 until the sea is known: before, waves count for wind.
         """
-        state = self.fusion.state
-        return state.bias if state.time - self.first_time >= WAVE_MEMORY or state.sea == NO_SEA else 0.0
+        return self.fusion.state.bias if self.knows_sea else 0.0
 
     @property
     def knows_sea(self) -> bool:

@@ -194,6 +194,7 @@ class Backlog:
 UNSEEN_S = 0.8
 """So long after the pilot has left the helm [s] an order may come from before its giver could see that: there and back
 over a slow radio, and a human's eye and hand between."""
+UNSEEN = "the pilot stands by since before you could see it: order again if you still want it"
 SAID_AGAIN_S = 3.0
 """So long at most [s] a station waits for an answer before it says its order again, by itself (QGroundControl)."""
 REPEATED_S = 10.0

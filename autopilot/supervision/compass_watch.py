@@ -266,11 +266,8 @@ def held_step(
     if is_looked_at(held):
         held, by, back = looking_step(held, seen)
     elif held.is_turn:
-        held, by, back = (
-            usual_step(held, (seen.off, seen.at_once), step, abs(seen.off) > HELD_RESTS * seen.limit),
-            0.0,
-            0.0,
-        )
+        goes_on = abs(seen.off) > HELD_RESTS * seen.limit
+        held, by, back = usual_step(held, (seen.off, seen.at_once), step, goes_on), 0.0, 0.0
     else:
         held, by, back = known_step(held, seen)
     after = turns_step(turns, by_heading - by, by_rate, step) if by else after

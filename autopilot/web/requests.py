@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, number_from
 from autopilot.files.printable import printable
+from autopilot.links.base import UNSEEN
 from autopilot.links.ground_station.commands import (
     ACKNOWLEDGE,
     ADOPT,
@@ -46,9 +47,6 @@ one that names a state so far ahead: this computer has started anew since, and i
 STOPS = ("standby", "release")
 NEVER_LATE = (*STOPS, "cancel", "mob", "mob_at")
 CAME_LATE = "the order was held up on its way and is not carried out: order again"
-STOOD_BY = "the pilot stands by since before you could see it: order again if you still want it"
-
-
 SHOWN_WITHIN_S = 2.0
 """So long [s] after an order to stand by a display may still show that the pilot has the helm."""
 
@@ -87,7 +85,7 @@ def came_late(request: dict[str, Any], now: float, stood_by: float) -> str:
         return ""
     if abs(now - seen) > LATE_S:
         return CAME_LATE
-    return STOOD_BY if seen < stood_by and request.get("do") != "acknowledge" else ""
+    return UNSEEN if seen < stood_by and request.get("do") != "acknowledge" else ""
 
 
 def asked_of(station: Station, request: Any) -> Asked:

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from autopilot.links.base import UNSEEN
 from autopilot.links.ground_station.commands import HEADING, MANUAL
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import LoopbackTransport, loopback_pair
@@ -31,7 +32,6 @@ from autopilot.signalk.messages import (
     state_of,
     values_of,
 )
-from autopilot.web.requests import STOOD_BY
 from autopilot.web.station import BoatLine, Station
 
 TOKEN = "a-token-of-enough-letters"
@@ -280,14 +280,14 @@ def test_whose_dashboard_could_not_show_a_stand_by_engages_nothing(rig: Rig) -> 
 
     rig.turn(30)
     assert order(rig.now, "standby")[0] == 200
-    assert order(rig.now, "auto") == (409, STOOD_BY), "another dashboard, before the boat has said so"
+    assert order(rig.now, "auto") == (409, UNSEEN), "another dashboard, before the boat has said so"
     rig.boat.mode = MANUAL
     rig.turn(2)
     said = heard()
     beats = [place for place, each in enumerate(said) if each.get("beat", 0.0) >= rig.now - 0.1]
     states = [place for place, each in enumerate(said) if '"standby"' in json.dumps(each)]
     assert states and beats and states[0] < beats[-1], "the newest beat comes behind what it stands for"
-    assert order(rig.now, "route") == (409, STOOD_BY), "so soon no dashboard has shown it"
+    assert order(rig.now, "route") == (409, UNSEEN), "so soon no dashboard has shown it"
     rig.turn(20)
     assert order(rig.now, "auto")[0] == 200
     rig.boat.mode = HEADING
@@ -295,7 +295,7 @@ def test_whose_dashboard_could_not_show_a_stand_by_engages_nothing(rig: Rig) -> 
     seen = rig.now
     rig.boat.mode = MANUAL  # by another station
     rig.turn(40)
-    assert order(seen, "auto") == (409, STOOD_BY), "an order that the line held"
+    assert order(seen, "auto") == (409, UNSEEN), "an order that the line held"
     assert order(seen, "standby")[0] == 200
     line.close()
     engaged = (dialect.MAV_CMD_DO_SET_MODE, 1.0, HEADING)

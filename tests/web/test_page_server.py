@@ -33,10 +33,11 @@ from autopilot.cli.main import build_parser, main
 from autopilot.cli.new_boat import PageOfSteps
 from autopilot.cli.web import listening_address
 from autopilot.errors import InputError, NotYetError
+from autopilot.links.base import UNSEEN
 from autopilot.signals import AlarmSample, Mode
 from autopilot.web import page_files
 from autopilot.web.hub import BEHIND_MOST, CLIENTS_MOST, Access, Hub, token_of
-from autopilot.web.requests import CAME_LATE, STOOD_BY
+from autopilot.web.requests import CAME_LATE
 from autopilot.web.server import HEADERS, LogIndex, _short_body, build_app, known_hosts
 
 BEARER = {"authorization": f"Bearer {TOKEN}"}
@@ -149,7 +150,7 @@ def test_who_has_not_seen_that_another_hand_let_the_pilot_stand_by_engages_nothi
     sea.watch(0.5)
     assert order(sea.now, do=stop) == (200, "")
     for wanted in ({"do": "engage"}, {"do": "heading", "degrees": 90.0}, {"do": "wind"}):
-        assert order(seen, **wanted) == (409, STOOD_BY)
+        assert order(seen, **wanted) == (409, UNSEEN)
     sea.watch(1.0)
     assert sea.tick is not None and sea.tick.mode is Mode.STANDBY
     assert order(seen, do=stop) == (200, "")
@@ -169,7 +170,7 @@ def test_a_page_that_still_shows_the_pilot_at_the_helm_engages_nothing_anew(clie
         assert order(sea.now, do="standby") == (200, "")
         begun = sea.now
         while sea.station.view.mode_name != "standby":
-            assert order(sea.now, do="wind") == order(sea.now, do="engage") == (409, STOOD_BY)
+            assert order(sea.now, do="wind") == order(sea.now, do="engage") == (409, UNSEEN)
             sea.watch(0.1)
         assert sea.now - begun < 0.3, "the heartbeat of standing by does not wait"
         sea.watch(0.1)
@@ -185,7 +186,7 @@ def test_a_page_that_still_shows_the_pilot_at_the_helm_engages_nothing_anew(clie
     shown = sea.now
     sea.skipper.stand_by()  # at another station
     sea.watch(1.0)
-    assert order(shown, do="engage") == (409, STOOD_BY) and order(shown, do="acknowledge")[0] == 200
+    assert order(shown, do="engage") == (409, UNSEEN) and order(shown, do="acknowledge")[0] == 200
     assert order(sea.now, do="engage") == (200, "")
 
 

@@ -7,7 +7,7 @@ import math
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import StatusTexts, severity_of
-from autopilot.links.base import AlarmNews, Backlog, Transport
+from autopilot.links.base import UNSEEN, AlarmNews, Backlog, Transport
 from autopilot.links.ground_station.access import (
     MANUAL,
     LinkAccess,
@@ -62,7 +62,6 @@ STOPPED_S = 30.0
 LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
 CAME_LATE = "orders from while this computer stood still are not carried out: order again"
 OVERTAKEN = "an order from before the one to stand by came behind it and is not carried out: order again"
-UNSEEN = "the pilot stands by since before you could see it: order again if you still want it"
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
 
 
