@@ -314,13 +314,30 @@ def _ordered(pieces: Pieces, holds: list[Hold], number: int, time: FloatArray) -
     gone = side * (pieces.after[earlier : latest + 1] - pieces.before[earlier : latest + 1])
     while start > earlier and gone[start - 1 - earlier] > -CORNER * pieces.noise:
         start -= 1
-    slow = SLOW * side * float(pieces.slope[start + int(np.argmax(gone[start - earlier :]))])
+    gone = gone[start - earlier :]
+    if (jump := _jump(pieces, start, side, gone)) is not None:
+        return hold._replace(ordered=float(jump))
+    slow = SLOW * side * float(pieces.slope[start + int(np.argmax(gone))])
     while start < latest and side * pieces.slope[start] <= slow:
         start += 1
     if start == 0:
         return hold._replace(ordered=0.0)
     row = _meeting(pieces, start, time, None if before is None or start > earlier else before)
     return hold._replace(ordered=min(max(row, 0.0 if before is None else before.ordered), float(hold.first)))
+
+
+def _jump(pieces: Pieces, start: int, side: float, gone: FloatArray) -> int | None:
+    """Return the last row before the rudder went over from one sample to the next; None where it was seen on its way.
+
+    gone: how far to the `side` it went within each of the pieces from `start` on.
+    """
+    first = max(start, 1)
+    jumps = side * (pieces.before[first : start + gone.size] - pieces.after[first - 1 : start + gone.size - 1])
+    if not jumps.size or jumps.max() <= gone.max():
+        return None
+    at = first + int(np.argmax(jumps))
+    early = gone[: at - start].max(initial=0.0)
+    return None if early > SLOW * jumps.max() else int(pieces.last[at - 1])
 
 
 def _meeting(pieces: Pieces, start: int, time: FloatArray, before: Hold | None) -> float:

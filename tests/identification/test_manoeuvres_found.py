@@ -306,6 +306,8 @@ def test_a_spiral_is_found_with_all_its_angles(T: float, rate: float, hz: float,
 
 @settings(max_examples=25, deadline=None)
 @example(T=1.0, rate=1.0, hz=2.0, angle=26.75, execute=23.5, seed=44)
+@example(T=0.9921875, rate=25.0, hz=1.0, angle=11.0, execute=7.0, seed=2)
+@example(T=6.0986, rate=42.4348, hz=1.4326, angle=12.0253, execute=9.1126, seed=115)
 @given(
     T=st.floats(0.5, 40.0),
     rate=st.floats(1.0, 60.0),
