@@ -72,10 +72,16 @@ class Worker:
             self._pool.shutdown()
 
 
+RETRY_FIRST_S, RETRY_MOST_S = 1.0, 60.0
+"""So long [s] after a file could not be written it is tried again: at first, twice as long each time, at most."""
+
+
 class BackgroundSaver:
     """Saves files from a thread of its own: flushing to a memory card takes longer than a tick. Call it to save.
 
-    warn: is called with what went wrong, once for each file until it is saved again.
+    What cannot be written is kept, the newest of each file, and tried again by `retry` and once more by `close`.
+
+    warn: is called with what went wrong, once for each file until it is saved again, and then with that.
 
     Attributes:
         alarm: why what was to be saved is not, None while all is.
@@ -83,21 +89,57 @@ class BackgroundSaver:
 
     def __init__(self, warn: Callable[[str], None]) -> None:
         self._warn, self._worker = warn, Worker("save")
+        self._newest: dict[Path, str] = {}
         self._unsaved: dict[Path, str] = {}
+        self._wait, self._due = RETRY_FIRST_S, math.inf
         self.alarm: AlarmEvent | None = None
-        self.close = self._worker.shutdown
 
     def __call__(self, path: Path, text: str) -> None:
-        self._worker.submit(save_text, path, text).add_done_callback(partial(self._note, path))
+        self._newest[path] = text
+        self._submit(path)
+
+    def retry(self, now: float) -> None:
+        """Try again what could not be written, where that is due at `now` [s]; call it often while there is an alarm."""
+        if self._due == math.inf:
+            self._due = now + self._wait
+        elif now >= self._due:
+            self._wait = min(2.0 * self._wait, RETRY_MOST_S)
+            self._due = now + self._wait
+            for path in [*self._newest]:
+                self._submit(path)
+
+    def close(self) -> None:
+        """Try what is left once more, wait until all is done, and say what is lost."""
+        for path in [*self._newest]:
+            self._submit(path)
+        self._worker.shutdown()
+        for reason in self._unsaved.values():
+            self._warn(f"a change is lost: {reason}")
+
+    def _submit(self, path: Path) -> None:
+        self._worker.submit(self._write, path).add_done_callback(partial(self._note, path))
+
+    def _write(self, path: Path) -> None:
+        text = self._newest.pop(path, None)
+        if text is None:
+            return  # written with a piece of work before this one
+        try:
+            save_text(path, text)
+        except BaseException:
+            self._newest.setdefault(path, text)  # a newer one that came meanwhile stays
+            raise
 
     def _note(self, path: Path, done: Future[None]) -> None:
         error = done.exception()
-        if error is None:
-            self._unsaved.pop(path, None)
-        elif path not in self._unsaved:
+        if error is not None and path not in self._unsaved:
+            self._warn(f"a change is not kept, and tried again: {error}")
+        if error is not None:
             self._unsaved[path] = str(error)
-            self._warn(f"a change is not kept: {error}")
+        elif self._unsaved.pop(path, None) is not None:
+            self._warn(f"kept now: {path}")
         unsaved = (*self._unsaved.values(),)
+        if not unsaved:
+            self._wait, self._due = RETRY_FIRST_S, math.inf
         self.alarm = AlarmEvent("change_not_kept", unsaved[0].partition("; ")[0]) if unsaved else None
 
 

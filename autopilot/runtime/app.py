@@ -163,6 +163,8 @@ class App:
         def after(tick: Tick) -> bool:
             if self._tuning is not None:
                 self._tuning.turn()
+            if self._saver.alarm is not None:
+                self._saver.retry(tick.now)
             is_over = watch(tick)
             if self._held is not None:
                 self._await_compass(self._held, tick)

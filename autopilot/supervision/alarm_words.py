@@ -315,8 +315,8 @@ WORDS = {
     ),
     "output_failed": Words("the alarm output cannot be written", "check alarms.outputs and its permissions"),
     "change_not_kept": Words(
-        "a change counts, and is lost at the end of this run",
-        "free the disk, or look after it, and make the change once more",
+        "a change counts, but is not written yet, and would be lost at the end of this run",
+        "free the disk, or look after it: it is tried again by itself, at least once a minute",
     ),
     "other": Words("what has no kind of its own", "as it says", sentence="{detail}"),
 }

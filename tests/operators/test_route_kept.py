@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from two_processes import free_port
 
 from autopilot.cli.run import load_mission
 from autopilot.errors import InputError
+from autopilot.files import saving
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.ground_station.mission import dump_items, from_message
 from autopilot.operators.skipper import Skipper
@@ -101,6 +104,58 @@ def test_a_change_that_cannot_be_kept_is_an_alarm_until_it_can(
         start.store.set("GUI_LOOKAHEAD", 21.0)
         assert alarms() == []
     assert capsys.readouterr().err.count("boat.mission.waypoints: cannot be written") == 1
+
+
+def test_what_could_not_be_kept_is_written_by_itself_as_it_was_changed_last(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start, is_full = Start(tmp_path), True
+
+    def write(path: Path, text: str, **_: bool) -> None:
+        if is_full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        path.write_text(text)
+
+    monkeypatch.setattr(saving, "replace_file", write)
+
+    def alarms() -> set[str]:
+        start.app._saver._worker.submit(int).result()
+        start.app.run(0.5, lambda _: False)
+        tick = start.app.session.tick
+        assert tick is not None
+        return {alarm.name for alarm in tick.alarms} & {"change_not_kept"}
+
+    with start.app:
+        start.store.set("GUI_LOOKAHEAD", 20.0)
+        start.mission.replace(items())
+        assert alarms() == {"change_not_kept"}
+        start.store.set("GUI_LOOKAHEAD", 21.0)
+        start.store.set("GUI_WP_RADIUS", 15.0)
+        assert alarms() == {"change_not_kept"}
+        is_full = False
+        assert [alarms() for _ in range(8)][-1] == set()
+        kept = load_vessel(str(tmp_path / "boat.tuned.yaml")).guidance
+        assert (kept.lookahead_s, kept.waypoint_radius_m) == (21.0, 15.0)
+        assert mission_file(str(tmp_path / "boat.yaml")).exists()
+        is_full = True
+        start.store.set("GUI_LOOKAHEAD", 22.0)
+        assert alarms() == {"change_not_kept"}
+        is_full = False
+    assert load_vessel(str(tmp_path / "boat.tuned.yaml")).guidance.lookahead_s == 22.0, "tried once more at the end"
+    said = capsys.readouterr().err
+    assert said.count("kept now") == 3 and "is lost" not in said
+
+
+def test_what_cannot_be_kept_to_the_end_is_said_to_be_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "boat"
+    folder.mkdir()
+    start = Start(folder)
+    with start.app:
+        folder.rename(tmp_path / "pulled out")
+        start.store.set("GUI_LOOKAHEAD", 20.0)
+    assert "a change is lost: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("damage", [b"QGC WPL 110\n0\t0\t3\t16", b"\xff\xfe", b""])

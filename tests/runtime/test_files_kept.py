@@ -13,7 +13,9 @@ from lockstep import Lockstep
 
 from autopilot.cli.main import main
 from autopilot.errors import InputError
+from autopilot.files import saving
 from autopilot.files.saving import (
+    BackgroundSaver,
     check_folder,
     create_unused,
     replace_file,
@@ -270,3 +272,28 @@ def test_a_disk_without_modes_or_flushed_folders_takes_a_file(
     assert [path.read_text() for path in tmp_path.iterdir()] == ["on a share"]
     with pytest.raises(OSError, match=os.strerror(number)):  # a key is for its owner alone, or is not written
         replace_file(tmp_path / "signing.key", "secret", private=True)
+
+
+def test_what_cannot_be_written_is_tried_again_soon_and_then_once_a_minute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, tried = tmp_path / "boat.yaml", list[tuple[int, str]]()
+
+    def write(_: Path, text: str, **__: bool) -> None:
+        tried.append((now, text))
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    now = 0
+    monkeypatch.setattr(saving, "replace_file", write)
+    saver = BackgroundSaver(lambda _: None)
+    for now in range(400):
+        if now in (0, 250):
+            saver(path, "second" if now else "first")
+        saver._worker.submit(int).result()
+        saver.retry(float(now))
+        saver._worker.submit(int).result()
+    times = [time for time, _ in tried]
+    assert times == [0, 1, 3, 7, 15, 31, 63, 123, 183, 243, 250, 303, 363]
+    assert {text for time, text in tried if time < 250} == {"first"}
+    assert {text for time, text in tried if time >= 250} == {"second"}
+    saver.close()
