@@ -99,7 +99,7 @@ class BackgroundSaver:
         self._submit(path)
 
     def retry(self, now: float) -> None:
-        """Try again what could not be written, where that is due at `now` [s]; call it often while there is an alarm."""
+        """Try again what could not be written, where that is due at `now` [s]; call it often while `alarm` is set."""
         if self._due == math.inf:
             self._due = now + self._wait
         elif now >= self._due:

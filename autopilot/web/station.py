@@ -20,7 +20,7 @@ from autopilot.files.outside import SHOWN, parse_json
 from autopilot.files.printable import printable
 from autopilot.firmware.download import Download
 from autopilot.firmware.metadata import FtpClient, expanded
-from autopilot.firmware.protocol import Target, parameter_value, set_value
+from autopilot.firmware.protocol import Target, parameter_value, refused_value, set_value
 from autopilot.firmware.session import GROUND_STATION_SYSTEM
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.ground_station.file_server import COMPASSES, PARAMETERS, ROUTE
@@ -30,7 +30,7 @@ from autopilot.links.mavlink.signing import Signing
 from autopilot.links.mavlink.vehicle import Belongs, VehicleClock
 from autopilot.links.url import accept_signed, open_transport, parse_url
 from autopilot.web.journal import AlarmBoard, Journal, ListBoard, compasses_from, route_from
-from autopilot.web.orders import NO_ANSWER, Answer, Asked, Course, OnDone, Orders, Reasons
+from autopilot.web.orders import LATE_S, NO_ANSWER, Answer, Asked, Course, OnDone, Orders, Reasons
 from autopilot.web.view import BoatView
 
 AGAIN_S, TRIES = 0.5, 4
@@ -46,8 +46,18 @@ class _Setting(NamedTuple):
     on_done: OnDone
 
 
+UNANSWERED, KEPT = (Answer.SILENT, NO_ANSWER), (Answer.REFUSED, "refused; the old value stays")
+OTHER_VALUE = (Answer.FAILED, "the boat has another value, and does not say why: look what counts")
+SAME = 1.0e-6
+"""A value that was set is in force where it is so near, relative: it travels in 32 bits."""
+
+
 class ParameterService:
-    """`read` begins to fetch; `table` is what is there so far."""
+    """`read` begins to fetch; `table` is what is there so far.
+
+    A value is set where the boat says so, and refused where it says that. Another value that comes meanwhile may have
+    been on its way before ours was, and what a value set before comes to may come behind it.
+    """
 
     def __init__(self, files: FtpClient) -> None:
         self._files = files
@@ -55,8 +65,10 @@ class ParameterService:
         self._wanted = False
         self._described: dict[str, dict[str, Any]] = {}
         self._settings: deque[_Setting] = deque()
-        self._tries = 0
-        self._next = -math.inf
+        self._tries, self._next = 0, -math.inf
+        self._sent: deque[tuple[float, _Setting]] = deque()
+        """When what was sent that is not answered yet; of one that was repeated each time is."""
+        self._seen = UNANSWERED
 
     def read(self) -> None:
         """Fetch table and description, unless they are here or on their way."""
@@ -94,31 +106,43 @@ class ParameterService:
                 self._refresh(message, target)
             else:
                 self._download.receive(now, message)
-        answer = parameter_value(message, target)
-        if answer is None or not self._settings or self._tries == 0 or answer.name != self._settings[0].name:
+        answer, refused = parameter_value(message, target), refused_value(message, target)
+        name = refused[0] if refused is not None else answer.name if answer is not None else ""
+        said = [each for each in self._sent if each[1].name == name]
+        if answer is not None:
+            said = [each for each in said if math.isclose(answer.value, each[1].value, rel_tol=SAME)]
+        if said:
+            self._sent.remove(said[0])
+        if not self._settings or self._tries == 0 or name != self._settings[0].name:
             return
-        setting = self._settings.popleft()
-        self._tries, self._next = 0, -math.inf
-        taken = math.isclose(float(answer.value), setting.value, rel_tol=1.0e-6, abs_tol=1.0e-9)
-        setting.on_done(Answer.TAKEN if taken else Answer.REFUSED, "" if taken else "refused; the old value stays")
+        setting = self._settings[0]
+        is_taken = answer is not None and math.isclose(answer.value, setting.value, rel_tol=SAME)
+        self._seen = (Answer.TAKEN, "") if is_taken else KEPT if refused is not None else OTHER_VALUE
+        if said and said[0][1] is setting:
+            self._end(*self._seen)
 
     def due(self, now: float, target: Target) -> list[Message]:
         """Return what to send at `now` [s]."""
         if self._wanted:
             self._download, self._wanted = Download(target), False
         messages = list(self._download.due(now)) if self._download is not None else []
+        while self._sent and now - self._sent[0][0] > LATE_S:
+            self._sent.popleft()
         if not self._settings or now < self._next:
             return messages
         setting = self._settings[0]
         if self._tries >= TRIES:
-            self._settings.popleft()
-            self._tries, self._next = 0, -math.inf
-            setting.on_done(Answer.SILENT, NO_ANSWER)
+            self._end(*self._seen)
             return messages
-        self._tries += 1
-        self._next = now + AGAIN_S
+        self._tries, self._next, self._seen = self._tries + 1, now + AGAIN_S, UNANSWERED
+        self._sent.append((now, setting))
         messages.append(set_value(target, setting.name, setting.value, dialect.MAV_PARAM_TYPE_REAL32))
         return messages
+
+    def _end(self, answer: Answer, words: str) -> None:
+        setting = self._settings.popleft()
+        self._tries, self._next = 0, -math.inf
+        setting.on_done(answer, words)
 
     def _refresh(self, message: Message, target: Target) -> None:
         value = parameter_value(message, target)

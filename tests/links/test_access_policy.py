@@ -515,7 +515,8 @@ def test_without_a_key_another_machine_gives_no_order_and_hears_why_once() -> No
             boat.poll(now)
         answers = [each for data in far.receive() for each in MavlinkCodec().decode(data)]
         texts += [each.text for each in answers if each.get_type() == "STATUSTEXT"]
-        (answer,) = [each for each in answers if each.get_type() not in ("STATUSTEXT", "HEARTBEAT", "SYS_STATUS")]
+        answer, *more = (each for each in answers if each.get_type() not in ("STATUSTEXT", "HEARTBEAT", "SYS_STATUS"))
+        assert [each.get_type() for each in more] == ["PARAM_ERROR"] * (message.get_type() == "PARAM_SET")
         results.append(
             (message.get_type(), answer.get_type(), getattr(answer, "result", getattr(answer, "type", None)))
         )

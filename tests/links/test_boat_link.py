@@ -196,6 +196,25 @@ def test_every_set_is_answered_by_the_old_value_where_it_is_refused() -> None:
     assert bench.store.values["TWO"] == 5.0
 
 
+def test_a_value_that_a_line_held_until_the_next_one_had_come_does_not_replace_it() -> None:
+    bench = Bench()
+    first, other, second = (
+        bench.station.encode(dialect.MAVLink_param_set_message(7, 1, name, value, 9))
+        for name, value in ((b"TWO", 5.0), (b"ONE", 8.0), (b"TWO", 6.0))
+    )
+    for data in (second, other, first, first):
+        bench.far.send(data)
+    answers = bench.run(0.2)
+    assert bench.store.values == {"ONE": 8.0, "TWO": 6.0, "A_NAME_OF_16_CHR": 3.0}
+    values = [(m.param_id, m.param_value) for m in answers if m.get_type() == "PARAM_VALUE"]
+    assert values[:4] == [("TWO", 6.0), ("ONE", 8.0), ("TWO", 6.0), ("TWO", 6.0)]
+    assert not [m for m in answers if m.get_type() == "PARAM_ERROR"], "its sender's newest value counts"
+    said = "".join(m.text for m in answers + bench.run(2.0) if m.get_type() == "STATUSTEXT")
+    assert "a value of TWO came behind the value that was set after it and is not set" in said
+    bench.ask(dialect.MAVLink_param_set_message(7, 1, b"TWO", 5.0, 9))
+    assert bench.store.values["TWO"] == 5.0, "set anew it counts"
+
+
 @pytest.mark.parametrize("magnetic", [False, True])
 def test_stations_know_whether_courses_are_magnetic_and_no_place_leads_then(magnetic: bool) -> None:
     bench = Bench(armed=True)

@@ -296,8 +296,9 @@ def test_parameters_are_read_by_name_or_index_and_written_by_name() -> None:
             (*unknown, name.decode(), index, 1)
         ]
     assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"P3", 7.5, 9)) == [value(3, 7.5)]
-    assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"P3", -1.0, 9)) == [value(3, 7.5)]
-    assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"P3", 1.0, 6)) == [value(3, 7.5)]
+    refused = [value(3, 7.5), (*unknown, "P3", -1, dialect.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)]
+    assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"P3", -1.0, 9)) == refused
+    assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"P3", 1.0, 6)) == refused
     assert service.send_text(dialect.MAVLink_param_set_message(1, 1, b"NONE", 1.0, 9)) == [(*unknown, "NONE", -1, 1)]
     said = service.texts_said()
     assert said[0] == (4, "P3 not changed: allowed: at least 0.")
@@ -313,7 +314,8 @@ def test_orders_are_denied_in_their_own_way_and_nothing_is_done() -> None:
     def denied(message: Any) -> list[tuple[Any, ...]]:
         return [fields(answer) for answer in service.service.answered(arrived(message), DENIED)]
 
-    assert denied(dialect.MAVLink_param_set_message(1, 1, b"P3", 7.5, 9)) == [value(3)]
+    no_leave = ("PARAM_ERROR", 255, 190, "P3", -1, dialect.MAV_PARAM_ERROR_PERMISSION_DENIED)
+    assert denied(dialect.MAVLink_param_set_message(1, 1, b"P3", 7.5, 9)) == [value(3), no_leave]
     assert denied(dialect.MAVLink_param_set_message(1, 1, b"NONE", 7.5, 9)) == [
         ("PARAM_ERROR", 255, 190, "NONE", -1, 1)
     ]

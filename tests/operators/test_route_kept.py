@@ -146,9 +146,7 @@ def test_what_could_not_be_kept_is_written_by_itself_as_it_was_changed_last(
     assert said.count("kept now") == 3 and "is lost" not in said
 
 
-def test_what_cannot_be_kept_to_the_end_is_said_to_be_lost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_kept_to_the_end_is_said_to_be_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "boat"
     folder.mkdir()
     start = Start(folder)

@@ -28,10 +28,10 @@ from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.signalk.messages import Deltas, line_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Siren
 from autopilot.web.journal import LIST_MOST, AlarmBoard, Track, alarms_from, route_from
-from autopilot.web.orders import ENGAGE, Command, Orders, turn_to
+from autopilot.web.orders import ENGAGE, Answer, Command, Orders, turn_to
 from autopilot.web.requests import asked_of
 from autopilot.web.screen import screen
-from autopilot.web.station import COMPONENT, Station, descriptions_from, own_component
+from autopilot.web.station import COMPONENT, ParameterService, Station, descriptions_from, own_component
 from autopilot.web.view import BoatView, TextPieces
 
 
@@ -342,6 +342,74 @@ def test_parameters_come_with_range_and_meaning_and_are_set_or_refused(sea: Watc
     taken, words = sea.order(do="set", name="GUI_LOOKAHEAD", value=-1)
     assert not taken and "allowed: 2 to 120 s" in words
     assert sea.store.running.guidance.lookahead_s == 12.5
+
+
+class Setter:
+    """The display's side of the parameter protocol, and what it hears of a boat on a line that holds things up."""
+
+    def __init__(self) -> None:
+        self.service, self.now, self.ends = ParameterService(FtpClient()), 0.0, list[Answer]()
+
+    def set(self, value: float) -> None:
+        self.service.set("GAIN", value, lambda answer, _: self.ends.append(answer))
+        self.wait(0.0)
+
+    def wait(self, seconds: float) -> int:
+        """Return how often the value was sent in that time."""
+        sent = 0
+        for _ in range(round(seconds / 0.1) + 1):
+            sent += len(self.service.due(self.now, Target(1, 1)))
+            self.now += 0.1
+        return sent
+
+    def hear(self, value: float) -> list[Answer]:
+        return self._hear(dialect.MAVLink_param_value_message(b"GAIN", value, 9, 1, 0))
+
+    def hear_refusal(self) -> list[Answer]:
+        error = dialect.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+        return self._hear(dialect.MAVLink_param_error_message(255, 190, b"GAIN", -1, error))
+
+    def _hear(self, message: Any) -> list[Answer]:
+        (arrived,) = MavlinkCodec(255, 190).decode(MavlinkCodec(1, 1).encode(message))
+        self.service.receive(self.now, arrived, Target(1, 1))
+        ends, self.ends = self.ends, []
+        return ends
+
+
+def test_a_value_that_was_on_its_way_before_ours_is_no_refusal() -> None:
+    line = Setter()
+    line.set(5.0)
+    assert line.hear(1.0) == [] and line.hear(5.0) == [Answer.TAKEN]
+    line.set(-5.0)
+    assert line.hear(5.0) == [] and line.hear_refusal() == [Answer.REFUSED]
+
+
+def test_an_answer_to_a_value_that_was_set_before_is_none_to_this_one() -> None:
+    line = Setter()
+    line.set(-1.0)
+    assert line.wait(0.6) == 1, "said again"
+    assert line.hear_refusal() == [Answer.REFUSED]
+    line.set(5.0)
+    assert line.hear_refusal() == [], "the second answer to the first value"
+    assert line.hear(5.0) == [Answer.TAKEN]
+    line.set(6.0)
+    line.wait(0.6)
+    assert line.hear(6.0) == [Answer.TAKEN]
+    line.set(7.0)
+    assert line.hear(7.0) == [Answer.TAKEN]
+    line.set(6.0)
+    assert line.hear(6.0) == [], "the second answer to the first 6"
+    assert line.hear(6.0) == [Answer.TAKEN]
+
+
+def test_a_boat_that_only_says_another_value_leaves_it_open_what_counts() -> None:
+    line = Setter()
+    line.set(5.0)
+    for _ in range(4):
+        line.wait(0.4)
+        assert line.hear(1.0) == []
+    line.wait(0.6)
+    assert line.hear(1.0) == [Answer.FAILED]
 
 
 def packed(text: bytes) -> bytes:

@@ -359,13 +359,13 @@ class _Taken(NamedTuple):
 
 class _Sender:
     """What is known of one sender: the number of its newest message, that goes on where the one on the line begins
-    again behind 255; whether its numbers go on at all; what it ordered of late, the newest last, and the time and the
-    number of its last order to stand by."""
+    again behind 255; whether its numbers go on at all; what it ordered of late, the newest last; and of its last order
+    to stand by and of its last value of each parameter, by `_voids`, time [s], number and words."""
 
     def __init__(self, number: int) -> None:
         self.newest, self.counts = number, False
         self.taken: deque[_Taken] = deque(maxlen=ORDERS_KEPT)
-        self.stood_by = (-math.inf, -1)
+        self.last: dict[str, tuple[float, int, str]] = {}
 
     def number_of(self, message: Message) -> int:
         """Return the number of a message, as it goes on: the nearest to the newest."""
@@ -378,7 +378,8 @@ class OrderSequence:
 
     A sender that had no answer says its order again, with the next `confirmation`; a line may double a datagram, whose
     sequence number is the same then. To do it again would turn twice as far, or engage a boat that somebody has let
-    stand by meanwhile. So would an order that a line held until the order to stand by, sent after it, had come.
+    stand by meanwhile. So would an order that a line held until the order to stand by, sent after it, had come, and a
+    value that it held until the one set after it had.
 
     A router that has two ways to the boat passes the same datagram on over both: `orders` are those of all links.
     """
@@ -418,23 +419,30 @@ class OrderSequence:
         return of_command is not None and of_command.words == words and said > of_command.confirmation
 
     def is_overtaken(self, now: float, message: Message) -> bool:
-        """Return whether the sender's order to stand by, which has come, was sent after this one."""
+        """Return whether what the sender sent after this, and what makes it void, has come already: an order to stand
+        by, or another value of the same parameter."""
         sender = self._sender(message)
-        time, number = sender.stood_by
-        behind = number - sender.number_of(message)
-        return message.get_type() in ONCE and now - time <= REPEATED_S and 0 < behind <= OVERTAKEN
+        if message.get_type() not in (*ONCE, "PARAM_SET") or _voids(message) not in sender.last:
+            return False
+        time, number, words = sender.last[_voids(message)]
+        is_behind = now - time <= REPEATED_S and 0 < number - sender.number_of(message) <= OVERTAKEN
+        return is_behind and words != _words(message)
 
     def taken(self, now: float, message: Message) -> None:
         """Take an order that is carried out."""
         sender = self._sender(message)
         number = sender.number_of(message)
         if stands_by(message):
-            # one that comes again, and late, is not its sender's last
-            time, last = sender.stood_by
-            sender.stood_by = now, max(number, last) if now - time <= REPEATED_S else number
             sender.taken.clear()  # what is ordered from now on is meant to end it, however often it is said
-        sender.taken.append(_Taken(now, number, confirmation_of(message), _command(message), _words(message)))
-        self._orders.append((now, _name(message), message.get_seq(), _words(message)))
+        if stands_by(message) or message.get_type() == "PARAM_SET":
+            sender.last = {name: each for name, each in sender.last.items() if now - each[0] <= REPEATED_S}
+            name = _voids(message)
+            # one that comes again, and late, is not its sender's last
+            newest = max(number, sender.last[name][1]) if name in sender.last else number
+            sender.last[name] = now, newest, _words(message)
+        if message.get_type() != "PARAM_SET":
+            sender.taken.append(_Taken(now, number, confirmation_of(message), _command(message), _words(message)))
+            self._orders.append((now, _name(message), message.get_seq(), _words(message)))
 
     def _sender(self, message: Message) -> _Sender:
         name = _name(message)
@@ -457,6 +465,11 @@ def confirmation_of(message: Message) -> int:
 def _command(message: Message) -> int:
     """Return the command of a message; -1 for one that is no command."""
     return int(getattr(message, "command", -1))
+
+
+def _voids(message: Message) -> str:
+    """Return the name of what makes a message void that was sent before it: "" an order to stand by, or a value."""
+    return f"={message.param_id}" if message.get_type() == "PARAM_SET" else ""
 
 
 def _words(message: Message) -> str:

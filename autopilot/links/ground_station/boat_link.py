@@ -62,6 +62,7 @@ STOPPED_S = 30.0
 LOOKING_ONLY = "no orders without a signing key over this link: set a key, or allow security.orders_without_key"
 CAME_LATE = "orders from while this computer stood still are not carried out: order again"
 OVERTAKEN = "an order from before the one to stand by came behind it and is not carried out: order again"
+VALUE_OVERTAKEN = "came behind the value that was set after it and is not set: set it again if you still want it"
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
 
 
@@ -208,9 +209,11 @@ class BoatLink(StationLink):
     def _carry_out(self, now: float, message: Message) -> list[Message]:
         """Carry an order out, once, unless its sender has given the rudder back since; return the answer."""
         stop, giver = self._commands.last_stop, (self, message.get_srcSystem(), message.get_srcComponent())
+        is_value = message.get_type() == "PARAM_SET"
         if not counts_late(message):
             if self._sequence.is_overtaken(now, message):
-                return self._put_off(now, message, OVERTAKEN)
+                reason = f"a value of {message.param_id} {VALUE_OVERTAKEN}" if is_value else OVERTAKEN
+                return self._put_off(now, message, reason)
             if self._sequence.is_again(now, message):
                 running = self._commands.running
                 is_it = running is not None and running.command == getattr(message, "command", None)
@@ -218,7 +221,7 @@ class BoatLink(StationLink):
             if may_engage(message) and stop.is_unseen(now, giver, confirmation_of(message)):
                 return self._put_off(now, message, UNSEEN)
         answers = self._service.take(now, message)
-        if any(getattr(answer, "result", None) in (ACCEPTED, IN_PROGRESS) for answer in answers):
+        if is_value or any(getattr(answer, "result", None) in (ACCEPTED, IN_PROGRESS) for answer in answers):
             self._sequence.taken(now, message)
         if answers and gives_rudder_back(message):
             stop.ordered(now, giver)

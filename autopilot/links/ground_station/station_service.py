@@ -7,7 +7,7 @@ The parameter protocol's server side: a fixed table, every request answered, lis
 Source: https://mavlink.io/en/services/parameter.html, as QGroundControl, MAVProxy and MAVSDK use it: real values,
 old value on refusal, changed values to every station, requests by name (index -1) or by index. What does not exist is
 answered by PARAM_ERROR, as ArduPilot's GCS_Param.cpp does from 4.7 on; stations that do not know it see the silence
-that they expect.
+that they expect. A refusal has one too: an old value alone may as well have been on its way before the new one came.
 """
 
 from __future__ import annotations
@@ -41,6 +41,11 @@ from autopilot.links.mavlink.frames import AvailableModes, ComponentInformation,
 PER_TURN = 4
 """Parameters of a list that leave in one turn of the loop."""
 NAME_LENGTH_MAX = 16
+UNKNOWN, OUT_OF_RANGE = int(dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST), int(dialect.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
+PERMISSION_DENIED = int(dialect.MAV_PARAM_ERROR_PERMISSION_DENIED)
+SAME = 1.0e-6
+"""A value that was set is in force where it is so near, relative: it travels in 32 bits, and is kept in the fewest
+digits that give these."""
 
 
 class ParameterStore(Protocol):
@@ -83,21 +88,28 @@ class ParameterServer:
         if by_index:
             name = self._names[message.param_index] if message.param_index < len(self._names) else ""
         if name not in self._index:
-            return _unknown(message, message.param_index if by_index else -1), ""
+            return _error(message, UNKNOWN, message.param_index if by_index else -1), ""
         if kind == "PARAM_REQUEST_READ":
             return [self._value(name)], ""
+        said = ""
         if message.param_type != dialect.MAV_PARAM_TYPE_REAL32:
-            return [self._value(name)], f"{name} not changed: it is REAL32 and was set as type {message.param_type}"
-        if not math.isfinite(message.param_value):
-            return [self._value(name)], f"{name} not changed: {message.param_value} is not a number"
-        refusal = self._store.set(name, message.param_value)
-        self._last_sent[name] = self._store.get(name)
-        return [self._value(name)], refusal
+            said = f"{name} not changed: it is REAL32 and was set as type {message.param_type}"
+        elif not math.isfinite(message.param_value):
+            said = f"{name} not changed: {message.param_value} is not a number"
+        if said:
+            return self.unchanged(message, OUT_OF_RANGE), said
+        said = self._store.set(name, message.param_value)
+        kept = self._last_sent[name] = self._store.get(name)
+        if not math.isclose(kept, message.param_value, rel_tol=SAME):
+            return self.unchanged(message, OUT_OF_RANGE), said
+        return [self._value(name)], said
 
-    def unchanged(self, message: Message) -> list[Message]:
-        """Return the answer to a PARAM_SET that is not carried out: the value in force."""
+    def unchanged(self, message: Message, error: int | None) -> list[Message]:
+        """Return the answer to a PARAM_SET that is not carried out: the value in force, and MAV_PARAM_ERROR `error`."""
         name = message.param_id.rstrip("\0")
-        return [self._value(name)] if name in self._index else _unknown(message, -1)
+        if name not in self._index:
+            return _error(message, UNKNOWN)
+        return [self._value(name), *(_error(message, error) if error is not None else [])]
 
     def due(self) -> list[Message]:
         """Return the next few of a list that was asked for, or of what was changed elsewhere: every station is to have
@@ -121,8 +133,8 @@ class ParameterServer:
         )
 
 
-def _unknown(message: Message, index: int) -> list[Message]:
-    """Return the answer to whoever asked us for what does not exist; by name where `index` is -1.
+def _error(message: Message, error: int, index: int = -1) -> list[Message]:
+    """Return MAV_PARAM_ERROR `error` to whoever asked us for a parameter; by name where `index` is -1.
 
     Who asked everybody at once may mean another component's parameter, and gets none.
     """
@@ -130,7 +142,7 @@ def _unknown(message: Message, index: int) -> list[Message]:
         return []
     asker = message.get_srcSystem(), message.get_srcComponent()
     name = message.param_id.encode("ascii", "replace")[:NAME_LENGTH_MAX]
-    return [dialect.MAVLink_param_error_message(*asker, name, index, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)]
+    return [dialect.MAVLink_param_error_message(*asker, name, index, error)]
 
 
 class StationService:
@@ -173,7 +185,7 @@ class StationService:
         """Return the answer to an order of which nothing aboard changes; parameters and routes are denied."""
         kind, sender = message.get_type(), _sender(message)
         if kind == "PARAM_SET":
-            return self._parameters.unchanged(message)
+            return self._parameters.unchanged(message, PERMISSION_DENIED if result == DENIED else None)
         if kind.startswith("MISSION_"):
             return self._missions.denied(message)
         return [acknowledgement(message_id(message) if kind == "SET_MODE" else message.command, result, sender)]
