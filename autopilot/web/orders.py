@@ -262,7 +262,7 @@ class Orders:
 
 
 ECHO_S = 1.5
-"""So long after our own order [s] the heading that the boat tells may still be the one before it."""
+"""So long after our own order was taken [s] the heading that the boat tells may still be the one before it."""
 
 
 class Course:
@@ -274,8 +274,11 @@ class Course:
 
     def __init__(self, given: Orders, view: BoatView) -> None:
         self._orders, self._view = given, view
-        self._meant = math.nan
-        self._meant_at = -math.inf
+        self._now = self._taken_at = -math.inf
+        self._taken = math.nan
+        self._under_way: dict[int, float] = {}
+        """What is meant [deg] by orders that are not answered yet, by their numbers, the newest last."""
+        self._count = 0
         self._is_wind = False
         self._compass: float | None = None
         self._way_back: Sequence[Command] = ()
@@ -291,11 +294,11 @@ class Course:
                 "a trial is being sailed: end it first" if is_trial else "engage first: no course is being steered",
             )
             return
-        self._order(now, base - degrees if self._view.mode == WIND else base + degrees, on_done)
+        self._order(base - degrees if self._view.mode == WIND else base + degrees, on_done)
 
     def turn_to(self, now: float, heading_deg: float, on_done: OnDone) -> None:
         """Order a heading [deg]."""
-        self._give(now, heading_deg % 360.0, (turn_to(heading_deg),), on_done)
+        self._give(heading_deg % 360.0, (turn_to(heading_deg),), on_done)
 
     def dodge(self, now: float, degrees: float, on_done: OnDone) -> None:
         """Step aside by so many degrees; again: further. What was steered before the first step is kept."""
@@ -324,39 +327,45 @@ class Course:
         if self._way_back is FOLLOW:
             self._orders.give(FOLLOW, noted)
         else:
-            self._give(now, before, self._way_back, noted)
+            self._give(before, self._way_back, noted)
 
-    def update(self) -> None:
-        """Forget the way back when nobody steers any more, not to the same, or by another compass."""
+    def update(self, now: float) -> None:
+        """Forget the way back, and what was meant, when at `now` [s] nobody steers any more, not to the same, or by
+        another compass."""
+        self._now = now
         is_wind, compass = self._view.mode == WIND, self._view.value("compass")
         if self._view.mode not in (HEADING, TRACK, WIND) or is_wind is not self._is_wind or compass != self._compass:
             self.before = None
-            self._meant_at = -math.inf
+            self._taken_at = -math.inf
+            self._under_way.clear()
         self._is_wind, self._compass = is_wind, compass
 
     def _base(self, now: float) -> float | None:
         if self._view.mode not in (HEADING, TRACK, WIND):
             return None
-        if now - self._meant_at < ECHO_S:
-            return self._meant
+        if self._under_way:
+            return next(reversed(self._under_way.values()))
+        if now - self._taken_at < ECHO_S:
+            return self._taken
         return self._view.value("wind_angle" if self._view.mode == WIND else "order")
 
-    def _order(self, now: float, target_deg: float, on_done: OnDone) -> None:
+    def _order(self, target_deg: float, on_done: OnDone) -> None:
         commands = self._commands(target_deg)
-        self._give(now, commands[0].parameters[self._view.mode == WIND], commands, on_done)
+        self._give(commands[0].parameters[self._view.mode == WIND], commands, on_done)
 
     def _commands(self, target_deg: float) -> tuple[Command, ...]:
         if self._view.mode != WIND:
             return (turn_to(target_deg),)
         return hold_wind(bool(self._view.value("wind_true")), math.remainder(target_deg, 360.0))[1:]
 
-    def _give(self, now: float, meant: float, commands: Sequence[Command], on_done: OnDone) -> None:
+    def _give(self, meant: float, commands: Sequence[Command], on_done: OnDone) -> None:
         """Give an order, and go by what is meant until the boat tells it."""
-        self._meant, self._meant_at = meant, now
+        number = self._count = self._count + 1
+        self._under_way[number] = meant
 
         def noted(taken: Answer, words: str) -> None:
-            if not taken:
-                self._meant_at = -math.inf
+            if self._under_way.pop(number, None) is not None and taken:
+                self._taken, self._taken_at = meant, self._now
             on_done(taken, words)
 
         self._orders.give(commands, noted)

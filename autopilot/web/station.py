@@ -303,7 +303,7 @@ class Station:
         for board in self._boards:
             board.update(now, self.view)
         self.journal.update(now, self.view)
-        self.course.update()
+        self.course.update(now)
         if now >= self._next_rates:
             messages += self._rates(now, target)
         messages += self.orders.due(now, target)

@@ -74,6 +74,36 @@ def test_ten_quick_steps_turn_ten_degrees_and_a_lost_answer_turns_no_further(sea
     assert sea.station.view.value("order") == pytest.approx((before + 6.0) % 360.0, abs=0.02)
 
 
+@pytest.mark.parametrize("times", [(0.0, 1.6), (0.0, 0.2, 1.9, 3.0), (*[0.05 * press for press in range(9)], 2.5)])
+def test_each_step_turns_though_the_answers_to_those_before_are_on_their_way(
+    sea: Watched, times: tuple[float, ...]
+) -> None:
+    sea.order(do="engage")
+    sea.watch(2.0)
+    before, began = sea.station.view.value("order"), sea.now
+    assert before is not None
+    ends: list[bool] = []
+    arrived, on_its_way = sea.far.receive, list[tuple[float, bytes]]()
+
+    def late() -> list[bytes]:
+        on_its_way.extend((sea.now + 1.7, data) for data in arrived())
+        count = sum(time <= sea.now for time, _ in on_its_way)
+        due, on_its_way[:] = [data for _, data in on_its_way[:count]], on_its_way[count:]
+        return due
+
+    sea.far.receive = late  # type: ignore[method-assign]
+    for time in times:
+        while sea.now < began + time:
+            sea.watch(0.05)
+        asked_of(sea.station, {"do": "turn", "degrees": 5})(sea.now, lambda taken, _: ends.append(bool(taken)))
+    sea.until(lambda: len(ends) == len(times))
+    sea.watch(1.0)
+    assert ends.count(False) == (len(times) > 8), "where too many wait, the ninth is refused, and said to be"
+    assert sea.skipper(sea.now, sea.tick).heading == pytest.approx(
+        math.remainder(math.radians(before + 5.0 * ends.count(True)), math.tau), abs=1.0e-3
+    )
+
+
 def test_dodging_keeps_the_way_back(sea: Watched) -> None:
     sea.order(do="engage")
     sea.watch(2.0)
