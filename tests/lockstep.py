@@ -11,9 +11,13 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from autopilot.links.base import Link
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.mavlink.companion import CompanionLink
+from autopilot.links.mavlink.router import ForwardLink, RoutedTransport, Router, budget_for, filter_of
+from autopilot.links.mavlink.signing import CountingTimestamps, Signing
 from autopilot.links.transports import LoopbackTransport, loopback_pair
+from autopilot.links.url import FORWARD_OPTIONS, open_transport, parse_url
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build_links import LinkOptions, companion_settings_of
 from autopilot.runtime.log_files import FileSink
@@ -128,6 +132,7 @@ class Lockstep:
 
     hooks: called each step, before the vehicle; to put strange datagrams on the line use `inject`.
     measured_every: steps of the simulation from one reading of its sensors to the next.
+    key: signs the line, and that of `forward`, the URL of a link to ground stations behind the pilot.
     """
 
     def __init__(
@@ -143,7 +148,10 @@ class Lockstep:
         log: Path | None = None,
         measured_every: int = 1,
         scenario: Scenario | None = None,
+        key: bytes = b"",
+        forward: str = "",
     ) -> None:
+        ours, theirs = (Signing(key, CountingTimestamps()) if key else None for _ in range(2))
         scenario = scenario or load_scenario("calm")
         scenario = dataclasses.replace(scenario, vehicle=dataclasses.replace(scenario.vehicle, **(vehicle or {})))
         self.world = World(vessel, scenario, pace=Pace(measured_every, measured_every))
@@ -151,20 +159,26 @@ class Lockstep:
         for name, value in (parameters or {}).items():
             assert self.firmware.parameters.set(name, value) is not None, name
         self.ahead_us = self.firmware.sticks[2]
-        self.vehicle = MavlinkVehicle(self.firmware, is_stream)
+        self.vehicle = MavlinkVehicle(self.firmware, is_stream, theirs.link() if theirs else None)
         near, self.far = loopback_pair("line")
         near.is_stream = is_stream
         self.near: LoopbackTransport = near
         self.up, self.down = lines or (BadLine(), BadLine())
         wired = companion_settings_of(vessel, LinkOptions(as_gcs=not vessel.helm.firmware_steers))
-        self.link = CompanionLink(near, wired._replace(**(settings or {})))
+        signing, router, behind = ours.link() if ours else None, Router(), list[Link]()
+        if forward:
+            url = parse_url(forward, FORWARD_OPTIONS)
+            link = ours.link() if ours else None
+            behind.append(ForwardLink(open_transport(url), router, budget_for(0), link, outgoing=filter_of(url)))
+        line = RoutedTransport(near, router, signing) if forward else near
+        self.link = CompanionLink(line, wired._replace(**(settings or {})), signing)
         self.order = Order()
         self.clock = Clock(lambda now: self.carry(now))
         self.ticks: deque[Tick] = deque()
         self.hooks: list[Hook] = []
         self.sent: list[tuple[float, Any]] = []
         place = None if log is None else partial(FileSink, log)
-        plan = Plan(vessel, lambda now, tick: self.order, law=law, links=(self.link,), log=place)
+        plan = Plan(vessel, lambda now, tick: self.order, law=law, links=(self.link, *behind), log=place)
         app = App(plan, self.clock)
         self.pilot, self.session = app.pilot, app.session
 
