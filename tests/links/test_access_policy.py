@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import ipaddress
 import os
@@ -461,6 +462,50 @@ ORDERED = [
     dialect.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 0),
     frames.CommandCancel(1, 1, dialect.MAV_CMD_USER_1),
 ]
+
+
+class Listener:
+    """A pilot with a system id that listens for stations of its own or, `forwards`, of its flight controller."""
+
+    def __init__(self, system: int, forwards: bool) -> None:
+        self.transport = UdpInTransport(f"pilot {system}", "127.0.0.1", 0)
+        self._codec, self._router, self._forwards = MavlinkCodec(system, 1), Router(), forwards
+        self._router.join(lambda _: True, has_vehicle=True)
+        commands = Commands(Skipper(), armed=False, mission=Mission(TrackGuide()))  # type: ignore[arg-type]
+        self.link: BoatLink | ForwardLink = (
+            ForwardLink(self.transport, self._router, budget_for(0))
+            if forwards
+            else BoatLink(self.transport, commands, ParameterServer(Store()), system=system)
+        )
+
+    def turn(self, now: float) -> None:
+        self.link.receive(now)
+        self.link.poll(now)
+        self.link.publish_tick(ordered(now, HEADING))
+        if self._forwards:
+            beat = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, 3, 0, 0, 4, 3)
+            for message in (dialect.MAVLink_attitude_message(int(1e3 * now), 0, 0, 1, 0, 0, 0), beat):
+                self._router.take(0, self._codec.encode(message))
+
+
+@pytest.mark.parametrize("forwards", [False, True])
+def test_two_pilots_whom_one_forged_datagram_makes_peers_let_go_of_each_other(forwards: bool) -> None:
+    first, second = pilots = Listener(1, forwards), Listener(2, forwards)
+    station, codec = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), MavlinkCodec(255, 190)
+    beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    with contextlib.closing(first.link), contextlib.closing(second.link), station:
+        # as if the second had sent it
+        second.transport._socket.sendto(codec.encode(beat), ("127.0.0.1", first.transport.port))
+        station.bind(("127.0.0.1", 0))
+        station.setblocking(False)
+        for step in range(400):
+            if step >= 200 and step % 20 == 0:
+                station.sendto(codec.encode(beat), ("127.0.0.1", first.transport.port))
+            for pilot in pilots:
+                pilot.turn(0.05 * step)
+            assert step != 20 or first.transport.peer == ("127.0.0.1", second.transport.port)
+        assert first.transport.peer == station.getsockname(), "the skipper's station comes in"
+        assert station.recv(1000)
 
 
 class Lan:

@@ -193,6 +193,7 @@ class LinkAccess:
         self.crowded = False
         self.stops, self.orders = policy.stops, policy.orders
         self._policy = policy
+        self._vehicles: dict[tuple[int, int], None] = {}
         rules = policy.rules
         self._bytes = Budget(BYTES_S, BYTES_AT_ONCE)
         self._commands = Budget(rules.commands_hz, max(1.0, BURST_S * rules.commands_hz))
@@ -217,9 +218,24 @@ class LinkAccess:
             self.crowded = self.crowded or datagrams > REFUSED_AT_ONCE
 
     def accepts(self, message: Message) -> bool:
-        """Return whether a ground station that is heard may have sent `message`; counts nothing."""
-        systems = self._policy.rules.systems
-        return is_from_station(message) and (not systems or message.get_srcSystem() in systems)
+        """Return whether a ground station that is heard may have sent `message`; counts nothing.
+
+        Who beats as a vehicle is none, whatever else it says: of two pilots that listen, one forged datagram would make
+        each hold the other's line for good.
+        """
+        systems, sender = self._policy.rules.systems, _name(message)
+        is_station = is_from_station(message)
+        if message.get_type() == "HEARTBEAT":
+            self._vehicles.pop(sender, None)
+            if not is_station:
+                self._vehicles[sender] = None
+                while len(self._vehicles) > SENDERS_KEPT:
+                    del self._vehicles[next(iter(self._vehicles))]
+        return is_station and not self.is_vehicle(sender) and (not systems or sender[0] in systems)
+
+    def is_vehicle(self, sender: tuple[int, int]) -> bool:
+        """Return whether a sender (system, component) has beaten as a vehicle last."""
+        return sender in self._vehicles
 
     def lets_in_system(self, system: int) -> bool:
         """Return whether a sender's system id is heard; counts it where it is not."""

@@ -407,7 +407,11 @@ class ForwardLink(StationLink):
                 elif (self._signing is None or not self._signing.refuses(frame)) and (
                     self.takes_orders or self._access.passes_on(frame)
                 ):
-                    self._presence.on_packet(now, identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT)
+                    is_beat = identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT
+                    for message in MavlinkCodec().decode(frame) if is_beat else ():
+                        self._access.accepts(message)
+                    if not self._access.is_vehicle(source_of(frame)):
+                        self._presence.on_packet(now, is_beat)
                     if is_mavlink(frame):  # the log's readers know no other messages
                         self._packets.append((now, frame))
                     if self._has_rates and asks_for_streams(frame):
