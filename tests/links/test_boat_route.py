@@ -156,6 +156,33 @@ def test_a_new_route_under_way_holds_the_course_until_it_is_asked_for() -> None:
     assert boat.sail(1.0).mode is Mode.ENGAGED
 
 
+def test_a_change_of_the_route_that_a_line_held_until_the_next_had_come_is_not_made() -> None:
+    boat = ServedBoat(armed=True)
+    boat.listen(1.0)
+    late = [
+        boat.station.encode(message)
+        for message in (
+            dialect.MAVLink_mission_clear_all_message(1, 1),
+            dialect.MAVLink_mission_count_message(1, 1, 1),
+            dialect.MAVLink_mission_set_current_message(1, 1, 0),
+        )
+    ]
+    upload(boat, ROUTE)
+    boat.ask(dialect.MAVLink_mission_set_current_message(1, 1, 1))
+    assert boat.command(SET_MODE, 1, AUTO) == ACCEPTED
+    boat.sail(1.0)
+    before, heard = boat.mission.items, len(boat.heard)
+    for data in late:
+        boat.far.send(data)
+    boat.listen(8.0)
+    assert boat.mission.items == before and mode_of(boat) == AUTO and boat.track.target == 1
+    assert not only(boat.heard[heard:], "MISSION_ACK"), "none that would be taken for another's"
+    said = [message.text for message in only(boat.heard[heard:], "STATUSTEXT")]
+    assert any(text.startswith("a change of the route came behind the one") for text in said)
+    boat.ask(dialect.MAVLink_mission_clear_all_message(1, 1))
+    assert boat.mission.items == ()
+
+
 def test_a_lost_position_is_reported_to_everybody_and_the_heading_stays() -> None:
     boat = under_way()
     boat.sail(10.0)

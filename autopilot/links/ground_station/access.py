@@ -361,6 +361,9 @@ def is_from_station(message: Message) -> bool:
 OVERTAKEN = 32
 """So many of its sender's messages may have come before one that was sent ahead of them."""
 ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
+OF_A_ROUTE = frozenset({"MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT"})
+"""What a later one of them, or an item of a route, makes void."""
+VOIDING = frozenset({"PARAM_SET", *OF_A_ROUTE, "MISSION_ITEM", "MISSION_ITEM_INT"})
 
 
 class _Taken(NamedTuple):
@@ -395,7 +398,7 @@ class OrderSequence:
     A sender that had no answer says its order again, with the next `confirmation`; a line may double a datagram, whose
     sequence number is the same then. To do it again would turn twice as far, or engage a boat that somebody has let
     stand by meanwhile. So would an order that a line held until the order to stand by, sent after it, had come, and a
-    value that it held until the one set after it had.
+    value or a change of the route that it held until the one sent after it had.
 
     A router that has two ways to the boat passes the same datagram on over both: `orders` are those of all links.
     """
@@ -436,9 +439,9 @@ class OrderSequence:
 
     def is_overtaken(self, now: float, message: Message) -> bool:
         """Return whether what the sender sent after this, and what makes it void, has come already: an order to stand
-        by, or another value of the same parameter."""
+        by, another value of the same parameter, or the next change of the route."""
         sender = self._sender(message)
-        if message.get_type() not in (*ONCE, "PARAM_SET") or _voids(message) not in sender.last:
+        if message.get_type() not in (*ONCE, "PARAM_SET", *OF_A_ROUTE) or _voids(message) not in sender.last:
             return False
         time, number, words = sender.last[_voids(message)]
         is_behind = now - time <= REPEATED_S and 0 < number - sender.number_of(message) <= OVERTAKEN
@@ -450,13 +453,13 @@ class OrderSequence:
         number = sender.number_of(message)
         if stands_by(message):
             sender.taken.clear()  # what is ordered from now on is meant to end it, however often it is said
-        if stands_by(message) or message.get_type() == "PARAM_SET":
+        if stands_by(message) or message.get_type() in VOIDING:
             sender.last = {name: each for name, each in sender.last.items() if now - each[0] <= REPEATED_S}
             name = _voids(message)
             # one that comes again, and late, is not its sender's last
             newest = max(number, sender.last[name][1]) if name in sender.last else number
             sender.last[name] = now, newest, _words(message)
-        if message.get_type() != "PARAM_SET":
+        if message.get_type() in ONCE:
             sender.taken.append(_Taken(now, number, confirmation_of(message), _command(message), _words(message)))
             self._orders.append((now, _name(message), message.get_seq(), _words(message)))
 
@@ -484,8 +487,13 @@ def _command(message: Message) -> int:
 
 
 def _voids(message: Message) -> str:
-    """Return the name of what makes a message void that was sent before it: "" an order to stand by, or a value."""
-    return f"={message.param_id}" if message.get_type() == "PARAM_SET" else ""
+    """Return the name of what makes a message void that was sent before it: "" for an order to stand by, or that of
+    the parameter, or the route of its kind."""
+    if message.get_type() == "PARAM_SET":
+        return f"={message.param_id}"
+    kind = getattr(message, "mission_type", dialect.MAV_MISSION_TYPE_MISSION)
+    kind = dialect.MAV_MISSION_TYPE_MISSION if kind == dialect.MAV_MISSION_TYPE_ALL else kind
+    return f"route {kind}" if message.get_type() in VOIDING else ""
 
 
 def _words(message: Message) -> str:

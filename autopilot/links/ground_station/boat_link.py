@@ -10,6 +10,8 @@ from autopilot.links.alarm_outputs import StatusTexts, severity_of
 from autopilot.links.base import UNSEEN, AlarmNews, Backlog, Transport
 from autopilot.links.ground_station.access import (
     MANUAL,
+    OF_A_ROUTE,
+    VOIDING,
     LinkAccess,
     OrderSequence,
     StationLink,
@@ -63,6 +65,7 @@ LOOKING_ONLY = "no orders without a signing key over this link: set a key, or al
 CAME_LATE = "orders from while this computer stood still are not carried out: order again"
 OVERTAKEN = "an order from before the one to stand by came behind it and is not carried out: order again"
 VALUE_OVERTAKEN = "came behind the value that was set after it and is not set: set it again if you still want it"
+ROUTE_OVERTAKEN = "a change of the route came behind the one sent after it and is not made: look at the route"
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
 
 
@@ -209,11 +212,14 @@ class BoatLink(StationLink):
     def _carry_out(self, now: float, message: Message) -> list[Message]:
         """Carry an order out, once, unless its sender has given the rudder back since; return the answer."""
         stop, giver = self._commands.last_stop, (self, message.get_srcSystem(), message.get_srcComponent())
-        is_value = message.get_type() == "PARAM_SET"
+        kind = message.get_type()
         if not counts_late(message):
             if self._sequence.is_overtaken(now, message):
-                reason = f"a value of {message.param_id} {VALUE_OVERTAKEN}" if is_value else OVERTAKEN
-                return self._put_off(now, message, reason)
+                if kind in OF_A_ROUTE:
+                    self._put_off(now, message, ROUTE_OVERTAKEN)
+                    return []  # its answer would be taken for one to what was sent after it
+                value = f"a value of {message.param_id} {VALUE_OVERTAKEN}" if kind == "PARAM_SET" else ""
+                return self._put_off(now, message, value or OVERTAKEN)
             if self._sequence.is_again(now, message):
                 running = self._commands.running
                 is_it = running is not None and running.command == getattr(message, "command", None)
@@ -221,7 +227,7 @@ class BoatLink(StationLink):
             if may_engage(message) and stop.is_unseen(now, giver, confirmation_of(message)):
                 return self._put_off(now, message, UNSEEN)
         answers = self._service.take(now, message)
-        if is_value or any(getattr(answer, "result", None) in (ACCEPTED, IN_PROGRESS) for answer in answers):
+        if kind in VOIDING or any(getattr(answer, "result", None) in (ACCEPTED, IN_PROGRESS) for answer in answers):
             self._sequence.taken(now, message)
         if answers and gives_rudder_back(message):
             stop.ordered(now, giver)
