@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from autopilot.links.base import UNSEEN_S
+from autopilot.links.ground_station.access import Budget
 from autopilot.links.transports.medium import open_error, resolve
 from autopilot.signalk.messages import (
     BEAT_S,
@@ -38,6 +39,8 @@ BEHIND_MOST = 65536
 CHUNK = 4096
 LINES_MOST = 20
 """Lines of one client in one turn."""
+NEWS_S, NEWS_AT_ONCE = 1.0, 40.0
+"""Lines for people a second, and how many may be saved up."""
 
 
 class ReceivedLine(NamedTuple):
@@ -108,7 +111,8 @@ class LineClients:
 
     def _accept(self) -> list[int]:
         new: list[int] = []
-        while True:
+        # no more in a turn: who connects without end must not keep orders waiting
+        for _ in range(CLIENTS_MOST):
             try:
                 client, sender = self._listener.accept()
             except OSError:
@@ -123,6 +127,7 @@ class LineClients:
             self._addresses[self._count] = str(sender[0])
             self.news.append(f"Signal K: {sender[0]} has connected")
             new.append(self._count)
+        return new
 
     def _make_room(self) -> bool:
         """Hang up on one without the token; False where all have shown it."""
@@ -191,6 +196,7 @@ class Bridge:
         self._stops, self._stood_by = GivenStops(station.view), -math.inf
         self._now = self._next = self._next_beat = -math.inf
         self._trouble = ""
+        self._words = Budget(NEWS_S, NEWS_AT_ONCE)
 
     @property
     def descriptors(self) -> list[int]:
@@ -271,7 +277,8 @@ class Bridge:
 
     def _publish(self) -> None:
         for news in self._clients.news:
-            self._print(news)
+            if self._words.spend(self._now, 1.0):
+                self._print(news)
         self._clients.news.clear()
         if self._line.trouble != self._trouble:
             self._trouble = self._line.trouble

@@ -119,6 +119,32 @@ def rig() -> Any:
     made.bridge.close()
 
 
+class Crowd:
+    """A listener at which another always waits."""
+
+    def __init__(self, inside: socket.socket) -> None:
+        self._inside, self.come, self._ends = inside, 0, list[socket.socket]()
+
+    def accept(self) -> tuple[socket.socket, tuple[str, int]]:
+        self.come += 1
+        assert self.come < 3000, "no turn ends"
+        near, far = socket.socketpair()
+        far.close()
+        return near, ("192.0.2.1", self.come)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inside, name)
+
+
+def test_clients_that_connect_without_end_keep_no_order_waiting_and_are_not_all_said(rig: Rig) -> None:
+    with rig.connect() as skipper:
+        crowd = rig.clients._listener = Crowd(rig.clients._listener)  # type: ignore[assignment]
+        rig.boat.mode = HEADING
+        rig.turn(20)
+        assert rig.ask(skipper, "steering.autopilot.state", "standby")["statusCode"] == 200
+    assert crowd.come > 20 and len(rig.said) < 20.0 * 0.05 * 20 + 60.0
+
+
 def test_what_the_pilot_tells_comes_in_signal_k_units(rig: Rig) -> None:
     rig.turn(3)
     values = values_of(rig.station, rig.now)
