@@ -343,6 +343,20 @@ def test_a_relative_yaw_needs_a_heading() -> None:
     assert service.give(YAW, 10.0, at=nameless) == ACCEPTED, "an absolute one does not"
 
 
+def test_each_of_two_turns_between_two_ticks_turns() -> None:
+    service, at = Service(), tick()
+    ordered = at.order.heading
+    for each in (10.0, 10.0, -5.0):
+        assert service.give(YAW, abs(each), 0.0, math.copysign(1.0, each), 1.0, at=at) == ACCEPTED
+    assert [heading for _, heading in service.hand.orders] == [
+        pytest.approx(ordered + turn * DEG) for turn in (10.0, 20.0, 15.0)
+    ]
+    assert service.give(YAW, 10.0, 0.0, 1.0, 1.0, at=tick()) == ACCEPTED
+    assert service.hand.orders[-1][1] == pytest.approx(ordered + 10.0 * DEG), "the next tick says what is ordered"
+    assert service.give(YAW, 90.0, at=at) == service.give(YAW, 10.0, 0.0, 1.0, 1.0, at=at) == ACCEPTED
+    assert service.hand.orders[-1][1] == pytest.approx(100.0 * DEG)
+
+
 def test_a_heading_is_of_type_1() -> None:
     service = Service()
     assert service.give(CHANGE_HEADING, 1.0, 190.0, at=tick()) == ACCEPTED

@@ -328,6 +328,8 @@ class Commands:
         self.refusal = ""
         """Why the last command was refused, for people."""
         self.running: LongCommand | None = None
+        self._turned: tuple[Tick | None, float] = None, math.nan
+        """The heading [rad] ordered last, and after which tick."""
         self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
             int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
@@ -375,7 +377,7 @@ class Commands:
             self._helmsman.engage(None)
         elif self.mission.is_followed or (tick.order.is_led and not self.mission.guide.following):
             # out of a route, a turn pattern, or where wind or plotter lead; going to a place belongs to this mode
-            self._helmsman.turn_to(tick.order.heading)
+            self._helmsman.turn_to(self._ordered(tick))
         return ACCEPTED
 
     def cancel(self, command: int) -> bool:
@@ -616,10 +618,15 @@ class Commands:
             return self._refuse(DENIED, BEYOND_A_TURN)
         if relative == 0.0:
             return self._steer(tick, math.radians(angle_deg))
-        if tick is None or not math.isfinite(tick.order.heading):
+        if tick is None or not math.isfinite(self._ordered(tick)):
             return self._refuse(REJECTED, "no heading is being steered yet")
         turn = -abs(angle_deg) if direction == COUNTERCLOCKWISE else angle_deg
-        return self._steer(tick, tick.order.heading + math.radians(turn))
+        return self._steer(tick, self._ordered(tick) + math.radians(turn))
+
+    def _ordered(self, tick: Tick) -> float:
+        """Return the heading [rad] that is ordered after `tick`: the next tick has what came since."""
+        since, heading = self._turned
+        return heading if since is tick else tick.order.heading
 
     def _change_heading(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         kind, heading_deg = parameters[:2]
@@ -634,6 +641,7 @@ class Commands:
     def _steer(self, tick: Tick | None, heading: float) -> int:
         if tick is None or not _steers(tick):
             return self._refuse(REJECTED, "not engaged: arm and set mode GUIDED first")
+        self._turned = tick, wrap(heading)
         self._helmsman.turn_to(wrap(heading))
         return ACCEPTED
 
