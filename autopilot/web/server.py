@@ -411,7 +411,7 @@ def serve(
 ) -> None:
     """Serve on a bound socket until a signal comes; `leave` lets go of who follows the boat. secure: over https."""
     config = uvicorn.Config(
-        app, http=limited(access), log_level="warning", access_log=False, timeout_graceful_shutdown=2, ws="none"
+        app, http=limited(access), log_level="error", access_log=False, timeout_graceful_shutdown=2, ws="none"
     )
     config.load()
     config.ssl = secure

@@ -596,6 +596,27 @@ def test_connections_that_say_nothing_do_not_shut_out_the_skipper(tmp_path: Path
         web.communicate()
 
 
+def test_what_is_no_request_for_a_page_is_no_line_on_the_terminal(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "autopilot", "web", "--link", "udpin:127.0.0.1:0", "--listen", "127.0.0.1:0"]
+    web = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    try:
+        assert web.stdout is not None
+        port = int(re.findall(r"http://127.0.0.1:(\d+)/", web.stdout.readline())[0])
+        web.stdout.readline()
+        head = f"GET /api/may HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\r\n"
+        for said in (head.encode(), b"\x16\x03\x01\r\n\r\n"):
+            with socket.create_connection(("127.0.0.1", port), 60.0) as line:
+                line.sendall(said)
+                assert line.recv(9) == b"HTTP/1.1 "
+        web.send_signal(signal.SIGTERM)
+        said_of_us = ("link ", "autopilot: ended")
+        assert [line for line in web.communicate(timeout=60.0)[1].splitlines() if not line.startswith(said_of_us)] == []
+        assert web.returncode == 0
+    finally:
+        web.kill()
+        web.communicate()
+
+
 def test_a_request_whose_end_two_readers_would_see_in_two_places_is_refused_whole(sea: Watched) -> None:
     """RFC 9112, 6.1: a proxy that goes by the length would let the second order pass as the first one's body."""
     order = b'{"do":"engage"}'
