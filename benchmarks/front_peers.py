@@ -10,9 +10,9 @@ The study's PID: a PID on a low-passed heading and derivative, with a weather ba
 
 The Kalman PID: heading, rate and bias by an observer of constant gains on the linear model, gains on all three.
 
-The LQG law: it knows boat, gear, path, noise and the spectrum of what pushes. Travel is the mean of |u'|, so that no
-linear law is the best: it is given a play, and moves the rudder no further than to the edge of a band about its wish.
-Play and gains are searched about those of the linear law.
+The LQG law: it knows boat, gear, path, noise, the steady wind and the spectrum of what else pushes. Travel is the mean
+of |u'|, so that no linear law is the best: it is given a play, and moves the rudder no further than to the edge of a
+band about its wish. Play and gains are searched about those of the linear law.
 """
 
 from __future__ import annotations
@@ -207,10 +207,9 @@ def kalman_pid_step(
     return order, KalmanPidMemory(psi, r, bias, order)
 
 
-ORDER = 6
-"""Place of the order in the LQG law's state."""
-WANDERS = 0.22
-"""So much of the steady wind the LQG law believes to change in 1000 s: it learns it within what is not judged."""
+RUDDER, ORDER = 2, 6
+"""Places of the rudder and of the order in the LQG law's state, both beyond those that hold against the steady wind;
+from ORDER on the orders under way."""
 
 
 class Lqg(NamedTuple):
@@ -252,10 +251,22 @@ def lqg_step(helm: Lqg, memory: tuple[Floats, Floats], heading: float, rate: flo
     return new, (x, order)
 
 
-def lqg_laws(model: Norrbin, lag: float, path: float, sea: Any, instruments: Any, rudder: Rudder) -> list[Lqg]:
-    """Return the linear laws by weight on the rudder's rate; everything is known to them but the deviates."""
+class Beliefs(NamedTuple):
+    """What the pilot takes a sea for: waves that are a heading of their own, an oscillator of a `damping` [-], and a
+    `doubt` of its model [(rad/s)^2/s]."""
+
+    damping: float
+    doubt: float
+
+
+def lqg_laws(
+    boat: tuple[Norrbin, float, float], sea: Any, instruments: Any, rudder: Rudder, beliefs: Beliefs | None = None
+) -> list[Lqg]:
+    """Return the linear laws of a boat (model, lag of its rudder [s], path [s]) by weight on the rudder's rate;
+    everything is known to them but the deviates, or taken for what the `beliefs` say."""
+    model, lag, path = boat
     dt = 1.0 / instruments.hz
-    f, g, q = lqg_system(model, lag, round(path / dt), sea, dt)
+    f, g, q = lqg_system(lag, round(path / dt), pushed(model, sea, beliefs), dt)
     n = len(f)
     h = np.eye(2 if instruments.has_rate else 1, n)
     noises = np.radians([max(instruments.heading_deg, 1.0e-3), max(instruments.rate_deg_s, 1.0e-3)])
@@ -287,18 +298,33 @@ def lqg_between(laws: list[Lqg], numbers: Floats) -> Lqg:
     return laws[0]._replace(feedback=wish, play=math.radians(math.exp(numbers[5])))
 
 
-def lqg_system(model: Norrbin, lag: float, late: int, sea: Any, dt: float) -> tuple[Floats, Floats, Floats]:
-    """Return transition, move and noise of (psi, r, rudder, two of the waves, wind and gusts, the order and the `late`
-    orders before it) over `dt` [s]; a step's command moves the order."""
-    n = 6
-    a, q = np.zeros((n, n)), np.zeros((n, n))
-    drive = model.gain / model.time_constant
-    a[0, 1], a[1, 1], a[2, 2] = 1.0, -model.n1 / model.time_constant, -1.0 / max(lag, 1.0e-3)
-    a[1, 2] = a[1, 4] = a[1, 5] = drive
-    a[3, 4], a[4, 3], a[4, 4] = sea.frequency, -sea.frequency, -2.0 * sea.damping * sea.frequency
-    q[4, 4] = 4.0 * sea.damping * sea.frequency * math.radians(sea.waves) ** 2
-    a[5, 5] = -1.0 / sea.gust_time if sea.gusts else -1.0e-3
-    q[5, 5] = -2.0 * a[5, 5] * math.radians(sea.gusts if sea.gusts else WANDERS * max(sea.wind, 0.01)) ** 2
+def pushed(model: Norrbin, sea: Any, beliefs: Beliefs | None) -> tuple[Floats, Floats]:
+    """Return slopes and noise of (psi, r, rudder, two of the waves, gusts), those of the rudder aside."""
+    a, q = np.zeros((6, 6)), np.zeros((6, 6))
+    drive, n, w = model.gain / model.time_constant, model.n1 / model.time_constant, sea.frequency
+    a[0, 1], a[1, 1] = 1.0, -n
+    a[1, 2] = a[1, 5] = drive
+    a[5, 5] = -1.0 / sea.gust_time
+    q[5, 5] = 2.0 / sea.gust_time * math.radians(sea.gusts) ** 2
+    if beliefs is None:
+        a[1, 4] = drive
+        a[3, 4], a[4, 3], a[4, 4] = w, -w, -2.0 * sea.damping * w
+        q[4, 4] = 4.0 * sea.damping * w * math.radians(sea.waves) ** 2
+    else:
+        # waves of the heading that the true ones make, in psi and r as well
+        ringing, size = 2.0 * beliefs.damping * w, (drive * math.radians(sea.waves)) ** 2 / (w * w * (w * w + n * n))
+        a[1, 3], a[1, 4] = -w * w, n - ringing
+        a[3, 4], a[4, 3], a[4, 4] = 1.0, -w * w, -ringing
+        q[np.ix_((1, 4), (1, 4))] = 2.0 * ringing * w * w * size
+        q[1, 1] += beliefs.doubt
+    return a, q
+
+
+def lqg_system(lag: float, late: int, moves: tuple[Floats, Floats], dt: float) -> tuple[Floats, Floats, Floats]:
+    """Return transition, move and noise of (psi, r, rudder, two of the waves, gusts, the order and the `late` orders
+    before it) over `dt` [s] where the boat is `pushed` as `moves` say; a step's command moves the order."""
+    (a, q), n = moves, 6
+    a[2, 2] = -1.0 / max(lag, 1.0e-3)
     b = np.zeros((n, 1))
     b[2, 0] = 1.0 / max(lag, 1.0e-3)
     both = expm(dt * np.block([[a, b], [np.zeros((1, n + 1))]]))
