@@ -300,6 +300,14 @@ class Course:
         """Order a heading [deg]."""
         self._give(heading_deg % 360.0, (turn_to(heading_deg),), on_done)
 
+    def hold_wind(self, is_true: bool, degrees: float | None, on_done: OnDone) -> None:
+        """Hold an angle of the wind [deg], None: the present one."""
+        commands, view = hold_wind(is_true, degrees), self._view
+        if degrees is not None and view.mode == WIND and is_true == bool(view.value("wind_true")):
+            self._give(degrees, commands, on_done)
+        else:
+            self._orders.give(commands, on_done)
+
     def dodge(self, now: float, degrees: float, on_done: OnDone) -> None:
         """Step aside by so many degrees; again: further. What was steered before the first step is kept."""
         base = self._base(now)

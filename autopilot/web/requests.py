@@ -152,11 +152,12 @@ def _next(station: Station, request: dict[str, Any]) -> Asked:
     return asked
 
 
-def _wind(request: dict[str, Any]) -> tuple[Command, ...]:
-    is_true, degrees = request.get("true", False), request.get("degrees")
+def _wind(station: Station, request: dict[str, Any]) -> Asked:
+    is_true, given = request.get("true", False), request.get("degrees")
     if not isinstance(is_true, bool):
         raise InputError("wind: true: true (the true wind) or false (the apparent one) is allowed")
-    return orders.hold_wind(is_true, None if degrees is None else _number(request, "degrees", -180.0, 180.0))
+    degrees = None if given is None else _number(request, "degrees", -180.0, 180.0)
+    return lambda _, on_done: station.course.hold_wind(is_true, degrees, on_done)
 
 
 def _turn_of_the_wind(request: dict[str, Any]) -> tuple[Command, ...]:
@@ -233,7 +234,7 @@ _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
     "mob": _numbers(OVERBOARD, 1.0),
     "mob_at": _commands(_overboard_at),
     "mob_off": _numbers(OVERBOARD, 0.0),
-    "wind": _commands(_wind),
+    "wind": _wind,
     "tack": _commands(_turn_of_the_wind),
     "gybe": _commands(_turn_of_the_wind),
     "confirm": _numbers(WINDWARD, float(CONFIRM)),

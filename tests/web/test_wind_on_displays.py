@@ -37,6 +37,11 @@ def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched) -> None:
         assert sea.order(do="turn", degrees=1) == (True, "")
     sea.watch(2.0)
     assert view.value("wind_angle") == pytest.approx(42.0)
+    # and so does one behind an angle that has just been given
+    for wanted in ({"do": "wind", "true": True, "degrees": 52}, {"do": "turn", "degrees": 10}):
+        assert sea.order(**wanted) == (True, "")
+    sea.watch(2.0)
+    assert view.value("wind_angle") == pytest.approx(42.0)
     assert sea.order(do="dodge", degrees=-20) == (True, "")
     sea.watch(2.0)
     assert view.value("wind_angle") == pytest.approx(62.0) and sea.station.course.before == pytest.approx(42.0)
