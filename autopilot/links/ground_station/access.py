@@ -378,8 +378,8 @@ class _Taken(NamedTuple):
 
 class _Sender:
     """What is known of one sender: the number of its newest message, that goes on where the one on the line begins
-    again behind 255; whether its numbers go on at all; what it ordered of late, the newest last; and of its last order
-    to stand by and of its last value of each parameter, by `_voids`, time [s], number and words."""
+    again behind 255; whether its numbers go on at all; what it ordered of late, the newest last; and time [s], number
+    and words of the last that made what was sent before it void, by the name that `_voids` gives."""
 
     def __init__(self, number: int) -> None:
         self.newest, self.counts = number, False
