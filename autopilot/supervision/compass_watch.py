@@ -61,6 +61,10 @@ OPPOSITE_WAYS = "they turn opposite ways"
 STANDS_STILL = "the rate stands still"
 LONGEST_STEP_S = 0.5
 SQRT_2 = math.sqrt(2.0)
+FLOAT_DIGIT = 2.0**-22
+"""[rad]: of a float of 32 bits near pi."""
+CLOCK = 1.0e-9
+"""[s]: clocks count nanoseconds."""
 TURN_SHOWS = HELD_SETTLES + APART_TIME
 """[s]: by then a heading that was taken for one that has jumped, and turns, is off again."""
 
@@ -128,7 +132,8 @@ class Held(NamedTuple):
     it is a jump: onset [s], nan otherwise, the offset `before`, and how far it still `moved` in the second half [rad],
     or, beside no rate that is believed, since; is_sudden: no boat turns so far at once. is_turn: the heading turns on
     and the rate does not, until they go together again. jumped [s]: when the heading was off last, and how often in a
-    row; by [rad]: the first time; is_said: whether that is an alarm."""
+    row; by [rad]: the first time; is_said: whether that is an alarm. stood [s]: for how long the headings have been the
+    very same: one that is repeated says nothing of what the boat does."""
 
     offset: float = 0.0
     usual: float = 0.0
@@ -143,6 +148,7 @@ class Held(NamedTuple):
     by: float = 0.0
     is_said: bool = False
     is_sudden: bool = False
+    stood: float = 0.0
 
 
 NOT_HELD = Held()
@@ -193,13 +199,20 @@ def sudden_most(quickest: float, step: float, usual: float) -> float:
     return quickest * step + (noise if noise > HELD_LEAST else HELD_LEAST)
 
 
+def has_rested(held: Held, time: float, step: float) -> bool:
+    """Return whether a heading that jumped has shown since that it rests there, when it jumps again at `time` [s], a
+    `step` [s] after the one before: one that trembles, or is swung, goes on at once."""
+    return time - held.jumped > max(JUMP_SETTLED - CLOCK, JUMP_SAMPLES * step + CLOCK)
+
+
 def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float, quickest: float) -> Held:
     """Take a heading that is further by `turned`, (by heading [rad], in a step [s]), at `time` [s], beside no rate of
     turn that is believed; return what is held.
 
     By more than the boat turns at its `quickest` [rad/s] it has jumped, if it stays: no gyro bears witness. One that is
     back within HELD_SETTLES was a spike, and one that moves by more than HELD_STAYS of its jump otherwise turns, by
-    hand, in a wake or in a broach, as does one that was about to. jump: see `held_step`.
+    hand, in a wake or in a broach, as does one that was about to; but from rest by as much as no boat turns since the
+    heading showed anything new it jumps again. jump: see `held_step`.
     """
     (by_heading, step), usual = turned, math.sqrt(held.at_once)
     least, turns = sudden_most(quickest, step, usual), abs(by_heading)
@@ -213,6 +226,9 @@ def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float
     if abs(moved) > HELD_STAYS * abs(by_jump):
         if abs(by_jump + moved) < HELD_STAYS * abs(by_jump):
             return ended(held._replace(offset=held.before), rest)
+        is_sudden = jump + HELD_LEAST > turns > sudden_most(quickest, held.stood + step, usual)
+        if is_sudden and has_rested(held, time, step):
+            return jumped_again(held, by_heading, time)
         return settled(held)._replace(moved=0.0, is_turn=True, jumps=held.jumps - 1)
     held = held._replace(moved=moved, is_sudden=True)
     return ended(held, rest) if time - held.onset >= HELD_SETTLES else held
@@ -223,7 +239,7 @@ class Off(NamedTuple):
 
     off [rad]: the innovation against the rate's own reckoning, which forgets in SENSE_TIME, and `at_once`: its change.
     limit and once [rad]: by no more of either is it off by noise and lag; sudden [rad]: by more than this no boat turns
-    at once; ours [rad]: what is further ends steering, and is not held.
+    since the headings showed anything new; ours [rad]: what is further ends steering, and is not held.
     """
 
     time: float
@@ -253,14 +269,15 @@ def held_step(
     """
     (by_heading, by_rate, step), (time, rate), (jump, quickest) = turned, at, most
     after, usual, change = turns_step(turns, by_heading, by_rate, step), math.sqrt(held.usual), math.sqrt(held.at_once)
+    lasted = held.stood + step
     seen = Off(
         time,
         step,
         after.heading - after.rate,
         by_heading - by_rate,
-        unturned_most(turns, rate, step, usual, HELD_LAG),
-        unturned_most(turns, rate, step, change, step),
-        sudden_most(quickest, step, change),
+        unturned_most(turns, rate, lasted, usual, HELD_LAG),
+        unturned_most(turns, rate, lasted, change, lasted),
+        sudden_most(quickest, lasted, change),
         jump + HELD_LEAST,
     )
     if is_looked_at(held):
@@ -276,9 +293,12 @@ def held_step(
 
 def known_step(held: Held, seen: Off) -> Looked:
     """Take a heading while it is known what the headings do. One that is off further than by noise and lag, or changes
-    by more at once, is looked at; one that was held to have jumped, and goes on to the same side soon, turns."""
+    by more at once, is looked at; one that was held to have jumped, and goes on to the same side soon, turns, unless it
+    does so from rest and as suddenly as no boat does."""
     time, step, off, at_once, limit, once, sudden, ours = seen
     goes_on = held.offset * off > 0.0 and abs(off) > HELD_RESTS * limit and time - held.jumped < TURN_SHOWS
+    if goes_on and abs(at_once) > sudden and abs(off - at_once) <= HELD_RESTS * limit:
+        goes_on = not has_rested(held, time, step)
     is_off = abs(off) > limit or goes_on
     if not (is_off or abs(at_once) > once) or abs(off) >= ours or held.known < HELD_LAG:
         return usual_step(held, (off, at_once), step, abs(off) > limit), 0.0, 0.0
@@ -293,17 +313,18 @@ def known_step(held: Held, seen: Off) -> Looked:
 
 def looking_step(held: Held, seen: Off) -> Looked:
     """Take a heading while the headings are looked at, and the rate alone carries on. One that has come to rest after
-    HELD_SETTLES has jumped, one that is back was a spike, one that moves on by what no boat turns at once has jumped
-    again, and one that moves on otherwise turns, and the rate does not."""
+    HELD_SETTLES has jumped, one that is back was a spike, one that moves on from rest by what no boat turns at once has
+    jumped again, and one that moves on otherwise turns, and the rate does not."""
     by, before, since = seen.at_once, held.before, seen.time - held.onset
-    offset = held.offset + by
-    if abs(offset - before) >= seen.ours > abs(by) > seen.sudden:
-        again = begun(held, by, seen.time)
-        # one that jumps on and on never comes to rest
-        return again._replace(offset=offset, is_said=again.is_said or again.jumps >= JUMPS), by, 0.0
-    moved = held.moved + (by if since > 0.5 * HELD_SETTLES else 0.0)
+    offset, is_late = held.offset + by, since > 0.5 * HELD_SETTLES
     # half of what noise alone allows
     rest, is_over = 0.5 * sudden_most(0.0, 0.0, math.sqrt(held.usual)), since >= HELD_SETTLES
+    if seen.ours > abs(by) > seen.sudden:
+        rests = is_late and abs(held.moved) <= HELD_RESTS * seen.limit and has_rested(held, seen.time, seen.step)
+        if abs(offset - before) >= seen.ours or (rests and abs(offset - before) > rest):
+            return jumped_again(held, by, seen.time), by, 0.0
+        held = held._replace(jumped=seen.time)
+    moved = held.moved + (by if is_late else 0.0)
     is_back = abs(offset) <= rest
     if (is_over and not is_back and abs(moved) > HELD_RESTS * seen.limit) or abs(offset - before) >= seen.ours:
         return turning(held), 0.0, held.offset - before
@@ -331,6 +352,13 @@ def turn_shown(held: Held, turns: Turns, unseen: float) -> tuple[Held, Turns]:
 def is_looked_at(held: Held) -> bool:
     """Return whether it is not known yet what a heading that is off has done: jumped, turned, or been a spike."""
     return not math.isnan(held.onset)
+
+
+def jumped_again(held: Held, by: float, time: float) -> Held:
+    """Return what is held as a heading that had jumped, and come to rest, is off `by` as much again [rad] at `time`."""
+    again = begun(held, by, time)
+    # one that jumps on and on never comes to rest
+    return again._replace(offset=held.offset + by, is_sudden=True, is_said=again.is_said or again.jumps >= JUMPS)
 
 
 def settled(held: Held) -> Held:
@@ -399,6 +427,21 @@ def carried_on(
 ) -> tuple[Held, Turns]:
     """Return what is held, and the turns, after a heading that is further `by_heading` [rad, in s]; at: time [s] and
     rate [rad/s], None without one, and whether that is believed; most: see `held_step`."""
+    (turn, step), stood = by_heading, before.held.stood
+    held, turns = told_apart(before, by_heading, at, is_believed, most)
+    if turn == 0.0:
+        return held._replace(stood=stood + step), turns
+    return (held._replace(stood=0.0) if stood else held), turns
+
+
+def told_apart(
+    before: Consistency,
+    by_heading: tuple[float, float],
+    at: tuple[float, float | None],
+    is_believed: bool,
+    most: tuple[float, float],
+) -> tuple[Held, Turns]:
+    """As `carried_on`, but for the time that a heading stands."""
     (turn, step), (time, rate), (jump, quickest) = by_heading, at, most
     held, turns = before.held, before.turns
     if jump == math.inf:

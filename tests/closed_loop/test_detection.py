@@ -257,11 +257,20 @@ def test_two_compasses_that_take_turns_at_one_name_are_one_alarm_and_move_no_boa
     assert len(said) <= 2, "by so much, and then that it goes to and fro"
 
 
-@pytest.mark.parametrize(("step", "each_s"), [(20.0, 1.0), (-20.0, 0.7), (22.0, 1.2)])
-def test_a_compass_that_jumps_on_and_on_is_said(step: float, each_s: float) -> None:
-    """The boat was steered by the gyro alone for as long as it did, without a word."""
-    off, said = steered_by(lambda since, heading: heading + step * (since // each_s + 1.0))
-    assert max(off) < 2.0
+@pytest.mark.parametrize(
+    ("step", "each_s", "has_gyro"),
+    [
+        *((step, each_s, True) for step, each_s in ((20.0, 1.0), (-20.0, 0.7), (22.0, 1.2), (15.0, 1.0), (-12.0, 1.7))),
+        (15.0, 1.0, False),
+        (22.0, 1.2, False),
+    ],
+)
+def test_a_compass_that_jumps_on_and_on_is_said_and_turns_no_boat(step: float, each_s: float, has_gyro: bool) -> None:
+    """By 20 deg it was steered by the gyro alone for as long as it did, without a word. By less, or without a gyro, the
+    boat turned by them, up to 141 deg off its course, and the gyro was accused."""
+    rate_of = None if has_gyro else lambda _, __: None
+    off, said = steered_by(lambda since, heading: heading + step * (since // each_s + 1.0), rate_of=rate_of)
+    assert max(off[: round(30.0 / DT)]) < (2.0 if has_gyro else 10.0)
     (when, words), *_ = said
     assert when < 3.0 * each_s
     assert words.startswith("compass_jumped")

@@ -347,6 +347,48 @@ def test_two_jumps_right_after_one_another_are_both_held(jump: float, apart_s: f
     assert said == [f"by {jump:+.0f} deg"]
 
 
+@pytest.mark.parametrize("dt", [0.05, 0.1])
+@pytest.mark.parametrize("apart_s", [0.8, 1.4, 2.0, 4.0])
+@pytest.mark.parametrize(("first", "second"), [(14.0, 14.0), (14.0, -24.0), (-20.0, -20.0), (10.0, 15.0)])
+def test_a_jump_from_rest_is_one_however_soon_it_follows_another(
+    first: float, second: float, apart_s: float, dt: float
+) -> None:
+    """To the same side it was taken for a turn that the gyro does not show, and the boat turned by both."""
+    offset, said = heard(lambda now: first * (now >= 2.0) + second * (now >= 2.0 + apart_s), seconds=9.0, dt=dt)
+    assert offset == pytest.approx(first + second, abs=1.5)
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize(("step", "each_s"), [(15.0, 1.0), (-14.0, 1.7), (20.0, 2.5), (13.0, 0.6)])
+def test_a_compass_that_jumps_on_and_on_turns_no_boat(step: float, each_s: float) -> None:
+    """The gyro was accused."""
+    offset, said = heard(lambda now: step * max((now - 2.0) // each_s + 1.0, 0.0), seconds=40.0)
+    turned = step * (38.0 // each_s + 1.0)
+    assert offset == pytest.approx(turned, abs=abs(step) + 1.5)
+    assert said
+
+
+@pytest.mark.parametrize(
+    ("repeated_s", "share"), [(0.25, 0.0), (0.5, 0.0), (0.5, 0.33), (0.5, 0.5), (0.5, 1.0), (1.0, 1.0), (2.0, 1.0)]
+)
+@pytest.mark.parametrize("rate_deg_s", [4.0, 8.0, 12.0])
+def test_a_turn_in_the_steps_of_a_compass_that_is_repeated_is_no_jump(
+    rate_deg_s: float, share: float, repeated_s: float
+) -> None:
+    """A gateway repeats each heading at 20 Hz until the next comes, and the gyro shows a share of the turn. Each step
+    comes from rest; held, it had the boat go round. Beside a gyro that is right up to 120 deg were held."""
+    random, watch, shown = np.random.default_rng(5), Consistency(), 0.0
+    for k in range(800):
+        now = 0.05 * k
+        turned = math.radians(rate_deg_s * (min(max(now, 20.0), 32.0) - 20.0))
+        if k % round(repeated_s / 0.05) == 0:
+            shown = wrap(turned + math.radians(0.3) * float(random.standard_normal()))
+        rate = math.radians(share * rate_deg_s if 20.0 <= now < 32.0 else 0.0)
+        sample = HeadingSample(now, shown, rate + 0.002 * float(random.standard_normal()), "c")
+        watch = consistency_step(watch, sample, math.radians(15.0), math.radians(20.0), math.radians(25.0))
+    assert watch.held.offset == 0.0
+
+
 def beside_no_rate(
     shown: Callable[[float], float],
     *,
@@ -387,6 +429,17 @@ def test_without_a_rate_a_spike_is_none_and_a_magnet_taken_away_leaves_nothing(r
     assert offset == 0.0
     assert len(said) == 1
     assert said[0].startswith("to and fro by ")
+
+
+@pytest.mark.parametrize("refused", [False, True])
+@pytest.mark.parametrize(("step", "each_s"), [(15.0, 1.0), (-12.0, 0.8), (20.0, 1.2)])
+def test_without_a_rate_too_a_compass_that_jumps_on_and_on_turns_no_boat(
+    step: float, each_s: float, refused: bool
+) -> None:
+    offset, said = beside_no_rate(lambda now: step * max((now - 20.0) // each_s + 1.0, 0.0), refused=refused)
+    turned = step * (20.0 // each_s + 1.0)
+    assert math.degrees(abs(wrap(math.radians(offset - turned)))) < abs(step) + 1.5
+    assert said
 
 
 @pytest.mark.parametrize("refused", [False, True])
