@@ -27,7 +27,8 @@ CONDITIONS = {
     "heading_lost": Condition("no heading for the time in the file", key="failsafe.heading_timeout_s"),
     "heading_frozen": Condition(
         "the heading stays the same to the last digit while the rate of turn spans 5 deg, the rudder is worth 15 deg "
-        "of turn, or a sea that moved it before goes on for 3 s",
+        "of turn, or for 3 s where a sea moved it before, or its own noise by 1.5 digits and more, or where its digits "
+        "are finer than 0.002 deg",
         key="alarms.frozen_heading",
     ),
     "heading_jumping": Condition(

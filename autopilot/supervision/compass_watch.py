@@ -20,6 +20,9 @@ from autopilot.supervision.tuning import (
     APART_TIME,
     DISAGREES_LASTS,
     DISAGREES_SAID,
+    FINE_DIGIT,
+    FINE_DIGITS,
+    FINE_SAME,
     FROZEN_BY_RATE,
     FROZEN_BY_RUDDER,
     FROZEN_RATES,
@@ -54,6 +57,10 @@ from autopilot.supervision.tuning import (
     SENSE_LEAST,
     SENSE_SHARE,
     SENSE_TIME,
+    TREMBLES_DIGITS,
+    TREMBLES_LEAST,
+    TREMBLES_SAME,
+    TREMBLES_TIME,
     WILD_RATES,
 )
 
@@ -612,13 +619,35 @@ class Standing(NamedTuple):
 class Sea(NamedTuple):
     """What moves the heading: by this standard deviation [rad] when it began to stand, felt on a course that is held
     since flat water [s]; digit [rad]: the least step of the compass. watched [s]: for how long it had been learnt.
-    kept [rad]: the deviation that was known when it was forgotten, until it is known anew."""
+    kept [rad]: the deviation that was known when it was forgotten, until it is known anew. change [rad]: the newest
+    step; noise [rad^2]: the variance of the compass's own noise, see `trembling`; same: the share of headings that are
+    the same as the one before."""
 
     digit: float = math.inf
     deviation: float = math.nan
     flat: float = math.nan
     watched: float = 0.0
     kept: float = 0.0
+    change: float = 0.0
+    noise: float = 0.0
+    same: float = 1.0
+
+
+def trembling(sea: Sea, change: float, step: float, stood: float) -> Sea:
+    """Return what moves the heading after a `change` [rad] in a `step` [s], behind headings that were the same for as
+    long as it `stood` [s].
+
+    White noise n adds n' - n to one change and n'' - n' to the next, so that its variance is -E[change' change]. What
+    turns the boat takes longer than TREMBLES_LEAST, and adds to the same side of both: with that the mean is less.
+    """
+    size = change if change > 0.0 else -change
+    digit = size if size < sea.digit else sea.digit
+    if not (0.0 < step <= TREMBLES_LEAST and size <= PI):
+        return sea._replace(digit=digit, change=0.0)
+    fades = math.exp(-step / TREMBLES_TIME)
+    noise = fades * sea.noise - (1.0 - fades) * change * (sea.change if stood == 0.0 else 0.0)
+    same = fades * (1.0 - (1.0 - sea.same) * math.exp(-stood / TREMBLES_TIME))
+    return sea._replace(digit=digit, change=change, noise=noise, same=same)
 
 
 def felt(sea: Sea, seen: MonitorInput) -> Sea:
@@ -632,7 +661,24 @@ def felt(sea: Sea, seen: MonitorInput) -> Sea:
     kept = kept if seen.holds_course and watched < WAVE_MEMORY else 0.0
     deviation = deviation if deviation > kept else kept
     is_flat = deviation < SEA_FELT or math.isnan(sea.flat) or not seen.holds_course
-    return Sea(sea.digit, deviation, now if is_flat else sea.flat, watched, kept)
+    return Sea(sea.digit, deviation, now if is_flat else sea.flat, watched, kept, *sea[5:])
+
+
+def never_stands(sea: Sea, seen: MonitorInput) -> bool:
+    """Return whether a compass shows something new each time in a boat that has way, whatever the water is: its own
+    noise moved it by its digits, or these are so small that no boat keeps within one, and from one heading to the next
+    it moved by many."""
+    digit = sea.digit if sea.digit > FLOAT_DIGIT else FLOAT_DIGIT
+    if not seen.has_way or sea.same > TREMBLES_SAME:
+        return False
+    is_fine = digit <= FINE_DIGIT and sea.same <= FINE_SAME and abs(sea.change) >= FINE_DIGITS * digit
+    return is_fine or sea.noise >= TREMBLES_DIGITS * TREMBLES_DIGITS * digit * digit
+
+
+def was_moved(standing: Standing, sea: Sea) -> bool:
+    """Return whether it was a sea that moved the heading until it stood."""
+    is_felt = sea.deviation >= max(SEA_FELT, SEA_DIGITS * sea.digit)
+    return is_felt and standing.since - sea.flat >= SEA_PROVEN
 
 
 def stood_by(before: Standing, sample: HeadingSample) -> Standing:
@@ -660,10 +706,11 @@ def frozen_step(
 ) -> tuple[Standing, Sea]:
     """Take a tick's headings, and judge whether the heading stands still while the boat must be turning.
 
-    Judged by the yaw rate that came with it where there is one that does not stand still too, else by the sea that
-    moved it until then, and by the turn that the model makes of the rudder, the bias being what it was when the heading
-    began to stand: the estimator has learnt the wrong one since. A rate of nought may be made of that very heading, or
-    true for long in flat water: then what a wrong bias adds up to is forgotten.
+    A compass that shows something new each time stands for no other reason, in flat water neither. Else it is judged by
+    the yaw rate that came with it where there is one that does not stand still too, or by the sea that moved it until
+    then, and by the turn that the model makes of the rudder, the bias being what it was when the heading began to
+    stand: the estimator has learnt the wrong one since. A rate of nought may be made of that very heading, or true for
+    long in flat water: then what a wrong bias adds up to is forgotten.
     """
     now, state = seen.now, seen.state
     for sample in headings:
@@ -671,19 +718,18 @@ def frozen_step(
         if heading == standing.heading:
             standing = stood_by(standing, sample)
             continue
-        step = heading - standing.heading
-        step = abs(step if -PI < step <= PI else wrap(step))
-        sea = sea._replace(digit=step) if step < sea.digit else sea
+        change = heading - standing.heading
+        change = change if -PI < change <= PI else wrap(change)
+        sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
         standing = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
     if standing.is_frozen:
         return standing, sea
     if standing.samples < 2:
         sea = felt(sea, seen)
     elif (
-        sea.deviation >= max(SEA_FELT, SEA_DIGITS * sea.digit)
-        and standing.since - sea.flat >= SEA_PROVEN
-        and standing.samples >= FROZEN_SAMPLES
+        standing.samples >= FROZEN_SAMPLES
         and standing.time - standing.since >= SEA_STOOD
+        and (never_stands(sea, seen) or was_moved(standing, sea))
     ):
         return standing._replace(is_frozen=True), sea
     if standing.reckoned == now:

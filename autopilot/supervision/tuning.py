@@ -239,6 +239,15 @@ SEA_STOOD = 3.0
 heading stands for so long [s], between two wave groups neither."""
 SEA_PROVEN = 20.0
 """A sea is one that has been felt for so long [s] on a course that is held: a turn in flat water looks like a wave."""
+TREMBLES_DIGITS, TREMBLES_SAME = 1.5, 0.2
+TREMBLES_LEAST, TREMBLES_TIME = 0.25, 20.0
+"""A compass whose own noise is a deviation of so many of its digits says the same twice with a probability of 0.19, and
+for SEA_STOOD, in headings no further apart than the third [s], with 0.19^12 at most, whatever the water is: where no
+more than the second of them are the same as the one before, means over the fourth [s]."""
+FINE_DIGIT, FINE_DIGITS, FINE_SAME = math.radians(0.002), 20.0, 0.02
+"""A compass whose digit is no more than the first [rad] (a float has 1e-5 deg, the finest sentence 0.006 deg), of whose
+headings no more than the third are the same as the one before, and that moved by so many digits from one to the next,
+does not come to rest to the last of them at once: what swings out, without noise, does by ever smaller steps."""
 HELD_LEAST = math.radians(6.0)  # 30 %: of jumps of 8 deg 31 % less are found in a deviation of 5 deg, with more
 HELD_SIGMAS = 5.0  # 30 %: of jumps of 8 deg 33 % less are found at 1 Hz, with more
 """A heading that is off by the first [rad] from the one that the rate of turn carries on, and by so many times the root

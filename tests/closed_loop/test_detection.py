@@ -362,12 +362,22 @@ def test_an_order_that_waits_for_a_compass_that_jumps_says_so_and_is_cancelled_b
 
 @pytest.mark.parametrize("course", [19.6, -8.0])
 def test_a_heading_that_goes_to_nought_near_north_is_not_steered_by(course: float) -> None:
-    """19.6 deg off course by then."""
-    off, said = steered_by(lambda _, heading: 0.0, course_deg=course)
-    assert max(off) < 5.0
-    ((when, words),) = said
-    assert when < 3.0
-    assert words.startswith("compass_jumped by ")
+    """19.6 deg off course by then. It is held as a jump, and stands: a compass that trembled has frozen."""
+    pilot, plant = settled(calm, math.radians(course))
+    said, off = list[str](), 0.0
+    order = Order(OrderKind.HEADING, math.radians(course), serial=1)
+    while True:
+        (sample,) = plant.sense()
+        assert isinstance(sample, HeadingSample)
+        tick = pilot.step(plant.time, (sample._replace(heading=0.0),), order)
+        said += [alarm.name for alarm in tick.alarms if alarm.name not in said]
+        off = max(off, abs(math.degrees(wrap(plant.heading) - math.radians(course))))
+        if tick.mode is not Mode.ENGAGED:
+            break
+        plant.step(tick.command.angle, DT)
+    assert off < 5.0
+    assert plant.time - SETTLED < 3.5
+    assert said == ["compass_jumped", "heading_frozen"]
 
 
 def test_one_spike_is_no_reason_to_leave_off_and_three_are() -> None:

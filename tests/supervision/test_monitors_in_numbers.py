@@ -254,6 +254,65 @@ def test_a_sea_that_is_learnt_anew_is_not_flat_water() -> None:
     assert forgotten(1.5, 0.8, 20.2, 41.0), "it is felt again: it never was flat"
 
 
+def trembled(
+    noise_deg: float,
+    digit_deg: float,
+    stands: float,
+    *,
+    hz: float = 10.0,
+    trembles: float = 60.0,
+    has_way: bool = True,
+    swings_deg: float = 0.0,
+    lag: float = 0.0,
+    creeps: bool = False,
+) -> bool:
+    """Whether a heading in flat water is frozen after it has stood for so long [s], behind a compass of so much white
+    noise, a digit, 0: none, and a damping of `lag` [s]. swings_deg: by so much a sea swung it in 4 s until it stood;
+    creeps: each 10 s a variation that is found by the place adds a trifle."""
+    random, monitor, is_frozen, shown, seen = np.random.default_rng(1), Frozen(), False, 0.0, 0.0
+    for tick in range(round((trembles + stands) * hz) + 1):
+        now = tick / hz
+        if now <= trembles:
+            sea = swings_deg * math.sin(1.6 * now)
+            seen += (sea + noise_deg * float(random.standard_normal()) - seen) / max(lag * hz, 1.0)
+            shown = round(seen / digit_deg) * digit_deg if digit_deg else seen
+        monitor.on_sample(HeadingSample(now, math.radians(shown) + (1e-9 * math.floor(0.1 * now) if creeps else 0.0)))
+        is_frozen = is_frozen or monitor.is_frozen(watched(now)._replace(has_way=has_way))
+    return is_frozen
+
+
+@pytest.mark.parametrize("hz", [5.0, 10.0, 20.0])
+def test_in_flat_water_no_compass_stands_whose_noise_moves_its_digits(hz: float) -> None:
+    """It was found out by what rudder and bias add up to: after 18 s without a rate, 23 s with one that stood too."""
+    assert trembled(0.3, 0.1, 3.3, hz=hz)
+    assert not trembled(0.3, 0.1, 2.6, hz=hz)
+    assert trembled(0.3, 0.0, 3.3, hz=hz)
+    assert not trembled(0.1, 0.1, 60.0, hz=hz), "it stands by itself at times"
+    assert not trembled(0.3, 1.0, 60.0, hz=hz)
+    assert not trembled(0.3, 0.1, 60.0, hz=hz, has_way=False), "alongside"
+    assert not trembled(0.3, 0.1, 60.0, hz=hz, trembles=1.0), "its noise is not known yet"
+    assert not trembled(0.0, 0.1, 60.0, hz=hz, swings_deg=5.0), "a sea that ends is no noise"
+    assert not trembled(0.03, 0.1, 60.0, hz=hz, creeps=True), "digits and a variation that creeps"
+
+
+def test_headings_further_apart_than_a_sea_swings_tell_nothing_of_noise() -> None:
+    assert not trembled(0.5, 0.1, 60.0, hz=2.0)
+    assert not trembled(0.0, 0.1, 60.0, hz=1.0, swings_deg=5.0)
+
+
+@pytest.mark.parametrize("hz", [10.0, 50.0])
+def test_a_heading_of_many_digits_does_not_stop_dead(hz: float) -> None:
+    """That of a flight controller, whose own filter has left no noise in it: one that swings out comes to rest."""
+    assert trembled(0.1, 0.0, 3.2, hz=hz, lag=2.0, trembles=90.0)
+    assert trembled(0.0, 1e-5, 3.2, hz=hz, trembles=89.3, swings_deg=0.5)
+    assert not trembled(0.0, 0.01, 60.0, hz=hz, trembles=89.3, swings_deg=0.5), "a sentence's digits"
+    monitor = Frozen()
+    for tick in range(6000):
+        heading = 0.5 * math.exp(-tick / 50.0)
+        monitor.on_sample(HeadingSample(tick / hz, 1.0 + heading))
+        assert not monitor.is_frozen(watched(tick / hz)), "without noise it comes to rest by ever smaller steps"
+
+
 def turned(rate_deg_s: float, seconds: float, rudder: float = 0.0, moves: bool = True) -> bool:
     """Whether a heading is frozen that stands from 1 s on while a rate beside it, or the rudder, turns the boat."""
     monitor, is_frozen = Frozen(), False
