@@ -25,6 +25,9 @@ HABIT_TURN = math.radians(1.0)
 """Or one that has never before said the same so often: HABIT times the longest that it did in HABIT_KNOWN headings and
 more, and no less than HABIT * HABIT_LEAST headings and so long [s], while another has turned by this [rad]. Where
 lengths are random, as noise makes them, that is as rare as the cube of one in all that were."""
+TREMBLES_S, TREMBLES_DIGITS = 2.0, 1.5
+"""Where it trembled until then by so many of its digits nobody need have turned: after the first [s] it has failed, in
+flat water too, as long as another shows something new."""
 NOISY, QUIET = math.radians(4.0), math.radians(2.0)
 NOISY_S, NOISY_SHARE = 1.5, 1.0 / 15.0
 WILDEST = math.radians(20.0)
@@ -62,7 +65,7 @@ class _Compass:
 
     __slots__ = (
         *("agrees_since", "apart", "digit", "heading", "heard", "last", "longest", "noise", "others", "reason", "same"),
-        "since",
+        *("since", "trembled"),
     )
 
     def __init__(self, now: float, heading: float) -> None:
@@ -77,6 +80,7 @@ class _Compass:
     def stand(self, now: float, others: dict[str, float]) -> None:
         """Begin to stand where it is, the others being where they are."""
         self.since, self.same, self.others = now, 1, others
+        self.trembled = self.noise.deviation
 
 
 class CompassWatch:
@@ -164,13 +168,15 @@ class CompassWatch:
     def _stands(now: float, compass: _Compass, others: dict[str, float]) -> bool:
         if now - compass.since < STANDS_S or compass.same < STANDS_SAMPLES:
             return False
-        turns = (
+        turns = [
             shortest_turn(compass.others[name], heading) for name, heading in others.items() if name in compass.others
-        )
+        ]
         is_strange = (
             compass.heard >= HABIT_KNOWN and compass.same >= HABIT * compass.longest and now - compass.since >= HABIT_S
         )
         least = HABIT_TURN if is_strange else STANDS_TURN
+        if is_strange and now - compass.since >= TREMBLES_S and compass.trembled >= TREMBLES_DIGITS * compass.digit:
+            return any(turns)
         return any(abs(turn) > max(least, STANDS_DIGITS * compass.digit) for turn in turns)
 
     @staticmethod

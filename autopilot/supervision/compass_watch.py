@@ -435,13 +435,13 @@ def carried_on(
     """Return what is held, and the turns, after a heading that is further `by_heading` [rad, in s]; at: time [s] and
     rate [rad/s], None without one, and whether that is believed; most: see `held_step`."""
     (turn, step), stood = by_heading, before.held.stood
-    held, turns = told_apart(before, by_heading, at, is_believed, most)
+    held, turns = separated(before, by_heading, at, is_believed, most)
     if turn == 0.0:
         return held._replace(stood=stood + step), turns
     return (held._replace(stood=0.0) if stood else held), turns
 
 
-def told_apart(
+def separated(
     before: Consistency,
     by_heading: tuple[float, float],
     at: tuple[float, float | None],
@@ -661,7 +661,7 @@ def felt(sea: Sea, seen: MonitorInput) -> Sea:
     kept = kept if seen.holds_course and watched < WAVE_MEMORY else 0.0
     deviation = deviation if deviation > kept else kept
     is_flat = deviation < SEA_FELT or math.isnan(sea.flat) or not seen.holds_course
-    return Sea(sea.digit, deviation, now if is_flat else sea.flat, watched, kept, *sea[5:])
+    return Sea(sea.digit, deviation, now if is_flat else sea.flat, watched, kept, sea.change, sea.noise, sea.same)
 
 
 def never_stands(sea: Sea, seen: MonitorInput) -> bool:

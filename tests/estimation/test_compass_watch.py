@@ -80,6 +80,29 @@ def test_one_that_stands_still_while_the_other_turns_is_left() -> None:
     assert heard.said[-1] == ""
 
 
+def in_flat_water(noise_deg: float, digit_deg: float, seed: int) -> Compass:
+    """On a course."""
+    random = np.random.default_rng(seed)
+    return lambda _: math.radians(digit_deg * round((57.0 + noise_deg * float(random.standard_normal())) / digit_deg))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_in_flat_water_one_that_stands_though_it_trembled_is_left_before_the_fail_safe(seed: int) -> None:
+    """The other has not turned, which shows nothing; the pilot's own watch ends steering after 3 s."""
+    other = in_flat_water(0.3, 0.1, seed + 10)
+    heard = Heard().run(30.0, in_flat_water(0.3, 0.1, seed), other)
+    held = math.radians(57.1)
+    heard.run(3.0, lambda now: held, other)
+    assert heard.sources_since(32.3) == {FLUXGATE}
+    assert "HEHDT stands still, HCHDG steers" in heard.said[-1]
+
+
+@pytest.mark.parametrize(("noise_deg", "digit_deg"), [(0.05, 0.1), (0.1, 0.1), (0.3, 1.0), (0.2, 0.5)])
+def test_in_flat_water_one_whose_digits_hide_its_noise_may_stand(noise_deg: float, digit_deg: float) -> None:
+    other = in_flat_water(0.3, 0.1, 2)
+    assert Heard().run(200.0, in_flat_water(noise_deg, digit_deg, 1), other).said == []
+
+
 def test_one_that_jumps_alone_is_left_before_its_first_jump_passes() -> None:
     heard = Heard().run(10.0, swinging, swinging)
     heard.run(12.0, lambda now: swinging(now) + 0.7, swinging)
