@@ -136,16 +136,17 @@ def record_of(
     segments: Sequence[Segment], reference_speed: float, time_constant: float, form: Form = NORRBIN
 ) -> Record:
     """Return the segments on nodes fit for a boat of about that time constant [s]."""
-    total = sum(segment.time.size for segment in segments)
+    motions = [_motion(segment) for segment in segments]
+    total = sum(motion.time.size for motion in motions)
     parts, begins, firsts, at = [], [], [], 0
-    for segment in segments:
-        spacing = float(np.median(np.diff(segment.time)))
+    for motion in motions:
+        spacing = float(np.median(np.diff(motion.time)))
         wanted = min(NODE_SHARE * time_constant, LONGEST_NODE_S)
         averaged = max(1, int(wanted / spacing))
         apart = max(averaged, -(-total // MOST_NODES) if total > MOST_NODES * averaged else 1)
-        while segment.time.size < 8 * apart and apart > 1:
+        while motion.time.size < 8 * apart and apart > 1:
             apart -= 1
-        part = _averaged(segment, apart, min(averaged, apart))
+        part = _averaged(motion, apart, min(averaged, apart))
         parts.append(part)
         count = part[0].size
         firsts.append(at)
@@ -291,7 +292,35 @@ NEIGHBOURS, NEIGHBOURHOOD = 4, 0.05
 """To either side of a frequency so many others, or this share of it, tell what the signal has there."""
 
 
-def _averaged(segment: Segment, apart: int, together: int) -> tuple[FloatArray, ...]:
+class _Motion(NamedTuple):
+    """Of a segment: times [s], rate [rad/s] and heading [rad] there, nan where not measured."""
+
+    time: FloatArray
+    rate: FloatArray
+    heading: FloatArray
+
+
+def _motion(segment: Segment) -> _Motion:
+    """Return the motion in the rows of a segment; where most of these hold rudder and speed alone, at the moments that
+    are measured, and as far apart as these where some are missing."""
+    known = np.flatnonzero(np.isfinite(segment.rate) | np.isfinite(segment.heading))
+    apart = np.diff(segment.time[known])
+    spacing = float(np.median(apart))
+    if spacing < SELDOM * float(np.median(np.diff(segment.time))):
+        return _Motion(segment.time, segment.rate, segment.heading)
+    counts = np.maximum(np.rint(apart / spacing), 1.0).astype(np.intp)
+    at = np.concatenate([[0], np.cumsum(counts)])
+    time = np.interp(np.arange(float(at[-1] + 1)), at, segment.time[known])
+    rate, heading = np.full((2, time.size), np.nan)
+    rate[at], heading[at] = segment.rate[known], segment.heading[known]
+    return _Motion(time, rate, heading)
+
+
+SELDOM = 1.5
+"""A motion whose samples lie so many rows apart is no sample for each row that lost some."""
+
+
+def _averaged(segment: _Motion, apart: int, together: int) -> tuple[FloatArray, ...]:
     """Return times, rates, headings and how many samples each is the mean of: of so many `together` in the middle of
     blocks of samples so many `apart`.
 

@@ -256,12 +256,11 @@ def _process(disturbance: DisturbanceModel, spacing: float) -> tuple[FloatArray,
 
 def _neighbours(residuals: FloatArray, segment: Segment) -> tuple[FloatArray, FloatArray]:
     """Return residuals of the rate and those a sample later; from headings, which share one, two samples later."""
-    error, lag = residuals[:, 0], 1
-    if not np.isfinite(error).any():
-        error, lag = np.diff(residuals[:, 1]) / np.diff(segment.time), 2
-    now, later = error[:-lag], error[lag:]
-    known = np.isfinite(now) & np.isfinite(later)
-    return now[known], later[known]
+    rated, headed = (np.isfinite(residuals[:, channel]) for channel in (0, 1))
+    error, lag = residuals[rated, 0], 1
+    if not error.size:
+        error, lag = np.diff(residuals[headed, 1]) / np.diff(segment.time[headed]), 2
+    return error[:-lag], error[lag:]
 
 
 def _together(noises: Sequence[float]) -> float:
@@ -432,8 +431,11 @@ class Problem:
 
     def _innovations(self, segment: Segment, values: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
         assert self.disturbance is not None
-        table = bridged(np.concatenate([slope, values[:, :, None]], axis=2))
-        new = innovations(table, float(np.median(np.diff(segment.time))), self.disturbance)
+        # rows without a motion predict nothing
+        measured = np.isfinite(values).any(axis=1)
+        table = bridged(np.concatenate([slope, values[:, :, None]], axis=2)[measured])
+        new = np.zeros((values.shape[0], 2, table.shape[2]))
+        new[measured] = innovations(table, float(np.median(np.diff(segment.time[measured]))), self.disturbance)
         new *= np.isfinite(values)[:, :, None]
         return new[:, :, -1], new[:, :, :-1]
 
