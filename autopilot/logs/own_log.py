@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.control.registry import TRIAL_LAW
@@ -32,9 +33,10 @@ from autopilot.logs.series import (
     quantities_of,
     series_of,
 )
+from autopilot.logs.table import between, through_gear
 from autopilot.logs.tlog import is_tlog
 from autopilot.pilot_state import configured
-from autopilot.runtime.build import law_of, pilot_config
+from autopilot.runtime.build import gear_of, law_of, pilot_config
 from autopilot.runtime.record import PAYLOAD_TYPE, Log, read_logs, read_packets
 from autopilot.signals import RudderSample, Tick
 from autopilot.vessel.file import parse_vessel
@@ -72,7 +74,47 @@ def read_own(path: str, options: ReadOptions = ReadOptions()) -> Recording:  # n
         with contextlib.suppress(InputError):
             late = path_in(path, log).measured
     vessel = log.header.get("vessel", "")
+    as_filed = _by_filed_gear(path, series, str(vessel))
+    if as_filed is not None:
+        series = as_filed
+        notes.append(f"{path}: {BY_FILED_GEAR}")
     return on_one_clock(Recording(path, "Norrbin log", series, began, tuple(notes), vessel, late))
+
+
+OTHER_GEAR = math.radians(2.0)
+"""An estimate of the rudder that lies so far [rad] from where the filed gear takes it, rms, is of another gear. A pilot
+that takes the filed one is as far off as a tick is long, 1 deg at 20 deg/s; another gear, half of an order."""
+BY_FILED_GEAR = (
+    "the pilot took the rudder for slower than its file says, by the file's model of the boat; here it is as it was "
+    "ordered, through the file's steering gear."
+)
+
+
+def _by_filed_gear(path: str, series: tuple[Series, ...], vessel: str) -> tuple[Series, ...] | None:
+    """Return the series with the rudder where the filed gear takes it under its orders; None where that is where the
+    pilot believed it to be, or a sensor shows it, or nothing says what the gear is.
+
+    A pilot that sees its boat turn late believes in a slower gear, by the model in its file. Where that is a guess, so
+    is the rudder, and a boat that is identified by it is the guess again.
+    """
+    orders = next((each for each in series if each.quantity == ORDER), None)
+    believed = next((each for each in series if each.quantity == RUDDER and each.source == PILOT), None)
+    if orders is None or believed is None or any(each.quantity == RUDDER and each is not believed for each in series):
+        return None
+    try:
+        filed = parse_vessel(vessel, f"{path} (header)")
+    except InputError:
+        return None
+    gear = gear_of(filed)
+    if filed.drive.kind != "rudder" or not math.isfinite(gear.rate_max):
+        return None
+    moved = through_gear(orders, gear)
+    off = between(moved, believed.time) - believed.values
+    known = off[np.isfinite(off)]
+    if not known.size or float(np.sqrt(np.mean(known * known))) < OTHER_GEAR:
+        return None
+    as_filed = moved._replace(quantity=RUDDER, source=PILOT)
+    return tuple(as_filed if each is believed else each for each in series)
 
 
 def _check_system(path: str, system: int | None) -> None:

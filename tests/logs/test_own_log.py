@@ -1,0 +1,78 @@
+"""What identification reads of a log that Norrbin wrote itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from plant import Plant
+
+from autopilot.cli.main import build_parser
+from autopilot.control.registry import TRIAL_LAW
+from autopilot.identification.identify import identify
+from autopilot.identification.ordered_rudder import slower_rudder, with_rudder_of
+from autopilot.logs.reading import load_run
+from autopilot.models.norrbin import Norrbin
+from autopilot.operators.trial_script import TrialScript, steps_of
+from autopilot.runtime.build import build_pilot, gear_of, model_of
+from autopilot.runtime.record import Recorder
+from autopilot.signals import SpeedSample
+from autopilot.vessel.file import dump_vessel, load_vessel
+
+DT = 0.05
+
+
+class _Kept:
+    """A sink of a log that keeps what is written, and has a file of it at the end."""
+
+    part_bytes, lost, dropped, trouble = None, 0, 0, ""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._kept = path, bytearray()
+
+    def write(self, data: bytes, ticks: int = 0) -> None:
+        self._kept += data
+
+    def next_part(self) -> None:
+        raise AssertionError("one part is enough")
+
+    def close(self) -> None:
+        self.path.write_bytes(self._kept)
+
+
+def _sailed(path: Path, rudder_rate_deg_s: float) -> str:
+    """Return the log of a zigzag with Lanxin's file, whose rudder goes 20 deg/s, of a boat six times as slow."""
+    filed = load_vessel("lanxin")
+    guess = replace(filed, alarms=replace(filed.alarms, reversed_rudder=False))
+    boat = Norrbin(0.35, 2.2, 1.2, reference_speed=3.0)
+    plant = Plant(boat, gear_of(filed)._replace(rate_max=math.radians(rudder_rate_deg_s)), heading=3.0)
+    pilot = build_pilot(guess, TRIAL_LAW)
+    options = build_parser().parse_args(["trial", "zigzag", "lanxin", "--duration", "70"])
+    script = TrialScript(steps_of(options, filed.rudder.angle_max_deg, model_of(filed)))
+    recorder = Recorder(_Kept(path), {"vessel": dump_vessel(guess), "law": TRIAL_LAW}, 0.0)
+    tick = None
+    while plant.time < 72.0 and not script.is_over:
+        samples = (*plant.sense(), SpeedSample(plant.time, 3.0, source="log"))
+        tick = pilot.step(plant.time, samples, script(plant.time, tick))
+        recorder.record(tick, [])
+        plant.step(tick.command.angle if tick.command.engaged else 0.0, DT)
+    recorder.close()
+    return str(path)
+
+
+@pytest.mark.parametrize("rudder_rate_deg_s", [5.0, 20.0])
+def test_a_boat_that_is_not_its_file_s_is_identified_by_what_was_ordered_not_by_what_the_pilot_believed(
+    tmp_path: Path, rudder_rate_deg_s: float
+) -> None:
+    """The pilot of a trial explains a slow boat by a slow rudder where the model in its file is quick."""
+    run = load_run(_sailed(tmp_path / "trial.tlog", rudder_rate_deg_s))
+    found = slower_rudder([run], math.radians(20.0))
+    if found is not None:
+        run = with_rudder_of(run, found)
+    rate = math.radians(20.0) if found is None else found.rate
+    assert rate == pytest.approx(math.radians(rudder_rate_deg_s), rel=0.05)
+    model = identify([run]).model
+    assert model.gain == pytest.approx(0.35, rel=0.05)
+    assert model.time_constant == pytest.approx(2.2, rel=0.1)
