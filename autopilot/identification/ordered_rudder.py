@@ -206,7 +206,8 @@ def _series(segment: Segment) -> _Series | None:
     even = np.arange(time[0], time[-1], dt)
     has_rate, has_heading = np.isfinite(segment.rate), np.isfinite(segment.heading)
     averaged = 1
-    if np.count_nonzero(has_rate) > 0.9 * time.size:
+    rated = np.count_nonzero(has_rate)
+    if rated >= 20 and rated > 0.9 * np.count_nonzero(has_rate | has_heading):
         rate = np.interp(even, time[has_rate], segment.rate[has_rate])
     elif np.count_nonzero(has_heading) > 20:
         rate = np.gradient(np.interp(even, time[has_heading], segment.heading[has_heading]), dt)

@@ -378,7 +378,7 @@ def _turned(columns: Mapping[str, FloatArray], reverse_rudder: bool) -> Mapping[
 
 
 def _table(text: str, recording: Recording, rudder: RudderSettings) -> Table:
-    table = table_of(recording, rudder)
+    table = table_of(recording, rudder, between_motions=True)
     if "rudder_rad" not in table.columns:
         hint = next((note for note in recording.notes if "servo" in note), "")
         raise InputError(hint or f"{text}: holds no rudder; the rudder's angle, its servo or its orders are needed.")

@@ -1,8 +1,10 @@
 """A recording laid out as columns of one length, as identification and measures take it.
 
 Rows are the moments at which heading or yaw rate was measured, whichever comes oftener: those values stay as they were
-recorded. The rarer of the two goes to the row nearest each of its samples. Rudder, speed, position, propeller and wind
-are taken between their samples in straight lines, and are blank where those lie apart by more than a gap.
+recorded. The rarer of the two goes to the row nearest each of its samples. A run to identify has rows with the rudder
+alone between them where both come seldom: an order may be over before the next heading. Rudder, speed, position,
+propeller and wind are taken between their samples in straight lines, and are blank where those lie apart by more than
+a gap.
 
 The rudder is as measured, or what the steering gear makes of the pulses or commands that it was given. Pulses become
 shares of full rudder by the parameters in the same log:
@@ -303,19 +305,24 @@ class Table(NamedTuple):
     rudder: RudderOrigin = "measured"
 
 
-def table_of(recording: Recording, settings: RudderSettings) -> Table:
-    """Return the recording as a table. Raises InputError where it has neither heading nor yaw rate."""
+def table_of(recording: Recording, settings: RudderSettings, *, between_motions: bool = False) -> Table:
+    """Return the recording as a table. Raises InputError where it has neither heading nor yaw rate.
+
+    between_motions: where these come seldom, rows with the rudder alone stand between them.
+    """
     heading, rate = recording.best(HEADING), recording.best(RATE)
     motions = [series for series in (heading, rate) if series is not None]
     if not motions:
         raise InputError(f"{recording.source}: holds no two headings or yaw rates; nothing can be made of it.")
     often = min(motions, key=lambda series: series.spacing)
+    rudder = rudder_of(recording, settings)
+    if between_motions and rudder is not None:
+        often = _rows_between(rudder.series, often)
     rows = often.time
     columns, uses = {"time_s": rows}, {}
     for series in motions:
         columns[series.quantity] = series.values if series is often else _beside(series, often)
         uses[series.quantity] = series.source
-    rudder = rudder_of(recording, settings)
     if rudder is not None:
         columns[RUDDER], uses[RUDDER] = between(rudder.series, rows), rudder.words
     for quantity in BESIDE:
@@ -323,6 +330,20 @@ def table_of(recording: Recording, settings: RudderSettings) -> Table:
         if known is not None:
             columns[quantity], uses[quantity] = between(known, rows), known.source
     return Table(columns, uses, "measured" if rudder is None else rudder.origin)
+
+
+def _rows_between(rudder: Series, motion: Series) -> Series:
+    """Return at whose moments the rows are: those of a rudder, thinned, that is known oftener than a motion which comes
+    too seldom to show how the rudder moved between; else the motion's."""
+    thinned = max(1, round(BETWEEN_S / rudder.spacing))
+    if motion.spacing <= SELDOM_S or motion.spacing < 2.0 * thinned * rudder.spacing:
+        return motion
+    return rudder._replace(time=rudder.time[::thinned], values=rudder.values[::thinned])
+
+
+SELDOM_S, BETWEEN_S = 0.2, 0.1
+"""Between the samples of a motion that lie farther apart stand rows with the rudder alone, so far apart [s]: a steering
+gear moves smoothly over 0.2 s."""
 
 
 def between(series: Series, rows: FloatArray) -> FloatArray:

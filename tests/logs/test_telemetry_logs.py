@@ -36,6 +36,7 @@ from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
+from autopilot.identification.ordered_rudder import slower_rudder, with_rudder_of
 from autopilot.links.nmea.sentences import checksum
 from autopilot.logs.mcap_log import series_entries, write_mcap
 from autopilot.logs.reading import MODULES, LogOptions, ReadOptions, load_run, read_recording
@@ -254,6 +255,19 @@ def test_without_the_steering_gear_the_log_gives_a_slower_boat_and_says_so(tmp_p
     run = load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL)))
     assert any("taken to stand where it was ordered" in note for note in run.notes)
     assert identify([run], Question("nomoto")).model.time_constant > 5.5
+
+
+def test_headings_come_seldomer_than_the_rudder_s_orders_and_the_orders_all_count(tmp_path: Path) -> None:
+    """Over a radio attitudes come twice a second, and the rudder has gone over before the next one."""
+    boat = zigzag_boat(K=0.35, T=2.0, rudder_rate=math.radians(12.0))
+    path = written(tmp_path, tlog(tlog_events(boat, attitude_hz=2.0)), "seldom.tlog")
+    run = load_run(path, options=LogOptions(rudder=RudderSettings(at_full=FULL)))
+    found = slower_rudder([run], math.inf)
+    assert found is not None
+    assert found.rate == pytest.approx(math.radians(12.0), rel=0.1)
+    model = identify([with_rudder_of(run, found)]).model
+    assert model.gain == pytest.approx(0.35, rel=0.02)
+    assert model.time_constant == pytest.approx(2.0, rel=0.05)
 
 
 def test_a_reversed_servo_is_turned_round_by_its_parameter(tmp_path: Path) -> None:
