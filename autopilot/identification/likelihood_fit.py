@@ -114,8 +114,9 @@ class LikelihoodFit(NamedTuple):
     of the rudder's way was not fitted; motions: of each segment time [s], heading [rad] and rate [rad/s] of the boat,
     as all of the recording tells them, shape (3, N); form: which d is meant, and how the boat goes with speed;
     joint: covariance of a, b, d, e and the logarithms of what `train_errors` names, in that order; power: of the
-    speed with which the rudder steers; None where a law says it. around: what was fitted of `Surroundings`, a law in
-    the form's place; its own part of `joint` comes last, of a race its logarithm's."""
+    speed with which the rudder steers; None with `around`. around: what was fitted of `Surroundings`, a law in
+    the form's place; its own part of `joint` comes last, of a race its logarithm's. angle [rad]: of the rudder by which
+    a was found; infinite where that is not known."""
 
     rates: Rates
     covariance: FloatArray
@@ -130,6 +131,7 @@ class LikelihoodFit(NamedTuple):
     joint: FloatArray | None = None
     power: SpeedPower | None = None
     around: RaceAndWind | None = None
+    angle: float = math.inf
 
     @property
     def pushes(self) -> Weather:
@@ -229,15 +231,17 @@ def likelihood_fit(
     motions = _motions(space, best)
     fit = LikelihoodFit(
         boat, joint[:4, :4], train, errors, weather, loss, late_error, NOTHING_UNSEEN, motions, form, joint
-    )
+    )._replace(angle=angle_of(segments))
     if isinstance(around, DriveLaw):
         return fit._replace(form=form._replace(law=around))
     if around is not None:
         return fit._replace(around=around)
     unseen = _unseen(space, best, memory, least_play(segments))
-    power = _speed_power(space, best) if form.law.is_rudder else None
-    if power is not None:
-        power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
+    if form.law.is_rudder:
+        power = _speed_power(space, best)
+    else:
+        power = _unknown_power(space, best, record_of(segments, reference_speed, memory).scales.linear)
+    power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
     return fit._replace(unseen=unseen, power=power)
 
 
@@ -268,20 +272,20 @@ SLIDES, SLOWLY = 1.6, 10.0
 """Lead over lag of such a boat, and its lag at most, as a multiple of the time in which it forgets its rate."""
 
 
-def _at_power(space: Space, z: FloatArray, powers: float) -> tuple[Space, FloatArray]:
-    """Return the space in which the rudder steers with so many powers of the speed beyond the second, and the vector
-    there."""
+def _at_power(space: Space, z: FloatArray, powers: float, ratio: FloatArray) -> tuple[Space, FloatArray]:
+    """Return the space in which the rudder steers with so many powers of the speed beyond the law's, and the vector
+    there; ratio: of the speed to the reference, in each substep."""
     rates, weather, train = space.opened(z)
-    steering, ratio, higher = space.record.scales
-    record = space.record._replace(scales=Scales(steering * ratio**powers, ratio, higher))
+    steering, linear, higher = space.record.scales
+    record = space.record._replace(scales=Scales(steering * ratio**powers, linear, higher))
     other = Space(record, rates, weather, train, space.parts, space.scale)
     other.priors, other.path = space.priors, space.path
     return other, other.start.copy()
 
 
-def _suiting(space: Space, z: FloatArray, powers: float) -> tuple[float, FloatArray]:
+def _suiting(space: Space, z: FloatArray, powers: float, ratio: FloatArray) -> tuple[float, FloatArray]:
     """Return the loss of the boat that suits such a power best, in the weather of the vector, and its numbers."""
-    other, at = _at_power(space, z, powers)
+    other, at = _at_power(space, z, powers, ratio)
     loss = math.inf
     for _ in range(POWER_TURNS):
         there, slope, known = other.slope(at, boat_only=True)
@@ -301,13 +305,13 @@ def _speed_power(space: Space, z: FloatArray) -> SpeedPower:
     a wrong power looks like gusts.
     """
     space.keep(z)
-    own, begin = z[space.boat], space.path
+    own, begin, ratio = z[space.boat], space.path, space.record.scales.linear
     found = SpeedPower(
         0.0, math.hypot(POWER_DOUBT, FORM_DOUBT), space.opened(z)[1], np.zeros_like(own), np.zeros_like(own)
     )
     at, middle = z, 0.0
     for _ in range(POWER_ROUNDS):
-        beside = [_suiting(space, at, middle + by) for by in (-POWER_STEP, 0.0, POWER_STEP)]
+        beside = [_suiting(space, at, middle + by, ratio) for by in (-POWER_STEP, 0.0, POWER_STEP)]
         (less, before), (here, now), (more, after) = beside
         if not math.isfinite(less + here + more):
             break
@@ -324,17 +328,33 @@ def _speed_power(space: Space, z: FloatArray) -> SpeedPower:
         gains = 0.5 * bend * move * move
         if gains < POWER_GAINS:
             break
-        other, there = _at_power(space, at, middle)
+        other, there = _at_power(space, at, middle, ratio)
         at, _ = approached(other, there)
         space.path = other.path
     space.path = begin
     return found
 
 
+def _unknown_power(space: Space, z: FloatArray, ratio: FloatArray) -> SpeedPower:
+    """Return how a boat that steers by thrust goes with the power of the speed, which its record at one throttle tells
+    nobody; ratio: of the speed to the reference, in each substep.
+
+    What the record asks for is not believed: a hull that slides and its drag take it for theirs, and the other way
+    round.
+    """
+    space.keep(z)
+    begin, own = space.path, np.zeros(len(space.boat))
+    (less, before), (more, after) = (_suiting(space, z, by, ratio) for by in (-POWER_STEP, POWER_STEP))
+    space.path = begin
+    by_power = (after - before) / (2.0 * POWER_STEP) if math.isfinite(less + more) else own
+    return SpeedPower(0.0, math.hypot(POWER_DOUBT, FORM_DOUBT), space.opened(z)[1], own, by_power)
+
+
 POWER_DOUBT, FORM_DOUBT = 0.5, 0.35
-"""Of the power of the speed with which a rudder steers, one standard deviation, before a record is known: 2 in the
-boat's own flow, 1 in a race as strong, which keeps its speed in a turn, more where the flow at the rudder loses more
-than the boat does. And from one manoeuvre to another, whatever the record: no boat goes by a power alone."""
+"""Of the power of the speed with which a rudder steers, one standard deviation, before a record is known (of thrust
+about its law's): 2 in the boat's own flow, 1 in a race as strong, which keeps its speed in a turn, more where the flow
+at the rudder loses more than the boat does. And from one manoeuvre to another, whatever the record: no boat goes by a
+power alone."""
 POWER_STEP, POWER_TURNS, POWER_ROUNDS = 0.5, 2, 5
 """Powers of the speed by which it is tried, Newton's steps to the boat that suits one, and to the power."""
 POWER_GAINS = 1.0
@@ -392,6 +412,16 @@ def _stopped(record: Record, stop: float) -> Record:
     return record._replace(paths=tuple((time, np.clip(angle, -stop, stop)) for time, angle in record.paths))
 
 
+def angle_of(segments: Sequence[Segment]) -> float:
+    """Return the angle [rad] at which a rudder that steers with delta^(1+p) does what one that steers with a delta does
+    in this record, by least squares and for small p: the mean of log(delta), by the angles' squares."""
+    size = np.abs(np.concatenate([segment.rudder for segment in segments]))
+    square = size * size
+    total = float(square.sum())
+    return math.exp(float(square @ np.log(np.maximum(size, LEAST_ANGLE))) / total) if total > 0.0 else math.inf
+
+
+LEAST_ANGLE = 1.0e-6
 SURELY_STOPS = 8.0
 """A stop that nothing shows is believed where it raises the logarithm of the likelihood by so much."""
 LARGEST_ANGLE, STOPS = 0.98, (0.4, 0.5, 0.6, 0.7, 0.8)
