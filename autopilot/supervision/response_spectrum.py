@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
 from autopilot.supervision.response_filter import (
+    SEA_KNOWN_S,
     Covariance,
     Means,
     Noise,
@@ -67,6 +68,9 @@ Block = tuple[float, float, float, float]
 EMPTY: Block = (0.0, 0.0, 0.0, 0.0)
 Covariances = tuple[float, float, float, float, float]
 """Of blocks no, one, two, three and four apart."""
+FORGOTTEN = math.exp(-SEA_KNOWN_S / SPECTRUM_TIME)
+SPECTRUM_KNOWN = FORGOTTEN * SPECTRUM_SURE + (1.0 - FORGOTTEN) / (1.0 - math.exp(-BLOCK_S / SPECTRUM_TIME))
+"""So many blocks, faded, are learnt of a sea by when its size is estimated, too."""
 REFLECTED_MOST = 0.98
 """A swell whose waves die away no slower than by 2 % a block."""
 
@@ -205,11 +209,12 @@ def blocks_step(
     rudders: tuple[float, float, float, float],
     newest: tuple[float, float, float],
     shares: tuple[float, float, float],
+    is_suspect: bool,
 ) -> Blocks:
     """Return what is known after the `newest` heading [rad], at a time [s] and so long [s] after the one before, in a
     slight sea, whatever sea there is: how that differs is learnt. moves: of the boat, in any sea; rudders: as
     `foreseen` has them; shares: the least of the model's answer of a boat that answers, the usual one, and how much
-    this one slides."""
+    this one slides; is_suspect: by headings a fault may have begun, so that what is left may be no sea's."""
     known, means, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = before
     (time, dt, heading), (least, usual, slides) = newest, shares
     is_gust = unexplained > UNEXPLAINED
@@ -230,7 +235,9 @@ def blocks_step(
         unexplained += (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained)
         spectrum, is_whole = summed(spectrum, time, (off, s, s_late, slides * slide[0]), variance)
         if is_whole:
-            evidence, spectrum = weighed((stuck, stuck_late, wrong, wrong_late), spectrum, (least, usual), is_gust)
+            evidence, spectrum = weighed(
+                (stuck, stuck_late, wrong, wrong_late), spectrum, (least, usual), (is_gust, is_suspect)
+            )
             stuck, stuck_late, wrong, wrong_late = evidence
         means = all_corrected(gains, means, off)
     outliers = outliers + 1 if is_left_out else 0
@@ -238,11 +245,15 @@ def blocks_step(
 
 
 def weighed(
-    evidence: tuple[float, float, float, float], spectrum: Spectrum, shares: tuple[float, float], is_gust: bool
+    evidence: tuple[float, float, float, float],
+    spectrum: Spectrum,
+    shares: tuple[float, float],
+    shown: tuple[bool, bool],
 ) -> tuple[tuple[float, float, float, float], Spectrum]:
     """Return the `evidence` of `Blocks`, that the rudder is stuck and reversed, with what a whole block adds to it, and
-    what is known of the sea then. shares: as `blocks_step` has them; is_gust: a heading showed one."""
-    (stuck, stuck_late, wrong, wrong_late), (least, usual) = evidence, shares
+    what is known of the sea then. shares: as `blocks_step` has them; shown: a heading showed a gust, and headings
+    make a fault suspect."""
+    (stuck, stuck_late, wrong, wrong_late), (least, usual), (is_gust, is_suspect) = evidence, shares, shown
     (z, x, x_late, braked), left, spectrum = whitened(spectrum, usual)
     kept = math.exp(-BLOCK_S / FADES_TIME)
     some, some_late = z - least * x - braked, z - least * x_late
@@ -256,8 +267,10 @@ def weighed(
     stuck_late = likelier(kept * stuck_late, some_late * some_late, z * z, left, most)
     wrong = likelier(kept * wrong, some * some, opposite * opposite, left, most)
     wrong_late = likelier(kept * wrong_late, some_late * some_late, opposite_late * opposite_late, left, most)
-    # a cumulative sum that is nothing says that no fault has begun until now
-    spectrum = learnt(spectrum) if stuck < LITTLE and wrong < LITTLE else spectrum
+    # cumulative sums that are nothing say that no fault has begun until now. In blocks alone a rudder that runs off by
+    # itself looks like a gust at first; by headings a sea looks like a fault that is not known yet
+    is_doubted = is_suspect and spectrum[5] > SPECTRUM_KNOWN
+    spectrum = learnt(spectrum) if stuck < LITTLE and wrong < LITTLE and not is_doubted else spectrum
     return (stuck, stuck_late, wrong, wrong_late), spectrum
 
 

@@ -231,7 +231,7 @@ def response_step(
     at = rudder, rudder_late, braked, rudder_slow
     shares = least, usual / shown, slide_share(slid)
     step = transition_of(model, rate, noise.pace, dt)
-    blocks = blocks_step(blocks, step, noise, at, (time, dt, heading), shares)
+    blocks = blocks_step(blocks, step, noise, at, (time, dt, heading), shares, stuck >= SUSPECT or wrong >= SUSPECT)
     noises = noise.heading, noise.acceleration, noise.push + GUST if is_gust else noise.push, noise.sea
     covariance, gains, known, means = foreseen(step, known, means, at, noises, dt)
     variance = gains[0]
@@ -496,8 +496,8 @@ Evident = TypeVar("Evident", ResponseState, Blocks)
 
 def acquitted(response: ResponseState) -> ResponseState:
     """Return the same with no more evidence against the rudder, in both seas together, than makes as much again as was
-    a doubt a verdict."""
-    most = 0.5 * (SURE_TURNING[0] - DOUBTED)
+    a doubt a verdict: on the course that is held behind a trial, and by headings, in each of both, in a turn."""
+    most = 0.5 * (SURE[0] - DOUBTED)
     return _at_most(response, most)._replace(blocks=_at_most(response.blocks, most))
 
 

@@ -79,6 +79,20 @@ def test_a_heading_freezes_in_a_sea_that_is_learnt_anew(monkeypatch: pytest.Monk
     assert cell.detected <= 5.0
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_rudder_that_runs_hard_over_in_a_trial_is_found_in_time(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """The doubt that ended the trial counted for too little afterwards, and what the rudder did was learnt as a sea:
+    46 and 49 deg off."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    from fault_cells import ROWS, run_cells
+
+    (row,) = (each for each in ROWS if each.name == "rudder runs hard over")
+    (cell,) = run_cells([row], ["trial"], 1, seed=seed)
+    assert any("rudder moves the wrong way" in alarm for alarm in cell.alarms), cell.alarms
+    assert cell.ends == "failsafe"
+    assert cell.off_deg < 45.0
+
+
 @pytest.fixture
 def expectations(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))

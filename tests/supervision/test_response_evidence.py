@@ -20,6 +20,7 @@ from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.response_filter import (
     NO_SEAWAY,
     NOTHING,
+    SEA_KNOWN_S,
     Covariance,
     Noise,
     all_moved,
@@ -446,11 +447,16 @@ def test_a_doubt_is_evidence_of_seven_and_what_was_doubted_begins_with_half_a_ve
     memory = first_response(NOISE, 0.0, 0.0)._replace(stuck=silent[0], stuck_late=silent[1])
     memory = memory._replace(reversed=opposite[0], reversed_late=opposite[1])
     assert is_doubtful(memory) is (min(silent) >= 7.0 or min(opposite) >= 7.0)
-    # a doubt more makes a verdict
-    most = pytest.approx(0.5 * (11.0 - 7.0))
+    # a doubt more makes a verdict: on the course that is held then, and by headings in a turn, where 11 were enough
+    most = pytest.approx(0.5 * (14.0 - 7.0))
     found = acquitted(memory._replace(blocks=accused(0.0, 9.0, 0.0, 9.0).blocks))
     for each in (found, found.blocks):
         assert (each.stuck, each.stuck_late, each.reversed, each.reversed_late) == (most, most, most, most)
+    for sure, more in ((ON_COURSE, (3.5, 3.5)), (IN_A_TURN, (7.0, 0.0))):
+        again = found._replace(stuck=found.stuck + more[0], stuck_late=99.0, reversed=0.0)
+        again = again._replace(blocks=found.blocks._replace(stuck=found.blocks.stuck + more[1], stuck_late=99.0))
+        assert verdict(again, sure) == 1
+        assert verdict(again._replace(stuck=again.stuck - 0.2), sure) == 0
     little = memory._replace(stuck=1.0, stuck_late=2.0, reversed=2.0, reversed_late=0.5)
     assert acquitted(little) == little
 
@@ -692,6 +698,25 @@ def test_with_evidence_of_two_nothing_is_learnt(name: str, evidence: float, lear
     before, after = stepped(1.0, 0.05, **{name: evidence + 0.8 * (name == "stuck")})
     assert (after.shown > before.shown) is learns
     assert (after.usual > before.usual) is learns
+
+
+@pytest.mark.parametrize("name", ["stuck", "reversed"])
+@pytest.mark.parametrize(("evidence", "learns"), [(1.9, True), (2.1, False)])
+@pytest.mark.parametrize("is_known", [True, False])
+def test_with_evidence_of_two_by_headings_a_known_sea_is_not_learnt_anew(
+    name: str, evidence: float, learns: bool, is_known: bool
+) -> None:
+    """What a rudder that ran hard over did to the boat was learnt in blocks as a sea, 2 s before it was found."""
+    known = math.exp(-SEA_KNOWN_S / 60.0) * 10.0 + (1.0 - math.exp(-SEA_KNOWN_S / 60.0)) / (1.0 - math.exp(-0.5 / 60.0))
+    memory = first_response(NOISE, 0.0, 0.1)
+    begun, many, sums, past, apart, _, lately, more = memory.blocks.spectrum
+    spectrum = begun, many, sums, past, apart, known + (0.1 if is_known else -9.0), lately, more
+    memory = memory._replace(blocks=memory.blocks._replace(spectrum=spectrum))
+    for tick in range(1, 23):
+        memory = memory._replace(stuck=evidence * (name == "stuck"), reversed=evidence * (name == "reversed"))
+        memory = response_step(memory, BOAT, NOISE, 0.0, (DT * tick, 0.1), (0.0, 0.0, 0.0, 0.0, 1.0))
+    assert (memory.blocks.spectrum[4] != spectrum[4]) is (learns or not is_known)
+    assert memory.blocks.spectrum[7] == (0.0 if learns or not is_known else 5.0), "it is kept, and learnt behind it"
 
 
 @pytest.mark.parametrize(("misfit", "counts"), [(2.99, True), (3.01, False)])
