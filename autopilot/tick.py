@@ -20,6 +20,7 @@ from autopilot.control.roll_damping import RollDamping, damped, rolled
 from autopilot.estimation import estimator
 from autopilot.estimation.estimator import (
     Beliefs,
+    EstimatorConfig,
     EstimatorState,
     believing,
     estimated,
@@ -139,7 +140,9 @@ def timely_of(now: float, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
     )
 
 
-def by_other_compass(state: State, samples: tuple[Sample, ...]) -> tuple[State, tuple[Sample, ...]]:
+def by_other_compass(
+    config: EstimatorConfig, state: State, samples: tuple[Sample, ...]
+) -> tuple[State, tuple[Sample, ...]]:
     """Return the state as the compass sees it that steers now, and the samples without the headings of the
     one before: the boat has not turned, so it is on course as it was. The order is the skipper's to turn."""
     for number, sample in enumerate(samples):
@@ -148,13 +151,17 @@ def by_other_compass(state: State, samples: tuple[Sample, ...]) -> tuple[State, 
             turn = wrap(sample.turn + offset) if offset else sample.turn
             boat = guide.boat._replace(heading=wrap(guide.boat.heading + turn))
             guide = guide._replace(heading=wrap(guide.heading + turn), boat=boat)
+            estimate = estimator.by_other_compass(state.estimate, turn)
+            shown = next((each for each in samples[number:] if type(each) is HeadingSample), None)
+            if estimate.has_begun and shown is not None and math.isfinite(shown.heading):
+                estimate = estimator.checked_by(config, estimate, shown)
             state = state._replace(
-                estimate=estimator.by_other_compass(state.estimate, turn),
+                estimate=estimate,
                 way=state.way._replace(guide=guide),
                 monitors=without_past(state.monitors)._replace(consistency=consistency),
             )
             others = tuple(each for each in samples[:number] if type(each) is not HeadingSample)
-            return by_other_compass(state, (*others, *samples[number + 1 :]))
+            return by_other_compass(config, state, (*others, *samples[number + 1 :]))
     return state, samples
 
 
@@ -171,7 +178,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
     supervisor = Supervisor(config.envelope, boat.failsafe, state.supervisor)
     was, timely = MODES[state.supervisor.state], timely_of(now, samples)
-    state, timely = by_other_compass(state, timely)
+    state, timely = by_other_compass(steering.estimator, state, timely)
 
     monitors, estimate, control, failsafe = select(config, state, supervisor, now, timely)
     is_ours = was is Mode.ENGAGED and boat.rudder_is_ours

@@ -461,6 +461,17 @@ def by_other_compass(state: EstimatorState, turn: float) -> EstimatorState:
     return state._replace(fusion=seen(state.fusion), taken=taken, begun=None)
 
 
+def checked_by(config: EstimatorConfig, state: EstimatorState, shown: HeadingSample) -> EstimatorState:
+    """Return the state, or the one that begins anew with the next heading, without a bias, where it lies further than
+    GATE_SIGMAS off what a compass has `shown` that takes over: it is what the failed one made of it then, and surer of
+    itself than it may be."""
+    past = state.memory.times, state.memory.angles, state.rudder.ticks
+    expected = carried(state.lively_model, config.noises, state.fusion, past, shown.time)
+    variances = config.noises.usual.heading, config.noises.usual.rate
+    off, _, _ = innovations(expected, variances, shown.heading, math.nan)
+    return without_bias(state)._replace(needs_reinit=True) if abs(off) > GATE_SIGMAS else state
+
+
 def believing(config: EstimatorConfig, state: EstimatorState, beliefs: Beliefs) -> EstimatorState:
     """Return the state under other beliefs."""
     before = state.beliefs

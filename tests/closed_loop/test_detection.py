@@ -314,6 +314,28 @@ def test_past_a_jump_the_other_compass_takes_over_the_course_that_was_held(jump:
     assert math.degrees(tick.state.heading) == pytest.approx(0.0, abs=1.0)
 
 
+@pytest.mark.parametrize("wrong", [8.0, -12.0])
+def test_an_estimate_that_a_failed_compass_has_moved_begins_anew_by_the_other(wrong: float) -> None:
+    """Noise of 10 deg had made of heading, rate and bias what no other compass shows, and it stayed for 4 s: here a
+    drift does, within a second, beside no rate of turn."""
+    pilot, changes, off = build_pilot(VESSEL), SETTLED + 1.0, 0.0
+    plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=math.radians(0.3))
+    while plant.time < changes + 2.0:
+        (sample,) = plant.sense()
+        assert isinstance(sample, HeadingSample)
+        samples: tuple[Sample, ...] = (sample._replace(rate=None, source="other"),)
+        if plant.time < changes:
+            drift = math.radians(wrong) * max(plant.time - SETTLED, 0.0)
+            samples = (sample._replace(heading=wrap(sample.heading + drift), rate=None),)
+        elif plant.time - DT < changes:
+            samples = (CompassSample(plant.time, 0.0, "other"), *samples)
+        tick = pilot.step(plant.time, samples, Order(OrderKind.HEADING, 0.0, serial=1))
+        if plant.time >= changes:
+            off = max(off, abs(math.degrees(wrap(tick.state.heading - plant.heading))))
+        plant.step(tick.command.angle, DT)
+    assert off < 2.0
+
+
 @pytest.mark.parametrize("has_rate", [True, False])
 @pytest.mark.parametrize("waits", [0.1, 0.8, 1.4])
 @pytest.mark.parametrize(("lasts", "course"), [(math.inf, 0.5), (math.inf, math.nan), (1.0, math.nan)])
