@@ -25,6 +25,7 @@ from autopilot.control.margins import Loop, OutputFeedbackMargins, Recovery, out
 from autopilot.files.printable import aligned
 from autopilot.guidance.stop import turn_limits
 from autopilot.guidance.turn import turning_time
+from autopilot.identification.interval import ENOUGH, off_by
 from autopilot.models.norrbin import rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 from autopilot.report import steered
@@ -44,7 +45,7 @@ from autopilot.runtime.build import (
     shown_gains_of,
     verdict_of,
 )
-from autopilot.runtime.tuning import GainRequest, LevelCost, designed, spread_of
+from autopilot.runtime.tuning import SIGMAS, GainRequest, LevelCost, designed, spread_of
 from autopilot.signals import HeadingSample, Order, OrderKind
 from autopilot.vessel.schema import Control, Vessel
 
@@ -191,12 +192,15 @@ def verdict_of_gains(each: Judged, cost: LevelCost | None) -> steered.Verdict:
     )
     if cost is not None:
         said += f"; holds within {math.degrees(cost.sea.heading):.1f} deg rms in the sea it is designed for"
+    spread = each.spread.split(",")[0]
+    doubt = max(max(off_by("gain", 1.0, share / SIGMAS)) for share in spread_of(each.vessel)[0])
     doubts = [
         words
         for is_so, words in (
             (not turn.past <= TURN_PAST_MOST, "turns lead past"),
             (not each.worst.stable, "a boat off its model is not held"),
             (each.worst.sensitivity > SENSITIVITY_MOST, "little margin for a boat off its model"),
+            (doubt > ENOUGH, f"a model known too little ({spread})"),
             (not each.disturbed.stable, "unstable in the strongest gusts"),
         )
         if is_so
@@ -204,7 +208,7 @@ def verdict_of_gains(each: Judged, cost: LevelCost | None) -> steered.Verdict:
     if doubts:
         advice = "try a calmer --level, or identify the boat anew"
         return steered.Verdict("doubtful", f"doubtful: {', '.join(doubts)}; {said}; {advice}")
-    return steered.Verdict("good", f"good: {said}; bears a boat with {each.spread.split(',')[0]}")
+    return steered.Verdict("good", f"good: {said}; bears a boat with {spread}")
 
 
 def _past_in_words(past: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from autopilot.files.printable import json_text
 from autopilot.report.log_pages import compared, document_of_runs, measures_of_run, run_of, table_of_runs
 from autopilot.report.steered import Steered, Turn, trial_verdict
 from autopilot.signals import Mode, Tick
-from autopilot.vessel.file import load_vessel
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 
 def sailed(seconds: float, turns: tuple[str, ...] = ()) -> list[Tick]:
@@ -179,3 +180,17 @@ def test_gains_begin_with_the_verdict(capsys: pytest.CaptureFixture[str], tmp_pa
     page = (tmp_path / "gains.html").read_text()
     assert page.index("<svg") < page.index('class="verdict good"') < page.index("<table")
     assert page.count(", chosen<") == 1
+
+
+def test_gains_for_a_model_that_is_not_enough_are_not_called_good(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    vessel = load_vessel("lanxin")
+    path = tmp_path / "unknown.yaml"
+    for share, grade in ((0.05, "good"), (0.25, "doubtful")):
+        errors = replace(vessel.model.standard_errors, K_1_s=0.02, T_s=share * vessel.model.T_s)
+        path.write_text(dump_vessel(replace(vessel, model=replace(vessel.model, standard_errors=errors))))
+        assert main(["gains", str(path), "--json"]) == 0
+        verdict = json.loads(capsys.readouterr().out)["verdict"]
+        assert verdict["grade"] == grade, verdict
+        assert ("a model known too little (K off by " in verdict["sentence"]) is (grade == "doubtful")
