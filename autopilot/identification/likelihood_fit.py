@@ -302,10 +302,10 @@ def _speed_power(space: Space, z: FloatArray) -> SpeedPower:
 
     A turn takes speed away: what the rudder loses with it, and what damps the turn, differ by that power alone.
     Newton's method on the likelihood of the boat that suits a power best, and with the power found the weather anew:
-    a wrong power looks like gusts.
+    a wrong power looks like gusts, or like waves.
     """
     space.keep(z)
-    own, begin, ratio = z[space.boat], space.path, space.record.scales.linear
+    searched, own, begin, ratio = space, z[space.boat], space.path, space.record.scales.linear
     found = SpeedPower(
         0.0, math.hypot(POWER_DOUBT, FORM_DOUBT), space.opened(z)[1], np.zeros_like(own), np.zeros_like(own)
     )
@@ -329,9 +329,16 @@ def _speed_power(space: Space, z: FloatArray) -> SpeedPower:
         if gains < POWER_GAINS:
             break
         other, there = _at_power(space, at, middle, ratio)
-        at, _ = approached(other, there)
+        at, loss = approached(other, there)
         space.path = other.path
-    space.path = begin
+        if space.base.wave > 0.0:
+            still = _without_waves(space, at)
+            other, there = _at_power(still, still.start, middle, ratio)
+            as_still, its_loss = approached(other, there)
+            if its_loss < loss + WAVES_GAIN:
+                space, at = still, as_still
+                space.path = other.path
+    searched.path = begin
     return found
 
 
@@ -350,6 +357,14 @@ def _unknown_power(space: Space, z: FloatArray, ratio: FloatArray) -> SpeedPower
     return SpeedPower(0.0, math.hypot(POWER_DOUBT, FORM_DOUBT), space.opened(z)[1], own, by_power)
 
 
+def _without_waves(space: Space, z: FloatArray) -> Space:
+    """Return where to search for the boat of the vector in a sea without waves."""
+    rates, weather, train = space.opened(z)
+    still = Space(space.record, rates, weather._replace(wave=0.0), train, space.parts, space.scale)
+    still.priors, still.path = space.priors, space.path[:, :3]
+    return still
+
+
 POWER_DOUBT, FORM_DOUBT = 0.5, 0.35
 """Of the power of the speed with which a rudder steers, one standard deviation, before a record is known (of thrust
 about its law's): 2 in the boat's own flow, 1 in a race as strong, which keeps its speed in a turn, more where the flow
@@ -357,6 +372,8 @@ at the rudder loses more than the boat does. And from one manoeuvre to another, 
 power alone."""
 POWER_STEP, POWER_TURNS, POWER_ROUNDS = 0.5, 2, 5
 """Powers of the speed by which it is tried, Newton's steps to the boat that suits one, and to the power."""
+WAVES_GAIN = 3.0
+"""Of the likelihood's logarithm, by waves that are there: one for each of their numbers (Akaike 1974)."""
 POWER_GAINS = 1.0
 """Of the likelihood's logarithm, by a step to another power, for another step to follow."""
 
@@ -575,10 +592,16 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
     Begun weaker, white ones would take their place, whose doubt about the rudder's zero is less.
     """
     rates, weather, train = space.opened(z)
-    wavy = _wave_start(space, z)
     hurried = weather.gust_time < HURRIED_S or weather.white > ROUGH_WHITE * usual.white
+    slow = math.hypot(weather.gust * math.sqrt(2.0 * weather.gust_time), weather.white)
+    seen = z.copy()
     if hurried:
-        slow = math.hypot(weather.gust * math.sqrt(2.0 * weather.gust_time), weather.white)
+        # white pushes show the instruments' noise as strongly as waves: gusts that pass as quickly do not
+        quick = {"gust": slow / math.sqrt(2.0 * HURRIED_S), "gust_time": HURRIED_S, "white": usual.white}
+        for name, value in quick.items():
+            seen[space.names.index(name)] = math.log(value)
+    wavy = _wave_start(space, seen, weather)
+    if hurried:
         wavy = wavy._replace(gust=slow / math.sqrt(2.0 * GUST_TIME_S), gust_time=GUST_TIME_S, white=usual.white)
     beside = space.beside_at(z)
     found, maybe = [], MAYBE_WAVES if space.record.nodes <= LONG else MAYBE_LONG
@@ -598,9 +621,9 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
     return found
 
 
-def _wave_start(space: Space, z: FloatArray) -> Weather:
-    """Return the weather with waves at the strongest frequency of what pushes the boat and is no lasting gust."""
-    rates, weather, train = space.opened(z)
+def _wave_start(space: Space, z: FloatArray, weather: Weather) -> Weather:
+    """Return the `weather` with waves at the strongest frequency of what pushes the boat and is no lasting gust."""
+    rates, _, train = space.opened(z)
     record, states = space.record_at(z), space.found(z).states
     motion = motion_of(rates, record, rudder_on(record, train), states)
     push = states[record.begin, 2] + motion.rate / record.step

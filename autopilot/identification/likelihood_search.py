@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
 from autopilot.identification.likelihood_record import WIDE, Beside, IntArray, Record, rudder_on
 from autopilot.identification.marginal_likelihood import (
@@ -30,6 +29,7 @@ from autopilot.identification.marginal_likelihood import (
 from autopilot.identification.marginal_slope import (
     Held,
     Moments,
+    Offset,
     Rudder,
     adjoint_of,
     end_worth,
@@ -38,6 +38,7 @@ from autopilot.identification.marginal_slope import (
     information,
     moments_of,
     waves_worth,
+    weather_information,
     worth_by_boat,
     worth_of,
 )
@@ -47,12 +48,13 @@ from autopilot.identification.runs import FloatArray
 RATE_NAMES = ("a", "b", "d", "e")
 LARGEST_CUBIC = 2.0
 """Cubic damping at the largest rate, in units of the rudder's largest moment: the deviation of what is expected."""
-BESIDE, FIRST_STEP, NEXT = 0.1, 1.0e-4, 1.0e-5
-"""Steps of the differences of slopes, in standard errors, and where those are not known; and of those that give slopes.
-"""
-STAGES, STAYS, ITERATIONS = 4, 0.05, 40
-"""How often the search begins anew at most, what a step of Newton's may still gain where it ends, and its iterations.
-"""
+BESIDE, NEXT = 0.1, 1.0e-5
+"""Steps of the differences of slopes, in standard errors, and of those that give slopes."""
+STAGES, ITERATIONS = 4, 40
+"""Curvatures at most, and steps of each search."""
+NEAR, STAYS, ARRIVED = 1.0, 1.0e-3, 5.0e-7
+"""What a step may still gain of the likelihood's logarithm where the quasi-Newton search begins, where the curvature is
+worked out, and at the end: the last two are 0.05 and 0.001 standard errors."""
 FLATTEST, LEAST_CURVED = 1.0e-5, 0.16
 """The least curvature of the search's axes, as a share, and of a number: that of what was known of a gust's size."""
 GUST_TIME_S, GUST_TIME_WIDTH = 6.0, 0.6
@@ -227,14 +229,15 @@ class Space:
         path = best_path(rates, weather, self.record_at(z), rudder, self.path, rounds)
         return path._replace(loss=path.loss + self.before(z))
 
-    def slope(self, z: FloatArray, boat_only: bool = False, informed: bool = True) -> Slope:
+    def slope(self, z: FloatArray, boat_only: bool = False, informed: bool = True, whole: bool = False) -> Slope:
         """Return the loss at the vector, its derivatives, and the information about what moves the boat, rates and
         train, had the path to be found anew for each; a loss of inf where no path is found. Later searches begin at
-        this path. boat_only: the weather's derivatives are left at 0; informed: False leaves the information out."""
+        this path. boat_only: the weather's derivatives are left at 0; informed: False leaves the information out;
+        whole: the information is that about all numbers, boat and weather apart."""
         path = self.found(z)
         slope = np.zeros_like(z)
         if path.factor is None:
-            return math.inf, slope, np.eye(len(self.boat))
+            return math.inf, slope, np.eye(z.size if whole else len(self.boat))
         self.path = path.states
         rates, weather, train = self.opened(z)
         rudder = rudder_on(self.record, train) if self.parts else self.rudder
@@ -243,7 +246,7 @@ class Space:
         try:
             held = held_at(path, rates, record, noise)
         except np.linalg.LinAlgError:
-            return math.inf, slope, np.eye(len(self.boat))
+            return math.inf, slope, np.eye(z.size if whole else len(self.boat))
         rudders = self._rudders_beside(z)
         numbers = dict(zip(self.names, z.tolist(), strict=True))
         besides = [] if self.beside is None else self.beside.changes(numbers, NEXT)
@@ -257,7 +260,14 @@ class Space:
         if not informed:
             return path.loss, slope, np.eye(len(self.boat))
         known = np.outer(size, size) * information(path.factor, held, rates, rudder, rudders, noise, besides)
-        return path.loss, slope, known + np.diag([self.curvature_before(i) for i in self.boat])
+        known += np.diag([self.curvature_before(i) for i in self.boat])
+        if whole:
+            own, known = known, np.zeros((z.size, z.size))
+            known[np.ix_(self.boat, self.boat)] = own
+            offsets = self._offsets(z, held, noise)
+            known[np.ix_(self.sky, self.sky)] = weather_information(path.factor, held, noise, offsets)
+            known[self.sky, self.sky] += [self.curvature_before(i) for i in self.sky]
+        return path.loss, slope, known
 
     def worths_behind(self, z: FloatArray, rudders: Sequence[Rudder]) -> list[float]:
         """Return by how much each of these rudders would raise the logarithm of the likelihood in the place of the one
@@ -334,6 +344,50 @@ class Space:
             slopes[name] = (beside[0] - beside[1]) / (2.0 * NEXT)
         return [slopes[self.names[i]] for i in self.sky]
 
+    def _offsets(self, z: FloatArray, held: Held, noise: StepNoise) -> list[Offset]:
+        """Return how each of the weather's numbers changes what is unexplained."""
+        record, states, D = held.record, held.states, held.states.shape[1]
+        begin, end, first = record.begin, record.begin + 1, states[record.first]
+        gust = states[end, 2] - noise.keep * states[begin, 2]
+        still, no_gust, no_waves = np.zeros_like(first), np.zeros(begin.size), np.zeros((2, begin.size))
+        sees = "compass" if record.headings_known else "gyro"
+        found = []
+        for i in self.sky:
+            name = self.names[i]
+            gyro, compass = float(name == "gyro"), float(name == "compass")
+            if name in ("white", "gyro", "compass"):
+                driven = noise.by_white if name == "white" else noise.by_instrument if name == sees else 0.0
+                found.append(Offset(driven, gyro, compass, no_gust, no_waves, still))
+                continue
+            (less, gone), (more, there) = (self._weather_beside(z, i, by) for by in (-NEXT, NEXT))
+            began = first * (np.log(there) - np.log(gone)) / (-4.0 * NEXT)
+            keep, inverse = ((b - a) / (2.0 * NEXT) for a, b in zip(less[:2], more[:2], strict=True))
+            own = gust * (-0.5 * inverse / noise.gust) + math.sqrt(0.5) * keep * states[begin, 2]
+            waves = no_waves
+            if noise.wave is not None and name.startswith("wave"):
+                moved = noise.wave[0]
+                changed, log = (more[2][0] - less[2][0]) / (2.0 * NEXT), (more[3] - less[3]) / (2.0 * NEXT)
+                x, v = states[begin, 3], states[begin, 4]
+                waves = np.stack(
+                    [
+                        0.25 * log / begin.size * (states[end, 3 + k] - moved[2 * k] * x - moved[2 * k + 1] * v)
+                        + math.sqrt(0.5) * (changed[2 * k] * x + changed[2 * k + 1] * v)
+                        for k in (0, 1)
+                    ]
+                )
+            found.append(Offset(0.0, 0.0, 0.0, own, waves, began[:, :D]))
+        return found
+
+    def _weather_beside(self, z: FloatArray, i: int, by: float) -> tuple[tuple[Any, ...], FloatArray]:
+        """Return what drives gusts and waves where number i of the vector is moved, and the states' own variances'
+        inverses where segments begin."""
+        at = z.copy()
+        at[i] += by
+        weather, record = self.opened(at)[1], self._gusty(at)
+        noise = noise_of(weather, record)
+        wave, log = (None, 0.0) if noise.wave is None else wave_noise(weather, record.step)
+        return (noise.keep, noise.gust, wave, log), np.maximum(noise.initial, 1.0e-300)
+
     def slope_before(self, z: FloatArray) -> FloatArray:
         """Return the derivatives of `before` by the vector's numbers."""
         rest = [self.priors[name].slope(value) for name, value in zip(self.names[4:], z[4:].tolist(), strict=True)]
@@ -357,68 +411,92 @@ class Space:
 def maximised(space: Space, start: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Return the vector of the least loss near `start`, the loss, and the curvature there.
 
-    A quasi-Newton search in coordinates in which the curvature is about one; begun anew, with the curvature where it
-    ended, until it stays.
+    With the curvature the search goes on until what is left to gain is nothing beside the doubt, so that the end is the
+    same from wherever it came.
     """
     z, loss = approached(space, start)
-    steps = np.full(z.size, FIRST_STEP)
     for _ in range(STAGES):
-        curvature, slope = _curvature(space, z, steps)
+        curvature, slope = _curvature(space, z)
         axes = _axes(curvature)
-        if 0.5 * float(np.sum((axes.T @ slope) ** 2)) < STAYS:
+        z, loss, left = _descended(space, z, loss, slope, axes @ axes.T, ARRIVED)
+        if left < ARRIVED:
             break
-        steps = np.clip(BESIDE / np.sqrt(np.maximum(np.diag(curvature), 1.0)), FIRST_STEP, BESIDE)
-        z, loss = searched(space, z, axes, loss)
     return z, loss, curvature
 
 
 def approached(space: Space, start: FloatArray) -> tuple[FloatArray, float]:
     """Return a vector near the one of the least loss, and the loss there.
 
-    What the record tells of the boat goes with the weather, by orders of magnitude in a calm: by turns a step of
-    Newton's to the boat in the weather so far, and some of a quasi-Newton search with axes that suit that boat.
+    Newton's steps with the average information (`weather_information`), of boat and weather apart, for what a record
+    tells of either goes little with the other; near the end a quasi-Newton search that begins with it.
     """
-    z, loss = start, space.keep(start)
-    for _ in range(TURNS):
-        before = loss
-        _, slope, known = space.slope(z, boat_only=True)
-        at, path = z.copy(), space.path
-        step = inverse(known) @ slope[space.boat]
-        # delay and lag are no straight lines, and a boat that turns against its rudder is another one
-        at[space.boat] -= step / max(1.0, float(np.max(np.abs(np.append(step[0], step[4:])))) / LARGEST_CHANGE)
-        there = space.keep(at)
-        if there < loss:
-            z, loss = at, there
-            known = space.slope(z, boat_only=True)[2]
-        else:
-            space.path = path
-        z, loss = searched(space, z, _first_axes(space, known), loss, A_TURN)
-        if before - loss < A_TURN_GAINS:
+    z = start
+    loss, slope, known = space.slope(z, whole=True)
+    for _ in range(ITERATIONS):
+        inverted = inverse(known)
+        if not (math.isfinite(loss) and 0.5 * float(slope @ inverted @ slope) > NEAR):
             break
+        found = _stepped(space, z, loss, -inverted @ slope, whole=True)
+        if found is None:
+            break
+        z, (loss, slope, known) = found
+    z, loss, _ = _descended(space, z, loss, slope, inverse(known), STAYS)
     return z, loss
 
 
-LARGEST_CHANGE = 0.5
-"""Of the logarithms of the rudder's way in a step of Newton's, and of K/T as a share of what is guessed."""
-TURNS, A_TURN, A_TURN_GAINS = 10, 6, 1.0
-"""Turns at most, iterations in each, and what one must gain of the likelihood's logarithm for another to follow."""
+def _descended(
+    space: Space, z: FloatArray, loss: float, slope: FloatArray, inverted: FloatArray, until: float
+) -> tuple[FloatArray, float, float]:
+    """Return where the quasi-Newton search of Broyden, Fletcher, Goldfarb and Shanno ends that begins with the inverse
+    `inverted` of the curvature, the loss there, and what one step more might gain: less than `until`, if it arrived."""
+    one = np.eye(z.size)
+    for _ in range(ITERATIONS):
+        left = 0.5 * float(slope @ inverted @ slope)
+        if not (math.isfinite(loss) and left > until):
+            break
+        found = _stepped(space, z, loss, -inverted @ slope)
+        if found is None:
+            break
+        at, (loss, there, _) = found
+        step, change = at - z, there - slope
+        bent = float(step @ change)
+        if bent > 0.0:
+            turn = one - np.outer(step, change) / bent
+            inverted = turn @ inverted @ turn.T + np.outer(step, step) / bent
+        z, slope = at, there
+    return z, loss, left
 
 
-def _first_axes(space: Space, known: FloatArray) -> FloatArray:
-    """Return axes along which the curvature is about one, before it is known: of the boat by what the record tells of
-    it in that weather, of instruments by the number of their samples."""
-    scale = np.full(space.start.size, USUAL_DOUBT)
-    samples = {"gyro": space.record.rates_known, "compass": space.record.headings_known}
-    for name, count in samples.items():
-        if name in space.names:
-            scale[space.names.index(name)] = (2.0 * count) ** -0.5
-    axes = np.diag(scale)
-    axes[np.ix_(space.boat, space.boat)] = _axes(known)
-    return axes
+def _stepped(
+    space: Space, z: FloatArray, loss: float, step: FloatArray, whole: bool = False
+) -> tuple[FloatArray, Slope] | None:
+    """Return a vector of less loss along the `step`, and the slope there; None where there is none."""
+    step, path = _shortened(space, step), space.path
+    for _ in range(HALVINGS):
+        at = z + step
+        found = space.slope(at, informed=whole, whole=whole)
+        # where both are alike to rounding the slope decides when to end
+        if found[0] < loss + ALIKE * abs(loss):
+            return at, found
+        space.path, step = path, 0.25 * step
+    return None
 
 
-USUAL_DOUBT = 0.3
-"""Of the logarithm of a gust's size, before it is known."""
+def _shortened(space: Space, step: FloatArray) -> FloatArray:
+    """Return a step of Newton's that goes no further than the curvature is good for: delay and lag and the weather are
+    no straight lines, and a boat that turns against its rudder is another one."""
+    step, boat = step.copy(), np.array(space.boat)
+    logs = [i for i in space.boat if i >= len(RATE_NAMES)]
+    step[boat] /= max(1.0, float(np.max(np.abs(step[[0, *logs]]))) / LARGEST_CHANGE)
+    step[space.sky] /= max(1.0, float(np.max(np.abs(step[space.sky]))) / LARGEST_OF_WEATHER)
+    return step
+
+
+LARGEST_CHANGE, LARGEST_OF_WEATHER = 0.5, 1.5
+"""Of the logarithms of the rudder's way in a step of Newton's, and of K/T as a share of what is guessed; and of those
+of the weather's sizes and times."""
+HALVINGS = 6
+"""Steps tried at most, each a quarter of the one before."""
 
 
 def _axes(curvature: FloatArray) -> FloatArray:
@@ -437,46 +515,24 @@ def inverse(known: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ik,jk->ij", root, root))
 
 
-ROUNDING = 1.0e-10
-"""Least share of the largest eigenvalue that is not taken for rounding."""
+ROUNDING, ALIKE = 1.0e-10, 1.0e-12
+"""Least share of the largest eigenvalue that is not taken for rounding; losses that differ by less are alike."""
 
 
-def searched(
-    space: Space, z: FloatArray, axes: FloatArray, loss: float, most: int = ITERATIONS
-) -> tuple[FloatArray, float]:
-    """Return the vector of the least loss found along `axes` from `z` in so many iterations at `most`, and the loss."""
-    best, least = z, loss
-
-    def both(u: FloatArray) -> tuple[float, FloatArray]:
-        nonlocal best, least
-        at, before = z + axes @ u, space.path
-        found, slope, _ = space.slope(at, informed=False)
-        if found < least:
-            best, least = at, found
-        else:
-            space.path = before
-        if not math.isfinite(found):
-            return 1.0e10, np.zeros_like(u)
-        return found, axes.T @ slope
-
-    minimize(both, np.zeros(z.size), jac=True, method="L-BFGS-B", options={"maxiter": most, "maxls": 8, "gtol": 0.1})
-    return best, least
-
-
-def _curvature(space: Space, z: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _curvature(space: Space, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the second derivatives of the loss, and the slope: among the boat's numbers what is known of them, all
     others by differences of slopes."""
     H = np.zeros((z.size, z.size))
     space.keep(z)
-    _, here, known = space.slope(z)
-    before, sky = space.path, space.sky
+    _, here, known = space.slope(z, whole=True)
+    before, sky, boat = space.path, space.sky, space.boat
     for i in sky:
-        at = z.copy()
-        at[i] += steps[i]
+        at, step = z.copy(), BESIDE / math.sqrt(max(float(known[i, i]), 1.0))
+        at[i] += step
         space.path = before
-        H[:, i] = (space.slope(at, informed=False)[1] - here) / steps[i]
+        H[:, i] = (space.slope(at, informed=False)[1] - here) / step
     space.path = before
     H[np.ix_(sky, sky)] = 0.5 * (H[np.ix_(sky, sky)] + H[np.ix_(sky, sky)].T)
-    H[np.ix_(sky, space.boat)] = H[np.ix_(space.boat, sky)].T
-    H[np.ix_(space.boat, space.boat)] = known
+    H[np.ix_(sky, boat)] = H[np.ix_(boat, sky)].T
+    H[np.ix_(boat, boat)] = known[np.ix_(boat, boat)]
     return np.asarray(np.nan_to_num(H, nan=1.0e6, posinf=1.0e6, neginf=-1.0e6)), here

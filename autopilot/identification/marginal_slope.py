@@ -376,3 +376,72 @@ def information(
     flat = slope.reshape(e0.shape[0], -1).T
     answer, _ = dpbtrs(factor, flat, lower=1)
     return np.asarray(e0 @ w0.T + e1 @ w1.T - flat.T @ answer)
+
+
+class Offset(NamedTuple):
+    """How a number of the weather changes what is unexplained: a share of what drives the boat, of what gyro and
+    compass leave; what it adds to the gust's and the waves' own steps, shape (M,) and (2, M), and to the states where
+    segments begin, shape (S, D). Changes of a size count as shares of it, those of how a state goes on divided by
+    sqrt(2)."""
+
+    driven: float
+    gyro: float
+    compass: float
+    gust: FloatArray
+    waves: FloatArray
+    first: FloatArray
+
+
+def weather_information(factor: FloatArray, held: Held, noise: StepNoise, offsets: Sequence[Offset]) -> FloatArray:
+    """Return the average information about the weather's numbers, shape (K, K).
+
+    Of sizes it is the mean of the observed and of the expected one, 2 c'(1 - J H^-1 J')c (Gilmour, Thompson and Cullis
+    1995), c the part of what is unexplained, in its standard deviations, that goes with the number and J how all of it
+    goes with the path.
+    """
+    record, motion, states = held.record, held.motion, held.states
+    begin, end, first = record.begin, record.begin + 1, record.first
+    _, _, t, u, by_rate, by_gust, _ = motion
+    e0, e1 = motion.heading, motion.rate
+    w0, w1 = noise.angle * e0 + noise.cross * e1, noise.cross * e0 + noise.rate * e1
+    is_seen = noise.wave is not None and WAVE not in held.pushing
+    pull, parts, weighed = np.zeros((len(offsets), *states.shape)), [], []
+    for slope, offset in zip(pull, offsets, strict=True):
+        d0, d1 = offset.driven * w0, offset.driven * w1
+        slope[end, 0], slope[end, 1] = d0, d1
+        slope[begin, 0] -= d0
+        slope[begin, 1] -= t * d0 + by_rate * d1
+        for each in held.pushing:
+            slope[begin, each] -= u * d0 + by_gust * d1
+        gust = noise.gust * offset.gust
+        slope[end, 2] += gust
+        slope[begin, 2] -= noise.keep * gust
+        initial = noise.initial * offset.first
+        slope[first] += initial
+        part = [offset.driven * e0, offset.driven * e1, offset.gust, offset.first.ravel()]
+        weight = [d0, d1, gust, initial.ravel()]
+        if noise.wave is not None:
+            moved, inverse, *_ = noise.wave
+            x, v = offset.waves
+            w2, w3 = inverse[0] * x + inverse[1] * v, inverse[2] * x + inverse[3] * v
+            slope[end, 3] += w2
+            slope[end, 4] += w3
+            slope[begin, 3] -= moved[0] * w2 + moved[2] * w3
+            slope[begin, 4] -= moved[1] * w2 + moved[3] * w3
+            part += [x, v]
+            weight += [w2, w3]
+        for column, share, sizes, values in (
+            (1, offset.gyro, noise.gyro, record.rate),
+            (0, offset.compass, noise.compass, record.heading),
+        ):
+            off = share * (states[:, column] - values + (states[:, WAVE + column] if is_seen else 0.0))
+            slope[:, column] += sizes * off
+            if is_seen:
+                slope[:, WAVE + column] += sizes * off
+            part.append(off)
+            weight.append(sizes * off)
+        parts.append(np.concatenate(part))
+        weighed.append(np.concatenate(weight))
+    flat = pull.reshape(len(offsets), -1).T
+    answer, _ = dpbtrs(factor, flat, lower=1)
+    return np.asarray(2.0 * (np.array(parts) @ np.array(weighed).T - flat.T @ answer))

@@ -21,7 +21,7 @@ from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import at_least_as_doubtful, identify
 from autopilot.identification.interval import interval_of
-from autopilot.identification.likelihood_fit import memory_of, scales
+from autopilot.identification.likelihood_fit import likelihood_fit, memory_of, scales
 from autopilot.identification.likelihood_record import Form, record_of, rudder_on, without_noise
 from autopilot.identification.likelihood_search import Space, maximised
 from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path, wave_noise
@@ -359,21 +359,64 @@ def test_the_slope_of_a_calm_is_right_to_a_thousandth_of_a_standard_error(
         assert slope[i] * error[i] == pytest.approx(differences, rel=1.0e-3, abs=1.0e-3), space.names[i]
 
 
-def test_the_worth_of_a_late_or_clipped_rudder_is_that_of_a_boat_fitted_to_it() -> None:
+def space_in_waves() -> Space:
+    """Return where a boat in gusts and waves is searched for, beginning at the truth."""
     plant = PLANT["Lanxin"]
     segments = [segment for run in runs_of(plant, SEA["gusts and waves"], 31) for segment in run.segments]
     truth = Rates(plant.a, plant.b, plant.d, plant.e)
     record = record_of(segments, SPEED_M_S, memory_of(truth, segments))
     weather = Weather(0.02 * plant.a, 5.0, 1.0e-3 * plant.a, 1.0, math.radians(0.3), 0.01, 1.2, 0.1)
-    space = Space(record, truth, weather, DIRECT, (), scales(segments, truth))
+    return Space(record, truth, weather, DIRECT, (), scales(segments, truth))
+
+
+def test_the_search_ends_at_one_place_from_wherever_it_begins() -> None:
+    space = space_in_waves()
+    begin = space.path
+    end, loss, _ = maximised(space, space.start)
+    errors = np.sqrt(np.diag(np.linalg.inv(space.slope(end, whole=True)[2])))
+    start = space.start.copy()
+    start[:2] *= 1.5
+    start[4:] += np.where(np.arange(start.size - 4) % 2, 0.7, -0.7)
+    space.path = begin
+    other, its_loss, _ = maximised(space, start)
+    assert its_loss == pytest.approx(loss, abs=1.0e-5)
+    assert np.max(np.abs(other - end) / errors) < 3.0e-3
+
+
+def test_a_fit_in_waves_does_not_follow_the_last_digits_of_the_rudder() -> None:
+    (run, _), random = runs_of(PLANT["Lanxin"], SEA["gusts and waves"], 31), np.random.default_rng(1)
+    guess = Rates(*PLANT["Lanxin"][1:5])
+    moved = tuple(
+        segment._replace(rudder=segment.rudder * (1.0 + 1.0e-15 * random.normal(size=segment.rudder.size)))
+        for segment in run.segments
+    )
+    found, beside = (likelihood_fit(segments, SPEED_M_S, guess) for segments in (run.segments, moved))
+    assert found is not None and beside is not None
+    errors = np.sqrt(np.diag(found.covariance))
+    assert np.max(np.abs(np.array(beside.rates) - found.rates) / errors) < 2.0e-3
+    assert np.sqrt(np.diag(beside.covariance)) == pytest.approx(errors, rel=5.0e-3)
+
+
+def test_what_a_record_tells_of_the_weather_is_near_the_curvature_of_the_loss() -> None:
+    space = space_in_waves()
+    end, _, curvature = maximised(space, space.start)
+    known = space.slope(end, whole=True)[2]
+    for i in space.sky:
+        assert 0.4 < known[i, i] / curvature[i, i] < 2.5, space.names[i]
+    assert np.all(np.linalg.eigvalsh(known) > 0.0)
+
+
+def test_the_worth_of_a_late_or_clipped_rudder_is_that_of_a_boat_fitted_to_it() -> None:
+    space = space_in_waves()
     end, loss, _ = maximised(space, space.start)
     rates, weather, train = space.opened(end)
-    paths = tuple((time, np.clip(angle, -0.33, 0.33)) for time, angle in record.paths)
-    short = record._replace(paths=paths)
-    tried = [(record, train._replace(delay=0.03)), (record, train._replace(delay=0.1)), (short, train)]
-    worths = space.worths_behind(end, [rudder_on(each, behind) for each, behind in tried])
-    for (each, behind), worth in zip(tried, worths, strict=True):
-        trial = Space(each, rates, weather, behind, (), space.scale)
+    short = space.record._replace(
+        paths=tuple((time, np.clip(angle, -0.33, 0.33)) for time, angle in space.record.paths)
+    )
+    tried = [(space.record, train._replace(delay=0.03)), (space.record, train._replace(delay=0.1)), (short, train)]
+    worths = space.worths_behind(end, [rudder_on(record, behind) for record, behind in tried])
+    for (record, behind), worth in zip(tried, worths, strict=True):
+        trial = Space(record, rates, weather, behind, (), space.scale)
         trial.priors, trial.path = space.priors, space.path
         z = trial.start.copy()
         for _ in range(4):

@@ -12,7 +12,7 @@ from independent_boat import SPEED_M_S, Plant, Sea, zigzags
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_fit import LikelihoodFit, likelihood_fit
-from autopilot.identification.marginal_likelihood import Rates, Weather
+from autopilot.identification.marginal_likelihood import Rates, Weather, still_waves
 from autopilot.identification.prediction_bands import (
     AHEAD_S,
     TURNING_RAD,
@@ -168,6 +168,12 @@ def in_a_race(power: float) -> Run:
     return run_from_columns("race.csv", columns)
 
 
+def pushed(weather: Weather) -> float:
+    """Return what gusts, and waves where they push the boat, drive it by [rad/s^2], rms."""
+    waves = still_waves(weather)[0] if weather.wave > 0.0 and weather.wave_pushes else 0.0
+    return math.sqrt(weather.gust**2 + waves)
+
+
 def test_how_a_boat_is_another_where_its_rudder_steers_with_another_power_of_the_speed() -> None:
     truth = np.array([0.2, 0.3, 2.0])
     fit = likelihood_fit(in_a_race(1.5).segments, 5.0, Rates(0.2, 0.3, 2.0, 0.0))
@@ -175,8 +181,8 @@ def test_how_a_boat_is_another_where_its_rudder_steers_with_another_power_of_the
     assert fit.power.mean == pytest.approx(-0.5, abs=0.15)
     found, changed = np.array(fit.rates[:3]), fit.power.boat[:3]
     assert (np.abs(found + changed - truth) < 0.2 * np.abs(found - truth)).all()
-    # what is no gust is not taken for one
-    assert fit.pushes.gust < 0.2 * fit.weather.gust
+    # what is no gust, and no wave, is not taken for one
+    assert pushed(fit.pushes) < 0.2 * pushed(fit.weather)
     drawn = boats_of(fit, np.ones(1), np.random.default_rng(1))
     assert np.mean(drawn.beyond) == pytest.approx(fit.power.mean, abs=0.05)
     assert 0.3 < np.std(drawn.beyond) < 0.5 and np.std(drawn.b) > np.sqrt(fit.covariance[1, 1])
