@@ -426,15 +426,15 @@ def _kind(result: Result) -> ModelKind:
 
 
 def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Sequence[Run]) -> Result:
-    from autopilot.identification.prediction_bands import forecast, gear_of, in_the_race
+    from autopilot.identification.prediction_bands import forecast, gear_at, in_the_race
     from autopilot.identification.rudder_path import rudder_rate_of
     from autopilot.identification.two_stage import nomoto_stage
     from autopilot.report.identification import Result, undetermined
 
     predictions = [(run, "fit", found.predict(run)) for run in fitted]
     predictions += [(run, "holdout", found.predict(run)) for run in held_out]
-    speed, rate, expected = found.model.reference_speed, found.rudder_rate or rudder_rate_of(fitted), None
+    speed, measured, expected = found.model.reference_speed, rudder_rate_of(fitted), None
     if found.predictor is not None and not undetermined(found):
-        expected = forecast(found.predictor, *in_the_race(found.around, fitted, speed), gear_of(fitted))
+        expected = forecast(found.predictor, *in_the_race(found.around, fitted, speed), gear_at(measured, fitted))
     stage_one = nomoto_stage(fitted, speed)
-    return Result(kind, found, stage_one, predictions, rudder_rate=rate, forecast=expected)
+    return Result(kind, found, stage_one, predictions, rudder_rate=found.rudder_rate or measured, forecast=expected)

@@ -30,7 +30,7 @@ from scipy.special import ndtri, stdtrit
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.likelihood_record import scales_of, without_noise
 from autopilot.identification.marginal_likelihood import Weather, still_waves, wave_noise
-from autopilot.identification.rudder_path import rudder_rate_of
+from autopilot.identification.rudder_path import RudderRate, rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment
 from autopilot.identification.simulation import RATE_BOUND_RAD_S
 from autopilot.models.steering_gear import SteeringGear, gear_step, lag_share
@@ -57,6 +57,8 @@ MOST_STRETCHES, FEWEST_STRETCHES, LONGEST_SHARE = 24, 6, 0.5
 """So many stretches of the runs are forecast, at most and at least; none longer than this share of the longest."""
 MOST_TAKEN_UP = 0.4
 """Of the variance of errors in stretches that were fitted, what the fit's numbers take up, at most."""
+ROUNDING = 1.0e-9
+"""Of a step: moments that are no further apart are alike."""
 LONGEST_ZIGZAG, MOST_STEPS = 20.0, 4000
 """A zigzag is given up after so many times the time in which the rudder turns the boat by its angle, or steps."""
 
@@ -102,7 +104,7 @@ class Boats(NamedTuple):
 
 
 Helm = Callable[[float], tuple[FloatArray, FloatArray]]
-"""Time [s] -> where the rudders are [rad], and the speeds as shares of the reference, shape (N,) each."""
+"""Time [s] -> where the rudders are [rad], and the speeds as shares of the reference, shape (N,) or (M, 1)."""
 
 
 def boats_of(fit: LikelihoodFit, ratios: FloatArray, random: np.random.Generator, draws: int = DRAWS) -> Boats:
@@ -151,7 +153,8 @@ def _ways_of(fit: LikelihoodFit, off: FloatArray, random: np.random.Generator) -
 
 
 class _Motion:
-    """Boats under way: rate [rad/s] and heading [rad], shape (N,), pushed as the fit says."""
+    """Boats under way: rate [rad/s] and heading [rad], shape (N,), or (M, N) where each goes M ways, as `rate` says
+    in a shape that goes with it; pushed as the fit says."""
 
     def __init__(
         self,
@@ -160,67 +163,78 @@ class _Motion:
         rate: FloatArray | float = 0.0,
         rudder: FloatArray | float = 0.0,
     ) -> None:
-        count = boats.a.size
+        shape = np.broadcast_shapes(boats.a.shape, np.shape(rate))
         self.boats, self.random = boats, random
-        self.rate, self.heading = np.zeros(count) + rate, np.zeros(count)
-        weather = boats.fit.pushes
-        self.gust = weather.gust * random.normal(size=count)
+        self.rate, self.heading = np.zeros(shape) + rate, np.zeros(shape)
+        weather, h = boats.fit.pushes, boats.step
+        self.gust = weather.gust * random.standard_normal(shape)
+        self._keep = math.exp(-h / weather.gust_time)
+        self._by_gust, self._by_white = weather.gust * math.sqrt(1.0 - self._keep**2), weather.white * math.sqrt(h)
         self.wave: FloatArray | None = None
         if weather.wave > 0.0 and weather.wave_pushes:
-            self.wave = np.sqrt(still_waves(weather))[:, None] * random.normal(size=(2, count))
-            moved, drives, *_ = wave_noise(weather, np.array([boats.step]))[0]
+            still = np.sqrt(still_waves(weather)).reshape(2, *(1 for _ in shape))
+            self.wave = still * random.standard_normal((2, *shape))
+            moved, drives, *_ = wave_noise(weather, np.array([h]))[0]
             self._on, self._new = moved.reshape(2, 2), np.linalg.cholesky(np.linalg.inv(drives.reshape(2, 2)))
-        self._played = self._lagged = np.zeros(count) + rudder
-        self._late = [self._played] * round(boats.fit.train.delay / boats.step)
+        self._played = self._lagged = np.zeros(shape) + rudder
+        self._late = [self._played] * round(boats.fit.train.delay / h)
+        self._shares: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        if boats.fit.train.lag > 0.0:
+            # of what the lag is off at a step's beginning, what is left at its end, and in its mean
+            left = np.exp(-h / boats.lag)
+            self._shares = left, (1.0 - left) * boats.lag / h, boats.lead / boats.lag
         self._ratio, self._terms = np.empty(0), (np.empty(0), np.empty(0), np.empty(0))
 
     def behind_train(self, rudder: FloatArray) -> FloatArray:
-        """Go on by a step with the train alone, the rudders standing at `rudder` [rad]; return what turns the boats."""
-        boats, h = self.boats, self.boats.step
-        play, lag, lead = boats.fit.train.dead_band, boats.lag, boats.lead
+        """Go on by a step with the train alone, the rudders standing at `rudder` [rad]; return what turns the boats, in
+        the step's mean."""
+        play = self.boats.fit.train.dead_band
         self._played = np.clip(self._played, rudder - play, rudder + play) if play > 0.0 else rudder
         self._late.append(self._played)
         rudder = self._late.pop(0)
-        if boats.fit.train.lag > 0.0:
-            self._lagged = rudder + np.exp(-h / lag) * (self._lagged - rudder)
-            rudder = self._lagged + lead / lag * (rudder - self._lagged)
+        if self._shares is not None:
+            left, mean, ahead = self._shares
+            off = self._lagged - rudder
+            self._lagged = rudder + left * off
+            rudder = rudder + (1.0 - ahead) * mean * off
         return rudder
 
-    @np.errstate(over="ignore", invalid="ignore")
     def move(self, rudder: FloatArray, ratio: FloatArray) -> None:
         """Go on by a step, the rudders standing at `rudder` [rad], at these speeds."""
-        boats, weather, h = self.boats, self.boats.fit.pushes, self.boats.step
+        boats, h = self.boats, self.boats.step
         rudder = self.behind_train(rudder)
         if math.isfinite(boats.fit.angle) and boats.by_angle.any():
             size = np.clip(np.abs(rudder) / boats.fit.angle, *ANGLES)
             rudder = rudder * size**boats.by_angle
         if ratio is not self._ratio:
             self._ratio, scales = ratio, scales_of(boats.fit.form, ratio)
-            beyond_law = ratio**boats.beyond if boats.beyond.any() else 1.0
+            beyond_law = np.exp(np.log(ratio) * boats.beyond) if boats.beyond.any() else 1.0
             self._terms = scales.steering * beyond_law, boats.b * scales.linear, boats.d * scales.higher
         steering, linear, higher = self._terms
         drive = steering * (boats.a * rudder - boats.e) + self.gust
         if self.wave is not None:
             drive = drive + self.wave[0]
-            self.wave = self._on @ self.wave + self._new @ self.random.normal(size=self.wave.shape)
+            new = self.random.standard_normal(self.wave.shape)
+            self.wave = np.tensordot(self._on, self.wave, 1) + np.tensordot(self._new, new, 1)
         beyond = boats.fit.form.power - 1
         middle = self.rate + 0.5 * h * (drive - self.rate * (linear + higher * np.abs(self.rate) ** beyond))
         turned = h * (drive - middle * (linear + higher * np.abs(middle) ** beyond))
-        white, gust = self.random.normal(size=(2, middle.size))
-        after = self.rate + turned + weather.white * math.sqrt(h) * white
+        white, gust = self.random.standard_normal((2, *middle.shape))
+        after = self.rate + turned + self._by_white * white
         # a boat that runs away, into what is no number, is bounded, as where runs are simulated
         after = np.fmax(np.fmin(after, RATE_BOUND_RAD_S), -RATE_BOUND_RAD_S)
         self.heading = self.heading + 0.5 * h * (self.rate + after)
         self.rate = after
-        keep = math.exp(-h / weather.gust_time)
-        self.gust = keep * self.gust + weather.gust * math.sqrt(1.0 - keep * keep) * gust
+        self.gust = self._keep * self.gust + self._by_gust * gust
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def turned(
     boats: Boats, helm: Helm, seconds: float, rate: FloatArray | float = 0.0, before: FloatArray | None = None
 ) -> FloatArray:
-    """Return headings [rad] of all boats after each step of `seconds` [s], shape (steps, N), from a `rate` [rad/s].
-    before: where the rudders [rad] were in the steps before, shape (M, N): a train remembers."""
+    """Return headings [rad] of all boats after each step of `seconds` [s], shape (steps, N), or (steps, M, N) from a
+    `rate` [rad/s] of shape (M, 1), with rudders and speeds of that shape. before: where the rudders [rad] were in the
+    steps before: a train remembers."""
     standing = helm(0.5 * boats.step)[0] if before is None else before[0]
     motion = _Motion(boats, np.random.default_rng(SEED), rate, standing)
     for rudder in () if before is None else before:
@@ -234,13 +248,14 @@ def turned(
 
 class Stretch(NamedTuple):
     """From a moment of a recording on: rudder [rad] and speed [m/s] by time [s], of which some is before that moment,
-    the rate [rad/s] at first, and the angle [rad] turned in the end."""
+    the rate [rad/s] at first, and the angle [rad] turned in the end, so long [s] after that moment."""
 
     time: FloatArray
     rudder: FloatArray
     speed: FloatArray
     rate: float
     turned: float
+    lasts: float
 
 
 def motions_of(segments: Sequence[Segment]) -> tuple[FloatArray, ...]:
@@ -255,50 +270,62 @@ def motions_of(segments: Sequence[Segment]) -> tuple[FloatArray, ...]:
 
 
 def stretches_of(segments: Sequence[Segment], motions: Sequence[FloatArray], seconds: float) -> list[Stretch]:
-    """Return at most MOST_STRETCHES of so many seconds, which may overlap, of segments and their motions."""
+    """Return at most MOST_STRETCHES of so many seconds, which may overlap, of segments and their motions.
+
+    They begin and end where the motions are known, the end up to a spacing early: between nodes a second apart the rate
+    of a quick boat is no straight line.
+    """
     lengths = [float(time[-1] - time[0]) - seconds if time.size else 0.0 for time, _, _ in motions]
     apart = max(sum(length for length in lengths if length > 0.0) / MOST_STRETCHES, 0.25 * seconds)
     found = []
     for segment, (time, heading, rate), length in zip(segments, motions, lengths, strict=True):
-        for begin in np.arange(time[0], time[0] + length, apart) if length > 0.0 else ():
+        for wanted in np.arange(time[0], time[0] + length, apart) if length > 0.0 else ():
+            at = np.searchsorted(time, wanted)
+            end = np.searchsorted(time, time[at] + seconds, side="right") - 1
+            if end == at:
+                continue
+            begin = time[at]
             last = np.searchsorted(segment.time, begin + seconds)
             # what the train remembers of the rudder
             first = np.searchsorted(segment.time, begin - seconds)
             inside = slice(max(first - 1, 0), last + 1)
-            turned = np.interp(begin + seconds, time, heading) - np.interp(begin, time, heading)
             found.append(
                 Stretch(
                     segment.time[inside] - begin,
                     segment.rudder[inside],
                     np.abs(segment.speed[inside]),
-                    float(np.interp(begin, time, rate)),
-                    float(turned),
+                    float(rate[at]),
+                    float(heading[end] - heading[at]),
+                    float(time[end] - begin),
                 )
             )
     return found
 
 
-def headings_after(fit: LikelihoodFit, stretches: Sequence[Stretch], seconds: float, speed: float) -> FloatArray:
-    """Return the angles [rad] that drawn boats turn in each stretch, shape (stretches, DRAWS), from its rudder and
-    speed alone; speed [m/s]: the reference."""
-    count = len(stretches)
-    one = boats_of(fit, np.ones(1), np.random.default_rng(SEED), DRAWS)
-    a, b, d, e, ratios, lag, lead, beyond, by_angle = (np.tile(values, count) for values in one[:9])
-    boats = Boats(a, b, d, e, ratios, lag, lead, beyond, by_angle, fit, one.step)
-    moments = (np.arange(round(seconds / boats.step)) + 0.5) * boats.step
+def headings_after(
+    fit: LikelihoodFit, stretches: Sequence[Stretch], seconds: float, speed: float, draws: int = DRAWS
+) -> FloatArray:
+    """Return the angles [rad] that drawn boats turn in each stretch, of `seconds` at most, shape (stretches, draws),
+    from its rudder and speed alone; speed [m/s]: the reference."""
+    boats = boats_of(fit, np.ones(1), np.random.default_rng(SEED), draws)
+    moments = (np.arange(math.ceil(seconds / boats.step)) + 0.5) * boats.step
     rudder = np.array([np.interp(moments, each.time, each.rudder) for each in stretches])
     ratio = np.maximum(np.array([np.interp(moments, each.time, each.speed) for each in stretches]) / speed, LEAST_RATIO)
 
     def helm(time: float) -> tuple[FloatArray, FloatArray]:
         k = int(time / boats.step)
-        return np.repeat(rudder[:, k], DRAWS), np.repeat(ratio[:, k], DRAWS)
+        return rudder[:, k : k + 1], ratio[:, k : k + 1]
 
-    rate = np.repeat([each.rate for each in stretches], DRAWS)
+    rate = np.array([[each.rate] for each in stretches])
     train = fit.train
     memory = boats.step * np.arange(-math.ceil((train.delay + REMEMBERED * train.lag) / boats.step), 0)
-    before = np.array([np.repeat([np.interp(at, s.time, s.rudder) for s in stretches], DRAWS) for at in memory])
+    before = np.array([[[np.interp(at, s.time, s.rudder)] for s in stretches] for at in memory])
     after = turned(boats, helm, moments.size * boats.step, rate, before if memory.size else None)
-    return np.asarray(after[-1].reshape(count, DRAWS))
+    after = np.concatenate([np.zeros((1, *after.shape[1:])), after])
+    ends = np.minimum(np.array([each.lasts for each in stretches]) / boats.step, moments.size - ROUNDING)
+    left, rows = ends.astype(int), np.arange(len(stretches))
+    share = (ends - left)[:, None]
+    return np.asarray((1.0 - share) * after[left, rows] + share * after[left + 1, rows])
 
 
 def in_the_race(around: RaceAndWind | None, runs: Sequence[Run], speed: float) -> tuple[list[Run], float]:
@@ -319,7 +346,7 @@ def widened(fit: LikelihoodFit, runs: Sequence[Run], speed: float) -> Likelihood
     stretches = stretches_of(segments, fit.motions or motions_of(segments), seconds)
     if len(stretches) < FEWEST_STRETCHES:
         return fit
-    drawn = headings_after(fit, stretches, seconds, speed)
+    drawn = headings_after(fit, stretches, seconds, speed, DRAWS // 2)
     low, middle, high = np.quantile(drawn, BAND, axis=1)
     off = np.array([each.turned for each in stretches]) - middle
     ratio = 1.96 * off / np.maximum(0.5 * (high - low), 1.0e-9)
@@ -341,32 +368,34 @@ def widened(fit: LikelihoodFit, runs: Sequence[Run], speed: float) -> Likelihood
     )
 
 
-def overshoots(boats: Boats, angle: float, gear: SteeringGear) -> FloatArray:
+@np.errstate(over="ignore", invalid="ignore")
+def overshoots(boats: Boats, angle: FloatArray | float, gear: SteeringGear) -> FloatArray:
     """Return the first and second overshoot [rad] of a zigzag with so much rudder and heading [rad], moved by `gear`,
-    shape (2, N); infinite for boats that do not come back."""
-    motion = _Motion(boats, np.random.default_rng(SEED))
-    count, rates = boats.a.size, boats.fit.rates
-    side, reversals = np.ones(count), np.zeros(count, dtype=np.intp)
-    rudder, called, furthest = np.zeros(count), np.zeros(count), np.zeros((2, count))
+    shape (2, N), or (2, M, N) of angles of shape (M, 1); infinite for boats that do not come back."""
+    shape, rates = np.broadcast_shapes(boats.a.shape, np.shape(angle)), boats.fit.rates
+    motion = _Motion(boats, np.random.default_rng(SEED), np.zeros(shape))
+    side, reversals = np.ones(shape), np.zeros(shape, dtype=np.intp)
+    rudder, called, past, furthest = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.full((2, *shape), np.inf)
     share, travel = lag_share(gear, boats.step), gear.rate_max * boats.step
-    moves = 2.0 * angle / gear.rate_max + gear.lag
+    moves = 2.0 * float(np.max(angle)) / gear.rate_max + gear.lag
     lasts = LONGEST_ZIGZAG * (math.sqrt(2.0 / rates.a) + max(rates.b, 0.0) / rates.a + moves)
     for _ in range(min(round(lasts / boats.step), MOST_STEPS)):
         across = side * motion.heading >= angle
-        # from where the rudder is called back, which is up to a step beyond the angle
-        called = np.where(across, side * motion.heading, called)
-        side = np.where(across, -side, side)
-        reversals = reversals + across
-        if (reversals > 2).all():
-            break
+        if across.any():
+            for number in (0, 1):
+                furthest[number] = np.where(across & (reversals == number + 1), past, furthest[number])
+            # from where the rudder is called back, which is up to a step beyond the angle
+            called, past = np.where(across, side * motion.heading, called), np.where(across, 0.0, past)
+            side = np.where(across, -side, side)
+            reversals = reversals + across
+            if (reversals > 2).all():
+                break
         before = rudder
         rudder = rudder + np.clip(share * (side * angle - rudder), -travel, travel)
         # what turns the boat in a step is where the rudder is on the way, not at its end
         motion.move(0.5 * (before + rudder), boats.ratio)
-        for number in (0, 1):
-            beyond = -side * motion.heading - called
-            furthest[number] = np.where(reversals == number + 1, np.maximum(furthest[number], beyond), furthest[number])
-    return np.where(reversals > np.array([[1], [2]]), furthest, np.inf)
+        past = np.maximum(past, -side * motion.heading - called)
+    return furthest
 
 
 def forecast(fit: LikelihoodFit, runs: Sequence[Run], speed: float, gear: SteeringGear) -> Forecast:
@@ -384,11 +413,9 @@ def forecast(fit: LikelihoodFit, runs: Sequence[Run], speed: float, gear: Steeri
 
     headings = turned(boats, put_over, AHEAD_S)
     time = boats.step * np.arange(1, headings.shape[0] + 1)
-    zigzags = {}
-    for angle in ZIGZAGS_DEG:
-        first, second = overshoots(boats, math.radians(angle), gear)
-        zigzags[angle] = (band_of(first), band_of(second))
-    return Forecast(time, np.quantile(headings, BAND, axis=1).T, zigzags)
+    found = overshoots(boats, np.radians(ZIGZAGS_DEG)[:, None], gear)
+    bands = [(band_of(first), band_of(second)) for first, second in zip(*found, strict=True)]
+    return Forecast(time, np.quantile(headings, BAND, axis=1).T, dict(zip(ZIGZAGS_DEG, bands, strict=True)))
 
 
 def band_of(values: FloatArray) -> Band:
@@ -399,7 +426,11 @@ def band_of(values: FloatArray) -> Band:
 def gear_of(runs: Sequence[Run]) -> SteeringGear:
     """Return the gear that moved the runs' rudder at the rate that they show. What comes between an ordered rudder and
     the water is the train's."""
-    measured = rudder_rate_of(runs)
+    return gear_at(rudder_rate_of(runs), runs)
+
+
+def gear_at(measured: RudderRate | None, runs: Sequence[Run]) -> SteeringGear:
+    """Return `gear_of` runs whose measured rate is known, or known to be none."""
     return SteeringGear(math.inf, measured.rate if measured else fastest_rudder(runs))
 
 

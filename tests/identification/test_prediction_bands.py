@@ -186,3 +186,27 @@ def test_how_a_boat_is_another_where_its_rudder_steers_with_another_power_of_the
     drawn = boats_of(fit, np.ones(1), np.random.default_rng(1))
     assert np.mean(drawn.beyond) == pytest.approx(fit.power.mean, abs=0.05)
     assert 0.3 < np.std(drawn.beyond) < 0.5 and np.std(drawn.b) > np.sqrt(fit.covariance[1, 1])
+
+
+def test_a_quick_boat_in_a_calm_errs_in_its_own_runs_by_what_it_says() -> None:
+    """A boat that forgets its rate in a third of a second, on nodes of which three make that: between them its rate is
+    no straight line."""
+    lanxin, calm = Plant("Lanxin", 2.11, 3.01, 9.9, 0.03, 20.0, 300.0), Sea("calm", gyro_deg_s=0.1)
+    runs = runs_of(310, lanxin, calm)
+    fit = identify(runs, Question(reference_speed=SPEED_M_S)).likely
+    assert fit is not None
+    assert widened(fit, runs, SPEED_M_S).weather.gust < 2.0 * fit.weather.gust
+    parts = stretches_of(runs[0].segments, fit.motions[:1], AHEAD_S)
+    assert all(0.99 * AHEAD_S < each.lasts < AHEAD_S + 1.0e-6 for each in parts)
+
+
+def test_a_lag_acts_through_a_step_by_its_mean() -> None:
+    """Boats behind a lag of five steps turn as in steps a tenth as long."""
+    weather = Weather(1.0e-9, 6.0, 1.0e-9, 0.002, 0.005)
+    train, rates = DIRECT._replace(lag=0.5, lead=0.8), Rates(0.12, 0.28, 1.7)
+    fit = LikelihoodFit(rates, 1.0e-12 * np.eye(4), train, {}, weather, 0.0)
+    drawn = boats_of(fit, np.ones(1), np.random.default_rng(2), 3)
+    over = lambda time: (np.full(3, 0.3), np.ones(3))  # noqa: E731
+    before = np.zeros((1, 3))
+    coarse, fine = (turned(drawn._replace(step=h), over, 6.0, 0.0, before)[-1] for h in (0.1, 0.01))
+    assert coarse == pytest.approx(fine, rel=1.0e-3)
