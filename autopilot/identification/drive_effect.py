@@ -24,7 +24,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from autopilot.identification.identify import LEAST_EXPLAINED, check_excitation, check_response, starting_point
 from autopilot.identification.likelihood_fit import LikelihoodFit, largest_rate, likelihood_fit
@@ -188,6 +187,8 @@ def fit_drive(runs: Sequence[Run], usual: DriveLaw, needs: Needs) -> DriveFit:
     for name in ("strength", "cubic"):
         if NAMES.index(name) in free:
             low[free.index(NAMES.index(name))] = 0.0
+    from scipy.optimize import least_squares  # slow to load, and few recordings need it
+
     found = least_squares(residuals, np.maximum(first, low + 1.0e-9), bounds=(low, np.inf), x_scale="jac")
     values[free] = found.x[: len(free)]
     covariance, rates = _covariance(known, found.jac, found.fun), stack.rate[known]

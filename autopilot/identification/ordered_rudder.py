@@ -24,7 +24,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_banded
-from scipy.optimize import minimize_scalar
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Ratios
@@ -111,6 +110,8 @@ def slower_rudder(
     if best == 0:
         return None
     around = math.log(rates[best]) + math.log(LADDER) * np.array([-1.0, 1.0])
+    from scipy.optimize import minimize_scalar  # slow to load, and few recordings need it
+
     found = minimize_scalar(
         lambda rate: math.log(_at_rate(series, math.exp(rate)).square), bounds=tuple(around), method="bounded"
     )
@@ -232,6 +233,8 @@ def _misfit(series: Sequence[_Series], rate_max: float, late: float, lag: float)
     squares = [_square(series, driven, float(time)) for time in TIMES]
     best = int(np.argmin(squares))
     bounds = (math.log(TIMES[max(best - 1, 0)]), math.log(TIMES[min(best + 1, len(TIMES) - 1)]))
+    from scipy.optimize import minimize_scalar  # slow to load, and few recordings need it
+
     found = minimize_scalar(
         lambda time: _square(series, driven, math.exp(time)), bounds=bounds, method="bounded", options={"xatol": 0.02}
     )

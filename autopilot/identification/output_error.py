@@ -21,7 +21,6 @@ from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from autopilot.identification.residuals import (
     Fitted,
@@ -196,6 +195,8 @@ def _minimise(problem: Problem, z: FloatArray, noise: Sequence[Noise], tolerance
 
     def jacobian(vector: FloatArray) -> FloatArray:
         return evaluate(vector)[1]
+
+    from scipy.optimize import least_squares  # slow to load, and few recordings need it
 
     found = least_squares(
         residual,
