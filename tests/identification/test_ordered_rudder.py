@@ -91,21 +91,25 @@ def test_orders_that_never_move_show_no_rate() -> None:
 
 
 def test_the_doubt_about_a_rate_that_turning_shows_is_in_gain_and_time_constant() -> None:
-    run = ordered(5.0, noise_deg=0.2, seed=2026112760)
-    rate = slower_rudder([run], FILED)
-    assert rate is not None
-    question = Question(reference_speed=3.0)
-    held = identify([with_rudder_of(run, rate)], question)
-    found = with_doubt_of_rate(held, [run], rate, lambda runs: identify(runs, question))
-    assert found.model == held.model
-    for name, truth in (("gain", 0.2), ("time_constant", 5.0)):
-        error, before = found.standard_errors[name], held.standard_errors[name]
-        assert error is not None and before is not None and error > before
-        assert abs(getattr(found.model, name) - truth) < 1.96 * error
-    assert found.covariance is not None
-    assert math.sqrt(found.covariance[1, 1]) == pytest.approx(found.standard_errors["time_constant"])
-    assert found.ratios is not None and held.ratios is not None
-    assert all(after > before for after, before in zip(found.ratios.errors[:2], held.ratios.errors[:2], strict=True))
+    """Intervals of 95 % hold nine of ten; fewer by chance in one case of twelve."""
+    inside, question = [], Question(reference_speed=3.0)
+    for seed in (2026112760, 1795900407, 1795900408, 1795900409, 1795900410):
+        run = ordered(5.0, noise_deg=0.2, seed=seed)
+        rate = slower_rudder([run], FILED)
+        assert rate is not None
+        held = identify([with_rudder_of(run, rate)], question)
+        found = with_doubt_of_rate(held, [run], rate, lambda runs: identify(runs, question))
+        assert found.model == held.model
+        for name, truth in (("gain", 0.2), ("time_constant", 5.0)):
+            error, before = found.standard_errors[name], held.standard_errors[name]
+            assert error is not None and before is not None and error > before
+            inside.append(abs(getattr(found.model, name) - truth) < 1.96 * error)
+        assert found.covariance is not None
+        assert math.sqrt(found.covariance[1, 1]) == pytest.approx(found.standard_errors["time_constant"])
+        assert found.ratios is not None and held.ratios is not None
+        ratios = zip(found.ratios.errors[:2], held.ratios.errors[:2], strict=True)
+        assert all(after > before for after, before in ratios)
+    assert sum(inside) >= 9
 
 
 RATE = RudderRate(math.radians(5.0), math.radians(0.2), 6, True)
