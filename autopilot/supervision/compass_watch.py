@@ -598,7 +598,7 @@ class Standing(NamedTuple):
     turn that the rate beside it adds up to [rad], nan where none came, and its span; last_rate: that rate the time
     before, nan where none was, and whether it has moved since the model's turn was reckoned; that turn, which the model
     makes of the rudder while the rate stands: when it was reckoned last [s], the bias [rad], the rate [rad/s], and how
-    far it has turned [rad]; is_frozen: until it moves again."""
+    far it has turned [rad]; is_frozen: until it moves again; source: whose heading it is."""
 
     heading: float = math.nan
     samples: int = 0
@@ -614,6 +614,7 @@ class Standing(NamedTuple):
     rate: float = 0.0
     turned: float = 0.0
     is_frozen: bool = False
+    source: str = ""
 
 
 class Sea(NamedTuple):
@@ -715,13 +716,18 @@ def frozen_step(
     now, state = seen.now, seen.state
     for sample in headings:
         heading, time = sample.heading, sample.time
-        if heading == standing.heading:
+        if sample.source != standing.source:
+            # digits and noise are a compass's own, the sea is not
+            sea = Sea(math.inf, sea.deviation, sea.flat, sea.watched, sea.kept)
+        elif heading == standing.heading:
             standing = stood_by(standing, sample)
             continue
-        change = heading - standing.heading
-        change = change if -PI < change <= PI else wrap(change)
-        sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
-        standing = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
+        else:
+            change = heading - standing.heading
+            change = change if -PI < change <= PI else wrap(change)
+            sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
+        since = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
+        standing = since._replace(source=sample.source)
     if standing.is_frozen:
         return standing, sea
     if standing.samples < 2:

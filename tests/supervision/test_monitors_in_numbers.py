@@ -313,6 +313,27 @@ def test_a_heading_of_many_digits_does_not_stop_dead(hz: float) -> None:
         assert not monitor.is_frozen(watched(tick / hz)), "without noise it comes to rest by ever smaller steps"
 
 
+def test_a_compass_of_another_name_has_noise_and_digits_of_its_own() -> None:
+    """One in whole degrees that took over in flat water from one in tenths ended steering after 3 s."""
+    random, monitor = np.random.default_rng(1), Frozen()
+
+    def frozen_after(source: str, noise_deg: float, digit_deg: float, stands: float) -> bool:
+        nonlocal now
+        is_frozen, begun = False, now
+        while now - begun < 60.0 + stands:
+            noise = noise_deg * float(random.standard_normal()) if now - begun < 60.0 else 0.0
+            shown = math.radians(round((17.1 + noise) / digit_deg) * digit_deg)
+            monitor.on_sample(HeadingSample(now, shown, source=source))
+            is_frozen = is_frozen or monitor.is_frozen(watched(now))
+            now += 0.1
+        return is_frozen
+
+    now = 0.0
+    assert not frozen_after("HEHDT", 0.3, 0.1, 0.0)
+    assert not frozen_after("HCHDG", 0.05, 1.0, 0.0)
+    assert frozen_after("WIHDT", 0.3, 0.1, 3.3)
+
+
 def turned(rate_deg_s: float, seconds: float, rudder: float = 0.0, moves: bool = True) -> bool:
     """Whether a heading is frozen that stands from 1 s on while a rate beside it, or the rudder, turns the boat."""
     monitor, is_frozen = Frozen(), False
