@@ -130,17 +130,20 @@ class BackgroundSaver:
             raise
 
     def _note(self, path: Path, done: Future[None]) -> None:
-        error = done.exception()
-        if error is not None and path not in self._unsaved:
-            self._warn(f"a change is not kept, and tried again: {error}")
+        error, is_known = done.exception(), path in self._unsaved
         if error is not None:
             self._unsaved[path] = str(error)
-        elif self._unsaved.pop(path, None) is not None:
-            self._warn(f"kept now: {path}")
+        else:
+            self._unsaved.pop(path, None)
         unsaved = (*self._unsaved.values(),)
         if not unsaved:
             self._wait, self._due = RETRY_FIRST_S, math.inf
         self.alarm = AlarmEvent("change_not_kept", unsaved[0].partition("; ")[0]) if unsaved else None
+        # last: what is said may go to the same full disk, and be refused there
+        if error is not None and not is_known:
+            self._warn(f"a change is not kept, and tried again: {error}")
+        elif error is None and is_known:
+            self._warn(f"kept now: {path}")
 
 
 def save_page(path: str | Path, page: str) -> None:

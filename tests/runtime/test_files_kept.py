@@ -297,3 +297,25 @@ def test_what_cannot_be_written_is_tried_again_soon_and_then_once_a_minute(
     assert {text for time, text in tried if time < 250} == {"first"}
     assert {text for time, text in tried if time >= 250} == {"second"}
     saver.close()
+
+
+def test_what_cannot_be_written_is_known_and_tried_again_though_it_cannot_be_said_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Standard error goes to a file on the same full disk."""
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def refuse(*_: object, **__: bool) -> None:
+        raise full
+
+    path, saver = tmp_path / "boat.yaml", BackgroundSaver(refuse)
+    with monkeypatch.context() as disk:
+        disk.setattr(saving, "replace_file", refuse)
+        saver(path, "text")
+        saver._worker.submit(int).result()
+        assert saver.alarm is not None
+        saver.retry(0.0)
+    saver.retry(1.0)
+    saver._worker.submit(int).result()
+    assert saver.alarm is None and path.read_text() == "text"
+    saver.close()
