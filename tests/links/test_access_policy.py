@@ -411,6 +411,20 @@ def test_a_stray_datagram_does_not_block_a_station() -> None:
     boat.close()
 
 
+def test_a_companion_that_fills_in_an_autopilot_in_its_beats_is_heard() -> None:
+    boat = Wired()
+    companion, codec = boat.station(), MavlinkCodec(255, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
+    beat = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_ONBOARD_CONTROLLER, 0, 0, 0, 4, 3)
+    for _ in range(3 * round(STATION_SILENT_S)):
+        companion.send(codec.encode(beat))
+        boat.run(1.0)
+    assert boat.transport.peer is not None
+    companion.send(codec.encode(DISARM))
+    boat.run(0.5)
+    assert boat.hand.released == 1
+    boat.close()
+
+
 def test_of_two_stations_one_is_heard_until_it_is_silent_and_then_the_other() -> None:
     boat = Wired()
     one, other = boat.station(), boat.station()

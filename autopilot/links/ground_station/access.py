@@ -53,7 +53,7 @@ COMMANDS = frozenset(
     }
 )
 SENDERS_KEPT, ORDERS_KEPT = 32, 32
-Orders: TypeAlias = deque[tuple[float, tuple[int, int], int, str]]
+Orders: TypeAlias = deque[tuple[float, bool, tuple[int, int], int, str]]
 REFUSED_AT_ONCE = 20
 PACKETS_KEPT = 5000
 STOP_LASTS_S = 2.0
@@ -162,7 +162,8 @@ class AccessPolicy:
 
     Attributes:
         refused: counts what was not let in, by reason.  stops: which orders to stand by are obeyed without a key.
-        orders: the last that were carried out, over whichever link, as (time [s], sender, number on the line, words).
+        orders: the last that were carried out, over whichever link, as (time [s], whether its sender's numbers go on,
+            sender, number on the line, words).
     """
 
     def __init__(self, rules: AccessRules = AccessRules()) -> None:  # noqa: B008 - a tuple that nobody can change
@@ -351,10 +352,14 @@ class StationLink(CarriedLink):
 
 
 def is_from_station(message: Message) -> bool:
-    """Return whether a ground station may have sent `message`: a system id, and no vehicle's heartbeat."""
+    """Return whether a ground station may have sent `message`: a system id, and no vehicle's heartbeat.
+
+    A companion that fills in an autopilot, which it should not, is none: pilots are component 1.
+    """
     if message.get_srcSystem() == 0:
         return False
-    is_vehicle = message.get_type() == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID
+    is_pilot = message.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1
+    is_vehicle = is_pilot and message.get_type() == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID
     return not is_vehicle or message.type == dialect.MAV_TYPE_GCS
 
 
@@ -424,8 +429,9 @@ class OrderSequence:
             return False
         sender, words, said = self._sender(message), _words(message), confirmation_of(message)
         itself = _name(message), message.get_seq(), words
-        if sender.counts and any(now - time <= REPEATED_S and tuple(rest) == itself for time, *rest in self._orders):
-            return True
+        for time, counted, *rest in self._orders:
+            if now - time <= REPEATED_S and (counted or sender.counts) and tuple(rest) == itself:
+                return True
         number, of_command = sender.number_of(message), None
         for order in sender.taken:
             if now - order.time > REPEATED_S:
@@ -461,7 +467,7 @@ class OrderSequence:
             sender.last[name] = now, newest, _words(message)
         if message.get_type() in ONCE:
             sender.taken.append(_Taken(now, number, confirmation_of(message), _command(message), _words(message)))
-            self._orders.append((now, _name(message), message.get_seq(), _words(message)))
+            self._orders.append((now, sender.counts, _name(message), message.get_seq(), _words(message)))
 
     def _sender(self, message: Message) -> _Sender:
         name = _name(message)
