@@ -212,6 +212,12 @@ class Orders:
         """End a trial before its time."""
         self._cancels.append(command)
 
+    def give_up(self) -> None:
+        """End what waits: there is no boat to order, and who comes back later must not find it."""
+        self._cancels.clear()
+        for _ in range(len(self._waiting)):
+            self._end(Answer.SILENT, NO_ANSWER)
+
     def receive(self, now: float, message: Message) -> None:
         """Take a COMMAND_ACK of the boat."""
         answered = next((each for each in self._sent if each[1].number == message.command), None)
@@ -243,8 +249,7 @@ class Orders:
         if not self._waiting or now < self._next:
             return messages
         if self._tries >= self._most:
-            for _ in range(len(self._waiting)):
-                self._end(Answer.SILENT, NO_ANSWER)
+            self.give_up()
             return messages
         command = self._waiting[0].commands[self._step]
         messages.append(command.message(target, self._tries))
@@ -265,6 +270,28 @@ ECHO_S = 1.5
 """So long after our own order was taken [s] the heading that the boat tells may still be the one before it."""
 
 
+class _Meant(NamedTuple):
+    """A heading [deg], or where `is_true` is not None an angle of the true or of the apparent wind [deg], nan: the one
+    that was present when it was ordered."""
+
+    degrees: float
+    is_true: bool | None = None
+
+    @property
+    def is_wind(self) -> bool:
+        return self.is_true is not None
+
+    def turned(self, degrees: float) -> _Meant:
+        """Return it turned by so many degrees, positive to starboard: an angle of the wind gets less."""
+        turned = self.degrees + (-degrees if self.is_wind else degrees)
+        return self._replace(degrees=math.remainder(turned, 360.0) if self.is_wind else turned % 360.0)
+
+    @property
+    def command(self) -> Command:
+        """The command that orders it while something is steered."""
+        return turn_to(self.degrees) if self.is_true is None else hold_wind(self.is_true, self.degrees)[-1]
+
+
 class Course:
     """Turns the boat over `orders`: to another heading, or in a wind hold to another angle of the wind.
 
@@ -275,13 +302,13 @@ class Course:
     def __init__(self, given: Orders, view: BoatView) -> None:
         self._orders, self._view = given, view
         self._now = self._taken_at = -math.inf
-        self._taken = math.nan
-        self._under_way: dict[int, float] = {}
-        """What is meant [deg] by orders that are not answered yet, by their numbers, the newest last."""
+        self._taken: _Meant | None = None
+        self._under_way: dict[int, _Meant] = {}
+        """What is meant by orders that are not answered yet, by their numbers, the newest last."""
         self._count = 0
         self._is_wind = False
         self._compass: float | None = None
-        self._way_back: Sequence[Command] = ()
+        self._way_back: _Meant | None = None
         self.before: float | None = None
 
     def turn_by(self, now: float, degrees: float, on_done: OnDone) -> None:
@@ -293,37 +320,34 @@ class Course:
                 Answer.FAILED,
                 "a trial is being sailed: end it first" if is_trial else "engage first: no course is being steered",
             )
-            return
-        self._order(base - degrees if self._view.mode == WIND else base + degrees, on_done)
+        elif math.isnan(base.degrees):
+            on_done(Answer.FAILED, "the boat has not said yet which angle of the wind it holds: once more")
+        else:
+            self._order(base.turned(degrees), on_done)
 
-    def turn_to(self, now: float, heading_deg: float, on_done: OnDone) -> None:
+    def turn_to(self, _: float, heading_deg: float, on_done: OnDone) -> None:
         """Order a heading [deg]."""
-        self._give(heading_deg % 360.0, (turn_to(heading_deg),), on_done)
+        self._order(_Meant(heading_deg % 360.0), on_done)
 
     def hold_wind(self, is_true: bool, degrees: float | None, on_done: OnDone) -> None:
         """Hold an angle of the wind [deg], None: the present one."""
-        commands, view = hold_wind(is_true, degrees), self._view
-        if degrees is not None and view.mode == WIND and is_true == bool(view.value("wind_true")):
-            self._give(degrees, commands, on_done)
-        else:
-            self._orders.give(commands, on_done)
+        meant = _Meant(math.nan if degrees is None else degrees, is_true)
+        self._give(meant, hold_wind(is_true, degrees), on_done)
 
     def dodge(self, now: float, degrees: float, on_done: OnDone) -> None:
         """Step aside by so many degrees; again: further. What was steered before the first step is kept."""
-        base = self._base(now)
-        way_back = FOLLOW if self._view.mode == TRACK else self._commands(base or 0.0)
+        base, is_route = self._base(now), self._view.mode == TRACK
 
         def noted(taken: Answer, words: str) -> None:
-            if taken and self.before is None:
-                self.before, self._way_back = base, way_back
+            if taken and self.before is None and base is not None:
+                self.before, self._way_back = base.degrees, None if is_route else base
             on_done(taken, words)
 
         self.turn_by(now, degrees, noted)
 
-    def back(self, now: float, on_done: OnDone) -> None:
+    def back(self, _: float, on_done: OnDone) -> None:
         """Go back to the course that was steered before, to the angle of the wind, or to the route."""
-        before = self.before
-        if before is None:
+        if self.before is None:
             on_done(Answer.FAILED, "nothing to go back to")
             return
 
@@ -332,41 +356,45 @@ class Course:
                 self.before = None
             on_done(taken, words)
 
-        if self._way_back is FOLLOW:
+        if self._way_back is None:
             self._orders.give(FOLLOW, noted)
         else:
-            self._give(before, self._way_back, noted)
+            self._order(self._way_back, noted)
 
     def update(self, now: float) -> None:
         """Forget the way back, and what was meant, when at `now` [s] nobody steers any more, not to the same, or by
         another compass."""
         self._now = now
         is_wind, compass = self._view.mode == WIND, self._view.value("compass")
-        if self._view.mode not in (HEADING, TRACK, WIND) or is_wind is not self._is_wind or compass != self._compass:
+        is_over = self._view.mode not in (HEADING, TRACK, WIND) or compass != self._compass
+        if is_over or is_wind is not self._is_wind:
             self.before = None
-            self._taken_at = -math.inf
-            self._under_way.clear()
+            meant = self._meant(now)
+            if is_over or meant is None or meant.is_wind is not is_wind:
+                self._taken_at = -math.inf
+                self._under_way.clear()
         self._is_wind, self._compass = is_wind, compass
 
-    def _base(self, now: float) -> float | None:
-        if self._view.mode not in (HEADING, TRACK, WIND):
+    def _base(self, now: float) -> _Meant | None:
+        view = self._view
+        if view.mode not in (HEADING, TRACK, WIND):
             return None
+        if (meant := self._meant(now)) is not None:
+            return meant
+        is_wind = view.mode == WIND
+        said = view.value("wind_angle" if is_wind else "order")
+        return None if said is None else _Meant(said, bool(view.value("wind_true")) if is_wind else None)
+
+    def _meant(self, now: float) -> _Meant | None:
+        """Return what our newest order means, which the boat may not show yet."""
         if self._under_way:
             return next(reversed(self._under_way.values()))
-        if now - self._taken_at < ECHO_S:
-            return self._taken
-        return self._view.value("wind_angle" if self._view.mode == WIND else "order")
+        return self._taken if now - self._taken_at < ECHO_S else None
 
-    def _order(self, target_deg: float, on_done: OnDone) -> None:
-        commands = self._commands(target_deg)
-        self._give(commands[0].parameters[self._view.mode == WIND], commands, on_done)
+    def _order(self, meant: _Meant, on_done: OnDone) -> None:
+        self._give(meant, (meant.command,), on_done)
 
-    def _commands(self, target_deg: float) -> tuple[Command, ...]:
-        if self._view.mode != WIND:
-            return (turn_to(target_deg),)
-        return hold_wind(bool(self._view.value("wind_true")), math.remainder(target_deg, 360.0))[1:]
-
-    def _give(self, meant: float, commands: Sequence[Command], on_done: OnDone) -> None:
+    def _give(self, meant: _Meant, commands: Sequence[Command], on_done: OnDone) -> None:
         """Give an order, and go by what is meant until the boat tells it."""
         number = self._count = self._count + 1
         self._under_way[number] = meant

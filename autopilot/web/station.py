@@ -99,6 +99,11 @@ class ParameterService:
         """Set a parameter; `on_done` hears whether the boat took it."""
         self._settings.append(_Setting(name, value, on_done))
 
+    def give_up(self) -> None:
+        """End what waits to be set: there is no boat to set it."""
+        for _ in range(len(self._settings)):
+            self._end(*UNANSWERED)
+
     def receive(self, now: float, message: Message, target: Target) -> None:
         """Take a message of the boat."""
         if self._download is not None:
@@ -299,6 +304,7 @@ class Station:
         self._reasons.update(now)
         target = self.target
         if target is None:
+            self.give_up()
             return messages
         for board in self._boards:
             board.update(now, self.view)
@@ -310,6 +316,11 @@ class Station:
         messages += self.parameters.due(now, target)
         messages += self.files.due(now, target)
         return messages
+
+    def give_up(self) -> None:
+        """End every order: nobody hears it, and a course that was meant a while ago may lead anywhere now."""
+        self.orders.give_up()
+        self.parameters.give_up()
 
     def _rates(self, now: float, target: Target) -> list[Message]:
         """Ask for the rates we want, unless headings already come about as often."""
@@ -390,6 +401,7 @@ class BoatLine:
             except LinkError as error:
                 self.trouble = str(error)
         if self._transport is None:
+            self._station.give_up()
             return 0
         try:
             count = self._receive(now, self._transport)

@@ -540,6 +540,26 @@ def test_a_lost_line_is_opened_again_by_itself(sea: Watched) -> None:
     assert sea.station.view.snapshot(sea.now)["ages"]["attitude"] < 0.2
 
 
+@pytest.mark.parametrize("do", ["turn", "set"])
+def test_what_is_ordered_while_the_line_is_down_is_not_carried_out_when_it_is_back(sea: Watched, do: str) -> None:
+    def broken() -> list[bytes]:
+        raise LinkError("link 'boat': the adapter is gone")
+
+    sea.order(do="engage")
+    sea.watch(2.0)
+    before = sea.skipper(sea.now, sea.tick).heading, sea.store.get("GUI_LOOKAHEAD")
+    sea.far.receive = broken  # type: ignore[method-assign]
+    sea.is_cut = True
+    sea.watch(0.5)
+    wanted = {"do": "turn", "degrees": 20} if do == "turn" else {"do": "set", "name": "GUI_LOOKAHEAD", "value": 12.5}
+    assert sea.order(**wanted) == (False, "the boat does not answer")
+    sea.is_cut = False
+    sea.watch(10.0)
+    assert sea.line.trouble == ""
+    assert (sea.skipper(sea.now, sea.tick).heading, sea.store.get("GUI_LOOKAHEAD")) == before
+    assert sea.order(do="turn", degrees=20) == (True, ""), "the line is there again"
+
+
 def test_headings_come_ten_times_a_second_once_asked_for(sea: Watched) -> None:
     before = sea.station.view.history[-1]
     count = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from boat_at_sea import Vane
@@ -17,6 +18,61 @@ from autopilot.web.screen import screen
 @pytest.fixture
 def sea(tmp_path: Path) -> Watched:
     return Watched(tmp_path)
+
+
+APPARENT, TRUE = {"do": "wind", "true": False, "degrees": 60}, {"do": "wind", "true": True, "degrees": 45}
+
+
+@pytest.mark.parametrize(
+    ("held", "ordered", "then"),
+    [
+        (TRUE, APPARENT, ("wind", "wind_angle", 59.0, 0.0)),
+        ({"do": "engage"}, TRUE, ("wind", "wind_angle", 44.0, 1.0)),
+        (TRUE, {"do": "heading", "degrees": 90}, ("heading", "order", 91.0, 0.0)),
+    ],
+)
+@pytest.mark.parametrize("delay", [0.0, 0.4])
+def test_a_step_counts_from_what_was_ordered_just_now_though_the_boat_still_tells_another_mode(
+    sea: Watched, held: dict[str, Any], ordered: dict[str, Any], then: tuple[str, str, float, float], delay: float
+) -> None:
+    vane = Vane(sea)
+    sea.alarms = BothAlarms(vane, sea.alarms)
+    sea.watch(10.0)
+    assert sea.order(**held) == (True, "")
+    sea.watch(5.0)
+    arrived, on_its_way, ends = sea.far.receive, list[tuple[float, bytes]](), list[bool]()
+
+    def late() -> list[bytes]:
+        on_its_way.extend((sea.now + delay, data) for data in arrived())
+        count = sum(time <= sea.now for time, _ in on_its_way)
+        due, on_its_way[:] = [data for _, data in on_its_way[:count]], on_its_way[count:]
+        return due
+
+    sea.far.receive = late  # type: ignore[method-assign]
+    for wanted in (ordered, {"do": "turn", "degrees": 1}):
+        asked_of(sea.station, wanted)(sea.now, lambda taken, _: ends.append(bool(taken)))
+        sea.watch(0.1)
+    sea.watch(4.0)
+    view = sea.station.view
+    mode, name, value, is_true = then
+    assert ends == [True, True]
+    assert (view.mode_name, view.value(name), view.value("wind_true")) == (mode, pytest.approx(value), is_true)
+
+
+def test_a_step_from_an_angle_of_the_wind_that_is_not_known_yet_is_refused(sea: Watched) -> None:
+    vane = Vane(sea)
+    sea.alarms = BothAlarms(vane, sea.alarms)
+    sea.watch(10.0)
+    assert sea.order(do="engage") == (True, "")
+    sea.watch(2.0)
+    assert sea.order(do="wind", true=False) == (True, "")
+    taken, words = sea.order(do="turn", degrees=1)
+    assert not taken and "which angle of the wind" in words
+    sea.watch(2.0)
+    held = sea.station.view.value("wind_angle")
+    assert held is not None and sea.order(do="turn", degrees=1) == (True, "")
+    sea.watch(1.0)
+    assert sea.station.view.value("wind_angle") == pytest.approx(held - 1.0)
 
 
 def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched) -> None:
