@@ -170,12 +170,12 @@ class Orders:
         self._tries = 0
         self._next = -math.inf
         self._cancels: list[int] = []
-        self._now = -math.inf
         self._sent: deque[tuple[float, Command]] = deque()
         """When what was sent that is not acknowledged yet; of one that was repeated each time is."""
         self._foreign = 0
         """Acknowledgements that may still come of orders before: they name the command, not what was asked by it."""
-        self._most = TRIES
+        self._most, self._trip = TRIES, 0.0
+        """_trip: how long [s] the last answer took that could be to one message alone."""
 
     def give(self, commands: Sequence[Command], on_done: OnDone) -> None:
         """Give an order; `on_done` hears once how it ended."""
@@ -196,13 +196,7 @@ class Orders:
                 order = _Waiting(max(each.commands, order.commands, key=len), each.hearers + order.hearers)
             else:
                 dropped.append(each)
-        is_begun = bool(self._waiting) and self._waiting[0] not in dropped
         self._waiting = deque([order])
-        if not is_begun:
-            # what is acknowledged next may be one before: to stand by would be lost behind an order to engage
-            late = [sent for time, sent in self._sent if self._now - time <= LATE_S and sent != commands[0]]
-            self._foreign = sum(sent.number == commands[0].number for sent in late)
-        self._most = TRIES + self._foreign
         self._step = self._tries = 0
         self._next = -math.inf
         for each in dropped:
@@ -230,18 +224,24 @@ class Orders:
             return
         if self._foreign:
             self._foreign -= 1
-        elif message.result not in DONE:
+            return
+        trip = now - (self._next - AGAIN_S)
+        if self._tries == 1:
+            self._trip = trip
+        elif self._tries == 2 and 0.5 * self._trip <= trip <= 2.0 * self._trip:
+            # said again because one was lost, not because answers take so long: no second one will come
+            self._sent = deque(each for each in self._sent if each[1].number != message.command)
+        if message.result not in DONE:
             self._end(*RESULTS.get(message.result, (Answer.FAILED, f"result {message.result}")))
         elif self._step + 1 == len(order.commands):
             self._end(Answer.TAKEN, "")
         else:
-            self._step, self._tries, self._most, self._next = self._step + 1, 0, TRIES, -math.inf
+            self._step, self._tries, self._next = self._step + 1, 0, -math.inf
             done, self._waiting[0] = order.parted(self._step)
             done.tell(Answer.TAKEN, "")
 
     def due(self, now: float, target: Target) -> list[Message]:
         """Return what to send at `now` [s]."""
-        self._now = now
         while self._sent and now - self._sent[0][0] > LATE_S:
             self._sent.popleft()
         messages: list[Message] = [CommandCancel(*target[:2], command) for command in self._cancels]
@@ -252,6 +252,10 @@ class Orders:
             self.give_up()
             return messages
         command = self._waiting[0].commands[self._step]
+        if self._tries == 0:
+            # what is acknowledged next may be one before: this one would be lost, or refused, behind it and said taken
+            self._foreign = sum(sent.number == command.number and sent != command for _, sent in self._sent)
+            self._most = TRIES + self._foreign
         messages.append(command.message(target, self._tries))
         self._sent.append((now, command))
         self._tries += 1
@@ -260,8 +264,7 @@ class Orders:
 
     def _end(self, answer: Answer, words: str) -> None:
         order = self._waiting.popleft()
-        self._step = self._tries = self._foreign = 0
-        self._most = TRIES
+        self._step = self._tries = 0
         self._next = -math.inf
         order.tell(answer, words)
 

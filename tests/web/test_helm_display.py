@@ -846,6 +846,59 @@ def test_nothing_is_kept_for_a_boat_that_does_not_answer() -> None:
     assert set(sent) == {10.0} and ends == ["the boat does not answer"] * 3
 
 
+class FarBoat:
+    """A boat that `refuses` a heading, behind a line that takes `delay` [s] and loses what is sent `lost`-th."""
+
+    def __init__(self, delay: float, lost: int = 0, refuses: float = math.nan) -> None:
+        self.orders, self.now, self.ends, self.steered = Orders(), 0.0, list[bool](), list[float]()
+        self._delay, self._lost, self._refuses = delay, lost, refuses
+        self.sent, self._answers = list[float](), list[tuple[float, Any]]()
+
+    def turn(self, *headings: float) -> None:
+        for heading in headings:
+            self.orders.give((turn_to(heading),), lambda taken, _: self.ends.append(bool(taken)))
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.05)):
+            self.now += 0.05
+            while self._answers and self._answers[0][0] <= self.now:
+                self.orders.receive(self.now, self._answers.pop(0)[1])
+            for message in self.orders.due(self.now, Target(1, 1)):
+                self.sent.append(message.param1)
+                if len(self.sent) == self._lost:
+                    continue
+                is_refused = message.param1 == self._refuses
+                if not is_refused and self.steered[-1:] != [message.param1]:
+                    self.steered.append(message.param1)
+                answer = dialect.MAVLink_command_ack_message(message.command, 1 if is_refused else 0)
+                self._answers.append((self.now + self._delay, answer))
+
+
+@pytest.mark.parametrize("delay", [0.8, 1.3, 1.7])
+@pytest.mark.parametrize("was_quick", [False, True])
+def test_an_answer_that_may_be_to_the_heading_before_is_none_to_this_one(delay: float, was_quick: bool) -> None:
+    for lost, refuses, ends in ((True, math.nan, [True, True]), (False, 20.0, [True, False])):
+        boat = FarBoat(0.1, refuses=refuses)
+        if was_quick:
+            boat.turn(5.0)
+            boat.run(1.0)
+            boat.ends.clear()
+        boat._delay = delay
+        if lost:
+            boat._lost = len(boat.sent) + 1 + math.ceil(delay / 0.5)
+        boat.turn(10.0, 20.0)
+        boat.run(9.0)
+        assert boat.ends == ends
+        assert boat.steered[-1] == (20.0 if ends[-1] else 10.0)
+
+
+def test_what_a_quick_line_lost_once_makes_the_orders_behind_it_no_slower() -> None:
+    boat = FarBoat(0.1, lost=3)
+    boat.turn(*range(1, 9))
+    boat.run(0.1 * 8 + 0.5 + 0.5)
+    assert boat.ends == [True] * 8 and len(boat.sent) == 9
+
+
 @given(st.lists(st.text(st.characters(exclude_characters="\0"), min_size=1, max_size=220), min_size=1, max_size=6))
 def test_texts_are_put_together_whatever_their_length(words: list[str]) -> None:
     boat, heard, now = StatusTexts(), TextPieces(), 0.0
