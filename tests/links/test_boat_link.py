@@ -215,6 +215,21 @@ def test_a_value_that_a_line_held_until_the_next_one_had_come_does_not_replace_i
     assert bench.store.values["TWO"] == 5.0, "set anew it counts"
 
 
+def test_a_station_that_has_begun_to_count_anew_sets_values_again() -> None:
+    """A script that is run once more: its numbers begin again below those of its first run."""
+    bench = Bench()
+    beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    five, six = (dialect.MAVLink_param_set_message(7, 1, b"TWO", value, 9) for value in (5.0, 6.0))
+    for number, message in ((5, beat), (6, five), (0, beat), (1, beat), (2, beat), (3, beat), (4, six)):
+        bench.station._mavlink.seq = number
+        bench.ask(message)
+        bench.run(0.6)
+    assert bench.store.values["TWO"] == 6.0
+    bench.station._mavlink.seq = 3
+    bench.ask(five)
+    assert bench.store.values["TWO"] == 6.0, "a late one of its new numbers is late all the same"
+
+
 @pytest.mark.parametrize("magnetic", [False, True])
 def test_stations_know_whether_courses_are_magnetic_and_no_place_leads_then(magnetic: bool) -> None:
     bench = Bench(armed=True)

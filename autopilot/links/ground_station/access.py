@@ -365,6 +365,8 @@ def is_from_station(message: Message) -> bool:
 
 OVERTAKEN = 32
 """So many of its sender's messages may have come before one that was sent ahead of them."""
+RESTARTED_S = 2.0
+"""A sender whose numbers have only come from behind for so long has begun anew: one that goes on beats each second."""
 ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
 OF_A_ROUTE = frozenset({"MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT"})
 """What a later one of them, or an item of a route, makes void."""
@@ -388,6 +390,8 @@ class _Sender:
 
     def __init__(self, number: int) -> None:
         self.newest, self.counts = number, False
+        self.behind = math.inf
+        """Since when [s] none has come that goes on from the newest, but others have."""
         self.taken: deque[_Taken] = deque(maxlen=ORDERS_KEPT)
         self.last: dict[str, tuple[float, int, str]] = {}
 
@@ -412,11 +416,16 @@ class OrderSequence:
         self._orders = orders
         self._senders: dict[tuple[int, int], _Sender] = {}
 
-    def heard(self, message: Message) -> None:
-        """Take the number of any message."""
+    def heard(self, now: float, message: Message) -> None:
+        """Take the number of any message that came at `now` [s]."""
         sender = self._sender(message)
         number = sender.number_of(message)
         sender.counts = sender.counts or number != sender.newest
+        sender.behind = min(sender.behind, now) if number < sender.newest else math.inf
+        if now - sender.behind > RESTARTED_S:
+            # its values and routes are new ones; an order to stand by stays the last word for a while
+            sender.last = {name: each for name, each in sender.last.items() if name == ""}
+            sender.behind = math.inf
         sender.newest = max(sender.newest, number)
 
     def is_again(self, now: float, message: Message) -> bool:

@@ -192,7 +192,7 @@ class BoatLink(StationLink):
         return [ConditionSample(now, "link_flooded", is_flooded, self.name if is_flooded else "", self.name)]
 
     def _on_message(self, now: float, message: Message) -> None:
-        self._sequence.heard(message)
+        self._sequence.heard(now, message)
         if not self._is_for_us(message):
             return
         refusal = self._access.refusal(now, message)
