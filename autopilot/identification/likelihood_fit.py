@@ -7,6 +7,7 @@ term is dropped: what the recording cannot tell keeps its doubt.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -594,20 +595,22 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
     rates, weather, train = space.opened(z)
     hurried = weather.gust_time < HURRIED_S or weather.white > ROUGH_WHITE * usual.white
     slow = math.hypot(weather.gust * math.sqrt(2.0 * weather.gust_time), weather.white)
+    # white pushes show the instruments' noise as strongly as waves: gusts that pass as quickly do not
+    quick = {"gust": slow / math.sqrt(2.0 * HURRIED_S), "gust_time": HURRIED_S, "white": usual.white}
     seen = z.copy()
+    for name, value in quick.items():
+        seen[space.names.index(name)] = math.log(value)
+    guesses = [_wave_start(space, seen, weather)]
     if hurried:
-        # white pushes show the instruments' noise as strongly as waves: gusts that pass as quickly do not
-        quick = {"gust": slow / math.sqrt(2.0 * HURRIED_S), "gust_time": HURRIED_S, "white": usual.white}
-        for name, value in quick.items():
-            seen[space.names.index(name)] = math.log(value)
-    wavy = _wave_start(space, seen, weather)
-    if hurried:
-        wavy = wavy._replace(gust=slow / math.sqrt(2.0 * GUST_TIME_S), gust_time=GUST_TIME_S, white=usual.white)
+        lasting = slow / math.sqrt(2.0 * GUST_TIME_S)
+        guesses = [guesses[0]._replace(gust=lasting, gust_time=GUST_TIME_S, white=usual.white)]
+    else:
+        guesses.append(_wave_start(space, z, weather))
     beside = space.beside_at(z)
     found, maybe = [], MAYBE_WAVES if space.record.nodes <= LONG else MAYBE_LONG
     for pushes in (False, True):
         tried = []
-        for size in WAVE_SIZES:
+        for wavy, size in itertools.product(guesses, WAVE_SIZES):
             sized = wavy._replace(wave=size * wavy.wave, wave_pushes=pushes)
             start = Space(space.record, rates, sized, train, space.parts, space.scale, beside, space.groups)
             if space.strengths:

@@ -10,6 +10,7 @@ from boat_recordings import zigzag_boat
 
 import autopilot
 from autopilot.errors import InputError
+from autopilot.identification import likelihood_fit
 from autopilot.identification.identified import Identified, Question, Ratios
 from autopilot.identification.identify import identify
 from autopilot.identification.ordered_rudder import rate_limited, slower_rudder, with_doubt_of_rate, with_rudder_of
@@ -110,6 +111,25 @@ def test_the_doubt_about_a_rate_that_turning_shows_is_in_gain_and_time_constant(
         ratios = zip(found.ratios.errors[:2], held.ratios.errors[:2], strict=True)
         assert all(after > before for after, before in ratios)
     assert sum(inside) >= 9
+
+
+@pytest.mark.parametrize("seed", [1795900407, 1796000004])
+def test_a_boat_is_no_likelier_for_waves_that_are_looked_for_elsewhere(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What weather without waves is likeliest in a calm is chance: the waves that are tried must not go by it alone."""
+    run, question = ordered(5.0, noise_deg=0.2, seed=seed), Question(reference_speed=3.0)
+    rate = slower_rudder([run], FILED)
+    assert rate is not None
+    losses = []
+    for frequency in (None, 0.36, 0.52):
+        if frequency is not None:
+            shown = {"wave": math.radians(0.02), "wave_frequency": frequency, "wave_damping": 0.1}
+            monkeypatch.setattr(likelihood_fit, "_wave_start", lambda space, z, weather: weather._replace(**shown))  # noqa: B023
+        likely = identify([with_rudder_of(run, rate)], question).likely
+        assert likely is not None
+        losses.append(likely.loss)
+    assert losses[0] < min(losses[1:]) + 0.1
 
 
 RATE = RudderRate(math.radians(5.0), math.radians(0.2), 6, True)
