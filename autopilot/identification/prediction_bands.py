@@ -10,9 +10,6 @@ With which power of the speed a rudder steers is not known either: in a turn the
 recording of one kind of turn lays to damping may be that. Boats are drawn with the powers that the runs allow, each as
 they ask for with that power (`LikelihoodFit.power`): in turns like the runs' they go alike, in others apart.
 
-Nor does a rudder, or a thrust that is turned, steer with the angle alone. Boats are drawn with (delta/angle)^p in what
-theirs does, which is 1 at the angle of the runs: bands of zigzags with another angle know that nobody sailed them.
-
 Of thrust the power is drawn about its law's, and it does not steer with its angle alone: hull and speed answer a
 smaller one in another way. Such boats are drawn with (delta/angle)^p in what their steering does, 1 at the angle of the
 runs: bands of zigzags with another angle know that nobody sailed them.
