@@ -314,14 +314,14 @@ def table_of(recording: Recording, settings: RudderSettings, *, between_motions:
     motions = [series for series in (heading, rate) if series is not None]
     if not motions:
         raise InputError(f"{recording.source}: holds no two headings or yaw rates; nothing can be made of it.")
-    often = min(motions, key=lambda series: series.spacing)
+    often = oftener = min(motions, key=lambda series: series.spacing)
     rudder = rudder_of(recording, settings)
     if between_motions and rudder is not None:
         often = _rows_between(rudder.series, often)
     rows = often.time
     columns, uses = {"time_s": rows}, {}
     for series in motions:
-        columns[series.quantity] = series.values if series is often else _beside(series, often)
+        columns[series.quantity] = often.values if series is oftener else _beside(series, often)
         uses[series.quantity] = series.source
     if rudder is not None:
         columns[RUDDER], uses[RUDDER] = between(rudder.series, rows), rudder.words
@@ -338,7 +338,13 @@ def _rows_between(rudder: Series, motion: Series) -> Series:
     thinned = max(1, round(BETWEEN_S / rudder.spacing))
     if motion.spacing <= SELDOM_S or motion.spacing < 2.0 * thinned * rudder.spacing:
         return motion
-    return rudder._replace(time=rudder.time[::thinned], values=rudder.values[::thinned])
+    rows = rudder.time[::thinned]
+    right = np.clip(np.searchsorted(motion.time, rows), 1, motion.time.size - 1)
+    away = np.minimum(np.abs(rows - motion.time[right - 1]), np.abs(motion.time[right] - rows))
+    time = np.sort(np.concatenate([motion.time, rows[away > 0.25 * thinned * rudder.spacing]]))
+    values = np.full(time.size, np.nan)
+    values[np.searchsorted(time, motion.time)] = motion.values
+    return motion._replace(time=time, values=values)
 
 
 SELDOM_S, BETWEEN_S = 0.2, 0.1

@@ -15,8 +15,8 @@ from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.logs.merge import best_match, sources_of
 from autopilot.logs.reading import LogOptions, load_recording, load_run
-from autopilot.logs.series import RUDDER, Series
-from autopilot.logs.table import RudderSettings, between, through_gear
+from autopilot.logs.series import RUDDER, Recording, Series
+from autopilot.logs.table import RudderSettings, between, table_of, through_gear
 from autopilot.models.steering_gear import SteeringGear
 
 BOAT = zigzag_boat()
@@ -163,3 +163,16 @@ def test_headings_are_interpolated_across_the_end_of_the_circle() -> None:
     np.testing.assert_allclose(np.degrees(between(heading, np.array([0.25, 0.75, 1.5]))), [175.0, -175.0, -160.0])
     rudder = Series(RUDDER, "x", np.array([0.0, 1.0, 2.0, 30.0]), np.zeros(4))
     assert np.isnan(between(rudder, np.array([-1.0, 15.0, 31.0]))).all()
+
+
+def test_headings_between_seldom_rudder_angles_stay_as_they_were_recorded() -> None:
+    """A heading laid on the rows of a rudder beside it is a straight line between two, and what it tells is less."""
+    time = np.arange(0.0, 60.0, 0.5)
+    rudder = Series("rudder_rad", "gear", time, 0.2 * np.sign(np.sin(0.3 * time)))
+    seen = np.arange(0.25, 59.0, 1.0)
+    heading = Series("heading_rad", "compass", seen, 0.5 * np.sin(0.3 * seen))
+    columns = table_of(Recording("x", "log", (rudder, heading)), RudderSettings(), between_motions=True).columns
+    known = np.isfinite(columns["heading_rad"])
+    np.testing.assert_array_equal(columns["time_s"][known], seen)
+    np.testing.assert_array_equal(columns["heading_rad"][known], heading.values)
+    assert columns["time_s"].size > 1.5 * seen.size
