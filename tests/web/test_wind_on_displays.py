@@ -20,6 +20,15 @@ def sea(tmp_path: Path) -> Watched:
     return Watched(tmp_path)
 
 
+@pytest.fixture
+def vane(sea: Watched) -> Vane:
+    """The wind of that sea, which the boat has measured for 10 s."""
+    vane = Vane(sea)
+    sea.alarms = BothAlarms(vane, sea.alarms)
+    sea.watch(10.0)
+    return vane
+
+
 APPARENT, TRUE = {"do": "wind", "true": False, "degrees": 60}, {"do": "wind", "true": True, "degrees": 45}
 
 
@@ -32,12 +41,10 @@ APPARENT, TRUE = {"do": "wind", "true": False, "degrees": 60}, {"do": "wind", "t
     ],
 )
 @pytest.mark.parametrize("delay", [0.0, 0.4])
+@pytest.mark.usefixtures("vane")
 def test_a_step_counts_from_what_was_ordered_just_now_though_the_boat_still_tells_another_mode(
     sea: Watched, held: dict[str, Any], ordered: dict[str, Any], then: tuple[str, str, float, float], delay: float
 ) -> None:
-    vane = Vane(sea)
-    sea.alarms = BothAlarms(vane, sea.alarms)
-    sea.watch(10.0)
     assert sea.order(**held) == (True, "")
     sea.watch(5.0)
     arrived, on_its_way, ends = sea.far.receive, list[tuple[float, bytes]](), list[bool]()
@@ -59,10 +66,8 @@ def test_a_step_counts_from_what_was_ordered_just_now_though_the_boat_still_tell
     assert (view.mode_name, view.value(name), view.value("wind_true")) == (mode, pytest.approx(value), is_true)
 
 
+@pytest.mark.usefixtures("vane")
 def test_a_step_from_an_angle_of_the_wind_that_is_not_known_yet_is_refused(sea: Watched) -> None:
-    vane = Vane(sea)
-    sea.alarms = BothAlarms(vane, sea.alarms)
-    sea.watch(10.0)
     assert sea.order(do="engage") == (True, "")
     sea.watch(2.0)
     assert sea.order(do="wind", true=False) == (True, "")
@@ -75,10 +80,7 @@ def test_a_step_from_an_angle_of_the_wind_that_is_not_known_yet_is_refused(sea: 
     assert sea.station.view.value("wind_angle") == pytest.approx(held - 1.0)
 
 
-def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched) -> None:
-    vane = Vane(sea)
-    sea.alarms = BothAlarms(vane, sea.alarms)
-    sea.watch(10.0)
+def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched, vane: Vane) -> None:
     assert sea.station.view.value("awa") == pytest.approx(math.degrees(vane.angle()), abs=12.0)
     assert sea.station.view.value("tws") == pytest.approx(8.0 * 3600.0 / 1852.0, rel=0.2)
     assert sea.order(do="tack") == (False, "tack: no wind is being held: order it first")
@@ -127,10 +129,7 @@ def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched) -> None:
     assert view.mode_name == "heading" and view.value("wind_angle") is None
 
 
-def test_a_wind_that_is_lost_is_no_more_shown_and_nothing_waits(sea: Watched) -> None:
-    vane = Vane(sea)
-    sea.alarms = BothAlarms(vane, sea.alarms)
-    sea.watch(10.0)
+def test_a_wind_that_is_lost_is_no_more_shown_and_nothing_waits(sea: Watched, vane: Vane) -> None:
     assert sea.order(do="wind") == (True, "")
     sea.watch(2.0)
     assert sea.order(do="tack") == (True, "")
