@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autopilot.angles import wrap
-from autopilot.control.design import DESIGNED, Margins, Verdict, loop, worst_margins
+from autopilot.control.design import DESIGNED, Margins, Spread, Verdict, loop, worst_margins
 from autopilot.control.margins import Loop, OutputFeedbackMargins, Recovery, output_feedback_margins, recoveries, trace
 from autopilot.files.printable import aligned
 from autopilot.guidance.stop import turn_limits
@@ -145,13 +145,15 @@ LARGE_SIGNAL_DEG = (5.0, 20.0, 45.0, 90.0)
 
 
 class Judged(NamedTuple):
-    """A vessel's law: its verdict, the worst margins within `spread`, said in words, the large-signal response, and the
-    margins with the heading filter in the loop, in calm water and in the strongest gusts that it learns."""
+    """A vessel's law: its verdict, the worst margins of boats that are `off` so far, `spread` in words, the
+    large-signal response, and the margins with the heading filter in the loop, in calm water and in the strongest
+    gusts that it learns."""
 
     vessel: Vessel
     law: str
     verdict: Verdict
     worst: Margins
+    off: Spread
     spread: str
     recoveries: list[Recovery]
     output_feedback: OutputFeedbackMargins
@@ -171,7 +173,7 @@ def judged(vessel: Vessel, law: str) -> Judged:
     calm, gusty = (
         output_feedback_margins(output_feedback_loop(vessel, law, disturbed=disturbed)) for disturbed in (False, True)
     )
-    return Judged(vessel, law, verdict, worst, words, found, calm, gusty)
+    return Judged(vessel, law, verdict, worst, spread, words, found, calm, gusty)
 
 
 NEXT_TO_NOTHING_DEG = 0.3
@@ -193,7 +195,7 @@ def verdict_of_gains(each: Judged, cost: LevelCost | None) -> steered.Verdict:
     if cost is not None:
         said += f"; holds within {math.degrees(cost.sea.heading):.1f} deg rms in the sea it is designed for"
     spread = each.spread.split(",")[0]
-    doubt = max(max(off_by("gain", 1.0, share / SIGMAS)) for share in spread_of(each.vessel)[0])
+    doubt = max(max(off_by("gain", 1.0, share / SIGMAS)) for share in each.off)
     doubts = [
         words
         for is_so, words in (

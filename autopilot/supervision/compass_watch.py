@@ -434,33 +434,20 @@ def carried_on(
 ) -> tuple[Held, Turns]:
     """Return what is held, and the turns, after a heading that is further `by_heading` [rad, in s]; at: time [s] and
     rate [rad/s], None without one, and whether that is believed; most: see `held_step`."""
-    (turn, step), stood = by_heading, before.held.stood
-    held, turns = separated(before, by_heading, at, is_believed, most)
-    if turn == 0.0:
-        return held._replace(stood=stood + step), turns
-    return (held._replace(stood=0.0) if stood else held), turns
-
-
-def separated(
-    before: Consistency,
-    by_heading: tuple[float, float],
-    at: tuple[float, float | None],
-    is_believed: bool,
-    most: tuple[float, float],
-) -> tuple[Held, Turns]:
-    """As `carried_on`, but for the time that a heading stands."""
     (turn, step), (time, rate), (jump, quickest) = by_heading, at, most
     held, turns = before.held, before.turns
-    if jump == math.inf:
-        return held, turns if rate is None else turns_step(turns, turn, rate * step, step)
-    if rate is not None and is_believed:
-        return held_step(held, turns, (turn, rate * step, step), (time, rate), most)
-    if rate is not None and not held.is_sudden:
-        # it was the rate that did not show a turn
-        held = settled(held)
-    held = alone_step(held, by_heading, time, jump, quickest)
-    turn -= held.offset - before.held.offset
-    return held, turns if rate is None else turns_step(turns, turn, rate * step, step)
+    stood = held.stood + step if turn == 0.0 else 0.0
+    if rate is not None and is_believed and jump < math.inf:
+        held, turns = held_step(held, turns, (turn, rate * step, step), (time, rate), most)
+    else:
+        if jump < math.inf:
+            if rate is not None and not held.is_sudden:
+                # it was the rate that did not show a turn
+                held = settled(held)
+            held = alone_step(held, by_heading, time, jump, quickest)
+            turn -= held.offset - before.held.offset
+        turns = turns if rate is None else turns_step(turns, turn, rate * step, step)
+    return (held if held.stood == stood else held._replace(stood=stood)), turns
 
 
 def concluded(before: Consistency) -> Consistency:
