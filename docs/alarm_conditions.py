@@ -272,6 +272,11 @@ CONDITIONS = {
         watcher=Watcher.LINK,
     ),
     "headings_slow": Condition("asked for repeatedly, and still too slow", watcher=Watcher.LINK),
+    "headings_late": Condition(
+        "for 2 s none was younger than half the time in the file as it came",
+        key="failsafe.heading_timeout_s",
+        watcher=Watcher.LINK,
+    ),
     "targets_lag": Condition("far off the heading ordered for long, and no nearer", watcher=Watcher.LINK),
     "other_pilot": Condition("it says so while we steer", watcher=Watcher.LINK),
     "other_pilot_waits": Condition("it says so while we steer", watcher=Watcher.LINK),

@@ -275,6 +275,12 @@ WORDS = {
         "control.rate_hz",
         sentence="headings (ATTITUDE) come at {detail} were asked for again and again: {remedy}",
     ),
+    "headings_late": Words(
+        "headings come late by the vehicle's clock",
+        "raise the link's baud rate (SERIALn_BAUD) or ask for less over it; where the line has room, that clock runs "
+        "slow (a simulator slower than the time of day): mend it, for headings too old are not steered by",
+        sentence="{text} (the youngest {detail} old): {remedy}",
+    ),
     "targets_lag": Words(
         "the vehicle takes our headings but does not turn",
         "check that it makes way (throttle stick, helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, "

@@ -206,6 +206,7 @@ _KINDS = (
     # of the lines to others
     _notice("compass_silent"),
     _notice("headings_slow"),
+    _notice("headings_late"),
     _notice("targets_lag"),
     _notice("other_pilot"),
     _notice("other_pilot_waits"),

@@ -54,6 +54,17 @@ def test_a_vehicle_takes_commands_from_standby_on(state: int, booted: bool) -> N
     assert found.booted is booted
 
 
+@pytest.mark.parametrize(("state", "name"), [(0, "UNINIT"), (1, "BOOT"), (2, "CALIBRATING")])
+@pytest.mark.parametrize("known", [False, True])
+def test_a_vehicle_that_still_starts_up_is_named_with_what_to_do(state: int, name: str, known: bool) -> None:
+    found = watch()
+    found.heartbeat(0.0, 0, True, state)
+    reason = found.reason(0.0, parameters() if known else VehicleParameters(), 255)
+    assert f"still starts up (MAV_STATE {name})" in reason and "restart it" in reason
+    found.heartbeat(1.0, 0, True, 3)
+    assert "starts up" not in found.reason(1.0, VehicleParameters(), 255)
+
+
 def test_silence_of_three_seconds_or_no_heartbeat_for_eight_ends_it() -> None:
     found = watch()
     assert found.reason(3.0, parameters(), 255) == ""

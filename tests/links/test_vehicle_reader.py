@@ -21,6 +21,7 @@ from autopilot.signals import (
     SpeedSample,
     WindSample,
 )
+from autopilot.supervision.panel import sentence_of
 
 CHANNEL = {"MIN": 1100.0, "TRIM": 1500.0, "MAX": 1900.0, "REVERSED": 0.0}
 STEERED = {
@@ -245,6 +246,46 @@ def test_a_throttle_stick_asks_for_way_outside_its_dead_zone(pulse: int, asks: b
         boat.take(0.0, dialect.MAVLink_param_value_message(name.encode(), value, 9, 1, 0))
     boat.channels(0.1, chan3_raw=pulse)
     assert boat.reader.guided._shown.stick_asks is asks
+
+
+def test_a_vehicle_that_fills_in_no_time_is_read_as_it_arrives_and_has_not_rebooted() -> None:
+    boat = Boat(**STEERED)
+    boat.heartbeat(0.0)
+    boat.take(0.0, position(300_000, 0.5, 0.5))
+    for step in range(1, 100):
+        now = 0.1 * step
+        heading = boat.take(now, attitude(0))[0]
+        assert isinstance(heading, HeadingSample) and heading.time == now
+        (shown,) = boat.servos(now, 1500)
+        assert isinstance(shown, RudderSample) and shown.time == now
+        boat.heartbeat(now)
+    assert boat.reader.parameters.steering_servo == 3, "nothing is asked anew"
+    assert boat.reader.authority.armed
+
+
+def test_headings_that_come_late_by_the_vehicle_s_clock_are_told_of_with_what_to_do() -> None:
+    output = SteeringOutput("rc_override", math.radians(30.0), False)
+    reader = VehicleReader(output, CompanionSettings(math.radians(30.0), heading_timeout=1.5))
+    said, ages = [], []
+    for step in range(1200):
+        now = 0.05 * step
+        message = MavlinkCodec(1, 1).encode(attitude(round(1000.0 * (100.0 + 0.9 * now))))
+        (received,) = MavlinkCodec(1, 0).decode(message)
+        samples: list[Sample] = []
+        reader.take(now, received, samples)
+        reader.streams.due(now)
+        ages.append(now - samples[0].time)
+        said.append(reader.streams.late)
+    assert max(ages) > 1.5, "the fail-safe comes"
+    first = next(event for event in said if event)
+    assert ages[said.index(first)] < 1.5, "and is told of before it"
+    assert first.name == "headings_late" and "clock runs slow" in sentence_of(first)
+    for step in range(1200, 2400):  # right again
+        now = 0.05 * step
+        (received,) = MavlinkCodec(1, 0).decode(MavlinkCodec(1, 1).encode(attitude(round(1000.0 * (94.0 + now)))))
+        reader.take(now, received, [])
+        reader.streams.due(now)
+    assert reader.streams.late is None
 
 
 @pytest.mark.parametrize("silence", [10.0, 10.1])

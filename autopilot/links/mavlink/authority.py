@@ -173,6 +173,16 @@ MODE_NAMES = {
 """ArduRover's custom modes, and PX4's, main mode << 16 | sub mode << 24 (Rover/mode.h; px4_custom_mode.h)."""
 TERMINATED_STATE = 8
 """MAV_STATE of a PX4 whose outputs the kill switch has stopped; it counts as armed for some seconds more."""
+STARTING = {
+    dialect.MAV_STATE_UNINIT: "UNINIT",
+    dialect.MAV_STATE_BOOT: "BOOT",
+    dialect.MAV_STATE_CALIBRATING: "CALIBRATING",
+}
+"""MAV_STATE of a vehicle that has not come up; all beyond them has."""
+STARTS = (
+    "the vehicle says that it still starts up (MAV_STATE {name}) and is not asked for anything before it has; read its "
+    "messages, let it lie still, and restart it where it stays so"
+)
 HEARTBEAT_S = 1.0
 SILENCE_S = 3.0
 """Nothing at all from the vehicle for this long ends our right to steer."""
@@ -190,7 +200,6 @@ one of their tries to the next."""
 CONTEST_GAP_S, CONTEST_S = 2.5, 3.0
 """Strange reports no further apart, for so long, are somebody who steers too, at however small a share of the time: at
 nearly the reports' own rate their pulses hide behind ours for seconds. Another pilot's proof comes every four."""
-STANDBY_STATE = 3
 TAKEN_FOR_A_MOMENT = "the mode, the arming or the radio's switch was changed and changed back: the helm is yours"
 SWITCH_LOW_US = 1200
 """Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
@@ -227,6 +236,7 @@ class ControlAuthority:
         self.misfit = ""
         self.mode = -1
         self.armed = self.booted = False
+        self._state = -1
         self.heartbeat_time = self.received_time = -math.inf
         self.steering = False
         self.disobeyed = ""
@@ -257,7 +267,7 @@ class ControlAuthority:
         self.heartbeat_time = now
         self.mode = mode
         self.armed = armed
-        self.booted = system_state >= STANDBY_STATE
+        self._state, self.booted = system_state, system_state not in STARTING
         self._is_killed = system_state == TERMINATED_STATE
         self._note_taken()
 
@@ -283,7 +293,7 @@ class ControlAuthority:
     def rebooted(self) -> None:
         """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew."""
         self._rebooted = True
-        self.armed = self.booted = False
+        self._state, self.armed, self.booted = -1, False, False
         self.released()
         self.misfit = self.radio = ""
 
@@ -389,6 +399,8 @@ class ControlAuthority:
             asks = not self._offboard
             self._parameter_reason = _parameter_reason(parameters, system, self._guided) if asks else ""
         waiting = self._parameter_reason or ("" if self._guided else self.misfit)
+        if self._state in STARTING and not self.steering:
+            waiting = STARTS.format(name=STARTING[self._state])
         if waiting and self._rebooted:
             self.cause = HelmCause.REBOOTED
             return f"the vehicle has rebooted; {waiting}"

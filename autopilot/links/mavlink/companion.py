@@ -144,7 +144,8 @@ class CompanionSession:
         self._revision, self._steers_as = (-1, 0), 0
         self._mode = Mode.STANDBY
         self._alarms: tuple[AlarmEvent, ...] = ()
-        self._noted: dict[str, AlarmEvent | None] = {"other pilot": None, "attitude rate": None, "guided": None}
+        parts = ("other pilot", "attitude rate", "attitude age", "guided")
+        self._noted: dict[str, AlarmEvent | None] = dict.fromkeys(parts)
         self._bow = "", ""
         if self._reader.bow is not None:
             self._noted["bow thruster"] = None
@@ -467,6 +468,7 @@ class CompanionSession:
         found: dict[str, AlarmEvent | None] = {
             "other pilot": other or overridden,
             "attitude rate": reader.streams.slow,
+            "attitude age": reader.streams.late,
             "guided": self._guided.alarm if self._guided is not None else None,
         }
         if (bow := reader.bow) is not None:

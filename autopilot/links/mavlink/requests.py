@@ -26,6 +26,8 @@ HEADINGS_IN_TIMEOUT = 3
 """Headings that must come within the time in which they grow too old: two may be lost in a row, as one in ten are on a
 line that loses a third."""
 WAITING = "waiting for headings (ATTITUDE) at the rate asked for"
+LATE_SHARE = 0.5
+"""Headings none of which is younger than this share of the age at which they count as lost are told of before that."""
 
 
 TOO_SLOW = (
@@ -47,6 +49,9 @@ class MessageStreams:
         counts: messages that have come since the last check, by id; who receives them counts.
         checked_at, pause: when [s] they were checked last, -inf before, and how long [s] it is until they are again.
         slow: the alarm of a first stream that stays slow however often it is asked for; None where it does not.
+        age: how old [s] the youngest of the first stream since the last check was as it came, inf before one; who
+            receives it says so.
+        late: the alarm of a first stream whose youngest has become so old; None where it has not.
     """
 
     def __init__(
@@ -55,6 +60,7 @@ class MessageStreams:
         self._rates, self._optional = dict(rates_hz), dict(optional_hz or {})
         # what was asked for cannot be too slow
         self._least = min(HEADINGS_IN_TIMEOUT / timeout, ENOUGH * next(iter(self._rates.values())))
+        self._oldest = LATE_SHARE * timeout
         self.reset()
 
     @property
@@ -68,6 +74,8 @@ class MessageStreams:
     def reset(self) -> None:
         """Ask for everything anew, as after a reboot."""
         self.slow: AlarmEvent | None = None
+        self.late: AlarmEvent | None = None
+        self.age = math.inf
         self._too_slow = ""
         self._slow_checks = 0
         self._settled = False
@@ -83,6 +91,12 @@ class MessageStreams:
         if not first:
             self.pause = CHECK_S
             self._watch_first(passed)
+        if self._oldest < self.age < math.inf:
+            # said once: how old they are goes up and down with every window of the clock
+            self.late = self.late or AlarmEvent("headings_late", f"{self.age:.1f} s")
+        else:
+            self.late = None
+        self.age = math.inf
         needed = passed * ENOUGH
         wanted = [
             (identity, round(1.0e6 / rate))

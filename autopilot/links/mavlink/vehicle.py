@@ -366,7 +366,7 @@ class VehicleReader:
         if message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
             return  # somebody else's, under the vehicle's ids
         self.authority.obstacle = obstacle_of(message.autopilot, message.type, self.is_px4)
-        if now - self.authority.heartbeat_time > LONG_SILENCE_S and self._clock.offset is not None:
+        if LONG_SILENCE_S < now - self.authority.heartbeat_time < math.inf:
             self._ask_anew()
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self.authority.heartbeat(now, message.custom_mode, armed, message.system_status)
@@ -378,6 +378,7 @@ class VehicleReader:
         measured = self._sample_time(now, message.time_boot_ms * 1.0e-3)
         if measured is None:
             return
+        self.streams.age = min(self.streams.age, now - measured)
         time = measured - self._latency
         yaw, rate, roll, roll_rate = message.yaw, message.yawspeed, message.roll, message.rollspeed
         # These comparisons are also false for nan.
@@ -534,6 +535,8 @@ class VehicleReader:
 
     def _sample_time(self, now: float, boot: float) -> float | None:
         """Return when a message of `boot` [s] was made; None where it is of no use."""
+        if boot == 0.0:
+            return now  # the field is not filled in: no vehicle speaks in the first millisecond
         belongs = self._clock.judge(now, boot)
         if belongs is Belongs.STRANGE:
             return None
@@ -552,7 +555,7 @@ class VehicleReader:
         return False
 
     def _servo_time(self, now: float, time_usec: int) -> float:
-        if (offset := self._clock.offset) is None:
+        if (offset := self._clock.offset) is None or time_usec == 0:
             return now
         # 32 bits of microseconds begin again every 71.6 minutes: take the turn that lies nearest.
         boot = time_usec * 1.0e-6
