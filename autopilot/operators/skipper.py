@@ -157,7 +157,7 @@ class Skipper:
     def __init__(self, rudder_max: float, plotter: PlotterGuide, mission: Mission) -> None:
         self._rudder_max = rudder_max
         self._order = Order()
-        self._adopt = False
+        self._adopt, self._beside = False, 0.0
         self.quit = False
         self.last_stop = LastStop()
         self.acknowledged: list[str] = []
@@ -218,7 +218,7 @@ class Skipper:
         steers = tick is not None and tick.mode is Mode.ENGAGED
         if self._adopt and tick is not None and steers and tick.order.is_same(self._order):
             self._adopt = False
-            self._order = self._order._replace(heading=tick.state.heading)
+            self._order = self._order._replace(heading=wrap(tick.state.heading + self._beside))
         leads = self.plotter.following and steers and self._order.kind is OrderKind.HEADING and not self._adopt
         if leads and tick is not None:
             # the same serial: a plotter must not engage the pilot anew after an override
@@ -254,7 +254,7 @@ class Skipper:
         self._take_back()
         self.swings.leave()
         self.plotter.leave()
-        self._adopt = heading is None
+        self._adopt, self._beside = heading is None, 0.0
         known = math.nan if heading is None else wrap(heading)
         self._order = Order(OrderKind.HEADING, known, serial=self._order.serial + 1)
 
@@ -344,6 +344,12 @@ class Skipper:
         return self._type_wind(word, rest) if word in ("w", "tack", "gybe", "y", "n") or word[0] in "+-" else None
 
     def _change(self, turn: float) -> str:
+        if self._adopt and self._order.kind is OrderKind.HEADING:
+            # the heading is that of the moment in which the pilot engages: the step counts from there
+            self._beside += turn
+            self.plotter.leave()
+            self._take_back()
+            return f"engaging {math.degrees(self._beside):+.0f} deg from the present heading"
         if self._order.kind is not OrderKind.HEADING or not math.isfinite(self._order.heading):
             raise InputError("no heading is being steered yet: engage first with e")
         heading = wrap(self._order.heading + turn)
@@ -525,7 +531,7 @@ class Skipper:
         ):
             # standing by would take back what the skipper has to hear
             back = Order(OrderKind.HEADING, math.nan)
-        self._order = back._replace(serial=self._order.serial)
+        self._order, self._beside = back._replace(serial=self._order.serial), 0.0
         self._adopt = back.kind is OrderKind.HEADING and not math.isfinite(back.heading)
 
     def _take_back(self) -> None:

@@ -60,6 +60,7 @@ RESULTS = {
 }
 DONE = (int(dialect.MAV_RESULT_ACCEPTED), int(dialect.MAV_RESULT_IN_PROGRESS))
 NO_ANSWER = "the boat does not answer"
+NOTHING_STEERED = "engage first: no course is being steered"
 
 OnDone = Callable[[Answer, str], None]
 """How an order ended, and that in words for people."""
@@ -269,13 +270,16 @@ class Orders:
         order.tell(answer, words)
 
 
+STEERED = (HEADING, TRACK, WIND)
+UNTOLD_S = 3.0
+"""A step waits so long [s] for the boat to tell which heading it was engaged on: an answer and a report later."""
 ECHO_S = 1.5
 """So long after our own order was taken [s] the heading that the boat tells may still be the one before it."""
 
 
 class _Meant(NamedTuple):
-    """A heading [deg], or where `is_true` is not None an angle of the true or of the apparent wind [deg], nan: the one
-    that was present when it was ordered."""
+    """A heading [deg], or where `is_true` is not None an angle of the true or of the apparent wind [deg]; nan: the one
+    that was present when it was ordered, which the boat alone can tell."""
 
     degrees: float
     is_true: bool | None = None
@@ -295,6 +299,14 @@ class _Meant(NamedTuple):
         return turn_to(self.degrees) if self.is_true is None else hold_wind(self.is_true, self.degrees)[-1]
 
 
+class _Step(NamedTuple):
+    """What waits since [s] for the boat to tell what it holds: `act` takes that."""
+
+    since: float
+    act: Callable[[_Meant], None]
+    on_done: OnDone
+
+
 class Course:
     """Turns the boat over `orders`: to another heading, or in a wind hold to another angle of the wind.
 
@@ -308,25 +320,20 @@ class Course:
         self._taken: _Meant | None = None
         self._under_way: dict[int, _Meant] = {}
         """What is meant by orders that are not answered yet, by their numbers, the newest last."""
+        self._steps: list[_Step] = []
         self._count = 0
-        self._is_wind = False
+        self._is_wind = self._is_steered = False
         self._compass: float | None = None
         self._way_back: _Meant | None = None
         self.before: float | None = None
 
     def turn_by(self, now: float, degrees: float, on_done: OnDone) -> None:
         """Turn by so many degrees, positive to starboard."""
-        base = self._base(now)
-        if base is None:
-            is_trial = self._view.mode == TRIAL
-            on_done(
-                Answer.FAILED,
-                "a trial is being sailed: end it first" if is_trial else "engage first: no course is being steered",
-            )
-        elif math.isnan(base.degrees):
-            on_done(Answer.FAILED, "the boat has not said yet which angle of the wind it holds: once more")
-        else:
-            self._order(base.turned(degrees), on_done)
+        self._from_base(_Step(now, lambda base: self._order(base.turned(degrees), on_done), on_done), now)
+
+    def engage(self, _: float, on_done: OnDone) -> None:
+        """Steer the present heading; where a heading is steered already, that one."""
+        self._give(_Meant(math.nan), ENGAGE, on_done)
 
     def turn_to(self, _: float, heading_deg: float, on_done: OnDone) -> None:
         """Order a heading [deg]."""
@@ -339,14 +346,17 @@ class Course:
 
     def dodge(self, now: float, degrees: float, on_done: OnDone) -> None:
         """Step aside by so many degrees; again: further. What was steered before the first step is kept."""
-        base, is_route = self._base(now), self._view.mode == TRACK
+        is_route = self._view.mode == TRACK
 
-        def noted(taken: Answer, words: str) -> None:
-            if taken and self.before is None and base is not None:
-                self.before, self._way_back = base.degrees, None if is_route else base
-            on_done(taken, words)
+        def aside(base: _Meant) -> None:
+            def noted(taken: Answer, words: str) -> None:
+                if taken and self.before is None:
+                    self.before, self._way_back = base.degrees, None if is_route else base
+                on_done(taken, words)
 
-        self.turn_by(now, degrees, noted)
+            self._order(base.turned(degrees), noted)
+
+        self._from_base(_Step(now, aside, on_done), now)
 
     def back(self, _: float, on_done: OnDone) -> None:
         """Go back to the course that was steered before, to the angle of the wind, or to the route."""
@@ -369,30 +379,58 @@ class Course:
         another compass."""
         self._now = now
         is_wind, compass = self._view.mode == WIND, self._view.value("compass")
-        is_over = self._view.mode not in (HEADING, TRACK, WIND) or compass != self._compass
-        if is_over or is_wind is not self._is_wind:
+        is_steered = self._view.mode in STEERED
+        is_over = (self._is_steered and not is_steered) or compass != self._compass
+        if is_over or not is_steered or is_wind is not self._is_wind:
             self.before = None
             meant = self._meant(now)
-            if is_over or meant is None or meant.is_wind is not is_wind:
+            begins = meant is not None and math.isnan(meant.degrees) and not is_steered
+            if is_over or not (begins or (is_steered and meant is not None and meant.is_wind is is_wind)):
                 self._taken_at = -math.inf
                 self._under_way.clear()
-        self._is_wind, self._compass = is_wind, compass
+        self._is_wind, self._is_steered, self._compass = is_wind, is_steered, compass
+        steps, self._steps = self._steps, []
+        for step in steps:
+            self._from_base(step, now)
+
+    def give_up(self) -> None:
+        """End what waits for the boat's word: nobody hears it."""
+        steps, self._steps = self._steps, []
+        for step in steps:
+            step.on_done(Answer.SILENT, NO_ANSWER)
+
+    def _from_base(self, step: _Step, now: float) -> None:
+        """Take a step from what is held, or meant to be, as soon as the boat has told which that is."""
+        base, mode = self._base(now), self._view.mode
+        if base is not None and not math.isnan(base.degrees):
+            step.act(base)
+        elif base is not None and now - step.since <= UNTOLD_S:
+            self._steps.append(step)
+        elif base is not None:
+            step.on_done(Answer.FAILED, "the boat has not said yet what it holds: once more")
+        else:
+            nothing = "a trial is being sailed: end it first" if mode == TRIAL else NOTHING_STEERED
+            step.on_done(Answer.FAILED, nothing)
 
     def _base(self, now: float) -> _Meant | None:
-        view = self._view
-        if view.mode not in (HEADING, TRACK, WIND):
+        """Return what is held, or meant to be, its degrees nan where the boat has still to tell them; None: nothing."""
+        view, meant = self._view, self._meant(now)
+        is_wind, is_steered = view.mode == WIND, view.mode in STEERED
+        if not is_steered and (meant is None or not math.isnan(meant.degrees)):
             return None
-        if (meant := self._meant(now)) is not None:
-            return meant
-        is_wind = view.mode == WIND
-        said = view.value("wind_angle" if is_wind else "order")
+        said, age = view.value("wind_angle" if is_wind else "order"), view.age("wind" if is_wind else "rudder", now)
+        if meant is not None:
+            is_told = meant.is_wind is is_wind and age is not None and age < now - self._taken_at
+            if self._under_way or not (is_steered and is_told and math.isnan(meant.degrees)):
+                return meant
         return None if said is None else _Meant(said, bool(view.value("wind_true")) if is_wind else None)
 
     def _meant(self, now: float) -> _Meant | None:
         """Return what our newest order means, which the boat may not show yet."""
         if self._under_way:
             return next(reversed(self._under_way.values()))
-        return self._taken if now - self._taken_at < ECHO_S else None
+        is_newest = now - self._taken_at < ECHO_S and self._taken_at > self._view.stood_by
+        return self._taken if is_newest else None
 
     def _order(self, meant: _Meant, on_done: OnDone) -> None:
         self._give(meant, (meant.command,), on_done)

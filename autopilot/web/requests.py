@@ -226,7 +226,7 @@ def _pattern(request: dict[str, Any]) -> tuple[Command, ...]:
 
 
 _REQUESTS: dict[str, Callable[[Station, dict[str, Any]], Asked]] = {
-    "engage": _commands(lambda _: orders.ENGAGE),
+    "engage": lambda station, _: station.course.engage,
     "standby": _first((orders.STANDBY,)),
     "release": _first(orders.RELEASE),
     "route": _commands(lambda _: orders.FOLLOW),

@@ -320,6 +320,7 @@ class Station:
     def give_up(self) -> None:
         """End every order: nobody hears it, and a course that was meant a while ago may lead anywhere now."""
         self.orders.give_up()
+        self.course.give_up()
         self.parameters.give_up()
 
     def _rates(self, now: float, target: Target) -> list[Message]:

@@ -91,13 +91,24 @@ def test_a_change_of_heading_keeps_the_serial_and_wraps(skipper: Skipper, line: 
     assert order.serial == 1
 
 
-@pytest.mark.parametrize("first", ["", "s", "r 5", "e"])
+@pytest.mark.parametrize("first", ["", "s", "r 5"])
 def test_without_a_heading_there_is_none_to_change(skipper: Skipper, first: str) -> None:
     skipper.type_line(first)
     before = skipper(0.0, None)
     with pytest.raises(InputError, match="no heading is being steered yet"):
         skipper.type_line("+10")
     assert skipper(0.0, None).is_same(before)
+
+
+def test_a_step_before_the_pilot_has_engaged_counts_from_where_it_does(skipper: Skipper) -> None:
+    skipper.type_line("e")
+    assert skipper.type_line("+10") == "engaging +10 deg from the present heading"
+    skipper.type_line("-1")
+    wanted = skipper(0.0, None)
+    assert skipper(0.1, ticked(wanted, heading=0.7)).heading == pytest.approx(0.7 + math.radians(9.0))
+    skipper.type_line("e")
+    wanted = skipper(0.2, None)
+    assert skipper(0.3, ticked(wanted, heading=0.5)).heading == 0.5, "of an engagement before nothing is left"
 
 
 def test_a_rudder_angle_is_held_and_standby_ends_it(skipper: Skipper) -> None:

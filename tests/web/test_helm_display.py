@@ -55,6 +55,37 @@ def test_engage_turn_and_release_reach_the_pilot_and_are_seen(sea: Watched) -> N
     assert not sea.commands.armed
 
 
+def test_a_step_right_behind_engaging_counts_from_where_the_pilot_engaged(sea: Watched) -> None:
+    assert sea.order(do="engage") == (True, "")
+    assert sea.order(do="turn", degrees=10) == (True, "")
+    assert sea.order(do="turn", degrees=5) == (True, "")
+    held = math.degrees(sea.skipper(sea.now, sea.tick).heading)
+    assert held == pytest.approx(math.degrees(sea.box.heading) + 15.0, abs=3.0)
+
+
+def test_a_step_behind_engaging_anew_does_not_count_from_a_heading_ordered_before(sea: Watched) -> None:
+    sea.order(do="engage")
+    sea.watch(2.0)
+    turned = (math.degrees(sea.box.heading) + 90.0) % 360.0
+    assert sea.order(do="heading", degrees=turned) == (True, "")
+    assert sea.order(do="standby") == (True, "")
+    assert sea.order(do="engage") == (True, "")
+    assert sea.order(do="turn", degrees=10) == (True, "")
+    held = math.degrees(sea.skipper(sea.now, sea.tick).heading)
+    assert held == pytest.approx(math.degrees(sea.box.heading) + 10.0, abs=5.0)
+
+
+def test_a_step_behind_engaging_ends_where_nothing_is_engaged_or_the_line_goes(sea: Watched) -> None:
+    sea.order(do="engage")
+    ends: list[tuple[Answer, str]] = []
+    sea.station.ask(sea.now, asked_of(sea.station, {"do": "turn", "degrees": 10}), lambda *end: ends.append(end))
+    sea.station.give_up()
+    assert [answer for answer, _ in ends] == [Answer.SILENT]
+    assert sea.order(do="standby") == (True, "")
+    sea.watch(2.0)
+    assert sea.order(do="turn", degrees=10) == (False, "engage first: no course is being steered")
+
+
 def test_ten_quick_steps_turn_ten_degrees_and_a_lost_answer_turns_no_further(sea: Watched) -> None:
     sea.order(do="engage")
     sea.watch(2.0)

@@ -67,17 +67,17 @@ def test_a_step_counts_from_what_was_ordered_just_now_though_the_boat_still_tell
 
 
 @pytest.mark.usefixtures("vane")
-def test_a_step_from_an_angle_of_the_wind_that_is_not_known_yet_is_refused(sea: Watched) -> None:
+def test_a_step_waits_until_the_boat_has_told_which_angle_of_the_wind_it_holds(sea: Watched) -> None:
     assert sea.order(do="engage") == (True, "")
     sea.watch(2.0)
     assert sea.order(do="wind", true=False) == (True, "")
-    taken, words = sea.order(do="turn", degrees=1)
-    assert not taken and "which angle of the wind" in words
-    sea.watch(2.0)
-    held = sea.station.view.value("wind_angle")
-    assert held is not None and sea.order(do="turn", degrees=1) == (True, "")
+    held = sea.skipper.wind.hold
+    assert held is not None
+    for _ in range(2):
+        assert sea.order(do="turn", degrees=1) == (True, "")
     sea.watch(1.0)
-    assert sea.station.view.value("wind_angle") == pytest.approx(held - 1.0)
+    assert sea.station.view.mode_name == "wind"
+    assert sea.station.view.value("wind_angle") == pytest.approx(math.degrees(held.angle) - 2.0, abs=0.01)
 
 
 def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched, vane: Vane) -> None:
