@@ -7,7 +7,11 @@ from collections.abc import Callable
 
 from autopilot.interruption import Interrupted, end, take_signals
 
-DISK = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+DISK = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EIO), "free the disk"),
+    errno.EFBIG: "raise the limit of a file's size (ulimit -f)",
+}
+"""What to do where what is printed goes into a file that takes no more."""
 
 
 def autopilot() -> None:
@@ -39,7 +43,7 @@ def start(program: str, run: Callable[[], int]) -> None:
             raise
         _silence()
         where = f"{error.filename}: " if error.filename else ""
-        os.write(2, f"{program}: {where}{error.strerror}; free the disk and start again\n".encode())
+        os.write(2, f"{program}: {where}{error.strerror}; {DISK[error.errno]} and start again\n".encode())
         code = 2
     sys.exit(code)
 

@@ -38,6 +38,7 @@ SCHEMA_BEGINNINGS = (b'{"$schema"',)
 """How a file of the kind begins, in small letters and without spaces."""
 FULL = (errno.ENOSPC, errno.EDQUOT)
 """Why a disk takes nothing more, which may pass."""
+TOO_BIG = "no file may be so big here: raise the limit (ulimit -f), or use a disk that takes bigger ones"
 
 
 def save_text(path: str | Path, text: str, *, overwrite: bool = True) -> None:
@@ -114,7 +115,9 @@ class BackgroundSaver:
             self._submit(path)
         self._worker.shutdown()
         for reason in self._unsaved.values():
-            self._warn(f"a change is lost: {reason}")
+            # the rudder is given back behind this, and what is said may go to the same full disk
+            with contextlib.suppress(OSError, ValueError):
+                self._warn(f"a change is lost: {reason}")
 
     def _submit(self, path: Path) -> None:
         self._worker.submit(self._write, path).add_done_callback(partial(self._note, path))
@@ -435,6 +438,8 @@ def why_not(error: OSError) -> str:
 def _unwritable(path: str | Path, error: OSError) -> InputError:
     if error.errno in FULL:
         cure = "free the disk, or give a file on another; what was there before is untouched"
+    elif error.errno == errno.EFBIG:
+        cure = TOO_BIG
     else:
         cure = "give another file, in a folder that you may write to"
     return InputError(f"{path}: cannot be written ({why_not(error)}); {cure}.")

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from autopilot.errors import InputError
-from autopilot.files.saving import FULL, create_unused, is_in_use, lock, why_not
+from autopilot.files.saving import FULL, TOO_BIG, create_unused, is_in_use, lock, why_not
 
 RETRY_S = 5.0
 """A disk that would not take the log is asked again after this time."""
@@ -124,6 +124,7 @@ class _OpenFile:
         is_pipe, is_full = error.errno == errno.EPIPE, error.errno in FULL
         what = "nobody reads the pipe any more" if is_pipe else error.strerror
         cure = "start its reader again" if is_pipe else "free the disk" if is_full else "look after the disk"
+        cure = TOO_BIG if error.errno == errno.EFBIG else cure
         self.trouble = f"log stopped: {what}; {cure}"
         if not (is_pipe or is_full):
             self._end_part()
@@ -337,15 +338,17 @@ def appended(file: int, data: bytes) -> OSError | None:
 
     A record in two halves would make all behind it unreadable.
     """
+    written = 0
     try:
-        written = os.write(file, data)
+        # only of what is left over does the system say why it does not fit
+        while written < len(data):
+            written += os.write(file, data[written:] if written else data)
     except OSError as error:
+        if written:
+            with contextlib.suppress(OSError):
+                os.ftruncate(file, os.fstat(file).st_size - written)
         return error
-    if written == len(data):
-        return None
-    with contextlib.suppress(OSError):
-        os.ftruncate(file, os.fstat(file).st_size - written)
-    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    return None
 
 
 def following_parts(path: Path) -> list[Path]:

@@ -318,4 +318,7 @@ def test_what_cannot_be_written_is_known_and_tried_again_though_it_cannot_be_sai
     saver.retry(1.0)
     saver._worker.submit(int).result()
     assert saver.alarm is None and path.read_text() == "text"
+    monkeypatch.setattr(saving, "replace_file", refuse)
+    saver(path, "lost")
     saver.close()
+    assert saver.alarm is not None, "the rest of the end follows, where the rudder is given back"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 import threading
 import time
 from collections.abc import Callable
@@ -201,8 +202,14 @@ def test_a_record_that_fits_only_in_part_leaves_nothing_behind(tmp_path: Path) -
     file = os.open(tmp_path / "a", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     assert appended(file, b"whole") is None
     before = os.write
+
+    def filling(file: int, data: bytes) -> int:
+        if data != b"torn":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return before(file, data[:3])
+
     try:
-        log_files.os.write = lambda file, data: before(file, data[:3])  # type: ignore[assignment]
+        log_files.os.write = filling  # type: ignore[assignment]
         error = appended(file, b"torn")
         assert error is not None and error.errno == errno.ENOSPC
     finally:
@@ -210,6 +217,24 @@ def test_a_record_that_fits_only_in_part_leaves_nothing_behind(tmp_path: Path) -
     assert appended(file, b"again") is None
     os.close(file)
     assert (tmp_path / "a").read_bytes() == b"wholeagain"
+
+
+def test_a_limit_of_a_file_s_size_is_said_and_the_log_goes_on_in_another_file(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        sink = FileSink(tmp_path / "run.tlog")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+        said = ""
+        for number in range(5):
+            sink.write(bytes([number]) * 300)
+            said = said or sink.trouble
+        sink.write(b"new")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    sink.close()
+    assert "ulimit -f" in said and "space" not in said
+    assert sink.path != tmp_path / "run.tlog" and sink.path.read_bytes().endswith(b"new")
+    assert (tmp_path / "run.tlog").stat().st_size == 900, "whole records"
 
 
 @pytest.mark.parametrize("call", ["write", "fdatasync"])
