@@ -152,6 +152,16 @@ def test_forwarding_passes_on_the_systems_that_are_allowed() -> None:
     assert seen == frames[1:]
 
 
+def test_to_be_asked_who_may_have_sent_a_message_changes_no_answer() -> None:
+    access = AccessPolicy().link()
+    beat = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
+    (vehicle,) = MavlinkCodec(9, 1).decode(MavlinkCodec(9, 1).encode(beat))
+    (asked,) = MavlinkCodec(9, 1).decode(MavlinkCodec(9, 1).encode(dialect.MAVLink_param_request_list_message(0, 0)))
+    assert [access.accepts(message) for message in (asked, vehicle, asked)] == [True, False, True]
+    access.heard(vehicle)
+    assert not access.accepts(asked)
+
+
 @given(st.floats(0.1, 100.0), st.lists(st.tuples(st.floats(0.0, 2.0), st.integers(0, 50)), max_size=50))
 def test_a_budget_never_gives_more_than_its_rate_and_what_was_saved(
     rate: float, asked: list[tuple[float, int]]

@@ -218,21 +218,26 @@ class LinkAccess:
             self._policy.refused[NOT_THE_PEER] += datagrams
             self.crowded = self.crowded or datagrams > REFUSED_AT_ONCE
 
-    def accepts(self, message: Message) -> bool:
-        """Return whether a ground station that is heard may have sent `message`; counts nothing.
+    def heard(self, message: Message) -> None:
+        """Take note of who beats as a vehicle; `message` may be anything that came."""
+        if message.get_type() != "HEARTBEAT":
+            return
+        sender = _name(message)
+        self._vehicles.pop(sender, None)
+        if not is_from_station(message):
+            self._vehicles[sender] = None
+            while len(self._vehicles) > SENDERS_KEPT:
+                del self._vehicles[next(iter(self._vehicles))]
 
-        Who beats as a vehicle is none, whatever else it says: of two pilots that listen, one forged datagram would make
-        each hold the other's line for good.
+    def accepts(self, message: Message) -> bool:
+        """Return whether a ground station that is heard may have sent `message`; notes and counts nothing.
+
+        Who was `heard` beating as a vehicle is none, whatever else it says: of two pilots that listen, one forged
+        datagram would make each hold the other's line for good.
         """
         systems, sender = self._policy.rules.systems, _name(message)
-        is_station = is_from_station(message)
-        if message.get_type() == "HEARTBEAT":
-            self._vehicles.pop(sender, None)
-            if not is_station:
-                self._vehicles[sender] = None
-                while len(self._vehicles) > SENDERS_KEPT:
-                    del self._vehicles[next(iter(self._vehicles))]
-        return is_station and not self.is_vehicle(sender) and (not systems or sender[0] in systems)
+        is_vehicle = self.is_vehicle(sender) and message.get_type() != "HEARTBEAT"
+        return is_from_station(message) and not is_vehicle and (not systems or sender[0] in systems)
 
     def is_vehicle(self, sender: tuple[int, int]) -> bool:
         """Return whether a sender (system, component) has beaten as a vehicle last."""
@@ -334,6 +339,11 @@ class StationLink(CarriedLink):
         packets = list(self._packets)
         self._packets.clear()
         return packets
+
+    def _hears(self, message: Message) -> bool:
+        """Take note of who says what; return whether it may be a ground station's, who may become the peer."""
+        self._access.heard(message)
+        return self._access.accepts(message)
 
     def _arrived(self, now: float, alarm: str) -> tuple[list[bytes], list[Sample]]:
         """Return what has arrived; where the line turns out to be gone nothing, and word of it under `alarm`."""

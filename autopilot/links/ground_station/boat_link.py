@@ -125,7 +125,7 @@ class BoatLink(StationLink):
         self._commands = commands
         self._signing = signing
         self._codec = MavlinkCodec(system, COMPONENT, transport.is_stream, signing)
-        accept_signed(transport, signing, self._accepts)
+        accept_signed(transport, signing, self._hears)
         self._telemetry = Telemetry(commands.mission, commands.tuner, commands.wind, commands.instruments)
         self._texts = StatusTexts()
         compasses = commands.instruments.compasses
@@ -165,7 +165,7 @@ class BoatLink(StationLink):
                     self.dropped += 1
                     self._flooded = now
                 elif self._access.lets_in_system(message.get_srcSystem()):
-                    if self._accepts(message):
+                    if self._hears(message):
                         self._presence.on_packet(now, message.get_type() == "HEARTBEAT")
                     self._packets.append((now, bytes(message._msgbuf)))
                     self._on_message(now, message)
@@ -288,9 +288,9 @@ class BoatLink(StationLink):
         self._alarms = tick.alarms
 
     def poll(self, now: float) -> None:
-        """Send heartbeat, at once where the pilot has left the helm, texts and the next of a parameter list."""
+        """Send heartbeat, at once where the mode has changed, texts and the next of a parameter list."""
         tick = self._telemetry.tick
-        if now >= self._next_heartbeat or self._mode_said != MANUAL == self._mode():
+        if now >= self._next_heartbeat or self._mode_said != self._mode():
             self._next_heartbeat = now + HEARTBEAT_S
             self._heartbeat(now, STATES[tick.mode] if tick is not None else dialect.MAV_STATE_BOOT)
         self._transmit(now, *self._service.due(now), *self._texts.due(now))
@@ -316,10 +316,10 @@ class BoatLink(StationLink):
         tick = self._telemetry.tick
         return self._telemetry.mode(tick) if tick is not None else MANUAL
 
-    def _accepts(self, message: Message) -> bool:
-        """Return whether a ground station may have sent it; our own identity is nobody else's."""
+    def _hears(self, message: Message) -> bool:
+        """Take note of who says what; return whether it may be a station's: our own identity is nobody else's."""
         ours = (self._codec.system, COMPONENT)
-        return self._access.accepts(message) and (message.get_srcSystem(), message.get_srcComponent()) != ours
+        return super()._hears(message) and (message.get_srcSystem(), message.get_srcComponent()) != ours
 
     def _is_for_us(self, message: Message) -> bool:
         system = getattr(message, "target_system", 0)

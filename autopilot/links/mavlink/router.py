@@ -383,7 +383,7 @@ class ForwardLink(StationLink):
         self._framer = Framer(transport.is_stream)
         self._number = router.join(self._sent, outgoing=outgoing)
         self._has_rates = outgoing is not None and outgoing.sets_rates
-        accept_signed(transport, signing, self._access.accepts)
+        accept_signed(transport, signing, self._hears)
 
     def receive(self, now: float) -> list[Sample]:
         """Pass on what has arrived by `now` [s]. Nothing comes of it but word of a station that is lost or silent."""
@@ -409,7 +409,7 @@ class ForwardLink(StationLink):
                 ):
                     is_beat = identity_of(frame) == MAVLINK_MSG_ID_HEARTBEAT
                     for message in MavlinkCodec().decode(frame) if is_beat else ():
-                        self._access.accepts(message)
+                        self._access.heard(message)
                     if not self._access.is_vehicle(source_of(frame)):
                         self._presence.on_packet(now, is_beat)
                     if is_mavlink(frame):  # the log's readers know no other messages
