@@ -63,6 +63,10 @@ TURN_MOST = math.radians(100.0)
 PASSED_S = 5.0
 """A waypoint passed for so long, without a new leg, was the last one."""
 DT_MOST = 2.0
+PLOTTERS_KEPT = 8
+CONTESTED = "two plotters lead different ways: end the route of one"
+UNLIKE = "no two of its sentences in a row name the same leg"
+NO_VARIATION = "its bearings count from the other north, and no variation is known: set sensors.variation_deg"
 
 
 class PlotterLeg(NamedTuple):
@@ -122,6 +126,10 @@ class PlotterGuide:
         self.cross_track = math.nan
         self._message: PlotterLeg | PlotterHeading | None = None
         self._candidate: PlotterLeg | PlotterHeading | None = None
+        self._said: dict[str, PlotterLeg | PlotterHeading] = {}
+        """What each plotter said last."""
+        self._unread = (-math.inf, "")
+        """When [s] something came that could not be led along, and why."""
         self._invalid: dict[str, float] = {}
         """Why it does not lead, each with when [s] that was said last: its sentences say it in turn."""
         self._held: float | None = None
@@ -162,18 +170,22 @@ class PlotterGuide:
             since = message.time - TIMEOUT_S
             self._invalid = {reason: time for reason, time in self._invalid.items() if time >= since}
             self._invalid[message.reason] = message.time
+            self._said.pop(message.source, None)
             if self._candidate is None or self._candidate.source == message.source:
                 self._message = self._candidate = None
             return
         self._invalid.clear()
-        before, self._candidate = self._candidate, message
+        before, self._candidate = self._said.pop(message.source, None), message
+        self._said[message.source] = message
+        while len(self._said) > PLOTTERS_KEPT:
+            del self._said[next(iter(self._said))]
         if before is None or message.time - before.time > TIMEOUT_S:
             self._began = message.time
         if self._message is not None and _is_same(self._message, message):
             self._period = min(max(message.time - self._message.time, PERIOD_LEAST), PERIOD_MOST)
             self._message = message
             self._confirmed = False  # no turn waits
-        elif self._is_still_said(message.time):
+        elif self._is_still_said(message.time) or self._is_contested(message):
             pass
         elif before is not None and _is_same(before, message) and self._may_turn(message):
             self._message = message
@@ -182,6 +194,19 @@ class PlotterGuide:
             self._confirmed = False
         if self._message is message:
             self._led = message
+
+    def unread(self, now: float, reason: str) -> None:
+        """Take that something came at `now` [s] which cannot be led along; where nothing else comes, `reason` is
+        said."""
+        self._unread = now, reason
+
+    def _is_contested(self, message: PlotterLeg | PlotterHeading) -> bool:
+        """Return whether none leads yet and another plotter leads elsewhere: nobody has said which is meant."""
+        return self._led is None and any(
+            message.time - each.time < STILL_SAID * PERIOD_MOST and not _leads_alike(each, message)
+            for source, each in self._said.items()
+            if source != message.source
+        )
 
     def _is_anothers(self, message: PlotterMessage) -> bool:
         """Return whether it is of another plotter than the one that is followed: nobody has asked for that one's way.
@@ -249,8 +274,11 @@ class PlotterGuide:
         if message is not None or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
             return None
         if self._invalid or is_fresh:
-            reasons = ", ".join(self._invalid) or "no two of its sentences in a row name the same leg"
+            is_contested = newest is not None and self._is_contested(newest)
+            reasons = ", ".join(self._invalid) or (CONTESTED if is_contested else UNLIKE)
             return AlarmEvent("plotter_invalid", f"({reasons}): {held}")
+        if now - self._unread[0] <= TIMEOUT_S:
+            return AlarmEvent("plotter_invalid", f"({self._unread[1]}): {held}")
         return AlarmEvent("plotter_silent", f"for {TIMEOUT_S:.0f} s or more: {held}")
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:

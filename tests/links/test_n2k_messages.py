@@ -180,6 +180,13 @@ def test_fast_packets_of_several_sources_and_groups_are_put_together() -> None:
     assert packets.lost == 0
 
 
+def test_frames_that_come_by_two_ways_make_whole_packets() -> None:
+    sent = Sent(0.0, 129029, 7, {"latitude": 1.0, "longitude": 1.0})
+    packets = FastPackets()
+    found = [packets.add(0.0, 129029, 7, data) for _, data in sent.frames() for _ in range(2)]
+    assert [each[:43] for each in found if each is not None] == [sent.payload()[:43]]
+
+
 @settings(max_examples=200, deadline=None)
 @given(seed=st.integers(0, 1 << 30), share=st.floats(0.0, 0.6))
 def test_a_packet_is_whole_or_none_whatever_frames_are_lost(seed: int, share: float) -> None:

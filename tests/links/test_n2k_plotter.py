@@ -12,7 +12,7 @@ from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInva
 from autopilot.links.n2k.packets import Message, encoded, text
 from autopilot.links.n2k.samples import PlotterReader, waypoint_names
 from autopilot.links.n2k.session import N2kSession, N2kSettings
-from autopilot.links.north import known_as
+from autopilot.links.north import NeedsVariationError, known_as
 
 
 def navigation(track: float | None, bearing: float | None, distance: float, **more: object) -> Message:
@@ -100,32 +100,74 @@ def test_without_the_leg_s_own_bearing_the_way_leads_straight_to_the_waypoint() 
     assert (leg.track, leg.cross_track) == (pytest.approx(0.98), 0.0)
 
 
+class Ear(PlotterGuide):
+    """A guide that keeps what it gets."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard: list[PlotterMessage] = []
+
+    def take(self, message: PlotterMessage) -> None:
+        self.heard.append(message)
+        super().take(message)
+
+
 def test_a_heading_to_steer_leads_where_no_leg_is_named() -> None:
     made = reader()
     order = control(steeringMode="Heading Control", headingReference="True", headingToSteerCourse=2.0)
     assert made.take(0.0, order) == PlotterHeading(0.0, pytest.approx(2.0))
     assert made.take(0.0, control(steeringMode="Heading Control")) is None
     assert made.take(0.0, control(headingReference="True", headingToSteerCourse=2.0)) is None
-    made.take(1.0, navigation(1.0, 1.0, 500.0))
-    assert made.take(2.0, order) is None
-    assert made.take(10.0, order) == PlotterHeading(10.0, pytest.approx(2.0))
+    ear = Ear()
+    session = N2kSession("bus", guide=ear)
+    session.receive(1.0, [navigation(1.0, 1.0, 500.0)])
+    session.receive(2.0, [order, order._replace(source=9)])
+    assert len(ear.heard) == 1, "neither its own nor another's"
+    session.receive(10.0, [order])
+    assert ear.heard[1:] == [PlotterHeading(10.0, pytest.approx(2.0), "bus, address 3")]
 
 
-def test_magnetic_bearings_take_the_variation_or_are_counted() -> None:
+def test_magnetic_bearings_take_the_variation_or_that_is_said() -> None:
     magnetic = navigation(1.0, 0.98, 1000.0, courseBearingReference="Magnetic")
-    made = reader()
-    assert (made.take(0.0, magnetic), made.waiting_for_variation) == (None, 1)
+    with pytest.raises(NeedsVariationError):
+        reader().take(0.0, magnetic)
     assert leg_of(reader(0.1).take(0.0, magnetic)).track == pytest.approx(1.1)
     assert leg_of(reader(0.1, True).take(0.0, magnetic)).track == pytest.approx(1.0)
     assert leg_of(reader(0.1, True).take(0.0, navigation(1.0, 1.0, 100.0))).track == pytest.approx(0.9)
+    guide = PlotterGuide()
+    guide.follow()
+    session = N2kSession("bus", guide=guide)
+    for second in range(12):
+        session.receive(float(second), [magnetic])
+        guide.course(float(second), 0.5, 5.0)
+    assert guide.alarm is not None and "set sensors.variation_deg" in guide.alarm.detail
 
 
-def test_of_two_plotters_the_first_is_heard_until_it_is_silent() -> None:
-    made = reader()
-    other = navigation(2.0, 2.0, 100.0)._replace(source=9)
-    leg_of(made.take(0.0, navigation(1.0, 1.0, 100.0)))
-    assert made.take(7.9, other) is None
-    assert leg_of(made.take(8.1, other)).track == pytest.approx(2.0)
+def two_devices(first: Message, second: Message) -> PlotterGuide:
+    """Return the guide after 12 s on a heading of 0.5, the second device half a second behind the first."""
+    guide = PlotterGuide()
+    guide.follow()
+    session = N2kSession("bus", guide=guide)
+    for second_ in range(12):
+        session.receive(float(second_), [first])
+        session.receive(second_ + 0.5, [second._replace(source=9)])
+        guide.course(second_ + 0.5, 0.5, 5.0)
+    return guide
+
+
+@pytest.mark.parametrize("idle", [navigation(None, None, 0.0), error(None, navigationTerminated="Yes")])
+@pytest.mark.parametrize("is_first", [True, False])
+def test_a_display_without_a_route_keeps_no_plotter_from_leading(idle: Message, is_first: bool) -> None:
+    leg = navigation(1.0, 1.0, 5000.0)
+    guide = two_devices(idle, leg) if is_first else two_devices(leg, idle)
+    assert (guide.course(12.0, 0.5, 5.0), guide.alarm) == (pytest.approx(1.0), None)
+
+
+def test_of_two_plotters_that_lead_different_ways_from_the_first_none_leads() -> None:
+    guide = two_devices(navigation(1.0, 1.0, 5000.0), navigation(2.0, 2.0, 5000.0))
+    assert guide.course(12.0, 0.5, 5.0) == 0.5
+    assert guide.alarm is not None and "two plotters lead different ways" in guide.alarm.detail
+    assert two_devices(navigation(1.0, 1.0, 5000.0), navigation(1.01, 1.01, 5000.0)).alarm is None
 
 
 def test_waypoints_are_called_by_their_names() -> None:

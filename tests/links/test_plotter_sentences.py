@@ -213,7 +213,9 @@ def test_rmb_leads_farther_off_than_the_error_and_its_last_digit(error: str, awa
         ("GPXTE,A,A,0.1,S,N,A", "malformed"),
         ("GPXTE,A,A,0.1,L,M,A", "malformed"),
         ("GPAPB,A,A,0.1,L,N,V,V,090.0,X,D,011,T,011,T,A", "malformed"),
-        *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "invalid") for mode in "EFMNPRSV"),
+        *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "invalid") for mode in "EMNSV"),
+        *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "") for mode in "FPR"),
+        ("GPAPB,A,A,0.00,,N,V,V,090.0,T,D,011,T,011,T,A", ""),
         *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "") for mode in ("", "A", "D")),
         ("GPAPB,V,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,A", "invalid"),
         ("GPAPB,A,V,0.1,L,N,V,V,090.0,T,D,011,T,011,T,A", "invalid"),
@@ -302,7 +304,7 @@ def test_range_and_bearing_with_an_error_are_a_leg_where_neither_apb_nor_rmb_com
     assert len(hear(xte, rmb, bwc)[0]) == 1
     assert hear(xte, bwc.replace("N,DEST", "K,DEST"))[1].malformed == 1
     assert hear_at((0.0, xte), (3.1, bwc)) == []
-    assert hear(xte, bwc + ",N")[0] == [PlotterInvalid(1.0, "BWC holds no valid data")]
+    assert hear(xte, bwc + ",N")[0] == [PlotterInvalid(1.0, "BWC holds no valid data", " GP")]
 
 
 @pytest.mark.parametrize(
@@ -372,4 +374,58 @@ def test_plotters_on_two_lines_are_distinguished() -> None:
         address, *fields = APB.split(",")
         session = NmeaSession(name, NmeaSettings(variation=0.0), guide=ear)
         session.receive(1.0, [format_sentence(address[:2], address[2:], fields)])
-    assert [each.source for each in ear.heard] == ["nmea:/dev/a", "nmea:/dev/b"]
+    assert [each.source for each in ear.heard] == ["nmea:/dev/a GP", "nmea:/dev/b GP"]
+
+
+def led(seconds: int, *said: tuple[float, str]) -> tuple[float, str]:
+    """Return the course [deg] and the alarm after `seconds` on north, with these sentences so long [s] behind each."""
+    guide = PlotterGuide()
+    guide.follow()
+    reader = NmeaReader(guide=guide)
+    framer = NmeaFramer()
+    course = 0.0
+    for second in range(seconds):
+        for late, body in said:
+            address, *fields = body.split(",")
+            for sentence in framer.feed(format_sentence(address[:2], address[2:], fields)):
+                reader.read(second + late, sentence)
+            course = guide.course(second + late, 0.0, 5.0)
+    return math.degrees(course), "" if guide.alarm is None else guide.alarm.detail
+
+
+LEG = "GPAPB,A,A,0.00,L,N,V,V,030.0,T,A,030.0,T,030.0,T,A"
+
+
+@pytest.mark.parametrize(
+    "idle",
+    [
+        "IIAPB,V,V,0.00,L,N,V,V,000.0,T,,000.0,T,000.0,T,N",
+        "IIRMB,V,0.00,L,,,,,,,,,,V,N",
+        "IIXTE,V,V,0.00,L,N,N",
+    ],
+)
+@pytest.mark.parametrize("leg", [LEG, "GPRMB,A,0.00,L,A,B,,,,,2.000,030.0,5.0,V,A"])
+def test_a_second_device_without_a_route_keeps_no_plotter_from_leading(idle: str, leg: str) -> None:
+    assert led(12, (0.0, leg), (0.5, idle)) == (pytest.approx(30.0), "")
+
+
+def test_two_devices_that_lead_different_ways_from_the_first_lead_nowhere_and_that_is_said() -> None:
+    other = LEG.replace("GP", "EC").replace("030.0", "060.0")
+    course, alarm = led(12, (0.0, LEG), (0.5, other))
+    assert course == 0.0 and "two plotters lead different ways" in alarm
+    alike = LEG.replace("GP", "EC").replace("030.0", "031.0")
+    assert led(12, (0.0, LEG), (0.5, alike)) == (pytest.approx(30.0), "")
+
+
+@pytest.mark.parametrize(
+    ("body", "why"),
+    [
+        (LEG.replace(",T", ",M"), "set sensors.variation_deg"),
+        (LEG.replace("030.0", "361.0"), "APB holds what cannot be"),
+        (BWC.format(range="1.000"), "BWC alone names no leg"),
+        ("GPXTE,A,A,0.100,L,N", "XTE alone names no leg"),
+    ],
+)
+def test_what_comes_and_cannot_be_led_along_is_not_called_silence(body: str, why: str) -> None:
+    course, alarm = led(12, (0.0, body))
+    assert course == 0.0 and why in alarm

@@ -55,7 +55,7 @@ from autopilot.links.n2k.packets import (
     number,
     text_of,
 )
-from autopilot.links.north import NeedsVariationError, Variation, steered
+from autopilot.links.north import Variation, steered
 from autopilot.signals import (
     CourseSample,
     HeadingSample,
@@ -195,42 +195,34 @@ NAMES_MOST = 64
 
 
 class PlotterReader:
-    """Turns the messages of one plotter, the one heard first while it speaks, into messages for the guide.
+    """Turns the messages of one plotter into messages for the guide.
 
     variation: what is known of it [rad].  magnetic: whether the boat steers magnetic courses.
-    Attributes:
-        waiting_for_variation: bearings dropped because no variation is known.
     """
 
     def __init__(self, variation: Variation, magnetic: bool = False) -> None:
-        self.waiting_for_variation = 0
         self._variation, self._magnetic = variation, magnetic
         self._leg: PlotterLeg | None = None
         self._error: tuple[float, float] | None = None
         self._error_time = self._began = -math.inf
         self._names: dict[int, str] = {}
-        self._source: tuple[int, float] | None = None
+
+    def leads(self, now: float) -> bool:
+        """Return whether it has named a leg of late."""
+        return self._leg is not None and now - self._leg.time <= TIMEOUT_S
 
     def take(self, now: float, message: Message) -> PlotterMessage | None:
-        """Return what the guide must know of a message that came at `now` [s]; None where it adds nothing."""
-        if self._source is not None and message.source != self._source[0] and now - self._source[1] <= TIMEOUT_S:
-            return None
+        """Return what the guide must know of a message that came at `now` [s]; None where it adds nothing.
+        NeedsVariationError where no variation is known for its bearings."""
         group, fields = message.group, decoded(message.group, message.data)
-        try:
-            if group == ROUTE:
-                self._names.update(waypoint_names(message.data))
-                while len(self._names) > NAMES_MOST:
-                    del self._names[next(iter(self._names))]
-                return None
-            found = {CONTROL: self._control, CROSS_TRACK: self._cross_track, NAVIGATION: self._navigation}[group](
-                now, fields
-            )
-        except NeedsVariationError:
-            self.waiting_for_variation += 1
+        if group == ROUTE:
+            self._names.update(waypoint_names(message.data))
+            while len(self._names) > NAMES_MOST:
+                del self._names[next(iter(self._names))]
             return None
-        if group != CONTROL:
-            self._source = message.source, now
-        return found
+        return {CONTROL: self._control, CROSS_TRACK: self._cross_track, NAVIGATION: self._navigation}[group](
+            now, fields
+        )
 
     def _steered(self, bearing: float, reference: object) -> float:
         return self._variation.steered(bearing, is_magnetic=reference == "Magnetic", by_compass=self._magnetic)
@@ -291,8 +283,6 @@ class PlotterReader:
         return None
 
     def _control(self, now: float, fields: Fields) -> PlotterMessage | None:
-        if self._leg is not None and now - self._leg.time <= TIMEOUT_S:
-            return None
         mode, course = fields.get("steeringMode"), number(fields, "headingToSteerCourse", math.tau)
         if mode in MANUAL:
             return PlotterInvalid(now, "its steering mode is manual or rudder control")

@@ -26,7 +26,7 @@ from typing import NamedTuple, Protocol
 
 from autopilot.angles import shortest_turn
 from autopilot.guidance.current import Overboard, Place
-from autopilot.guidance.plotter import PlotterGuide
+from autopilot.guidance.plotter import NO_VARIATION, PlotterGuide
 from autopilot.links.base import AlarmNews, Backlog, HelmNews, LastStop
 from autopilot.links.n2k.node import (
     DENIED,
@@ -51,6 +51,7 @@ from autopilot.links.n2k.packets import (
     BY_VESSEL,
     COMMANDED_ADDRESS,
     CONTROL,
+    CROSS_TRACK,
     FOLLOW_UP,
     GROUND_SPEED,
     GROUP_FUNCTION,
@@ -85,7 +86,7 @@ from autopilot.links.n2k.samples import (
     sample_of,
     source_name,
 )
-from autopilot.links.north import UnusableHeadings, Variation, known_as, steered
+from autopilot.links.north import NeedsVariationError, UnusableHeadings, Variation, known_as, steered
 from autopilot.links.rudder_order import FollowSettings, Release, RudderFollow, StandingOrder, UnshownRelease
 from autopilot.signals import (
     AcknowledgeSample,
@@ -278,7 +279,7 @@ class N2kSession:
         self._guide, self._helm = guide, helm
         self._guide_alarm = AlarmNews(PLOTTER)
         self._variation = variation or known_as(settings.variation)
-        self._plotter = PlotterReader(self._variation, settings.magnetic)
+        self._plotters: dict[int, PlotterReader] = {}
         self._unusable, self._unusable_headings = 0, UnusableHeadings(name)
         self._jumped = AlarmNews(f"{name}, jumped variation")
         self._follow = RudderFollow(settings.follow)
@@ -343,9 +344,7 @@ class N2kSession:
         if group in PLOTTER_GROUPS:
             is_pilots = group == CONTROL and node is not None and node.is_pilot(message.source)
             if self._guide is not None and not is_pilots:
-                led = self._plotter.take(now, message)
-                if led is not None:
-                    self._guide.take(led._replace(source=f"{self.name}, address {message.source}"))
+                self._lead(now, message, self._guide)
             return
         if group == ALERT_RESPONSE and self._alerts is not None and (alarm := self._alerts.acknowledged(message.data)):
             samples.append(AcknowledgeSample(now, alarm, f"N2K{group}.{message.source}"))
@@ -355,6 +354,22 @@ class N2kSession:
                 self._overboard.report(now, *found)
         elif group in INSTRUMENTS:
             self._measured(now, message, samples)
+
+    def _lead(self, now: float, message: Message, guide: PlotterGuide) -> None:
+        """Tell the guide what a device says of a route; one that has none does not speak for another that has."""
+        if message.group == CONTROL and any(plotter.leads(now) for plotter in self._plotters.values()):
+            return
+        if message.source not in self._plotters:
+            self._plotters[message.source] = PlotterReader(self._variation, self.settings.magnetic)
+        try:
+            led = self._plotters[message.source].take(now, message)
+        except NeedsVariationError:
+            guide.unread(now, NO_VARIATION)
+            return
+        if led is not None:
+            guide.take(led._replace(source=f"{self.name}, address {message.source}"))
+        elif message.group == CROSS_TRACK:
+            guide.unread(now, "129283 alone names no leg: let it send 129284")
 
     def _measured(self, now: float, message: Message, samples: list[Sample]) -> None:
         group = message.group

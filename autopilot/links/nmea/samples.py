@@ -20,8 +20,8 @@ What a chart plotter's sentences mean: APB, RMB, BWC, XTE, HTC, HTD to legs and 
     XTE: a newer y for the leg that APB named.        HTC, HTD: a heading to steer, or a track.
 
 Where APB speaks, the others are not used: two sentences of one plotter switch waypoints at different moments.
-Status V and a mode other than A or D (autonomous, differential) say that the plotter does not lead: simulated and
-dead-reckoned tracks steer no boat.
+Status V and a mode without a fix say that the plotter does not lead: simulated and dead-reckoned tracks steer no boat.
+Two devices on a line, by their talkers, are two plotters: one without a route does not speak for the other.
 
 Source: IEC 61162-1 sentence layouts as tabulated in E. S. Raymond, "NMEA Revealed",
 https://gpsd.gitlab.io/gpsd/NMEA.html.
@@ -35,6 +35,7 @@ from itertools import pairwise
 
 from autopilot.angles import wrap
 from autopilot.guidance.plotter import (
+    NO_VARIATION,
     TIMEOUT_S,
     PlotterGuide,
     PlotterHeading,
@@ -74,8 +75,10 @@ from autopilot.signals import (
 NAUTICAL_MILE = 1852.0
 CROSS_TRACK_MOST_NM = 100.0
 RANGE_MOST_NM = 999.9
-LEADING_MODES = ("", "A", "D")
-"""Before NMEA 2.3 there was no mode field: empty counts as autonomous."""
+LEADING_MODES = ("", "A", "D", "F", "P", "R")
+"""Before NMEA 2.3 there was no mode field: empty counts as autonomous. F, P and R are better fixes than A and D."""
+LEGS, ERRORS = ("APB", "APA"), "XTE"
+PLOTTER_SENTENCES = frozenset((*LEGS, ERRORS, "RMB", "BWC", "BWR", "HTC", "HTD"))
 ARRIVED_WITHIN = 1.0
 """Nearer to the waypoint than this many times the error, RMB's geometry says nothing of the track."""
 
@@ -93,21 +96,18 @@ class PlotterReader:
         self._leg: PlotterLeg | None = None
         self._rmb_time = -math.inf
         self._error: tuple[float, float, float] | None = None
-        self.readers: dict[str, Callable[[float, tuple[str, ...]], PlotterMessage | None]] = {
-            "APB": self._apb,
-            "APA": self._apb,
+        self._readers: dict[str, Callable[[float, tuple[str, ...]], PlotterMessage | None]] = {
+            **dict.fromkeys(LEGS, self._apb),
             "RMB": self._rmb,
-            "BWC": self._bwc,
-            "BWR": self._bwc,
-            "XTE": self._xte,
-            "HTC": self._htc,
-            "HTD": self._htc,
+            **dict.fromkeys(("BWC", "BWR"), self._bwc),
+            ERRORS: self._xte,
+            **dict.fromkeys(("HTC", "HTD"), self._htc),
         }
 
     def read(self, time: float, kind: str, fields: tuple[str, ...]) -> PlotterMessage | None:
         """Return the message in a sentence of `kind`; None where it adds nothing."""
         try:
-            return self.readers[kind](time, fields)
+            return self._readers[kind](time, fields)
         except NoDataError:
             return PlotterInvalid(time, f"{kind} holds no valid data")
 
@@ -137,8 +137,6 @@ class PlotterReader:
         return leg._replace(cross_track=cross_track, step=step)
 
     def _rmb(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
-        if self._is_led_by_apb(time):
-            return None
         _leads(fields, (0,), 13)
         # RMB has no field for the unit: nautical miles
         cross_track, step = _cross_track((*fields[:3], "N"), 1)
@@ -151,7 +149,7 @@ class PlotterReader:
 
     def _bwc(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
         error = self._error
-        if self._is_led_by_apb(time) or time - self._rmb_time <= TIMEOUT_S:
+        if time - self._rmb_time <= TIMEOUT_S:
             return None
         mode_indicator(fields, 12)
         if error is None or time - error[0] > ERROR_AGE_S or not field(fields, 9):
@@ -162,12 +160,11 @@ class PlotterReader:
         bearing = self._steered(angle(fields, 5), "T") if field(fields, 5) else self._steered(angle(fields, 7), "M")
         return _straight(time, bearing, distance, error[1:], field(fields, 11))
 
-    def _is_led_by_apb(self, time: float) -> bool:
+    def is_led_by_apb(self, time: float) -> bool:
+        """Return whether APB has named a leg of late."""
         return self._leg is not None and time - self._leg.time <= TIMEOUT_S
 
     def _htc(self, time: float, fields: tuple[str, ...]) -> PlotterMessage | None:
-        if self._is_led_by_apb(time):
-            return None
         if field(fields, 0) == "A":
             return PlotterInvalid(time, "its override is in use")
         letter(fields, 0, "V")
@@ -213,7 +210,7 @@ def _cross_track(fields: tuple[str, ...], index: int) -> tuple[float, float]:
         raise ValueError(field(fields, index + 2))
     size = number(fields, index, 0.0, CROSS_TRACK_MOST_NM)
     side = field(fields, index + 1)
-    if side not in ("L", "R"):
+    if side not in (("L", "R") if size else ("L", "R", "")):
         raise ValueError(side)
     decimals = len(field(fields, index).partition(".")[2])
     return (size if side == "L" else -size) * scale, 10.0**-decimals * scale
@@ -291,7 +288,7 @@ class NmeaReader:
         self._others: list[PositionSample | CourseSample] = []
         self._deviation = deviation or Deviation()
         self._guide = guide
-        self._plotter = PlotterReader(self._variation, magnetic)
+        self._plotters: dict[str, PlotterReader] = {}
         self._readers: dict[str, Callable[[float, tuple[str, ...]], Sample | None]] = {
             "HDG": self._hdg,
             "HDM": self._hdm,
@@ -309,7 +306,7 @@ class NmeaReader:
     def read(self, time: float, sentence: Sentence) -> Sample | None:
         """Return the sample in `sentence`, measured at `time` [s]; None where it holds none. Never raises."""
         reader = self._readers.get(sentence.type)
-        is_plotter = reader is None and sentence.type in self._plotter.readers and self._guide is not None
+        is_plotter = reader is None and sentence.type in PLOTTER_SENTENCES and self._guide is not None
         if (reader is None and not is_plotter) or sentence.talker in self._ours:
             self.ignored += 1
             return None
@@ -341,10 +338,25 @@ class NmeaReader:
         return others
 
     def _lead(self, time: float, sentence: Sentence) -> None:
-        message = self._plotter.read(time, sentence.type, sentence.fields)
-        if message is not None and self._guide is not None:
+        guide, kind = self._guide, sentence.type
+        is_beside_apb = any(plotter.is_led_by_apb(time) for plotter in self._plotters.values())
+        if guide is None or (is_beside_apb and kind not in (*LEGS, ERRORS)):
+            return
+        if sentence.talker not in self._plotters:
+            self._plotters[sentence.talker] = PlotterReader(self._variation, self._magnetic)
+        try:
+            message = self._plotters[sentence.talker].read(time, kind, sentence.fields)
+        except ValueError:
+            guide.unread(time, f"{kind} holds what cannot be")
+            raise
+        except NeedsVariationError:
+            guide.unread(time, NO_VARIATION)
+            raise
+        if message is not None:
             self.invalid += isinstance(message, PlotterInvalid)
-            self._guide.take(message._replace(source=self.line))
+            guide.take(message._replace(source=f"{self.line} {sentence.talker}"))
+        elif not is_beside_apb:
+            guide.unread(time, f"{kind} alone names no leg: let it send APB or RMB")
 
     def _hdg(self, time: float, fields: tuple[str, ...]) -> Sample | None:
         compass = angle(fields, 0)

@@ -111,7 +111,7 @@ module.exports = function (app) {
     for (const line of lines) {
       let message
       try {
-        message = JSON.parse(line)
+        message = Object(JSON.parse(line))
       } catch {
         return socket.destroy()
       }
