@@ -284,7 +284,7 @@ def order_of(id: str, path: Any, value: Any) -> dict[str, Any]:
             return {"do": "back"}
         return {"do": "dodge", "degrees": _number(id, path, value, -DODGE_MOST_DEG, DODGE_MOST_DEG)}
     if path == ACKNOWLEDGE:
-        return {"do": "acknowledge", **({"name": name} if (name := name_of(value)) else {})}
+        return _acknowledged(id, value)
     if path == MOB:
         # somebody else's, said again and again while it lasts: over is it on board
         place = {"latitude": 0.0, "longitude": 0.0} if value is None else value
@@ -294,6 +294,14 @@ def order_of(id: str, path: Any, value: Any) -> dict[str, Any]:
         longitude = _number(id, f"{path}: longitude", place.get("longitude"), -180.0, 180.0)
         return {"do": "mob_at", "latitude": latitude, "longitude": longitude}
     raise BadRequestError(id, 405, f"{printable(repr(path), SHOWN)}: allowed are {PATHS_SHOWN}")
+
+
+def _acknowledged(id: str, value: Any) -> dict[str, Any]:
+    """Return the order to acknowledge the alarm of a notification, or all; another's notification is none."""
+    name = name_of(value)
+    if not name and isinstance(value, str) and value.startswith("notifications."):
+        raise BadRequestError(id, 400, f"{ACKNOWLEDGE}: {printable(repr(value), SHOWN)} is no alarm of this pilot")
+    return {"do": "acknowledge", **({"name": name} if name else {})}
 
 
 def answer(id: str, status: int, message: str = "") -> bytes:

@@ -159,6 +159,8 @@ def test_deviation_goes_round_the_card() -> None:
         "HEHDT,,T",
         "HCHDG,,,,,",
         "VWVHW,,T,,M,,N,,K",
+        "IIVWR,045.0,L,,N,,M,,K",
+        "IIVWR,,,,,,,,",
     ],
 )
 def test_what_calls_itself_invalid_is_no_data(body) -> None:
@@ -189,6 +191,9 @@ def test_what_calls_itself_invalid_is_no_data(body) -> None:
         "IIRSA,120.0,A,,V",
         "IIMWV,384.0,R,10.4,N,A",
         "IIMWV,84.0,R,10.4,F,A",
+        "IIVWR,184.0,L,10.4,N,5.4,M,19.3,K",
+        "IIVWR,84.0,,10.4,N,5.4,M,19.3,K",
+        "IIVWR,84.0,L,10.4,M,5.4,M,19.3,K",
         "VWVHW,,T,,M,3.1,K,4.3,N",
         "GPVTG,220.86,T,,M,-2.5,N,4.724,K,A",
     ],
@@ -198,6 +203,25 @@ def test_nmea_sentences_with_impossible_values_are_counted_malformed(body) -> No
     (sentence,) = NmeaFramer().feed(f"${body}*{checksum(body.encode()):02X}\r\n".encode())
     assert reader.read(0.0, sentence) is None
     assert (reader.invalid, reader.malformed) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("body", "degrees", "speed"),
+    [
+        ("IIVWR,045.0,L,10.0,N,5.1,M,18.5,K", -45.0, 10.0 * KNOT),
+        ("IIVWR,045.0,R,,N,5.1,M,,K", 45.0, 5.1),
+        ("IIVWR,180.0,R,,N,,M,18.0,K", 180.0, 5.0),
+    ],
+)
+def test_an_older_vane_says_the_wind_off_the_bow_by_its_side(body: str, degrees: float, speed: float) -> None:
+    wind = of(body)
+    assert isinstance(wind, WindSample)
+    assert (math.degrees(wind.angle), wind.speed) == (pytest.approx(degrees), pytest.approx(speed))
+
+
+def test_a_deviation_or_variation_of_nought_without_a_side_is_none() -> None:
+    assert math.degrees(of("HCHDG,90.0,0.0,,4.0,E").heading) == pytest.approx(94.0)
+    assert math.degrees(of("HCHDG,90.0,0.0,E,0.0,", variation=math.radians(3.0)).heading) == pytest.approx(93.0)
 
 
 def test_speed_in_km_h_stands_in_for_knots() -> None:

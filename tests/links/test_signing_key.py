@@ -155,6 +155,22 @@ def test_a_disk_that_fails_meanwhile_is_reported_and_stops_nothing(key: Path, mo
         TimestampBlocks(key)
 
 
+def test_another_key_in_the_file_is_said_once_and_the_first_goes_on(key: Path) -> None:
+    blocks = TimestampBlocks(key, key=signing.read_key(key))
+    assert not blocks.is_changed
+    key.write_text("another passphrase\n")
+    reported: list[str] = []
+    blocks.keep_renewing(reported.append)
+    end = time.monotonic() + 60.0
+    while not reported:
+        blocks._wanted.set()
+        assert time.monotonic() < end, "the thread that renews says nothing"
+        time.sleep(0.02)
+    assert "another key is in the file since the start" in reported[0] and "start again" in reported[0]
+    key.chmod(0o644)
+    assert not blocks.is_changed, "what cannot be read is no other key"
+
+
 @pytest.mark.parametrize("text", ["", "soon", "-5", "9" * 30, "٣"])
 def test_a_damaged_timestamp_file_is_refused(key: Path, text: str) -> None:
     key.with_name("signing.key.timestamp").write_text(text)

@@ -454,6 +454,19 @@ def test_malformed_requests_are_one_sentence(line: bytes, status: int, words: st
     assert json.loads(answer(caught.value.id, status, str(caught.value)))["statusCode"] == status
 
 
+def test_an_alarm_of_somebody_else_acknowledged_here_silences_none_of_ours() -> None:
+    def asked(value: Any) -> bytes:
+        put = {"path": "steering.autopilot.actions.acknowledge", "value": value}
+        return json.dumps({"requestId": "1", "token": TOKEN, "put": put}).encode()
+
+    for path in ("notifications.navigation.anchor", NOTIFICATIONS + "nonsense"):
+        with pytest.raises(BadRequestError, match="no alarm of this pilot") as caught:
+            parse(asked(path), TOKEN)
+        assert caught.value.status == 400
+    assert parse(asked(NOTIFICATIONS + "roll"), TOKEN).order == {"do": "acknowledge", "name": "roll"}
+    assert parse(asked(None), TOKEN).order == {"do": "acknowledge"}
+
+
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_request_or_refused(line: bytes) -> None:
     with contextlib.suppress(BadRequestError):

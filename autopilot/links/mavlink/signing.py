@@ -210,6 +210,7 @@ BLOCK = 100_000
 RENEWAL_S = 10.0
 """So often a new block is taken, which also brings the timestamps up to the clock."""
 KEY_FILE_MAX = 1024
+CHANGED = "another key is in the file since the start, and the one before is still used; start again to use the new one"
 OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
@@ -259,11 +260,13 @@ class TimestampBlocks:
     """Timestamps from blocks reserved on disk beside the key. Raises InputError where none can be.
 
     `next` never waits: blocks are taken by `renew`, in a thread of its own once `keep_renewing` is called. Should the
-    disk fail, timestamps go on past what is reserved and `complaint` says so.
+    disk fail, timestamps go on past what is reserved and `complaint` says so. `key`: what the file held at the start.
     """
 
-    def __init__(self, key_path: str | Path, clock: Callable[[], int] = clock_timestamp) -> None:
-        self._key_path = Path(key_path)
+    def __init__(
+        self, key_path: str | Path, clock: Callable[[], int] = clock_timestamp, key: bytes | None = None
+    ) -> None:
+        self._key_path, self._key = Path(key_path), key
         self._path = self._key_path.with_name(self._key_path.name + ".timestamp")
         self._clock = clock
         self.complaint = ""
@@ -317,22 +320,33 @@ class TimestampBlocks:
         self.complaint = ""
         self._fresh = (start, start + BLOCK)
 
+    @property
+    def is_changed(self) -> bool:
+        """Whether the file holds another key now; one that cannot be read is no other."""
+        with contextlib.suppress(InputError):
+            return self._key is not None and read_key(self._key_path) != self._key
+        return False
+
     def keep_renewing(self, complain: Callable[[str], None]) -> None:
         """Take blocks from a thread of its own from now on: flushing to a memory card takes longer than a tick.
 
-        `complain` is called once when the disk begins to fail.
+        `complain` is called once when the disk begins to fail, and when the file holds another key than at the start.
         """
         threading.Thread(target=self._renewing, args=(complain,), name="signing timestamps", daemon=True).start()
 
     def _renewing(self, complain: Callable[[str], None]) -> None:
+        is_changed = False
         while True:
             if self._wanted.wait(RENEWAL_S) and self.complaint:
                 time.sleep(1.0)  # a broken disk is not asked without end
             self._wanted.clear()
-            before = self.complaint
+            before, was_changed = self.complaint, is_changed
             self.renew()
             if self.complaint and not before:
                 complain(self.complaint)
+            is_changed = self.is_changed
+            if is_changed and not was_changed:
+                complain(f"signing key {self._key_path}: {CHANGED}")
 
     def _reserved(self) -> int:
         try:
@@ -353,7 +367,7 @@ def open_signing(path: str | Path) -> Signing:
     A disk that fails later is reported on the terminal.
     """
     key = read_key(path)
-    blocks = TimestampBlocks(path)
+    blocks = TimestampBlocks(path, key=key)
     blocks.keep_renewing(lambda complaint: print(complaint, file=sys.stderr))
     # two of our processes with the same ids and a key in common must not seem to repeat each other's timestamps
     return Signing(key, blocks, FIRST_LINK + os.getpid() % OUR_LINKS)

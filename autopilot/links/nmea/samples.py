@@ -1,7 +1,7 @@
 """What NMEA 0183 sentences mean: instruments to samples. Pure.
 
-HDG, HDM, HDT, THS, ROT, RSA, MWV, RMC, VTG and VHW are samples; another's ROR is remembered; APB, RMB, BWC, XTE, HTC
-and HTD go to the guide that follows a chart plotter, where there is one; the rest is counted as ignored, and so is
+HDG, HDM, HDT, THS, ROT, RSA, MWV, VWR, RMC, VTG and VHW are samples; another's ROR is remembered; APB, RMB, BWC, XTE,
+HTC and HTD go to the guide that follows a chart plotter, where there is one; the rest is counted as ignored, and so is
 what we send ourselves. A field that says "not valid" (status V, mode N, an empty field), "manual" or "simulator" (mode
 M, S) is no data, and a value outside its range makes the sentence malformed.
 
@@ -298,6 +298,7 @@ class NmeaReader:
             "RSA": self._rsa,
             "ROR": self._ror,
             "MWV": self._mwv,
+            "VWR": self._vwr,
             "RMC": self._rmc,
             "VTG": self._vtg,
             "VHW": self._vhw,
@@ -413,6 +414,18 @@ class NmeaReader:
         if unit not in units:
             raise ValueError(unit)
         return WindSample(time, wrap(angle(fields, 0)), number(fields, 2, 0.0, SPEED_LIMIT) * units[unit])
+
+    def _vwr(self, time: float, fields: tuple[str, ...]) -> Sample:
+        """The wind over the bow, as older instruments say it: to L or R of it, in knots, m/s or km/h."""
+        side, off = field(fields, 1), math.radians(number(fields, 0, 0.0, 180.0))
+        if side not in ("L", "R"):
+            raise ValueError(side)
+        for place, (letter_, unit) in zip((2, 4, 6), (("N", KNOT_M_S), ("M", 1.0), ("K", KMH_M_S)), strict=True):
+            if field(fields, place):
+                letter(fields, place + 1, letter_)
+                speed = number(fields, place, 0.0, SPEED_LIMIT) * unit
+                return WindSample(time, off if side == "R" else -off, speed)
+        raise NoDataError
 
     def _rmc(self, time: float, fields: tuple[str, ...]) -> Sample:
         status(fields, 1)

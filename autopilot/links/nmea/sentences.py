@@ -335,13 +335,15 @@ def angle(fields: tuple[str, ...], index: int) -> float:
 
 
 def east_west(fields: tuple[str, ...], index: int, limit_deg: float) -> float | None:
-    """Return the angle [rad] of a number and its E or W, east positive; None where the field is empty."""
+    """Return the angle [rad] of a number and its E or W, east positive; None where the field is empty, or 0 without a
+    side, as some say that they do not know."""
     if not field(fields, index):
         return None
-    side = field(fields, index + 1)
+    side, value = field(fields, index + 1), math.radians(number(fields, index, 0.0, limit_deg))
+    if not side and value == 0.0:
+        return None
     if side not in ("E", "W"):
         raise ValueError(side)
-    value = math.radians(number(fields, index, 0.0, limit_deg))
     return value if side == "E" else -value
 
 
