@@ -78,6 +78,8 @@ RANGE_MOST_NM = 999.9
 LEADING_MODES = ("", "A", "D", "F", "P", "R")
 """Before NMEA 2.3 there was no mode field: empty counts as autonomous. F, P and R are better fixes than A and D."""
 LEGS, ERRORS = ("APB", "APA"), "XTE"
+PARTS = (ERRORS, "BWC", "BWR")
+"""Of a leg: one alone leads nowhere."""
 PLOTTER_SENTENCES = frozenset((*LEGS, ERRORS, "RMB", "BWC", "BWR", "HTC", "HTD"))
 ARRIVED_WITHIN = 1.0
 """Nearer to the waypoint than this many times the error, RMB's geometry says nothing of the track."""
@@ -356,7 +358,7 @@ class NmeaReader:
         if message is not None:
             self.invalid += isinstance(message, PlotterInvalid)
             guide.take(message._replace(source=f"{self.line} {sentence.talker}"))
-        elif not is_beside_apb:
+        elif kind in PARTS and not is_beside_apb:
             guide.unread(time, f"{kind} alone names no leg: let it send APB or RMB")
 
     def _hdg(self, time: float, fields: tuple[str, ...]) -> Sample | None:
