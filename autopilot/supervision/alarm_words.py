@@ -277,9 +277,9 @@ WORDS = {
     ),
     "headings_late": Words(
         "headings come late by the vehicle's clock",
-        "raise the link's baud rate (SERIALn_BAUD) or ask for less over it; where the line has room, that clock runs "
-        "slow (a simulator slower than the time of day): mend it, for headings too old are not steered by",
-        sentence="{text} (the youngest {detail} old): {remedy}",
+        "raise the link's baud rate (SERIALn_BAUD) or ask for less; where the line has room, that clock runs slow: "
+        "mend it",
+        sentence="{text} ({detail} old): {remedy}",
     ),
     "targets_lag": Words(
         "the vehicle takes our headings but does not turn",

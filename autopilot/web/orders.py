@@ -400,7 +400,7 @@ class Course:
             step.on_done(Answer.SILENT, NO_ANSWER)
 
     def _from_base(self, step: _Step, now: float) -> None:
-        """Take a step from what is held, or meant to be, as soon as the boat has told which that is."""
+        """Take a step from what is held, or meant to be, as soon as the boat has said which that is."""
         base, mode = self._base(now), self._view.mode
         if base is not None and not math.isnan(base.degrees):
             step.act(base)
@@ -413,15 +413,15 @@ class Course:
             step.on_done(Answer.FAILED, nothing)
 
     def _base(self, now: float) -> _Meant | None:
-        """Return what is held, or meant to be, its degrees nan where the boat has still to tell them; None: nothing."""
+        """Return what is held, or meant to be, its degrees nan where the boat has still to say them; None: nothing."""
         view, meant = self._view, self._meant(now)
         is_wind, is_steered = view.mode == WIND, view.mode in STEERED
         if not is_steered and (meant is None or not math.isnan(meant.degrees)):
             return None
         said, age = view.value("wind_angle" if is_wind else "order"), view.age("wind" if is_wind else "rudder", now)
         if meant is not None:
-            is_told = meant.is_wind is is_wind and age is not None and age < now - self._taken_at
-            if self._under_way or not (is_steered and is_told and math.isnan(meant.degrees)):
+            is_said = meant.is_wind is is_wind and age is not None and age < now - self._taken_at
+            if self._under_way or not (is_steered and is_said and math.isnan(meant.degrees)):
                 return meant
         return None if said is None else _Meant(said, bool(view.value("wind_true")) if is_wind else None)
 

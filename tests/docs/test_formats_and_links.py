@@ -14,7 +14,7 @@ import pytest
 
 from autopilot.links.drives import DRIVES
 from autopilot.links.n2k.packets import LAYOUTS, SYSTEM_TIME
-from autopilot.links.nmea.samples import NmeaReader, PlotterReader
+from autopilot.links.nmea.samples import PLOTTER_SENTENCES, NmeaReader
 from autopilot.links.north import Variation
 from autopilot.links.transports.medium import SENTENCES
 from autopilot.links.url import DEFAULTS, EXAMPLES, OPTIONS, SCHEMES, parse_url, split_scheme
@@ -81,7 +81,7 @@ def test_the_sentences_that_a_link_reads_are_those_of_its_reader() -> None:
     said = set(re.findall(r"\b[A-Z]{3}\b", row[1].split(" in,")[0])) - {"NMEA"}
     assert said == set(NmeaReader(Variation(None))._readers)
     plotter = {name for row in table(INSTRUMENTS, "sentence") for name in re.findall(r"\b[A-Z]{3}\b", row[0])}
-    assert plotter == set(PlotterReader(Variation(None), False).readers)
+    assert plotter == PLOTTER_SENTENCES
 
 
 def test_the_pgns_of_the_table_are_those_that_are_laid_out() -> None:

@@ -214,7 +214,7 @@ def test_rmb_leads_farther_off_than_the_error_and_its_last_digit(error: str, awa
         ("GPXTE,A,A,0.1,L,M,A", "malformed"),
         ("GPAPB,A,A,0.1,L,N,V,V,090.0,X,D,011,T,011,T,A", "malformed"),
         *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "invalid") for mode in "EMNSV"),
-        *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "") for mode in "FPR"),
+        *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "") for mode in ("F", "P", "R")),
         ("GPAPB,A,A,0.00,,N,V,V,090.0,T,D,011,T,011,T,A", ""),
         *((f"GPAPB,A,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,{mode}", "") for mode in ("", "A", "D")),
         ("GPAPB,V,A,0.1,L,N,V,V,090.0,T,D,011,T,011,T,A", "invalid"),

@@ -263,7 +263,7 @@ def test_a_vehicle_that_fills_in_no_time_is_read_as_it_arrives_and_has_not_reboo
     assert boat.reader.authority.armed
 
 
-def test_headings_that_come_late_by_the_vehicle_s_clock_are_told_of_with_what_to_do() -> None:
+def test_headings_that_come_late_by_the_vehicle_s_clock_are_an_alarm_with_what_to_do() -> None:
     output = SteeringOutput("rc_override", math.radians(30.0), False)
     reader = VehicleReader(output, CompanionSettings(math.radians(30.0), heading_timeout=1.5))
     said, ages = [], []
@@ -278,7 +278,7 @@ def test_headings_that_come_late_by_the_vehicle_s_clock_are_told_of_with_what_to
         said.append(reader.streams.late)
     assert max(ages) > 1.5, "the fail-safe comes"
     first = next(event for event in said if event)
-    assert ages[said.index(first)] < 1.5, "and is told of before it"
+    assert ages[said.index(first)] < 1.5, "and the alarm before it"
     assert first.name == "headings_late" and "clock runs slow" in sentence_of(first)
     for step in range(1200, 2400):  # right again
         now = 0.05 * step

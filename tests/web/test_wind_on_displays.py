@@ -67,7 +67,7 @@ def test_a_step_counts_from_what_was_ordered_just_now_though_the_boat_still_tell
 
 
 @pytest.mark.usefixtures("vane")
-def test_a_step_waits_until_the_boat_has_told_which_angle_of_the_wind_it_holds(sea: Watched) -> None:
+def test_a_step_waits_until_the_boat_has_said_which_angle_of_the_wind_it_holds(sea: Watched) -> None:
     assert sea.order(do="engage") == (True, "")
     sea.watch(2.0)
     assert sea.order(do="wind", true=False) == (True, "")

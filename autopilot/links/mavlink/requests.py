@@ -27,7 +27,7 @@ HEADINGS_IN_TIMEOUT = 3
 line that loses a third."""
 WAITING = "waiting for headings (ATTITUDE) at the rate asked for"
 LATE_SHARE = 0.5
-"""Headings none of which is younger than this share of the age at which they count as lost are told of before that."""
+"""Where none is younger than this share of the age at which a heading counts as lost, that is an alarm."""
 
 
 TOO_SLOW = (
