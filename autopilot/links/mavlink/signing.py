@@ -342,11 +342,12 @@ class TimestampBlocks:
             self._wanted.clear()
             before, was_changed = self.complaint, is_changed
             self.renew()
-            if self.complaint and not before:
-                complain(self.complaint)
             is_changed = self.is_changed
-            if is_changed and not was_changed:
-                complain(f"signing key {self._key_path}: {CHANGED}")
+            said = [self.complaint] if self.complaint and not before else []
+            said += [f"signing key {self._key_path}: {CHANGED}"] if is_changed and not was_changed else []
+            for sentence in said:
+                with contextlib.suppress(OSError, ValueError):  # a full terminal must not end the renewing
+                    complain(sentence)
 
     def _reserved(self) -> int:
         try:
