@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from random import Random
 from typing import Any
 
@@ -410,6 +411,44 @@ def test_a_sender_whose_numbers_stand_still_may_order_the_same_turn_again() -> N
         put(bench, 0, *TURN)
         bench.run(0.2, Mode.ENGAGED)
     assert len(bench.hand.orders) == 2
+
+
+BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+
+
+@pytest.mark.parametrize(
+    ("who", "are_two"),
+    [
+        ("one", False),
+        ("two", True),
+        ("one that begins anew", False),
+        ("one over two ways, of which one is slow", False),
+        ("one on a line that loses most", False),
+    ],
+)
+def test_two_stations_under_one_id_are_said(who: str, are_two: bool) -> None:
+    """Each counts its messages by itself, one a second and nine others beside it."""
+    bench = Bench()
+    chance = random.Random(20261129)
+    said: list[Any] = []
+    for second in range(40):
+        first, other = 10 * second, 10 * second + 77
+        numbers = [first]
+        if who == "two":
+            numbers.append(other)
+        elif who == "one that begins anew":
+            numbers = [first if second < 20 else first - 150]
+        elif who.startswith("one over"):
+            numbers.append(first - 50)
+        elif who.endswith("most") and chance.random() < 0.7:
+            numbers = []
+        for number in numbers:
+            bench.station._mavlink.seq = number % 256
+            bench.far.send(bench.station.encode(BEAT))
+            said += bench.run(0.5)
+    words_ = "".join(each.text for each in said if each.get_type() == "STATUSTEXT")
+    assert ("two ground stations have the id" in words_) is are_two
+    assert words_.count("two ground stations") <= 1, "once a minute"
 
 
 def test_the_same_order_after_ten_seconds_or_after_a_refusal_is_a_new_one() -> None:

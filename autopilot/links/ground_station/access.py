@@ -375,6 +375,8 @@ def is_from_station(message: Message) -> bool:
 
 OVERTAKEN = 32
 """So many of its sender's messages may have come before one that was sent ahead of them."""
+SHARED_BEATS, SHARED_WITHIN_S, BEATS_KEPT = 4, 10.0, 32
+"""So many heartbeats of each within this time [s] are two stations'; so many are kept."""
 RESTARTED_S = 2.0
 """A sender whose numbers have only come from behind for so long has begun anew: one that goes on beats each second."""
 ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
@@ -394,15 +396,19 @@ class _Taken(NamedTuple):
 
 
 class _Sender:
-    """What is known of one sender: the number of its newest message, that goes on where the one on the line begins
-    again behind 255; whether its numbers go on at all; what it ordered of late, the newest last; and time [s], number
-    and words of the last that made what was sent before it void, by the name that `_voids` gives."""
+    """What is known of one sender: the numbers of the first message that was heard of it and of its newest, that go on
+    where the one on the line begins again behind 255; whether its numbers go on at all; what it ordered of late, the
+    newest last; and time [s], number and words of the last that made what was sent before it void, by the name that
+    `_voids` gives."""
 
     def __init__(self, number: int) -> None:
-        self.newest, self.counts = number, False
+        self.first = self.newest = number
+        self.counts = False
         self.behind = math.inf
         """Since when [s] none has come that goes on from the newest, but others have."""
         self.taken: deque[_Taken] = deque(maxlen=ORDERS_KEPT)
+        self.beats: deque[tuple[float, int, bool]] = deque(maxlen=BEATS_KEPT)
+        """Its heartbeats of late: when [s], number, and whether that lay far behind the newest."""
         self.last: dict[str, tuple[float, int, str]] = {}
 
     def number_of(self, message: Message) -> int:
@@ -431,12 +437,23 @@ class OrderSequence:
         sender = self._sender(message)
         number = sender.number_of(message)
         sender.counts = sender.counts or number != sender.newest
+        is_far = sender.first <= number < sender.newest - OVERTAKEN
+        is_beat = message.get_type() == "HEARTBEAT" and (is_far or number > sender.newest)
+        if is_beat and all(number != each for _, each, _ in sender.beats):
+            sender.beats.append((now, number, is_far))
         sender.behind = min(sender.behind, now) if number < sender.newest else math.inf
         if now - sender.behind > RESTARTED_S:
             # its values and routes are new ones; an order to stand by stays the last word for a while
             sender.last = {name: each for name, each in sender.last.items() if name == ""}
             sender.behind = math.inf
         sender.newest = max(sender.newest, number)
+
+    def are_two(self, now: float, message: Message) -> bool:
+        """Return whether two count their messages under the id of this one's sender: heartbeats go on from the newest,
+        and others from far behind it. One that began anew does the latter alone, and a line that doubles brings the
+        same numbers."""
+        recent = [is_far for time, _, is_far in self._sender(message).beats if now - time <= SHARED_WITHIN_S]
+        return min(recent.count(True), recent.count(False)) >= SHARED_BEATS
 
     def is_again(self, now: float, message: Message) -> bool:
         """Return whether an order has been taken already: this very one, the same said once more, or before, and late.

@@ -66,6 +66,10 @@ CAME_LATE = "orders from while this computer stood still are not carried out: or
 OVERTAKEN = "an order from before the one to stand by came behind it and is not carried out: order again"
 VALUE_OVERTAKEN = "came behind the value that was set after it and is not set: set it again if you still want it"
 ROUTE_OVERTAKEN = "a change of the route came behind the one sent after it and is not made: look at the route"
+SHARED = (
+    "two ground stations have the id {}.{}: orders of one are taken for the other's, and some refused; give each an id "
+    "of its own"
+)
 STOP_REFUSED = "not standing by: the skipper has engaged again since you asked; ask at the helm, or set a signing key"
 
 
@@ -193,6 +197,8 @@ class BoatLink(StationLink):
 
     def _on_message(self, now: float, message: Message) -> None:
         self._sequence.heard(now, message)
+        if message.get_type() == "HEARTBEAT" and self._sequence.are_two(now, message):
+            self._refuse(now, SHARED.format(message.get_srcSystem(), message.get_srcComponent()))
         if not self._is_for_us(message):
             return
         refusal = self._access.refusal(now, message)
