@@ -11,6 +11,7 @@ import contextlib
 import json
 import math
 import shutil
+import signal
 import sys
 import textwrap
 import time
@@ -20,10 +21,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from autopilot.cli.options import SPEEDUP, number
-from autopilot.errors import ExitCode, InputError, RefusedError
+from autopilot.errors import ExitCode, InputError, LinkError, RefusedError
 from autopilot.files.outside import number_from, parse_json, read_regular, typed_number
 from autopilot.files.saving import check_folder, numbered, save_text
-from autopilot.interruption import as_exceptions, run_child
+from autopilot.interruption import Interrupted, as_exceptions, run_child
 from autopilot.models.drives import DRIVES
 from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Guidance, Helm, Rudder, Vessel
 
@@ -436,6 +437,14 @@ def _pace(step: Step, arguments: argparse.Namespace) -> tuple[str, ...]:
     return ("--speedup", f"{arguments.speedup:g}") if steers and arguments.speedup != 1.0 else ()
 
 
+def typed(words: str) -> str:
+    """Return what is typed. A terminal that closes (Ctrl-D, a lost SSH session) leaves the list as Ctrl-C does."""
+    try:
+        return input(words).strip()
+    except EOFError:
+        raise Interrupted(signal.SIGHUP) from None
+
+
 class Talk:
     """Questions on the terminal; none where `silent`, or where nobody is there to answer."""
 
@@ -449,17 +458,14 @@ class Talk:
             raise InputError(f"{option} is needed where nobody answers: {words}")
         while True:
             with contextlib.suppress(InputError):
-                return number_from(typed_number(input(f"{words} ({low:g} to {high:g}): ").strip()), option, low, high)
+                return number_from(typed_number(typed(f"{words} ({low:g} to {high:g}): ")), option, low, high)
             print(f"  write a number from {low:g} to {high:g}, such as 7.5")
 
     def choice(self, words: str, allowed: Sequence[str]) -> str:
         """Return one of the words that are allowed, the first where nothing is typed or nobody answers."""
         if self.silent:
             return allowed[0]
-        while (answer := input(f"{words} ({', '.join(allowed)}) [{allowed[0]}]: ").strip().lower()) not in (
-            "",
-            *allowed,
-        ):
+        while (answer := typed(f"{words} ({', '.join(allowed)}) [{allowed[0]}]: ").lower()) not in ("", *allowed):
             print(f"  write one of {', '.join(allowed)}")
         return answer or allowed[0]
 
@@ -470,7 +476,7 @@ class Talk:
         if self.silent:
             raise InputError(f"nobody answers {words!r}; run this on a terminal, or with --yes")
         while True:
-            answer = input(f"{words} [y/n] ").strip().lower()
+            answer = typed(f"{words} [y/n] ").lower()
             if answer in ("y", "yes", "n", "no"):
                 return answer[0] == "y"
             print("  write y or n")
@@ -479,13 +485,13 @@ class Talk:
         """Wait until the operator is ready."""
         print(words)
         if not self.silent:
-            input("Press Enter to begin, Ctrl-C to leave: ")
+            typed("Press Enter to begin, Ctrl-C to leave: ")
 
     def seconds(self, words: str) -> float:
         """Return the time between two presses of Enter."""
-        input(f"{words} Press Enter as it leaves one stop: ")
+        typed(f"{words} Press Enter as it leaves one stop: ")
         begun = time.monotonic()
-        input("Press Enter as it reaches the other: ")
+        typed("Press Enter as it reaches the other: ")
         return time.monotonic() - begun
 
 
@@ -575,11 +581,16 @@ def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
     command = step.command(boat)
     talk.ready(f"autopilot {' '.join(command)}")
     code = run_child([sys.executable, "-m", "autopilot", *command])
-    again = f"then: autopilot new-boat {boat.file}"
+    again, number = f"then: autopilot new-boat {boat.file}", STEPS.index(step) + 1
+    if code == ExitCode.LINK:
+        raise LinkError(
+            f"step {number} ({step.title}) is not done: the links did not bring what it needs, as said above. Switch "
+            f"on what sends and look at the wires, or name other links with --link; {again}"
+        )
     against = "; ".join(step.check(boat)) if code == 0 else ""
     if code != 0 or against or (step.question and not talk.yes(step.question)):
-        why = f": {against}" if against else ""
+        why = f": {against}" if against else ", as said above" if code != 0 else ""
         raise RefusedError(
-            f"step {STEPS.index(step) + 1} ({step.title}) is not done{why}. Good enough is: {step.good}. "
+            f"step {number} ({step.title}) is not done{why}. Good enough is: {step.good}. "
             f"If not: {step.otherwise}; {again}"
         )

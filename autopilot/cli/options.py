@@ -373,6 +373,8 @@ def print_completion(parser: argparse.ArgumentParser, shell: str) -> int:
         for action in each._actions:
             if isinstance(action, argparse._SubParsersAction):
                 action.help = None  # hidden in the help, which lists the commands in groups
+                for command in action._choices_actions:  # a menu has room for a line, not for the description
+                    action.choices[command.dest].description = command.help
             words = action.metavar if isinstance(action.metavar, str) else ""
             if "FILE" in words or words.endswith(".yaml") or words == "LOG":
                 action.complete = shtab.FILE  # type: ignore[attr-defined]

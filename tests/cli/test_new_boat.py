@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -169,6 +173,29 @@ def test_who_leaves_is_shown_where_it_goes_on(
     assert "Left before step 1 was done: this computer and the links." in said
     assert "If something was wrong: do what stands behind each arrow" in said
     assert f"To carry on here: autopilot new-boat {file}" in said
+
+
+@pytest.mark.parametrize("given", [(), ("--drive", "rudder", "--length-m", "7"), ("--drive", "rudder", *NUMBERS)])
+def test_a_terminal_that_closes_at_a_question_leaves_without_a_trace(given: Sequence[str], tmp_path: Path) -> None:
+    file, (ours, its) = tmp_path / "mine.yaml", os.openpty()
+    command = [sys.executable, "-m", "autopilot", "new-boat", str(file), "--link", "udpin:127.0.0.1:1", *given]
+    os.write(ours, b"\x04")
+    ended = subprocess.run(command, stdin=its, capture_output=True, text=True, check=False, timeout=60)
+    assert ended.stderr == "autopilot: ended by the terminal's end\n" and ended.returncode == 128 + signal.SIGHUP
+    assert file.exists() == ("To carry on here: autopilot new-boat" in ended.stdout) == (NUMBERS[-1] in given)
+    os.close(ours)
+    os.close(its)
+
+
+def test_a_step_whose_link_fell_silent_asks_for_the_link_not_for_the_rudder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(new_boat, "run_child", lambda command: 3 if "trial" in command else 0)
+    file = tmp_path / "mine.yaml"
+    assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *NUMBERS]) == 3
+    said = capsys.readouterr().err
+    assert "step 2 (proof of control, sign and end stops) is not done: the links did not bring" in said
+    assert f"then: autopilot new-boat {file}" in said and "reverse it" not in said
 
 
 def hold(path: Path, off_deg: float, mode: Mode = Mode.ENGAGED) -> None:
