@@ -372,6 +372,15 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
                 assert box["bottom"] <= height and box["height"] >= 44 and box["width"] >= 44, where
                 assert not box["stands_out"], f"{where}: its words stand out of it"
                 assert box["letters"] >= 13.5, f"{where}: {box['letters']:.1f} px"
+            page.evaluate("location.hash = 'chart'")
+            until(page, "document.body.dataset.page === 'chart'")
+            chart = page.evaluate(MEASURE, ["#sea", ".zoom", *tops, "footer"])
+            below = max(chart[top]["bottom"] for top in tops)
+            for part in ("#sea", ".zoom"):
+                where = f"{part} under the alarms, {width}x{height}, {is_overboard=}"
+                assert below <= chart[part]["top"] and chart[part]["bottom"] <= chart["footer"]["top"], where
+            page.evaluate("location.hash = 'helm'")
+            until(page, "document.body.dataset.page === 'helm'")
     for _ in range(2):
         page.click("#mob-off")
     page.wait_for_selector("#overboard", state="hidden")
