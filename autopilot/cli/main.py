@@ -55,8 +55,9 @@ EXIT_CODES = """exit codes:
   4  refused: engaging would not be safe, the vehicle does not obey, or a trial ended early; doctor: no go
   5  ended in fail-safe, or in fault
   6  a difference was found (params upload, verify, diff; replay)
+  129  its terminal closed before it was done; as for 130
   130  ended by Ctrl-C before it was done; run, trial, web, signalk and helm, which go on until they are ended: 0
-  143  ended by a termination signal before it was done; those: 0
+  143  ended by a termination signal before it was done; as for 130
 """
 
 

@@ -160,6 +160,15 @@ class Identified(NamedTuple):
     answers: float = 0.0
 
     @property
+    def why_not(self) -> tuple[str, ...]:
+        """Why parameters are missing: the sentences of `unidentifiable`, one where several have the same."""
+        symbols: dict[str, list[str]] = {}
+        for sentence in self.unidentifiable.values():
+            symbol, _, why = sentence.partition(": ")
+            symbols.setdefault(why, []).append(symbol)
+        return tuple(f"{' and '.join(named)}: {why}" for why, named in symbols.items())
+
+    @property
     def predictor(self) -> LikelihoodFit | None:
         """The fit that says what the boat will do."""
         return self.likely if self.sliding is None else self.sliding.fit

@@ -365,7 +365,7 @@ def as_text(result: Result) -> str:
         *([FORECAST, "\n".join(aligned(forecast_rows(result.forecast)))] if result.forecast else []),
         *_trims(found),
         *([f"Rudder rate: {rate_sentence(result.rudder_rate)}."] if result.rudder_rate else []),
-        *found.unidentifiable.values(),
+        *found.why_not,
         *(" ".join(test.sentences()) for test in result.residual_tests),
         *notes(result),
     ]

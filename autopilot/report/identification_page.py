@@ -57,7 +57,7 @@ def identification_page(
     model = found.model
     shown = [PredictedRun(run, role, found.simulated(run)) for run, role, _ in result.predictions]
     sections = [
-        Section("Parameters", _parameters(result), (*found.unidentifiable.values(), *notes(result), LEAST)),
+        Section("Parameters", _parameters(result), (*found.why_not, *notes(result), LEAST)),
         *_correlation(found),
         *([Section("Candidates", choice_rows(choice), (choice_sentence(choice),))] if choice else []),
         Section("Predictions", run_rows(result, _name), ("Open loop, from what drove the boat alone.",)),

@@ -29,7 +29,7 @@ from autopilot.report.page import (
     render,
     time_figure,
 )
-from autopilot.report.steered import Steered, Verdict
+from autopilot.report.steered import SHORTEST_S, Steered, Verdict
 from autopilot.signals import Mode, OrderKind, Tick
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
@@ -317,8 +317,10 @@ def compared(first: RunOf, second: RunOf) -> Verdict:
     courses = first.steered.rms_deg, second.steered.rms_deg
     # below this nothing was moved, by noise or at all
     rudders = tuple(max(run.steered.held_travel_deg_s, UNMOVED_DEG_S) for run in (first, second))
-    if any(math.isnan(value) or value == 0.0 for value in courses):
-        return Verdict("not enough", "not enough: a course must be held in both runs")
+    shortest = min(first, second, key=lambda run: run.steered.on_course)
+    if shortest.steered.on_course < SHORTEST_S or 0.0 in courses:
+        held = f"{shortest.name} has {shortest.steered.on_course:.0f} s"
+        return Verdict("not enough", f"not enough: both runs must hold a course for {SHORTEST_S:.0f} s; {held} of it")
     said, better = [], []
     for words, (left, right) in (("course", courses), ("rudder", rudders)):
         share = right / left

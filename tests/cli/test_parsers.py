@@ -94,6 +94,9 @@ def test_completion_is_a_script_that_the_shell_reads(
     script = capsys.readouterr().out
     assert "--link" in script if program == "autopilot" else "--mavlink" in script
     if program == "autopilot" and shell != "bash":  # whose menus show no words beside a command
-        assert "compare two files, or a file with a vehicle" in script and "Exit code 6 when there is a difference" not in script
+        assert (
+            "compare two files, or a file with a vehicle" in script
+            and "Exit code 6 when there is a difference" not in script
+        )
     if shutil.which(shell) is not None:
         assert subprocess.run([shell, "-n"], input=script, text=True, check=False).returncode == 0

@@ -165,6 +165,8 @@ def test_two_runs_are_compared_by_course_and_rudder() -> None:
     assert turning.steered.travel_deg_s > 1.5 * calm.steered.travel_deg_s
     assert "rudder travel alike" in compared(calm, turning).sentence, "a turn's rudder is no unquiet one"
     assert compared(calm, calm).grade == "alike" and compared(calm, run_of("no", [])).grade == "not enough"
+    short = run_of("short", worse(sailed(5.0), 0.5))
+    assert compared(calm, short).sentence == "not enough: both runs must hold a course for 20 s; short has 5 s of it"
     head, *rows = table_of_runs(calm, wild)
     assert head == ("", "calm", "wild", "second, of the first")
     assert {len(row) for row in rows} == {4} and len(rows) == len(measures_of_run(calm))
