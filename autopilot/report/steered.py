@@ -56,6 +56,7 @@ class Steered:
         self.lost = self.executes = 0
         self.swing = (0.0, 0.0)
         self.what = ""
+        self._had_course = False
         self._squares = self._travel = self._held_travel = self._way = 0.0
         self._moved = 0.0
         self._bins = [0.0] * (BINS + 1)
@@ -133,13 +134,14 @@ class Steered:
     @property
     def verdict(self) -> Verdict | None:
         """How well it was steered; None where no course was."""
-        if not self.on_course and not self.turns:
+        if not self._had_course:
             return None
         said = self._said()
         if self.lost:
             return Verdict("poor", f"poor: steering was lost {_times(self.lost)}; {said}")
         if self.on_course < SHORTEST_S and not self.turns:
-            return Verdict("too short", f"too short to judge: {self.on_course:.0f} s on a course")
+            held = f"{self.on_course:.0f} s on a course" if self.on_course else "the turn to the course was not over"
+            return Verdict("too short", f"too short to judge: {held}")
         past, off = self.past_deg, self.off_deg
         unsettled = any(math.isinf(turn.settled) for turn in self.turns)
         if unsettled or past > FAIR_PAST_DEG or off > FAIR_OFF_DEG:
@@ -163,7 +165,7 @@ class Steered:
         return "; ".join(said)
 
     def _take_course(self, tick: Tick, step: float) -> None:
-        order = tick.order
+        order, self._had_course = tick.order, True
         course = order.heading if math.isfinite(order.heading) else tick.reference.heading
         self.what = f"course {compass_text(course, 1)}".removesuffix(".0")
         # engaged on another course than the boat has: a turn as well, and not a course badly held

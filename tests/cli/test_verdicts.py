@@ -63,6 +63,17 @@ def test_engaging_on_another_course_is_judged_as_a_turn() -> None:
     assert [round(math.degrees(turn.angle)) for turn in steered.turns] == [90]
 
 
+def test_a_run_that_ends_in_its_first_turn_has_a_verdict_too() -> None:
+    sea = Sea()
+    sea.skipper.engage(math.radians(90.0))
+    sea.sail(5.0)
+    verdict = run_of("a", sea.ticks).steered.verdict
+    assert verdict is not None and verdict.sentence == "too short to judge: the turn to the course was not over"
+    lost = [*sea.ticks, sea.ticks[-1]._replace(mode=Mode.FAILSAFE, now=sea.ticks[-1].now + 0.1)]
+    verdict = run_of("a", lost).steered.verdict
+    assert verdict is not None and verdict.sentence.startswith("poor: steering was lost once; rudder ")
+
+
 @pytest.mark.parametrize(("swing_deg", "grade"), [(0.2, "good"), (4.0, "fair"), (10.0, "poor")])
 def test_a_boat_that_swings_is_called_so(swing_deg: float, grade: str) -> None:
     steered = run_of("a", worse(sailed(80.0), swing_deg)).steered
