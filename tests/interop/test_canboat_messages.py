@@ -19,7 +19,7 @@ from station_doubles import Skipper
 
 from autopilot.angles import wrap
 from autopilot.guidance.current import Place
-from autopilot.guidance.plotter import PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
+from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
 from autopilot.links.n2k.link import FORMS, Form, framed
 from autopilot.links.n2k.node import Device
 from autopilot.links.n2k.packets import EVERYBODY, Message
@@ -77,12 +77,11 @@ def canboat(lines: list[str], messages: list[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
-class Guide:
+class Guide(PlotterGuide):
     """Keeps what the plotter says."""
 
-    alarm: AlarmEvent | None = None
-
     def __init__(self) -> None:
+        super().__init__()
         self.taken: list[PlotterMessage] = []
 
     def take(self, message: PlotterMessage) -> None:

@@ -141,6 +141,10 @@ def test_magnetic_bearings_take_the_variation_or_that_is_said() -> None:
         session.receive(float(second), [magnetic])
         guide.course(float(second), 0.5, 5.0)
     assert guide.alarm is not None and "set sensors.variation_deg" in guide.alarm.detail
+    for second in range(12, 40):
+        session.receive(float(second), [error(20.0)])
+        guide.course(float(second), 0.5, 5.0)
+    assert guide.alarm is not None and "129283 alone names no leg" in guide.alarm.detail
 
 
 def two_devices(first: Message, second: Message) -> PlotterGuide:
