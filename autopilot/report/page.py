@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import io
 import itertools
-from collections.abc import Sequence
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,14 +59,22 @@ class Panel(NamedTuple):
     least: float = 0.0
 
 
-def plane_figure(panel: Panel, abscissa: str, *, equal: bool = False) -> str:
-    """Return one panel over an `abscissa` of its own, dots joined in the order given; `equal`: a chart, as SVG."""
+@contextmanager
+def _drawing() -> Iterator[Any]:
+    """Give matplotlib's pyplot, set to draw alike everywhere; that it keeps no cache (no home) is no user's concern."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     import matplotlib as mpl
 
     mpl.use("svg")
     from matplotlib import pyplot
 
     with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 9}):
+        yield pyplot
+
+
+def plane_figure(panel: Panel, abscissa: str, *, equal: bool = False) -> str:
+    """Return one panel over an `abscissa` of its own, dots joined in the order given; `equal`: a chart, as SVG."""
+    with _drawing() as pyplot:
         figure, axis = pyplot.subplots(figsize=PLANE_SIZE, layout="constrained")
         _draw(axis, panel, _colours((panel,)))
         axis.set_xlabel(abscissa)
@@ -77,12 +87,9 @@ def plane_figure(panel: Panel, abscissa: str, *, equal: bool = False) -> str:
 
 def time_figure(panels: Sequence[Panel], abscissa: str = "time [s]", *, logarithmic: bool = False) -> str:
     """Return panels above each other, sharing the time axis or another `abscissa`, as SVG."""
-    import matplotlib as mpl
+    with _drawing() as pyplot:
+        from matplotlib import ticker
 
-    mpl.use("svg")
-    from matplotlib import pyplot, ticker
-
-    with mpl.rc_context({"svg.hashsalt": "norrbin", "svg.fonttype": "none", "font.size": 9}):
         count = len(panels)
         size = SIZE[0], count * max(LEAST_HEIGHT, min(SIZE[1], TALLEST / count))
         figure, axes = pyplot.subplots(count, 1, sharex=True, squeeze=False, figsize=size, layout="constrained")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -29,6 +32,14 @@ def test_a_logarithmic_axis_has_plain_numbers(low: float, high: float) -> None:
     words = re.findall(r"<text[^>]*>([^<]*)</text>", drawn)
     between = [word for word in words if re.fullmatch(r"[\d.]+", word) and low <= float(word) <= high]
     assert len(between) >= 3 and "10" not in re.findall(r"<tspan[^>]*>([^<]*)</tspan>", drawn)
+
+
+def test_a_figure_is_drawn_without_a_word_where_no_home_can_be_written() -> None:
+    program = "from autopilot.report.page import *; time_figure([Panel('a', [Line('a', *np.eye(2))])])"
+    without = {**os.environ, "HOME": "/proc", "XDG_CONFIG_HOME": "/proc", "XDG_CACHE_HOME": "/proc"}
+    without.pop("MPLCONFIGDIR", None)
+    done = subprocess.run([sys.executable, "-c", program], env=without, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_line_of_few_values_shows_each() -> None:
