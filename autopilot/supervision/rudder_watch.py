@@ -84,6 +84,7 @@ from autopilot.supervision.tuning import (
     SPEED_DOUBT,
     STANDS,
     STILL,
+    SURE_TURNING,
     TAKES_HOLD,
     TOLERANCE,
     TRIAL_SAID,
@@ -616,6 +617,9 @@ def update(
         response, overpowered = response.but_the_sea(seen), NOT_OVERPOWERED
     else:
         response = judge_response(response, limits, seen, measured.headings, history)
+        if now - doubted < TRIAL_SAID and not response.verdict:
+            # the trial's end moves the rudder as an order does, and against a push that is no sea
+            response = response._replace(verdict=verdict(response.evidence.response, SURE_TURNING))
         if (response.other or response.verdict) and _is_for_the_speed(response, seen):
             response, doubts = response.but_the_sea(seen), True
         is_held = -seen.angle_max <= seen.push <= seen.angle_max

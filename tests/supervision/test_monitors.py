@@ -19,10 +19,11 @@ from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.rudder_response import (
     FILED,
     LIVELIER,
+    NO_RESPONSE,
     QUICKER,
     SLOW_RUDDER,
 )
-from autopilot.supervision.rudder_watch import Response
+from autopilot.supervision.rudder_watch import NOTHING_KNOWN, Response
 from autopilot.supervision.tuning import SWEEP
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
@@ -675,6 +676,27 @@ def test_a_trial_that_is_doubted_is_said_for_ten_seconds_while_we_steer(monkeypa
     for later, steers, is_said in ((0.0, True, True), (9.9, False, False), (9.9, True, True), (10.0, True, False)):
         monitors.update(watched(50.0 + later, 0.0)._replace(steers=steers))
         assert ("trial_doubtful" in monitors.findings) is is_said
+
+
+def test_for_ten_seconds_behind_a_doubted_trial_what_is_enough_in_a_turn_is_enough(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """11 together, each of the headings' 10.4: on a course it takes 14."""
+    blocks = NO_RESPONSE.blocks._replace(stuck=1.1, stuck_late=1.1)
+    known = NO_RESPONSE._replace(stuck=10.5, stuck_late=10.5, blocks=blocks)
+
+    def of_answer(*_: object) -> Response:
+        return Response(evidence=NOTHING_KNOWN._replace(response=known), doubts_trial=Said.doubts_trial)
+
+    for is_doubted in (False, True):
+        stubbed(monkeypatch, doubts_trial=is_doubted)
+        monkeypatch.setattr("autopilot.supervision.rudder_watch.judge_response", of_answer)
+        monitors = Monitors(LIMITS._replace(rudder_response=True))
+        monitors.update(watched(50.0, 0.0, holds=False))
+        monkeypatch.setattr(Said, "doubts_trial", False)
+        for later in (0.1, 9.9, 10.0):
+            monitors.update(watched(50.0 + later, 0.0))
+            assert ("rudder_stuck" in monitors.findings) is (is_doubted and later < 10.0)
 
 
 @pytest.mark.parametrize(
