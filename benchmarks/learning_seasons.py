@@ -11,10 +11,11 @@ logarithm) and n3 by 50 %; with `--off` it is off by one of OFF, one after the o
 another day, with other weather, on course changes, on a 20/20 zigzag in calm water, and on the same course changes in
 calm water: from the rudder alone, stretch by stretch, as the learner predicts. It is worse where its root mean square
 heading error is larger than that of the model before. In weather a rudder that answers it speaks for a model on which
-the rudder does little, for what the rudder does is undone by what it answers: there the calm tells.
-The chance is how often a model that is no
-better may be called proved at most (`learning.CHANCE`). `--into FILE` writes each season as it
-ends and goes on where it was left; `--seasons 0 --into FILE` prints what FILE holds.
+the rudder does little, for what the rudder does is undone by what it answers: so the rudder of that day is tried once
+more in calm water, where all that turns the boat is the rudder.
+The chance is how often a model that is not better by as much as `learning.BETTER` says may be called proved at most
+(`learning.CHANCE`); beside it stands what comes of taking the first model that is put forward. `--into FILE` writes
+each season as it ends and goes on where it was left; `--seasons 0 --into FILE` prints what FILE holds.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot.identification.learning import AHEAD_LONGEST_S, AHEAD_SHORTEST_S, AHEAD_TIME_CONSTANTS, CHANCE, Learner
+from autopilot.identification.learning import CHANCE, Learner, ahead_of
 from autopilot.identification.live_filter import moved_on
 from autopilot.models.norrbin import Norrbin
 from autopilot.runtime.build import model_of
@@ -41,9 +42,8 @@ from sitl.boat import BoatState, Disturbance, step_of
 from sitl.registry import PLANTS
 from sitl.scenario import Scenario
 
-CHANCES = (0.2, 0.1, 0.05, 0.02, 0.01, 0.001)
-NEVER, PUT_FORWARD = 1.0e-30, 1.0
-"""Chances: of a learner that never calls a model proved, and of a skipper who takes the first that is put forward."""
+PUT_FORWARD = 1.0
+"""The chance of a skipper who takes the first model that is put forward, proved or not."""
 KINDS = ("mmg_tanker", "roll_ship", "small_craft", "twin_thruster", "outboard")
 HARBOUR_H, DAY_H = 60.0, 60.0
 OFF = ((0.6, 1.0, 1.0), (1.7, 1.0, 1.0), (1.0, 0.5, 1.0), (1.0, 2.0, 1.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0))
@@ -183,24 +183,30 @@ def errors(kind: Kind, model: Norrbin, samples: list[Sample], ahead: float) -> l
 
 
 class Verdict(NamedTuple):
-    """Errors [deg] of the model before and the adopted one, on another day, and in calm water on a zigzag and on
-    course changes."""
+    """Errors [deg] of the model before and the adopted one, on another day, and in calm water on a zigzag, on course
+    changes and with the rudder of that day."""
 
     day: tuple[float, float]
     zigzag: tuple[float, float]
     courses: tuple[float, float]
+    rudder: tuple[float, float]
 
 
 def tried(kind: Kind, before: Norrbin, after: Norrbin, speed: float, random: np.random.Generator) -> Verdict:
     """Return how both models predict on another day."""
-    longest = max(before.time_constant, after.time_constant)
-    ahead = min(max(AHEAD_TIME_CONSTANTS * longest, AHEAD_SHORTEST_S), AHEAD_LONGEST_S)
+    ahead = ahead_of(before, after)
     lasts = DAY_H * kind.h
     day = list(sailed(kind, weather_of(random, kind.h), hand(random, kind.h, HARBOUR_H * kind.h), lasts, speed, random))
     calm = list(sailed(kind, CALM, zigzag(), lasts, speed, random))
     courses = list(sailed(kind, CALM, hand(random, kind.h, HARBOUR_H * kind.h), lasts, speed, random))
+    times, rudders = [each.time for each in day], [each.rudder for each in day]
+
+    def moved(now: float, heading: float, rate: float) -> float:
+        return float(np.interp(now, times, rudders))
+
+    alone = list(sailed(kind, CALM, moved, lasts, speed, random))
     size: list[tuple[float, float]] = []
-    for samples in (day, calm, courses):
+    for samples in (day, calm, courses, alone):
         both = [
             np.degrees(np.sqrt(np.mean(np.square(errors(kind, model, samples, ahead))))) for model in (before, after)
         ]
@@ -209,7 +215,7 @@ def tried(kind: Kind, before: Norrbin, after: Norrbin, speed: float, random: np.
 
 
 class Adoption(NamedTuple):
-    """When [h] a model's wealth passed the chance below, and how both models predict then."""
+    """When [h] a model was put forward or had proved itself, and how both models predict then."""
 
     chance: float
     when: float
@@ -217,7 +223,8 @@ class Adoption(NamedTuple):
 
 
 class Season(NamedTuple):
-    """What came of it: the plant, whether the file's model was the right one, and the first adoption at each chance."""
+    """What came of it: the plant, whether the file's model was the right one, the first model put forward and the first
+    that proved itself."""
 
     seed: int
     kind: str
@@ -240,7 +247,7 @@ def season(seed: int, lasts_h: float = 300.0, rough: bool = False, is_off: bool 
     present, lasts = right if was_right else off, lasts_h * kind.h
     speed = right.reference_speed * random.uniform(0.75, 1.1)
     has_gyro = random.random() < 0.5
-    learner, adoptions = Learner(present, NEVER), list[Adoption]()
+    learner, adoptions = Learner(present), list[Adoption]()
     weather, steer = weather_of(random, kind.h), hand(random, kind.h, lasts)
     if rough:
         wave, gust = math.exp(random.uniform(math.log(2.0), math.log(30.0))), random.uniform(0.5, 6.0)
@@ -251,14 +258,16 @@ def season(seed: int, lasts_h: float = 300.0, rough: bool = False, is_off: bool 
         proposal = learner.proposal()
         if proposal is None:
             continue
-        for chance in (PUT_FORWARD, *CHANCES)[len(adoptions) :]:
-            if chance < PUT_FORWARD and not proposal._replace(needed=proposal.needed * NEVER / chance).is_proved:
+        for chance in (PUT_FORWARD, CHANCE)[len(adoptions) :]:
+            if chance == CHANCE and not proposal.is_proved:
                 break
             if proposal.model not in tried_of:
                 # another day is drawn by itself: what is tried must not change what is sailed
                 other = np.random.default_rng([seed, 29, len(tried_of)])
                 tried_of[proposal.model] = tried(kind, present, proposal.model, speed, other)
             adoptions.append(Adoption(chance, sample.time / kind.h, tried_of[proposal.model]))
+        if len(adoptions) == 2:
+            break
     return Season(seed, name, was_right, tuple(adoptions))
 
 
@@ -310,10 +319,11 @@ def show(seasons: list[Season]) -> None:
     print(f"Seeds {seeds[0]} to {seeds[-1]}; the product's chance is {CHANCE:g}\n")
     print(
         "| chance | seasons | adopted, file right | file off | worse on a day | on a zigzag | on both "
-        "| on courses in a calm | day: before, after | courses in a calm: before, after |"
+        "| on courses in a calm | with the day's rudder in a calm | day: before, after "
+        "| its rudder in a calm: before, after |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    for chance in (PUT_FORWARD, *CHANCES):
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    for chance in (PUT_FORWARD, CHANCE):
         print(line(chance, seasons))
     print(
         f"\n| plant | seasons | adopted at {CHANCE:g} | after [h] | worse on a day | on a zigzag |"
@@ -331,10 +341,11 @@ def show(seasons: list[Season]) -> None:
     for each in sorted(seasons):
         for found in each.adoptions:
             if found.chance == CHANCE and any(map(is_worse, found.verdict)):
-                (a, b), (c, d), (e, f) = found.verdict
+                (a, b), (c, d), (e, f), (g, h) = found.verdict
                 print(
                     f"worse: seed {each.seed}, {each.kind}, {found.when:.0f} h: day {a:.2f}, {b:.2f}, "
-                    f"zigzag {c:.2f}, {d:.2f}, courses in a calm {e:.2f}, {f:.2f}"
+                    f"zigzag {c:.2f}, {d:.2f}, courses in a calm {e:.2f}, {f:.2f}, "
+                    f"its rudder in a calm {g:.2f}, {h:.2f}"
                 )
 
 
@@ -348,10 +359,10 @@ def line(chance: float, seasons: list[Season]) -> str:
     known = [(each, found.verdict) for each in seasons for found in each.adoptions if found.chance == chance]
     verdicts = [verdict for _, verdict in known]
     right = sum(each.was_right for each, _ in known)
-    day, calm, courses = (sum(map(is_worse, pairs)) for pairs in zip(*verdicts, strict=True)) if verdicts else (0, 0, 0)
+    worse = [sum(map(is_worse, pairs)) for pairs in zip(*verdicts, strict=True)] if verdicts else [0] * 4
     both = sum(is_worse(v.day) and is_worse(v.zigzag) for v in verdicts)
-    a, b, c, d = np.median([(*v.day, *v.courses) for v in verdicts], axis=0) if verdicts else (math.nan,) * 4
-    counts = (len(seasons), right, len(known) - right, day, calm, both, courses)
+    a, b, c, d = np.median([(*v.day, *v.rudder) for v in verdicts], axis=0) if verdicts else (math.nan,) * 4
+    counts = (len(seasons), right, len(known) - right, *worse[:2], both, *worse[2:])
     return f"| {chance:g} | {' | '.join(map(str, counts))} | {a:.1f}, {b:.1f} deg | {c:.1f}, {d:.1f} deg |"
 
 

@@ -1,17 +1,26 @@
 """Learning while sailing: a filter fed with the ticks, and a candidate model that must predict what comes.
 
-It only proposes. A model whose K and T the filter (`live_filter`) knows well enough is put forward as a candidate, and
-from that moment on both it and the present model predict the boat's heading, stretch by stretch, from the rudder alone:
-what they are judged by is what the candidate has not learnt from. A bet is made on each stretch, that the candidate's
-error is less than a share m = BETTER of the present model's: with e0 and e1 the errors of the present model and of the
-candidate and
+It only proposes. A model is put forward as a candidate when its turns are known well enough: when the filter
+(`live_filter`) doubts them less than they differ from the present model's. K and T by themselves need not be known for
+that: a boat that is hardly ever in a steady turn shows K/T, and the two together. From that moment on both models
+predict the boat's heading, stretch by stretch, from the rudder alone: what they are judged by is what the candidate has
+not learnt from. A bet is made on each stretch that the boat turned as the candidate says rather than as the present
+model does: that it lies beyond the point between both from which the candidate's error is less than a share m = BETTER
+of the other's. With e0 and e1 the errors of the present model and of the candidate, D = e1 - e0 how far apart they are,
+and s what the candidate has left so far (root mean square),
 
-    x = (m^2 e0^2 - e1^2)/(m^2 e0^2 + e1^2)
+    v = -sign(D) (m e0 + e1)/(1 + m)
+    x = v/(2 s) within -1 and 1, times |D|/(2 s) where that is less than 1
     wealth = mean over l of the product of (1 + l x) over all stretches so far
 
-a candidate that is no better than that makes no wealth: that it ever has more than w is less probable than 1/w, however
-often one looks (Ville's inequality; Shafer 2021, Waudby-Smith and Ramdas 2024). It has proved itself when its wealth is
-above k (k + 1)/CHANCE, k counting the candidates, so that all together are wrong with less than CHANCE.
+What turns the boat beside the rudder is in both errors and hides neither model: it is no more in favour of the one than
+of the other. D and s are known before the heading that decides, so a candidate that is not better by as much makes no
+wealth where what else turns the boat goes to both sides alike: that it ever has more than w is less probable than 1/w,
+however often one looks (Ville's inequality; Shafer 2021, Waudby-Smith and Ramdas 2024). It has proved itself when its
+wealth is above k (k + 1)/CHANCE, k counting the candidates, so that all together are wrong with less than CHANCE. A
+rudder that answers gusts goes with them, and speaks for a model on which it does little: so no bet is made where the
+rudder does less than the filter learns by. And it must have been the better one in hard turns, where models that turn
+alike with little rudder part.
 
 n0 is the wind's and stays as it is; what wind does, each model finds for itself. Memory is
 constant: filters, the last few rudder angles, one running prediction, the outcomes of the last `STRETCHES` stretches.
@@ -26,15 +35,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autopilot.angles import wrap
 from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by
 from autopilot.identification.live_filter import GUST_TIME_S, USUAL_COMPASS, LiveFilter, Push, moved_on
-from autopilot.models.norrbin import Norrbin
+from autopilot.models.norrbin import ROUNDING, Norrbin
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Tick
 
 AHEAD_TIME_CONSTANTS, AHEAD_SHORTEST_S, AHEAD_LONGEST_S = 4.0, 3.0, 30.0
@@ -44,19 +54,34 @@ LONGEST_GAP_S = 2.0
 LEAST_RUDDER_RANGE_RAD, LEAST_TURNED_RAD = math.radians(3.0), math.radians(8.0)
 """A stretch in which rudder or boat turned less tells nothing of either model: a rudder that only answers gusts, so
 that nothing turns, would speak for the model on which it does least."""
-LEAST_APART_RAD = 2.0 * math.sqrt(2.0) * USUAL_COMPASS
-"""Nor does one at whose end both models predict the same heading, within two standard deviations of the noise of the
+APART, NOISE_RAD = 2.0, math.sqrt(2.0) * USUAL_COMPASS
+LEAST_APART_RAD = APART * NOISE_RAD
+"""Nor does one at whose end both models predict the same heading, within APART standard deviations of the noise of the
 two headings that it is seen by: what is compared there is the noise. The bets stay fair: both predict from the
 rudder, and not from the heading that decides the bet."""
 SETTLES = 2.0
 """Stretches' worth of time in which the filters find gust and trim."""
 
 
+def ahead_of(present: Norrbin, other: Norrbin) -> float:
+    """Return how long [s] a stretch is."""
+    longest = max(present.time_constant, other.time_constant)
+    return min(max(AHEAD_TIME_CONSTANTS * longest, AHEAD_SHORTEST_S), AHEAD_LONGEST_S)
+
+
 class Outcome(NamedTuple):
-    """Heading errors [rad] at a stretch's end: of the present model and of the other."""
+    """Heading errors [rad] at a stretch's end, of the present model and of the other, and the largest rudder [rad]."""
 
     present: float
     other: float
+    rudder: float = 0.0
+
+
+def beyond(outcome: Outcome, left: float) -> float:
+    """Return x of the module's docstring, -1 to 1, for a candidate that has `left` [rad] so far."""
+    apart, reach = outcome.other - outcome.present, APART * left
+    v = -math.copysign(1.0, apart) * (BETTER * outcome.present + outcome.other) / (1.0 + BETTER)
+    return min(max(v / reach, -1.0), 1.0) * min(abs(apart) / reach, 1.0)
 
 
 class _Side:
@@ -83,8 +108,7 @@ class PredictionTest:
     """Feed it with `update`; it answers at the end of each stretch that tells something. Constant memory."""
 
     def __init__(self, present: Norrbin, other: Norrbin) -> None:
-        longest = max(present.time_constant, other.time_constant)
-        self.ahead = min(max(AHEAD_TIME_CONSTANTS * longest, AHEAD_SHORTEST_S), AHEAD_LONGEST_S)
+        self.ahead = ahead_of(present, other)
         self._sides = _Side(present), _Side(other)
         self._at = self._settled = -math.inf
         self._rudder = self._heading = 0.0
@@ -121,26 +145,35 @@ class PredictionTest:
         if self._most - self._least < LEAST_RUDDER_RANGE_RAD or self._starboard - self._port < LEAST_TURNED_RAD:
             return None
         present, other = (side.motion[1] - self._turned for side in self._sides)
-        return None if abs(present - other) < LEAST_APART_RAD else Outcome(present, other)
+        rudder = max(self._most, -self._least)
+        return None if abs(present - other) < LEAST_APART_RAD else Outcome(present, other, rudder)
 
 
-LEAST_MOVED_S = 20.0
-"""The rudder must have been away from its mean for so long before a model is put forward."""
+LEAST_MOVED = 6.0
+"""The rudder must have been away from its mean for so many stretches' time before a model is put forward."""
+TURNS_RAD = tuple(map(math.radians, (5.0, 10.0, 20.0)))
+"""What is doubted of a model is the heading after a stretch with the rudder put over by each of these."""
+HARD_RAD, HARD_TURNS = TURNS_RAD[-1] - math.radians(1.0), 5
+"""A model is proved only if it was tried with the largest of them, less what a feedback is off, in so many stretches,
+and was the better one there: turns with less rudder say little of the cubic damping that holds a hard turn."""
 MUCH_BETTER = 0.6
-"""A candidate that is not winning is replaced when the standard errors have shrunk to this share, and judged anew."""
+"""A candidate that is not a third of the way to its proof is replaced when the doubt has shrunk to this share, and
+judged anew."""
+TRIED = 24
+"""So is one that has won nothing in the last so many bets."""
 
 STRETCHES = 64
 """Outcomes kept: with stretches of a few seconds to half a minute, the last minutes of manoeuvring."""
-CHANCE = 0.02
-"""With this probability at most a model that does not halve the error is called proved between two adoptions."""
+CHANCE = 0.001
+"""With this probability at most a model that is not better by as much is called proved between two adoptions."""
 BETTER = 0.5
 """A model that is a little better in this weather may be worse in another, where the boat is not of the model's kind:
-what is adopted has less than half the error."""
+of what tells both models apart, what is adopted leaves less than half as much as the present one."""
 BETS = np.array([0.1, 0.25, 0.5, 0.8, 0.98])
 
 RUDDER_FRESH_S = 2.0
 RATE_FRESH_S = 0.3
-LOOKS_S = 1.0
+LOOKS_S = 5.0
 """Seconds between looks at what the filter holds."""
 SPACING_S = 0.045
 """Headings that follow one another more quickly are not taken."""
@@ -151,9 +184,10 @@ RATE_MOST_RAD_S = 3.0
 class Proposal(NamedTuple):
     """A model that was learnt, and how it did since.
 
-    standard_errors by parameter; learnt from `moved` [s] in which the rudder was away from its mean; stretches
-    predicted since it was put forward, each of `ahead` [s]; root mean square heading errors [rad] of the present model
-    and the proposed one; wealth of the bets on it, and how much proves it.
+    standard_errors by parameter, by what is known today; learnt from `moved` [s] in which the rudder was away from its
+    mean; stretches predicted since it was put forward, each of `ahead` [s]; root mean square heading errors [rad] of
+    the present model and the proposed one, with rudder up to `rudder` [rad]; wealth of the bets on it, and how much
+    proves it; whether it was the better one in hard turns, too.
     """
 
     model: Norrbin
@@ -165,20 +199,28 @@ class Proposal(NamedTuple):
     proposed_error: float
     wealth: float
     needed: float
+    rudder: float = 0.0
+    is_tried_hard: bool = True
 
     @property
     def is_proved(self) -> bool:
-        """Whether it predicted what came afterwards with BETTER times the present model's error or less, by more than
-        chance gives."""
-        return self.wealth >= self.needed
+        """Whether what came afterwards was as it predicts rather than as the present model does, by more than chance
+        gives and in hard turns, too, and K and T have an interval: whether the boat is course-stable is known."""
+        is_known = math.isfinite(worst_doubt(self.model, self.standard_errors))
+        return self.wealth >= self.needed and self.is_tried_hard and is_known
 
     @property
     def verdict(self) -> str:
         """What the model is good for, from its intervals and its predictions."""
         worst = worst_doubt(self.model, self.standard_errors)
         share = f"K and T +- {100.0 * worst:.0f} % or better, 95 %"
+        if worst > ENOUGH:
+            share = "K and T by themselves are hardly known"
         if not self.is_proved:
-            return f"not proved yet: {share}"
+            missing = "" if self.is_tried_hard else f" (turn with {math.degrees(TURNS_RAD[-1]):.0f} deg of rudder)"
+            return f"not proved yet{missing}: {share}"
+        if worst > ENOUGH:
+            return f"predicts better, though {share}: turn or zigzag"
         return f"good, steer with it ({share})" if worst <= GOOD else f"good for a start ({share}): turn or zigzag"
 
 
@@ -187,16 +229,23 @@ def worst_doubt(model: Norrbin, errors: Mapping[str, float]) -> float:
     return max(max(off_by(name, getattr(model, name), errors[name])) for name in ("gain", "time_constant"))
 
 
+def is_better_in_hard_turns(outcomes: Iterable[Outcome]) -> bool:
+    """Return whether the other model was tried in hard turns, and was the better one there."""
+    hard = [each for each in outcomes if each.rudder >= HARD_RAD]
+    gained = sum(each.present**2 - each.other**2 for each in hard)
+    return len(hard) >= HARD_TURNS and gained > 0.0
+
+
 class _Candidate(NamedTuple):
     model: Norrbin
-    standard_errors: dict[str, float]
     moved: float
+    doubt: float
 
 
 class Learner:
     """Learns from ticks; see the module's docstring.
 
-    chance: with which a model that does not halve the error may be called proved at most. n2 is not known to it.
+    chance: with which a model that is not better by as much may be called proved at most. n2 is not known to it.
     """
 
     def __init__(self, present: Norrbin, chance: float = CHANCE) -> None:
@@ -210,12 +259,12 @@ class Learner:
         self._rudders: deque[tuple[float, float]] = deque(maxlen=16)
         self._rudder_time = -math.inf
         self._rate: tuple[float, float] | None = None
-        self._last_motion = self._looked = -math.inf
+        self._last_motion = self._looked = self._worked = -math.inf
         self._candidate: _Candidate | None = None
         self._prediction_test: PredictionTest | None = None
         self._outcomes: deque[Outcome] = deque(maxlen=STRETCHES)
         self._candidates = 0
-        self._wealth = np.ones(BETS.size)
+        self._wealth, self._bets, self._wealth_then, self._has_lost = np.ones(BETS.size), 0, 1.0, False
         self._proved: Proposal | None = None
 
     @property
@@ -263,11 +312,11 @@ class Learner:
         """Take a heading [rad], with a rate [rad/s] where one is measured, and the rudder [rad] at `time` [s], at
         `ratio` times the reference speed."""
         self._fit.update(time, rudder, ratio, heading, rate)
-        outcome = None
+        self._worked = time if self._fit.learns else self._worked
         if self._prediction_test is not None:
             outcome = self._prediction_test.update(time, rudder, ratio, heading, rate)
-        if outcome is not None:
-            self._judge(outcome)
+            if outcome is not None and time - self._worked <= self._prediction_test.ahead:
+                self._judge(outcome)
         if time - self._looked >= LOOKS_S:
             self._looked = time
             self._put_forward()
@@ -284,34 +333,48 @@ class Learner:
         return later[1]
 
     def _put_forward(self) -> None:
-        """Make the estimate the candidate where there is none, or it is known much better than the candidate was."""
-        if self._fit.moved_s < LEAST_MOVED_S:
+        """Make the estimate the candidate if it is expected to win its bets, and there is none or one that is known
+        much worse and is not winning."""
+        if self._fit.moved_s < LEAST_MOVED * ahead_of(self.present, self.estimate):
             return
-        model, errors = learnt_model(self._fit, self.present)
-        if worst_doubt(model, errors) > ENOUGH:
+        doubt, off = doubts(self._fit, self.present)
+        if doubt > off:
             return
         if self._candidate is not None:
-            before = self._candidate.standard_errors
-            is_winning = float(np.mean(self._wealth)) > 1.0
-            if is_winning or any(errors[name] > MUCH_BETTER * before[name] for name in ("gain", "time_constant")):
+            # a third of the way, as wealth multiplies
+            is_winning = float(np.mean(self._wealth)) > self._needed ** (1.0 / 3.0)
+            is_known_better = not is_winning and doubt <= MUCH_BETTER * self._candidate.doubt
+            if not (is_known_better or self._has_lost):
                 return
-        self._candidate = _Candidate(model, errors, self._fit.moved_s)
+        model, _ = learnt_model(self._fit, self.present)
+        self._candidate = _Candidate(model, self._fit.moved_s, doubt)
         self._prediction_test = PredictionTest(self.present, model)
-        if self._candidates == 0 or self._outcomes:
-            # one on which no bet was made has cost no chance
+        if self._candidates == 0 or float(np.mean((1.0 + BETS) ** self._bets)) >= self._needed:
+            # one that could not have been proved yet, had it won every bet, has cost no chance
             self._candidates += 1
-        self._wealth = np.ones(BETS.size)
+        self._wealth, self._bets, self._wealth_then, self._has_lost = np.ones(BETS.size), 0, 1.0, False
         self._outcomes.clear()
 
     def _judge(self, outcome: Outcome) -> None:
         """Take a stretch's errors; bet on it."""
+        self._wealth = self._wealth * (1.0 + BETS * beyond(outcome, self._left()))
         self._outcomes.append(outcome)
-        present, other = (BETTER * outcome.present) ** 2, outcome.other**2
-        if present + other > 0.0:
-            self._wealth = self._wealth * (1.0 + BETS * (present - other) / (present + other))
-        judged = self._judged()
-        if judged is not None and judged.is_proved:
-            self._proved = judged
+        self._bets += 1
+        wealth = float(np.mean(self._wealth))
+        if self._bets % TRIED == 0:
+            self._has_lost, self._wealth_then = wealth <= self._wealth_then, wealth
+        if wealth >= self._needed:
+            judged = self._judged()
+            self._proved = judged if judged is not None and judged.is_proved else self._proved
+
+    def _left(self) -> float:
+        """Return what the candidate has left so far [rad], root mean square."""
+        squares = [each.other**2 for each in self._outcomes]
+        return math.sqrt((NOISE_RAD**2 + sum(squares)) / (1 + len(squares)))
+
+    @property
+    def _needed(self) -> float:
+        return self._candidates * (self._candidates + 1) / self._chance
 
     def proposal(self) -> Proposal | None:
         """Return what is put forward, None as long as nothing is: the latest that has proved itself, or else the one
@@ -325,28 +388,63 @@ class Learner:
         squares = [sum(each[i] ** 2 for each in self._outcomes) / count if count else math.nan for i in (0, 1)]
         return Proposal(
             model=self._candidate.model,
-            standard_errors=self._candidate.standard_errors,
+            standard_errors=errors_of(self._candidate.model, self._fit),
             moved=self._candidate.moved,
             stretches=count,
             ahead=self._prediction_test.ahead,
             present_error=math.sqrt(squares[0]),
             proposed_error=math.sqrt(squares[1]),
             wealth=float(np.mean(self._wealth)),
-            needed=self._candidates * (self._candidates + 1) / self._chance,
+            needed=self._needed,
+            rudder=max((each.rudder for each in self._outcomes), default=0.0),
+            is_tried_hard=is_better_in_hard_turns(self._outcomes),
         )
+
+
+def doubts(fit: LiveFilter, present: Norrbin) -> tuple[float, float]:
+    """Return what the filter doubts of its own turns, and how far the present model's are from them (root mean squares
+    over TURNS_RAD), as shares of the larger of both models' turns."""
+    (a, b, d), covariance = fit.estimate.values[:3], fit.estimate.covariance[:3, :3]
+    ahead = ahead_of(present, _model(a, b, d))
+    turned = _turned(_model(a, b, d), ahead)
+    off = _turned(present, ahead) - turned
+    errors = np.sqrt(np.diag(covariance))
+    sizes, axes = np.linalg.eigh(covariance / np.outer(errors, errors))
+    # rounding may have left a size below 0, of which there is no root
+    roots = errors * np.linalg.cholesky((np.maximum(sizes, ROUNDING) * axes) @ axes.T).T
+    doubt = sum((_turned(_model(a + da, b + db, max(d + dd, 0.0)), ahead) - turned) ** 2 for da, db, dd in roots)
+    size = np.maximum(np.abs(turned), np.abs(turned + off)) ** 2
+    return math.sqrt(float(np.mean(doubt / size))), math.sqrt(float(np.mean(off**2 / size)))
+
+
+def _model(a: float, b: float, d: float) -> Norrbin:
+    T = 1.0 / max(abs(b), 1.0e-6)
+    return Norrbin(a * T, T, d * T, n1=math.copysign(1.0, b))
+
+
+def _turned(model: Norrbin, ahead: float) -> NDArray[np.float64]:
+    """Return by how much [rad] it turns in `ahead` [s] from a straight course with the rudder at each of TURNS_RAD."""
+    boat = model._replace(n0=0.0)
+    return np.array([moved_on(boat, 1.0, (0.0, 0.0), ahead, (angle, angle))[1] for angle in TURNS_RAD])
 
 
 def learnt_model(fit: LiveFilter, present: Norrbin) -> tuple[Norrbin, dict[str, float]]:
     """Return what the filter holds in Norrbin's convention, with n0 as it is, and the standard errors, infinite where
     n1/T cannot be parted from 0."""
-    (a, b, d, _), covariance = fit.estimate.values.tolist(), fit.estimate.covariance
-    sign, size = math.copysign(1.0, b), max(abs(b), 1.0e-6)
-    T = 1.0 / size
-    model = present._replace(gain=a * T, time_constant=T, n3=d * T, n1=sign)
-    known = covariance[:3, :3]
-    if size < SURE_OF_IT * math.sqrt(known[1, 1]):
-        return model, {"gain": math.inf, "time_constant": math.inf, "n3": math.inf}
+    learnt = _model(*fit.estimate.values[:3].tolist())
+    model = present._replace(gain=learnt.gain, time_constant=learnt.time_constant, n3=learnt.n3, n1=learnt.n1)
+    return model, errors_of(model, fit)
+
+
+def errors_of(model: Norrbin, fit: LiveFilter) -> dict[str, float]:
+    """Return the standard errors of a model by what the filter holds and how far the model is off that, infinite where
+    n1/T cannot be parted from 0."""
+    T, sign = model.time_constant, math.copysign(1.0, model.n1)
+    a, b, d = rates = model.gain / T, sign / T, model.n3 / T
+    off = np.array(rates) - fit.estimate.values[:3]
+    known = fit.estimate.covariance[:3, :3] + np.outer(off, off)
+    if abs(b) < SURE_OF_IT * math.sqrt(known[1, 1]):
+        return {"gain": math.inf, "time_constant": math.inf, "n3": math.inf}
     slopes = {"gain": (T, -sign * a * T * T, 0.0), "time_constant": (0.0, -sign * T * T, 0.0)}
     slopes["n3"] = (0.0, -sign * d * T * T, T)
-    errors = {name: math.sqrt(max(float(np.array(by) @ known @ np.array(by)), 0.0)) for name, by in slopes.items()}
-    return model, errors
+    return {name: math.sqrt(max(float(np.array(by) @ known @ np.array(by)), 0.0)) for name, by in slopes.items()}

@@ -123,12 +123,15 @@ class _Weather:
         self.frequency, self.gust_square = frequency.copy(), gust**2
         self.wave_square = np.where(frequency > 0.0, wave**2, 0.0)
         self._bands = [(W, frequency == W) for W in np.unique(frequency) if W > 0.0]
+        self._none = np.zeros((frequency.size, 2, 2))
         self._strong = gust == gust.max()
         self._least_wave, self._least_gust = (LEAST_WAVE * wave) ** 2, gust.max() ** 2
         self._most = (MOST_WAVE * wave) ** 2
 
     def over(self, dt: float) -> tuple[Array, Array]:
         """Return the waves' transition over `dt` [s] and the covariance of what drives them, shape (M, 2, 2) each."""
+        if not self._bands:
+            return self._none, self._none
         W, z = np.maximum(self.frequency, 1.0e-3), WAVE_DAMPING
         own = W * math.sqrt(1.0 - z * z)
         fade, cosine, sine = np.exp(-z * W * dt), np.cos(own * dt), np.sin(own * dt) / own
@@ -275,7 +278,8 @@ class LiveFilter:
             self._see(R, rate, self._gyro.variance)
         weight = np.zeros(self._logs.size)
         weight[self._free] = self._weights(self._free)
-        self._weigh(dt, moved, weight)
+        if not self._held:
+            self._weigh(dt, moved, weight)
         self._weather.follow(dt, weight, self._x, self._P)
         if time - self._mixed >= MIXES_S:
             self._mixed = time
@@ -310,10 +314,13 @@ class LiveFilter:
         led = weight[:, None] * ((1.0 - changed) * np.eye(M) + changed / M)
         total = led.sum(axis=0)
         led = led / total
-        mean = led.T @ x
-        off = x[:, None, :] - mean[None, :, :]
-        spread = np.tensordot(led, self._P[group], axes=(0, 0)) + np.einsum("ij,ijk,ijl->jkl", led, off, off)
-        self._x[group], self._P[group], self._logs[group] = mean, spread, np.log(total)
+        # about the mean of all, so that what is taken off again is small
+        middle = weight @ x
+        off = x - middle
+        mean = led.T @ off
+        spread = np.tensordot(led, self._P[group] + off[:, :, None] * off[:, None, :], axes=(0, 0))
+        spread -= mean[:, :, None] * mean[:, None, :]
+        self._x[group], self._P[group], self._logs[group] = middle + mean, spread, np.log(total)
 
     def _begin(self, time: float, rudder: float, heading: float | None, rate: float | None) -> None:
         self._at, self._rudder, self._turns = time, rudder, 0.0
@@ -374,7 +381,8 @@ class LiveFilter:
         off = value - self._x[:, row]
         self._logs += -0.5 * (off * off / size + np.log(size))
         gain = column / size[:, None]
-        learns = self.learns
+        # of a model that is held there is no doubt, and nothing to keep from learning
+        learns = self._held or self.learns
         if not learns:
             # their doubt counts in what is seen of the motion, and stays (Schmidt 1966)
             gain[self._own, A:E] = 0.0

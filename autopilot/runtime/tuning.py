@@ -438,12 +438,12 @@ def with_learnt(vessel: Vessel, proposal: Proposal) -> Vessel:
 
 
 def _numbers(proposal: Proposal) -> str:
-    model, errors = proposal.model, proposal.standard_errors
-    return (
-        f"K {model.gain:.3g} +- {errors['gain']:.1g} 1/s, T {model.time_constant:.3g} +- "
-        f"{errors['time_constant']:.1g} s, n3 {model.n3:.3g} +- {errors['n3']:.1g} s^2/rad^2 "
-        f"(standard errors) from {proposal.moved:.0f} s of moved rudder"
+    model = proposal.model
+    K, T, n3 = (
+        f"{getattr(model, name):.3g} +- {error:.1g}" if math.isfinite(error) else f"{getattr(model, name):.3g} +- ?"
+        for name, error in proposal.standard_errors.items()
     )
+    return f"K {K} 1/s, T {T} s, n3 {n3} s^2/rad^2 (standard errors) from {proposal.moved:.0f} s of moved rudder"
 
 
 def _check(proposal: Proposal) -> str:
@@ -451,12 +451,16 @@ def _check(proposal: Proposal) -> str:
         return "no manoeuvre since to prove it by; turn or zigzag"
     return (
         f"heading {proposal.ahead:.0f} s ahead off by {math.degrees(proposal.proposed_error):.2g} deg rms, with the "
-        f"present model {math.degrees(proposal.present_error):.2g} deg, on {proposal.stretches} stretches since"
+        f"present model {math.degrees(proposal.present_error):.2g} deg, on {proposal.stretches} stretches since, "
+        f"with up to {math.degrees(proposal.rudder):.0f} deg of rudder"
     )
 
 
 def _progress(learner: Learner) -> str:
-    return f"the rudder was moved for {learner.moved:.0f} s, and K and T are not known to 30 % yet: turn or zigzag"
+    return (
+        f"the rudder was moved for {learner.moved:.0f} s, and nothing is known yet by which turns are predicted better "
+        "than by the present model: turn or zigzag"
+    )
 
 
 def _changes(before: Vessel, after: Vessel) -> str:

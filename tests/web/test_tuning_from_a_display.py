@@ -64,7 +64,7 @@ def test_a_learnt_model_is_seen_adopted_and_taken_back(tmp_path: Path) -> None:
     learnt = sea.station.view.learning()
     assert learnt["lrn_state"] == 0.0 and learnt["lrn_K_in"] == pytest.approx(wrong.model.K_1_s, rel=1e-4)
     assert sea.order(do="adopt")[0] is False
-    assert sea.order(do="zigzag", rudder=15, change=15, duration=200)[0]
+    assert sea.order(do="zigzag", rudder=20, change=20, duration=200)[0]
     sea.until(lambda: sea.station.view.learning()["lrn_state"] == 2.0, 300.0)
     learnt = sea.station.view.learning()
     assert learnt["lrn_pK"] == pytest.approx(real.model.K_1_s, rel=0.1)

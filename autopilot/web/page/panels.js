@@ -85,7 +85,7 @@ function drawTrialPanel() {
 }
 
 const number = (value, digits = 3) => typeof value === "number" ? Number(value.toPrecision(digits)).toString() : "--";
-const within = (value, error) => typeof error === "number" ? `${number(value)} ± ${number(error, 1)}` : number(value);
+const within = (value, error) => typeof error === "number" ? `${number(value)} ± ${number(error, 1)}` : `${number(value)} ± ?`;
 
 function drawLearning() {
   const learnt = boat.learning ?? {};
