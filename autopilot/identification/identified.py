@@ -13,7 +13,14 @@ from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_fit import LikelihoodFit
 from autopilot.identification.one_boat import Differing
 from autopilot.identification.output_error import Solution, Weighting
-from autopilot.identification.residual_tests import Prediction, ResidualTest, predict, residual_tests, simulate_run
+from autopilot.identification.residual_tests import (
+    Prediction,
+    ResidualTest,
+    Simulation,
+    one_of,
+    predict,
+    residual_tests,
+)
 from autopilot.identification.residuals import PREFIX, Noise, Trim
 from autopilot.identification.rudder_path import DIRECT, RudderRate, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, has_propeller, has_wind
@@ -133,7 +140,7 @@ class Identified(NamedTuple):
     knows of gusts only what the residuals remember of them, which is too little (`identify`). spacing: how far apart
     the samples are [s], 0 where the method does not say. differing: two parts of the runs that do not tell of one boat,
     which the errors hold; None where all agree, or nobody looked. answers: share of the rudder's motion that is an
-    answer to what pushed the boat, 0 where nobody looked."""
+    answer to what pushed the boat, 0 where nobody looked. simulations: those that were made on the way."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -158,6 +165,7 @@ class Identified(NamedTuple):
     spacing: float = 0.0
     differing: Differing | None = None
     answers: float = 0.0
+    simulations: tuple[Simulation, ...] = ()
 
     @property
     def why_not(self) -> tuple[str, ...]:
@@ -175,18 +183,18 @@ class Identified(NamedTuple):
 
     def predict(self, run: Run) -> Prediction:
         """Return how well `run` is predicted, with propeller and wind where both model and run know them."""
-        return predict(*self._known_to(run))
+        return predict(*self._known_to(run), self.simulations)
 
     def simulated(self, run: Run) -> list[FloatArray]:
         """Return the motion predicted for `run`, per segment rate [rad/s] and heading [rad] of shape (N, 2)."""
-        return simulate_run(*self._known_to(run))
+        return one_of(self.simulations, *self._known_to(run))
 
     def residual_tests(self, runs: Sequence[Run]) -> list[ResidualTest]:
         """Return the tests of what the model leaves of yaw rate and heading of the runs that were fitted."""
         model, train = self.model, self.train
         if self.sliding is not None and self.around is None:
             model, train = self.sliding.model, self.sliding.fit.train
-        return residual_tests(runs, model, self.around, train, dict(self.trims))
+        return residual_tests(runs, model, self.around, train, dict(self.trims), self.simulations)
 
     def _known_to(self, run: Run) -> tuple[Norrbin, Run, RaceAndWind | None, RudderTrain]:
         n0 = dict(self.trims).get(run.source, self.model.n0)

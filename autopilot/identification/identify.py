@@ -42,7 +42,14 @@ from autopilot.identification.runs import (
     mean_speed,
     shortest_time_constant,
 )
-from autopilot.identification.simulation import RATE_BOUND_RAD_S, Forcing, at_samples, forcing, linear_responses
+from autopilot.identification.simulation import (
+    RATE_BOUND_RAD_S,
+    Forcing,
+    at_samples,
+    forcing,
+    forcing_in_parts,
+    linear_responses,
+)
 from autopilot.identification.two_stage import CubicDamping, cubic_damping_stage
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, folds, yaw_acceleration
 
@@ -188,16 +195,34 @@ def _side_by_side(
 
 def _linear_fit(segments: Sequence[Segment], T: float, reference_speed: float) -> StartingPoint:
     unit = Norrbin(1.0, T, reference_speed=reference_speed)
-    steps = forcing(segments, T / ROUGH_STEPS)
-    responses = linear_responses(unit, steps)
-    rows = []
-    for s, segment in enumerate(segments):
-        measured_rate = bool(np.isfinite(segment.rate).any())
-        gain, trim, rate = (at_samples(motion[0 if measured_rate else 1], steps, s) for motion in responses)
-        measured = segment.rate if measured_rate else segment.heading - initial_state(segment)[1]
-        known = np.isfinite(measured)
-        own = [rate] if measured_rate else [np.ones(measured.size), rate]
-        rows.append(_without(np.stack(own, axis=1)[known], np.stack([gain, trim, measured], axis=1)[known]))
+    rated = [bool(np.isfinite(segment.rate).any()) for segment in segments]
+    rows, open_rows, state, goes_on = [], np.empty(0), np.empty((2, 3)), False
+    for part in forcing_in_parts(segments, T / ROUGH_STEPS):
+        steps = part.forcing
+        begins, begun = np.outer([0.0, 0.0, 1.0], np.ones(steps.first.size)), np.zeros((3, steps.first.size))
+        if goes_on:
+            begins[:, 0], begun[:, 0] = state
+        responses = linear_responses(unit, steps, begins)
+        for s, (number, those) in enumerate(zip(part.segments, part.rows, strict=True)):
+            segment, by_rate = segments[number], rated[number]
+            answers = [
+                at_samples(motion[0], steps, s) if by_rate else at_samples(motion[1], steps, s) + begun[k, s]
+                for k, motion in enumerate(responses)
+            ]
+            measured = segment.rate if by_rate else segment.heading - initial_state(segment)[1]
+            gain, trim, rate = answers
+            left = measured[those]
+            own = [rate] if by_rate else [np.ones(left.size), rate]
+            table = np.stack([*own, gain, trim, left], axis=1)[np.isfinite(left)]
+            if s == 0 and goes_on:
+                table = np.concatenate([open_rows, table])
+            if part.goes_on and s == len(part.segments) - 1:
+                open_rows = triangle(table)
+            else:
+                rows.append(_without(table[:, : len(own)], table[:, len(own) :]))
+        state = np.stack([motion[:, -1] for motion in responses], axis=1)
+        state[1] += begun[:, -1]
+        goes_on = part.goes_on
     table = np.concatenate(rows)
     return _solve(table[:, :-1], table[:, -1], unit)
 

@@ -38,7 +38,7 @@ from autopilot.identification.likelihood_record import Surroundings, usual_race
 from autopilot.identification.likelihood_search import SWAY
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.one_boat import differing
-from autopilot.identification.residual_tests import answered_share, predict, simulate_run
+from autopilot.identification.residual_tests import Simulation, answered_share, one_of, predict
 from autopilot.identification.residuals import Noise, residual_noise
 from autopilot.identification.rudder_path import RudderTrain, small_swings
 from autopilot.identification.runs import FloatArray, Run, Segment, has_propeller, has_wind, spacing_of
@@ -99,7 +99,7 @@ def as_doubtful(answer: Identified, runs: Sequence[Run], steps: Steps) -> Identi
         more = np.zeros((4, 4)) if answer.of_order is None else answer.of_order.copy()
         more += differ.doubt if differ is not None else 0.0
         more += apart.doubt(answer.likely.rates) if apart is not None else 0.0
-        wide = answer_of(answer.likely.with_doubt(more), runs, speed, None, {})
+        wide = answer_of(answer.likely.with_doubt(more), runs, speed, None, {}, answer.simulations)
         assert wide is not None
         answer = answer._replace(
             standard_errors=wide.standard_errors,
@@ -271,13 +271,15 @@ def beside_surroundings(more: Identified, likely: Identified, runs: Sequence[Run
                 "0; it is kept with its doubt, which K and T share; trials at other speeds and in stronger wind would "
                 "tell it."
             )
+    made = _simulations(model, runs, fit.train, around)
     return more._replace(
         model=model,
         around=around,
         ratios=ratios,
         unidentifiable={**reasons, **reasons_of(ratios, model, every)},
         standard_errors=every,
-        noise=_noises(model, runs, fit.train, around),
+        noise=_noises(made),
+        simulations=made,
         free=free,
         covariance=covariance,
         train=fit.train,
@@ -401,10 +403,15 @@ def _why_no(name: str, found: LikelihoodFit, kept: bool) -> str:
 
 
 def answer_of(
-    found: LikelihoodFit, runs: Sequence[Run], speed: float, prior: BoatPrior | None, reasons: Mapping[str, str]
+    found: LikelihoodFit,
+    runs: Sequence[Run],
+    speed: float,
+    prior: BoatPrior | None,
+    reasons: Mapping[str, str],
+    made: Sequence[Simulation] = (),
 ) -> Identified | None:
     """Return a fit in Norrbin's convention, together with what other boats say; None where it turns the boat against
-    its rudder."""
+    its rudder. made: simulations that need not be made again."""
     if found.rates.a <= 0.0:
         return None
     # that the boat turns to the side of its rudder must be in the recording: no other boat can say that
@@ -427,12 +434,12 @@ def answer_of(
     shortest = QUICK * spacing
     if "T" not in reasons and model.time_constant < shortest:
         reasons["T"] = too_quick(shortest, "half")
-    noises = _noises(model, runs, found.train)
+    made = _simulations(model, runs, found.train, None, made)
     return Identified(
         model,
         errors,
         reasons,
-        noises,
+        _noises(made),
         free=names,
         covariance=covariance,
         train=found.train,
@@ -441,6 +448,7 @@ def answer_of(
         leans=dict(zip(("K", "T", "n3"), together.shares, strict=True)) if together and any(together.shares) else {},
         likely=found,
         spacing=spacing,
+        simulations=made,
     )
 
 
@@ -523,13 +531,21 @@ def _said(together: Combined | None, expected: Expected | None) -> tuple[str, ..
     )
 
 
-def _noises(
-    model: Norrbin, runs: Sequence[Run], train: RudderTrain, around: RaceAndWind | None = None
-) -> tuple[Noise, Noise]:
+def _simulations(
+    model: Norrbin,
+    runs: Sequence[Run],
+    train: RudderTrain,
+    around: RaceAndWind | None = None,
+    made: Sequence[Simulation] = (),
+) -> tuple[Simulation, ...]:
+    return tuple(Simulation(model, run, around, train, one_of(made, model, run, around, train)) for run in runs)
+
+
+def _noises(made: Sequence[Simulation]) -> tuple[Noise, Noise]:
     off = [
         values - np.stack([segment.rate, segment.heading], axis=1)
-        for run in runs
-        for segment, values in zip(run.segments, simulate_run(model, run, around, train), strict=True)
+        for each in made
+        for segment, values in zip(each.run.segments, each.motion, strict=True)
     ]
     return residual_noise([values[:, 0] for values in off]), residual_noise([values[:, 1] for values in off])
 

@@ -21,7 +21,7 @@ from scipy.special import chdtrc, ndtri
 from autopilot.identification.residuals import initial_state
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment, seconds
-from autopilot.identification.simulation import Forcing, Trajectory, at_samples, forcing, motion_in_parts, rudder_behind
+from autopilot.identification.simulation import motions_at_samples
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.weather import RaceAndWind
 
@@ -38,13 +38,29 @@ class Prediction(NamedTuple):
     heading_rms: float | None
 
 
-def predict(model: Norrbin, run: Run, around: RaceAndWind | None = None, train: RudderTrain = DIRECT) -> Prediction:
+class Simulation(NamedTuple):
+    """What `simulate_run` returned for a model, run, surroundings and train."""
+
+    model: Norrbin
+    run: Run
+    around: RaceAndWind | None
+    train: RudderTrain
+    motion: list[FloatArray]
+
+
+def predict(
+    model: Norrbin,
+    run: Run,
+    around: RaceAndWind | None = None,
+    train: RudderTrain = DIRECT,
+    made: Sequence[Simulation] = (),
+) -> Prediction:
     """Return how well `model`, with what propeller and wind add where given and behind `train`, predicts the run.
 
     It starts each segment from the first measured heading and rate and sees nothing but rudder and speed, propeller
-    and wind afterwards; only a gap in the recording starts it anew.
+    and wind afterwards; only a gap in the recording starts it anew. made: simulations that need not be made again.
     """
-    simulated = simulate_run(model, run, around, train)
+    simulated = one_of(made, model, run, around, train)
     rate = np.concatenate([segment.rate for segment in run.segments])
     heading = np.concatenate([segment.heading for segment in run.segments])
     rate_error = np.concatenate([values[:, 0] for values in simulated]) - rate
@@ -52,31 +68,26 @@ def predict(model: Norrbin, run: Run, around: RaceAndWind | None = None, train: 
     return Prediction(seconds(run), _r2(rate, rate_error), _rms(heading_error))
 
 
+def one_of(
+    made: Sequence[Simulation], model: Norrbin, run: Run, around: RaceAndWind | None, train: RudderTrain
+) -> list[FloatArray]:
+    """Return what `simulate_run` does, from those `made` where it is among them."""
+    for each in made:
+        if each.run is run and (each.model, each.around, each.train) == (model, around, train):
+            return each.motion
+    return simulate_run(model, run, around, train)
+
+
 def simulate_run(
     model: Norrbin, run: Run, around: RaceAndWind | None = None, train: RudderTrain = DIRECT
 ) -> list[FloatArray]:
     """Return per segment the simulated rate [rad/s] and heading [rad, unwrapped] at its samples: shape (N, 2)."""
     longest = min(model.time_constant / STEPS_PER_TIME_CONSTANT, LONGEST_STEP_S)
-    steps = forcing(run.segments, longest)
-    steps = steps._replace(rudder=rudder_behind(train, steps))
     states = [initial_state(segment) for segment in run.segments]
-    motion = motion_in_parts(model, steps, np.array([rate for rate, _ in states]), around, _as_measured(run, steps))
-    return [
-        np.stack([at_samples(motion.rate, steps, s), at_samples(motion.turned, steps, s) + heading], axis=1)
-        for s, (_, heading) in enumerate(states)
-    ]
-
-
-def _as_measured(run: Run, steps: Forcing) -> Trajectory | None:
-    """Return the measured motion at the steps' nodes, for the search to begin with; None where no rate is measured."""
-    rates = []
-    for segment, (begins, _, ends) in zip(run.segments, steps.moments, strict=True):
-        known = np.isfinite(segment.rate)
-        if not known.any():
-            return None
-        rates.append(np.interp(np.append(begins, ends[-1]), segment.time[known], segment.rate[known]))
-    rate = np.concatenate(rates)
-    return Trajectory(rate, np.zeros_like(rate))
+    found = motions_at_samples(model, run.segments, longest, [rate for rate, _ in states], around, train)
+    for motion, (_, heading) in zip(found, states, strict=True):
+        motion[:, 1] += heading
+    return found
 
 
 def _r2(measured: FloatArray, error: FloatArray) -> float | None:
@@ -197,13 +208,14 @@ def residual_tests(
     around: RaceAndWind | None = None,
     train: RudderTrain = DIRECT,
     trims: Mapping[str, float] = MappingProxyType({}),
+    made: Sequence[Simulation] = (),
 ) -> list[ResidualTest]:
     """Return the tests of yaw rate and heading, of those that were measured, over all runs together. trims: n0 [rad/s]
-    of the runs that have their own, by source."""
+    of the runs that have their own, by source. made: simulations that need not be made again."""
     segments = [segment for run in runs for segment in run.segments]
     own = [model._replace(n0=trims.get(run.source, model.n0)) for run in runs]
     simulated = [
-        values for of_run, run in zip(own, runs, strict=True) for values in simulate_run(of_run, run, around, train)
+        values for of_run, run in zip(own, runs, strict=True) for values in one_of(made, of_run, run, around, train)
     ]
     spacing = float(np.median(np.concatenate([np.diff(segment.time) for segment in segments])))
     result = []

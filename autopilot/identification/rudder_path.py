@@ -107,13 +107,21 @@ def behind_train(train: RudderTrain, time: FloatArray, rudder: FloatArray, momen
     time [s] and rudder [rad]: the recorded path, straight between its points. Before the record the rudder stood where
     it begins.
     """
+    return following(train, time, rudder, moments)[0]
+
+
+def following(
+    train: RudderTrain, time: FloatArray, rudder: FloatArray, moments: FloatArray, behind: float | None = None
+) -> tuple[FloatArray, float]:
+    """Return what `behind_train` does, and what the lag [rad] has come to at the last of the moments; behind: at the
+    first, where moments before them were asked for already."""
     taken = _play(train.dead_band, rudder) if train.dead_band > 0.0 else rudder
     direct = np.interp(moments - train.delay, time, taken)
     if train.lag < SHORTEST_LAG_S and train.lead == 0.0:
-        return np.asarray(direct)
+        return np.asarray(direct), float(direct[-1])
     lag = max(train.lag, SHORTEST_LAG_S)
-    lagged = _lagged(lag, moments, direct)
-    return np.asarray(lagged + train.lead / lag * (direct - lagged))
+    lagged = _lagged(lag, moments, direct, behind)
+    return np.asarray(lagged + train.lead / lag * (direct - lagged)), float(lagged[-1])
 
 
 def means_behind(
@@ -156,8 +164,8 @@ def _play(dead_band: float, rudder: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(np.maximum(begin, rudder - dead_band), rudder + dead_band))
 
 
-def _lagged(lag: float, moments: FloatArray, driven: FloatArray) -> FloatArray:
-    """Return x with lag x' + x = `driven`, exactly for straight lines between `moments`, from rest."""
+def _lagged(lag: float, moments: FloatArray, driven: FloatArray, begin: float | None = None) -> FloatArray:
+    """Return x with lag x' + x = `driven`, exactly for straight lines between `moments`, from `begin`, or from rest."""
     step = np.diff(moments)
     keep = np.exp(-step / lag)
     slope = np.diff(driven) / np.where(step > 0.0, step, 1.0)
@@ -165,7 +173,7 @@ def _lagged(lag: float, moments: FloatArray, driven: FloatArray) -> FloatArray:
     source = driven[1:] - slope * lag - keep * (driven[:-1] - slope * lag)
     band = np.zeros((2, moments.size), order="F")
     band[1, :-1] = -keep
-    return np.asarray(dtbsv(1, band, np.concatenate([driven[:1], source]), lower=1, diag=1))
+    return np.asarray(dtbsv(1, band, np.append(driven[0] if begin is None else begin, source), lower=1, diag=1))
 
 
 SMALLEST_TRAVEL = math.radians(2.0)

@@ -13,14 +13,15 @@ Linear recurrences along all segments at once, as one banded triangular system.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtbsv
 
-from autopilot.identification.rudder_path import DIRECT, RudderTrain, behind_train, corners, with_corners
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, corners, following, with_corners
 from autopilot.identification.runs import FloatArray, Segment
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, yaw_acceleration
 from autopilot.models.weather import RaceAndWind, inflow_ratio, wind_acceleration
@@ -63,44 +64,110 @@ class Forcing(NamedTuple):
     scales: dict[tuple[float, int, int], Norrbin]
 
 
+class Part(NamedTuple):
+    """Steps of some segments, or of a piece of one: `forcing` has each piece for a segment. segments: of which, by
+    number; rows: their samples; goes_on: the last piece does so in the next part."""
+
+    forcing: Forcing
+    segments: tuple[int, ...]
+    rows: tuple[slice, ...]
+    goes_on: bool
+
+
+class _Piece(NamedTuple):
+    number: int
+    segment: Segment
+    rows: slice
+    knots: FloatArray
+    path: tuple[FloatArray, FloatArray]
+    rudder: FloatArray
+
+
 def forcing(segments: Sequence[Segment], longest_step: float, together: float | None = None) -> Forcing:
     """Return the segments' rudder and speed on steps of at most about `longest_step` [s].
 
     Samples further apart than that are subdivided; those that lie within `together` [s], by default the same, are
     stepped over in one. Between samples rudder and speed move linearly.
     """
+    (part,) = forcing_in_parts(segments, longest_step, together, most=sys.maxsize)
+    return part.forcing
+
+
+def forcing_in_parts(
+    segments: Sequence[Segment],
+    longest_step: float,
+    together: float | None = None,
+    train: RudderTrain = DIRECT,
+    most: int | None = None,
+) -> Iterator[Part]:
+    """Yield what `forcing` returns, the rudder behind `train`, on about `most` steps after the others: those of a day
+    take many times the memory of its log."""
     reach = longest_step if together is None else together
-    turns = [corners(segment.time, segment.rudder) for segment in segments]
-    knots = [
-        _knots(np.union1d(segment.time, times), longest_step, reach)
-        for segment, (times, _) in zip(segments, turns, strict=True)
-    ]
+    room = whole = PART if most is None else most
+    pieces: list[_Piece] = []
+    for number, segment in enumerate(segments):
+        turns = corners(segment.time, segment.rudder)
+        path = with_corners(segment.time, segment.rudder, turns)
+        knots = _knots(np.union1d(segment.time, turns[0]), longest_step, reach)
+        begin, row, behind = 0, 0, None
+        while begin < knots.size - 1:
+            end = min(begin + room, knots.size - 1)
+            own = knots[begin : end + 1]
+            rudder, behind = _rudder_at(train, path, _moments(own), behind)
+            after = int(np.searchsorted(segment.time, own[-1], side="right")) if end < knots.size - 1 else None
+            pieces.append(_Piece(number, segment, slice(row, after), own, path, rudder))
+            room, begin, row = room - (end - begin), end, after or 0
+            if room == 0:
+                yield _part(pieces, goes_on=end < knots.size - 1)
+                pieces, room = [], whole
+    if pieces:
+        yield _part(pieces, goes_on=False)
+
+
+def _part(pieces: Sequence[_Piece], goes_on: bool) -> Part:
+    segments, knots = [piece.segment for piece in pieces], [piece.knots for piece in pieces]
     first = np.cumsum([0, *(times.size for times in knots[:-1])])
     begin = np.concatenate([start + np.arange(times.size - 1) for start, times in zip(first, knots, strict=True)])
-    moments = tuple(np.stack([t[:-1], 0.5 * (t[:-1] + t[1:]), t[1:]]) for t in knots)
-    paths = tuple(
-        with_corners(segment.time, segment.rudder, turn) for segment, turn in zip(segments, turns, strict=True)
-    )
-    driven = {
-        "rudder": np.concatenate([np.interp(m, *path) for m, path in zip(moments, paths, strict=True)], axis=1)
-    } | {name: _recorded(segments, name, moments) for name in INPUTS_BESIDE_RUDDER}
+    moments = tuple(_moments(times) for times in knots)
     samples = tuple(
-        _places(segment.time, times, int(start)) for segment, times, start in zip(segments, knots, first, strict=True)
+        _places(piece.segment.time[piece.rows], piece.knots, start)
+        for piece, start in zip(pieces, first.tolist(), strict=True)
     )
-    step = np.concatenate([np.diff(times) for times in knots])
-    return Forcing(step, begin, first, **driven, samples=samples, moments=moments, paths=paths, scales={})
+    joined = Forcing(
+        np.concatenate([np.diff(times) for times in knots]),
+        begin,
+        first,
+        np.concatenate([piece.rudder for piece in pieces], axis=1),
+        **{name: _recorded(segments, name, moments) for name in INPUTS_BESIDE_RUDDER},
+        samples=samples,
+        moments=moments,
+        paths=tuple(piece.path for piece in pieces),
+        scales={},
+    )
+    return Part(joined, tuple(piece.number for piece in pieces), tuple(piece.rows for piece in pieces), goes_on)
+
+
+def _moments(knots: FloatArray) -> FloatArray:
+    return np.stack([knots[:-1], 0.5 * (knots[:-1] + knots[1:]), knots[1:]])
+
+
+def _rudder_at(
+    train: RudderTrain, path: tuple[FloatArray, FloatArray], moments: FloatArray, behind: float | None = None
+) -> tuple[FloatArray, float | None]:
+    """Return the rudder [rad] behind `train` at the moments, shape (3, M), and what the lag has come to at the last of
+    them; behind: at the first."""
+    if train == DIRECT:
+        return np.interp(moments, *path), None
+    there, behind = following(train, *path, np.append(moments[:2].T.ravel(), moments[2, -1]), behind)
+    return np.stack([there[:-1:2], there[1::2], there[2::2]]), behind
 
 
 def rudder_behind(train: RudderTrain, forcing: Forcing) -> FloatArray:
     """Return what the recorded rudder [rad] has become behind `train`, shape (3, M) as in Forcing."""
     if train == DIRECT:
         return forcing.rudder
-    parts = []
-    for moments, (time, angle) in zip(forcing.moments, forcing.paths, strict=True):
-        in_order = np.append(moments[:2].T.ravel(), moments[2, -1])
-        there = behind_train(train, time, angle, in_order)
-        parts.append(np.stack([there[:-1:2], there[1::2], there[2::2]]))
-    return np.concatenate(parts, axis=1)
+    parts = zip(forcing.paths, forcing.moments, strict=True)
+    return np.concatenate([_rudder_at(train, path, moments)[0] for path, moments in parts], axis=1)
 
 
 def _recorded(segments: Sequence[Segment], name: str, moments: Sequence[FloatArray]) -> FloatArray:
@@ -196,8 +263,8 @@ UNIT = Norrbin(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
 BLOCK = 8192
 """Steps that are evaluated together: their arrays then stay in the processor's cache."""
-PART = 1 << 16
-"""Steps that are simulated together where nothing is fitted to them."""
+PART = 1 << 15
+"""Steps that are taken together where nothing needs them all."""
 
 
 class Trajectory(NamedTuple):
@@ -244,34 +311,46 @@ def _moved(
     return state, near.advance + np.einsum("cm,cm->m", near.turning, state[:, forcing.begin] - near.start), near
 
 
-def motion_in_parts(
+def motions_at_samples(
     model: Norrbin,
-    forcing: Forcing,
-    initial_rate: FloatArray,
+    segments: Sequence[Segment],
+    longest_step: float,
+    initial_rate: Sequence[float],
     around: RaceAndWind | None = None,
-    guess: Trajectory | None = None,
-) -> Trajectory:
-    """Return what `simulate` does, without what a fit needs beside it: some steps after the others, so that a day's log
-    takes little more memory than its rudder and its motion."""
-    initial, steps = _initial(initial_rate, around), forcing.step.size
-    state, advance = np.empty((initial.shape[0], steps + forcing.first.size)), np.empty(steps)
-    state[:, forcing.first] = initial
-    for start in range(0, steps, PART):
-        inside = slice(start, min(start + PART, steps))
-        begin = forcing.begin[inside]
-        whole = slice(int(begin[0]), int(begin[-1]) + 2)
-        first = forcing.first[(forcing.first >= whole.start) & (forcing.first < whole.stop - 1)]
-        first = np.union1d(first, whole.start)
-        part = forcing._replace(
-            step=forcing.step[inside],
-            begin=begin - whole.start,
-            first=first - whole.start,
-            **{name: getattr(forcing, name)[:, inside] for name in ("rudder", *INPUTS_BESIDE_RUDDER)},
-            scales={},
+    train: RudderTrain = DIRECT,
+) -> list[FloatArray]:
+    """Return per segment the rate [rad/s] and the angle turned since its beginning [rad] that `simulate` has at its
+    samples, shape (N, 2): some steps after the others, so that a day's log takes little more memory than its motion."""
+    found = [np.empty((segment.time.size, 2)) for segment in segments]
+    state, so_far, goes_on = np.empty(0), 0.0, False
+    for part in forcing_in_parts(segments, longest_step, train=train):
+        steps = part.forcing
+        initial, begun = (
+            _initial(np.array([initial_rate[s] for s in part.segments]), around),
+            np.zeros(steps.first.size),
         )
-        near = None if guess is None else Trajectory(guess.rate[whole], guess.turned[whole])
-        state[:, whole], advance[inside], _ = _moved(model, part, state[:, first], around, near)
-    return _trajectory(state, _turned(advance, forcing))
+        if goes_on:
+            initial[:, 0], begun[0] = state, so_far
+        states, advance, _ = _moved(model, steps, initial, around, _as_measured(segments, part))
+        turned = _turned(advance, steps)
+        for s, (number, rows) in enumerate(zip(part.segments, part.rows, strict=True)):
+            found[number][rows, 0] = at_samples(states[0], steps, s)
+            found[number][rows, 1] = at_samples(turned, steps, s) + begun[s]
+        state, so_far, goes_on = states[:, -1], float(turned[-1] + begun[-1]), part.goes_on
+    return found
+
+
+def _as_measured(segments: Sequence[Segment], part: Part) -> Trajectory | None:
+    """Return the measured motion at the nodes, for the search to begin with; None where no rate is measured."""
+    rates = []
+    for number, (begins, _, ends) in zip(part.segments, part.forcing.moments, strict=True):
+        segment = segments[number]
+        known = np.isfinite(segment.rate)
+        if not known.any():
+            return None
+        rates.append(np.interp(np.append(begins, ends[-1]), segment.time[known], segment.rate[known]))
+    rate = np.concatenate(rates)
+    return Trajectory(rate, np.zeros_like(rate))
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -305,18 +384,23 @@ def slopes(
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def linear_responses(model: Norrbin, forcing: Forcing) -> tuple[FloatArray, FloatArray, FloatArray]:
+def linear_responses(
+    model: Norrbin, forcing: Forcing, initial: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what a linear model (n3 = n2 = 0, no surroundings) answers to its rudder, to n0 = -1 rad/s without rudder,
-    and to an initial rate of 1 rad/s: rate [rad/s] and angle turned [rad] at the nodes, each of shape (2, M+S)."""
+    and to an initial rate of 1 rad/s: rate [rad/s] and angle turned [rad] at the nodes, each of shape (2, M+S).
+
+    initial: of each answer the rates that segments begin with, shape (3, S), where those are other ones.
+    """
     still = np.zeros((1, forcing.step.size))
     driven = _advance(_drives(model._replace(n0=0.0), forcing, None), still)
     free = _drives(model._replace(gain=0.0, n0=0.0), forcing, None)
     memory, turning = _advance(free, still + 1.0)
     pushed = _advance(_drives(model._replace(gain=0.0, n0=-1.0), forcing, None), still)
-    at_rest, moving = np.zeros((1, forcing.first.size)), np.ones((1, forcing.first.size))
-    result, following = [], Recurrence(memory[None], forcing)
-    for (source, advance), initial in ((driven, at_rest), (pushed, at_rest), ((still, still[0]), moving)):
-        rate = following.solved(source, initial)[0]
+    begins = np.outer([0.0, 0.0, 1.0], np.ones(forcing.first.size)) if initial is None else initial
+    result, recurrence = [], Recurrence(memory[None], forcing)
+    for (source, advance), begin in zip((driven, pushed, (still, still[0])), begins, strict=True):
+        rate = recurrence.solved(source, begin[None])[0]
         result.append(np.stack([rate, _turned(advance + turning * rate[forcing.begin], forcing)]))
     return result[0], result[1], result[2]
 

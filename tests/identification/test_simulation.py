@@ -12,9 +12,17 @@ from zigzag_trials import LANXIN, zigzag
 
 from autopilot.identification import simulation
 from autopilot.identification.residual_tests import simulate_run
-from autopilot.identification.rudder_path import corners
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, corners
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
-from autopilot.identification.simulation import at_samples, forcing, motion_in_parts, simulate, slopes
+from autopilot.identification.simulation import (
+    at_samples,
+    forcing,
+    forcing_in_parts,
+    motions_at_samples,
+    rudder_behind,
+    simulate,
+    slopes,
+)
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.weather import RaceAndWind
 
@@ -57,22 +65,49 @@ def test_all_steps_at_once_are_the_steps_one_after_the_other(
     np.testing.assert_allclose(found, expected, atol=1.0e-9 * max(1.0, float(np.max(np.abs(expected)))))
 
 
+@pytest.mark.parametrize("train", [DIRECT, RudderTrain(0.02, 0.13, 0.3, 0.1)])
 @pytest.mark.parametrize("around", [None, DRIFTING])
-def test_in_parts_the_motion_is_the_same(around: RaceAndWind | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    steps, start = forcing([segment(seed=1), segment(1.0, seed=3), segment(8.0, 0.25, seed=2)], 0.02), np.zeros(3) + 0.1
-    whole = simulate(TRUTH, steps, start, around)
+def test_in_parts_the_motion_is_the_same(
+    around: RaceAndWind | None, train: RudderTrain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    segments, start = [segment(seed=1), segment(1.0, seed=3), segment(8.0, 0.25, seed=2)], [0.1, 0.2, -0.1]
+    steps = forcing(segments, 0.02)
+    steps = steps._replace(rudder=rudder_behind(train, steps))
+    whole = simulate(TRUTH, steps, np.array(start), around)
     monkeypatch.setattr(simulation, "PART", 97)
-    parts = motion_in_parts(TRUTH, steps, start, around, guess=whole)
-    np.testing.assert_allclose(parts.rate, whole.rate, atol=1.0e-11)
-    np.testing.assert_allclose(parts.turned, whole.turned, atol=1.0e-11)
+    parts = motions_at_samples(TRUTH, segments, 0.02, start, around, train)
+    for s, part in enumerate(parts):
+        np.testing.assert_allclose(part[:, 0], at_samples(whole.rate, steps, s), atol=1.0e-11)
+        np.testing.assert_allclose(part[:, 1], at_samples(whole.turned, steps, s), atol=1.0e-11)
 
 
-def test_predicting_a_day_takes_little_more_memory_than_its_motion() -> None:
-    time = np.arange(0.0, 5_000.0, 0.1)
-    still = np.zeros_like(time)
-    longs = Segment(time, still, still, 0.2 * np.sin(0.7 * time), still + 5.0)
-    _, taken = measured(lambda: simulate_run(TRUTH, Run("day", (longs,))))
-    assert taken.peak < 2.0e3 * time.size, "of 7 steps to a sample"
+@pytest.mark.parametrize("most", [1, 7, 97, 340])
+def test_parts_hold_each_step_and_each_sample_once(most: int) -> None:
+    segments = [segment(seed=1), segment(1.0, seed=3), segment(8.0, 0.25, seed=2)]
+    whole, parts = forcing(segments, 0.07), list(forcing_in_parts(segments, 0.07, most=most))
+    for name in ("step", "rudder", "speed"):
+        joined = np.concatenate([getattr(part.forcing, name) for part in parts], axis=-1)
+        np.testing.assert_array_equal(joined, getattr(whole, name))
+    for s, each in enumerate(segments):
+        there = np.zeros(each.time.size)
+        for part in parts:
+            for place, (number, rows) in enumerate(zip(part.segments, part.rows, strict=True)):
+                if number == s:
+                    assert part.forcing.samples[place].share.size == there[rows].size
+                    there[rows] += 1.0
+        np.testing.assert_array_equal(there, 1.0)
+    assert all(part.forcing.step.size == most for part in parts[:-1])
+    assert not parts[-1].goes_on
+
+
+def test_predicting_a_longer_log_takes_no_more_than_ten_times_its_columns() -> None:
+    def predicted(seconds: float) -> float:
+        time = np.arange(0.0, seconds, 0.1)
+        still = np.zeros_like(time)
+        longs = Segment(time, still, still, 0.2 * np.sin(0.7 * time), still + 5.0)
+        return measured(lambda: simulate_run(TRUTH, Run("day", (longs,))))[1].peak
+
+    assert predicted(10_000.0) - predicted(5_000.0) < 10.0 * 5.0 * 8.0 * 50_000, "of 7 steps to a sample"
 
 
 def test_a_guess_does_not_change_the_result() -> None:

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from memory import measured
 from zigzag_trials import zigzag
 
-from autopilot.identification import identify
+from autopilot.identification import identify, simulation
 from autopilot.identification.identify import ROUGH_STEPS, initial_state, starting_point
-from autopilot.identification.runs import Run, run_from_columns
+from autopilot.identification.runs import Run, Segment, run_from_columns
 from autopilot.identification.simulation import at_samples, forcing, linear_responses
 from autopilot.models.norrbin import Norrbin
 
@@ -62,3 +63,23 @@ def test_hundreds_of_gaps_make_no_table_with_the_unknowns_of_all(monkeypatch: py
     start = starting_point([run], 5.0)
     assert start.explained > 0.9
     assert solved and max(width for _, width in solved) <= 2 and max(height for height, _ in solved) <= 3 * 61
+
+
+@pytest.mark.parametrize("without", ["heading_rad", "yaw_rate_rad_s", "nothing"])
+def test_in_parts_the_start_is_the_same(without: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = [with_gaps(1, without)]
+    whole = starting_point(runs, 5.0)
+    monkeypatch.setattr(simulation, "PART", 97)
+    parts = starting_point(runs, 5.0)
+    assert parts.model == pytest.approx(whole.model, rel=1e-9, abs=1e-12)
+    assert parts.explained == pytest.approx(whole.explained, abs=1e-12)
+
+
+def test_the_start_with_a_longer_log_takes_no_more_than_ten_times_its_columns() -> None:
+    def begun(seconds: float) -> float:
+        time = np.arange(0.0, seconds, 0.1)
+        random, rudder = np.random.default_rng(4), 0.2 * np.sin(0.7 * time)
+        day = Segment(time, np.cumsum(0.01 * rudder), 0.1 * rudder, rudder, 5.0 + 0.01 * random.normal(size=time.size))
+        return measured(lambda: starting_point([Run("day", (day,))], 5.0))[1].peak
+
+    assert begun(10_000.0) - begun(5_000.0) < 10.0 * 5.0 * 8.0 * 50_000
