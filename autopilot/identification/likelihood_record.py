@@ -27,8 +27,8 @@ from autopilot.models.drives import BEYOND, RUDDER_LAW, DriveLaw
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO
 from autopilot.models.weather import RaceAndWind, inflow_ratio, wind_acceleration
 
-SUBSTEP = 0.3
-"""Steps of the integration, as a share of the time constant at most."""
+SUBSTEP, MOST_SUBSTEPS = 0.3, 128
+"""Steps of the integration, as a share of the time constant at most; and how many there are from node to node."""
 NODE_SHARE, LONGEST_NODE_S, MOST_NODES = 0.1, 1.0, 3000
 """Samples are averaged over this share of the time constant, at most so long, unless there are more than so many."""
 PIN = 1.0e8
@@ -153,7 +153,7 @@ def record_of(
         begins.append(at + np.arange(count - 1))
         at += count
     step = np.concatenate([np.diff(part[0]) for part in parts])
-    substeps = int(np.clip(math.ceil(float(np.median(step)) / (SUBSTEP * time_constant)), 1, 12))
+    substeps = int(np.clip(math.ceil(float(np.median(step)) / (SUBSTEP * time_constant)), 1, MOST_SUBSTEPS))
     edges, ratios, paths = [], [], []
     for segment, part in zip(segments, parts, strict=True):
         times = part[0]

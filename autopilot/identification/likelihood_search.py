@@ -21,6 +21,7 @@ from autopilot.identification.marginal_likelihood import (
     Weather,
     begin_path,
     best_path,
+    first_states,
     gust_noise,
     noise_of,
     still_waves,
@@ -384,9 +385,9 @@ class Space:
         at = z.copy()
         at[i] += by
         weather, record = self.opened(at)[1], self._gusty(at)
-        noise = noise_of(weather, record)
-        wave, log = (None, 0.0) if noise.wave is None else wave_noise(weather, record.step)
-        return (noise.keep, noise.gust, wave, log), np.maximum(noise.initial, 1.0e-300)
+        moved = self.names[i].startswith("wave")
+        wave, log = wave_noise(weather, record.step) if moved else (None, 0.0)
+        return (*gust_noise(weather, record), wave, log), np.maximum(first_states(weather, record), 1.0e-300)
 
     def slope_before(self, z: FloatArray) -> FloatArray:
         """Return the derivatives of `before` by the vector's numbers."""

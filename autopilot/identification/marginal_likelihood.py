@@ -186,16 +186,11 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
     per = 1.0 / (q * h)
     keep, gust = gust_noise(weather, record)
     logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + h.size * 2.0 * math.log(q) - h.size * math.log(12.0)
-    segments = record.first.size
-    first = weather.gust * record.rough[record.first]
-    logs += 2.0 * float(np.log(first).sum())
-    initial, wave = np.zeros((segments, 3)), None
-    initial[:, 2] = first**-2.0
+    initial, wave = first_states(weather, record), None
+    logs -= float(np.log(initial[:, GUST:]).sum())
     if weather.wave > 0.0:
-        still = still_waves(weather)
         wave, log = wave_noise(weather, h)
-        logs += log + segments * float(np.log(still).sum())
-        initial = np.append(initial, np.tile(1.0 / still, (segments, 1)), axis=1)
+        logs += log
     gyro, compass = record.rate_count / weather.gyro**2, record.heading_count / weather.compass**2
     logs += 2.0 * (record.rates_known * math.log(weather.gyro) + record.headings_known * math.log(weather.compass))
     return StepNoise(
@@ -213,6 +208,15 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
         weather.white**2 / q,
         (GUST, WAVE) if wave is not None and weather.wave_pushes else (GUST,),
     )
+
+
+def first_states(weather: Weather, record: Record) -> FloatArray:
+    """Return the inverse variances of the states where segments begin, shape (segments, D)."""
+    initial = np.zeros((record.first.size, 3 if weather.wave <= 0.0 else 5))
+    initial[:, GUST] = (weather.gust * record.rough[record.first]) ** -2.0
+    if weather.wave > 0.0:
+        initial[:, WAVE:] = 1.0 / still_waves(weather)
+    return initial
 
 
 def gust_noise(weather: Weather, record: Record) -> tuple[FloatArray, FloatArray]:

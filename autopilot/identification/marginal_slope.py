@@ -195,11 +195,14 @@ def _pairs(band: FloatArray, factor: FloatArray, record: Record, D: int) -> Floa
 
 def _inverted(matrices: FloatArray) -> FloatArray:
     """Return the inverses of positive matrices side by side, shape (n, n, M), in their place: by sweeps of Gauss and
-    Jordan, each for all of them at once."""
+    Jordan, each for all of them at once, row after row: one array for all rows would be fetched anew from the system
+    every time."""
+    taken = np.empty(matrices.shape[1:])
     for k in range(matrices.shape[0]):
         pivot, column = 1.0 / matrices[k, k], matrices[:, k].copy()
         row = matrices[k] * pivot
-        matrices -= column[:, None] * row
+        for left, share in zip(matrices, column, strict=True):
+            left -= np.multiply(row, share, out=taken)
         matrices[k], matrices[:, k] = row, -column * pivot
         matrices[k, k] = pivot
     return matrices

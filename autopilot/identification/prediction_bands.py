@@ -236,11 +236,13 @@ def turned(
     motion = _Motion(boats, np.random.default_rng(SEED), rate, standing)
     for rudder in () if before is None else before:
         motion.behind_train(rudder)
-    rows = []
-    for k in range(max(1, round(seconds / boats.step))):
+    steps, headings = max(1, round(seconds / boats.step)), np.empty(0)
+    for k in range(steps):
         motion.move(*helm((k + 0.5) * boats.step))
-        rows.append(motion.heading)
-    return np.array(rows)
+        if k == 0:
+            headings = np.empty((steps, *motion.heading.shape))
+        headings[k] = motion.heading
+    return headings
 
 
 class Stretch(NamedTuple):
@@ -318,11 +320,11 @@ def headings_after(
     memory = boats.step * np.arange(-math.ceil((train.delay + REMEMBERED * train.lag) / boats.step), 0)
     before = np.array([[[np.interp(at, s.time, s.rudder)] for s in stretches] for at in memory])
     after = turned(boats, helm, moments.size * boats.step, rate, before if memory.size else None)
-    after = np.concatenate([np.zeros((1, *after.shape[1:])), after])
     ends = np.minimum(np.array([each.lasts for each in stretches]) / boats.step, moments.size - ROUNDING)
     left, rows = ends.astype(int), np.arange(len(stretches))
     share = (ends - left)[:, None]
-    return np.asarray((1.0 - share) * after[left, rows] + share * after[left + 1, rows])
+    before_it = np.where((left > 0)[:, None], after[np.maximum(left - 1, 0), rows], 0.0)
+    return np.asarray((1.0 - share) * before_it + share * after[left, rows])
 
 
 def in_the_race(around: RaceAndWind | None, runs: Sequence[Run], speed: float) -> tuple[list[Run], float]:

@@ -18,6 +18,7 @@ from scipy.linalg import expm
 from autopilot.cli.identify_vessel import Given, write_vessel
 from autopilot.cli.main import main
 from autopilot.errors import InputError
+from autopilot.identification import likelihood_record
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import at_least_as_doubtful, identify
 from autopilot.identification.interval import interval_of
@@ -522,3 +523,14 @@ def test_a_rudder_without_its_noise_turns_the_boat_no_less() -> None:
         ]
         assert slopes[0] < 0.99 and slopes[1] == pytest.approx(1.0, abs=0.01)
     np.testing.assert_array_equal(without_noise(truth), truth)
+
+
+def test_nodes_many_time_constants_apart_lead_to_the_boat(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quick boat's log of ten hours: on steps of more than 2.8 of its time constants no motion is found at all."""
+    plant = PLANT["Lanxin"]._replace(seconds=300.0)
+    segments = [segment for run in runs_of(plant, SEA["calm"], 31) for segment in run.segments]
+    monkeypatch.setattr(likelihood_record, "MOST_NODES", 60)
+    truth = np.array([plant.a, plant.b, plant.d, plant.e])
+    found = likelihood_fit(segments, SPEED_M_S, Rates(*(1.1 * truth)))
+    assert found is not None
+    assert (np.abs(np.array(found.rates) - truth) < 3.0 * np.sqrt(np.diag(found.covariance))).all()
