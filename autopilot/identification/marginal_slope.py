@@ -162,11 +162,14 @@ def worth_by_boat(
     bending = _simpson(bent * (whole * r + power * adjoint.damping), record)
     steered = driven * rudder[0] + moving * rudder[1]
     rows = [steering * steered, -linear * damped, -higher * bending, -steering * driven]
-    rows += [rates.a * steering * (driven * mean + moving * rise) for mean, rise in rudders]
+    # a row at a time: on many substeps those of all changes take much memory
+    worth = [row.sum(axis=0) for row in rows]
+    worth += [(rates.a * steering * (driven * mean + moving * rise)).sum(axis=0) for mean, rise in rudders]
     a, b, d, e = rates
     for (more, straighter, firmer), push in besides:
-        rows.append(more * (a * steered - e * driven) - b * straighter * damped - d * firmer * bending + push * driven)
-    return np.array([row.sum(axis=0) for row in rows])
+        row = more * (a * steered - e * driven) - b * straighter * damped - d * firmer * bending + push * driven
+        worth.append(row.sum(axis=0))
+    return np.array(worth)
 
 
 def _pairs(band: FloatArray, factor: FloatArray, record: Record, D: int) -> FloatArray:
