@@ -447,7 +447,7 @@ def view_of(
     """
     boat, (order, guide, _, waits), command, now = config.boat, state.way, state.rudder.command, seen.time
     is_engaged, on_heading = state.supervisor.state in ENGAGED, order.kind is OrderKind.HEADING
-    gyro = estimate.fusion.gyro
+    gyro, known = estimate.fusion.gyro, estimate.fusion.state
     ours, speeds, ahead = is_engaged and boat.rudder_is_ours, estimate.speeds, estimate.ahead
     both = speeds.water.value + speeds.ground.value
     return MonitorInput(
@@ -474,7 +474,8 @@ def view_of(
         state.rudder.rate.is_sure,
         gyro.bias if gyro.p11 < RATE_OFF_KNOWN else 0.0,
         ahead if boat.law.is_rudder and 0.0 < ahead < 1.0 else 1.0,
-        estimate.fusion.state.sea.watched,
+        known.sea.watched,
+        known.p00 + 2.0 * known.p03 + known.p33,
     )
 
 

@@ -26,9 +26,11 @@ class Condition(NamedTuple):
 CONDITIONS = {
     "heading_lost": Condition("no heading for the time in the file", key="failsafe.heading_timeout_s"),
     "heading_frozen": Condition(
-        "the heading stays the same to the last digit while the rate of turn spans 5 deg, the rudder is worth 15 deg "
-        "of turn, or for 3 s where a sea moved it before, or its own noise by 1.5 digits and more, or where its digits "
-        "are finer than 0.002 deg",
+        "the heading stays the same to the last digit while the rate of turn spans 5 deg, or the rudder is worth 15 "
+        "deg of turn, and a third of it more than the boat turns in 1.2 s; or for 3 s where a sea moved it before, "
+        "where its digits are finer than 0.002 deg, or where its own noise moved it by 1.5 digits and more and it is "
+        "further than a digit and two standard deviations from the heading that the boat had and the rudder since "
+        "makes of it",
         key="alarms.frozen_heading",
     ),
     "heading_jumping": Condition(

@@ -23,9 +23,11 @@ from autopilot.supervision.tuning import (
     FINE_DIGIT,
     FINE_DIGITS,
     FINE_SAME,
+    FROZEN_BEFORE,
     FROZEN_BY_RATE,
     FROZEN_BY_RUDDER,
     FROZEN_RATES,
+    FROZEN_REPEATED,
     FROZEN_SAMPLES,
     HEADINGS_APART_S,
     HELD_FOLLOWS,
@@ -60,6 +62,7 @@ from autopilot.supervision.tuning import (
     TREMBLES_DIGITS,
     TREMBLES_LEAST,
     TREMBLES_SAME,
+    TREMBLES_SIGMAS,
     TREMBLES_TIME,
     WILD_RATES,
 )
@@ -498,7 +501,7 @@ def consistency_step(
         rate = beside.rate
     # a burst that was read at once has one time: its turn happened since the heading before
     if last is None or not is_same or not 0.0 <= time - last.time <= HEADINGS_APART_S:
-        held = settled(before.held)
+        held = settled(before.held)._replace(stood=0.0)
         # what comes behind a gap, or by another name, is none that jumped
         held = held._replace(offset=0.0) if last is not None and (rate is not None or not is_same) else held
         return before._replace(heading=sample, still=still, held=held)
@@ -585,7 +588,10 @@ class Standing(NamedTuple):
     turn that the rate beside it adds up to [rad], nan where none came, and its span; last_rate: that rate the time
     before, nan where none was, and whether it has moved since the model's turn was reckoned; that turn, which the model
     makes of the rudder while the rate stands: when it was reckoned last [s], the bias [rad], the rate [rad/s], and how
-    far it has turned [rad]; is_frozen: until it moves again; source: whose heading it is."""
+    far it has turned [rad]; is_frozen: until it moves again; source: whose heading it is; off [rad]: how far it was
+    from the boat's as that was estimated when it began to stand, and unknown [rad^2]: the variance of that; steered:
+    the rate [rad/s] and the turn [rad] that the rudder has made since of a boat that lay on its course; quickest
+    [rad/s]: of late, by the rate beside it and by the model."""
 
     heading: float = math.nan
     samples: int = 0
@@ -602,6 +608,10 @@ class Standing(NamedTuple):
     turned: float = 0.0
     is_frozen: bool = False
     source: str = ""
+    off: float = 0.0
+    unknown: float = 0.0
+    steered: tuple[float, float] = (0.0, 0.0)
+    quickest: tuple[float, float] = (0.0, 0.0)
 
 
 class Sea(NamedTuple):
@@ -652,15 +662,21 @@ def felt(sea: Sea, seen: MonitorInput) -> Sea:
     return Sea(sea.digit, deviation, now if is_flat else sea.flat, watched, kept, sea.change, sea.noise, sea.same)
 
 
-def never_stands(sea: Sea, seen: MonitorInput) -> bool:
+def never_stands(standing: Standing, sea: Sea, seen: MonitorInput) -> bool:
     """Return whether a compass shows something new each time in a boat that has way, whatever the water is: its own
     noise moved it by its digits, or these are so small that no boat keeps within one, and from one heading to the next
-    it moved by many."""
+    it moved by many.
+
+    Noise ends with an engine, and a boat may lie within a digit: then the compass shows the heading that it had, as far
+    as that is known, and the rudder has not turned it since.
+    """
     digit = sea.digit if sea.digit > FLOAT_DIGIT else FLOAT_DIGIT
     if not seen.has_way or sea.same > TREMBLES_SAME:
         return False
-    is_fine = digit <= FINE_DIGIT and sea.same <= FINE_SAME and abs(sea.change) >= FINE_DIGITS * digit
-    return is_fine or sea.noise >= TREMBLES_DIGITS * TREMBLES_DIGITS * digit * digit
+    if digit <= FINE_DIGIT and sea.same <= FINE_SAME and abs(sea.change) >= FINE_DIGITS * digit:
+        return True
+    is_off = abs(standing.off - standing.steered[1]) > digit + TREMBLES_SIGMAS * math.sqrt(max(standing.unknown, 0.0))
+    return is_off and sea.noise >= TREMBLES_DIGITS * TREMBLES_DIGITS * digit * digit
 
 
 def was_moved(standing: Standing, sea: Sea) -> bool:
@@ -684,9 +700,21 @@ def stood_by(before: Standing, sample: HeadingSample) -> Standing:
         turn=turn,
         low=min(before.low, turn),
         high=max(before.high, turn),
+        quickest=(quicker(before.quickest[0], turn_rate, step), before.quickest[1]),
         last_rate=turn_rate,
         rate_moves=moves,
     )
+
+
+def is_unseen(turn: float, quickest: float, most: float) -> bool:
+    """Return whether a `turn` [rad] is more than `most` [rad], and more than a heading that is repeated hides of a boat
+    that turns by `quickest` [rad/s]."""
+    return turn > most and turn > FROZEN_REPEATED * quickest + FROZEN_BEFORE * most
+
+
+def quicker(before: float, rate: float, step: float) -> float:
+    """Return the quickest rate of late [rad/s] after one of `rate` [rad/s], a `step` [s] after it was `before`."""
+    return max(abs(rate), before * math.exp(-0.5 * step / FROZEN_REPEATED))
 
 
 def frozen_step(
@@ -714,7 +742,8 @@ def frozen_step(
             change = change if -PI < change <= PI else wrap(change)
             sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
         since = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
-        standing = since._replace(source=sample.source)
+        off = heading - state.heading + state.rate * (now - time)
+        standing = since._replace(source=sample.source, off=wrap(off), unknown=seen.unknown)
     if standing.is_frozen:
         return standing, sea
     if standing.samples < 2:
@@ -722,22 +751,28 @@ def frozen_step(
     elif (
         standing.samples >= FROZEN_SAMPLES
         and standing.time - standing.since >= SEA_STOOD
-        and (never_stands(sea, seen) or was_moved(standing, sea))
+        and (never_stands(standing, sea, seen) or was_moved(standing, sea))
     ):
         return standing._replace(is_frozen=True), sea
     if standing.reckoned == now:
         return standing, sea
-    is_spanned = standing.samples >= FROZEN_SAMPLES and standing.high - standing.low > FROZEN_BY_RATE
+    is_spanned = standing.samples >= FROZEN_SAMPLES
+    is_spanned = is_spanned and is_unseen(standing.high - standing.low, standing.quickest[0], FROZEN_BY_RATE)
     if standing.samples < 2 or is_spanned or not seen.steers:
         # what somebody else does with the rudder proves nothing
-        since = standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0, is_frozen=is_spanned)
-        return since, sea
+        since = standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0, steered=(0.0, 0.0))
+        return since._replace(is_frozen=is_spanned), sea
     step = clip(now - standing.reckoned, 0.0, LONGEST_STEP_S)
-    rate = rate_step(seen.model, standing.rate, state.rudder + standing.bias, step)
+    model, push, (own, steered) = seen.model, state.rudder + standing.bias, standing.steered
+    rate, own = rate_step(model, standing.rate, push, step), rate_step(model, own, push, step)
     kept = math.exp(-step / NOUGHT_FORGOTTEN) if standing.last_rate == 0.0 else 1.0
     turned = 0.0 if standing.rate_moves else standing.turned * kept + rate * step
-    is_frozen = standing.samples >= FROZEN_SAMPLES and seen.has_way and abs(turned) > FROZEN_BY_RUDDER
-    return standing._replace(rate_moves=False, reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen), sea
+    quickest = quicker(standing.quickest[1], rate, step)
+    is_frozen = standing.samples >= FROZEN_SAMPLES and seen.has_way
+    is_frozen = is_frozen and is_unseen(abs(turned), quickest, FROZEN_BY_RUDDER)
+    standing = standing._replace(steered=(own, 0.0 if standing.rate_moves else steered + own * step))
+    standing = standing._replace(rate_moves=False, reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen)
+    return standing._replace(quickest=(standing.quickest[0], quickest)), sea
 
 
 class Jumping(NamedTuple):

@@ -48,7 +48,7 @@ class MonitorInput(NamedTuple):
     rudder_is_slow: it has turned out to be slower than filed, and turns are planned with that. rate_bias [rad/s]: the
     standing error of the rate sensor, 0 where it is not known. weaker: the share of the model's answer that
     drift leaves, where only the ground tells the speed. sea_watched [s]: for how long the sea has been learnt, since it
-    was forgotten last.
+    was forgotten last. unknown [rad^2]: the variance of the heading as it is estimated.
     """
 
     now: float
@@ -74,6 +74,7 @@ class MonitorInput(NamedTuple):
     rate_bias: float = 0.0
     weaker: float = 1.0
     sea_watched: float = math.inf
+    unknown: float = 0.0
 
 
 class Measured(NamedTuple):

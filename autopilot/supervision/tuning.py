@@ -222,6 +222,9 @@ DISAGREES_SAID = 20.0
 """That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of its gyro."""
 FROZEN_SAMPLES = 10
 """So many headings that are the same to the last digit are worth a second look."""
+FROZEN_REPEATED, FROZEN_BEFORE = 1.2, 1.0 / 3.0
+"""A heading that is repeated, sent on once a second and a fifth of that late, hides what the boat turns in so long [s]:
+this share of either turn must be more than that."""
 FROZEN_BY_RATE = math.radians(5.0)
 FROZEN_BY_RUDDER = math.radians(15.0)
 """The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood; or the
@@ -244,6 +247,9 @@ TREMBLES_LEAST, TREMBLES_TIME = 0.25, 20.0
 """A compass whose own noise is a deviation of so many of its digits says the same twice with a probability of 0.19, and
 for SEA_STOOD, in headings no further apart than the third [s], with 0.19^12 at most, whatever the water is: where no
 more than the second of them are the same as the one before, means over the fourth [s]."""
+TREMBLES_SIGMAS = 2.0
+"""Noise may end with an engine: such a compass then shows the boat's heading, to a digit and so many standard
+deviations of what is known of that."""
 FINE_DIGIT, FINE_DIGITS, FINE_SAME = math.radians(0.002), 20.0, 0.02
 """A compass whose digit is no more than the first [rad] (a float has 1e-5 deg, the finest sentence 0.006 deg), of whose
 headings no more than the third are the same as the one before, and that moved by so many digits from one to the next,

@@ -267,6 +267,7 @@ def _answer(
         rate_bias=0.0,
         weaker=1.0,
         sea_watched=math.inf,
+        unknown=0.0,
     )
     since = now if math.isnan(evidence.since) else evidence.since
     middle = 0.5 * (evidence.response.time + measured.time)

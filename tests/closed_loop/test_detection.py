@@ -152,6 +152,39 @@ def test_a_compass_that_freezes_in_a_turn_with_the_rate_made_of_it_is_noticed(se
     found(Run(sea, corrupt=stopped, course=math.radians(90.0)), "heading frozen", 3.5)
 
 
+@pytest.mark.parametrize("seconds", [0.5, 1.0])
+@pytest.mark.parametrize("rate", [True, False])
+def test_a_turn_by_a_compass_that_is_repeated_does_not_end_as_frozen(seconds: float, rate: bool) -> None:
+    """A gateway that falls to so many seconds a heading as the turn begins, and sends the last one on in between."""
+    read, last = -math.inf, math.nan
+
+    def repeated(now: float, sample: Sample) -> HeadingSample:
+        nonlocal read, last
+        assert isinstance(sample, HeadingSample)
+        if now - read >= seconds - 1e-6:
+            read, last = now, sample.heading
+        return sample._replace(heading=last, rate=sample.rate if rate else None)
+
+    tick, _ = Run(corrupt=repeated, course=math.radians(90.0)).sail(20.0)
+    assert tick is None or not words_of(tick)[0].startswith("heading frozen")
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_that_ends_with_an_engine_does_not_end_steering_in_a_calm(seed: int) -> None:
+    """0.3 deg that fall to 0.02 deg, tenths of a degree, no rate: frozen with two of these three seeds."""
+    pilot, digit = build_pilot(VESSEL), math.radians(0.1)
+    plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=math.radians(0.3), rate_noise=None, seed=seed)
+    while plant.time < SETTLED + 20.0:
+        if plant.time >= SETTLED:
+            plant.heading_noise = math.radians(0.02)
+        (sample,) = plant.sense()
+        assert isinstance(sample, HeadingSample)
+        shown = sample._replace(heading=wrap(round(sample.heading / digit) * digit))
+        tick = pilot.step(plant.time, (shown,), Order(OrderKind.HEADING, 0.0, serial=1))
+        assert tick.mode is Mode.ENGAGED, words_of(tick)
+        plant.step(tick.command.angle, DT)
+
+
 @pytest.mark.parametrize(("sea", "course"), [(seaway, 30.0), (calm, 30.0)])
 def test_a_stuck_rudder_is_noticed_within_three_seconds(sea: Callable[[float], float], course: float) -> None:
     run = Run(sea, steer=lambda plant, _: plant.rudder, has_sensor=True, course=math.radians(course))

@@ -10,6 +10,7 @@ import pytest
 from alarm_texts import words
 from watches import Frozen, Jumping, Monitors, consistency, off_course, overpowered, runaway
 
+from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
 from autopilot.supervision.compass_watch import Consistency, consistency_step
@@ -265,10 +266,14 @@ def trembled(
     swings_deg: float = 0.0,
     lag: float = 0.0,
     creeps: bool = False,
+    ends_deg: float = math.nan,
+    rudder: float = 0.0,
+    unknown_deg: float = 0.0,
 ) -> bool:
     """Whether a heading in flat water is frozen after it has stood for so long [s], behind a compass of so much white
     noise, a digit, 0: none, and a damping of `lag` [s]. swings_deg: by so much a sea swung it in 4 s until it stood;
-    creeps: each 10 s a variation that is found by the place adds a trifle."""
+    creeps: each 10 s a variation that is found by the place adds a trifle; ends_deg: there it stands, nan: where noise
+    had it, of the boat on course 0, which is known to a deviation `unknown_deg`; rudder [rad]: while it stands."""
     random, monitor, is_frozen, shown, seen = np.random.default_rng(1), Frozen(), False, 0.0, 0.0
     for tick in range(round((trembles + stands) * hz) + 1):
         now = tick / hz
@@ -276,9 +281,27 @@ def trembled(
             sea = swings_deg * math.sin(1.6 * now)
             seen += (sea + noise_deg * float(random.standard_normal()) - seen) / max(lag * hz, 1.0)
             shown = round(seen / digit_deg) * digit_deg if digit_deg else seen
+        elif not math.isnan(ends_deg):
+            shown = ends_deg
         monitor.on_sample(HeadingSample(now, math.radians(shown) + (1e-9 * math.floor(0.1 * now) if creeps else 0.0)))
-        is_frozen = is_frozen or monitor.is_frozen(watched(now)._replace(has_way=has_way))
+        at = watched(now, 0.0, rudder if now > trembles else 0.0)
+        at = at._replace(has_way=has_way, unknown=math.radians(unknown_deg) ** 2)
+        is_frozen = is_frozen or monitor.is_frozen(at)
     return is_frozen
+
+
+@SIDES
+def test_noise_that_ends_leaves_a_heading_that_the_boat_has(side: float) -> None:
+    """To a digit and two standard deviations, until the rudder must have turned it by that: with K 0.2 and T 2 s, 1 deg
+    of rudder from rest by 0.1 deg in 1.7 s, and 0.05 deg by it in 11.8 s."""
+    assert not trembled(0.3, 0.1, 60.0, hz=20.0, ends_deg=0.0), "it ended with 'frozen' after 3 s"
+    assert not trembled(0.3, 0.1, 60.0, hz=20.0, ends_deg=side * 0.1, unknown_deg=0.01)
+    assert trembled(0.3, 0.1, 3.3, hz=20.0, ends_deg=side * 0.2)
+    assert not trembled(0.3, 0.1, 60.0, hz=20.0, ends_deg=side * 0.2, unknown_deg=0.06)
+    assert trembled(0.3, 0.1, 3.3, hz=20.0, ends_deg=side * 0.2, unknown_deg=0.04)
+    assert trembled(0.3, 0.1, 3.3, hz=20.0, ends_deg=0.0, rudder=side * math.radians(1.0))
+    assert trembled(0.3, 0.1, 12.5, hz=20.0, ends_deg=0.0, rudder=side * math.radians(0.05))
+    assert not trembled(0.3, 0.1, 11.0, hz=20.0, ends_deg=0.0, rudder=side * math.radians(0.05))
 
 
 @pytest.mark.parametrize("hz", [5.0, 10.0, 20.0])
@@ -352,8 +375,8 @@ def test_a_heading_that_stands_while_the_rate_adds_up_to_five_degrees_is_frozen(
     assert not turned(side * 2.0, 2.6)
     assert turned(side * 0.52, 60.0)
     assert not turned(side * 0.48, 60.0), "a bias of the rate sensor adds up no further"
-    assert not turned(side * 50.0, 0.8), "ten headings"
-    assert turned(side * 50.0, 1.0)
+    assert not turned(side * 50.0, 1.2), "it may be repeated"
+    assert turned(side * 50.0, 1.5)
 
 
 @SIDES
@@ -367,7 +390,7 @@ def test_a_heading_that_stands_while_the_rudder_must_have_turned_it_by_fifteen_d
     assert not turned(side * 0.01, 20.0, side * math.radians(30.0), moves=True), "a rate that moves speaks for itself"
 
 
-@pytest.mark.parametrize("gap", [0.02, 0.1])
+@pytest.mark.parametrize("gap", [0.2, 0.5])
 def test_nine_headings_alike_prove_nothing_and_the_tenth_does(gap: float) -> None:
     """However fast the rate beside them turns: a compass repeats itself for a moment."""
     for headings, is_found in ((9, False), (10, True)):
@@ -378,6 +401,23 @@ def test_nine_headings_alike_prove_nothing_and_the_tenth_does(gap: float) -> Non
         assert found is is_found
         monitor.on_sample(HeadingSample(5.0, 0.31, 20.0))
         assert not monitor.is_frozen(watched(5.0, 0.31)), "it moves again"
+
+
+@pytest.mark.parametrize("repeated", [0.5, 1.0, 1.2])
+@pytest.mark.parametrize("begins", [0.0, 10.5])
+@SIDES
+def test_a_turn_that_a_repeated_heading_shows_late_is_no_frozen_one(
+    repeated: float, begins: float, side: float
+) -> None:
+    """A gateway that sends on what it read last, at 20 Hz, as a boat turns by 60 deg/s, from the first heading on or
+    behind a straight course on which the heading stood: it ended with 'frozen' after 0.5 s."""
+    monitor, rate = Frozen(), side * math.radians(60.0)
+    for tick in range(400):
+        now = 0.05 * tick
+        read = repeated * math.floor(now / repeated + 1e-9)
+        shown, turning = rate * max(read - begins, 0.0), rate * (1.0 + 1e-3 * (tick % 2)) * (now > begins)
+        monitor.on_sample(HeadingSample(now, wrap(shown), turning))
+        assert not monitor.is_frozen(watched(now))
 
 
 def jumped(*headings: tuple[float, float], most: float = 0.3, rate: float = 0.0, looked_at: float = 0.0) -> str:

@@ -616,3 +616,14 @@ def test_a_rate_found_wrong_stays_so_by_another_compass_until_it_goes_with_the_h
         said.append(bool(known.found))
     assert all(said[:190])
     assert said[-1] == (rate_deg_s == 10.0)
+
+
+@pytest.mark.parametrize(("gap", "source"), [(2.5, "compass"), (0.1, "other")])
+def test_for_how_long_headings_stood_is_forgotten_behind_a_gap(gap: float, source: str) -> None:
+    """What stands there is another matter: as much wider was what a boat may have turned between two headings."""
+    state = Consistency()
+    for tick in range(50):
+        state = consistency_step(state, HeadingSample(0.1 * tick, 0.3, 0.0, "compass"), 0.3, 1.0, 0.4)
+    assert state.held.stood == pytest.approx(4.9)
+    state = consistency_step(state, HeadingSample(4.9 + gap, 0.3, 0.0, source), 0.3, 1.0, 0.4)
+    assert state.held.stood == 0.0
