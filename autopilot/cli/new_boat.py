@@ -221,7 +221,8 @@ STEPS = (
         "Nothing to do: the log is read.",
         _identify,
         "the first line says good, or good for a start",
-        "sail what the first line asks for, with --redo zigzag",
+        "a zigzag again: --redo zigzag; other trials that the first line asks for: sail them with autopilot trial, "
+        "identify all logs together into the file with autopilot identify, then --done identify",
     ),
     Step(
         "gains",
@@ -384,6 +385,7 @@ def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
     )
     parser.add_argument("--list", action="store_true", help="show what is done and what comes next, and end")
     parser.add_argument("--redo", metavar="STEP", help="do this step and those after it again")
+    parser.add_argument("--done", metavar="STEP", help="the next step was done by hand: go on behind it")
     parser.add_argument(
         "--yes", action="store_true", help="ask nothing: every step that the exit code finds good is good"
     )
@@ -398,6 +400,8 @@ def run(arguments: argparse.Namespace) -> int:
     file: Path = arguments.file
     refuse_bare_name(file)
     talk = Talk(arguments.yes)
+    if arguments.done is not None:
+        PageOfSteps(file).mark(arguments.done, is_done=True)
     checklist = Checklist(file)
     if arguments.redo is not None:
         checklist.redo(arguments.redo)

@@ -158,6 +158,21 @@ def test_it_goes_on_where_it_was_left(
     assert "5. next  the gains" in capsys.readouterr().out
 
 
+def test_a_step_that_was_done_by_hand_is_gone_past(
+    commands: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")))
+    checklist = Checklist(file)
+    for step in STEPS[:3]:
+        checklist.tick_off(step, WHEN)
+    checklist.save()
+    assert main(["new-boat", str(file), "--list", "--done", "gains"]) == 2
+    assert "gains: not the next step" in capsys.readouterr().err
+    assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", "--done", "identify"]) == 4
+    assert [command[0] for command in commands] == ["gains"]
+
+
 def test_who_leaves_is_shown_where_it_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
