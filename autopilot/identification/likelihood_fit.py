@@ -27,6 +27,7 @@ from autopilot.identification.likelihood_record import (
     instruments,
     record_of,
     rudder_on,
+    speed_changes,
     white_noise,
 )
 from autopilot.identification.likelihood_search import (
@@ -201,7 +202,8 @@ def likelihood_fit(
     if not math.isfinite(space.found(space.start).loss):
         return None
     draws = DRAWS if record.nodes <= LONG else DRAWS // 2
-    tried = [(space, *maximised(space, space.start))]
+    tried = [_without_white(space, usual)]
+    space = tried[0][0]
     progress()
     tried += [(other, *maximised(other, other.start)) for other in _with_waves(space, *tried[0][1:3], usual)]
     progress()
@@ -239,7 +241,7 @@ def likelihood_fit(
         return fit._replace(around=around)
     unseen = _unseen(space, best, memory, least_play(segments))
     if form.law.is_rudder:
-        power = _speed_power(space, best)
+        power = _speed_power(space, best, segments)
     else:
         power = _unknown_power(space, best, record_of(segments, reference_speed, memory).scales.linear)
     power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
@@ -298,8 +300,9 @@ def _suiting(space: Space, z: FloatArray, powers: float, ratio: FloatArray) -> t
     return loss, at[other.boat]
 
 
-def _speed_power(space: Space, z: FloatArray) -> SpeedPower:
-    """Return what the record says of the power of the speed with which the rudder steers.
+def _speed_power(space: Space, z: FloatArray, segments: Sequence[Segment]) -> SpeedPower:
+    """Return what the record says of the power of the speed with which the rudder steers; at a constant speed what is
+    known before.
 
     A turn takes speed away: what the rudder loses with it, and what damps the turn, differ by that power alone.
     Newton's method on the likelihood of the boat that suits a power best, and with the power found the weather anew:
@@ -311,7 +314,7 @@ def _speed_power(space: Space, z: FloatArray) -> SpeedPower:
         0.0, math.hypot(POWER_DOUBT, FORM_DOUBT), space.opened(z)[1], np.zeros_like(own), np.zeros_like(own)
     )
     at, middle = z, 0.0
-    for _ in range(POWER_ROUNDS):
+    for _ in range(POWER_ROUNDS if speed_changes(segments) else 0):
         beside = [_suiting(space, at, middle + by, ratio) for by in (-POWER_STEP, 0.0, POWER_STEP)]
         (less, before), (here, now), (more, after) = beside
         if not math.isfinite(less + here + more):
@@ -582,6 +585,32 @@ def largest_rate(segments: Sequence[Segment]) -> float:
     return max([1.0e-5, *found])
 
 
+def _without_white(space: Space, usual: Weather) -> tuple[Space, FloatArray, float, FloatArray]:
+    """Return what `maximised` finds in a space, with the space; where it ends in white pushes, of a second search that
+    begins in lasting gusts, if that ends better.
+
+    White pushes stand for gusts, for waves and for what the model misses alike, and take the instruments' noise with
+    them: whatever comes next would be beside the noise that they ended with.
+    """
+    z, loss, curvature = maximised(space, space.start)
+    rates, weather, train = space.opened(z)
+    if weather.white > ROUGH_WHITE * usual.white:
+        lasting = _long_gusts(weather, usual.white)._replace(gyro=usual.gyro, compass=usual.compass)
+        other = Space(space.record, rates, lasting, train, space.parts, space.scale, space.beside_at(z), space.groups)
+        other.priors, other.path = space.priors, space.path
+        if math.isfinite(other.found(other.start).loss):
+            again = maximised(other, other.start)
+            if again[1] < loss:
+                return other, *again
+    return space, z, loss, curvature
+
+
+def _long_gusts(weather: Weather, white: float) -> Weather:
+    """Return weather with gusts of the usual time that push as much in the long run, and so much `white`."""
+    slow = math.hypot(weather.gust * math.sqrt(2.0 * weather.gust_time), weather.white)
+    return weather._replace(gust=slow / math.sqrt(2.0 * GUST_TIME_S), gust_time=GUST_TIME_S, white=white)
+
+
 def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> list[Space]:
     """Return where to search for a boat in waves of either kind, beside the best one found without, `z`; empty where
     that shows none.
@@ -602,8 +631,7 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
         seen[space.names.index(name)] = math.log(value)
     guesses = [_wave_start(space, seen, weather)]
     if hurried:
-        lasting = slow / math.sqrt(2.0 * GUST_TIME_S)
-        guesses = [guesses[0]._replace(gust=lasting, gust_time=GUST_TIME_S, white=usual.white)]
+        guesses = [_long_gusts(guesses[0], usual.white)]
     else:
         guesses.append(_wave_start(space, z, weather))
     beside = space.beside_at(z)

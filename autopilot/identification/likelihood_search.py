@@ -326,13 +326,14 @@ class Space:
         worth = worth_of(moments, noise)
         M, segments = record.step.size, record.first.size
         driven = 2.0 * M - worth.driven
+        by_seen = noise.by_instrument * (1.0 if record.headings_known else noise.by_gyro)
         slopes = {
             "gust": M + segments - worth.gust - float(worth.first[2]),
             "white": driven * noise.by_white,
-            "gyro": record.rates_known - worth.gyro,
+            "gyro": noise.by_gyro * (record.rates_known - worth.gyro),
             "compass": record.headings_known - worth.compass,
         }
-        slopes["compass" if record.headings_known else "gyro"] += driven * noise.by_instrument
+        slopes["compass" if record.headings_known else "gyro"] += driven * by_seen
         if noise.wave is not None:
             slopes["wave"] = 2.0 * (M + segments) - waves_worth(moments, noise.wave) - float(worth.first[3:].sum())
         shapes = [name for name in ("wave_frequency", "wave_damping") if name in self.names]
@@ -355,9 +356,10 @@ class Space:
         found = []
         for i in self.sky:
             name = self.names[i]
-            gyro, compass = float(name == "gyro"), float(name == "compass")
+            gyro, compass = noise.by_gyro * float(name == "gyro"), float(name == "compass")
             if name in ("white", "gyro", "compass"):
-                driven = noise.by_white if name == "white" else noise.by_instrument if name == sees else 0.0
+                by_seen = noise.by_instrument * (gyro if name == "gyro" else 1.0)
+                driven = noise.by_white if name == "white" else by_seen if name == sees else 0.0
                 found.append(Offset(driven, gyro, compass, no_gust, no_waves, still))
                 continue
             (less, gone), (more, there) = (self._weather_beside(z, i, by) for by in (-NEXT, NEXT))

@@ -159,7 +159,7 @@ class StepNoise(NamedTuple):
     1/variance of what was measured at each node, 0 where nothing was. keep: of the gust, shape (M,). wave: transition
     of the waves, inverse of what drives them, and both products that the curvature needs, each of shape (4, M) by rows.
     by_instrument, by_white: shares of the white push that go with the instruments' noise, and with the weather's.
-    pushing: which of the states push the boat.
+    pushing: which of the states push the boat. by_gyro: share of what is off in rates that goes with the gyro's noise.
     """
 
     angle: FloatArray
@@ -175,6 +175,7 @@ class StepNoise(NamedTuple):
     by_instrument: float
     by_white: float
     pushing: tuple[int, ...] = (GUST,)
+    by_gyro: float = 1.0
 
 
 def noise_of(weather: Weather, record: Record) -> StepNoise:
@@ -191,8 +192,9 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
     if weather.wave > 0.0:
         wave, log = wave_noise(weather, h)
         logs += log
-    gyro, compass = record.rate_count / weather.gyro**2, record.heading_count / weather.compass**2
-    logs += 2.0 * (record.rates_known * math.log(weather.gyro) + record.headings_known * math.log(weather.compass))
+    rate_noise = math.hypot(weather.gyro, record.smoothed)
+    gyro, compass = record.rate_count / rate_noise**2, record.heading_count / weather.compass**2
+    logs += 2.0 * (record.rates_known * math.log(rate_noise) + record.headings_known * math.log(weather.compass))
     return StepNoise(
         12.0 * per / (h * h),
         -6.0 * per / h,
@@ -207,6 +209,7 @@ def noise_of(weather: Weather, record: Record) -> StepNoise:
         least / q,
         weather.white**2 / q,
         (GUST, WAVE) if wave is not None and weather.wave_pushes else (GUST,),
+        (weather.gyro / rate_noise) ** 2,
     )
 
 
@@ -230,7 +233,7 @@ def _least_seen(weather: Weather, record: Record) -> float:
     """Return the variance [rad^2] of what is measured of the heading in a step."""
     if record.headings_known:
         return weather.compass**2
-    return (weather.gyro * float(np.median(record.step))) ** 2
+    return (math.hypot(weather.gyro, record.smoothed) * float(np.median(record.step))) ** 2
 
 
 WORST_RATIO = 1.0e10

@@ -477,6 +477,34 @@ def test_the_noise_of_a_log_goes_and_its_changes_stay() -> None:
     assert np.sqrt(np.mean(off**2)) < 0.05
 
 
+@pytest.mark.parametrize("seed", [739949000, 739949001])
+def test_a_rate_that_was_smoothed_does_not_make_the_rudder_nothing_beside_waves(seed: int) -> None:
+    """Means over some 1 s of a gyro's rates, and a compass that wanders by 5 deg: taken for exact, such rates made K/T
+    a quarter of what it is, with an interval of 15 % of that to either side."""
+    plant, random = PLANT["K 0.43, T 3.5"]._replace(seconds=100.0), np.random.default_rng(seed)
+    table = zigzags(plant, Sea("gusts", gust_deg=1.0, gyro_deg_s=0.1), [seed], 1)[0]
+    wander = [0.0]
+    while len(wander) < table["time_s"].size:
+        wander.append(math.exp(-0.01) * wander[-1] + math.radians(5.0 * 0.14) * random.normal())
+    weights = np.exp(-0.5 * np.square(np.arange(-20, 21) / 5.0))
+
+    def smooth(values: FloatArray) -> FloatArray:
+        return np.convolve(np.pad(values, 20, mode="edge"), weights / weights.sum(), mode="valid")
+
+    rate, heading = smooth(table["yaw_rate_rad_s"]), table["heading_rad"] + smooth(np.array(wander))
+    run = run_from_columns("smoothed", {**table, "yaw_rate_rad_s": rate, "heading_rad": heading})
+    found = identify([run], QUESTION)
+    assert found.ratios is not None and found.ratios.values[0] == pytest.approx(plant.a, rel=0.1)
+    assert (found.predict(run).yaw_rate_r2 or 0.0) > 0.95
+
+
+@pytest.mark.parametrize("seed", [739949000, 739949001])
+def test_the_noise_of_a_log_at_a_constant_speed_tells_of_no_power_of_it(seed: int) -> None:
+    found = identify(runs_of(PLANT["K 0.43, T 3.5"], SEA["noisy rudder and log"], seed), QUESTION)
+    assert found.likely is not None and found.likely.power is not None
+    assert found.likely.power.mean == 0.0 and found.likely.power.deviation > 0.5
+
+
 def test_a_turn_is_not_flattened_by_the_mean_over_a_node() -> None:
     """A swing of 21 s, of which means over 0.9 s leave 0.3 % less."""
     time = 0.1 * np.arange(1200)

@@ -235,3 +235,20 @@ def test_on_a_real_ship_propeller_and_wind_predict_what_was_not_fitted(left_out:
     assert found.around.drifts
     score = found.predict(load_run(str(unseen), columns)).yaw_rate_r2
     assert score is not None and score > least
+
+
+@pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason="the recordings are not part of the project")
+def test_one_zigzag_of_a_real_ship_whose_rates_were_smoothed_is_a_boats() -> None:
+    from autopilot.logs.reading import load_run
+
+    columns = {
+        "time_s": "t [s]",
+        "heading_rad": "psi_hat [rad]",
+        "yaw_rate_rad_s": "r_angvelo [rad/s]",
+        "rudder_rad": "delta_rudder [rad]",
+        "speed_m_s": "u_velo [m/s]",
+    }
+    run = load_run(str(next((RECORDINGS / "frt_ds_esso").glob("zigzag*13_50_28.csv"))), columns)
+    found = identify([run])
+    assert found.ratios is not None and found.ratios.values[0] > 10.0 * found.ratios.errors[0]
+    assert (found.predict(run).yaw_rate_r2 or 0.0) > 0.93
