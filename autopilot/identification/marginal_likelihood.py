@@ -254,15 +254,24 @@ def wave_noise(weather: Weather, h: FloatArray) -> tuple[WaveNoise, float]:
     moved = np.stack(
         [fade * (cosine + z * W * sine), fade * sine, -fade * W * W * sine, fade * (cosine - z * W * sine)]
     )
-    first, second = still_waves(weather)
-    xx = first - moved[0] ** 2 * first - moved[1] ** 2 * second
-    xy = -moved[0] * moved[2] * first - moved[1] * moved[3] * second
-    yy = second - moved[2] ** 2 * first - moved[3] ** 2 * second
+    # of waves of size 1, whose squares are no smaller than numbers can be
+    squared = float(still_waves(weather)[0])
+    xx = 1.0 - moved[0] ** 2 - (moved[1] * W) ** 2
+    xy = -moved[0] * moved[2] - moved[1] * moved[3] * W * W
+    yy = W * W - moved[2] ** 2 - (moved[3] * W) ** 2
+    q, faded, short = 4.0 * z * W**3, z * W * h, W * h < LEAST_TURN
+    xx = np.where(short, q * h**3 / 3.0 * (1.0 - 1.5 * faded), xx)
+    xy = np.where(short, q * h**2 / 2.0 * (1.0 - 2.0 * faded), xy)
+    yy = np.where(short, q * h * (1.0 - 2.0 * faded), yy)
     determinant = xx * yy - xy * xy
-    inverse = np.stack([yy, -xy, -xy, xx]) / determinant
+    inverse = np.stack([yy, -xy, -xy, xx]) / (determinant * squared)
     ahead = _product(inverse, moved)
     back = _product(moved[[0, 2, 1, 3]], ahead)
-    return (moved, inverse, ahead, back), float(np.log(determinant).sum())
+    return (moved, inverse, ahead, back), float(np.log(determinant).sum()) + 2.0 * h.size * math.log(squared)
+
+
+LEAST_TURN = 1.0e-3
+"""Of the waves' phase in a step: of less, what is new is lost in rounding; its series is right to the square of it."""
 
 
 def _product(left: FloatArray, right: FloatArray) -> FloatArray:

@@ -477,6 +477,19 @@ def test_the_noise_of_a_log_goes_and_its_changes_stay() -> None:
     assert np.sqrt(np.mean(off**2)) < 0.05
 
 
+@pytest.mark.parametrize("size", [1.0e-2, 1.0e-60])
+@pytest.mark.parametrize("frequency", [1.0e-5, 0.99e-2, 1.01e-2, 0.05])
+def test_waves_however_long_and_small_are_driven_by_white_noise(frequency: float, size: float) -> None:
+    """In a short step what is new of heading and rate has the determinant (q h^2)^2 / 12, q = 4 z W^3 size^2."""
+    h, z = np.full(3, 0.1), 0.1
+    weather = Weather(0.01, 6.0, 1.0e-5, 1.0e-3, 1.0e-3, size, frequency, z)
+    (_, inverse, _, _), log = wave_noise(weather, h)
+    q = math.log(4.0 * z) + 3.0 * math.log(frequency) + 2.0 * math.log(size)
+    short = 2.0 * q + 4.0 * math.log(0.1) - math.log(12.0) - 2.0 * z * frequency * 0.1
+    assert log / 3.0 == pytest.approx(short, abs=1.0e-4)
+    assert np.log(inverse[3]) == pytest.approx(math.log(4.0 / 0.1) - q, abs=0.01)
+
+
 @pytest.mark.parametrize("seed", [739949000, 739949001])
 def test_a_rate_that_was_smoothed_does_not_make_the_rudder_nothing_beside_waves(seed: int) -> None:
     """Means over some 1 s of a gyro's rates, and a compass that wanders by 5 deg: taken for exact, such rates made K/T
