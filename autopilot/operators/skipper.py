@@ -344,7 +344,9 @@ class Skipper:
         return self._type_wind(word, rest) if word in ("w", "tack", "gybe", "y", "n") or word[0] in "+-" else None
 
     def _change(self, turn: float) -> str:
-        if self._adopt and self._order.kind is OrderKind.HEADING:
+        tick, order = self._tick, self._order
+        is_refused = tick is not None and tick.mode is not Mode.ENGAGED and tick.order.serial == order.serial
+        if self._adopt and order.kind is OrderKind.HEADING and not is_refused:
             # the heading is that of the moment in which the pilot engages: the step counts from there
             self._beside += turn
             self.plotter.leave()

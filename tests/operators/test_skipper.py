@@ -111,6 +111,17 @@ def test_a_step_before_the_pilot_has_engaged_counts_from_where_it_does(skipper: 
     assert skipper(0.3, ticked(wanted, heading=0.5)).heading == 0.5, "of an engagement before nothing is left"
 
 
+@pytest.mark.parametrize("mode", [Mode.STANDBY, Mode.OVERRIDE, Mode.FAILSAFE])
+def test_a_step_behind_an_order_that_the_pilot_has_not_engaged_on_is_refused(skipper: Skipper, mode: Mode) -> None:
+    skipper.type_line("e")
+    wanted = skipper(0.0, None)
+    skipper(0.1, ticked(wanted, heading=0.7)._replace(mode=mode))
+    with pytest.raises(InputError, match="engage first"):
+        skipper.type_line("+10")
+    skipper.type_line("e")
+    assert skipper.type_line("+10").startswith("engaging"), "the pilot has not seen this one yet"
+
+
 def test_a_rudder_angle_is_held_and_standby_ends_it(skipper: Skipper) -> None:
     assert skipper.type_line("r -5") == "rudder -5 deg"
     order = skipper(0.0, None)

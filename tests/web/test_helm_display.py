@@ -75,6 +75,20 @@ def test_a_step_behind_engaging_anew_does_not_count_from_a_heading_ordered_befor
     assert held == pytest.approx(math.degrees(sea.box.heading) + 10.0, abs=5.0)
 
 
+def test_a_step_that_waits_is_not_added_to_a_heading_ordered_behind_it(sea: Watched) -> None:
+    ends: list[tuple[Answer, str]] = []
+    wanted = (math.degrees(sea.box.heading) + 40.0) % 360.0
+    for asked in ({"do": "engage"}, {"do": "turn", "degrees": 10}, {"do": "heading", "degrees": wanted}):
+        sea.station.ask(sea.now, asked_of(sea.station, asked), lambda *end: ends.append(end))
+    sea.watch(5.0)
+    assert math.degrees(sea.skipper(sea.now, sea.tick).heading) % 360.0 == pytest.approx(wanted, abs=0.1)
+    assert ends == [
+        (Answer.FAILED, "dropped: another course is ordered"),
+        (Answer.TAKEN, ""),
+        (Answer.TAKEN, ""),
+    ]
+
+
 def test_a_step_behind_engaging_ends_where_nothing_is_engaged_or_the_line_goes(sea: Watched) -> None:
     sea.order(do="engage")
     ends: list[tuple[Answer, str]] = []
