@@ -167,11 +167,13 @@ class PlotterGuide:
         if self._is_anothers(message):
             return
         if isinstance(message, PlotterInvalid):
-            since = message.time - TIMEOUT_S
+            newest, since = self._candidate, message.time - TIMEOUT_S
+            self._said.pop(message.source, None)
+            if newest is not None and newest.source != message.source and newest.time >= since:
+                return  # it is of no use beside the one that leads, and why is no news
             self._invalid = {reason: time for reason, time in self._invalid.items() if time >= since}
             self._invalid[message.reason] = message.time
-            self._said.pop(message.source, None)
-            if self._candidate is None or self._candidate.source == message.source:
+            if newest is None or newest.source == message.source:
                 self._message = self._candidate = None
             return
         self._invalid.clear()
@@ -203,7 +205,7 @@ class PlotterGuide:
     def _is_contested(self, message: PlotterLeg | PlotterHeading) -> bool:
         """Return whether none leads yet and another plotter leads elsewhere: nobody has said which is meant."""
         return self._led is None and any(
-            message.time - each.time < STILL_SAID * PERIOD_MOST and not _leads_alike(each, message)
+            message.time - each.time <= TIMEOUT_S and not _leads_alike(each, message)
             for source, each in self._said.items()
             if source != message.source
         )

@@ -138,7 +138,7 @@ def test_magnetic_bearings_take_the_variation_or_that_is_said() -> None:
     guide.follow()
     session = N2kSession("bus", guide=guide)
     for second in range(12):
-        session.receive(float(second), [magnetic])
+        session.receive(float(second), [magnetic, error(20.0)])
         guide.course(float(second), 0.5, 5.0)
     assert guide.alarm is not None and "set sensors.variation_deg" in guide.alarm.detail
     for second in range(12, 40):

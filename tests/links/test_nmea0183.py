@@ -219,6 +219,18 @@ def test_an_older_vane_says_the_wind_off_the_bow_by_its_side(body: str, degrees:
     assert (math.degrees(wind.angle), wind.speed) == (pytest.approx(degrees), pytest.approx(speed))
 
 
+def test_a_vane_that_says_its_wind_in_both_ways_says_one() -> None:
+    reader, framer = NmeaReader(), NmeaFramer()
+
+    def is_said(time: float, kind: str, *fields: str) -> bool:
+        (sentence,) = framer.feed(format_sentence("II", kind, fields))
+        return reader.read(time, sentence) is not None
+
+    mwv, vwr = ("MWV", "045.2", "R", "10.4", "N", "A"), ("VWR", "045.0", "R", "10.0", "N", "", "M", "", "K")
+    assert [is_said(0.5 * number, *each) for number, each in enumerate((mwv, vwr, mwv, vwr))] == [True, False] * 2
+    assert is_said(20.0, *vwr), "MWV has fallen silent"
+
+
 def test_a_deviation_or_variation_of_nought_without_a_side_is_none() -> None:
     assert math.degrees(of("HCHDG,90.0,0.0,,4.0,E").heading) == pytest.approx(94.0)
     assert math.degrees(of("HCHDG,90.0,0.0,E,0.0,", variation=math.radians(3.0)).heading) == pytest.approx(93.0)

@@ -429,3 +429,53 @@ def test_two_devices_that_lead_different_ways_from_the_first_lead_nowhere_and_th
 def test_what_comes_and_cannot_be_led_along_is_not_called_silence(body: str, why: str) -> None:
     course, alarm = led(12, (0.0, body))
     assert course == 0.0 and why in alarm
+
+
+IDLE = "IIXTE,V,V,0.00,L,N,N"
+OTHER = LEG.replace("GP", "EC").replace("030.0", "090.0")
+
+
+def test_what_an_idle_device_says_of_itself_is_no_alarm_beside_a_plotter_that_leads() -> None:
+    assert led(1, (0.0, LEG), (0.5, IDLE)) == (0.0, "")
+    assert "two plotters lead different ways" in led(12, (0.0, LEG), (0.3, OTHER), (0.5, IDLE))[1]
+
+
+@pytest.mark.parametrize(
+    ("leg", "part", "why"),
+    [
+        (LEG.replace(",T", ",M"), "GPXTE,A,A,0.000,L,N", "set sensors.variation_deg"),
+        ("GPRMB,A,0.05,L,A,B,,,,,0.020,030.0,5.0,V,A", BWC.format(range="1.000"), "for 8 s or more"),
+    ],
+)
+def test_nobody_asks_for_a_leg_that_is_named_and_cannot_be_led_along(leg: str, part: str, why: str) -> None:
+    course, alarm = led(12, (0.0, leg), (0.5, part))
+    assert course == 0.0 and why in alarm
+
+
+def test_a_plotter_that_falls_silent_is_called_so_though_it_sent_parts_of_a_leg_too() -> None:
+    guide, framer = PlotterGuide(), NmeaFramer()
+    guide.follow()
+    reader, said = NmeaReader(guide=guide), set()
+    for step in range(300):
+        for body in ("GPRMB,A,0.00,L,A,B,,,,,2.000,030.0,5.0,V,A", "GPXTE,A,A,0.000,L,N"):
+            address, *fields = body.split(",")
+            if step % 10 == 2 * (address == "GPXTE") and step < 100:
+                for sentence in framer.feed(format_sentence(address[:2], address[2:], fields)):
+                    reader.read(0.1 * step, sentence)
+        guide.course(0.1 * step, 0.0, 5.0)
+        said.add("" if guide.alarm is None else guide.alarm.name)
+    assert said == {"", "plotter_silent"}
+
+
+def test_a_sentence_that_is_lost_settles_no_contest_of_two_plotters() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    for second in range(40):
+        if second % 2 == 0 and second != 20:
+            guide.take(PlotterLeg(float(second), 0.5, 0.0, source="one"))
+        guide.take(PlotterLeg(second + 0.5, 1.5, 0.0, source="other"))
+        assert guide.course(second + 0.5, 0.0, 5.0) == 0.0
+    for second in range(40, 50):
+        guide.take(PlotterLeg(second + 0.5, 1.5, 0.0, source="other"))
+        led_to = guide.course(second + 0.5, 0.0, 5.0)
+    assert led_to == pytest.approx(1.5), "the other has fallen silent"

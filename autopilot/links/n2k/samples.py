@@ -204,12 +204,16 @@ class PlotterReader:
         self._variation, self._magnetic = variation, magnetic
         self._leg: PlotterLeg | None = None
         self._error: tuple[float, float] | None = None
-        self._error_time = self._began = -math.inf
+        self._error_time = self._began = self._navigated = -math.inf
         self._names: dict[int, str] = {}
 
     def leads(self, now: float) -> bool:
         """Return whether it has named a leg of late."""
         return self._leg is not None and now - self._leg.time <= TIMEOUT_S
+
+    def names_none(self, now: float) -> bool:
+        """Return whether it has sent no 129284 of late, which names the leg."""
+        return now - self._navigated > TIMEOUT_S
 
     def take(self, now: float, message: Message) -> PlotterMessage | None:
         """Return what the guide must know of a message that came at `now` [s]; None where it adds nothing.
@@ -228,6 +232,7 @@ class PlotterReader:
         return self._variation.steered(bearing, is_magnetic=reference == "Magnetic", by_compass=self._magnetic)
 
     def _navigation(self, now: float, fields: Fields) -> PlotterMessage | None:
+        self._navigated = now
         reference = fields.get("courseBearingReference")
         distance = number(fields, "distanceToWaypoint", RANGE_MOST)
         track = number(fields, "bearingOriginToDestinationWaypoint", math.tau)

@@ -359,16 +359,17 @@ class N2kSession:
         """Tell the guide what a device says of a route; one that has none does not speak for another that has."""
         if message.group == CONTROL and any(plotter.leads(now) for plotter in self._plotters.values()):
             return
-        if message.source not in self._plotters:
-            self._plotters[message.source] = PlotterReader(self._variation, self.settings.magnetic)
+        plotter = self._plotters.get(message.source)
+        if plotter is None:
+            plotter = self._plotters[message.source] = PlotterReader(self._variation, self.settings.magnetic)
         try:
-            led = self._plotters[message.source].take(now, message)
+            led = plotter.take(now, message)
         except NeedsVariationError:
             guide.unread(now, NO_VARIATION)
             return
         if led is not None:
             guide.take(led._replace(source=f"{self.name}, address {message.source}"))
-        elif message.group == CROSS_TRACK:
+        elif message.group == CROSS_TRACK and plotter.names_none(now):
             guide.unread(now, "129283 alone names no leg: let it send 129284")
 
     def _measured(self, now: float, message: Message, samples: list[Sample]) -> None:

@@ -98,6 +98,7 @@ class PlotterReader:
         self._leg: PlotterLeg | None = None
         self._rmb_time = -math.inf
         self._error: tuple[float, float, float] | None = None
+        self._heard: dict[str, float] = {}
         self._readers: dict[str, Callable[[float, tuple[str, ...]], PlotterMessage | None]] = {
             **dict.fromkeys(LEGS, self._apb),
             "RMB": self._rmb,
@@ -108,6 +109,7 @@ class PlotterReader:
 
     def read(self, time: float, kind: str, fields: tuple[str, ...]) -> PlotterMessage | None:
         """Return the message in a sentence of `kind`; None where it adds nothing."""
+        self._heard[kind] = time
         try:
             return self._readers[kind](time, fields)
         except NoDataError:
@@ -161,6 +163,10 @@ class PlotterReader:
         # the true bearing, or else the magnetic one
         bearing = self._steered(angle(fields, 5), "T") if field(fields, 5) else self._steered(angle(fields, 7), "M")
         return _straight(time, bearing, distance, error[1:], field(fields, 11))
+
+    def says_only(self, time: float, kind: str) -> bool:
+        """Return whether it has sent no other kind of sentence of late."""
+        return all(each == kind or time - heard > TIMEOUT_S for each, heard in self._heard.items())
 
     def is_led_by_apb(self, time: float) -> bool:
         """Return whether APB has named a leg of late."""
@@ -291,6 +297,7 @@ class NmeaReader:
         self._deviation = deviation or Deviation()
         self._guide = guide
         self._plotters: dict[str, PlotterReader] = {}
+        self._mwv_time = -math.inf
         self._readers: dict[str, Callable[[float, tuple[str, ...]], Sample | None]] = {
             "HDG": self._hdg,
             "HDM": self._hdm,
@@ -345,10 +352,11 @@ class NmeaReader:
         is_beside_apb = any(plotter.is_led_by_apb(time) for plotter in self._plotters.values())
         if guide is None or (is_beside_apb and kind not in (*LEGS, ERRORS)):
             return
-        if sentence.talker not in self._plotters:
-            self._plotters[sentence.talker] = PlotterReader(self._variation, self._magnetic)
+        plotter = self._plotters.get(sentence.talker)
+        if plotter is None:
+            plotter = self._plotters[sentence.talker] = PlotterReader(self._variation, self._magnetic)
         try:
-            message = self._plotters[sentence.talker].read(time, kind, sentence.fields)
+            message = plotter.read(time, kind, sentence.fields)
         except ValueError:
             guide.unread(time, f"{kind} holds what cannot be")
             raise
@@ -358,7 +366,7 @@ class NmeaReader:
         if message is not None:
             self.invalid += isinstance(message, PlotterInvalid)
             guide.take(message._replace(source=f"{self.line} {sentence.talker}"))
-        elif kind in PARTS and not is_beside_apb:
+        elif kind in PARTS and not is_beside_apb and plotter.says_only(time, kind):
             guide.unread(time, f"{kind} alone names no leg: let it send APB or RMB")
 
     def _hdg(self, time: float, fields: tuple[str, ...]) -> Sample | None:
@@ -415,10 +423,17 @@ class NmeaReader:
         unit = field(fields, 3)
         if unit not in units:
             raise ValueError(unit)
-        return WindSample(time, wrap(angle(fields, 0)), number(fields, 2, 0.0, SPEED_LIMIT) * units[unit])
+        wind = WindSample(time, wrap(angle(fields, 0)), number(fields, 2, 0.0, SPEED_LIMIT) * units[unit])
+        self._mwv_time = time
+        return wind
 
-    def _vwr(self, time: float, fields: tuple[str, ...]) -> Sample:
-        """The wind over the bow, as older instruments say it: to L or R of it, in knots, m/s or km/h."""
+    def _vwr(self, time: float, fields: tuple[str, ...]) -> Sample | None:
+        """The wind over the bow, as older instruments say it: to L or R of it, in knots, m/s or km/h.
+
+        Beside MWV it is none: one vane, said in two ways that are rounded differently, never seems to stand still.
+        """
+        if time - self._mwv_time <= TIMEOUT_S:
+            return None
         side, off = field(fields, 1), math.radians(number(fields, 0, 0.0, 180.0))
         if side not in ("L", "R"):
             raise ValueError(side)
