@@ -451,6 +451,18 @@ def test_two_stations_under_one_id_are_said(who: str, are_two: bool) -> None:
     assert words_.count("two ground stations") <= 1, "once a minute"
 
 
+def test_two_vehicles_under_one_id_are_no_ground_stations() -> None:
+    bench = Bench()
+    vehicle = dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
+    far, said = MavlinkCodec(9, 1), []
+    for second in range(40):
+        for number in (10 * second, 10 * second + 77):
+            far._mavlink.seq = number % 256
+            bench.far.send(far.encode(vehicle))
+            said += bench.run(0.5)
+    assert not [each for each in said if each.get_type() == "STATUSTEXT"]
+
+
 def test_the_same_order_after_ten_seconds_or_after_a_refusal_is_a_new_one() -> None:
     bench = Bench(armed=True)
     put(bench, 7, *TURN)

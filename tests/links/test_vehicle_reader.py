@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -360,3 +361,16 @@ def test_a_servo_report_that_was_overtaken_accuses_no_bow_thruster() -> None:
         (received,) = MavlinkCodec(1, 0).decode(MavlinkCodec(1, 1).encode(message))
         reader.take(5.0, received, [])
     assert shown == [1700, 1710]
+
+
+def test_headings_that_are_late_by_a_clock_a_little_slow_are_said_once() -> None:
+    output = SteeringOutput("rc_override", math.radians(30.0), False)
+    reader = VehicleReader(output, CompanionSettings(math.radians(30.0), heading_timeout=1.0))
+    said: list[bool] = []
+    for step in range(2400):
+        now = 0.05 * step
+        (received,) = MavlinkCodec(1, 0).decode(MavlinkCodec(1, 1).encode(attitude(round(1000.0 * (9.0 + 0.95 * now)))))
+        reader.take(now, received, [])
+        reader.streams.due(now)
+        said.append(reader.streams.late is not None)
+    assert sum(before != after for before, after in pairwise(said)) == 1 and said[-1]

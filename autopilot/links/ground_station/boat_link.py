@@ -169,10 +169,13 @@ class BoatLink(StationLink):
                     self.dropped += 1
                     self._flooded = now
                 elif self._access.lets_in_system(message.get_srcSystem()):
-                    if self._hears(message):
+                    may_order = self._hears(message)
+                    if may_order:
                         self._presence.on_packet(now, message.get_type() == "HEARTBEAT")
                     self._packets.append((now, bytes(message._msgbuf)))
                     self._on_message(now, message)
+                    if may_order and message.get_type() == "HEARTBEAT" and self._sequence.are_two(now, message):
+                        self._refuse(now, SHARED.format(message.get_srcSystem(), message.get_srcComponent()))
                 else:
                     self._refuse(now, NOT_ALLOWED)
         self._access.count_refused_senders(refused_senders_of(self._transport) - dropped)
@@ -197,8 +200,6 @@ class BoatLink(StationLink):
 
     def _on_message(self, now: float, message: Message) -> None:
         self._sequence.heard(now, message)
-        if message.get_type() == "HEARTBEAT" and self._sequence.are_two(now, message):
-            self._refuse(now, SHARED.format(message.get_srcSystem(), message.get_srcComponent()))
         if not self._is_for_us(message):
             return
         refusal = self._access.refusal(now, message)

@@ -28,6 +28,9 @@ line that loses a third."""
 WAITING = "waiting for headings (ATTITUDE) at the rate asked for"
 LATE_SHARE = 0.5
 """Where none is younger than this share of the age at which a heading counts as lost, that is an alarm."""
+OVER_SHARE = 0.5
+"""It is over below this share of that: by a clock that runs slow, a heading's age doubles and halves again with every
+window of the offset."""
 
 
 TOO_SLOW = (
@@ -91,8 +94,8 @@ class MessageStreams:
         if not first:
             self.pause = CHECK_S
             self._watch_first(passed)
-        if self._oldest < self.age < math.inf:
-            # said once: how old they are goes up and down with every window of the clock
+        if self._oldest * (OVER_SHARE if self.late else 1.0) < self.age < math.inf:
+            # said once: how old they are wavers
             self.late = self.late or AlarmEvent("headings_late", f"{self.age:.1f} s")
         else:
             self.late = None
