@@ -124,9 +124,11 @@ class _OpenFile:
         is_pipe, is_full = error.errno == errno.EPIPE, error.errno in FULL
         what = "nobody reads the pipe any more" if is_pipe else error.strerror
         cure = "start its reader again" if is_pipe else "free the disk" if is_full else "look after the disk"
-        cure = TOO_BIG if error.errno == errno.EFBIG else cure
+        is_too_big = error.errno == errno.EFBIG
+        cure = TOO_BIG if is_too_big else cure
         self.trouble = f"log stopped: {what}; {cure}"
-        if not (is_pipe or is_full):
+        # what does not fit into an empty file fits into no further one
+        if not (is_pipe or is_full or (is_too_big and not self._size)):
             self._end_part()
 
     def _end_part(self) -> None:

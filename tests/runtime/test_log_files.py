@@ -237,6 +237,21 @@ def test_a_limit_of_a_file_s_size_is_said_and_the_log_goes_on_in_another_file(tm
     assert (tmp_path / "run.tlog").stat().st_size == 900, "whole records"
 
 
+def test_a_limit_that_no_record_fits_in_makes_one_file_not_one_a_record(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        sink = FileSink(tmp_path / "run.tlog")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+        for _ in range(20):
+            sink.write(bytes(300))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert "ulimit -f" in sink.trouble
+    sink.write(b"again")
+    sink.close()
+    assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"again"]
+
+
 @pytest.mark.parametrize("call", ["write", "fdatasync"])
 def test_a_stick_that_was_pulled_and_is_back_gets_another_file(
     call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
