@@ -422,6 +422,7 @@ BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
         ("one", False),
         ("two", True),
         ("one that begins anew", False),
+        ("one that begins anew from far behind", False),
         ("one over two ways, of which one is slow", False),
         ("one on a line that loses most", False),
     ],
@@ -438,6 +439,8 @@ def test_two_stations_under_one_id_are_said(who: str, are_two: bool) -> None:
             numbers.append(other)
         elif who == "one that begins anew":
             numbers = [first if second < 20 else first - 150]
+        elif who.endswith("behind"):
+            numbers = [3 * (second % 20) + second // 20]
         elif who.startswith("one over"):
             numbers.append(first - 50)
         elif who.endswith("most") and chance.random() < 0.7:

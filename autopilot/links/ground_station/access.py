@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -376,7 +377,7 @@ def is_from_station(message: Message) -> bool:
 OVERTAKEN = 32
 """So many of its sender's messages may have come before one that was sent ahead of them."""
 SHARED_BEATS, SHARED_WITHIN_S, BEATS_KEPT = 4, 10.0, 32
-"""So many heartbeats of each within this time [s] are two stations'; so many are kept."""
+"""So many heartbeats of each, by turns, within this time [s] are two stations'; so many are kept."""
 RESTARTED_S = 2.0
 """A sender whose numbers have only come from behind for so long has begun anew: one that goes on beats each second."""
 ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
@@ -450,10 +451,11 @@ class OrderSequence:
 
     def are_two(self, now: float, message: Message) -> bool:
         """Return whether two count their messages under the id of this one's sender: heartbeats go on from the newest,
-        and others from far behind it. One that began anew does the latter alone, and a line that doubles brings the
-        same numbers."""
+        and others from far behind it, by turns. One that began anew did the former before, and a line that doubles
+        brings the same numbers."""
         recent = [is_far for time, _, is_far in self._sender(message).beats if now - time <= SHARED_WITHIN_S]
-        return min(recent.count(True), recent.count(False)) >= SHARED_BEATS
+        turns = sum(before is not after for before, after in pairwise(recent))
+        return min(recent.count(True), recent.count(False), turns) >= SHARED_BEATS
 
     def is_again(self, now: float, message: Message) -> bool:
         """Return whether an order has been taken already: this very one, the same said once more, or before, and late.
