@@ -333,17 +333,17 @@ class Course:
 
     def engage(self, _: float, on_done: OnDone) -> None:
         """Steer the present heading; where a heading is steered already, that one."""
-        self._drop_steps()
+        self.drop_steps()
         self._give(_Meant(math.nan), ENGAGE, on_done)
 
     def turn_to(self, _: float, heading_deg: float, on_done: OnDone) -> None:
         """Order a heading [deg]."""
-        self._drop_steps()
+        self.drop_steps()
         self._order(_Meant(heading_deg % 360.0), on_done)
 
     def hold_wind(self, is_true: bool, degrees: float | None, on_done: OnDone) -> None:
         """Hold an angle of the wind [deg], None: the present one."""
-        self._drop_steps()
+        self.drop_steps()
         meant = _Meant(math.nan if degrees is None else degrees, is_true)
         self._give(meant, hold_wind(is_true, degrees), on_done)
 
@@ -366,7 +366,7 @@ class Course:
         if self.before is None:
             on_done(Answer.FAILED, "nothing to go back to")
             return
-        self._drop_steps()
+        self.drop_steps()
 
         def noted(taken: Answer, words: str) -> None:
             if taken:
@@ -399,9 +399,9 @@ class Course:
 
     def give_up(self) -> None:
         """End what waits for the boat's word: nobody hears it."""
-        self._drop_steps(Answer.SILENT, NO_ANSWER)
+        self.drop_steps(Answer.SILENT, NO_ANSWER)
 
-    def _drop_steps(self, answer: Answer = Answer.FAILED, words: str = "dropped: another course is ordered") -> None:
+    def drop_steps(self, answer: Answer = Answer.FAILED, words: str = "dropped: another course is ordered") -> None:
         """End what waits: a step counts from what was held as it was ordered, not from what is ordered behind it."""
         steps, self._steps = self._steps, []
         for step in steps:

@@ -102,7 +102,13 @@ def _commands(
 ) -> Callable[[Station, dict[str, Any]], Asked]:
     def asked(station: Station, request: dict[str, Any]) -> Asked:
         commands = make(request)
-        return lambda _, on_done: station.orders.give(commands, on_done)
+
+        def give(_: float, on_done: orders.OnDone) -> None:
+            if commands[0] == ARM:  # a route, a pattern, a trial: no step is to be added to its course
+                station.course.drop_steps()
+            station.orders.give(commands, on_done)
+
+        return give
 
     return asked
 

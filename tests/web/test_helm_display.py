@@ -89,6 +89,15 @@ def test_a_step_that_waits_is_not_added_to_a_heading_ordered_behind_it(sea: Watc
     ]
 
 
+@pytest.mark.parametrize("kind", ["route", "pattern", "zigzag"])
+def test_a_step_that_waits_is_not_added_to_the_course_of_what_leads_from_now_on(sea: Watched, kind: str) -> None:
+    ends: list[tuple[Answer, str]] = []
+    sizes = {"pattern": {"number": 1, "side": 1}, "zigzag": {"rudder": 10, "change": 10, "duration": 60}}
+    for asked in ({"do": "engage"}, {"do": "turn", "degrees": 10}, {"do": kind, **sizes.get(kind, {})}):
+        sea.station.ask(sea.now, asked_of(sea.station, asked), lambda *end: ends.append(end))
+    assert ends == [(Answer.FAILED, "dropped: another course is ordered")]
+
+
 def test_a_step_behind_engaging_ends_where_nothing_is_engaged_or_the_line_goes(sea: Watched) -> None:
     sea.order(do="engage")
     ends: list[tuple[Answer, str]] = []
