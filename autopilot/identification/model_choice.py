@@ -215,12 +215,12 @@ def _kept_together(name: str, solution: Solution) -> str:
 
 
 def _least_shown(solution: Solution, names: Sequence[str]) -> str:
-    """Return the parameter that is hardest to distinguish from zero; '' where all can. What stands
-    together counts as its best."""
+    """Return the parameter that is hardest to distinguish from zero; '' where all can. What stands together counts as
+    its best, but for what ended at its bound: that is not there."""
     doubt = {name: _relative_error(solution, name) for name in names if name in solution.free}
     for group in TOGETHER:
         if group[0] in doubt:
-            held = [name for name in group if name in doubt]
+            held = [name for name in group if name in doubt and name not in solution.at_bound]
             doubt.update(dict.fromkeys(held, min(doubt[name] for name in held)))
     weak = {name: value for name, value in doubt.items() if value > LARGEST_RELATIVE_ERROR}
     return max(weak, key=lambda name: weak[name]) if weak else ""

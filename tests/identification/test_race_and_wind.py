@@ -212,6 +212,14 @@ def test_a_race_of_revolutions_that_nobody_recorded_is_found() -> None:
     assert score is not None and score > 0.97
 
 
+def test_a_race_that_ends_at_nothing_does_not_stand_by_the_cubic_damping_beside_it() -> None:
+    # way lost in turns takes more from this rudder than its square: a race would have to be less than none
+    runs = [without(trial(seed, 10.0, -0.3 * L2, 0.0), "propeller", "beam_wind", "quarter_wind") for seed in range(3)]
+    found = identify(runs, Question(reference_speed=U0))
+    assert found.around is None
+    assert found.unidentifiable["steady_race"].startswith("steady_race: ")
+
+
 @pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason="the recordings are not part of the project")
 @pytest.mark.parametrize(("left_out", "least"), [("turn_14-Sep", 0.94), ("13_50_28", 0.93)])
 def test_on_a_real_ship_propeller_and_wind_predict_what_was_not_fitted(left_out: str, least: float) -> None:
