@@ -27,10 +27,10 @@ CONDITIONS = {
     "heading_lost": Condition("no heading for the time in the file", key="failsafe.heading_timeout_s"),
     "heading_frozen": Condition(
         "the heading stays the same to the last digit while the rate of turn spans 5 deg, or the rudder is worth 15 "
-        "deg of turn, and a third of it more than the boat turns in 1.2 s; or for 3 s where a sea moved it before, "
-        "where its digits are finer than 0.002 deg, or where its own noise moved it by 1.5 digits and more and it is "
-        "further than a digit and two standard deviations from the heading that the boat had and the rudder since "
-        "makes of it",
+        "deg of turn, for 1.2 s, or by more than a third of that and what the boat turns in 1.2 s; or for 3 s "
+        "where a sea moved it before, where its digits are finer than 0.002 deg, or where its own noise moved it by "
+        "1.5 digits and more and it is further than a digit and two standard deviations from the heading that the "
+        "boat had and the rudder since makes of it",
         key="alarms.frozen_heading",
     ),
     "heading_jumping": Condition(

@@ -591,7 +591,8 @@ class Standing(NamedTuple):
     far it has turned [rad]; is_frozen: until it moves again; source: whose heading it is; off [rad]: how far it was
     from the boat's as that was estimated when it began to stand, and unknown [rad^2]: the variance of that; steered:
     the rate [rad/s] and the turn [rad] that the rudder has made since of a boat that lay on its course; quickest
-    [rad/s]: of late, by the rate beside it and by the model."""
+    [rad/s]: of late, by the rate beside it and by the model, and beyond [s]: since when either turn is more than its
+    limit, nan: it is not."""
 
     heading: float = math.nan
     samples: int = 0
@@ -612,6 +613,7 @@ class Standing(NamedTuple):
     unknown: float = 0.0
     steered: tuple[float, float] = (0.0, 0.0)
     quickest: tuple[float, float] = (0.0, 0.0)
+    beyond: tuple[float, float] = (math.nan, math.nan)
 
 
 class Sea(NamedTuple):
@@ -706,10 +708,16 @@ def stood_by(before: Standing, sample: HeadingSample) -> Standing:
     )
 
 
-def is_unseen(turn: float, quickest: float, most: float) -> bool:
-    """Return whether a `turn` [rad] is more than `most` [rad], and more than a heading that is repeated hides of a boat
-    that turns by `quickest` [rad/s]."""
-    return turn > most and turn > FROZEN_REPEATED * quickest + FROZEN_BEFORE * most
+def beyond(since: float, turn: float, most: float, now: float) -> float:
+    """Return since when [s] a `turn` [rad] is more than `most` [rad], nan where it is not."""
+    return math.nan if not turn > most else now if math.isnan(since) else since
+
+
+def is_unseen(turn: float, quickest: float, most: float, lasts: float) -> bool:
+    """Return whether a `turn` [rad] is more than `most` [rad], and more than a heading that is repeated hides: of a
+    boat that turns by `quickest` [rad/s]; or it `lasts` [s], nan where it is not, for longer than one is repeated,
+    however quickly waves or an outlier of a rate sensor turn the boat."""
+    return lasts >= FROZEN_REPEATED or (turn > most and turn > FROZEN_REPEATED * quickest + FROZEN_BEFORE * most)
 
 
 def quicker(before: float, rate: float, step: float) -> float:
@@ -756,8 +764,11 @@ def frozen_step(
         return standing._replace(is_frozen=True), sea
     if standing.reckoned == now:
         return standing, sea
+    last, span, by_rate, by_rudder = standing.time, standing.high - standing.low, *standing.beyond
+    by_rate = beyond(by_rate, span, FROZEN_BY_RATE, last)
+    standing = standing._replace(beyond=(by_rate, by_rudder))
     is_spanned = standing.samples >= FROZEN_SAMPLES
-    is_spanned = is_spanned and is_unseen(standing.high - standing.low, standing.quickest[0], FROZEN_BY_RATE)
+    is_spanned = is_spanned and is_unseen(span, standing.quickest[0], FROZEN_BY_RATE, last - by_rate)
     if standing.samples < 2 or is_spanned or not seen.steers:
         # what somebody else does with the rudder proves nothing
         since = standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0, steered=(0.0, 0.0))
@@ -769,10 +780,11 @@ def frozen_step(
     turned = 0.0 if standing.rate_moves else standing.turned * kept + rate * step
     quickest = quicker(standing.quickest[1], rate, step)
     is_frozen = standing.samples >= FROZEN_SAMPLES and seen.has_way
-    is_frozen = is_frozen and is_unseen(abs(turned), quickest, FROZEN_BY_RUDDER)
+    by_rudder = beyond(by_rudder, abs(turned), FROZEN_BY_RUDDER, last)
+    is_frozen = is_frozen and is_unseen(abs(turned), quickest, FROZEN_BY_RUDDER, last - by_rudder)
     standing = standing._replace(steered=(own, 0.0 if standing.rate_moves else steered + own * step))
     standing = standing._replace(rate_moves=False, reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen)
-    return standing._replace(quickest=(standing.quickest[0], quickest)), sea
+    return standing._replace(quickest=(standing.quickest[0], quickest), beyond=(by_rate, by_rudder)), sea
 
 
 class Jumping(NamedTuple):

@@ -224,7 +224,7 @@ FROZEN_SAMPLES = 10
 """So many headings that are the same to the last digit are worth a second look."""
 FROZEN_REPEATED, FROZEN_BEFORE = 1.2, 1.0 / 3.0
 """A heading that is repeated, sent on once a second and a fifth of that late, hides what the boat turns in so long [s]:
-this share of either turn must be more than that."""
+either turn must be more than that and this share of its limit together, or than all of that for as long."""
 FROZEN_BY_RATE = math.radians(5.0)
 FROZEN_BY_RUDDER = math.radians(15.0)
 """The turn that an instrument measured, or that the rudder must have made, spans this while the heading stood; or the

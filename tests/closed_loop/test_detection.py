@@ -169,20 +169,22 @@ def test_a_turn_by_a_compass_that_is_repeated_does_not_end_as_frozen(seconds: fl
     assert tick is None or not words_of(tick)[0].startswith("heading frozen")
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_noise_that_ends_with_an_engine_does_not_end_steering_in_a_calm(seed: int) -> None:
-    """0.3 deg that fall to 0.02 deg, tenths of a degree, no rate: frozen with two of these three seeds."""
-    pilot, digit = build_pilot(VESSEL), math.radians(0.1)
-    plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=math.radians(0.3), rate_noise=None, seed=seed)
-    while plant.time < SETTLED + 20.0:
-        if plant.time >= SETTLED:
-            plant.heading_noise = math.radians(0.02)
-        (sample,) = plant.sense()
-        assert isinstance(sample, HeadingSample)
-        shown = sample._replace(heading=wrap(round(sample.heading / digit) * digit))
-        tick = pilot.step(plant.time, (shown,), Order(OrderKind.HEADING, 0.0, serial=1))
-        assert tick.mode is Mode.ENGAGED, words_of(tick)
-        plant.step(tick.command.angle, DT)
+def test_noise_that_ends_with_an_engine_does_not_end_steering_in_a_calm() -> None:
+    """0.3 deg that fall to 0.02 deg, tenths of a degree, no rate: one of these runs ended with 'frozen' 3 s later
+    by the noise alone. The case in numbers beside the monitors always lies still."""
+    digit = math.radians(0.1)
+    for seed in range(20261129, 20261149):
+        pilot = build_pilot(VESSEL)
+        plant = Plant(model_of(VESSEL), gear_of(VESSEL), heading_noise=math.radians(0.3), rate_noise=None, seed=seed)
+        while plant.time < SETTLED + 8.0:
+            if plant.time >= SETTLED:
+                plant.heading_noise = math.radians(0.02)
+            (sample,) = plant.sense()
+            assert isinstance(sample, HeadingSample)
+            shown = sample._replace(heading=wrap(round(sample.heading / digit) * digit))
+            tick = pilot.step(plant.time, (shown,), Order(OrderKind.HEADING, 0.0, serial=1))
+            assert tick.mode is Mode.ENGAGED, (seed, words_of(tick))
+            plant.step(tick.command.angle, DT)
 
 
 @pytest.mark.parametrize(("sea", "course"), [(seaway, 30.0), (calm, 30.0)])

@@ -420,6 +420,26 @@ def test_a_turn_that_a_repeated_heading_shows_late_is_no_frozen_one(
         assert not monitor.is_frozen(watched(now))
 
 
+@pytest.mark.parametrize(
+    ("swings_deg", "omega", "spike_deg_s"), [(3.0, 2.0, 0.0), (5.0, 2.5, 0.0), (8.0, 3.0, 0.0), (0.0, 1.0, 60.0)]
+)
+@SIDES
+def test_short_waves_and_outliers_of_the_rate_hide_no_heading_that_stands(
+    swings_deg: float, omega: float, spike_deg_s: float, side: float
+) -> None:
+    """Beside a gyro that is alive: it swings, or the boat turns by 1 deg/s and every 3 s one rate is far too large. In
+    1.2 s at the quickest they turn by as much as they ever span; a repeated heading would still have come by then."""
+    monitor = Frozen()
+    for tick in range(round(8.0 / 0.05)):
+        now = 0.05 * tick
+        rate = swings_deg * omega * math.cos(omega * now) if swings_deg else 1.0
+        rate = spike_deg_s if spike_deg_s and tick % 60 == 20 else rate
+        monitor.on_sample(HeadingSample(now, 0.3, side * math.radians(rate * (1.0 + 0.01 * (tick % 2)))))
+        if monitor.is_frozen(watched(now)):
+            return
+    raise AssertionError("not found")
+
+
 def jumped(*headings: tuple[float, float], most: float = 0.3, rate: float = 0.0, looked_at: float = 0.0) -> str:
     """What is said at the end, or at `looked_at` [s], of headings (time, degrees)."""
     monitor = Jumping(most)
