@@ -43,7 +43,15 @@ from numpy.typing import NDArray
 
 from autopilot.angles import wrap
 from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by
-from autopilot.identification.live_filter import GUST_TIME_S, USUAL_COMPASS, LiveFilter, Push, moved_on
+from autopilot.identification.live_filter import (
+    GUST_TIME_S,
+    LEAST_RATIO,
+    MOST_RATIO,
+    USUAL_COMPASS,
+    LiveFilter,
+    Push,
+    moved_on,
+)
 from autopilot.models.norrbin import ROUNDING, Norrbin
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Tick
 
@@ -121,7 +129,8 @@ class PredictionTest:
             side.filter.update(time, rudder, ratio, heading, rate)
         dt = time - self._at
         outcome = None
-        if not 0.0 < dt <= LONGEST_GAP_S:
+        # at a speed of which the filters take nothing the wind turns the boat, and neither model
+        if not (0.0 < dt <= LONGEST_GAP_S and LEAST_RATIO <= ratio <= MOST_RATIO):
             self._begun, self._settled = None, time + SETTLES * self.ahead
         elif self._begun is not None:
             self._turned += wrap(heading - self._heading)
@@ -405,6 +414,9 @@ def doubts(fit: LiveFilter, present: Norrbin) -> tuple[float, float]:
     """Return what the filter doubts of its own turns, and how far the present model's are from them (root mean squares
     over TURNS_RAD), as shares of the larger of both models' turns."""
     (a, b, d), covariance = fit.estimate.values[:3], fit.estimate.covariance[:3, :3]
+    if not (np.diag(covariance) > 0.0).all():
+        # rounding has left nothing to doubt it by
+        return math.inf, 0.0
     ahead = ahead_of(present, _model(a, b, d))
     turned = _turned(_model(a, b, d), ahead)
     off = _turned(present, ahead) - turned
@@ -443,7 +455,7 @@ def errors_of(model: Norrbin, fit: LiveFilter) -> dict[str, float]:
     a, b, d = rates = model.gain / T, sign / T, model.n3 / T
     off = np.array(rates) - fit.estimate.values[:3]
     known = fit.estimate.covariance[:3, :3] + np.outer(off, off)
-    if abs(b) < SURE_OF_IT * math.sqrt(known[1, 1]):
+    if not known[1, 1] > 0.0 or abs(b) < SURE_OF_IT * math.sqrt(known[1, 1]):
         return {"gain": math.inf, "time_constant": math.inf, "n3": math.inf}
     slopes = {"gain": (T, -sign * a * T * T, 0.0), "time_constant": (0.0, -sign * T * T, 0.0)}
     slopes["n3"] = (0.0, -sign * d * T * T, T)

@@ -321,7 +321,8 @@ def motions_at_samples(
 ) -> list[FloatArray]:
     """Return per segment the rate [rad/s] and the angle turned since its beginning [rad] that `simulate` has at its
     samples, shape (N, 2): some steps after the others, so that a day's log takes little more memory than its motion."""
-    found = [np.empty((segment.time.size, 2)) for segment in segments]
+    # a segment of one row has no step, and stays where it begins
+    found = [np.full((each.time.size, 2), (rate, 0.0)) for each, rate in zip(segments, initial_rate, strict=True)]
     state, so_far, goes_on = np.empty(0), 0.0, False
     for part in forcing_in_parts(segments, longest_step, train=train):
         steps = part.forcing

@@ -100,6 +100,13 @@ def test_parts_hold_each_step_and_each_sample_once(most: int) -> None:
     assert not parts[-1].goes_on
 
 
+def test_a_segment_of_one_row_stays_where_it_begins() -> None:
+    """It has no step: what its memory held before came out as its motion."""
+    row = Segment(*(np.array([value]) for value in (3.0, 0.5, 0.2, 0.1, 5.0)))
+    one, _ = motions_at_samples(TRUTH, [row, segment(seed=1)], 0.02, [0.2, 0.1])
+    np.testing.assert_array_equal(one, [[0.2, 0.0]])
+
+
 def test_predicting_a_longer_log_takes_no_more_than_ten_times_its_columns() -> None:
     def predicted(seconds: float) -> float:
         time = np.arange(0.0, seconds, 0.1)

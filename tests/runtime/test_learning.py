@@ -401,6 +401,25 @@ def test_of_a_slow_ship_a_model_that_turns_as_it_does_is_put_forward_before_its_
     assert proposal.model.gain / proposal.model.time_constant == pytest.approx(true.gain / true.time_constant, rel=0.15)
 
 
+@pytest.mark.parametrize(("ratio", "tells"), [(1.0, True), (0.1, False), (math.nan, False)])
+def test_a_boat_without_way_tells_nothing_of_either_model(ratio: float, tells: bool) -> None:
+    """She lies stopped, the wind turns her, the rudder is over: both models still turn at the least speed they know."""
+    prediction_test = PredictionTest(Norrbin(1.0, 1.0), Norrbin(3.0, 1.0))
+    found = [
+        prediction_test.update(0.1 * k, 0.3 * math.sin(0.05 * k), ratio, 0.05 * k * math.pi / 18.0, None)
+        for k in range(600)
+    ]
+    assert any(each is not None for each in found) is tells
+
+
+def test_what_rounding_has_left_of_a_doubt_ends_no_tick() -> None:
+    learner = Learner(model_of(off()))
+    learner._fit.moved_s = 1000.0
+    learner._fit._P[:, range(5, 8), range(5, 8)] = -1.0e-30
+    learner._put_forward()
+    assert learner.proposal() is None
+
+
 def test_what_no_turn_tells_from_the_file_is_not_put_forward() -> None:
     """The file is right: every model put forward costs a chance, and none can halve its error."""
     found = sail(60.0, vessel=LANXIN)
