@@ -222,7 +222,7 @@ DISAGREES_SAID = 20.0
 """That they differed is said for this time [s]: a boat that does not turn for a while tells nothing of its gyro."""
 FROZEN_SAMPLES = 10
 """So many headings that are the same to the last digit are worth a second look."""
-FROZEN_REPEATED, FROZEN_BEFORE = 1.2, 1.0 / 3.0
+FROZEN_REPEATED, FROZEN_BEFORE = 1.2, 1.0 / 3.0  # 30 % of the first: frozen 0.3 s later, of the other 0.1 s
 """A heading that is repeated, sent on once a second and a fifth of that late, hides what the boat turns in so long [s]:
 either turn must be more than that and this share of its limit together, or than all of that for as long."""
 FROZEN_BY_RATE = math.radians(5.0)
@@ -247,7 +247,7 @@ TREMBLES_LEAST, TREMBLES_TIME = 0.25, 20.0
 """A compass whose own noise is a deviation of so many of its digits says the same twice with a probability of 0.19, and
 for SEA_STOOD, in headings no further apart than the third [s], with 0.19^12 at most, whatever the water is: where no
 more than the second of them are the same as the one before, means over the fourth [s]."""
-TREMBLES_SIGMAS = 2.0
+TREMBLES_SIGMAS = 2.0  # 30 %: frozen within 5 s 26 or 21 of 30 in place of 23
 """Noise may end with an engine: such a compass then shows the boat's heading, to a digit and so many standard
 deviations of what is known of that."""
 FINE_DIGIT, FINE_DIGITS, FINE_SAME = math.radians(0.002), 20.0, 0.02
