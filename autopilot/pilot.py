@@ -70,6 +70,9 @@ class Pilot:
 
     def learn(self, tick: Tick) -> None:
         """Learn from a tick. No command ever depends on it: what a learner proposes counts when it is adopted, by
-        `reconfigure`."""
+        `reconfigure`. Nor does steering end with it: one whose numbers come to nothing begins anew."""
         if self.learner is not None:
-            self.learner.learn(tick, steered=tick.command.engaged and self.config.rudder_is_ours)
+            try:
+                self.learner.learn(tick, steered=tick.command.engaged and self.config.rudder_is_ours)
+            except (ArithmeticError, ValueError):
+                self.learner.begin(self.config.model)

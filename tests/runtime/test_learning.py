@@ -321,6 +321,22 @@ def test_a_changed_model_begins_the_learning_anew_and_changed_gains_do_not(saile
     assert pilot.learner is not None and pilot.learner.moved == moved > 0.0
 
 
+@pytest.mark.parametrize("wrong", [np.linalg.LinAlgError("not positive"), ZeroDivisionError(), OverflowError()])
+def test_a_learner_whose_numbers_come_to_nothing_begins_anew_and_steering_goes_on(
+    monkeypatch: pytest.MonkeyPatch, wrong: Exception
+) -> None:
+    pilot = build_pilot(off(), learns=True)
+    assert pilot.learner is not None
+    before = pilot.learner._fit
+
+    def fails(tick: Tick, *, steered: bool) -> None:
+        raise wrong
+
+    monkeypatch.setattr(pilot.learner, "learn", fails)
+    pilot.learn(pilot.step(0.0, [], Order()))
+    assert pilot.learner._fit is not before
+
+
 def test_a_model_with_n2_is_not_learnt() -> None:
     vessel = dataclasses.replace(off(), model=dataclasses.replace(off().model, n2_s_rad=0.1))
     with pytest.raises(RefusedError, match="n2_s_rad"):
