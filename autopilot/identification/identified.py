@@ -169,12 +169,8 @@ class Identified(NamedTuple):
 
     @property
     def why_not(self) -> tuple[str, ...]:
-        """Why parameters are missing: the sentences of `unidentifiable`, one where several have the same."""
-        symbols: dict[str, list[str]] = {}
-        for sentence in self.unidentifiable.values():
-            symbol, _, why = sentence.partition(": ")
-            symbols.setdefault(why, []).append(symbol)
-        return tuple(f"{' and '.join(named)}: {why}" for why, named in symbols.items())
+        """Why parameters are missing: the sentences of `unidentifiable`, what is said of several once."""
+        return tuple(dict.fromkeys(self.unidentifiable.values()))
 
     @property
     def predictor(self) -> LikelihoodFit | None:

@@ -329,7 +329,7 @@ def likeliest_fit(
         # neither is ever found to be 0: that they are nearly, a fit without them says
         is_as_likely = direct is not None and direct.loss < found.loss + SURELY_LATE
         if is_as_likely or not _is_late(found):
-            reasons |= {name: _why_no(name, found, stays) for name in train}
+            reasons |= dict.fromkeys(train, _why_no(found, stays))
             found = found if stays else direct
     if found is None or not set(train) <= set(ORDERED):
         return found, reasons
@@ -393,11 +393,11 @@ def _is_late(found: LikelihoodFit) -> bool:
     return found.train.delay + found.train.lag > SURELY_TURNS * found.late_error
 
 
-def _why_no(name: str, found: LikelihoodFit, kept: bool) -> str:
+def _why_no(found: LikelihoodFit, kept: bool) -> str:
     late = found.train.delay + found.train.lag
-    then = "and T, from which they take their part, is as uncertain" if kept else f"so {name} is held at 0"
+    then = "and T, from which they take their part, is as uncertain" if kept else "so both are held at 0"
     return (
-        f"{name}: delay and lag together, {late:.3g} s with a standard error of {found.late_error:.2g}, cannot be "
+        f"delay and lag: together, {late:.3g} s with a standard error of {found.late_error:.2g}, they cannot be "
         f"distinguished from 0, {then}; trials with quick reversals, sampled well within that time, would show it."
     )
 
@@ -574,7 +574,7 @@ def reasons_of(ratios: Ratios, model: Norrbin, errors: dict[str, float | None]) 
             f"n1/T {b:.3g} +- {SURE_OF_IT * b_error:.2g} 1/s holds 0, so that the boat may be course-stable or not; "
             f"these runs tell {known}; sail a zigzag with small rudder angles (5 deg) and some turns held for minutes."
         )
-        return {symbol: f"{symbol}: not determined: {why}" for symbol in ("K", "T")}
+        return dict.fromkeys(("K", "T"), f"K and T: not determined: {why}")
     error = errors["n3"] or 0.0
     if error > LARGEST_RELATIVE_ERROR * model.n3:
         return {
