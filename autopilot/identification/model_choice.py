@@ -219,8 +219,8 @@ def _least_shown(solution: Solution, names: Sequence[str]) -> str:
     its best, but for what ended at its bound: that is not there."""
     doubt = {name: _relative_error(solution, name) for name in names if name in solution.free}
     for group in TOGETHER:
-        if group[0] in doubt:
-            held = [name for name in group if name in doubt and name not in solution.at_bound]
+        held = [name for name in group if name in doubt and name not in solution.at_bound]
+        if group[0] in held:
             doubt.update(dict.fromkeys(held, min(doubt[name] for name in held)))
     weak = {name: value for name, value in doubt.items() if value > LARGEST_RELATIVE_ERROR}
     return max(weak, key=lambda name: weak[name]) if weak else ""

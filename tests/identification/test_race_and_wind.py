@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import esso_crossvalidation
 import numpy as np
 import pytest
 from slopes import check_slope
@@ -16,7 +17,9 @@ from autopilot.identification.likelihood_fit import memory_of, scales
 from autopilot.identification.likelihood_record import NORRBIN, Surroundings, beside_of, blur_of, record_of
 from autopilot.identification.likelihood_search import Space, approached
 from autopilot.identification.marginal_likelihood import Rates, Weather
-from autopilot.identification.model_choice import steering_errors, steering_model
+from autopilot.identification.model_choice import _least_shown, steering_errors, steering_model
+from autopilot.identification.output_error import Solution
+from autopilot.identification.residuals import Fitted, Noise
 from autopilot.identification.rudder_path import DIRECT
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
 from autopilot.models.norrbin import Norrbin
@@ -220,28 +223,33 @@ def test_a_race_that_ends_at_nothing_does_not_stand_by_the_cubic_damping_beside_
     assert found.unidentifiable["steady_race"].startswith("steady_race: ")
 
 
+@pytest.mark.parametrize(
+    ("at_bound", "weakest"),
+    [((), ""), (("steady_race",), "steady_race"), (("n3",), "n3"), (("steady_race", "n3"), "n3")],
+)
+def test_what_ended_at_its_bound_is_least_shown_whatever_stands_beside_it(
+    at_bound: tuple[str, ...], weakest: str
+) -> None:
+    model, around = Norrbin(0.12, 12.0, 240.0), RaceAndWind(race=0.0, reference_propeller=0.0, steady_race=0.08)
+    free = ("n3", "steady_race")
+    found = Solution(
+        Fitted(model, around), free, np.diag([1.0, 1.0e-4]), (Noise(0.01, 0.0), Noise(0.01, 0.0)), at_bound
+    )
+    assert _least_shown(found, free) == weakest
+
+
 @pytest.mark.skipif(not (RECORDINGS / "frt_ds_esso").is_dir(), reason="the recordings are not part of the project")
 @pytest.mark.parametrize(("left_out", "least"), [("turn_14-Sep", 0.94), ("13_50_28", 0.93)])
 def test_on_a_real_ship_propeller_and_wind_predict_what_was_not_fitted(left_out: str, least: float) -> None:
     """A turn from all other runs; without propeller and wind R2 is 0.87 to 0.94 there."""
     from autopilot.logs.reading import load_run
 
-    columns = {
-        "time_s": "t [s]",
-        "heading_rad": "psi_hat [rad]",
-        "yaw_rate_rad_s": "r_angvelo [rad/s]",
-        "rudder_rad": "delta_rudder [rad]",
-        "speed_m_s": "u_velo [m/s]",
-        "propeller_rps": "n_prop [rps]",
-        "wind_speed_m_s": "wind_velo_relative_mid [m/s]",
-        "wind_direction_rad": "wind_dir_relative_mid [rad]",
-    }
     paths = sorted((RECORDINGS / "frt_ds_esso").glob("*.csv"))
     unseen = next(path for path in paths if left_out in path.name)
-    found = identify([load_run(str(path), columns) for path in paths if path != unseen])
+    found = identify([load_run(str(path), esso_crossvalidation.WITH_WIND) for path in paths if path != unseen])
     assert found.around is not None and found.around.race > 0.0 and found.model.n3 > 0.0
     assert found.around.drifts
-    score = found.predict(load_run(str(unseen), columns)).yaw_rate_r2
+    score = found.predict(load_run(str(unseen), esso_crossvalidation.WITH_WIND)).yaw_rate_r2
     assert score is not None and score > least
 
 
@@ -249,14 +257,7 @@ def test_on_a_real_ship_propeller_and_wind_predict_what_was_not_fitted(left_out:
 def test_one_zigzag_of_a_real_ship_whose_rates_were_smoothed_is_a_boats() -> None:
     from autopilot.logs.reading import load_run
 
-    columns = {
-        "time_s": "t [s]",
-        "heading_rad": "psi_hat [rad]",
-        "yaw_rate_rad_s": "r_angvelo [rad/s]",
-        "rudder_rad": "delta_rudder [rad]",
-        "speed_m_s": "u_velo [m/s]",
-    }
-    run = load_run(str(next((RECORDINGS / "frt_ds_esso").glob("zigzag*13_50_28.csv"))), columns)
+    run = load_run(str(next((RECORDINGS / "frt_ds_esso").glob("zigzag*13_50_28.csv"))), esso_crossvalidation.COLUMNS)
     found = identify([run])
     assert found.ratios is not None and found.ratios.values[0] > 10.0 * found.ratios.errors[0]
     assert (found.predict(run).yaw_rate_r2 or 0.0) > 0.93
