@@ -1,10 +1,11 @@
-"""What stations and plotters order and set, written down: a skipper and a store of parameters."""
+"""What stations and plotters order and set, written down: a skipper, a store of parameters, and a plotter's guide."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
 from autopilot.guidance.current import Overboard
+from autopilot.guidance.plotter import PlotterGuide, PlotterMessage
 from autopilot.links.base import LastStop
 
 
@@ -58,3 +59,15 @@ class Store:
         self.values[name] = value
         self.written += 1
         return ""
+
+
+class Ear(PlotterGuide):
+    """A guide that keeps what it gets."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard: list[PlotterMessage] = []
+
+    def take(self, message: PlotterMessage) -> None:
+        self.heard.append(message)
+        super().take(message)

@@ -123,8 +123,8 @@ class _OpenFile:
         """Take that the disk would not: a stick that was pulled comes back as another disk, with files of its own."""
         is_pipe, is_full = error.errno == errno.EPIPE, error.errno in FULL
         what = "nobody reads the pipe any more" if is_pipe else error.strerror
-        cure = "start its reader again" if is_pipe else "free the disk" if is_full else "look after the disk"
         is_too_big = error.errno == errno.EFBIG
+        cure = "start its reader again" if is_pipe else "free the disk" if is_full else "look after the disk"
         cure = TOO_BIG if is_too_big else cure
         self.trouble = f"log stopped: {what}; {cure}"
         # what does not fit into an empty file fits into no further one
@@ -344,7 +344,7 @@ def appended(file: int, data: bytes) -> OSError | None:
     try:
         # only of what is left over does the system say why it does not fit
         while written < len(data):
-            written += os.write(file, data[written:] if written else data)
+            written += os.write(file, data[written:])
     except OSError as error:
         if written:
             with contextlib.suppress(OSError):

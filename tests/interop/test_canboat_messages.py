@@ -15,11 +15,11 @@ from typing import Any
 
 import pytest
 from outside_programs import SIGNALK, WANTED
-from station_doubles import Skipper
+from station_doubles import Ear, Skipper
 
 from autopilot.angles import wrap
 from autopilot.guidance.current import Place
-from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
+from autopilot.guidance.plotter import PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
 from autopilot.links.n2k.link import FORMS, Form, framed
 from autopilot.links.n2k.node import Device
 from autopilot.links.n2k.packets import EVERYBODY, Message
@@ -77,19 +77,8 @@ def canboat(lines: list[str], messages: list[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
-class Guide(PlotterGuide):
-    """Keeps what the plotter says."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.taken: list[PlotterMessage] = []
-
-    def take(self, message: PlotterMessage) -> None:
-        self.taken.append(message)
-
-
-def session(orders: bool = True) -> tuple[N2kSession, Guide, Skipper]:
-    guide, skipper = Guide(), Skipper()
+def session(orders: bool = True) -> tuple[N2kSession, Ear, Skipper]:
+    guide, skipper = Ear(), Skipper()
     settings = N2kSettings(rudder_limit=math.radians(30.0), device=Device(0x12345, "0.9"), takes_orders=orders)
     made = N2kSession("bus", settings, True, guide, skipper)  # type: ignore[arg-type]
     made.poll(-0.6)
@@ -344,10 +333,10 @@ def test_every_measurement_that_canboat_encodes_is_heard_as_it_was() -> None:
 def test_a_route_that_canboat_encodes_leads() -> None:
     form, (made, guide, _) = FORMS["ydwg"](), session()
     for now, ((group, _, kind), lines) in enumerate(zip(LED, encoded([each[:2] for each in LED]), strict=True)):
-        before = len(guide.taken)
+        before = len(guide.heard)
         made.receive(float(now), form.feed(float(now), lines.encode()))
-        assert [type(each) for each in guide.taken[before:]] == ([] if kind is None else [kind]), group
-    leg, nearer, _, heading = guide.taken
+        assert [type(each) for each in guide.heard[before:]] == ([] if kind is None else [kind]), group
+    leg, nearer, _, heading = guide.heard
     assert isinstance(leg, PlotterLeg) and isinstance(nearer, PlotterLeg) and isinstance(heading, PlotterHeading)
     assert (leg.track, leg.name) == (pytest.approx(1.0), "Harbour")
     assert leg.cross_track == pytest.approx(1000.0 * math.sin(0.02), abs=0.2)

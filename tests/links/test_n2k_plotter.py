@@ -6,6 +6,7 @@ import math
 from itertools import permutations
 
 import pytest
+from station_doubles import Ear
 
 from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
@@ -98,18 +99,6 @@ def test_a_plotter_that_does_not_lead_says_why(message: Message, reason: str) ->
 def test_without_the_leg_s_own_bearing_the_way_leads_straight_to_the_waypoint() -> None:
     leg = leg_of(reader().take(0.0, navigation(None, 0.98, 1000.0)))
     assert (leg.track, leg.cross_track) == (pytest.approx(0.98), 0.0)
-
-
-class Ear(PlotterGuide):
-    """A guide that keeps what it gets."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.heard: list[PlotterMessage] = []
-
-    def take(self, message: PlotterMessage) -> None:
-        self.heard.append(message)
-        super().take(message)
 
 
 def test_a_heading_to_steer_leads_where_no_leg_is_named() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from station_doubles import Ear
 
 from autopilot.angles import shortest_turn
 from autopilot.guidance.plotter import PlotterGuide, PlotterHeading, PlotterInvalid, PlotterLeg, PlotterMessage
@@ -12,17 +13,6 @@ from autopilot.links.nmea.link import NmeaSession, NmeaSettings
 from autopilot.links.nmea.samples import NmeaReader
 from autopilot.links.nmea.sentences import NmeaFramer, format_sentence
 from autopilot.signals import SpeedSample
-
-
-class Ear(PlotterGuide):
-    """A guide that keeps what it gets."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.heard: list[PlotterMessage] = []
-
-    def take(self, message: PlotterMessage) -> None:
-        self.heard.append(message)
 
 
 def hear(*bodies: str, variation: float | None = None) -> tuple[list[PlotterMessage], NmeaReader]:
