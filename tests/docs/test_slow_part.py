@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -47,3 +48,13 @@ def test_a_study_that_there_is_not_is_refused() -> None:
     done = subprocess.run(["bash", str(SLOW), "mutations"], capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("slow: there is no mutations; allowed are mutation races pilot ")
+
+
+def test_mutants_of_a_room_that_there_is_not_are_refused() -> None:
+    """The night's first study reads what it is asked for."""
+    command = [sys.executable, ROOT / "benchmarks" / "mutation.py", "--rooms", "limits,attic"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.endswith(
+        ": error: there is no room limits; allowed are supervision, links, estimation, control\n"
+    )
