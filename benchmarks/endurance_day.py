@@ -9,8 +9,6 @@ import time
 from array import array
 from pathlib import Path
 
-from autopilot.signals import AlarmEvent
-
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from endurance_page import Reading, reading_of
@@ -18,6 +16,7 @@ from lockstep import STEP, Lockstep
 from manual_clock import ManualClock
 from plant import Plant
 
+from autopilot.links.base import SilentLink
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import gear_of, model_of
 from autopilot.runtime.log_files import FolderLimits, FolderSink
@@ -36,7 +35,7 @@ PERIODS_MISSED = 2.0
 """A tick so many control periods after the one before has missed its deadline."""
 
 
-class DirectLink:
+class DirectLink(SilentLink):
     """A boat without a wire: its compass goes silent for five seconds every half hour."""
 
     name = "direct"
@@ -59,20 +58,6 @@ class DirectLink:
 
     def send(self, now: float, command: RudderCommand) -> None:
         self._command = command
-
-    def fileno(self) -> int:
-        return -1
-
-    def report_run(self, now: float, mode: Mode, alarms: tuple[AlarmEvent, ...]) -> None: ...
-
-    def poll(self, now: float) -> None: ...
-
-    def release(self, now: float) -> None: ...
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        return []
-
-    def close(self) -> None: ...
 
 
 class Skipper:

@@ -263,11 +263,12 @@ def through_gear(orders: Series, gear: SteeringGear) -> Series:
 
     Behind an order that nothing follows for LONGEST_HOLD_S (or five spacings) the series has a gap.
     """
-    hold = max(LONGEST_HOLD_S, 5.0 * orders.spacing)
+    spacing = orders.spacing if orders.time.size > 1 else LONGEST_HOLD_S
+    hold = max(LONGEST_HOLD_S, 5.0 * spacing)
     line = DelayLine(gear.delay, float(orders.values[0]))
     angle, now = float(orders.values[0]), float(orders.time[0])
     times, angles = [now], [angle]
-    ends = np.minimum(np.append(orders.time[1:], orders.time[-1] + orders.spacing), orders.time + hold)
+    ends = np.minimum(np.append(orders.time[1:], orders.time[-1] + spacing), orders.time + hold)
     for start, order, end in zip(orders.time, orders.values, ends, strict=True):
         now = float(start)
         line.give(now, float(order))

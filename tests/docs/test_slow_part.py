@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 SLOW = ROOT / ".ci" / "slow"
 
@@ -58,3 +60,11 @@ def test_mutants_of_a_room_that_there_is_not_are_refused() -> None:
     assert done.stderr.endswith(
         ": error: there is no room limits; allowed are supervision, links, estimation, control\n"
     )
+
+
+@pytest.mark.parametrize("link", [(), ("--mavlink",)], ids=["direct", "MAVLink"])
+def test_a_day_can_be_sailed(link: tuple[str, ...]) -> None:
+    """The first 36 s of one, over either link: nothing is missed."""
+    command = [sys.executable, ROOT / "benchmarks" / "endurance.py", "simulated", "--hours", "0.01", *link]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from plant import Plant
 
@@ -13,12 +14,15 @@ from autopilot.cli.main import build_parser
 from autopilot.control.registry import TRIAL_LAW
 from autopilot.identification.identify import identify
 from autopilot.identification.ordered_rudder import slower_rudder, with_rudder_of
-from autopilot.logs.reading import load_run
+from autopilot.logs.reading import load_run, read_recording
+from autopilot.logs.series import ORDER, RUDDER, Series
+from autopilot.logs.table import LONGEST_HOLD_S, through_gear
 from autopilot.models.norrbin import Norrbin
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.operators.trial_script import TrialScript, steps_of
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.runtime.record import Recorder
-from autopilot.signals import SpeedSample
+from autopilot.signals import Mode, Order, OrderKind, SpeedSample
 from autopilot.vessel.file import dump_vessel, load_vessel
 
 DT = 0.05
@@ -76,3 +80,29 @@ def test_a_boat_that_is_not_its_file_s_is_identified_by_what_was_ordered_not_by_
     model = identify([run]).model
     assert model.gain == pytest.approx(0.35, rel=0.05)
     assert model.time_constant == pytest.approx(2.2, rel=0.1)
+
+
+def test_a_log_with_a_single_order_is_read(tmp_path: Path) -> None:
+    """A run that is killed as it engages has ordered the rudder once."""
+    filed, path = load_vessel("lanxin"), tmp_path / "short.tlog"
+    plant, pilot = Plant(model_of(filed), gear_of(filed), heading=3.0), build_pilot(filed)
+    recorder = Recorder(_Kept(path), {"vessel": dump_vessel(filed), "law": None}, 0.0)
+    order = Order(OrderKind.STANDBY, serial=1)
+    tick = pilot.step(plant.time, plant.sense(), order)
+    while tick.mode is not Mode.ENGAGED:
+        recorder.record(tick, [])
+        plant.step(0.0, DT)
+        order = order if plant.time < 10.0 else Order(OrderKind.HEADING, 3.0, serial=2)
+        tick = pilot.step(plant.time, plant.sense(), order)
+        assert plant.time < 20.0
+    recorder.record(tick, [])
+    recorder.close()
+    found = {series.quantity: series for series in read_recording(str(path)).series}
+    assert found[ORDER].time == pytest.approx([tick.now])
+    assert len(found[RUDDER].time) > 100
+
+
+def test_the_gear_follows_a_single_order_until_it_is_old() -> None:
+    moved = through_gear(Series(ORDER, "x", np.array([5.0]), np.array([0.3])), SteeringGear(0.6, 0.1))
+    assert (moved.time[0], moved.time[-1]) == (5.0, 5.0 + LONGEST_HOLD_S)
+    assert moved.values == pytest.approx(0.3)
