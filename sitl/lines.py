@@ -20,13 +20,13 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, Transport
 from autopilot.links.transports import TcpServerTransport
 
 CHUNK_LIMIT = 4096
 
 
-class PtyTransport:
+class PtyTransport(Transport):
     """The instrument's end of a pseudo-terminal; the other end opens `path` as if it were /dev/ttyUSB0.
 
     A path that exists is refused, unless it is a link that a run which was killed has left: it leads nowhere, or, as
@@ -79,9 +79,6 @@ class PtyTransport:
             raise LinkError(f"{self.name}: the pseudo-terminal is gone: {error.strerror}; start again") from error
         self.dropped += len(data) - sent
         return sent == len(data)
-
-    def forget_peer(self) -> None:
-        """Do nothing: a line has no peer."""
 
     def close(self) -> None:
         """Remove the link and close both ends."""

@@ -17,7 +17,7 @@ from typing import Protocol, TextIO
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.base import AlarmNews, SilentLink
+from autopilot.links.base import AlarmNews, Link
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.requests import AUTOPILOT_COMPONENT, vehicle_command
 from autopilot.signals import AcknowledgeSample, AlarmEvent, Sample, Siren, Tick
@@ -91,7 +91,7 @@ class Acknowledger(Protocol):
     acknowledged: list[str]
 
 
-class Acknowledgements(SilentLink):
+class Acknowledgements(Link):
     """Brings the skipper's acknowledgement into the pilot, and so into the log."""
 
     name = "skipper"
@@ -105,7 +105,7 @@ class Acknowledgements(SilentLink):
         return [AcknowledgeSample(now, name, self.name) for name in names]
 
 
-class Bell(SilentLink):
+class Bell(Link):
     """Rings the bell of a terminal: every other second, and twice a second once escalated."""
 
     name = "bell"
@@ -128,7 +128,7 @@ class Bell(SilentLink):
                 self._next = math.inf  # the terminal is gone: steering goes on without its bell
 
 
-class SwitchFile(SilentLink):
+class SwitchFile(Link):
     """Writes 1 to a file while an alarm sounds and 0 else: `value` of a GPIO in sysfs, or whatever drives a relay."""
 
     def __init__(self, path: Path) -> None:

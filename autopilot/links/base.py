@@ -38,7 +38,7 @@ class NotThereError(LinkError):
 
 
 class Transport(Protocol):
-    """Moves bytes. A new transport writes these methods and passes `tests/contract/test_transports.py`."""
+    """Moves bytes. A new transport inherits this, writes the methods and passes `tests/contract/test_transports.py`."""
 
     name: str
     """The URL as the user wrote it, for messages."""
@@ -66,6 +66,7 @@ class Transport(Protocol):
 
     def forget_peer(self) -> None:
         """Let go of a peer that was latched on to, so that another may take its place; elsewhere does nothing."""
+        return
 
     def close(self) -> None:
         """Give the descriptor back; further calls do nothing."""
@@ -83,75 +84,53 @@ class ConfirmsRelease(Protocol):
 
 
 class Link(Protocol):
-    """Turns the bytes of one transport into samples, and commands into bytes."""
+    """Turns the bytes of one transport into samples, and commands into bytes.
 
-    name: str
+    As it stands a link to nobody: who inherits it writes only what it does.
+    """
+
+    name: str = "nobody"
 
     def fileno(self) -> int:
-        """Return the transport's descriptor, or -1."""
+        """Return the transport's descriptor, or -1 where there is nothing to wait for."""
+        return -1
 
     def receive(self, now: float) -> list[Sample]:
         """Return the samples that have arrived by `now` [s]. Bad packets are counted and dropped.
 
         Raises LinkError when the transport is gone.
         """
+        return []
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command, or the release where it is not engaged. The command leaves first."""
+        return
 
     def publish_tick(self, tick: Tick) -> None:
         """Pass on who has the rudder, what is wrong, and what else falls due, where the link has a way to say it.
 
         Called after the command has left.
         """
+        return
 
     def poll(self, now: float) -> None:
         """Do what falls due in the slack: heartbeats, stream and parameter requests, reconnection."""
+        return
 
     def release(self, now: float) -> None:
         """Give the rudder back, several times over; called on every way out. Never raises."""
+        return
 
     def take_packets(self) -> list[tuple[float, bytes]]:
         """Return and forget the raw MAVLink packets received and sent since the last call ([] on other links)."""
+        return []
 
     def close(self) -> None:
         """Release and close the transport."""
+        return
 
 
-class SilentLink:
-    """A `Link` to nobody, and what other links inherit: each writes only what it does."""
-
-    name = "nobody"
-
-    def fileno(self) -> int:
-        """Return -1: there is nothing to wait for."""
-        return -1
-
-    def receive(self, now: float) -> list[Sample]:
-        """Return nothing."""
-        return []
-
-    def send(self, now: float, command: RudderCommand) -> None:
-        """Do nothing."""
-
-    def publish_tick(self, tick: Tick) -> None:
-        """Do nothing."""
-
-    def poll(self, now: float) -> None:
-        """Do nothing."""
-
-    def release(self, now: float) -> None:
-        """Do nothing."""
-
-    def take_packets(self) -> list[tuple[float, bytes]]:
-        """Return nothing."""
-        return []
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
-class CarriedLink(SilentLink):
+class CarriedLink(Link):
     """A link over a transport of its own."""
 
     def __init__(self, transport: Transport) -> None:
@@ -252,7 +231,7 @@ class Guide(Protocol):
         """What the skipper should know, None while all is well."""
 
 
-class GuideAlarms(SilentLink):
+class GuideAlarms(Link):
     """Word of `guide`, under `name`, whenever it changes."""
 
     def __init__(self, guide: Guide, name: str) -> None:
@@ -352,7 +331,7 @@ class LineSession(Protocol[P]):
         """Return what became of the rudder after `release`, None while it is on its way."""
 
 
-class SessionLink(SilentLink, Generic[P]):
+class SessionLink(Link, Generic[P]):
     """A `Link`: `session` over `line`."""
 
     def __init__(self, line: Line[P], session: LineSession[P], arrived: Callable[[float], list[P]]) -> None:

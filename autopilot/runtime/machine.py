@@ -40,7 +40,7 @@ from autopilot.errors import InputError, RefusedError
 from autopilot.estimation.path_delay import PathDelay
 from autopilot.estimation.tuning import PATH_LATER, PATH_MOST
 from autopilot.files.outside import parse_json, read_regular
-from autopilot.links.base import LinkError, SilentLink
+from autopilot.links.base import Link, LinkError
 from autopilot.signals import ConditionSample, Mode, OrderKind, Sample, Tick
 from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.tuning import LATE_PERIODS
@@ -90,7 +90,7 @@ SAID_S = 60.0
 CHECK_S = 1.0
 
 
-class LoopHealth(SilentLink):
+class LoopHealth(Link):
     """A `Link` to nobody: is shown every tick, and brings what is wrong with their times into the next one.
 
     `wall` and `monotonic` return seconds; `period` [s] is the control period, in the loop's own time.

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from autopilot.links.base import ConfirmsRelease, Link, SilentLink
+from autopilot.links.base import ConfirmsRelease, Link
 from autopilot.links.rudder_order import LONGEST_S, Release, ReleaseState
 from autopilot.pilot import Pilot
 from autopilot.runtime.machine import Clock
@@ -98,7 +98,7 @@ class Session:
             return tuple(
                 link
                 for link in links
-                if any(getattr(type(link), name, None) is not getattr(SilentLink, name) for name in names)
+                if any(getattr(type(link), name, None) is not getattr(Link, name) for name in names)
             )
 
         self._links = tuple(links)

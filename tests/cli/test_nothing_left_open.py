@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from autopilot.cli.main import main
-from autopilot.links.base import SilentLink, close_all
+from autopilot.links.base import Link, close_all
 from autopilot.runtime import app
 
 
-class Opened(SilentLink):
+class Opened(Link):
     """A link that counts how often it was closed."""
 
     name = "opened"

@@ -19,7 +19,7 @@ from autopilot.errors import RefusedError
 from autopilot.estimation.path_delay import NOT_ECHOED
 from autopilot.estimation.sensor_selection import SensorSelection
 from autopilot.files.saving import save_text
-from autopilot.links.base import LinkError, SilentLink
+from autopilot.links.base import Link, LinkError
 from autopilot.runtime.app import App, Machine, Plan, path_file
 from autopilot.runtime.build_links import LinkOptions, to_stderr
 from autopilot.runtime.machine import BOOT_ID, PathNote, RealTime, RestartState, ServiceHooks
@@ -164,7 +164,7 @@ def test_a_number_held_by_one_compass_is_not_steered_by_another(tmp_path: Path, 
     run.run(20.0, until=lambda tick: bool(keeper.ticked(tick)))
     selection = SensorSelection()
 
-    class Compass(SilentLink):
+    class Compass(Link):
         name = "nmea:a"
 
         def receive(self, now: float) -> list[Sample]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, Transport
 from autopilot.links.transports.serial_line import SerialTransport
 from autopilot.links.transports.sockets import TcpClientTransport, TcpServerTransport, UdpInTransport, UdpOutTransport
 
@@ -22,7 +22,7 @@ QUEUE_LIMIT = 10000
 """Chunks that may wait in a loopback before `send` answers that it would block."""
 
 
-class LoopbackTransport:
+class LoopbackTransport(Transport):
     """One end of a loopback: what one end sends the other receives, in order, boundaries kept.
 
     Attributes:
@@ -61,9 +61,6 @@ class LoopbackTransport:
             return False
         self._outgoing.append(bytes(data))
         return True
-
-    def forget_peer(self) -> None:
-        """Do nothing: the other end is fixed."""
 
     def close(self) -> None:
         """Close this end."""

@@ -17,7 +17,7 @@ from typing import Protocol
 
 import serial
 
-from autopilot.links.base import LinkError, NotThereError
+from autopilot.links.base import LinkError, NotThereError, Transport
 from autopilot.links.transports.medium import Medium, Scheme, WholeChunks, line
 
 USB = "usb="
@@ -66,7 +66,7 @@ CHUNK_LIMIT = 4096
 RECEIVE_LIMIT = 64
 
 
-class SerialTransport:
+class SerialTransport(Transport):
     """Eight data bits, no parity, one stop bit, no flow control, at `baud`.
 
     `path` may be usb=SERIAL or a pattern, see `device_of`. Raises LinkError with the way out where the device is
@@ -122,9 +122,6 @@ class SerialTransport:
         if self._closed or self._hung_up():
             raise self._gone()
         return self._chunks.send(data)
-
-    def forget_peer(self) -> None:
-        """Do nothing: the other end is whatever is plugged in."""
 
     def close(self) -> None:
         """Give the port back."""

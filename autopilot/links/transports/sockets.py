@@ -13,7 +13,7 @@ import socket
 from collections.abc import Callable
 from typing import Any
 
-from autopilot.links.base import LinkError
+from autopilot.links.base import LinkError, Transport
 from autopilot.links.transports.medium import (
     Allows,
     Medium,
@@ -74,7 +74,7 @@ def _listen(sock: socket.socket, address: Any) -> None:
     sock.listen(1)
 
 
-class _UdpTransport:
+class _UdpTransport(Transport):
     """What both kinds share: the socket and the draining of it."""
 
     is_stream = False
@@ -256,9 +256,6 @@ class UdpOutTransport(_UdpTransport):
         """Send one datagram; False when it could not leave now (full buffer, or nobody listens there yet)."""
         return self._has_left(data)
 
-    def forget_peer(self) -> None:
-        """Do nothing: the peer is the one the user wrote."""
-
 
 CONNECT_TIMEOUT_S = 3.0
 CHUNK_LIMIT = 65536
@@ -301,7 +298,7 @@ class _Connection:
             return 0
 
 
-class TcpClientTransport:
+class TcpClientTransport(Transport):
     """Connects to a host and port; LinkError where nothing answers within `CONNECT_TIMEOUT_S`.
 
     Opening is the one moment that may wait; afterwards nothing blocks.
@@ -337,9 +334,6 @@ class TcpClientTransport:
             return self._connection.send(data)
         except OSError as error:
             raise self._gone() from error
-
-    def forget_peer(self) -> None:
-        """Do nothing: the peer is the one the user wrote."""
 
     def close(self) -> None:
         """Close the connection."""
