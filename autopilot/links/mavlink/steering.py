@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Iterable
-from typing import Literal, NamedTuple, Protocol
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Literal, NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -72,41 +72,29 @@ class SteeringChannel(NamedTuple):
 
 def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
     """Return the way from steering input to rudder servo; None while a piece of it is unknown."""
-    rc, servo = parameters.steering_input, parameters.steering_servo
+    rc, servo, expo = parameters.steering_input, parameters.steering_servo, parameters.get(EXPO) or 0.0
     if rc is None or servo is None:
         return None
-    if parameters.drive.is_mixed:
-        found = [parameters.get(f"RC{rc}_{suffix}") for suffix in RC_SUFFIXES]
-        if any(value is None for value in found):
-            return None
-        low, trim, high, dead_zone, is_reversed = (round(value) for value in found if value is not None)
-        return SteeringChannel(
-            low, trim, high, dead_zone, bool(is_reversed), *MIXED_US, expo=parameters.get(EXPO) or 0.0
-        )
-    return way_through(parameters, rc, servo, parameters.get(EXPO) or 0.0)
+    if not parameters.drive.is_mixed:
+        return way_through(parameters, rc, servo, expo)
+    given = calibration(parameters, f"RC{rc}", RC_SUFFIXES)
+    return SteeringChannel._make((*given, *MIXED_US, False, expo, None)) if given else None
 
 
 def way_through(parameters: VehicleParameters, rc: int, servo: int, expo: float = 0.0) -> SteeringChannel | None:
     """Return the way from input channel `rc` to output `servo`, whose share is bent by `expo`; None while a piece of it
     is unknown."""
-    names = [f"RC{rc}_{suffix}" for suffix in RC_SUFFIXES] + [f"SERVO{servo}_{suffix}" for suffix in SERVO_SUFFIXES]
-    found = [parameters.get(name) for name in names]
-    values = [round(value) for value in found if value is not None]
-    if len(values) != len(names):
-        return None
-    rc_min, rc_trim, rc_max, dead_zone, rc_reversed, servo_min, servo_trim, servo_max, servo_reversed = values
-    return SteeringChannel(
-        rc_min,
-        rc_trim,
-        rc_max,
-        dead_zone,
-        bool(rc_reversed),
-        servo_min,
-        servo_trim,
-        servo_max,
-        bool(servo_reversed),
-        expo,
-    )
+    given = calibration(parameters, f"RC{rc}", RC_SUFFIXES)
+    sent = calibration(parameters, f"SERVO{servo}", SERVO_SUFFIXES)
+    return SteeringChannel._make((*given, *sent, expo, None)) if given and sent else None
+
+
+def calibration(parameters: VehicleParameters, channel: str, suffixes: Sequence[str]) -> list[Any]:
+    """Return the pulses [us] of a channel (`RC1`, `SERVO3`) and whether it is reversed, the last of the `suffixes`;
+    nothing while one of them is unknown."""
+    found = [parameters.get(f"{channel}_{suffix}") for suffix in suffixes]
+    pulses = [round(value) for value in found if value is not None]
+    return [*pulses[:-1], bool(pulses[-1])] if len(pulses) == len(suffixes) else []
 
 
 def mixing_of(parameters: VehicleParameters, exponent: float, astern_share: float) -> Mixing:

@@ -44,6 +44,7 @@ from autopilot.links.mavlink.steering import (
     ServoPulses,
     SteeringChannel,
     SteeringOutput,
+    calibration,
     pulse_table,
     released,
     share_from_servo,
@@ -67,12 +68,11 @@ class Shown(NamedTuple):
 
 def output_channel(parameters: VehicleParameters, number: int) -> SteeringChannel | None:
     """Return the end points of an output; None while they are not known, or are none."""
-    found = [parameters.get(f"SERVO{number}_{suffix}") for suffix in SERVO_SUFFIXES]
-    values = [round(value) for value in found if value is not None]
-    if len(values) < len(SERVO_SUFFIXES) or not values[0] < values[1] < values[2]:
+    found = calibration(parameters, f"SERVO{number}", SERVO_SUFFIXES)
+    if not found or not found[0] < found[1] < found[2]:
         return None
-    low, trim, high, is_reversed = values
-    return SteeringChannel(servo_min=low, servo_trim=trim, servo_max=high, servo_reversed=bool(is_reversed))
+    low, trim, high, is_reversed = found
+    return SteeringChannel(servo_min=low, servo_trim=trim, servo_max=high, servo_reversed=is_reversed)
 
 
 def share_of_output(parameters: VehicleParameters, number: int, message: Message) -> float | None:
