@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from importlib import import_module
-from typing import NamedTuple, Protocol, cast, runtime_checkable
+from typing import NamedTuple, cast
 
 from autopilot.links.base import AlarmNews, CarriedLink, HelmNews, LinkError, Transport
 from autopilot.links.rudder_order import (
@@ -109,7 +109,7 @@ class JumpGate:
         return abs(angle - before[1]) <= JUMP_LEAST + self._rate * max(now - before[0], 0.0)
 
 
-class Drive(Protocol):
+class Drive(ABC):
     """Speaks to one kind of drive. Time is an argument, nothing here waits or raises.
 
     Attributes:
@@ -120,43 +120,59 @@ class Drive(Protocol):
 
     name: str
     lapse: str
-    measures: bool
-    rejected: int
-
-    def feed(self, now: float, data: bytes) -> list[float]:
-        """Return the rudder angles [rad] that `data` reports."""
-
-    def order(self, now: float, angle: float) -> bytes:
-        """Return the bytes that order `angle` [rad]; called at the drive's rate while it is ours."""
-
-    def release(self, now: float) -> bytes:
-        """Return the bytes that give the rudder back."""
-
-    def has_released(self) -> bool:
-        """Return whether the drive has reported, since the last `release`, that it has let the rudder go."""
-
-    def ask(self, now: float) -> bytes:
-        """Return the request that falls due at `now` [s]; nothing where none does."""
-
-    def fault(self, now: float) -> str:
-        """Return why the drive cannot turn the rudder; empty where it can."""
-
-    def warning(self, now: float) -> AlarmEvent | None:
-        """Return what the skipper should know of the drive though it steers; None when all is well."""
-
-
-class AskedDrive(ABC):
-    """A `Drive` of Pololu's, as far as it is asked: one request at a time, whose answer has neither frame nor checksum,
-    so that it is believed by its length, its time and what it says."""
+    measures = True
 
     def __init__(self, settings: DriveSettings) -> None:
         self.rejected = 0
         self._settings = settings
         self._buffer = b""
+        self._received = -math.inf
+        self._has_released = False
+
+    @abstractmethod
+    def feed(self, now: float, data: bytes) -> list[float]:
+        """Return the rudder angles [rad] that `data` reports."""
+
+    @abstractmethod
+    def order(self, now: float, angle: float) -> bytes:
+        """Return the bytes that order `angle` [rad]; called at the drive's rate while it is ours."""
+
+    @abstractmethod
+    def release(self, now: float) -> bytes:
+        """Return the bytes that give the rudder back."""
+
+    def has_released(self) -> bool:
+        """Return whether the drive has reported, since the last `release`, that it has let the rudder go."""
+        return self._has_released
+
+    def ask(self, now: float) -> bytes:
+        """Return the request that falls due at `now` [s]; nothing where none does."""
+        return b""
+
+    def fault(self, now: float) -> str:
+        """Return why the drive cannot turn the rudder; empty where it can."""
+        if now - self._received > SILENT_S:
+            return f"the {self.name} does not answer; check its power, line, baud rate and drive.device"
+        return ""
+
+    def warning(self, now: float) -> AlarmEvent | None:
+        """Return what the skipper should know of the drive though it steers; None when all is well."""
+        return None
+
+    def usage(self) -> str:
+        """Return what the drive counts that wears it out, a clause; empty where there is nothing to say."""
+        return ""
+
+
+class AskedDrive(Drive):
+    """A `Drive` of Pololu's, as far as it is asked: one request at a time, whose answer has neither frame nor checksum,
+    so that it is believed by its length, its time and what it says."""
+
+    def __init__(self, settings: DriveSettings) -> None:
+        super().__init__(settings)
         self._expected = 0
         """Bytes of the answer that is waited for."""
         self._asked_time = math.nan
-        self._received = -math.inf
 
     @abstractmethod
     def _request(self) -> tuple[bytes, int]:
@@ -192,14 +208,6 @@ class AskedDrive(ABC):
         self._buffer, self._asked_time = b"", now
         request, self._expected = self._request()
         return request
-
-
-@runtime_checkable
-class Counted(Protocol):
-    """A drive that counts what it wears itself out by."""
-
-    def usage(self) -> str:
-        """Return that, a clause; empty where there is nothing to say."""
 
 
 class StallWatch:
@@ -315,7 +323,7 @@ class DriveLink(CarriedLink):
         """Return what became of the rudder after `release`, None while the drive may still show it."""
         if not self._has_ordered:
             return not_held(self.name)
-        usage = self.drive.usage() if isinstance(self.drive, Counted) else ""
+        usage = self.drive.usage()
         if self._is_gone:
             return Release(self.name, ReleaseState.LOST, lapse=self.drive.lapse, usage=usage)
         if self.drive.has_released():

@@ -56,7 +56,6 @@ class JrkG2(AskedDrive):
 
     name = "Jrk motor controller"
     lapse = "it holds the last target, or lets go after the serial timeout in its settings"
-    measures = True
 
     def __init__(self, settings: DriveSettings) -> None:
         super().__init__(settings)
@@ -66,7 +65,6 @@ class JrkG2(AskedDrive):
         self._asked = MOTION
         self._turn = 0
         self._engaged_since = math.inf
-        self._has_released = False
         self._stall = StallWatch(settings.current_max)
         self._gate = JumpGate(settings)
 
@@ -109,10 +107,6 @@ class JrkG2(AskedDrive):
         self._engaged_since, self._has_released = math.inf, False
         return self._settings.pololu(MOTOR_OFF)
 
-    def has_released(self) -> bool:
-        """Return whether the controller has reported since the release that it waits for a command, its motor off."""
-        return self._has_released
-
     def _request(self) -> tuple[bytes, int]:
         self._turn += 1
         self._asked = HEALTH if self._turn % 4 == 0 else MOTION
@@ -121,8 +115,8 @@ class JrkG2(AskedDrive):
 
     def fault(self, now: float) -> str:
         """Return why the controller cannot turn the rudder; empty where it can."""
-        if now - self._received > SILENT_S:
-            return f"the {self.name} does not answer; check its power, line, baud rate and drive.device"
+        if silent := super().fault(now):
+            return silent
         halting = self.errors & ~AWAITING_COMMAND
         # what it reports may be older than our first command
         if halting and now - self._engaged_since > SILENT_S:

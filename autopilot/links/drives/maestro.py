@@ -105,7 +105,7 @@ class Maestro(_Board):
         super().__init__(settings)
         self._targets: deque[int] = deque(maxlen=TARGETS_KEPT)
         self._turn = 0
-        self._engaged = self._has_released = False
+        self._engaged = False
         self._position = 0
 
     def _next(self) -> int:
@@ -138,16 +138,6 @@ class Maestro(_Board):
         self._engaged = self._has_released = False
         self._targets.clear()
         return self._settings.pololu(SET_TARGET, self._settings.channel, 0, 0)
-
-    def has_released(self) -> bool:
-        """Return whether the controller has answered since the release that it gives no pulse."""
-        return self._has_released
-
-    def fault(self, now: float) -> str:
-        """Return why the controller cannot move the servo; empty where it can."""
-        if now - self._received > SILENT_S:
-            return f"the {self.name} does not answer; check its power, line, baud rate and drive.device"
-        return ""
 
 
 OFF, ON = 4000, 8000

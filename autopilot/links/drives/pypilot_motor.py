@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from autopilot.links.drives import SILENT_S, DriveSettings, JumpGate, StallWatch
+from autopilot.links.drives import SILENT_S, Drive, DriveSettings, JumpGate, StallWatch
 from autopilot.signals import AlarmEvent
 
 COMMAND, RESET, DISENGAGE = 0xC7, 0xE7, 0x68
@@ -65,27 +65,22 @@ def packet(code: int, value: int) -> bytes:
     return body + bytes((crc8(body),))
 
 
-class PypilotMotor:
+class PypilotMotor(Drive):
     """A `Drive`. Needs the controller's rudder sensor: without one there is nothing to position the rudder by."""
 
     name = "pypilot motor controller"
     lapse = "the controller lets go by itself when no more orders come"
-    measures = True
 
     def __init__(self, settings: DriveSettings) -> None:
-        self.rejected = 0
+        super().__init__(settings)
         self.voltage = 0.0
         self.flags = 0
-        self._settings = settings
-        self._buffer = b""
         self._in_a_row = 0
         self._angle: float | None = None
         self._angle_time = -math.inf
-        self._received = -math.inf
         self._stall = StallWatch(settings.current_max)
         self._gate = JumpGate(settings)
         self._engaged = False
-        self._has_released = False
         self._orders = 0
 
     def feed(self, now: float, data: bytes) -> list[float]:
@@ -164,10 +159,6 @@ class PypilotMotor:
         """Return the packet that lets clutch and motor go."""
         self._engaged = self._has_released = False
         return packet(DISENGAGE, 0)
-
-    def has_released(self) -> bool:
-        """Return whether the controller has shown its clutch open since the release."""
-        return self._has_released
 
     def ask(self, now: float) -> bytes:
         """Return a disengage while the rudder is not ours: the controller reports only as often as it is spoken to."""
