@@ -5,20 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from autopilot.cli.options import SEED
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.printable import json_text
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "demo",
-        help="trial, identification and steering of the simulated Lanxin boat, in about a minute",
-        description="Sail a trial on the simulated Lanxin boat, identify it from the log, design gains, engage, turn "
-        "90 deg, hold in sea state 5, beside a PID: over UDP sockets and a pseudo-terminal. Takes about a minute.",
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.description = (
+        "Sail a trial on the simulated Lanxin boat, identify it from the log, design gains, engage, turn "
+        "90 deg, hold in sea state 5, beside a PID: over UDP sockets and a pseudo-terminal. Takes about a minute."
     )
     parser.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="new folder (demo, then demo-2)")
     parser.add_argument("--seed", action=SEED, default=1, metavar="N", help="seed of sea and sensors (1)")

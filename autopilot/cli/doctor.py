@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.printable import json_text
@@ -21,13 +21,11 @@ and how evenly headings come, whether the vehicle would accept orders, and which
 way; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go, as where the helm is refused."""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the subcommand."""
     from autopilot.cli.options import add_waiting_option, number
 
-    parser = subparsers.add_parser(
-        "doctor", help="check whether this machine and these links are fit to steer", description=DESCRIPTION
-    )
+    parser.description = DESCRIPTION
     parser.add_argument("vessel", metavar="VESSEL.yaml", nargs="?", help="vessel file, or the name of a shipped one")
     parser.add_argument("--link", action="append", default=[], metavar="URL", help="as for `autopilot run`; repeatable")
     parser.add_argument("--as-gcs", action="store_true", help="as for `autopilot run`")

@@ -35,13 +35,11 @@ WEIGHT = number(0.0, 1.0e6)
 GENERATIONS = whole_number(1, 10_000)
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "gains",
-        help="design gains for a vessel's model and rudder, and show the margins",
-        description="Design gains for the vessel's model, rudder, delay and instruments, and print the front they are "
-        "chosen from, heading rms against rudder travel, and the file's own gains beside them.",
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.description = (
+        "Design gains for the vessel's model, rudder, delay and instruments, and print the front they are "
+        "chosen from, heading rms against rudder travel, and the file's own gains beside them."
     )
     parser.add_argument("vessel", metavar="VESSEL.yaml", help="vessel file, or the name of a shipped one (lanxin)")
     parser.add_argument("--out", metavar="FILE.yaml", help="write the vessel with the designed gains")
@@ -345,14 +343,12 @@ def add_envelope_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
-def add_envelope_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+def add_envelope(parser: argparse.ArgumentParser) -> None:
     """Add `autopilot envelope`."""
-    parser = subparsers.add_parser(
-        "envelope",
-        help="search how wrong a vessel file may be before the boat is not held",
-        description="Sail runs drawn about the vessel file: boat, rudder, delay, backlash, speed and sea that are not "
+    parser.description = (
+        "Sail runs drawn about the vessel file: boat, rudder, delay, backlash, speed and sea that are not "
         "what it says. Prints the bounds within which every run was held; exit code 6 where one was not, and no alarm "
-        "said so within 5 s.",
+        "said so within 5 s."
     )
     add_envelope_options(parser)
     parser.set_defaults(run=run_envelope)

@@ -56,15 +56,13 @@ NUMBERS |= {"turn": ("turning", ("rudder", "duration")), "level": ("level", ("le
 PLAIN = ("adopt", "revert", "cancel", "engage", "standby", "release", "route", "next", "back", "mob", "mob_off")
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the subcommand."""
     from autopilot.cli.options import add_signing_option, add_waiting_option
 
-    parser = subparsers.add_parser(
-        "helm",
-        help="the helm in a terminal, for SSH",
-        description="Steer and watch a pilot that runs with `autopilot run --serve`, in a terminal. Leaving it changes "
-        "nothing: the pilot goes on.",
+    parser.description = (
+        "Steer and watch a pilot that runs with `autopilot run --serve`, in a terminal. Leaving it changes "
+        "nothing: the pilot goes on."
     )
     parser.add_argument(
         "--link", required=True, metavar="URL", help="where the pilot serves: udpin:127.0.0.1:14550, tcp:HOST:PORT"

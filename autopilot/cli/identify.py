@@ -6,7 +6,7 @@ import argparse
 import math
 import shlex
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from autopilot.errors import ExitCode, InputError, RefusedError
 
@@ -35,18 +35,14 @@ Heading or yaw rate may be absent. Where the table calls them otherwise, MAP.yam
 """
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the `identify` subcommand."""
     from autopilot.cli.log import add_log_options
     from autopilot.cli.options import number
 
-    parser = subparsers.add_parser(
-        "identify",
-        help="identify a boat's model from recordings of rudder, speed and motion",
-        description=DESCRIPTION,
-        epilog=COLUMNS_HELP,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser.description = DESCRIPTION
+    parser.epilog = COLUMNS_HELP
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("logs", nargs="*", metavar="LOG", help="logs to fit (for the kinds see `autopilot log -h`)")
     parser.add_argument("--holdout", nargs="+", default=[], metavar="LOG", help="recordings to predict, not to fit")
     parser.add_argument("--steady-turns", metavar="FILE", help="CSV of steady turns (rudder, yaw rate): gives n3")

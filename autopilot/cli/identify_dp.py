@@ -53,15 +53,11 @@ CORRELATED = 4.0
 """Successive prediction errors correlated by so many standard deviations are more than noise."""
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the `identify-dp` subcommand."""
-    parser = subparsers.add_parser(
-        "identify-dp",
-        help="identify a ship's thrust and damping from trials under its thrusters",
-        description=DESCRIPTION,
-        epilog=COLUMNS_HELP,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser.description = DESCRIPTION
+    parser.epilog = COLUMNS_HELP
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("trial", metavar="LOG.csv", help="recorded trial")
     parser.add_argument("--ship", metavar="SHIP.yaml", required=True, help="the ship and its thrusters")
     parser.add_argument("--out", metavar="SHIP.yaml", help="write the ship with what was found, for the next log")

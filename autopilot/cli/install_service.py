@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.cli.options import named_vessel, number
 from autopilot.errors import ExitCode, InputError
@@ -180,11 +180,9 @@ Write the files of a systemd service that runs `autopilot run`: unit with watchd
 USB adapters. A vessel file that is there already is kept."""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "install-service", help="steer from power-on: a system service with watchdog and user", description=DESCRIPTION
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.description = DESCRIPTION
     parser.add_argument("vessel", metavar="VESSEL.yaml", nargs="?", help="vessel file, or the name of a shipped one")
     parser.add_argument("--link", action="append", default=[], metavar="URL", help="as for `autopilot run`; repeatable")
     parser.add_argument(

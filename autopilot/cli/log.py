@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from autopilot.cli.options import SYSTEM_ID, add_signing_option, named_vessel, number, signing_of
 from autopilot.errors import ExitCode, InputError
@@ -226,9 +226,9 @@ def measures_as_text(source: str, measures: Measures, length: float | None, note
     return "\n".join(lines + remarks)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the `log` subcommand with its actions."""
-    parser = subparsers.add_parser("log", help="show what a log holds, and convert it", description=KINDS_HELP)
+    parser.description = KINDS_HELP
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     info = actions.add_parser("info", help="duration, sources, rates, gaps, and what identification can use")
     info.add_argument("log", metavar="LOG", help="a log, or several of one run: FILE+FILE@SECONDS")
@@ -384,13 +384,11 @@ def _unit_of(quantity: str) -> tuple[str, float]:
     return f"{quantity.replace('_', ' ')} -", 1.0
 
 
-def add_replay_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+def add_replay_options(parser: argparse.ArgumentParser) -> None:
     """Add `autopilot replay`: a log through a fresh pilot, or onto links, to look at."""
-    parser = subparsers.add_parser(
-        "replay",
-        help="run a log again and compare every rudder command bit for bit",
-        description="Run the ticks of a log through a fresh pilot and compare every rudder command bit for bit. With "
-        "--link the log is played onto links instead, for ground stations, plotters and pages to look at.",
+    parser.description = (
+        "Run the ticks of a log through a fresh pilot and compare every rudder command bit for bit. With "
+        "--link the log is played onto links instead, for ground stations, plotters and pages to look at."
     )
     parser.add_argument("log", metavar="LOG.tlog", type=Path)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")

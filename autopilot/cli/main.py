@@ -33,13 +33,13 @@ SUBCOMMANDS = {
     "demo": "trial, identification and steering of the simulated Lanxin boat, in about a minute",
     "completion": "print what completes this program's commands and options in a shell",
 }
-"""The commands, and what stands beside each in `--help`: as in their own parsers, which are loaded when needed."""
+"""The commands, and what stands beside each in `--help`; the module of each is loaded when needed."""
 ADDED_BY = {
-    "envelope": ("gains", "add_envelope_parser"),
-    "signalk": ("web", "add_signalk_parser"),
-    "replay": ("log", "add_replay_parser"),
+    "envelope": ("gains", "add_envelope"),
+    "signalk": ("web", "add_signalk_options"),
+    "replay": ("log", "add_replay_options"),
 }
-"""The module and function that add a command's parser, where it is not `add_parser` in a module of its name."""
+"""The module and function that add a command's options, where it is not `add_options` in a module of its name."""
 
 GROUPS = {
     "begin": ("demo", "new-boat"),
@@ -76,14 +76,15 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
         dest="command", metavar="COMMAND", required=True, help=argparse.SUPPRESS, prog="autopilot"
     )
     named = None if argv is None else next((word for word in argv if not word.startswith("-")), "")
-    for name in SUBCOMMANDS:
+    for name, summary in SUBCOMMANDS.items():
         if named not in (None, name):
             subparsers._name_parser_map[name] = parser  # to choose from, and never asked
         elif name == "completion":
             add_completion_parser(subparsers, "autopilot").set_defaults(run=_completion)
         else:
-            module, function = ADDED_BY.get(name, (name.replace("-", "_"), "add_parser"))
-            getattr(importlib.import_module(f"autopilot.cli.{module}"), function)(subparsers)
+            module, function = ADDED_BY.get(name, (name.replace("-", "_"), "add_options"))
+            add_options = getattr(importlib.import_module(f"autopilot.cli.{module}"), function)
+            add_options(subparsers.add_parser(name, help=summary))
     return parser
 
 

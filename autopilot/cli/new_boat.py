@@ -364,13 +364,9 @@ STOPS = number(1.0, 90.0)
 SIDES = number(0.1, 600.0)
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "new-boat",
-        help="begin with a boat of your own: its file, then every step to the first hold",
-        description=DESCRIPTION,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.description = DESCRIPTION
     parser.add_argument("file", type=Path, metavar="NAME.yaml", help="the boat's file: written where it is not there")
     parser.add_argument(
         "--link", action="append", default=[], metavar="URL", help="as for `autopilot run` (default: what is found)"

@@ -15,14 +15,12 @@ CALIBRATION_HELP = "with the calibration of accelerometers, gyros, compasses; wi
 ON_FAILURE = ("ask", "rollback", "keep")
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the `params` subcommand with its own subcommands."""
-    parser = subparsers.add_parser(
-        "params",
-        help="check, convert, upload, verify and restore parameter files",
-        description="Vessel files describe a boat to Norrbin; firmware files hold parameters of a flight controller. "
+    parser.description = (
+        "Vessel files describe a boat to Norrbin; firmware files hold parameters of a flight controller. "
         "FILE is a path or the name of a shipped file, such as lanxin or ardurover-boat; where parameters of a flight "
-        "controller are meant, also a .param, .parm or .params file of a ground station.",
+        "controller are meant, also a .param, .parm or .params file of a ground station."
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     _add_file_actions(actions)

@@ -24,15 +24,13 @@ if TYPE_CHECKING:
 ROUTE_MOST_BYTES = 1 << 20
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the subcommand."""
     from autopilot.cli.options import SECONDS, SYSTEM_ID, NumberOption, number
     from autopilot.cli.steering import add_steering_options
 
-    parser = subparsers.add_parser(
-        "run",
-        help="steer a boat in real time",
-        description="Steer a boat in real time. On a terminal, type: e 90 (engage on 90 deg), +10, -1, r 5, f, s, q.",
+    parser.description = (
+        "Steer a boat in real time. On a terminal, type: e 90 (engage on 90 deg), +10, -1, r 5, f, s, q."
     )
     add_steering_options(parser)
     parser.add_argument(

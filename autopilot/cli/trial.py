@@ -33,11 +33,9 @@ loses the helm or the heading, at an alarm, and outside the limits given.
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the subcommand with its manoeuvres."""
-    parser = subparsers.add_parser(
-        "trial", help="sail manoeuvres to identify and measure the boat", description=DESCRIPTION
-    )
+    parser.description = DESCRIPTION
     kinds = parser.add_subparsers(dest="kind", metavar="TRIAL", required=True)
     zigzag = _kind(kinds, "zigzag", "rudder over each time the heading has swung past the execute angle")
     _number(zigzag, "--rudder-deg", 15.0, "DEG", "rudder angle")

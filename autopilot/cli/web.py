@@ -14,15 +14,13 @@ from typing import Any
 from autopilot.errors import ExitCode, InputError
 
 
-def add_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the subcommand."""
     from autopilot.cli.options import add_signing_option, add_waiting_option
 
-    parser = subparsers.add_parser(
-        "web",
-        help="the helm as a page for phone, tablet and desktop",
-        description="Serve the live helm page of a pilot that runs with `autopilot run --serve`. It is one more "
-        "MAVLink client in a process of its own; who opens the address with the token may steer, others look.",
+    parser.description = (
+        "Serve the live helm page of a pilot that runs with `autopilot run --serve`. It is one more "
+        "MAVLink client in a process of its own; who opens the address with the token may steer, others look."
     )
     parser.add_argument(
         "--link", required=True, metavar="URL", help="where the pilot serves: udpin:127.0.0.1:14550, tcp:HOST:PORT"
@@ -157,15 +155,13 @@ def _own_address() -> str:
 PLUGIN = "plugin"
 
 
-def add_signalk_parser(subparsers: argparse._SubParsersAction[Any]) -> None:
+def add_signalk_options(parser: argparse.ArgumentParser) -> None:
     """Add the subcommand."""
     from autopilot.cli.options import add_signing_option, add_waiting_option
 
-    parser = subparsers.add_parser(
-        "signalk",
-        help="the running pilot in Signal K: its state as deltas, orders from Signal K programs",
-        description="Tell a Signal K server what a pilot does that runs with `autopilot run --serve`, and carry out "
-        "what Signal K programs order. One more MAVLink client in a process of its own; see docs/howto/signalk.md.",
+    parser.description = (
+        "Tell a Signal K server what a pilot does that runs with `autopilot run --serve`, and carry out "
+        "what Signal K programs order. One more MAVLink client in a process of its own; see docs/howto/signalk.md."
     )
     parser.add_argument("--link", metavar="URL", help="where the pilot serves: udpin:127.0.0.1:14551, tcp:HOST:PORT")
     parser.add_argument(

@@ -81,7 +81,7 @@ def moving(served: ServedVehicle) -> MovingVehicle:
 
 def call(link: str, *words: str) -> int:
     parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
+    command.add_options(parser.add_subparsers().add_parser("params"))
     arguments = parser.parse_args(["params", *words, "--link", link])
     return int(arguments.run(arguments))
 

@@ -50,7 +50,7 @@ def served(port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
 
 def call(*words: str) -> int:
     parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
+    command.add_options(parser.add_subparsers().add_parser("params"))
     arguments = parser.parse_args(["params", *words])
     return int(arguments.run(arguments))
 

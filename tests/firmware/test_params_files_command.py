@@ -53,7 +53,7 @@ def link(served: ServedVehicle) -> str:
 
 def call(*words: str) -> int:
     parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
+    command.add_options(parser.add_subparsers().add_parser("params"))
     arguments = parser.parse_args(["params", *words])
     return int(arguments.run(arguments))
 

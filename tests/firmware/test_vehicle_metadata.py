@@ -366,7 +366,7 @@ def px4() -> Iterator[ServedVehicle]:
 
 def call(served: ServedVehicle, *words: str) -> int:
     parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
+    command.add_options(parser.add_subparsers().add_parser("params"))
     arguments = parser.parse_args(["params", *words, "--link", f"udpin:127.0.0.1:{served.address[1]}"])
     return int(arguments.run(arguments))
 

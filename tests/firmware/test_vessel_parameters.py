@@ -116,7 +116,7 @@ def test_a_vessel_file_is_uploaded_to_a_running_norrbin_and_taken_back(
     mine: Vessel = dataclasses.replace(LANXIN, control=dataclasses.replace(LANXIN.control, backstepping=gains))
     Path("mine.yaml").write_text(dump_vessel(mine))
     parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
+    command.add_options(parser.add_subparsers().add_parser("params"))
     link = ["--link", f"udpin:127.0.0.1:{running.address[1]}"]
     running.start()
     try:

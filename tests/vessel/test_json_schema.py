@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 import yaml
 
-from autopilot.cli.params import add_parser
+from autopilot.cli.params import add_options
 from autopilot.errors import InputError
 from autopilot.files.strict_yaml import parse_document
 from autopilot.firmware.file import KINDS, firmware_from, schema_text, shipped_firmware
@@ -107,7 +107,7 @@ def test_the_command_writes_it(tmp_path: Any, capsys: pytest.CaptureFixture[str]
     import argparse
 
     parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers())
+    add_options(parser.add_subparsers().add_parser("params"))
     for words in (["vessel"], ["vessel", "--out", str(tmp_path / "v.json")]):
         arguments = parser.parse_args(["params", "schema", *words])
         assert arguments.run(arguments) == 0
@@ -120,7 +120,7 @@ def test_a_schema_replaces_a_schema_alone(tmp_path: Any, held: bytes) -> None:
     import argparse
 
     parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers())
+    add_options(parser.add_subparsers().add_parser("params"))
     out = tmp_path / "my-boat.yaml"
     arguments = parser.parse_args(["params", "schema", "vessel", "--out", str(out)])
     out.write_bytes(held)
