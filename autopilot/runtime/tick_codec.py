@@ -10,7 +10,7 @@ import json
 import math
 import struct
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from autopilot.errors import InputError
 from autopilot.files.outside import parse_json
@@ -107,25 +107,16 @@ def encode_tick(tick: Tick) -> bytes:
             tick.number,
             tick.now,
             order.kind | (_LED if order.is_led else 0),
-            order.heading,
-            order.rudder,
-            order.heading_change,
-            order.serial,
+            *order[1:5],
             len(tick.samples),
         ),
     ]
     parts.extend(_encode_sample(sample) for sample in tick.samples)
     parts.append(
         _OUTPUTS.pack(
-            state.heading,
-            state.rate,
-            state.speed,
-            state.rudder,
-            state.bias,
-            state.heading_age,
+            *state[1:7],
             state.time,
-            state.valid,
-            *state[8:],
+            *state[7:],
             *reference,
             tick.demand,
             tick.command.engaged,
@@ -174,7 +165,7 @@ def _decode_tick(record: bytes) -> Tick:
         now=now,
         samples=tuple(samples),
         order=Order(OrderKind(kind & ~_LED), heading, rudder, change, serial, bool(kind & _LED)),
-        state=NavState(out[6], out[0], out[1], out[2], out[3], out[4], out[5], *out[7:12]),
+        state=NavState(out[6], *out[:6], *out[7:12]),
         reference=Reference(*out[12:15]),
         demand=out[15],
         command=RudderCommand(now, out[17], out[16], thruster),
@@ -186,94 +177,32 @@ def _decode_tick(record: bytes) -> Tick:
     )
 
 
-_KINDS: dict[type[Any], int] = {
-    HeadingSample: 0,
-    RateSample: 1,
-    RudderSample: 2,
-    SpeedSample: 3,
-    RollSample: 4,
-    HelmSample: 5,
-    PositionSample: 7,
-    ConditionSample: 8,
-    AcknowledgeSample: 9,
-    WindSample: 10,
-    AlarmSample: 11,
-    ThrustSample: 12,
-    CourseSample: 13,
-    ThrusterSample: 14,
-    CompassSample: 15,
-}
-_TYPES = {number: kind for kind, number in _KINDS.items()}
-
-
 def _encode_sample(sample: Sample) -> bytes:
-    kind = _KINDS[type(sample)]
+    number, carried, parts = _SAMPLES[type(sample)]
+    behind = b"".join(part.write(getattr(sample, name)) for name, part in parts.items()) + _text(sample.source)
     if isinstance(sample, HelmSample):
         # the cause counts up from 1 where the helm is ours, else down from -1
-        value = 1.0 + sample.cause if sample.available else -1.0 - sample.cause
-        body = _SAMPLE.pack(kind, sample.time, value) + _text(sample.reason)
-    elif isinstance(sample, AlarmSample):
+        return _SAMPLE.pack(number, sample.time, (1.0 if sample.available else -1.0) * (1.0 + sample.cause)) + behind
+    if isinstance(sample, AlarmSample):
         event = b"" if sample.event is None else _encode_event(sample.event)
-        body = _SAMPLE.pack(kind, sample.time, float(sample.event is not None)) + event
-    elif isinstance(sample, ConditionSample):
-        body = _SAMPLE.pack(kind, sample.time, float(sample.present)) + _text(sample.name) + _text(sample.detail)
-    elif isinstance(sample, AcknowledgeSample):
-        body = _SAMPLE.pack(kind, sample.time, 0.0) + _text(sample.name)
-    elif isinstance(sample, WindSample):
-        body = _SAMPLE.pack(kind, sample.time, sample.angle) + _NUMBER.pack(sample.speed)
-    elif isinstance(sample, ThrustSample):
-        body = _SAMPLE.pack(kind, sample.time, sample.throttle) + _NUMBER.pack(sample.reach)
-    elif isinstance(sample, PositionSample):
-        body = _SAMPLE.pack(kind, sample.time, sample.latitude) + _NUMBER.pack(sample.longitude)
-    elif isinstance(sample, HeadingSample | RollSample):
-        body = _SAMPLE.pack(kind, sample.time, sample[1]) + _optional(sample.rate)
-    elif isinstance(sample, RateSample | CourseSample | CompassSample):
-        body = _SAMPLE.pack(kind, sample.time, sample[1])
-    elif isinstance(sample, ThrusterSample):
-        body = _SAMPLE.pack(kind, sample.time, float(sample.available)) + _text(sample.disobeyed)
-    elif isinstance(sample, RudderSample):
-        body = _SAMPLE.pack(kind, sample.time, sample.angle) + bytes([sample.ordered])
-    else:
-        body = _SAMPLE.pack(kind, sample.time, sample.speed) + bytes([sample.over_ground])
-    return body + _text(sample.source)
+        return _SAMPLE.pack(number, sample.time, sample.event is not None) + event + behind
+    return _SAMPLE.pack(number, sample.time, getattr(sample, carried, 0.0)) + behind
 
 
 def _decode_sample(record: bytes, place: int) -> tuple[Sample, int]:
     kind, time, value = _SAMPLE.unpack_from(record, place)
     place += _SAMPLE.size
     made = _TYPES[kind]
-    if made is AlarmSample:
-        event, place = _decode_event(record, place) if value else (None, place)
-        source, place = _read_text(record, place)
-        return AlarmSample(time, event, source), place
+    _, carried, parts = _SAMPLES[made]
+    fields: dict[str, Any] = {carried: bool(value) if carried in _YES_OR_NO else value} if carried else {}
     if made is HelmSample:
-        reason, place = _read_text(record, place)
-        source, place = _read_text(record, place)
-        return HelmSample(time, value > 0.0, reason, source, HelmCause(int(abs(value) - 1.0))), place
-    if made is ConditionSample:
-        (name, detail, source), place = _read_texts(record, place, 3)
-        return ConditionSample(time, name, bool(value), detail, source), place
-    if made is AcknowledgeSample:
-        (name, source), place = _read_texts(record, place, 2)
-        return AcknowledgeSample(time, name, source), place
-    if made in (RateSample, CourseSample, CompassSample):
-        source, place = _read_text(record, place)
-        return made(time, value, source), place
-    if made is ThrusterSample:
-        (disobeyed, source), place = _read_texts(record, place, 2)
-        return ThrusterSample(time, bool(value), source, disobeyed), place
-    if made in (PositionSample, WindSample, ThrustSample):
-        (second,) = _NUMBER.unpack_from(record, place)
-        source, place = _read_text(record, place + _NUMBER.size)
-        return made(time, value, second, source), place
-    if made in (HeadingSample, RollSample):
-        (second,) = _NUMBER.unpack_from(record, place)
-        source, place = _read_text(record, place + _NUMBER.size)
-        return made(time, value, None if _is_absent(second) else second, source), place
-    flag = bool(record[place])
-    source, place = _read_text(record, place + 1)
-    sample: Sample = made(time, value, flag, source)
-    return sample, place
+        fields = {"available": value > 0.0, "cause": HelmCause(int(abs(value) - 1.0))}
+    elif made is AlarmSample:
+        fields["event"], place = _decode_event(record, place) if value else (None, place)
+    for name, part in parts.items():
+        fields[name], place = part.read(record, place)
+    source, place = _read_text(record, place)
+    return made(time=time, source=source, **fields), place
 
 
 _PAST, _ESCALATED, _HAS_REASON = 1, 2, 4
@@ -309,8 +238,13 @@ def _optional(value: float | None) -> bytes:
     return _ABSENT if value is None else _NUMBER.pack(value)
 
 
-def _is_absent(value: float) -> bool:
-    return math.isnan(value) and _NUMBER.pack(value) == _ABSENT
+def _read_optional(record: bytes, place: int) -> tuple[float | None, int]:
+    value, behind = _read_number(record, place)
+    return None if math.isnan(value) and record[place:behind] == _ABSENT else value, behind
+
+
+def _read_number(record: bytes, place: int) -> tuple[float, int]:
+    return *_NUMBER.unpack_from(record, place), place + _NUMBER.size
 
 
 def _text(text: str) -> bytes:
@@ -332,3 +266,35 @@ def _read_text(record: bytes, place: int) -> tuple[str, int]:
     if end > len(record):
         raise IndexError("text runs past the end")
     return record[place + 1 : end].decode(errors="replace"), end
+
+
+class _Part(NamedTuple):
+    """How a field is written, and how it is read at a place of a record, with the place behind it."""
+
+    write: Callable[[Any], bytes]
+    read: Callable[[bytes, int], tuple[Any, int]]
+
+
+_REAL, _OPTIONAL, _TEXT = _Part(_NUMBER.pack, _read_number), _Part(_optional, _read_optional), _Part(_text, _read_text)
+_FLAG = _Part(lambda value: bytes([value]), lambda record, place: (bool(record[place]), place + 1))
+_SAMPLES: dict[type[Any], tuple[int, str, dict[str, _Part]]] = {
+    HeadingSample: (0, "heading", {"rate": _OPTIONAL}),
+    RateSample: (1, "rate", {}),
+    RudderSample: (2, "angle", {"ordered": _FLAG}),
+    SpeedSample: (3, "speed", {"over_ground": _FLAG}),
+    RollSample: (4, "roll", {"rate": _OPTIONAL}),
+    HelmSample: (5, "", {"reason": _TEXT}),
+    PositionSample: (7, "latitude", {"longitude": _REAL}),
+    ConditionSample: (8, "present", {"name": _TEXT, "detail": _TEXT}),
+    AcknowledgeSample: (9, "", {"name": _TEXT}),
+    WindSample: (10, "angle", {"speed": _REAL}),
+    AlarmSample: (11, "", {}),
+    ThrustSample: (12, "throttle", {"reach": _REAL}),
+    CourseSample: (13, "course", {}),
+    ThrusterSample: (14, "available", {"disobeyed": _TEXT}),
+    CompassSample: (15, "turn", {}),
+}
+"""Of each kind of sample its number, the field that stands as a number behind the time, and those behind that, in their
+order; the source comes last."""
+_TYPES = {number: kind for kind, (number, _, _) in _SAMPLES.items()}
+_YES_OR_NO = ("present", "available")
