@@ -72,6 +72,19 @@ def print_end(number: int) -> None:
         os.write(2, f"{line_end}{_command[0] or 'norrbin'}: ended by {ended_by(number)}\n".encode())
 
 
+def stop_on_signal() -> Callable[[], bool]:
+    """Take Ctrl-C and termination, each of which is said at once; return what tells whether one has come."""
+    came: list[int] = []
+
+    def take(number: int, _frame: object) -> None:
+        came.append(number)
+        print_end(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, take)
+    return lambda: bool(came)
+
+
 def end(number: int) -> None:
     """Say that a signal has ended the program and leave, without waiting for threads. Does not return."""
     print_end(number)

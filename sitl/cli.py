@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 
 from autopilot import __version__
 from autopilot.cli.main import answer
@@ -23,7 +21,7 @@ from autopilot.cli.options import (
     whole_number,
 )
 from autopilot.errors import ExitCode, InputError
-from autopilot.interruption import print_end
+from autopilot.interruption import stop_on_signal
 from sitl.campaign import command as campaign
 from sitl.scenario import load_scenario, shipped_scenarios
 
@@ -224,29 +222,13 @@ def main(argv: Sequence[str] | None = None, program: str = "sitl") -> int:
     return answer(program, sys.argv[1:] if argv is None else argv, lambda given: build_parser())
 
 
-class _StopOnSignal:
-    """Becomes true at SIGINT or SIGTERM."""
-
-    def __init__(self) -> None:
-        self._stopped = False
-        signal.signal(signal.SIGINT, self._on_signal)
-        signal.signal(signal.SIGTERM, self._on_signal)
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._stopped = True
-        print_end(number)
-
-    def __call__(self) -> bool:
-        return self._stopped
-
-
 def run_serve(arguments: argparse.Namespace) -> int:
     """Serve until stopped."""
     from autopilot.links.mavlink.signing import open_signing
     from sitl.faults import FaultService
     from sitl.serve import Lines, Pace, TruthFile, open_ports, serve, world_from
 
-    should_stop = _StopOnSignal()
+    should_stop = stop_on_signal()
     world = world_from(arguments)
     truth = TruthFile(arguments.truth, world) if arguments.truth else None
     if truth is not None and truth.path != arguments.truth:
@@ -282,7 +264,7 @@ def run_physics(arguments: argparse.Namespace) -> int:
     from sitl.ardupilot import ArdupilotPhysics, Outputs, open_socket, serve_physics
     from sitl.serve import afloat
 
-    should_stop = _StopOnSignal()
+    should_stop = stop_on_signal()
     outputs = Outputs(arguments.steering_servo, arguments.throttle_servo)
     physics = ArdupilotPhysics(
         load_vessel(arguments.vessel),

@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autopilot.cli.options import NumberOption, named_vessel, number, whole_number
+from autopilot.cli.options import NumberOption, check_places, named_vessel, number, whole_number
 from autopilot.control.registry import designed_laws, filed_laws
 from autopilot.errors import ExitCode, InputError, RefusedError
 from autopilot.files.printable import json_text
@@ -109,10 +109,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.tune:
         return _tuned(arguments)
     request = _request(arguments)
-    if arguments.report:
-        from autopilot.report import require_extra
-
-        require_extra("by leaving out --report", arguments.report)
     vessel = named_vessel(arguments.vessel)
     _check_bandwidth(vessel, request)
     better = (
@@ -201,13 +197,7 @@ def _check_bandwidth(vessel: Vessel, request: GainRequest) -> None:
 
 def check_place(arguments: argparse.Namespace) -> None:
     """Raise InputError where --out names another vessel's file, or nothing can be written: said before the work."""
-    from autopilot.files.saving import check_folder
-    from autopilot.vessel.file import refuse_bare_name
-
-    for path in filter(None, (arguments.out, arguments.report)):
-        check_folder(path)
-    if arguments.out:
-        refuse_bare_name(arguments.out)
+    check_places(arguments.report, arguments.out)
     out, vessel = arguments.out and Path(arguments.out), Path(arguments.vessel)
     if out and out.is_file() and not arguments.overwrite and not (vessel.exists() and out.samefile(vessel)):
         raise InputError(f"{out}: exists already, with another boat; give another name, or --overwrite to replace it.")

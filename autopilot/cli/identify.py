@@ -137,23 +137,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.roll:
         print(_roll(arguments))
         return int(ExitCode.OK)
+    from autopilot.cli.options import check_places
     from autopilot.identification.registry import method_named
 
     method = method_named(arguments.method)  # said before the logs are read
     _check(arguments, method)
-    if arguments.report:
-        from autopilot.report import require_extra
-
-        require_extra("by leaving out --report", arguments.report)
-    from autopilot.files.saving import check_folder
-
-    for path in filter(None, (arguments.out, arguments.report)):
-        check_folder(path)
-    if arguments.out:
-        from autopilot.vessel.file import refuse_bare_name
-
-        refuse_bare_name(arguments.out)
-
+    check_places(arguments.report, arguments.out)
     return _of_logs(arguments, _steady_turns(arguments.steady_turns) if arguments.steady_turns else None)
 
 

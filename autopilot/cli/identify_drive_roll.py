@@ -200,12 +200,12 @@ def identified_roll(arguments: argparse.Namespace) -> str:
     Raises InputError where the log has no roll or its rudder does not move it, or where no law can be made of it.
     """
     from autopilot.cli.log import log_options, print_newer, vessel_of
+    from autopilot.cli.options import check_places
     from autopilot.cli.terminal import ProgressBar
-    from autopilot.files.saving import check_folder
     from autopilot.identification.roll import identify_roll  # scipy.signal is slow to load
     from autopilot.logs.reading import load_recording
     from autopilot.logs.table import table_of
-    from autopilot.vessel.file import load_vessel, refuse_bare_name
+    from autopilot.vessel.file import load_vessel
 
     if len(arguments.logs) != 1:
         raise InputError("--roll takes one LOG; merge several of one run with LOG+LOG.")
@@ -215,8 +215,7 @@ def identified_roll(arguments: argparse.Namespace) -> str:
     (log,) = arguments.logs
     vessel = vessel_of(arguments)
     if arguments.out:
-        check_folder(arguments.out)
-        refuse_bare_name(arguments.out)
+        check_places(None, arguments.out)
         if Path(arguments.out).exists():
             vessel = load_vessel(arguments.out)
         elif vessel is None:

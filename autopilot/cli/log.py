@@ -427,17 +427,10 @@ def replay_log(arguments: argparse.Namespace) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    import signal
-
-    from autopilot.interruption import print_end
+    from autopilot.interruption import stop_on_signal
     from autopilot.logs.replay_onto import replay_onto
     from autopilot.runtime.machine import MonotonicClock
 
-    stopped: list[int] = []
-    for each in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(each, lambda each, _: stopped.append(each))
     clock, signing = MonotonicClock(arguments.speed), signing_of(arguments)
-    print(replay_onto(arguments.log, arguments.link, clock, lambda: bool(stopped), signing))
-    if stopped:
-        print_end(stopped[0])
+    print(replay_onto(arguments.log, arguments.link, clock, stop_on_signal(), signing))
     return int(ExitCode.OK)

@@ -21,6 +21,7 @@ from autopilot.files.printable import SENTENCE, brief, escaped, printable
 
 TYPE_CHECKING = False  # see `autopilot`
 if TYPE_CHECKING:
+    from pathlib import Path
     from typing import Any, NoReturn, TypeVar
 
     from autopilot.links.mavlink.signing import Signing
@@ -173,6 +174,23 @@ def signing_of(arguments: argparse.Namespace) -> Signing | None:
     from autopilot.links.mavlink.signing import open_signing
 
     return open_signing(arguments.signing_key)
+
+
+def check_places(report: str | Path | None, vessel: str | None = None) -> None:
+    """Raise InputError where the page of `--report` or the vessel file of `--out` cannot be written: said before the
+    work."""
+    from autopilot.files.saving import check_folder
+
+    if report:
+        from autopilot.report import require_extra
+
+        require_extra("by leaving out --report", report)
+    for path in filter(None, (vessel, report)):
+        check_folder(path)
+    if vessel:
+        from autopilot.vessel.file import refuse_bare_name
+
+        refuse_bare_name(vessel)
 
 
 EXAMPLES = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from autopilot.cli.options import SYSTEM_ID, add_signing_option, add_waiting_option
@@ -12,6 +12,7 @@ from autopilot.interruption import as_exceptions
 
 LINK_HELP = "udpin:127.0.0.1:14550, serial:/dev/ttyUSB0:57600"
 CALIBRATION_HELP = "with the calibration of accelerometers, gyros, compasses; without it, it is left as it is"
+WRITE = ("upload", "restore")
 ON_FAILURE = ("ask", "rollback", "keep")
 
 
@@ -27,28 +28,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     _add_reading_actions(actions)
     _add_upload(actions)
     _add_restore(actions)
+    for name, action in actions.choices.items():
+        # the module of a name is loaded when it is called: other commands start without it
+        action.set_defaults(run=partial(_call, "params_upload" if name in WRITE else "params_reading", name))
 
 
-def _call(module: str, function: str) -> Callable[[argparse.Namespace], int]:
-    """Return a function that imports its module only when called: other commands start without it."""
-
-    def run(arguments: argparse.Namespace) -> int:
-        called = getattr(importlib.import_module(f"autopilot.cli.{module}"), function)
-        with as_exceptions():  # an upload that is under way is taken back
-            return int(called(arguments))
-
-    return run
+def _call(module: str, function: str, arguments: argparse.Namespace) -> int:
+    called = getattr(importlib.import_module(f"autopilot.cli.{module}"), function)
+    with as_exceptions():  # an upload that is under way is taken back
+        return int(called(arguments))
 
 
 def _add_file_actions(actions: Any) -> None:
     check = actions.add_parser("check", help="read files strictly and list all mistakes")
     check.add_argument("files", nargs="+", metavar="FILE")
-    check.set_defaults(run=_call("params_reading", "check"))
 
     show = actions.add_parser("show", help="print a file with every default filled in and every number explained")
     show.add_argument("file", metavar="FILE")
     show.add_argument("--json", action="store_true", help="print JSON")
-    show.set_defaults(run=_call("params_reading", "show"))
 
     convert = actions.add_parser(
         "convert",
@@ -63,7 +60,6 @@ def _add_file_actions(actions: Any) -> None:
     )
     convert.add_argument("--system", action=SYSTEM_ID, default=1, metavar="N", help="vehicle id in a .params file")
     convert.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
-    convert.set_defaults(run=_call("params_reading", "convert"))
 
     schema = actions.add_parser(
         "schema",
@@ -73,7 +69,6 @@ def _add_file_actions(actions: Any) -> None:
     )
     schema.add_argument("kind", choices=("vessel", "firmware"))
     schema.add_argument("--out", metavar="FILE", help="write it to this file (default: print it)")
-    schema.set_defaults(run=_call("params_reading", "schema"))
 
 
 def _add_reading_actions(actions: Any) -> None:
@@ -87,7 +82,6 @@ def _add_reading_actions(actions: Any) -> None:
     diff.add_argument("--system", action=SYSTEM_ID, metavar="N", help="the vehicle's system id")
     add_signing_option(diff)
     diff.add_argument("--json", action="store_true", help="print JSON")
-    diff.set_defaults(run=_call("params_reading", "diff"))
 
     verify = actions.add_parser(
         "verify",
@@ -98,19 +92,16 @@ def _add_reading_actions(actions: Any) -> None:
     _add_link_options(verify)
     verify.add_argument("--with-calibration", action="store_true", help=CALIBRATION_HELP)
     verify.add_argument("--json", action="store_true", help="print JSON")
-    verify.set_defaults(run=_call("params_reading", "verify"))
 
     download = actions.add_parser("download", help="write a vehicle's parameters into a file")
     download.add_argument("file", metavar="FILE", help="the suffix gives the format, as in convert")
     _add_link_options(download)
     download.add_argument("--names", metavar="A,B,...", help="only these parameters (default: all)")
     download.add_argument("--overwrite", action="store_true", help="replace FILE if it exists")
-    download.set_defaults(run=_call("params_reading", "download"))
 
     backup = actions.add_parser("backup", help="write all parameters of a vehicle into a dated firmware file")
     _add_link_options(backup)
     backup.add_argument("--folder", default=".", metavar="DIR", help="where the file goes (default: here)")
-    backup.set_defaults(run=_call("params_reading", "backup"))
 
 
 def _add_upload(actions: Any) -> None:
@@ -129,7 +120,6 @@ def _add_upload(actions: Any) -> None:
     upload.add_argument("--no-backup", action="store_true", help="keep no file of old values")
     upload.add_argument("--while-armed", action="store_true", help="upload although the vehicle is armed or engaged")
     _add_writing_options(upload)
-    upload.set_defaults(run=_call("params_upload", "upload"))
 
 
 def _add_restore(actions: Any) -> None:
@@ -153,7 +143,6 @@ def _add_restore(actions: Any) -> None:
     restore.add_argument("--while-armed", action="store_true", help="write although the vehicle is armed or engaged")
     _add_writing_options(restore)
     restore.add_argument("--json", action="store_true", help="print JSON")
-    restore.set_defaults(run=_call("params_upload", "restore"))
 
 
 def _add_writing_options(parser: argparse.ArgumentParser) -> None:

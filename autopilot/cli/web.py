@@ -196,10 +196,9 @@ def run_signalk(arguments: argparse.Namespace) -> int:
 
 def _serve_signalk(arguments: argparse.Namespace) -> int:
     import select
-    import signal
 
     from autopilot.cli.options import patience_of, signing_of
-    from autopilot.interruption import print_end
+    from autopilot.interruption import stop_on_signal
     from autopilot.runtime.machine import running_time
     from autopilot.signalk.bridge import Bridge, LineClients
     from autopilot.signalk.messages import LINE_MOST
@@ -218,14 +217,11 @@ def _serve_signalk(arguments: argparse.Namespace) -> int:
     bridge = Bridge(station, line, clients, token, lambda news: print(news, flush=True))
     orders = f"orders need the token in {arguments.token_file}" if token else "orders are not taken: no --token-file"
     print(f"ready: Signal K plugin at {host}:{clients.port}; {orders}", flush=True)
-    stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: stopped.append(number))
+    is_stopped = stop_on_signal()
     try:
-        while not stopped:
+        while not is_stopped():
             select.select(bridge.descriptors, (), (), 0.05)
             bridge.turn(running_time())
     finally:
         bridge.close()
-    print_end(stopped[0])
     return int(ExitCode.OK)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from autopilot.cli.gains import GENERATIONS, WEIGHT, add_envelope_options
-from autopilot.cli.options import whole_number
+from autopilot.cli.options import check_places, whole_number
 from autopilot.control.design import DESIGNED
 from autopilot.control.registry import designed_laws
 from autopilot.errors import ExitCode, InputError
@@ -93,12 +93,7 @@ def _campaign(job: Job, arguments: argparse.Namespace) -> int:
     from sitl.campaign.study import number_of_runs
     from sitl.campaign.work import batches_of, default_workers, engine_of, in_order
 
-    if arguments.report:
-        from autopilot.files.saving import check_folder
-        from autopilot.report import require_extra
-
-        require_extra("by leaving out --report", arguments.report)
-        check_folder(arguments.report)
+    check_places(arguments.report)
     workers, runs = arguments.workers or default_workers(), number_of_runs(job)
     engine = engine_of(arguments.engine, arguments.address)
     if arguments.out and not arguments.overwrite:
@@ -252,12 +247,7 @@ def run_envelope(arguments: argparse.Namespace) -> int:
     from sitl.campaign.envelope import UNSAID, box_of, check_vessel, ranges_of
     from sitl.campaign.work import default_workers
 
-    if arguments.report:
-        from autopilot.files.saving import check_folder
-        from autopilot.report import require_extra
-
-        require_extra("by leaving out --report", arguments.report)
-        check_folder(arguments.report)
+    check_places(arguments.report)
     vessel = load_vessel(arguments.vessel)
     check_vessel(vessel)
     found: list[Found] = []
