@@ -185,9 +185,9 @@ def check_places(report: str | Path | None, vessel: str | None = None) -> None:
         from autopilot.report import require_extra
 
         require_extra("by leaving out --report", report)
-    for path in filter(None, (vessel, report)):
-        check_folder(path)
+        check_folder(report)
     if vessel:
+        check_folder(vessel)
         from autopilot.vessel.file import refuse_bare_name
 
         refuse_bare_name(vessel)

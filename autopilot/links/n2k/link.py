@@ -16,7 +16,8 @@ Actisense, "NMEA 2000 ASCII output format" of the W2K-1.
 from __future__ import annotations
 
 import re
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from typing import Any
 
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.links.base import LinkError, SessionLink, Transport
@@ -34,34 +35,33 @@ ASCII_LINE = re.compile(
 )
 
 
-class Form(Protocol):
+class Form(ABC):
     """A way of writing messages. is_node: whether Norrbin is the node; damaged: lines or packets that were none."""
-
-    is_node: bool
-    damaged: int
-
-    def begin(self) -> bytes:
-        """Return what is sent at the beginning."""
-
-    def feed(self, now: float, data: bytes) -> list[Message]:
-        """Return the messages that `data`, which came at `now` [s] and may be cut anywhere, completes. Never raises."""
-
-    def encode(self, message: Message) -> bytes:
-        """Return a message as it is sent."""
-
-
-class _Lines:
-    """A form that comes in lines; of one without end no more than `LINE_MOST` characters are kept."""
 
     is_node = False
 
     def __init__(self) -> None:
         self.damaged = 0
-        self._rest = b""
 
     def begin(self) -> bytes:
-        """Return nothing."""
+        """Return what is sent at the beginning."""
         return b""
+
+    @abstractmethod
+    def feed(self, now: float, data: bytes) -> list[Message]:
+        """Return the messages that `data`, which came at `now` [s] and may be cut anywhere, completes. Never raises."""
+
+    @abstractmethod
+    def encode(self, message: Message) -> bytes:
+        """Return a message as it is sent."""
+
+
+class _Lines(Form):
+    """A form that comes in lines; of one without end no more than `LINE_MOST` characters are kept."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._rest = b""
 
     def feed(self, now: float, data: bytes) -> list[Message]:
         """Return the messages that `data` completes."""
@@ -70,9 +70,9 @@ class _Lines:
         whole = (line.decode("ascii", "replace").strip() for line in lines if len(line) <= LINE_MOST and line.strip())
         return [message for line in whole if (message := self._taken(now, line)) is not None]
 
+    @abstractmethod
     def _taken(self, now: float, line: str) -> Message | None:
         """Return the message that a line completes, None where it completes none; what cannot be read is counted."""
-        raise NotImplementedError
 
 
 class YachtDevices(_Lines):
@@ -104,13 +104,11 @@ ALL_MESSAGES = bytes((0x11, 0x02, 0x00))
 PACKET_BYTES = 260
 
 
-class Actisense:
+class Actisense(Form):
     """The binary packets of the NGT-1; a byte DLE in a packet is sent twice, and all its bytes add up to 0."""
 
-    is_node = False
-
     def __init__(self) -> None:
-        self.damaged = 0
+        super().__init__()
         self._packet: bytearray | None = None
         self._is_escaped = False
 
@@ -189,11 +187,7 @@ class ActisenseAscii(_Lines):
         return f"{head} {message.group:05X} {message.data.hex().upper()}\r\n".encode()
 
 
-FORMS: dict[str, type[YachtDevices] | type[Actisense] | type[ActisenseAscii]] = {
-    "ydwg": YachtDevices,
-    "actisense": Actisense,
-    "n2k-ascii": ActisenseAscii,
-}
+FORMS: dict[str, type[Form]] = {"ydwg": YachtDevices, "actisense": Actisense, "n2k-ascii": ActisenseAscii}
 """By what is spoken on a link."""
 
 
