@@ -73,12 +73,13 @@ def print_end(number: int) -> None:
 
 
 def stop_on_signal() -> Callable[[], bool]:
-    """Take Ctrl-C and termination, each of which is said at once; return what tells whether one has come."""
+    """Take Ctrl-C and termination, the first of which is said at once; return what tells whether one has come."""
     came: list[int] = []
 
     def take(number: int, _frame: object) -> None:
+        if not came:
+            print_end(number)
         came.append(number)
-        print_end(number)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, take)
