@@ -27,7 +27,8 @@ more, and no less than HABIT * HABIT_LEAST headings and so long [s], while anoth
 lengths are random, as noise makes them, that is as rare as the cube of one in all that were."""
 TREMBLES_S, TREMBLES_DIGITS = 2.0, 1.5
 """Where it trembled until then by so many of its digits nobody need have turned: after the first [s] it has failed, in
-flat water too, as long as another shows something new."""
+flat water too, as long as another shows something new: its last change is no older than FRESH_S, which two that froze
+together, their headings out of step, have not."""
 NOISY, QUIET = math.radians(4.0), math.radians(2.0)
 NOISY_S, NOISY_SHARE = 1.5, 1.0 / 15.0
 WILDEST = math.radians(20.0)
@@ -164,20 +165,24 @@ class CompassWatch:
             for name, apart in compass.apart.items()
         )
 
-    @staticmethod
-    def _stands(now: float, compass: _Compass, others: dict[str, float]) -> bool:
+    def _stands(self, now: float, compass: _Compass, others: dict[str, float]) -> bool:
         if now - compass.since < STANDS_S or compass.same < STANDS_SAMPLES:
             return False
-        turns = [
-            shortest_turn(compass.others[name], heading) for name, heading in others.items() if name in compass.others
-        ]
+        turns = {
+            name: shortest_turn(compass.others[name], heading)
+            for name, heading in others.items()
+            if name in compass.others
+        }
         is_strange = (
             compass.heard >= HABIT_KNOWN and compass.same >= HABIT * compass.longest and now - compass.since >= HABIT_S
         )
         least = HABIT_TURN if is_strange else STANDS_TURN
-        if is_strange and now - compass.since >= TREMBLES_S and compass.trembled >= TREMBLES_DIGITS * compass.digit:
-            return any(turns)
-        return any(abs(turn) > max(least, STANDS_DIGITS * compass.digit) for turn in turns)
+        if any(abs(turn) > max(least, STANDS_DIGITS * compass.digit) for turn in turns.values()):
+            return True
+        trembled = compass.trembled >= TREMBLES_DIGITS * compass.digit
+        if not (is_strange and trembled and now - compass.since >= TREMBLES_S):
+            return False
+        return any(turn and now - self._compasses[name].since < FRESH_S for name, turn in turns.items())
 
     @staticmethod
     def _forgive(now: float, compass: _Compass, others: dict[str, float]) -> None:

@@ -97,6 +97,15 @@ def test_in_flat_water_one_that_stands_though_it_trembled_is_left_before_the_fai
     assert "HEHDT stands still, HCHDG steers" in heard.said[-1]
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_of_two_that_freeze_together_in_flat_water_neither_is_left_for_the_other(seed: int) -> None:
+    """They are not in step: the second says one new heading more, and then the same for ever."""
+    heard = Heard().run(30.0, in_flat_water(0.3, 0.1, seed), in_flat_water(0.3, 0.1, seed + 10))
+    last = iter([math.radians(56.8)])
+    heard.run(6.0, lambda now: math.radians(57.1), lambda now: next(last, math.radians(57.4)))
+    assert heard.said == []
+
+
 @pytest.mark.parametrize(("noise_deg", "digit_deg"), [(0.05, 0.1), (0.1, 0.1), (0.3, 1.0), (0.2, 0.5)])
 def test_in_flat_water_one_whose_digits_hide_its_noise_may_stand(noise_deg: float, digit_deg: float) -> None:
     other = in_flat_water(0.3, 0.1, 2)
