@@ -178,9 +178,9 @@ SIGNALK = [
     for word in (b"adjustHeading", b"dodge")
 ]
 ALARM_LISTS = [
-    b'[{"name":"heading_lost","words":"heading lost: steer by hand","state":"sounding","escalated":true},'
-    b'{"name":"","words":"gear hot 5\xc2\xb0","state":"notice","escalated":false}]',
-    b'[{"name":"roll","words":"heeled","state":"acknowledged","escalated":false}]',
+    b'[{"name":"heading_lost","words":"heading lost: steer by hand","state":"sounding","priority":"alarm",'
+    b'"escalated":true},{"name":"","words":"gear hot 5\xc2\xb0","state":"notice","priority":"caution"}]',
+    b'[{"name":"roll","words":"heeled","state":"acknowledged","priority":"warning","escalated":false}]',
 ]
 HEADERS = [
     b'{"first": 0, "format": 2, "law": null, "norrbin": "1.0", "part": 1, "run": "1-2", "vessel": "x"}',
@@ -494,7 +494,7 @@ def _firmware(data: bytes) -> None:
 
 
 def _foreign(data: bytes) -> None:
-    found = parse_foreign(data.decode("utf-8", "replace"), "x.param")
+    found = parse_foreign(data.decode("utf-8", "replace"), "x.params" if b"\t" in data else "x.param")
     assert all(math.isfinite(each.value) for each in found.values)
 
 

@@ -319,7 +319,8 @@ def fuzz_boat(rng: random.Random, count: int) -> Result:
     link = BoatLink(near, Commands(skipper, True, mission), server, 1)
     heard = tuple(kind.id for kind in KINDS if kind.msgname.startswith(BOAT_HEARS))
     setting = [dialect.MAVLink_param_set_message(1, 1, n.encode(), v, 9) for n in store.names for v in (1.0, -1e9)]
-    sound = encoded(255, 190, station_words())
+    # under all numbers that a frame may have: an order that comes again is none
+    sound = encoded(255, 190, station_words() * 12)
     sets = encoded(255, 190, setting)
     accepted = wrong = held = 0
     before = Order()

@@ -46,6 +46,23 @@ def test_pilot_and_readers_survive_a_sample_of_the_fuzzer_s_inputs(
     assert all(int(row[2]) >= 30 for row in rows)
 
 
+def test_every_reader_takes_something_that_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Damage to inputs that a reader refuses all the same tries one refusal and nothing behind it."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    from fuzz_everything import REFUSALS
+    from fuzz_file_targets import Target, targets
+
+    def is_taken(target: Target, data: bytes) -> bool:
+        try:
+            target.take(data)
+        except REFUSALS:
+            return False
+        return True
+
+    deaf = [name for name, each in targets().items() if not any(is_taken(each, data) for data in each.seeds)]
+    assert deaf == []
+
+
 def test_a_run_that_was_cut_goes_on_with_other_inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     from fuzz_everything import Kept
