@@ -16,7 +16,7 @@ from lockstep import STEP, Lockstep
 from manual_clock import ManualClock
 from plant import Plant
 
-from autopilot.links.base import SilentLink
+from autopilot.links.base import Link
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import gear_of, model_of
 from autopilot.runtime.log_files import FolderLimits, FolderSink
@@ -35,7 +35,7 @@ PERIODS_MISSED = 2.0
 """A tick so many control periods after the one before has missed its deadline."""
 
 
-class DirectLink(SilentLink):
+class DirectLink(Link):
     """A boat without a wire: its compass goes silent for five seconds every half hour."""
 
     name = "direct"
