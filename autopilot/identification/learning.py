@@ -162,12 +162,13 @@ LEAST_MOVED = 6.0
 """The rudder must have been away from its mean for so many stretches' time before a model is put forward."""
 TURNS_RAD = tuple(map(math.radians, (5.0, 10.0, 20.0)))
 """What is doubted of a model is the heading after a stretch with the rudder put over by each of these."""
-HARD_RAD, HARD_TURNS = TURNS_RAD[-1] - math.radians(1.0), 5
-"""A model is proved only if it was tried with the largest of them, less what a feedback is off, in so many stretches,
-and was the better one there: turns with less rudder say little of the cubic damping that holds a hard turn."""
+HARD_TURNS, FEEDBACK_OFF_RAD = 5, math.radians(1.0)
+"""A model is proved only if it was tried with the largest of them, or all the rudder there is, less what a feedback is
+off, in so many stretches, and was the better one there: turns with less rudder say little of the cubic damping that
+holds a hard turn."""
 MUCH_BETTER = 0.6
-"""A candidate that is not a third of the way to its proof is replaced when the doubt has shrunk to this share, and
-judged anew."""
+"""A candidate that is not a third of the way to its proof, and may by its doubt lie short of the point beyond which its
+bets are won, is replaced when the doubt has shrunk to this share, and judged anew."""
 TRIED = 24
 """So is one that has won nothing in the last so many bets."""
 
@@ -196,7 +197,7 @@ class Proposal(NamedTuple):
     standard_errors by parameter, by what is known today; learnt from `moved` [s] in which the rudder was away from its
     mean; stretches predicted since it was put forward, each of `ahead` [s]; root mean square heading errors [rad] of
     the present model and the proposed one, with rudder up to `rudder` [rad]; wealth of the bets on it, and how much
-    proves it; whether it was the better one in hard turns, too.
+    proves it; whether it was the better one in hard turns, too, which are those with `hard` [rad] of rudder.
     """
 
     model: Norrbin
@@ -210,6 +211,7 @@ class Proposal(NamedTuple):
     needed: float
     rudder: float = 0.0
     is_tried_hard: bool = True
+    hard: float = TURNS_RAD[-1]
 
     @property
     def is_proved(self) -> bool:
@@ -226,7 +228,7 @@ class Proposal(NamedTuple):
         if worst > ENOUGH:
             share = "K and T by themselves are hardly known"
         if not self.is_proved:
-            missing = "" if self.is_tried_hard else f" (turn with {math.degrees(TURNS_RAD[-1]):.0f} deg of rudder)"
+            missing = "" if self.is_tried_hard else f" (turn with {math.degrees(self.hard):.0f} deg of rudder)"
             return f"not proved yet{missing}: {share}"
         if worst > ENOUGH:
             return f"predicts better, though {share}: turn or zigzag"
@@ -238,11 +240,11 @@ def worst_doubt(model: Norrbin, errors: Mapping[str, float]) -> float:
     return max(max(off_by(name, getattr(model, name), errors[name])) for name in ("gain", "time_constant"))
 
 
-def is_better_in_hard_turns(outcomes: Iterable[Outcome]) -> bool:
-    """Return whether the other model was tried in hard turns, and was the better one there."""
-    hard = [each for each in outcomes if each.rudder >= HARD_RAD]
-    gained = sum(each.present**2 - each.other**2 for each in hard)
-    return len(hard) >= HARD_TURNS and gained > 0.0
+def is_better_in_hard_turns(outcomes: Iterable[Outcome], hard: float = TURNS_RAD[-1]) -> bool:
+    """Return whether the other model was tried in turns with `hard` [rad] of rudder, and was the better one there."""
+    tried = [each for each in outcomes if each.rudder >= hard - FEEDBACK_OFF_RAD]
+    gained = sum(each.present**2 - each.other**2 for each in tried)
+    return len(tried) >= HARD_TURNS and gained > 0.0
 
 
 class _Candidate(NamedTuple):
@@ -254,11 +256,12 @@ class _Candidate(NamedTuple):
 class Learner:
     """Learns from ticks; see the module's docstring.
 
-    chance: with which a model that is not better by as much may be called proved at most. n2 is not known to it.
+    chance: with which a model that is not better by as much may be called proved at most; rudder_max: all the rudder
+    there is [rad]. n2 is not known to it.
     """
 
-    def __init__(self, present: Norrbin, chance: float = CHANCE) -> None:
-        self._chance = chance
+    def __init__(self, present: Norrbin, chance: float = CHANCE, rudder_max: float = math.inf) -> None:
+        self._chance, self._hard = chance, min(TURNS_RAD[-1], rudder_max)
         self.begin(present)
 
     def begin(self, present: Norrbin) -> None:
@@ -280,6 +283,11 @@ class Learner:
     def moved(self) -> float:
         """For how long [s] the rudder was away from its mean so far: what there was to learn from."""
         return self._fit.moved_s
+
+    @property
+    def is_blown(self) -> bool:
+        """Whether nothing is learnt as the rudder does too little beside what else pushes the boat."""
+        return self._fit.is_blown
 
     @property
     def estimate(self) -> Norrbin:
@@ -352,7 +360,8 @@ class Learner:
         if self._candidate is not None:
             # a third of the way, as wealth multiplies
             is_winning = float(np.mean(self._wealth)) > self._needed ** (1.0 / 3.0)
-            is_known_better = not is_winning and doubt <= MUCH_BETTER * self._candidate.doubt
+            is_unsure = SURE_OF_IT * self._candidate.doubt > BETTER / (1.0 + BETTER) * off
+            is_known_better = is_unsure and not is_winning and doubt <= MUCH_BETTER * self._candidate.doubt
             if not (is_known_better or self._has_lost):
                 return
         model, _ = learnt_model(self._fit, self.present)
@@ -406,7 +415,8 @@ class Learner:
             wealth=float(np.mean(self._wealth)),
             needed=self._needed,
             rudder=max((each.rudder for each in self._outcomes), default=0.0),
-            is_tried_hard=is_better_in_hard_turns(self._outcomes),
+            is_tried_hard=is_better_in_hard_turns(self._outcomes, self._hard),
+            hard=self._hard,
         )
 
 

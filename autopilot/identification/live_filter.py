@@ -20,9 +20,10 @@ the push is that of a second group of the same filters, which learn all the time
 No sea is of one of these kinds. The waves' size and frequency and the strongest gust follow what is felt, and what is
 left of the misfit counts as doubt: where the noise is another than the model of it, the rudder that answers it biases
 what is learnt, and that goes with the ratio of noise to rudder (section 13.4 again). So nothing is learnt unless the
-rudder does WORKS times as much as what else pushes the boat; and the ratio of both, over the time in which something
-was learnt, is a standard error of K, T and n3 that no time makes smaller. Another is that of the rudder's time: a
-rudder that comes LATE_S later looks like a T that is longer by as much.
+rudder does WORKS times as much as what else pushes the boat (in rudder of the weaker boat, the first model's or theirs,
+unless theirs is the stronger one for certain); and the ratio of both, over the time in which something was learnt, is a
+standard error of K, T and n3 that no time makes smaller. Another is that of the rudder's time: a rudder that comes
+LATE_S later looks like a T that is longer by as much.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.angles import wrap
+from autopilot.identification.interval import SURE_OF_IT
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO, Norrbin, at_speed_ratio, rate_step
 
 Array = NDArray[np.float64]
@@ -205,6 +207,7 @@ class LiveFilter:
         self._logs = np.zeros(M)
         self._pushed = self._worked = self._felt_s = 0.0
         self._learnt_by = self._clear = 0.0
+        self._weaker = a
         self._mixed = -math.inf
         self._compass = _Roughness(USUAL_COMPASS, LEAST_COMPASS)
         self._gyro = _Roughness(USUAL_GYRO, LEAST_GYRO)
@@ -291,21 +294,30 @@ class LiveFilter:
     @property
     def learns(self) -> bool:
         """Whether the rudder does WORKS times as much as what else pushes the boat."""
-        return self._felt_s >= FIRST_S and self._worked > WORKS**2 * self._pushed
+        return self._felt_s >= FIRST_S and self._worked * self._weaker**2 > WORKS**2 * self._pushed
+
+    @property
+    def is_blown(self) -> bool:
+        """Whether the rudder moves, and does too little beside what else pushes the boat for anything to be learnt."""
+        return self._felt_s >= FIRST_S and self._worked > MOVES**2 and not self.learns
 
     def _weigh(self, dt: float, moved: float, weight: Array) -> None:
         """Compare what the rudder did in `dt` [s], `moved` [rad] from its mean, with what else pushed."""
         x, P = self._x, self._P
-        # in rudder of the weaker boat: where the rudder answers a gust, a boat that hardly turns has neither of them
-        unit = min(float(weight @ x[:, A]), self._unit[0])
-        push = float(weight @ (x[:, G] ** 2 + P[:, G, G] + x[:, H] ** 2 + P[:, H, H])) / unit**2
+        a = float(weight @ x[:, A])
+        push = float(weight @ (x[:, G] ** 2 + P[:, G, G] + x[:, H] ** 2 + P[:, H, H]))
         self._felt_s = min(self._felt_s + dt, WORKS_S)
         self._pushed += dt / self._felt_s * (push - self._pushed)
         self._worked += min(dt / WORKS_S, 1.0) * (moved * moved - self._worked)
+        # in rudder of the weaker boat: where the rudder answers a gust, a boat that hardly turns has neither of them.
+        # But a file that is surely too weak, by the doubt of `estimate`, would shut out the boat that needs it most
+        share = self._pushed / max(a * a * self._worked, 1.0e-300)
+        doubt = math.sqrt(float(weight @ (P[:, A, A] + (x[:, A] - a) ** 2)) + 2.0 * share * a * a)
+        self._weaker = min(a, max(self._unit[0], a - SURE_OF_IT * doubt))
         if self.learns:
             # moments count as much as they tell: rudder over push, squared
             self._learnt_by += dt * moved * moved
-            self._clear += dt * moved * moved * self._worked / self._pushed
+            self._clear += dt * moved * moved * self._worked * self._weaker**2 / self._pushed
 
     def _mix(self, group: slice) -> None:
         """Let the weather have changed: each filter begins with what all hold, as likely as each led to its weather."""

@@ -398,10 +398,12 @@ class LearningService:
     def values(self) -> dict[str, float]:
         """Return model in force, learnt so far and proposed (`lrn_p`, `lrn_s`: standard errors), and how it did.
 
-        Errors of prediction [deg]; `lrn_state` 0 nothing is proposed yet, 1 it is, 2 it has proved itself.
+        Errors of prediction [deg]; `lrn_state` 0 nothing is proposed yet, 1 it is, 2 it has proved itself. `lrn_blown`
+        1: nothing is learnt, as the rudder does too little beside what pushes the boat; `lrn_hard`: turns with so much
+        rudder [deg] must prove it yet.
         """
         learner, proposal = self._learner, self._learner.proposal()
-        values = {"lrn_moved": learner.moved, "lrn_state": 0.0}
+        values = {"lrn_moved": learner.moved, "lrn_state": 0.0, "lrn_blown": float(learner.is_blown)}
         for suffix, model in (("_in", learner.present), ("", learner.estimate)):
             values |= {f"lrn_K{suffix}": model.gain, f"lrn_T{suffix}": model.time_constant, f"lrn_n3{suffix}": model.n3}
         if proposal is None:
@@ -410,6 +412,7 @@ class LearningService:
         values |= {"lrn_pK": model.gain, "lrn_pT": model.time_constant, "lrn_pn3": model.n3}
         values |= {"lrn_sK": errors["gain"], "lrn_sT": errors["time_constant"], "lrn_sn3": errors["n3"]}
         values |= {"lrn_n": float(proposal.stretches), "lrn_ahead": proposal.ahead}
+        values["lrn_hard"] = 0.0 if proposal.is_tried_hard else math.degrees(proposal.hard)
         values |= {"lrn_old": math.degrees(proposal.present_error), "lrn_new": math.degrees(proposal.proposed_error)}
         return values | {"lrn_state": 2.0 if proposal.is_proved else 1.0}
 
@@ -457,6 +460,11 @@ def _check(proposal: Proposal) -> str:
 
 
 def _progress(learner: Learner) -> str:
+    if learner.is_blown:
+        return (
+            "what pushes the boat does too much for this rudder, and nothing is learnt: turn with more rudder, or in "
+            "calmer water"
+        )
     return (
         f"the rudder was moved for {learner.moved:.0f} s, and nothing is known yet by which turns are predicted better "
         "than by the present model: turn or zigzag"

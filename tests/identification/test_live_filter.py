@@ -112,6 +112,7 @@ def test_a_sea_that_no_filter_knows_makes_the_intervals_wide() -> None:
         Boat(truth, seed + 20261128).sail(live, gusts_deg=1.0, waves_deg=15.0)
         assert np.abs(off_in_errors(live, truth)[:3]).max() < 2.5
         assert math.sqrt(live.estimate.covariance[0, 0]) > 0.3 * truth[0], "nobody can know it there"
+        assert live.is_blown, "and it says so"
 
 
 @pytest.mark.parametrize("seed", [1, 8, 9])
@@ -216,5 +217,29 @@ def test_what_a_wrong_file_leaves_is_not_taken_for_wind(steers: str, gain: float
     assert 0.0 <= begun < 30.0, "two or three turns are enough"
     model, errors = learnt_model(live, file)
     assert worst_doubt(model, errors) < ENOUGH
+    assert model.gain == pytest.approx(true.gain, rel=0.15)
+    assert abs(model.gain - true.gain) < 2.0 * errors["gain"]
+
+
+@pytest.mark.parametrize("seed", [20261129, 20261130, 20261131])
+def test_a_file_that_is_far_too_weak_does_not_shut_its_boat_out(seed: int) -> None:
+    """K/T is six times the file's. Waves of 2 deg of rudder are 13 of its, and nothing was learnt in a zigzag."""
+    true, random = model_of(load_vessel("lanxin")), np.random.default_rng(seed)
+    file = true._replace(gain=0.4 * true.gain, time_constant=2.5 * true.time_constant)
+    live, order, learnt = LiveFilter(file), math.radians(20.0), 0
+    rudder = rate = heading = wave = swing = 0.0
+    for i in range(900):
+        seen, felt = [heading, rate] + np.radians([0.3, 0.2]) * random.standard_normal(2)
+        live.update(0.1 * i, rudder, 1.0, seen, felt)
+        learnt += live.learns
+        order = -order if seen * math.copysign(1.0, order) > abs(order) else order
+        for kick in random.standard_normal(5):
+            rudder += min(max(order - rudder, -0.007), 0.007)
+            swing += 0.02 * (-0.4 * swing - 4.0 * wave) + math.radians(2.0) * math.sqrt(3.2 * 0.02) * kick
+            wave += 0.02 * swing
+            rate = rate_step(true, rate, rudder + wave, 0.02)
+            heading += 0.02 * rate
+    assert learnt > 450, "half the time"
+    model, errors = learnt_model(live, file)
     assert model.gain == pytest.approx(true.gain, rel=0.15)
     assert abs(model.gain - true.gain) < 2.0 * errors["gain"]

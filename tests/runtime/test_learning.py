@@ -22,6 +22,7 @@ from plant import Plant
 from autopilot.errors import InputError, RefusedError
 from autopilot.identification.learning import (
     CHANCE,
+    HARD_TURNS,
     TRIED,
     Learner,
     Outcome,
@@ -484,6 +485,29 @@ def test_a_model_is_proved_only_where_it_was_tried(
     """A ship's model learnt with up to 18 deg of rudder predicted a 20/20 zigzag off by 5.5 deg, the file by 0.9."""
     gentle = [Outcome(0.1, 0.01, math.radians(10.0))] * 40
     assert is_better_in_hard_turns([*gentle, *[Outcome(0.1, other, math.radians(rudder_deg))] * turns]) is is_better
+
+
+def test_a_boat_with_less_rudder_is_tried_with_all_it_has() -> None:
+    """With 15 deg at most, no model could ever be proved."""
+    little = dataclasses.replace(LANXIN, rudder=dataclasses.replace(LANXIN.rudder, angle_max_deg=15.0))
+    for vessel, tried_deg, is_hard in ((little, 14.5, True), (little, 13.5, False), (LANXIN, 14.5, False)):
+        learner = learner_of(vessel)
+        stretches_of(learner, [Outcome(0.1, 0.01, math.radians(tried_deg))] * HARD_TURNS)
+        assert cast(Proposal, learner.proposal()).is_tried_hard is is_hard
+        store = VesselStore(vessel, build_pilot(vessel), None, Path("unused.yaml"))
+        wanted = LearningService(learner, store).values()["lrn_hard"]
+        assert wanted == pytest.approx(0.0 if is_hard else min(vessel.rudder.angle_max_deg, 20.0))
+
+
+def test_a_rudder_that_does_too_little_for_anything_to_be_learnt_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    learner = learner_of(LANXIN)
+    service = LearningService(learner, VesselStore(LANXIN, build_pilot(LANXIN), None, Path("unused.yaml")))
+    said = []
+    for is_blown in (False, True):
+        monkeypatch.setattr(LiveFilter, "is_blown", is_blown)
+        assert service.values()["lrn_blown"] == is_blown
+        said.append(service.type_line("learn"))
+    assert said[0] != said[1]
 
 
 def stretches_of(learner: Learner, outcomes: list[Outcome]) -> bool:

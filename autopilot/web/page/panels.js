@@ -117,8 +117,9 @@ function drawLearning() {
     ? `Heading ${number(learnt.lrn_ahead, 2)} s ahead: off by ${number(learnt.lrn_new, 2)}° with the proposal, ${number(learnt.lrn_old, 2)}° with the model in force, on ${learnt.lrn_n} stretches since.`
     : "Nothing yet to prove it by.";
   const words = [
-    `The rudder was moved for ${Math.round(learnt.lrn_moved ?? 0)} s. Not yet known well enough: turn, or sail a zigzag.`,
-    `Proposed, and being tried against what comes. ${proof}`,
+    learnt.lrn_blown > 0 ? "Too rough for so little rudder: nothing is learnt. Turn with more rudder, or in calmer water."
+      : `The rudder was moved for ${Math.round(learnt.lrn_moved ?? 0)} s. Not yet known well enough: turn, or sail a zigzag.`,
+    `Proposed, and being tried against what comes${learnt.lrn_hard > 0 ? `; turn with ${number(learnt.lrn_hard)}° of rudder, too` : ""}. ${proof}`,
     `Proved: it predicts better than the model in force. ${proof}`,
   ];
   byId("learning-check").textContent = words[learnt.lrn_state ?? 0] ?? "";
