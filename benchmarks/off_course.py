@@ -30,7 +30,7 @@ from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
 from autopilot.estimation.estimator import Measured, Moment, seen_at
 from autopilot.runtime.build import alarm_limits_of
-from autopilot.supervision.course_watch import course_step
+from autopilot.supervision.course_watch import ON_HEADING, course_step
 from autopilot.supervision.monitor_input import AlarmLimits
 from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
@@ -77,7 +77,7 @@ def watched_run(setting: Setting, workspace: Workspace, limits: AlarmLimits, jam
     workspace.readings[0, 0], workspace.readings[0, 1], workspace.readings[0, 2] = heading, rate, speed
     measurement = Measurement(Measured(0.0, wrap(heading), rate), speed)
     pilot_state = initial_state(setting.campaign, setting.filtered, lag * dt, measurement, workspace.rudder)
-    since, is_off, away_since = math.nan, False, math.nan
+    away, away_since = ON_HEADING, math.nan
     alarms, first, departed, worst = 0, math.inf, math.inf, 0.0
     for step in range(setting.steps):
         now = step * dt
@@ -92,10 +92,10 @@ def watched_run(setting: Setting, workspace: Workspace, limits: AlarmLimits, jam
                 seen = seen_at(
                     pilot_state.model, setting.campaign.config.estimator.noises, pilot_state.fusion, past, at
                 )
-                was_off = is_off
+                was_off = away[3]
                 error = shortest_turn(target, seen.heading)
-                since, is_off = course_step(limits, since, is_off, now, error)
-                if is_off and not was_off:
+                away = course_step(limits, pilot_state.model.time_constant, away, now, error)
+                if away[3] and not was_off:
                     alarms += 1
                     first = min(first, now)
                 true = abs(shortest_turn(target, state.heading))

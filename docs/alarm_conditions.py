@@ -84,19 +84,23 @@ CONDITIONS = {
     ),
     "rudder_reversed": Condition(
         "the rudder sensor shows it moving away from its orders, those of the gear's delay and lag before included, by "
-        "more than the tolerance; or the boat answers as if the rudder were on the other side",
+        "more than the tolerance, while these do not move that way; or the boat answers as if the rudder were on the "
+        "other side",
         key="alarms.reversed_rudder",
     ),
     "runaway": Condition(
         "with the rudder hard over for three time constants, the boat turns to the other side nearly as fast as a "
         "rudder hard over there would turn it, on average too, and by 20 deg and twice the waves' yaw since the rudder "
-        "came over; or in a zigzag it turns against its rudder, 45 deg beyond"
+        "came over; or in a zigzag it turns against its rudder, 45 deg beyond, and no slower than on average over a "
+        "time constant"
     ),
     "rudder_at_stop": Condition(
         "beyond nine tenths of the limit for 15 s, turns not counted", key="limits.angle_max_deg"
     ),
     "off_course": Condition(
-        "off the course by this angle for this time; in a turn, past the new course for 2 s",
+        "off the course by this angle for this time, or to one side and then the other; in a turn, past the new "
+        "course for 2 s; until it has been within the angle, and where it was said within seven tenths of it, for 4 s "
+        "or four time constants, and for no longer than this time",
         key="alarms.off_course_deg, alarms.off_course_s",
     ),
     "overpowered": Condition(

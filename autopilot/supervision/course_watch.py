@@ -75,12 +75,17 @@ SEA_SIGMAS = math.sqrt(2.0 * math.log(DAY_S / (2.0 * LONGEST_WAVE_S)))
 of the sea that was there when the heading was ordered, for a boat that steering swings since then looks like one."""
 
 
-class OffCourse(NamedTuple):
-    """since [s]: the boat is off its course, nan: it is not; is_off: for long enough; reported [rad]: how far it was
-    when that was said; found: what is said."""
+Away = tuple[float, float, float, bool]
+"""Since when [s] the boat has been off heading, nan: it is on it; since when it has been back, nan: it is not; to which
+side it was off last, 1 or -1; and whether that is an alarm."""
+ON_HEADING: Away = (math.nan, math.nan, 0.0, False)
 
-    since: float = math.nan
-    is_off: bool = False
+
+class OffCourse(NamedTuple):
+    """away: whether the boat is off its course; reported [rad]: how far it was when that was said; found: what is
+    said."""
+
+    away: Away = ON_HEADING
     reported: float = math.nan
     found: AlarmEvent | None = None
 
@@ -88,18 +93,27 @@ class OffCourse(NamedTuple):
 ON_ITS_COURSE = OffCourse()
 
 
-def course_step(limits: AlarmLimits, since: float, is_off: bool, now: float, error: float) -> tuple[float, bool]:
-    """Return since when [s] the boat has been off heading (nan: it is on course), and whether that is an alarm.
+def course_step(limits: AlarmLimits, time_constant: float, before: Away, now: float, error: float) -> Away:
+    """Return whether the boat of such a time constant [s] is off heading, by what this returned before and the
+    heading's `error` [rad] off the course ordered.
 
-    `since` and `is_off` are what this returned before; `error` [rad] is the heading's, off the course ordered.
+    It is on its course again when it has been within the limit for as long as makes it off, or as it takes to settle: a
+    boat that comes near and leaves again has not held it. One that goes through it and leaves to the other side swings,
+    and need not be waited for.
     """
+    since, back, side, is_off = before
     limit = limits.off_course * (BACK_ON_COURSE if is_off else 1.0)
     # written so that an error that is no number is no reason to be quiet
-    if -limit <= error <= limit:
-        return math.nan, False
-    if math.isnan(since):
-        return now, False
-    return since, is_off or now - since >= limits.off_course_time
+    if not -limit <= error <= limit:
+        since, to = since if since == since else now, -1.0 if error < 0.0 else 1.0
+        swings = back == back and to == -side
+        return since, math.nan, to, is_off or swings or now - since >= limits.off_course_time
+    if since != since:
+        return before
+    back = back if back == back else now
+    settles = ON_COURSE_TIME * (time_constant if time_constant > 1.0 else 1.0)
+    settles = settles if settles < limits.off_course_time else limits.off_course_time
+    return ON_HEADING if now - back >= settles else (since, back, side, is_off)
 
 
 def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, error: float, side: float) -> OffCourse:
@@ -113,13 +127,14 @@ def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, 
     if not seen.holds_course:
         limits = limits._replace(off_course_time=min(LED_PAST, limits.off_course_time))
         error = error if abs(error) < 0.5 * math.pi else 0.0
-    since, is_off = course_step(limits, before.since, before.is_off, seen.now, error)
-    if not is_off:
-        return ON_ITS_COURSE if math.isnan(since) else OffCourse(since)
-    if before.found is not None and not abs(error - before.reported) > NEWS:
-        return OffCourse(since, True, before.reported, before.found)
+    away = course_step(limits, seen.model.time_constant, before.away, seen.now, error)
+    if not away[3]:
+        return OffCourse(away)
+    is_back = away[1] == away[1]
+    if before.found is not None and (is_back or not abs(error - before.reported) > NEWS):
+        return OffCourse(away, before.reported, before.found)
     off = f"by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
-    return OffCourse(since, True, error, AlarmEvent("off_course", off, AT_STOP if is_hard_over(seen) else ""))
+    return OffCourse(away, error, AlarmEvent("off_course", off, AT_STOP if is_hard_over(seen) else ""))
 
 
 Sums = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float, float, float]

@@ -157,7 +157,8 @@ class Following(NamedTuple):
     """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
     how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off;
     is_slow: it goes to its orders, and much slower than filed; name and shown: what is found, '' for nothing;
-    late_until [s]: until then it is not our order that says where it goes; line: what its line may have held."""
+    late_until [s]: until then it is not our order that says where it goes; line: what its line may have held; began:
+    when [s] it began to go away, and angle and order [rad] then."""
 
     seen: RudderSample | None = None
     bucket: float = 0.0
@@ -171,6 +172,7 @@ class Following(NamedTuple):
     shown: str = ""
     late_until: float = -math.inf
     line: Line = Line()
+    began: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
 
 def following_step(
@@ -180,7 +182,8 @@ def following_step(
 
     Time in which the rudder is off its order by more than the tolerance and not on its way to it fills a bucket, other
     time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that goes
-    away from all orders that its gear's delay may have left it with, by more than the tolerance, is reversed. An order
+    away from all orders that its gear's delay may have left it with, by more than the tolerance, is reversed; but where
+    its orders went the same way it goes with them, and is off by its sensor, or its linkage. An order
     may leave at any time until the next tick begins: an angle that was measured between two ticks is judged by that one
     of the two orders, the one before and the one of that tick, which explains it better. After a tick that came late it
     may go on past its order: a motor whose speed is ordered runs until the next one.
@@ -188,7 +191,7 @@ def following_step(
     A line that stalls holds our orders, or the angles, and delivers them late: as long as it may do so (`line_step`)
     those orders are among them.
     """
-    last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line = before
+    last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line, began = before
     angle, now, delay, filed = sample.angle, sample.time, limits.rudder_delay, limits.rudder_rate
     if last is not None and last.source == sample.source and now <= last.time:
         return before
@@ -217,9 +220,11 @@ def following_step(
         away += max(beyond, 0.0) if now > late_until else 0.0
     else:
         away = max(away - moved, 0.0) if is_off else 0.0
+    if away == 0.0:
+        began = now, angle, order
     if not name:
         if away > limits.rudder_tolerance:
-            name = "rudder_reversed"
+            name = "rudder_not_following" if _is_led(began, (now, angle, order), history) else "rudder_reversed"
         elif bucket > PATIENCE_S + delay:
             name = "rudder_stuck" if high - low < STANDS else "rudder_not_following"
         if name:
@@ -227,7 +232,15 @@ def following_step(
     way, way_time = (way + moved, way_time + elapsed) if is_off and math.isfinite(filed) else (0.0, 0.0)
     timed = way_time - delay
     is_slow = is_slow or (timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed)
-    return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line)
+    return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line, began)
+
+
+def _is_led(began: tuple[float, float, float], at: tuple[float, float, float], history: History) -> bool:
+    """Return whether a rudder has gone away from its order because that did, by no detour: what it made for itself is
+    no progress. began and at: time [s], angle and order [rad]."""
+    went, led = at[1] - began[1], at[2] - began[2]
+    least, most = orders_within(history, began[0], at[0])
+    return abs(went - led) < PROGRESS_SHARE * abs(went) and (1.0 - PROGRESS_SHARE) * (most - least) < abs(led)
 
 
 def orders_at(history: History, since: float, time: float) -> tuple[float, ...]:
@@ -529,8 +542,6 @@ def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
     state, now, model, rudder = seen.state, seen.now, seen.model, seen.rudder
     last, time, mean_rate, side, turned, way, hard_since, held_way, held_since, _, overpowered = before
     heading = state.heading
-    if seen.zigzag_divergence > ZIGZAG_DIVERGED and state.rate * rudder < 0.0:
-        return before._replace(heading=heading, time=now, has_run=True)
     # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
     step = heading - last
     step = step if -PI < step <= PI else wrap(step)
@@ -545,21 +556,22 @@ def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
         mean_rate -= math.expm1(-elapsed / lasts) * (step / elapsed - mean_rate)
     way += step
     to = math.copysign(1.0, rudder)
+    # one that slows down is coming round yet: a course-unstable boat overshoots by more than any that is sold
+    has_run = seen.zigzag_divergence > ZIGZAG_DIVERGED and to * state.rate < min(AGAINST_SHARE * to * mean_rate, 0.0)
     turned = turned - to * step if to == side and turned > to * step else 0.0
     overpowered = overpowered if turned != 0.0 else ""
     stop = AT_THE_STOP * seen.angle_max
     if -stop < rudder < stop:
-        return Runaway(heading, now, mean_rate, to, turned, way, math.nan, held_way, held_since, False, overpowered)
+        return Runaway(heading, now, mean_rate, to, turned, way, math.nan, held_way, held_since, has_run, overpowered)
     hard_since = now if math.isnan(hard_since) else hard_since
     lasted = now - hard_since
     if lasted < HOLDS * model.time_constant:
         held_since, held_way = now, way
-    has_run = False
     if lasted >= TAKES_HOLD * model.time_constant and not turned < FAR + WAVES_REACH * state.wave_deviation:
         if lasted >= SETTLED * model.time_constant:
             # both: the mean remembers how the boat turned before the rudder came over, the other holds a wave's
             held = (way - held_way) / (now - held_since)
-            has_run = _turns_against(model, seen.rudder, held) and _turns_against(model, seen.rudder, mean_rate)
+            has_run |= _turns_against(model, seen.rudder, held) and _turns_against(model, seen.rudder, mean_rate)
         overpowered = overpowered or f"to {'port' if seen.rudder > 0.0 else 'starboard'}"
     return Runaway(heading, now, mean_rate, to, turned, way, hard_since, held_way, held_since, has_run, overpowered)
 
@@ -617,7 +629,7 @@ def update(
         response, overpowered = response.but_the_sea(seen), NOT_OVERPOWERED
     else:
         response = judge_response(response, limits, seen, measured.headings, history)
-        if now - doubted < TRIAL_SAID and not response.verdict:
+        if since <= doubted and now - doubted < TRIAL_SAID and not response.verdict:
             # the trial's end moves the rudder as an order does, and against a push that is no sea
             response = response._replace(verdict=verdict(response.evidence.response, SURE_TURNING))
         if (response.other or response.verdict) and _is_for_the_speed(response, seen):

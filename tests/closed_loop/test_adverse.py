@@ -5,12 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from boats import BOATS, Boat, vessel_of
+from lockstep import Lockstep
 from plant import Plant, sail
 
 from autopilot.angles import wrap
+from autopilot.control.registry import TRIAL_LAW
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, Sample, SpeedSample, Tick
 from autopilot.vessel.file import load_vessel
@@ -91,6 +94,23 @@ def test_a_boat_that_slides_and_loses_its_way_in_a_turn_is_steered_through_it(
     off = [math.copysign(1.0, turn_deg) * wrap(tick.state.heading - math.radians(turn_deg)) for tick in ticks]
     assert math.degrees(max(off[700:])) < 3.0
     assert math.degrees(max(abs(each) for each in off[-200:])) < 1.5
+
+
+def test_a_zigzag_of_a_course_unstable_boat_is_sailed_out() -> None:
+    """A first trial by a guess from the boat's length: it overshoots by 49 deg in a calm, and its rudder stops it."""
+    small = load_vessel("small_craft")
+    guess = replace(small.model, K_1_s=1.87, T_s=4.5, n1=1.0, n3_s2_rad2=51.0, reference_speed_m_s=0.514)
+    vessel = replace(small, model=guess, alarms=replace(small.alarms, reversed_rudder=False))
+    boat = Lockstep(vessel, law=TRIAL_LAW, scenario=Scenario(1, "zigzag", plant="small_craft", seed=20261129))
+    boat.run(8.0)
+    ten = math.radians(10.0)
+    boat.order = Order(OrderKind.ZIGZAG, rudder=ten, heading_change=ten, serial=1, heading=math.nan)
+    boat.run(40.0)
+    sailed = [tick for tick in boat.ticks if tick.now > 11.0]
+    assert all(tick.mode is Mode.ENGAGED for tick in sailed)
+    swung = [math.degrees(tick.state.heading) for tick in sailed]
+    assert max(swung) > 55.0
+    assert min(swung) < -10.0, "round again"
 
 
 GEARS = {

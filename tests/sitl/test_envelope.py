@@ -100,6 +100,14 @@ def test_a_rudder_that_goes_from_stop_to_stop_by_a_log_that_reads_low_shows_it(r
     assert off < 6.0
 
 
+@pytest.mark.parametrize(("run", "gyro"), [(32, True), (510, False)])
+def test_a_boat_that_is_now_on_its_course_and_now_off_it_is_said_to_be_off_it(run: int, gyro: bool) -> None:
+    """A rudder at half its rate in gusts: 26 deg short of its turn but for 2 s, and swings by 27 deg to either side."""
+    found = found_by(LANXIN, 2911262, run, gyro=gyro, is_compiled=False)
+    assert found.outcome == ALARMED
+    assert found.alarm_s - found.left_s <= 5.0
+
+
 def test_a_hull_is_as_long_as_its_file_says() -> None:
     long, usual = envelope.hull_of(28.0), envelope.hull_of(None)
     assert (long.length_m, long.drift_lever_m) == (4.0 * usual.length_m, 4.0 * usual.drift_lever_m)

@@ -14,7 +14,7 @@ from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
 from autopilot.supervision.compass_watch import Consistency, consistency_step
-from autopilot.supervision.course_watch import course_step
+from autopilot.supervision.course_watch import ON_HEADING, course_step
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.response_filter import (
     NOTHING,
@@ -130,10 +130,37 @@ def test_off_course_by_side_with_the_rudder_at_its_stop_and_back_within_seven_te
     assert first == f"off heading by 20 deg to {name}: check rudder, speed and wind, or order another course"
     assert look(11.0, 30.0) == first, "less than 10 degrees more is no news"
     assert look(12.0, 30.6, -side * STOP).startswith(f"off heading by 31 deg to {name}, the rudder at its stop")
-    assert look(13.0, 14.1) != ""
-    assert look(14.0, 13.9) == ""
-    assert [look(now, 20.4) for now in (15.0, 24.9)] == ["", ""]
-    assert look(25.0, 20.4) != ""
+    assert all(look(now, error) != "" for now, error in ((13.0, 14.1), (14.0, 13.9), (21.9, 13.9)))
+    assert look(22.0, 13.9) == "", "it has stayed there for the four time constants in which it settles"
+    assert [look(now, 20.4) for now in (23.0, 32.9)] == ["", ""]
+    assert look(33.0, 20.4) != ""
+
+
+@SIDES
+def test_a_boat_that_comes_near_its_course_and_leaves_again_has_been_off_it_all_the_time(side: float) -> None:
+    limits = AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0)
+    for gap, is_said in ((7.9, True), (8.1, False)):
+        monitor = off_course(limits)
+        for tick in range(101):
+            now = 0.1 * tick
+            error = 3.0 if 1.0 < now <= 1.0 + gap else 21.0
+            monitor.update(watched(now, side * math.radians(error)))
+            assert now > 9.95 or monitor.found is None
+        assert (monitor.found is not None) is is_said
+    slow, monitor = BOAT._replace(time_constant=3.0), off_course(limits)
+    for now, error in ((0.0, 21.0), (1.0, 3.0), (9.9, 3.0), (10.0, 21.0)):
+        monitor.update(watched(now, side * math.radians(error))._replace(model=slow))
+    assert monitor.found is not None, "a slow boat takes 10 s to settle, as long as makes it off"
+
+
+@SIDES
+def test_a_boat_that_swings_through_its_course_to_the_other_side_is_off_it_at_once(side: float) -> None:
+    for seconds, is_said in ((4.0, True), (12.5, False)):
+        monitor = off_course(AlarmLimits(off_course=math.radians(20.0), off_course_time=5.0))
+        for tick in range(round(seconds / 0.1) + 1):
+            monitor.update(watched(0.1 * tick, side * math.radians(21.0 - 42.0 * 0.1 * tick / seconds)))
+        assert (monitor.found is not None) is is_said, "a slow swing has been on its course for 5 s between"
+        assert not is_said or f"by 21 deg to {'port' if side > 0.0 else 'starboard'}" in words(monitor.found)
 
 
 def ran(side: float, share: float, seconds: float, turned_deg: float, waves: float = 0.0) -> tuple[bool, str]:
@@ -596,11 +623,16 @@ def test_what_is_off_course_to_the_bit(
     side: float, error: float, limit: float, is_off: bool, wanted: tuple[bool, bool]
 ) -> None:
     limits = AlarmLimits(off_course=limit, off_course_time=8.0)
-    since, found = course_step(limits, 4.0 if is_off else math.nan, is_off, 11.0, side * error)
-    assert (not math.isnan(since), found) == wanted
+    before = (4.0, math.nan, side, True) if is_off else ON_HEADING
+    away = course_step(limits, 1.0, before, 11.0, side * error)
+    since, back, _, found = away
+    assert (not math.isnan(since) and math.isnan(back), found) == (wanted[0], is_off or wanted[1])
     if not math.isnan(since) and not is_off:
         assert since == 11.0
-        assert [course_step(limits, since, False, now, error)[1] for now in (18.9375, 19.0)] == [False, True]
+        assert [course_step(limits, 1.0, away, now, side * error)[3] for now in (18.9375, 19.0)] == [False, True]
+    if not math.isnan(back):
+        assert back == 11.0
+        assert [course_step(limits, 1.0, away, now, 0.0)[3] for now in (14.9375, 15.0)] == [True, False]
 
 
 @SIDES

@@ -52,6 +52,16 @@ def test_a_rudder_that_goes_to_the_other_side_is_reversed(side: float, offset: f
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("pace", [0.5, 1.0, 1.5])
+def test_a_sensor_that_is_off_goes_with_its_orders_and_is_not_reversed(pace: float, side: float) -> None:
+    def order(now: float) -> float:
+        return side * 10.0 * math.sin(pace * now)
+
+    assert seen(order, lambda now: 8.0 + order(max(now - 0.1, 0.0)), 12.0)[0] == "rudder_not_following"
+    assert seen(order, lambda now: 8.0 - order(max(now - 0.1, 0.0)), 12.0)[0] != ""
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_rudder_that_creeps_does_not_follow(side: float) -> None:
     kind, _ = seen(lambda now: side * 20.0, lambda now: side * 0.8 * now)
     assert kind == "rudder_not_following"

@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from watches import Answering
+from watches import Answering, RudderHistory
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.signals import HeadingSample, NavState
-from autopilot.supervision.monitor_input import MonitorInput
+from autopilot.supervision import rudder_watch
+from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
+from autopilot.supervision.rudder_response import NO_RESPONSE
 
 MODEL = Norrbin(0.4, 1.5, n3=2.0, reference_speed=4.0)
 STOP = math.radians(30.0)
@@ -224,6 +226,23 @@ def test_a_rudder_that_fails_in_a_trial_is_detected_on_the_course_after_it(seed:
     assert helm.steer(10.0, 0.0) == "trial_doubtful"
     helm.trial = False
     assert helm.steer(10.0, 0.0) == "rudder_reversed"
+
+
+@pytest.mark.parametrize(("since", "is_accused"), [(5.0, True), (11.0, False)])
+def test_what_a_trial_made_doubtful_counts_until_the_helm_is_let_go(
+    monkeypatch: pytest.MonkeyPatch, since: float, is_accused: bool
+) -> None:
+    """Less evidence is enough on the course behind a trial; who engages anew begins a course as any other."""
+    blocks = NO_RESPONSE.blocks._replace(stuck=2.0, stuck_late=2.0)
+    known = NO_RESPONSE._replace(time=12.0, stuck=10.9, stuck_late=10.9, blocks=blocks)
+    response = rudder_watch.Response(rudder_watch.NOTHING_KNOWN._replace(response=known))
+    monkeypatch.setattr(rudder_watch, "judge_response", lambda *given: response)
+    state = NavState(12.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, True)
+    seen = MonitorInput(12.0, MODEL, state, True, True, 0.0, 0.0, STOP, True, follows=True)
+    before = rudder_watch.State(since=since, trial_doubted=10.0)
+    limits, history = AlarmLimits(rudder_response=True), RudderHistory().until(seen)
+    _, found = rudder_watch.update(limits, before, seen, Measured(), history)
+    assert [event.name for event in found] == ["rudder_stuck"] * is_accused + ["trial_doubtful"]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -57,3 +57,22 @@ def test_only_a_boat_that_goes_on_turning_against_its_rudder_has_run_away(
 ) -> None:
     seen = MonitorInput(0.0, MODEL, state(0.0, rate), True, False, 0.0, SWING, 0.5, True, zigzag_divergence=divergence)
     assert runaway_step(NO_RUNAWAY, seen).has_run is runs
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("kept", "runs"), [(1.0, True), (0.95, True), (0.7, False)])
+def test_a_boat_that_slows_down_beyond_45_degrees_is_coming_round(side: float, kept: float, runs: bool) -> None:
+    """A course-unstable boat overshoots by more than IMO allows, and its rudder stops it all the same. kept: the share
+    of its rate that is left after each second with the rudder over."""
+    before, heading, rate = NO_RUNAWAY, 0.0, 0.2
+    for tick in range(101):
+        now = 0.05 * tick
+        rate *= kept**0.05 if now > 1.0 else 1.0
+        heading += 0.05 * rate
+        seen = MonitorInput(
+            now, MODEL, state(side * heading, side * rate), True, False, 0.0, -side * SWING, 0.5, True,
+            zigzag_divergence=heading - SWING + math.radians(40.0),
+        )  # fmt: skip
+        before = runaway_step(before, seen)
+    assert heading > SWING + math.radians(5.0)
+    assert before.has_run is runs
