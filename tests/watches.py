@@ -13,7 +13,7 @@ import numpy.typing as npt
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample, Sample
-from autopilot.supervision import compass_watch, course_watch, rudder_watch
+from autopilot.supervision import against_rudder, compass_watch, course_watch, rudder_following, rudder_watch
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.monitors import NOTHING_SEEN, State, judged, on_samples, without_past
 from autopilot.supervision.panel import sentences_of
@@ -37,12 +37,12 @@ class Stepped:
 
 def overpowered() -> Stepped:
     """Return the monitor of a push that is heavier than the rudder."""
-    return Stepped(rudder_watch.overpowered_step, rudder_watch.NOT_OVERPOWERED)
+    return Stepped(against_rudder.overpowered_step, against_rudder.NOT_OVERPOWERED)
 
 
 def runaway() -> Stepped:
     """Return the monitor of a boat that turns against its rudder."""
-    return Stepped(rudder_watch.runaway_step, rudder_watch.NO_RUNAWAY)
+    return Stepped(against_rudder.runaway_step, against_rudder.NO_RUNAWAY)
 
 
 def off_course(limits: AlarmLimits, side: float = 1.0) -> Stepped:
@@ -67,7 +67,7 @@ class RudderHistory:
     def __init__(self) -> None:
         self.times, self.angles, self.commands, self.ticks = [0.0] * 1024, [0.0] * 1024, [math.nan] * 1024, 0
 
-    def until(self, seen: MonitorInput) -> rudder_watch.History:
+    def until(self, seen: MonitorInput) -> rudder_following.History:
         """Return the history with a tick more."""
         place, self.ticks = self.ticks % 1024, self.ticks + 1
         self.times[place], self.angles[place] = seen.now, seen.state.rudder

@@ -52,6 +52,7 @@ from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.supervision.failsafe import WIND_FRESH
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
+from autopilot.supervision.rudder_following import History
 from autopilot.supervision.tuning import NEWS, ROLL_SECONDS
 
 TAU = 0.7
@@ -309,7 +310,7 @@ def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...], 
 
 
 def judged(
-    limits: AlarmLimits, before: State, seen: MonitorInput, rudder_history: rudder_watch.History
+    limits: AlarmLimits, before: State, seen: MonitorInput, rudder_history: History
 ) -> tuple[State, Mapping[str, AlarmEvent]]:
     """Return the state after a tick whose samples were taken by `on_samples`, and what is the case, by its names in the
     catalogue."""
