@@ -490,18 +490,9 @@ def update(
         found += (AlarmEvent("speeds_disagree"),)
     if off_course.found is not None:
         found += (off_course.found,)
-    after = State(
-        seen.now,
-        seen.state.heading,
-        seen.wanted,
-        off_course,
-        sweeps,
-        throws,
-        circles,
-        spin,
-        softer,
-        hunts,
-        quickest,
-        side,
+    at = seen.now, seen.state.heading, seen.wanted
+    return (
+        State(*at, off_course, sweeps, throws, circles, spin, softer, hunts, quickest, side),
+        found,
+        contradicts_speed,
     )
-    return after, found, contradicts_speed

@@ -331,17 +331,7 @@ def update(
         slow = other == SLOW_RUDDER and not seen.rudder_is_slow
         asks_less = other == LIVELIER or (slow and not rests and seen.model.n1 > 0.0)
     after = State(
-        since,
-        following,
-        response,
-        overpowered,
-        runaway,
-        stop_since,
-        doubted,
-        other,
-        asks_less,
-        rests,
-        doubts,
+        since, following, response, overpowered, runaway, stop_since, doubted, other, asks_less, rests, doubts
     )
     return after, _findings(after, seen)
 
