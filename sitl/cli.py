@@ -17,7 +17,6 @@ from autopilot.cli.options import (
     add_waiting_option,
     number,
     patience_of,
-    print_completion,
     whole_number,
 )
 from autopilot.errors import ExitCode, InputError
@@ -72,13 +71,8 @@ def build_parser() -> argparse.ArgumentParser:
     campaign.add_parser(commands)
     campaign.add_tune_parser(commands)
     campaign.add_envelope_parser(commands)
-    add_completion_parser(commands, "sitl").set_defaults(run=run_completion)
+    add_completion_parser(commands, "sitl", build_parser)
     return parser
-
-
-def run_completion(arguments: argparse.Namespace) -> int:
-    """Print what completes the program's commands in a shell."""
-    return print_completion(build_parser(), arguments.shell)
 
 
 def _add_boat_options(parser: argparse.ArgumentParser) -> None:

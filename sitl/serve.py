@@ -34,7 +34,7 @@ from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, par
 from autopilot.vessel.file import load_vessel
 from sitl.drives import DriveLine, JrkController, MaestroController, PypilotController, ValveController
 from sitl.fault_kind import Damage
-from sitl.faults import Fault, FaultBoard
+from sitl.faults import Fault, FaultBoard, FaultService
 from sitl.firmware import Firmware
 from sitl.lines import FirmwareTcpServer, PtyTransport
 from sitl.px4 import firmware_of
@@ -64,16 +64,6 @@ class Endpoint(Protocol):
 
     def transmit(self, now: float) -> list[bytes]:
         """Return what has left by `now` [s]."""
-
-
-class Service(Protocol):
-    """Where faults are ordered while the boat sails."""
-
-    def fileno(self) -> int:
-        """Return the descriptor to wait on."""
-
-    def serve(self) -> None:
-        """Answer every line that waits."""
 
 
 class Port(NamedTuple):
@@ -162,7 +152,7 @@ def serve(
     pace: Pace,
     duration: float | None,
     should_stop: Callable[[], bool],
-    service: Service | None = None,
+    service: FaultService | None = None,
 ) -> None:
     """Run until `should_stop` or for `duration` simulated seconds. Raises LinkError when a transport is gone."""
     received = [world.time] * len(ports)
@@ -422,12 +412,11 @@ def open_ports(world: World, urls: list[str], lines: Lines, signing: Signing | N
             port.transport.close()
         raise
     seeds = world.chaos_seed.spawn(len(ports))
-    return [(line, behind_bad_line(world, port, seed)) for (line, port), seed in zip(ports, seeds, strict=True)]
-
-
-def behind_bad_line(world: World, port: Port, seed: np.random.SeedSequence) -> Port:
-    """Return the port with a line before it that is as bad as the faults of the moment say."""
-    return Port(port.transport, ChaosPort(port.endpoint, world, port.transport.is_stream, seed))
+    # before each a line that is as bad as the faults of the moment say
+    return [
+        (line, Port(far, ChaosPort(endpoint, world, far.is_stream, seed)))
+        for (line, (far, endpoint)), seed in zip(ports, seeds, strict=True)
+    ]
 
 
 def mavlink_port(firmware: Firmware, url: str, signing: LinkSigning | None = None) -> Port:

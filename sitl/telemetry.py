@@ -239,11 +239,6 @@ def system_time(firmware: Firmware, time: float, reading: Reading) -> Any:
     return dialect.MAVLink_system_time_message(unix_us if firmware.has_position(time) else 0, boot_ms(firmware, time))
 
 
-def mission_current(firmware: Firmware, time: float, reading: Reading) -> Any:
-    """MISSION_CURRENT: there is no mission."""
-    return dialect.MAVLink_mission_current_message(0)
-
-
 def autopilot_version(firmware: Firmware, time: float, reading: Reading) -> Any:
     """AUTOPILOT_VERSION: what this firmware can do, truthfully for what is simulated."""
     capabilities = (
@@ -315,7 +310,7 @@ BUILDERS: dict[int, Builder] = {
     dialect.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
     dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: filter_report,
-    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
+    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: lambda *_: dialect.MAVLink_mission_current_message(0),  # there is none
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
     dialect.MAVLINK_MSG_ID_SIMSTATE: simstate,
     dialect.MAVLINK_MSG_ID_WIND: wind,

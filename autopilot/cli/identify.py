@@ -132,10 +132,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify, print, and write the vessel file; return the exit code."""
     if arguments.method == "list":
-        print(_methods())
+        from autopilot.identification.registry import METHODS
+
+        print("\n".join(f"{method.name:19} {method.summary}" for method in METHODS))
         return int(ExitCode.OK)
     if arguments.roll:
-        print(_roll(arguments))
+        from autopilot.cli.identify_drive_roll import identified_roll
+
+        print(identified_roll(arguments))
         return int(ExitCode.OK)
     from autopilot.cli.options import check_places
     from autopilot.identification.registry import method_named
@@ -220,18 +224,6 @@ def _refuse_below(arguments: argparse.Namespace, verdict: Verdict) -> None:
     """Raise RefusedError where the model is not as good as --at-least asks."""
     if not verdict.serves(arguments.at_least):
         raise RefusedError(f"{arguments.out or 'the model'} is not written: {verdict.sentence}")
-
-
-def _roll(arguments: argparse.Namespace) -> str:
-    from autopilot.cli.identify_drive_roll import identified_roll
-
-    return identified_roll(arguments)
-
-
-def _methods() -> str:
-    from autopilot.identification.registry import METHODS
-
-    return "\n".join(f"{method.name:19} {method.summary}" for method in METHODS)
 
 
 def _check(arguments: argparse.Namespace, method: Method) -> None:

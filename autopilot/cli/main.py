@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from autopilot import __version__
-from autopilot.cli.options import HelpText, Parser, add_completion_parser, commands_in_groups, print_completion
+from autopilot.cli.options import HelpText, Parser, add_completion_parser, commands_in_groups
 from autopilot.errors import ExitCode, InputError, LinkError, RefusedError, unreachable
 from autopilot.files.printable import brief, escaped, printable_output
 
@@ -80,16 +80,12 @@ def build_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
         if named not in (None, name):
             subparsers._name_parser_map[name] = parser  # to choose from, and never asked
         elif name == "completion":
-            add_completion_parser(subparsers, "autopilot").set_defaults(run=_completion)
+            add_completion_parser(subparsers, "autopilot", build_parser)
         else:
             module, function = ADDED_BY.get(name, (name.replace("-", "_"), "add_options"))
             add_options = getattr(importlib.import_module(f"autopilot.cli.{module}"), function)
             add_options(subparsers.add_parser(name, help=summary))
     return parser
-
-
-def _completion(arguments: argparse.Namespace) -> int:
-    return print_completion(build_parser(), arguments.shell)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

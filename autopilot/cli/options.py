@@ -415,8 +415,10 @@ def parsers_of(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]
 SHELLS = ("bash", "zsh", "fish")
 
 
-def add_completion_parser(subparsers: argparse._SubParsersAction[Any], program: str) -> argparse.ArgumentParser:
-    """Add the subcommand `completion`; the caller sets what it runs."""
+def add_completion_parser(
+    subparsers: argparse._SubParsersAction[Any], program: str, whole: Callable[[], argparse.ArgumentParser]
+) -> None:
+    """Add the subcommand `completion`; `whole` makes the parser with every command in it."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "completion",
         help="print what completes this program's commands and options in a shell",
@@ -424,4 +426,4 @@ def add_completion_parser(subparsers: argparse._SubParsersAction[Any], program: 
         f"~/.local/share/bash-completion/completions/{program}",
     )
     parser.add_argument("shell", choices=SHELLS)
-    return parser
+    parser.set_defaults(run=lambda arguments: print_completion(whole(), arguments.shell))

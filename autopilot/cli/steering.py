@@ -11,7 +11,7 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -35,9 +35,9 @@ from autopilot.files.printable import terminal_of
 from autopilot.files.saving import check_folder
 from autopilot.interruption import NAMES, REAL_TIME, STRAY, ended_by
 from autopilot.links.base import LinkError
-from autopilot.links.ground_station.access import AccessPolicy, AccessRules
+from autopilot.links.ground_station.access import AccessPolicy
 from autopilot.links.mavlink.signing import hint_of
-from autopilot.links.rudder_order import Release, release_sentence
+from autopilot.links.rudder_order import release_sentence
 from autopilot.links.url import came, parse_url
 from autopilot.report.steered import Steered, Verdict
 from autopilot.runtime.app import App, Machine, Plan
@@ -225,11 +225,6 @@ def log_words(recorder: Recorder | None) -> str:
     return f"log {recorder.path} ({size / 1e6:.1f} MB{gaps if recorder.dropped else ''})"
 
 
-def last_line(ending: Ending, steered: Steered, recorder: Recorder | None, releases: Sequence[Release]) -> str:
-    """Return why the run has ended, and what became of rudder, course and log."""
-    return f"{ending.why or 'ended'}: {release_sentence(releases)}; {steered.words}; {log_words(recorder)}"
-
-
 def path_words(path: PathDelay, filed: float) -> str:
     """Return how late the orders came to the rudder, "" where it was not measured; filed [s]: the delay of the file."""
     if math.isnan(path.delay):
@@ -328,12 +323,14 @@ def plan_of(vessel: Vessel, arguments: argparse.Namespace, orders: Orders) -> Pl
     cpus = () if arguments.cpu is None else cpus_of(arguments.cpu)
     if arguments.log_total_mb is not None and arguments.log_dir is None:
         raise InputError("--log-total-mb goes with --log-dir")
+    rules = access_rules_of(vessel)
+    rules = rules._replace(orders_without_key=rules.orders_without_key or arguments.orders_without_key)
     options = LinkOptions(
         as_gcs=arguments.as_gcs,
         vehicle_system=arguments.vehicle_system,
         signing=signing_of(arguments),
         forward=tuple(arguments.forward),
-        policy=AccessPolicy(_access_rules(vessel, arguments)),
+        policy=AccessPolicy(rules),
         reconnect=arguments.reconnect,
         with_other_pilot=arguments.with_other_pilot,
         opened=patience_of(arguments),
@@ -413,7 +410,8 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
             print(verdict.sentence)
         if words := path_words(app.pilot.state.estimate.path, vessel.control.loop_delay_s):
             print(words)
-        print(last_line(ending, steered, app.recorder, session.releases), flush=True)
+        rudder, log = release_sentence(session.releases), log_words(app.recorder)
+        print(f"{ending.why or 'ended'}: {rudder}; {steered.words}; {log}", flush=True)
     last = session.tick
     if last is not None and last.mode in (Mode.FAILSAFE, Mode.FAULT):
         why = f": {'; '.join(sentences_of(last.alarms))}" if last.alarms else ""
@@ -424,11 +422,6 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
 
 def _left(seconds: float) -> str:
     return f"{seconds:.0f} s left" if 0.0 <= seconds < math.inf else ""
-
-
-def _access_rules(vessel: Vessel, arguments: argparse.Namespace) -> AccessRules:
-    rules = access_rules_of(vessel)
-    return rules._replace(orders_without_key=rules.orders_without_key or arguments.orders_without_key)
 
 
 def _about_north(vessel: Vessel, urls: tuple[str, ...]) -> list[str]:

@@ -17,7 +17,6 @@ import shutil
 import sys
 import termios
 from collections.abc import Callable, Iterator
-from types import TracebackType
 from typing import Any, TextIO, cast
 
 from autopilot.angles import compass_text
@@ -57,9 +56,7 @@ class ProgressBar:
             self._line = line
             rewrite_line(sys.stderr, line)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._line:
             rewrite_line(sys.stderr, "")
 

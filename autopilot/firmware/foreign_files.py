@@ -191,12 +191,9 @@ def _qgroundcontrol(values: list[TypedValue], heading: Heading, system: int) -> 
     lines.append("# Vehicle-Id Component-Id Name Value Type")
     for name, value, kind in values:
         kind = implied_kind(value) if kind is None else kind
-        lines.append(f"{system}\t1\t{name}\t{_qgc_value(value, kind)}\t{kind}")
+        text = str(int(value)) if is_integer_type(kind) else float_text(float(value))
+        lines.append(f"{system}\t1\t{name}\t{text}\t{kind}")
     return "\n".join(lines) + "\n"
-
-
-def _qgc_value(value: Number, kind: int) -> str:
-    return str(int(value)) if is_integer_type(kind) else float_text(float(value))
 
 
 Writer = Callable[[list[TypedValue], Heading, int], str]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import select
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -151,9 +150,7 @@ class ParameterSession:
     def __enter__(self) -> ParameterSession:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._transport.close()
 
     def run(self, client: Client, progress: Progress) -> None:
@@ -164,7 +161,8 @@ class ParameterSession:
             for message in self._receive():
                 if message.get_srcSystem() == self.vehicle.system:
                     received = now
-                self._note_arming(message)
+                    # whether it is armed may have changed
+                    self.vehicle = vehicle_of(message) or self.vehicle
                 client.receive(now, message)
             for message in client.due(now):
                 # a full line drops it, and the client asks again
@@ -184,11 +182,6 @@ class ParameterSession:
         client = AskIdentity(self.vehicle.target)
         self.run(client, lambda done, total: None)
         return client.identity
-
-    def _note_arming(self, message: Any) -> None:
-        vehicle = vehicle_of(message)
-        if vehicle is not None and vehicle.system == self.vehicle.system:
-            self.vehicle = vehicle
 
     def _receive(self) -> list[Any]:
         return self._codec.decoded(self._transport.receive())

@@ -208,6 +208,13 @@ class LastStop:
         return giver not in self._givers and now - self._time < since
 
 
+PLOTTER = "chart plotter"
+OTHER_PILOT_S = 2.0
+"""An autopilot that has ordered no rudder on a line for so long orders it no more: drives let go then."""
+OFF_HEADING = math.radians(10.0)
+"""From here on a line is said that the boat is off its heading."""
+
+
 class AlarmNews:
     """Says an alarm under `source` when it begins, becomes another, or ends."""
 

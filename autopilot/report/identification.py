@@ -180,13 +180,12 @@ def _bands_of(ahead: Forecast | None) -> list[tuple[str, Band]]:
     return bands
 
 
-def _band_document(band: Band) -> dict[str, float]:
-    return {f"{name}_deg": math.degrees(angle) for name, angle in band._asdict().items()}
-
-
 def forecast_document(ahead: Forecast | None) -> dict[str, dict[str, float]]:
     """Return what the boat will do for JSON, by what is asked; empty where nothing is forecast."""
-    return {what: _band_document(band) for what, band in _bands_of(ahead)}
+    return {
+        what: {f"{name}_deg": math.degrees(angle) for name, angle in band._asdict().items()}
+        for what, band in _bands_of(ahead)
+    }
 
 
 def forecast_rows(ahead: Forecast | None) -> list[tuple[str, ...]]:
@@ -334,7 +333,7 @@ def _stages(result: Result) -> dict[str, float | None]:
 
 def as_text(result: Result) -> str:
     """Return the result as tables and sentences."""
-    found, model = result.found, result.found.model
+    found, model, verdict = result.found, result.found.model, verdict_on(result).sentence
     stages = _stages(result)
     rows = [("", "estimate", "standard error", "95 % interval", "unit", "in degrees", "two-stage (RLS)")]
     for quantity, value in known_quantities(found):
@@ -355,7 +354,7 @@ def as_text(result: Result) -> str:
         )
     choice = ["\n".join(aligned(choice_rows(result.choice))), choice_sentence(result.choice)] if result.choice else []
     parts = [
-        _capital(verdict_on(result).sentence),
+        verdict[0].upper() + verdict[1:],
         *choice,
         f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
         "\n".join(aligned(rows)),
@@ -370,10 +369,6 @@ def as_text(result: Result) -> str:
         *notes(result),
     ]
     return "\n\n".join(parts)
-
-
-def _capital(sentence: str) -> str:
-    return sentence[0].upper() + sentence[1:]
 
 
 def _trims(found: Identified) -> list[str]:

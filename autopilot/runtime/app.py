@@ -7,8 +7,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from autopilot import __version__
 from autopilot.angles import compass_text
@@ -148,14 +147,12 @@ class App:
             self._running = entered.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *why: Any) -> None:
         # by itself, for it gives the rudder back: a stack of contexts needs memory to be left
         try:
-            self.session.__exit__(kind, error, trace)
+            self.session.__exit__(*why)
         finally:
-            self._running.__exit__(kind, error, trace)
+            self._running.__exit__(*why)
 
     def run(self, duration: float, watch: Callable[[Tick], bool]) -> None:
         """Steer for `duration` [s], or until `watch`, called after every tick, returns True. Raises LinkError."""

@@ -163,17 +163,13 @@ def noise_of(vessel: Vessel, law: str | None = None) -> FilterNoise:
         Filtered(
             math.radians(sensors.heading_noise_deg) ** 2,
             math.radians(sensors.rate_noise_deg_s) ** 2,
-            bias_time_of(vessel),
+            # in which wind, current and trim change [s]: the file's, or the usual one
+            vessel.estimator.bias_time_s or usual_bias_time(model_of(vessel), gear_of(vessel).angle_max),
             gear_of(vessel).angle_max,
             math.inf if _integrates(vessel, law) else HARD_OVER * limits_of(vessel).angle_max,
             waves=vessel.estimator.wave_filter != "off",
         ),
     )
-
-
-def bias_time_of(vessel: Vessel) -> float:
-    """Return the time [s] in which wind, current and trim change: the file's, or the usual one."""
-    return vessel.estimator.bias_time_s or usual_bias_time(model_of(vessel), gear_of(vessel).angle_max)
 
 
 def corner_frequencies_of(vessel: Vessel, law: str | None = None) -> CornerFrequencies:

@@ -166,11 +166,6 @@ def networks_of(vessel: Vessel) -> tuple[Network, ...]:
     return tuple(network_of(text) for text in vessel.security.allow_addresses)
 
 
-def opened_now(opener: Callable[[], Link]) -> Link:
-    """Return what `opener` opens, at the first try."""
-    return opener()
-
-
 def to_stderr(sentence: str) -> None:
     """Tell whoever started the program."""
     print(sentence, file=sys.stderr)
@@ -202,7 +197,7 @@ class LinkOptions(NamedTuple):
     policy: AccessPolicy | None = None
     reconnect: bool = False
     with_other_pilot: bool = False
-    opened: Callable[[Callable[[], Link]], Link] = opened_now
+    opened: Callable[[Callable[[], Link]], Link] = lambda opener: opener()
     arrivals: dict[str, RecordingTransport] | None = None
     warn: Callable[[str], None] = to_stderr
     has_compass: bool = False

@@ -33,7 +33,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple, Protocol
 
 from autopilot.errors import InputError, RefusedError
@@ -477,9 +476,7 @@ class ServiceHooks:
         if self._collect is not None:
             self._collect()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if self._collect is not None:
             self._collect.close()
         self._manager.close()

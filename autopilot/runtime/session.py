@@ -121,8 +121,8 @@ class Session:
                 leaving.callback(self._recorder.close)
             for link in self._links:
                 leaving.callback(link.close)
-            if self._recorder is not None and self.tick is not None:
-                leaving.callback(self._keep_last_packets, self._recorder)
+            if (recorder := self._recorder) is not None and self.tick is not None:
+                leaving.callback(lambda: recorder.keep_packets(self._packets()))
             leaving.callback(self._await_releases)
             for link in reversed(self._links):
                 leaving.callback(link.release, now)
@@ -208,9 +208,6 @@ class Session:
             if self._recorder is not None:
                 self._recorder.record(tick, packets)
         self._pilot.learn(tick)
-
-    def _keep_last_packets(self, recorder: Recorder) -> None:
-        recorder.keep_packets(self._packets())
 
     def _packets(self) -> list[tuple[float, bytes]]:
         packets: list[tuple[float, bytes]] = []

@@ -107,10 +107,10 @@ class ParameterService:
     def receive(self, now: float, message: Message, target: Target) -> None:
         """Take a message of the boat."""
         if self._download is not None:
-            if self._download.finished:
-                self._refresh(message, target)
-            else:
+            if not self._download.finished:
                 self._download.receive(now, message)
+            elif (value := parameter_value(message, target)) is not None:
+                self._download.update(value)  # finished it takes nothing more; a value by name is kept all the same
         answer, refused = parameter_value(message, target), refused_value(message, target)
         name = refused[0] if refused is not None else answer.name if answer is not None else ""
         said = [each for each in self._sent if each[1].name == name]
@@ -148,12 +148,6 @@ class ParameterService:
         setting = self._settings.popleft()
         self._tries, self._next = 0, -math.inf
         setting.on_done(answer, words)
-
-    def _refresh(self, message: Message, target: Target) -> None:
-        value = parameter_value(message, target)
-        if value is not None and self._download is not None:
-            # Download takes nothing more once it is finished; a value by name is kept all the same
-            self._download.update(value)
 
     def _describe(self, content: bytes | None) -> None:
         self._described = {}

@@ -27,7 +27,7 @@ from typing import NamedTuple, Protocol
 from autopilot.angles import shortest_turn
 from autopilot.guidance.current import Overboard, Place
 from autopilot.guidance.plotter import NO_VARIATION, PlotterGuide
-from autopilot.links.base import AlarmNews, Backlog, HelmNews, LastStop
+from autopilot.links.base import OFF_HEADING, OTHER_PILOT_S, PLOTTER, AlarmNews, Backlog, HelmNews, LastStop
 from autopilot.links.n2k.node import (
     DENIED,
     DONE,
@@ -199,10 +199,6 @@ WAITING_MOST = 64
 """Messages that wait for a busy bus; of more the oldest go unsent."""
 ORDERS_KEPT = 50
 """Rudder orders of our own that a gateway may send back: those of five seconds."""
-OTHER_PILOT_S = 2.0
-"""An autopilot that has ordered no rudder for so long orders it no more."""
-OFF_HEADING = math.radians(10.0)
-PLOTTER = "chart plotter"
 LAPSE = "nothing on the bus confirms it; the drive lets go by itself when no more orders come"
 STRANDED = "no address is free on the NMEA 2000 network: no order can leave"
 CONTESTED = (

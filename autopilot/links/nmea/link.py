@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from autopilot.angles import compass_text, shortest_turn
 from autopilot.guidance.plotter import PlotterGuide
-from autopilot.links.base import AlarmNews, HelmNews, SessionLink, Transport
+from autopilot.links.base import OFF_HEADING, OTHER_PILOT_S, PLOTTER, AlarmNews, HelmNews, SessionLink, Transport
 from autopilot.links.nmea.samples import OWN_TALKER, Deviation, NmeaReader
 from autopilot.links.nmea.sentences import (
     Counts,
@@ -59,7 +59,6 @@ from autopilot.signals import (
 TALKER = "AG"
 """General autopilot; the reader drops it, so that our own words never come back as a compass."""
 FRESH_S = 2.0
-OFF_HEADING = math.radians(10.0)
 Sentences = Callable[[Tick], list[bytes]]
 
 
@@ -170,9 +169,6 @@ REPEATED_WAITING = 12
 """Repeated sentences that wait for a slow line; of more, the oldest go unsent."""
 ORDERS_IN_ROW = 3
 """On a line that cannot carry all, a repeated sentence leaves after so many orders."""
-OTHER_PILOT_S = 2.0
-"""Drives let go of the rudder when no order has come for so long."""
-PLOTTER = "chart plotter"
 LAPSE = "no NMEA 0183 sentence confirms it; the drive lets go by itself when no more orders come"
 
 

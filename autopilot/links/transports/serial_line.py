@@ -12,8 +12,8 @@ import glob
 import os
 import select
 import termios
-from collections.abc import Callable, Iterable
-from typing import Protocol
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import serial
 
@@ -23,17 +23,15 @@ from autopilot.links.transports.medium import Medium, Scheme, WholeChunks, line
 USB = "usb="
 
 
-class Port(Protocol):
-    """What pyserial tells of a port."""
+def device_of(name: str, path: str, ports: Callable[[], Iterable[Any]] | None = None) -> str:
+    """Return the device that `path` of the link `name` means now: usb=SERIAL, a pattern, or itself. LinkError.
 
-    device: str
-    serial_number: str | None
-
-
-def device_of(name: str, path: str, ports: Callable[[], Iterable[Port]] | None = None) -> str:
-    """Return the device that `path` of the link `name` means now: usb=SERIAL, a pattern, or itself. LinkError."""
+    ports: returns pyserial's view of what is plugged in, None: as it is now.
+    """
     if path.startswith(USB):
-        return _by_serial_number(name, path.removeprefix(USB), ports or _ports)
+        from serial.tools.list_ports import comports
+
+        return _by_serial_number(name, path.removeprefix(USB), list((ports or comports)()))
     if "*" not in path and "[" not in path:
         return path
     found = sorted(glob.glob(path))  # noqa: PTH207 - a pattern of whole paths
@@ -45,21 +43,13 @@ def device_of(name: str, path: str, ports: Callable[[], Iterable[Port]] | None =
     raise NotThereError(f"{name}: there is no device {path}; plug it in, or list the ports with `ls /dev/serial/by-id`")
 
 
-def _by_serial_number(name: str, number: str, ports: Callable[[], Iterable[Port]]) -> str:
+def _by_serial_number(name: str, number: str, present: Sequence[Any]) -> str:
     """Return the first port of the adapter: some (flight controllers) have a second one for other purposes."""
-    present = list(ports())
     found = sorted(port.device for port in present if port.serial_number == number)
     if found:
-        return found[0]
+        return str(found[0])
     there = ", ".join(sorted({port.serial_number for port in present if port.serial_number})) or "none"
     raise NotThereError(f"{name}: no adapter with USB serial number {number}; plug it in (present are: {there})")
-
-
-def _ports() -> Iterable[Port]:
-    from serial.tools.list_ports import comports
-
-    ports: Iterable[Port] = comports()
-    return ports
 
 
 CHUNK_LIMIT = 4096
