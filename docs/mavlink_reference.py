@@ -32,7 +32,7 @@ ONE_WAY_ONLY = frozenset({"links/mavlink/guided"})
 """Names of messages stand here in sentences for people."""
 LOGS = ("logs/", "runtime/record")
 """What reads logs obeys nobody and is documented with the logs; what writes them sends."""
-OBEYING = ("links/ground_station/", "links/ground_station/access")
+OBEYING = "links/ground_station/"
 ANSWERS = frozenset({"web/view"})
 """Reads what was answered to commands."""
 STANDARD_MODE = "MAV_CMD_DO_SET_STANDARD_MODE"

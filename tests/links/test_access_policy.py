@@ -24,10 +24,11 @@ from station_doubles import Skipper, Store
 from autopilot.files.strict_yaml import parse_document
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import LinkError
-from autopilot.links.ground_station.access import AccessPolicy, AccessRules, Budget, Presence, Stops, gives_rudder_back
+from autopilot.links.ground_station.access import AccessPolicy, AccessRules, Budget, Presence, Stops
 from autopilot.links.ground_station.boat_link import BoatLink
 from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.orders import gives_rudder_back
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.mavlink import frames
 from autopilot.links.mavlink.codec import MavlinkCodec

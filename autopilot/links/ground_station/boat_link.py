@@ -8,21 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import StatusTexts, severity_of
 from autopilot.links.base import UNSEEN, AlarmNews, Backlog, Transport
-from autopilot.links.ground_station.access import (
-    MANUAL,
-    OF_A_ROUTE,
-    VOIDING,
-    LinkAccess,
-    OrderSequence,
-    StationLink,
-    confirmation_of,
-    disarms,
-    gives_rudder_back,
-    is_order,
-    may_engage,
-    refused_senders_of,
-    stands_by,
-)
+from autopilot.links.ground_station.access import LinkAccess, StationLink, refused_senders_of
 from autopilot.links.ground_station.commands import ACCEPTED, DENIED, IN_PROGRESS, OVERBOARD, REJECTED, Commands
 from autopilot.links.ground_station.file_server import (
     ALARMS,
@@ -32,6 +18,18 @@ from autopilot.links.ground_station.file_server import (
     alarm_list,
     compass_list,
     route_list,
+)
+from autopilot.links.ground_station.orders import (
+    MANUAL,
+    OF_A_ROUTE,
+    VOIDING,
+    OrderSequence,
+    confirmation_of,
+    disarms,
+    gives_rudder_back,
+    is_order,
+    may_engage,
+    stands_by,
 )
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry

@@ -27,9 +27,9 @@ from autopilot.guidance.current import ROUTE_LATITUDE_MOST_DEG, Place
 from autopilot.guidance.track import Waypoint
 from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
 from autopilot.links.base import LastStop
-from autopilot.links.ground_station.access import ACKNOWLEDGE as ACKNOWLEDGE
-from autopilot.links.ground_station.access import MANUAL as MANUAL
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
+from autopilot.links.ground_station.orders import ACKNOWLEDGE as ACKNOWLEDGE
+from autopilot.links.ground_station.orders import MANUAL as MANUAL
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import AvailableModes, CurrentMode
 from autopilot.links.north import MAGNETIC_LEADS, Variation
