@@ -7,6 +7,7 @@ knows no simulator.
 from __future__ import annotations
 
 import argparse
+import functools
 import shlex
 import time
 from collections import Counter
@@ -253,10 +254,9 @@ def run_envelope(arguments: argparse.Namespace) -> int:
     found: list[Found] = []
     with as_exceptions(), ProgressBar("runs") as bar:
         bar.update(0, arguments.runs)
-        for part in _sailed(vessel, arguments, arguments.workers or default_workers()):
-            found += part
+        for one in _sailed(vessel, arguments, arguments.workers or default_workers()):
+            found.append(one)
             bar.update(len(found), arguments.runs)
-    found.sort(key=lambda each: each.run)
     ranges, counts = ranges_of(vessel), Counter(each.outcome for each in found)
     box, inside = box_of(found, len(ranges))
     unsaid = [each for each in found if each.outcome == UNSAID]
@@ -291,27 +291,16 @@ def run_envelope(arguments: argparse.Namespace) -> int:
     return int(ExitCode.DIFFERENT if unsaid else ExitCode.OK)
 
 
-def _sailed(vessel: Vessel, arguments: argparse.Namespace, workers: int) -> Iterator[list[Found]]:
-    """Yield the runs in parts, as they are done."""
-    from sitl.campaign.envelope import chunks, found_by
+def _sailed(vessel: Vessel, arguments: argparse.Namespace, workers: int) -> Iterator[Found]:
+    """Yield the runs as they are done."""
+    from sitl.campaign.envelope import found_by
     from sitl.campaign.work import pool_of
 
-    gyro = not arguments.compass_only
+    sail = functools.partial(found_by, vessel, arguments.seed, gyro=not arguments.compass_only)
     # compiled, or loaded from disk, once before there are many
-    first = [found_by(vessel, arguments.seed, 0, gyro=gyro)]
-    yield first
-    parts = [part for part in chunks(arguments.runs, workers) if part]
-    tasks = [(vessel, arguments.seed, part, gyro) for part in parts]
+    yield sail(0)
     with pool_of(workers) as pool:
-        for done in pool.map(_part, tasks):
-            yield [each for each in done if each.run != 0]
-
-
-def _part(task: tuple[Vessel, int, range, bool]) -> list[Found]:
-    from sitl.campaign.envelope import found_by
-
-    vessel, seed, numbers, gyro = task
-    return [found_by(vessel, seed, number, gyro=gyro) for number in numbers]
+        yield from pool.map(sail, range(1, arguments.runs), chunksize=max(1, min(50, arguments.runs // (4 * workers))))
 
 
 def _report_envelope(

@@ -14,7 +14,6 @@ a run that is not held: first the same share of every range, then as far on in o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -294,10 +293,3 @@ def check_vessel(vessel: Vessel) -> None:
     """RefusedError for a vessel whose gains must not be engaged."""
     if refusal := verdict_of(vessel, vessel.control.law).refusal:
         raise RefusedError(f"vessel {vessel.name!r}: {refusal}")
-
-
-def chunks(runs: int, workers: int) -> Iterator[range]:
-    """Yield the numbers of the runs in parts small enough to be shared out."""
-    size = max(1, min(50, runs // (4 * workers)))
-    for first in range(0, runs, size):
-        yield range(first, min(first + size, runs))
