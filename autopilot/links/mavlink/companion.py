@@ -514,22 +514,16 @@ class CompanionLink(CarriedLink):
 
     def send(self, now: float, command: RudderCommand) -> None:
         """Send the rudder command, or the release. LinkError when the transport is gone."""
-        for packet in self.session.send(now, command):
-            if self._transport.send(packet):
-                self.session.packets.append((now, packet))
-            else:
-                self.dropped += 1
+        self._write(now, self.session.send(now, command))
 
     def publish_tick(self, tick: Tick) -> None:
         """Take who has the rudder and what is wrong; send the heading target that is due where the vehicle steers
         itself. LinkError when the transport is gone."""
-        if packets := self.session.on_tick(tick):
-            self._write(tick.now, packets)
+        self._write(tick.now, self.session.on_tick(tick))
 
     def poll(self, now: float) -> None:
         """Send what falls due; let go of a peer without a word of the vehicle. LinkError when the transport is gone."""
-        if packets := self.session.poll(now):
-            self._write(now, packets)
+        self._write(now, self.session.poll(now))
         heard = self.session.received_time
         if self._vacant_since is None:
             self._vacant_since = now
