@@ -32,7 +32,6 @@ from sitl.firmware_setup import (
     input_angle,
     input_calibration,
     output_pulse,
-    setup_of,
     skid_outputs,
     slewed,
     to_rudder,
@@ -132,7 +131,7 @@ class Firmware:
         # how the servo is linked to the rudder does not change with the parameters
         self._full_rudder = math.radians(-full_deg if vessel.helm.reversed else full_deg)
         self._full_pulses = vessel.helm.servo_us or SERVO_US
-        self._setup = setup_of(self.parameters, self.version)
+        self._setup = Setup(self.parameters, self.version)
         self._setup_changes = self.parameters.changes
         self._housekeeping_time = self._statistics_time = -math.inf
         self._run_time = 0.0
@@ -229,7 +228,7 @@ class Firmware:
         """What the parameters say at this moment."""
         if self._setup_changes != self.parameters.changes:
             self._setup_changes = self.parameters.changes
-            self._setup = setup_of(self.parameters, self.version)
+            self._setup = Setup(self.parameters, self.version)
         return self._setup
 
     def set_mode(self, number: int) -> bool:

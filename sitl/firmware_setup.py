@@ -15,7 +15,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from sitl.firmware_parameters import ParameterTable
-from sitl.guided import GuidedGains, gains_of
+from sitl.guided import gains_of
 
 LEFT_FUNCTION, RIGHT_FUNCTION = 73, 74
 """SERVOn_FUNCTION: ThrottleLeft and ThrottleRight."""
@@ -322,80 +322,46 @@ BOW_US = (1100.0, 1500.0, 1900.0)
 """Pulses of a bow thruster at full to port, at rest and at full to starboard."""
 
 
-class Setup(NamedTuple):
-    """Channels count from 1; override_switch is None where no switch allows overrides.
+class Setup:
+    """What the parameters give at this moment to firmware of a version (major, minor).
+
+    Channels count from 1; override_switch is None where no switch allows overrides.
 
     steering_outputs, throttle_outputs: servo channels with their calibrations.
     passed_outputs: servo channel, calibration, and the radio's channel that it passes on. safe_mask: SERVO_RC_FS_MSK.
     stick_arms: ARMING_RUDDER, 0: neither arms nor disarms, 1: arms, 2: both.
+    is_skid: the frame is skid-steered, an output for either side.
     """
 
-    steering_channel: int
-    throttle_channel: int
-    pitch_channel: int
-    steering_input: Calibration
-    throttle_input: Calibration
-    steering_outputs: tuple[tuple[int, Calibration], ...]
-    throttle_outputs: tuple[tuple[int, Calibration], ...]
-    override_time: float
-    radio_failsafe: bool
-    radio_failsafe_pulse: float
-    radio_timeout: float
-    station_failsafe: bool
-    station_timeout: float
-    failsafe_time: float
-    failsafe_holds: bool
-    override_switch: int | None
-    clears_by_stick: bool
-    stick_arms: int
-    arming_checks_throttle: bool
-    guided: GuidedGains
-    motors: MotorSetup
-    left_outputs: tuple[tuple[int, Calibration], ...] = ()
-    right_outputs: tuple[tuple[int, Calibration], ...] = ()
-    passed_outputs: tuple[tuple[int, Calibration, int], ...] = ()
-    safe_mask: int = 0
-
-    @property
-    def is_skid(self) -> bool:
-        """Whether the frame is skid-steered: an output for either side."""
-        return bool(self.left_outputs and self.right_outputs)
-
-
-def setup_of(parameters: ParameterTable, version: tuple[int, int]) -> Setup:
-    """Return the setup that the parameters give at this moment to firmware of that version (major, minor)."""
-    options = int(parameters["RC_OPTIONS"])
-    steering = _channel(parameters["RCMAP_ROLL"])
-    throttle = _channel(parameters["RCMAP_THROTTLE"])
-    return Setup(
-        steering_channel=steering,
-        throttle_channel=throttle,
-        pitch_channel=_channel(parameters["RCMAP_PITCH"]),
-        steering_input=input_calibration(parameters, steering),
-        throttle_input=input_calibration(parameters, throttle),
-        steering_outputs=_outputs(parameters, STEERING_FUNCTION),
-        throttle_outputs=_outputs(parameters, THROTTLE_FUNCTION),
-        override_time=0.0 if options & IGNORE_OVERRIDES else parameters["RC_OVERRIDE_TIME"],
-        radio_failsafe=parameters["FS_THR_ENABLE"] != 0.0,
-        radio_failsafe_pulse=parameters["FS_THR_VALUE"],
-        radio_timeout=parameters["RC_FS_TIMEOUT"],
-        station_failsafe=parameters["FS_GCS_ENABLE"] != 0.0,
-        station_timeout=parameters["FS_GCS_TIMEOUT"],
-        failsafe_time=parameters["FS_TIMEOUT"],
-        failsafe_holds=parameters["FS_ACTION"] != 0.0,
-        override_switch=next(
-            (n for n in range(1, CHANNELS + 1) if parameters[f"RC{n}_OPTION"] == OVERRIDE_ENABLE), None
-        ),
-        clears_by_stick=bool(options & CLEAR_BY_STICK) and version >= CLEARS_SINCE,
-        stick_arms=int(parameters["ARMING_RUDDER"]),
-        arming_checks_throttle=bool(options & CHECK_THROTTLE),
-        guided=gains_of(parameters),
-        motors=motor_setup(parameters),
-        left_outputs=_outputs(parameters, LEFT_FUNCTION),
-        right_outputs=_outputs(parameters, RIGHT_FUNCTION),
-        passed_outputs=_passed_outputs(parameters),
-        safe_mask=int(parameters["SERVO_RC_FS_MSK"]),
-    )
+    def __init__(self, parameters: ParameterTable, version: tuple[int, int]) -> None:
+        options = int(parameters["RC_OPTIONS"])
+        self.steering_channel = _channel(parameters["RCMAP_ROLL"])
+        self.throttle_channel = _channel(parameters["RCMAP_THROTTLE"])
+        self.pitch_channel = _channel(parameters["RCMAP_PITCH"])
+        self.steering_input = input_calibration(parameters, self.steering_channel)
+        self.throttle_input = input_calibration(parameters, self.throttle_channel)
+        self.steering_outputs = _outputs(parameters, STEERING_FUNCTION)
+        self.throttle_outputs = _outputs(parameters, THROTTLE_FUNCTION)
+        self.override_time = 0.0 if options & IGNORE_OVERRIDES else parameters["RC_OVERRIDE_TIME"]
+        self.radio_failsafe = parameters["FS_THR_ENABLE"] != 0.0
+        self.radio_failsafe_pulse = parameters["FS_THR_VALUE"]
+        self.radio_timeout = parameters["RC_FS_TIMEOUT"]
+        self.station_failsafe = parameters["FS_GCS_ENABLE"] != 0.0
+        self.station_timeout = parameters["FS_GCS_TIMEOUT"]
+        self.failsafe_time = parameters["FS_TIMEOUT"]
+        self.failsafe_holds = parameters["FS_ACTION"] != 0.0
+        switches = (n for n in range(1, CHANNELS + 1) if parameters[f"RC{n}_OPTION"] == OVERRIDE_ENABLE)
+        self.override_switch = next(switches, None)
+        self.clears_by_stick = bool(options & CLEAR_BY_STICK) and version >= CLEARS_SINCE
+        self.stick_arms = int(parameters["ARMING_RUDDER"])
+        self.arming_checks_throttle = bool(options & CHECK_THROTTLE)
+        self.guided = gains_of(parameters)
+        self.motors = motor_setup(parameters)
+        self.left_outputs = _outputs(parameters, LEFT_FUNCTION)
+        self.right_outputs = _outputs(parameters, RIGHT_FUNCTION)
+        self.is_skid = bool(self.left_outputs and self.right_outputs)
+        self.passed_outputs = _passed_outputs(parameters)
+        self.safe_mask = int(parameters["SERVO_RC_FS_MSK"])
 
 
 def _passed_outputs(parameters: ParameterTable) -> tuple[tuple[int, Calibration, int], ...]:
