@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sitl.fault_kind import GPS
 from sitl.faults import VehicleFaults
-from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, Parameter, ParameterTable, default_parameters
+from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, ParameterTable, default_parameters
 from sitl.firmware_setup import (
     BOW_US,
     CHANNELS,
@@ -39,6 +39,9 @@ from sitl.firmware_setup import (
 )
 from sitl.guided import GuidedHelm, Target
 from sitl.world import Orders, World
+
+if TYPE_CHECKING:
+    from sitl.wire_mavlink import MavlinkVehicle
 
 MODE_SWITCH_S = 1.0
 """So long after the start the radio's mode switch is read, and whatever mode was set in between is overwritten."""
@@ -89,16 +92,6 @@ class FirmwareMode(IntEnum):
     INITIALISING = 16
 
 
-class Port(Protocol):
-    """A MAVLink port: the addresses heard there, and what waits to leave."""
-
-    sources: set[tuple[int, int]]
-    outgoing: list[bytes]
-
-    def send_value(self, parameter: Parameter, index: int) -> None:
-        """Send a parameter."""
-
-
 class Firmware:
     """The simulated flight controller. It is a helm of the world: each step of the world is one of its loops.
 
@@ -140,7 +133,7 @@ class Firmware:
         self.receiver = self.has_receiver = vehicle.receiver
         self.sticks = self._resting_sticks()
         self.notices: list[tuple[int, str]] = []
-        self.ports: list[Port] = []
+        self.ports: list[MavlinkVehicle] = []
         """The MAVLink ports, for what passes from one to the others."""
         self._wanted_mode = FirmwareMode[vehicle.mode]
         self._wants_arming = vehicle.armed

@@ -16,7 +16,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, TypeAlias
 
 from autopilot.errors import InputError
 from autopilot.files.saving import FULL, TOO_BIG, create_unused, is_in_use, lock, why_not
@@ -39,38 +39,15 @@ PART_NAME = re.compile(r"(?P<run>.*\.)(?P<part>\d{3,})\.tlog")
 RUN_NAME = re.compile(r"norrbin-(?P<number>\d{5,})-\d{8}T\d{6}Z\.\d{3,}\.tlog")
 
 
-class Sink(Protocol):
-    """Takes a log's bytes in order.
-
-    Attributes:
-        trouble: why nothing is written now, '' while all is well.  part_bytes: size of a part, None for one file.
-        lost: writes that were. When it has grown, what is written next must begin with a header again.
-        dropped: ticks that were lost with them.
-    """
-
-    trouble: str
-    part_bytes: int | None
-    lost: int
-    dropped: int
-
-    @property
-    def path(self) -> Path:
-        """The file that is written now, or was last."""
-
-    def write(self, data: bytes, ticks: int = 1) -> None:
-        """Append all of `data`, which holds so many ticks, or nothing of it."""
-
-    def next_part(self) -> None:
-        """Let what is written next begin a new part, where there are parts."""
-
-    def close(self) -> None:
-        """Write what waits, for a limited time; further calls do nothing."""
-
-
 class _OpenFile:
     """What is written into one file after the other. A full disk is waited for.
 
     refusal: what is said where the first cannot be opened for another reason, before and behind the system's words.
+
+    Attributes, of every sink:
+        path: the file that is written now, or was last.  trouble: why nothing is written now, '' while all is well.
+        part_bytes: size of a part, None for one file.  dropped: ticks that were lost with writes.
+        lost: writes that were. When it has grown, what is written next must begin with a header again.
     """
 
     part_bytes: int | None = None
@@ -333,6 +310,10 @@ class ThreadedSink:
         self.trouble = trouble
         self._lose(ticks)
         self._refused_until = time.monotonic() + self._retry
+
+
+Sink: TypeAlias = FileSink | FolderSink | ThreadedSink
+"""Takes a log's bytes in order: `write` appends all that it is given, or nothing of it."""
 
 
 def appended(file: int, data: bytes) -> OSError | None:

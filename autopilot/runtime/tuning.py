@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable
 from dataclasses import astuple, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from autopilot.control.backstepping import lqr_gains
 from autopilot.control.design import DESIGNED, MIDDLE_LEVEL, Spread, design_backstepping
@@ -47,13 +47,7 @@ if TYPE_CHECKING:
 
     from autopilot.control.front import Afloat, Bandwidths, Cost, Off
     from autopilot.identification.learning import Learner, Proposal
-
-
-class ChangeLog(Protocol):
-    """Where a change is written down, so that a replay makes it too."""
-
-    def keep_vessel(self, text: str) -> None:
-        """Append the vessel as it is from the next tick on."""
+    from autopilot.runtime.record import Recorder
 
 
 class VesselStore:
@@ -82,7 +76,7 @@ class VesselStore:
     ) -> None:
         self.saved_as = saved_as
         self.revision = 0
-        self.log: ChangeLog | None = None
+        self.log: Recorder | None = None
         self.changed: Callable[[Vessel], None] = lambda _: None
         self._vessels = Vessels(vessel, vessel)
         self._pilot, self._save, self._refuse = pilot, save, refuse

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -27,6 +27,9 @@ from autopilot.links.mavlink.codec import Message, packed
 from autopilot.links.mavlink.requests import EXPO, RC_SUFFIXES, SERVO_SUFFIXES, VehicleParameters
 from autopilot.links.rudder_order import ORDER_AGE_S, RELEASE_SPACING_S, RELEASES
 from autopilot.models.drives import PLAIN, Mixing, steering_for
+
+if TYPE_CHECKING:
+    from autopilot.links.mavlink.thrusters import BowThrusterOutput
 
 FULL = 4500
 """ArduRover's steering runs from -4500 to 4500, positive turns clockwise."""
@@ -237,18 +240,6 @@ def _with_expo(expo: float, steering: int) -> int:
     return int(FULL * (1.0 - expo) * share / (1.0 - expo * abs(share)))
 
 
-class BowChannel(Protocol):
-    """What a channel from 1 carries beside the steering, message by message, for a share of full thrust."""
-
-    channel: int
-
-    def value(self, share: float) -> int:
-        """Return what the channel carries in the next message."""
-
-    def leave(self, acts_again: bool = False) -> None:
-        """Say the release again; `acts_again`: though it was seen to arrive."""
-
-
 LEAVE_ALONE, RELEASE = 65535, 0
 RELEASE_HIGH_CHANNEL, FIRST_HIGH = 65534, 9
 """From this channel of RC_CHANNELS_OVERRIDE on, 0 leaves it alone."""
@@ -298,7 +289,7 @@ class SteeringOutput:
         self.share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
         self._scale, self._angle_max = servo_us, angle_max
         self.mixing, self.throttle = thrusters, 0.0
-        self.bow: BowChannel | None = None
+        self.bow: BowThrusterOutput | None = None
         self._is_mixed = False
         self._number = 0
         self._held = 0
