@@ -177,11 +177,8 @@ def serve(
             for packet in endpoint.transmit(now):
                 transport.send(packet)
         descriptors = [port.transport.fileno() for port in ports] + ([service.fileno()] if service is not None else [])
-        _sleep(descriptors, pace.wait_for(world.time + STEP))
-
-
-def _sleep(descriptors: Sequence[int], seconds: float) -> None:
-    select.select([descriptor for descriptor in descriptors if descriptor >= 0], [], [], seconds)
+        waiting = [descriptor for descriptor in descriptors if descriptor >= 0]
+        select.select(waiting, [], [], pace.wait_for(world.time + STEP))
 
 
 NAMES = {kind.removeprefix("link_"): kind for kind, _ in that_act_at("line")}

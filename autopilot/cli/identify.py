@@ -388,7 +388,8 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
             try:
                 found = result.found
                 if method.name != asked.name:
-                    question = Question(_kind(result), found.model.reference_speed, found.model.n1 < 0.0)
+                    kind: ModelKind = "nomoto" if result.kind.startswith("nomoto") else "norrbin"
+                    question = Question(kind, found.model.reference_speed, found.model.n1 < 0.0)
                     found = method.identify(fitted, question._replace(forgetting=arguments.forgetting))
             except InputError:
                 continue  # a method that these runs do not suit has nothing to show
@@ -396,10 +397,6 @@ def _write_report(arguments: argparse.Namespace, result: Result, steady: SteadyT
                 convergence[method.name] = found.convergence
     page = identification_page(result, asked.name, shlex.join(arguments.typed), steady, convergence)
     save_page(arguments.report, page)
-
-
-def _kind(result: Result) -> ModelKind:
-    return "nomoto" if result.kind.startswith("nomoto") else "norrbin"
 
 
 def _result(kind: str, found: Identified, fitted: Sequence[Run], held_out: Sequence[Run]) -> Result:

@@ -92,7 +92,8 @@ def parse_foreign(text: str, file: str) -> ForeignFile:
             f"{file}: holds no parameter; a line is {'five fields with tabs' if is_qgc else 'NAME,VALUE'}."
         )
     if len(systems) > 1:
-        raise InputError(f"{file}: holds parameters of several vehicles ({_listed(systems)}); keep those of one.")
+        several = ", ".join(map(str, sorted(systems)))
+        raise InputError(f"{file}: holds parameters of several vehicles ({several}); keep those of one.")
     return ForeignFile(list(values.values()), _stack(text) if is_qgc else "", next(iter(systems), None), left_out)
 
 
@@ -157,10 +158,6 @@ def _number(text: str, place: str) -> Number:
 
 def _short(text: str) -> str:
     return " ".join(text.split()) if len(text) <= 40 else " ".join(text[:37].split()) + "..."
-
-
-def _listed(numbers: Iterable[int]) -> str:
-    return ", ".join(str(number) for number in sorted(numbers))
 
 
 def _stack(text: str) -> str:

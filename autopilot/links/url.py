@@ -233,7 +233,8 @@ class RecordingTransport:
             data, sender = refused
         where = f" from {sender}" if sender else ""
         if not data:
-            return f"nothing came over {self.name}: check that the other side is on and sends here{self._wiring()}"
+            wiring = ", and the wiring (RX to TX)" if self._is_serial() else ""
+            return f"nothing came over {self.name}: check that the other side is on and sends here{wiring}"
         sentences, messages = sentence_names(data), message_names(data, self.is_stream)
         if self.protocol == "mavlink" and messages:
             return _without_heading(self.name, f"MAVLink{where}", messages, _about_messages(messages))
@@ -251,9 +252,6 @@ class RecordingTransport:
 
     def _is_serial(self) -> bool:
         return self.is_stream and hasattr(self.inside, "baud")
-
-    def _wiring(self) -> str:
-        return ", and the wiring (RX to TX)" if self._is_serial() else ""
 
     def _instead(self, protocol: str) -> str:
         scheme, rest = split_scheme(self.name)

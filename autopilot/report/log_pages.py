@@ -52,7 +52,9 @@ def blocks_of(measures: Measures, length: float | None) -> list[Block]:
     found += [(one.begins, _circle(one, length)) for one in measures.circles]
     found += [(one.begins, _pull_out(one)) for one in measures.pull_outs]
     if measures.spiral is not None:
-        found.append((measures.spiral.begins, _spiral(measures.spiral, length, _speed(measures))))
+        speeds = [one.speed for one in measures.zigzags] + [one.speed for one in measures.circles]
+        speed = speeds[0] if speeds else math.nan
+        found.append((measures.spiral.begins, _spiral(measures.spiral, length, speed)))
     return [Block(next(rows)[0], begins, tuple(rows)) for begins, rows in found]
 
 
@@ -119,11 +121,6 @@ def _spiral(found: Spiral, length: float | None, speed: float) -> Iterator[Row]:
     for angle, rate in found.down:
         other = back.get(round(math.degrees(angle), 1))
         yield f"  rudder {_deg(angle, sign=True)}", _rate(rate) + ("" if other is None else f" / {_rate(other)}"), ""
-
-
-def _speed(measures: Measures) -> float:
-    speeds = [one.speed for one in measures.zigzags] + [one.speed for one in measures.circles]
-    return speeds[0] if speeds else math.nan
 
 
 def _deg(angle: float, sign: bool = False) -> str:

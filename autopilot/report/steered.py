@@ -138,7 +138,8 @@ class Steered:
             return None
         said = self._said()
         if self.lost:
-            return Verdict("poor", f"poor: steering was lost {_times(self.lost)}; {said}")
+            times = "once" if self.lost == 1 else f"{self.lost} times"
+            return Verdict("poor", f"poor: steering was lost {times}; {said}")
         if self.on_course < SHORTEST_S and not self.turns:
             held = f"{self.on_course:.0f} s on a course" if self.on_course else "the turn to the course was not over"
             return Verdict("too short", f"too short to judge: {held}")
@@ -160,7 +161,8 @@ class Steered:
             how_many = "" if len(self.turns) == 1 else f", at most {self.past_deg:.1f} in {len(self.turns)} turns"
             said.append(f"turned {degrees} {took}, {math.degrees(largest.past):.1f} deg past the course{how_many}")
         if self.on_course >= SHORTEST_S:
-            said.append(f"held it within {self.off_deg:.1f} deg for 95 % of {_long(self.on_course)}")
+            long = f"{self.on_course:.0f} s" if self.on_course < 120.0 else f"{self.on_course / 60.0:.0f} min"
+            said.append(f"held it within {self.off_deg:.1f} deg for 95 % of {long}")
         said.append(f"rudder {self.travel_deg_s:.2f} deg/s")
         return "; ".join(said)
 
@@ -252,11 +254,3 @@ def trial_verdict(steered: Steered, reason: str, *, at_dock: bool = False, least
     if steered.executes < EXECUTES_ENOUGH:
         return Verdict("start", f"good for a start: {said}; sail it for longer, and identify both together")
     return Verdict("good", f"good: sailed to its end, {said}; next: autopilot identify with this log")
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
-
-
-def _long(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

@@ -115,10 +115,10 @@ def n2k_settings_of(vessel: Vessel, url: LinkUrl) -> N2kSettings:
     )
 
 
-def machine_number(path: Path = Path("/etc/machine-id")) -> int:
+def machine_number() -> int:
     """Return a number of 21 bits that tells this machine from others, from its id; 1 where it has none."""
     try:
-        return zlib.crc32(path.read_bytes()) & 0x1FFFFF
+        return zlib.crc32(Path("/etc/machine-id").read_bytes()) & 0x1FFFFF
     except OSError:
         return 1
 

@@ -65,9 +65,9 @@ SETUP_SIGNING = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 class Recorder:
     """Writes one log into a file or another sink. InputError where the file cannot be written."""
 
-    def __init__(self, place: Path | Sink, header: dict[str, Any], clock_now: float, system: int = 1) -> None:
+    def __init__(self, place: Path | Sink, header: dict[str, Any], clock_now: float) -> None:
         self._sink = FileSink(place) if isinstance(place, Path) else place
-        self._codec = MavlinkCodec(system, COMPONENT)
+        self._codec = MavlinkCodec(1, COMPONENT)
         self._offset = time.time() - clock_now
         self._now = clock_now
         self._serial = 0

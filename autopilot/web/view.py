@@ -154,7 +154,7 @@ class BoatView:
             "NAMED_VALUE_FLOAT": self._named,
             "MISSION_CURRENT": self._mission,
             "GLOBAL_POSITION_INT": self._position,
-            "STATUSTEXT": self._text,
+            "STATUSTEXT": self.texts.take,
             "COMMAND_ACK": self._acknowledged,
         }
 
@@ -277,9 +277,6 @@ class BoatView:
 
     def _position(self, now: float, message: Message) -> None:
         self._set(now, "position", lat=message.lat * 1.0e-7, lon=message.lon * 1.0e-7)
-
-    def _text(self, now: float, message: Message) -> None:
-        self.texts.take(now, message)
 
     def _acknowledged(self, now: float, message: Message) -> None:
         if message.command in TRIAL_COMMANDS:
