@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import json
 import math
+import os
 import shutil
 import signal
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +25,7 @@ from typing import Any, NamedTuple
 from autopilot.cli.options import SPEEDUP, number
 from autopilot.errors import ExitCode, InputError, LinkError, RefusedError
 from autopilot.files.outside import number_from, parse_json, read_regular, typed_number
-from autopilot.files.saving import check_folder, numbered, save_text
+from autopilot.files.saving import alone, check_folder, numbered, save_text
 from autopilot.interruption import Interrupted, as_exceptions, run_child
 from autopilot.models.drives import DRIVES
 from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Guidance, Helm, Rudder, Vessel
@@ -32,7 +34,7 @@ MOST_BYTES = 1 << 16
 SWINGS = 20.0
 """A 15/15 zigzag's period is about 4 (1/K + T): this many times 1/K + T are five of them."""
 ZIGZAG_S = (40.0, 1800.0)
-ZIGZAG_DEG = 15.0
+ZIGZAG_DEG, LARGER_DEG = 15.0, 20.0
 CHECKED_DEG = 10.0
 NEAR_STOP_DEG = 5.0
 """The last step to an end stop that was only typed: no further is a rudder pressed against one that comes earlier."""
@@ -118,33 +120,54 @@ def _rudder_log(boat: Boat) -> list[str]:
 
 
 def _zigzag(boat: Boat) -> list[str]:
-    model = boat.vessel.model
     # beside a throttle two thrusters have little steering left
     most = CHECKED_DEG if DRIVES[boat.vessel.drive.kind].is_mixed else ZIGZAG_DEG
-    angle = min(most, boat.vessel.rudder.angle_max_deg)
-    lasts = min(max(SWINGS * (1.0 / model.K_1_s + model.T_s), ZIGZAG_S[0]), ZIGZAG_S[1])
+    return _zigzag_of(boat, min(most, boat.vessel.rudder.angle_max_deg), _lasting(boat), "zigzag")
+
+
+def _lasting(boat: Boat) -> float:
+    model = boat.vessel.model
+    return min(max(SWINGS * (1.0 / model.K_1_s + model.T_s), ZIGZAG_S[0]), ZIGZAG_S[1])
+
+
+def _zigzag_of(boat: Boat, angle: float, lasts: float, name: str) -> list[str]:
     options = ["--rudder-deg", f"{angle:g}", "--heading-deg", f"{angle:g}", "--duration", f"{math.ceil(lasts)}"]
-    options += ["--at-least", "start", "--unidentified", "--log", boat.log("zigzag")]
+    options += ["--at-least", "start", "--unidentified", "--log", boat.log(name)]
     return ["trial", "zigzag", str(boat.file), *boat.links, *options]
 
 
 def _identify(boat: Boat) -> list[str]:
-    place = boat.file.with_name(f"{boat.file.stem}-zigzag.tlog")
-    logs = [str(path) for path in _until_missing(place)]
+    return [*_known(boat), "--at-least", "start"]
+
+
+def _known(boat: Boat) -> list[str]:
+    """Write what the zigzags tell, however little: `identify` itself refuses a boat that no gains are sure to serve."""
+    logs = _zigzags(boat)
     if not logs:
+        place = boat.file.with_name(f"{boat.file.stem}-zigzag.tlog")
         raise InputError(f"{place}: not there; sail the zigzag first: autopilot new-boat {boat.file} --redo zigzag")
     # how thrust steers goes with the throttle: every zigzag counts
-    used = logs[-1:] if DRIVES[boat.vessel.drive.kind].usual.is_rudder else logs
-    return ["identify", *used, "--vessel", str(boat.file), "--out", str(boat.file), "--at-least", "start"]
+    used = [*logs[-1:], *_larger(logs[-1])[-1:]] if DRIVES[boat.vessel.drive.kind].usual.is_rudder else logs
+    return ["identify", *map(str, used), "--vessel", str(boat.file), "--out", str(boat.file)]
+
+
+def _zigzags(boat: Boat) -> list[Path]:
+    return _until_missing(boat.file.with_name(f"{boat.file.stem}-zigzag.tlog"))
+
+
+def _larger(zigzag: Path) -> list[Path]:
+    return _until_missing(zigzag.with_name(f"{zigzag.stem}-larger.tlog"))
+
+
+def _sail_larger(boat: Boat) -> list[str]:
+    name = f"{_zigzags(boat)[-1].stem.removeprefix(f'{boat.file.stem}-')}-larger"
+    return _zigzag_of(
+        boat, min(LARGER_DEG, boat.vessel.rudder.angle_max_deg), min(2.0 * _lasting(boat), ZIGZAG_S[1]), name
+    )
 
 
 def _until_missing(place: Path) -> list[Path]:
-    found = []
-    for path in numbered(place):
-        if not path.exists():
-            break
-        found.append(path)
-    return found
+    return list(itertools.takewhile(Path.exists, numbered(place)))
 
 
 def _gains(boat: Boat) -> list[str]:
@@ -189,7 +212,7 @@ STEPS = (
         "Switch the instruments on. With a flight controller: arm it, mode MANUAL, throttle neutral.",
         _doctor,
         "GO, with warnings that you have read",
-        "do what stands behind each arrow",
+        "do what stands behind each arrow, or name another link with --link",
     ),
     Step(
         "rudder",
@@ -211,14 +234,15 @@ STEPS = (
         "lookout; a mode change, or Ctrl-C, ends it. A boat that steers by thrust needs it at two or three throttles.",
         _zigzag,
         "it was sailed to its end, and its last lines say good, or good for a start",
-        "it ended early: more room, or less sea; no way was made: get under way first; the heading hardly swung: look "
-        "whether the rudder moves, with --redo rudder",
+        "it ended early: more room, or less sea, or, where the boat turned against its rudder, see to its side with "
+        "--redo rudder; no way was made: get under way first; the heading hardly swung: look whether the rudder moves, "
+        "with --redo rudder",
         again="Sail another at another throttle (a quarter, a half, three quarters)?",
     ),
     Step(
         "identify",
         "your boat's model",
-        "Nothing to do: the log is read.",
+        "The log is read. Where it tells too little, a larger zigzag is asked for, and both are identified together.",
         _identify,
         "the first line says good, or good for a start",
         "a zigzag again: --redo zigzag; other trials that the first line asks for: sail them with autopilot trial, "
@@ -288,27 +312,31 @@ class Checklist:
         self.done = {name: at for name, at in self.done.items() if name not in after}
         self.done[step.name] = when.isoformat(timespec="seconds")
 
-    def redo(self, name: str) -> None:
-        """Take a step, and those after it, as not done. InputError where there is none of that name."""
+    def mark(self, name: str, *, is_done: bool) -> None:
+        """Note the next step as done, or one and those after it as not done, in the file too. Raises InputError."""
         places = [step.name for step in STEPS]
         if name not in places:
-            raise InputError(f"--redo {name}: no step; there are {', '.join(places)}")
-        for each in places[places.index(name) :]:
+            raise InputError(f"{name}: no step; there are {', '.join(places)}")
+        if is_done and (self.next is None or self.next.name != name):
+            raise InputError(f"{name}: not the next step; one rests on the other")
+        if is_done:
+            self.tick_off(STEPS[places.index(name)], datetime.now())
+        for each in () if is_done else places[places.index(name) :]:
             self.done.pop(each, None)
+        self.save()
+
+    def state(self, step: Step) -> str:
+        """Return whether a step is done, next or later."""
+        return "done" if step.name in self.done else "next" if step is self.next else "later"
 
     def rows(self, file: Path) -> list[dict[str, str]]:
         """Return each step for a page: its name, title, what to do before it, the command, what is good enough, what to
         do otherwise, the question that only the operator can answer, its state (done, next or later), and when."""
-        upcoming = self.next
-
-        def state(step: Step) -> str:
-            return "done" if step.name in self.done else "next" if step is upcoming else "later"
-
         return [
             {
                 **{key: getattr(step, key) for key in ("name", "title", "before", "good", "otherwise", "question")},
                 "command": f"autopilot new-boat {file}",
-                "state": state(step),
+                "state": self.state(step),
                 "when": self.done.get(step.name, "").replace("T", " "),
             }
             for step in STEPS
@@ -316,10 +344,8 @@ class Checklist:
 
     def lines(self) -> list[str]:
         """Return the list as it is shown."""
-        upcoming = self.next
-        marks = {step.name: "done" if step.name in self.done else "next" if step is upcoming else "" for step in STEPS}
         return [
-            f"  {number}. {marks[step.name]:4s}  {step.title}"
+            f"  {number}. {self.state(step).replace('later', ''):4s}  {step.title}"
             + (f"  ({self.done[step.name].replace('T', ' ')})" if step.name in self.done else "")
             for number, step in enumerate(STEPS, 1)
         ]
@@ -343,15 +369,10 @@ class PageOfSteps:
             print(f"{self._file} is not there yet; autopilot new-boat {self._file} begins it", flush=True)
 
     def mark(self, name: str, *, is_done: bool) -> None:
-        """Note the next step as done, or one and those after it as not done. Raises InputError."""
-        checklist = Checklist(self._file)
-        if not is_done:
-            checklist.redo(name)
-        elif checklist.next is None or checklist.next.name != name:
-            raise InputError(f"{name}: not the next step; one rests on the other")
-        else:
-            checklist.tick_off(checklist.next, datetime.now())
-        checklist.save()
+        """Note the next step as done, or one and those after it as not done. Raises InputError; RefusedError while a
+        terminal goes through the steps."""
+        with alone_with(self._file):
+            Checklist(self._file).mark(name, is_done=is_done)
 
 
 DESCRIPTION = """\
@@ -391,17 +412,37 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Go on from where the list was left. Raises InputError, and RefusedError where a step is not good enough."""
-    from autopilot.vessel.file import load_vessel, refuse_bare_name
+    from autopilot.vessel.file import refuse_bare_name
 
     file: Path = arguments.file
     refuse_bare_name(file)
-    talk = Talk(arguments.yes)
-    if arguments.done is not None:
-        PageOfSteps(file).mark(arguments.done, is_done=True)
+    if arguments.list and arguments.done is arguments.redo is None:
+        return _go_on(arguments, Talk(silent=True))
+    with alone_with(file):
+        return _go_on(arguments, Talk(arguments.yes))
+
+
+@contextlib.contextmanager
+def alone_with(file: Path) -> Iterator[None]:
+    """Keep every other process from the steps of boats in this folder. Raises InputError; RefusedError while one is."""
+    check_folder(file)
+    refusal = f"another autopilot new-boat goes through its steps in the folder of {file}; go on there, or end it first"
+    descriptor = alone(file.absolute().parent, refusal)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _go_on(arguments: argparse.Namespace, talk: Talk) -> int:
+    from autopilot.identification.interval import ENOUGH, off_by
+    from autopilot.vessel.file import load_vessel
+
+    file: Path = arguments.file
     checklist = Checklist(file)
-    if arguments.redo is not None:
-        checklist.redo(arguments.redo)
-        checklist.save()
+    for name, is_done in ((arguments.done, True), (arguments.redo, False)):
+        if name is not None:
+            checklist.mark(name, is_done=is_done)
     if not file.exists():
         if arguments.list:
             raise InputError(f"{file}: not there yet; autopilot new-boat {file} begins it")
@@ -425,6 +466,9 @@ def run(arguments: argparse.Namespace) -> int:
     print("\n".join(["", *checklist.lines(), ""]))
     links, holds = " ".join(checklist.links), _until_missing(file.with_name(f"{file.stem}-hold.tlog"))
     print(f"Done: {file} steers. Every day: autopilot run {file} {links}")
+    model = load_vessel(file).model
+    if max(off_by("gain", model.K_1_s, model.standard_errors.K_1_s or 0.0)) > ENOUGH:
+        print("Its model is known little: alter course by 10 deg at a time, in a calm. A rudder sensor makes it known.")
     boots = " ".join(f"--run-with={word}" if word == "--as-gcs" else word for word in checklist.links)
     print(f"From power-on: autopilot install-service {file} {boots}")
     if holds:
@@ -433,7 +477,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _pace(step: Step, arguments: argparse.Namespace) -> tuple[str, ...]:
-    steers = step.name in ("rudder", "zigzag", "hold")
+    steers = step.name in ("rudder", "zigzag", "identify", "hold")
     return ("--speedup", f"{arguments.speedup:g}") if steers and arguments.speedup != 1.0 else ()
 
 
@@ -482,8 +526,10 @@ class Talk:
             print("  write y or n")
 
     def ready(self, words: str) -> None:
-        """Wait until the operator is ready."""
+        """Wait until the operator is ready. InputError where nobody is there to be, and --yes does not say so."""
         print(words)
+        if self.silent and not self._says_yes:
+            raise InputError("nobody is there to begin this and to watch; run it on a terminal, or with --yes")
         if not self.silent:
             typed("Press Enter to begin, Ctrl-C to leave: ")
 
@@ -542,6 +588,10 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
 def links_of(arguments: argparse.Namespace, checklist: Checklist, talk: Talk) -> tuple[str, ...]:
     """Return the options that name the links: as given, as kept, or as found. Raises InputError."""
     if arguments.link:
+        from autopilot.links.url import parse_url
+
+        for url in arguments.link:
+            parse_url(url)
         given = tuple(word for url in arguments.link for word in ("--link", url))
         return (*given, "--as-gcs") if arguments.as_gcs else given
     if checklist.links:
@@ -578,9 +628,9 @@ def take(step: Step, boat: Boat, talk: Talk) -> None:
 
 
 def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
-    command = step.command(boat)
-    talk.ready(f"autopilot {' '.join(command)}")
-    code = run_child([sys.executable, "-m", "autopilot", *command])
+    code = _run(step.command(boat), talk)
+    if code == ExitCode.REFUSED and step.name == "identify" and DRIVES[boat.vessel.drive.kind].usual.is_rudder:
+        code = _look_again(boat, talk)
     again, number = f"then: autopilot new-boat {boat.file}", STEPS.index(step) + 1
     if code == ExitCode.LINK:
         raise LinkError(
@@ -594,3 +644,25 @@ def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
             f"step {number} ({step.title}) is not done{why}. Good enough is: {step.good}. "
             f"If not: {step.otherwise}; {again}"
         )
+
+
+def _run(command: list[str], talk: Talk) -> int:
+    talk.ready(f"autopilot {' '.join(command)}")
+    return run_child([sys.executable, "-m", "autopilot", *command])
+
+
+def _look_again(boat: Boat, talk: Talk) -> int:
+    """Sail a larger zigzag where the first tells too little, and identify both; return the exit code.
+
+    What is still not known, the first hold decides: a file is written where gains serve at both ends of what is open.
+    """
+    code = int(ExitCode.REFUSED)
+    if not _larger(_zigzags(boat)[-1]) and talk.yes("Sail a larger zigzag, to be identified with the first?"):
+        if code := _run(_sail_larger(boat), talk):
+            return code
+        code = _run(_identify(boat), talk)
+    if code == ExitCode.REFUSED and talk.yes(
+        "Go on with what is known, where gains serve it? The first hold will show"
+    ):
+        code = _run(_known(boat), talk)
+    return code

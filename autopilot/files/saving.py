@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from autopilot.errors import InputError
+from autopilot.errors import InputError, RefusedError
 from autopilot.files.outside import read_regular
 from autopilot.signals import AlarmEvent
 
@@ -335,6 +335,21 @@ def lock(descriptor: int) -> None:
     """Keep the open file from being replaced or removed by us elsewhere, where the file system knows locks."""
     with contextlib.suppress(OSError):
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def alone(path: Path, refusal: str) -> int:
+    """Return the descriptor of a file, made where it is missing, or of a folder, that this process alone holds until it
+    closes it or ends. RefusedError with `refusal` where another holds it; OSError where it cannot be opened."""
+    flags = os.O_RDONLY if path.is_dir() else os.O_RDWR | os.O_CREAT
+    descriptor = os.open(path, flags | os.O_CLOEXEC, 0o666)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise RefusedError(refusal) from None
+    except OSError:
+        pass  # a file system without locks
+    return descriptor
 
 
 def is_in_use(path: Path) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -18,9 +17,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from autopilot.errors import InputError, RefusedError
+from autopilot.errors import InputError
 from autopilot.files.outside import read_regular
-from autopilot.files.saving import FULL, replace_file, sync_folder
+from autopilot.files.saving import FULL, alone, replace_file, sync_folder
 from autopilot.firmware.file import Wanted
 from autopilot.firmware.metadata import Kept, Marks, kept_by_firmware
 from autopilot.firmware.protocol import Number, ParameterValue, same_value
@@ -69,20 +68,15 @@ def only_writer(vehicle: Vehicle) -> Iterator[None]:
     """
     path = journal_path(vehicle).with_suffix(".lock")
     _make_folder(path.parent)
+    refusal = (
+        f"another autopilot params is writing to vehicle {vehicle.system} just now; wait until it has ended, then run "
+        "this command again. Nothing was sent."
+    )
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        descriptor = alone(path, refusal)
     except OSError as error:
         raise _no_folder(path.parent, error) from None
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise RefusedError(
-                f"another autopilot params is writing to vehicle {vehicle.system} just now; wait until it has ended, "
-                "then run this command again. Nothing was sent."
-            ) from None
-        except OSError:
-            pass  # a file system without locks
         yield
     finally:
         os.close(descriptor)

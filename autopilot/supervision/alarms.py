@@ -71,8 +71,9 @@ OTHER = "other"
 class AlarmKind(NamedTuple):
     """What follows from one alarm. is_heard: it sounds though it is no more than a notice.
 
-    is_borne: a trial goes on under it: its rudder may stand at the stop, it is sailed because the model is in doubt, it
-    holds no course, and a record has its times even where the loop runs late or is sent too much, and whoever looks on.
+    is_borne: a trial goes on under it: its rudder may stand at the stop, it is sailed because model and rate of the
+    rudder are in doubt, it holds no course, and a record has its times even where the loop runs late or is sent too
+    much, and whoever looks on.
     """
 
     name: str
@@ -153,7 +154,7 @@ _KINDS = (
     AlarmKind("bow_thruster_not_following", Response.NOTIFY, Severity.WARNING),
     AlarmKind("bow_thruster_hot", Response.NOTIFY, Severity.WARNING),
     AlarmKind("bow_thruster_weak", Response.NOTIFY, Severity.WARNING),
-    AlarmKind("rudder_slow", Response.DEGRADE, Severity.WARNING),
+    AlarmKind("rudder_slow", Response.DEGRADE, Severity.WARNING, is_borne=True),
     AlarmKind("path_late", Response.NOTIFY, Severity.NOTICE, is_borne=True),
     AlarmKind("speed_doubtful", Response.DEGRADE, Severity.WARNING),
     AlarmKind("speeds_disagree", Response.DEGRADE, Severity.WARNING),

@@ -31,7 +31,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
 from autopilot import __version__
-from autopilot.errors import InputError, NotYetError
+from autopilot.errors import InputError, NotYetError, RefusedError
 from autopilot.files.outside import ORDER_MOST, order_object
 from autopilot.interruption import print_end
 from autopilot.web import is_reachable, page_files, svg_of
@@ -148,7 +148,7 @@ class Steps(Protocol):
         """Return them. Raises InputError."""
 
     def mark(self, name: str, *, is_done: bool) -> None:
-        """Note one as done, or as to be done again. Raises InputError."""
+        """Note one as done, or as to be done again. Raises InputError; RefusedError while a terminal does them."""
 
 
 class SafeHeaders:
@@ -305,8 +305,8 @@ class Page:
                     return _refusal(BAD_ORDER, "give the name of a step, and whether it is done")
                 self._steps.mark(wanted["name"], is_done=wanted["done"])
             return JSONResponse({"steps": self._steps.rows()})
-        except InputError as error:
-            return _refusal(BAD_ORDER, str(error))
+        except (InputError, RefusedError) as error:
+            return _refusal(BAD_ORDER if isinstance(error, InputError) else CANNOT_NOW, str(error))
 
     async def parameters(self, _: Request) -> Response:
         """The boat's parameters as far as they have come; asked for, they are fetched."""

@@ -16,8 +16,8 @@ import pytest
 
 from autopilot.cli import new_boat
 from autopilot.cli.main import build_parser, main
-from autopilot.cli.new_boat import STEPS, Boat, Checklist
-from autopilot.errors import InputError
+from autopilot.cli.new_boat import STEPS, Boat, Checklist, PageOfSteps
+from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.record import Recorder
 from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 from autopilot.vessel.file import dump_vessel, first_model, load_vessel
@@ -54,7 +54,7 @@ def test_the_list_is_kept_and_what_rests_on_a_step_is_done_again(tmp_path: Path)
     again = Checklist(file)
     assert again.next is None and again.links == checklist.links
     assert all("done" in line for line in again.lines())
-    again.redo("zigzag")
+    again.mark("zigzag", is_done=False)
     assert again.next is not None and again.next.name == "zigzag" and set(again.done) == {"doctor", "rudder"}
     checklist.tick_off(STEPS[0], WHEN)
     assert set(checklist.done) == {"doctor"}
@@ -80,8 +80,8 @@ def test_a_list_that_is_not_ours_is_refused_by_name(text: str, tmp_path: Path) -
 
 
 def test_a_step_that_does_not_exist_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--redo fly: no step; there are doctor, rudder"):
-        Checklist(tmp_path / "mine.yaml").redo("fly")
+    with pytest.raises(InputError, match="fly: no step; there are doctor, rudder"):
+        Checklist(tmp_path / "mine.yaml").mark("fly", is_done=False)
 
 
 def test_the_zigzag_lasts_for_the_boat(tmp_path: Path) -> None:
@@ -171,6 +171,63 @@ def test_a_step_that_was_done_by_hand_is_gone_past(
     assert "gains: not the next step" in capsys.readouterr().err
     assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", "--done", "identify"]) == 4
     assert [command[0] for command in commands] == ["gains"]
+
+
+@pytest.mark.parametrize("refusals", [1, 2, 3])
+def test_what_one_zigzag_does_not_tell_a_larger_one_does_or_the_first_hold_decides(
+    refusals: int, commands: list[list[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    noting = new_boat.run_child
+
+    def refusing(command: Sequence[str]) -> int:
+        code = noting(command)
+        return 4 if "identify" in command and sum("identify" in each for each in commands) <= refusals else code
+
+    monkeypatch.setattr(new_boat, "run_child", refusing)
+    file = tmp_path / "mine.yaml"
+    assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *NUMBERS]) == 4
+    said = [command[:2] if command[0] == "trial" else command[:1] for command in commands[2:]]
+    assert said[:4] == [["trial", "zigzag"], ["identify"], ["trial", "zigzag"], ["identify"]]
+    assert said[4:] == [[["gains"]], [["identify"], ["gains"]], [["identify"]]][refusals - 1]
+    first, *rest = (command for command in commands if command[0] == "identify")
+    zigzag, larger = str(tmp_path / "mine-zigzag.tlog"), str(tmp_path / "mine-zigzag-larger.tlog")
+    assert first[1:3] == [zigzag, "--vessel"] and all(each[1:3] == [zigzag, larger] for each in rest)
+    assert ["--at-least" in each for each in (first, *rest)] == [True, True, False][: 1 + len(rest)]
+    assert main(["new-boat", str(file), "--yes", "--redo", "zigzag"]) == 4
+    assert next(each for each in reversed(commands) if each[0] == "identify")[1:3] == [
+        str(tmp_path / "mine-zigzag-2.tlog"),
+        "--vessel",
+    ], "what was sailed beside another zigzag may be of another rudder"
+
+
+def test_nothing_moves_where_nobody_is_there_to_watch(
+    commands: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["new-boat", str(tmp_path / "mine.yaml"), "--link", "udpin:127.0.0.1:1", *NUMBERS]
+    assert main(given) == 2 and not commands
+    assert "with --yes" in capsys.readouterr().err
+    given[3] = "udpinn:127.0.0.1:1"
+    assert main([*given, "--yes"]) == 3 and not commands
+    assert Checklist(tmp_path / "mine.yaml").links[1] == "udpin:127.0.0.1:1", "a link that is none is not kept"
+
+
+def test_a_second_one_at_once_is_refused_and_may_look(
+    commands: list[list[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")))
+    codes: list[int] = []
+
+    def second(command: Sequence[str]) -> int:
+        codes.extend(main(["new-boat", str(file), *more]) for more in (("--yes",), ("--redo", "doctor"), ("--list",)))
+        with pytest.raises(RefusedError):
+            PageOfSteps(file).mark("doctor", is_done=True)
+        return 4
+
+    monkeypatch.setattr(new_boat, "run_child", second)
+    assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"]) == 4
+    assert codes == [4, 4, 0]
+    assert f"another autopilot new-boat goes through its steps in the folder of {file}" in capsys.readouterr().err
 
 
 def test_who_leaves_is_shown_where_it_goes_on(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import endurance_alarms
 import numpy as np
@@ -13,10 +14,13 @@ from boats import BOATS, Boat, vessel_of
 from plant import Plant, sail
 
 from autopilot.angles import wrap
+from autopilot.guidance.manoeuvres import TrialLimits
+from autopilot.operators.trial_script import TrialScript, zigzag
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderSample, Sample
-from autopilot.vessel.file import load_vessel
+from autopilot.vessel.file import first_model, load_vessel
 from autopilot.vessel.schema import Vessel
+from sitl.lockstep import simulate
 
 STEP = 0.1
 SHIP, SLOW, QUICK = Boat(0.03, 100.0, 1.0e4, 1.0, 8.0, 2.5), BOATS["slow"], BOATS["middle"]
@@ -216,3 +220,13 @@ def test_a_turn_straight_back_is_on_its_way_whichever_side_it_goes_over(seed: in
 
     ticks = sail(build_pilot(vessel), box, there_and_back, 28.0, 0.05)
     assert not [tick.now for tick in ticks if tick.alarms]
+
+
+def test_a_model_that_is_a_guess_makes_no_slow_rudder_of_a_healthy_one() -> None:
+    frigate = load_vessel("frigate")
+    guess = replace(
+        frigate, model=first_model(100.0, 9.0), alarms=replace(frigate.alarms, reversed_rudder=False)
+    )  # as `autopilot trial --unidentified` has it
+    script = TrialScript([zigzag(math.radians(15.0), math.radians(15.0), 300.0)], TrialLimits())
+    simulate(guess, script, 330.0, boat="frigate")
+    assert script.is_complete, script.reason
