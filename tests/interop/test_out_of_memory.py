@@ -53,6 +53,8 @@ signal.signal(signal.SIGURG, limit)
 sys.exit(main())
 """
 SPEEDUP = 2.0
+WITHOUT_MEMORY = ("MemoryError", "SystemError: error return without exception set")
+"""CPython raises the second where one of its own C functions finds no memory and forgets to say so."""
 
 
 def started(arguments: list[str], port: int, logs: Path) -> subprocess.Popen[str]:
@@ -79,7 +81,7 @@ def test_a_process_without_memory_lets_go_and_the_next_one_steers(tmp_path: Path
         assert not vehicle.is_held, said
         assert vehicle.held_until - vehicle.overrides[-1].time < 0.5 * OVERRIDE_TIME_S, said
         assert process.returncode == 1, said
-        assert said.rstrip().endswith("MemoryError"), said
+        assert said.rstrip().endswith(WITHOUT_MEMORY), said
         (first,) = logs.glob("*.001.tlog")
         ticks = [tick for log in read_logs(*following_parts(first)) for tick in log.ticks]
         assert ticks[-1].mode is Mode.ENGAGED
