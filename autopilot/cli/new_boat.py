@@ -7,6 +7,7 @@ What was done is kept in a small file beside the vessel's.
 from __future__ import annotations
 
 import argparse
+import cmath
 import contextlib
 import itertools
 import json
@@ -28,6 +29,7 @@ from autopilot.files.outside import number_from, parse_json, read_regular, typed
 from autopilot.files.saving import alone, check_folder, numbered, save_text
 from autopilot.interruption import Interrupted, as_exceptions, run_child
 from autopilot.models.drives import DRIVES
+from autopilot.signals import CourseSample, Mode
 from autopilot.vessel.schema import SCHEMA_VERSION, Drive, Guidance, Helm, Rudder, Vessel
 
 MOST_BYTES = 1 << 16
@@ -41,6 +43,9 @@ NEAR_STOP_DEG = 5.0
 HELD_S = 60.0
 HELD = ("good", "fair")
 """What `autopilot run` must call a hold at its end."""
+BESIDE_DEG, STEADY = 45.0, 0.9
+"""A current must make 0.7 of the boat's speed to set it so far aside (its sine); a mean direction less steady than this
+is that of no way at all."""
 FULL_STEERING_DEG, THRUSTERS_DEG_S, THRUSTERS_LAG_S = 30.0, 150.0, 0.15
 """Of two thrusters: what stands for full steering, and what is usual of their motors."""
 
@@ -195,14 +200,23 @@ def _hold_log(boat: Boat) -> list[str]:
     from autopilot.report.steered import Steered
     from autopilot.runtime.record import read_logs
 
-    steered = Steered()
+    steered, beside = Steered(), list[complex]()
     for log in read_logs(_until_missing(boat.file.with_name(f"{boat.file.stem}-hold.tlog"))[-1]):
         for tick in log.ticks:
             steered(tick)
-    verdict = steered.verdict
+            courses = (each.course for each in tick.samples if type(each) is CourseSample and tick.mode is Mode.ENGAGED)
+            beside += [cmath.rect(1.0, course - tick.state.heading) for course in courses]
+    verdict, mean = steered.verdict, sum(beside) / max(len(beside), 1)
     if verdict is None:
         return ["no course was held"]
-    return [] if verdict.grade in HELD else [verdict.sentence]
+    against = [] if verdict.grade in HELD else [verdict.sentence]
+    if abs(mean) > STEADY and abs(apart := math.degrees(cmath.phase(mean))) > BESIDE_DEG:
+        side = "starboard" if apart > 0.0 else "port"
+        against.append(
+            f"over the ground the boat went {abs(apart):.0f} deg to {side} of its heading: look how the compass is "
+            "mounted and calibrated, unless so strong a current runs there (then: --done hold)"
+        )
+    return against
 
 
 STEPS = (

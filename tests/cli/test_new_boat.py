@@ -19,7 +19,7 @@ from autopilot.cli.main import build_parser, main
 from autopilot.cli.new_boat import STEPS, Boat, Checklist, PageOfSteps
 from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.record import Recorder
-from autopilot.signals import Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
+from autopilot.signals import CourseSample, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
 from autopilot.vessel.file import dump_vessel, first_model, load_vessel
 
 WHEN = datetime(2026, 11, 24, 12, 0)
@@ -177,11 +177,12 @@ def test_a_step_that_was_done_by_hand_is_gone_past(
 def test_what_one_zigzag_does_not_tell_a_larger_one_does_or_the_first_hold_decides(
     refusals: int, commands: list[list[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    noting = new_boat.run_child
-
     def refusing(command: Sequence[str]) -> int:
-        code = noting(command)
-        return 4 if "identify" in command and sum("identify" in each for each in commands) <= refusals else code
+        commands.append(list(command[3:]))
+        if "--log" in command:
+            Path(command[command.index("--log") + 1]).write_text("")
+        is_refused = command[3] == "identify" and sum(each[0] == "identify" for each in commands) <= refusals
+        return 4 if is_refused else int(command[3] == "gains")
 
     monkeypatch.setattr(new_boat, "run_child", refusing)
     file = tmp_path / "mine.yaml"
@@ -270,24 +271,25 @@ def test_a_step_whose_link_fell_silent_asks_for_the_link_not_for_the_rudder(
     assert f"then: autopilot new-boat {file}" in said and "reverse it" not in said
 
 
-def hold(path: Path, off_deg: float, mode: Mode = Mode.ENGAGED) -> None:
-    """Write the log of a minute on a course, swinging about it once in 8 s."""
+def hold(path: Path, off_deg: float, mode: Mode, beside_deg: float) -> None:
+    """Write the log of a minute on a course, swinging about it once in 8 s, and over the ground so far beside it."""
     order, recorder = Order(OrderKind.HEADING, 1.0), Recorder(path, {}, 0.0)
     for number in range(600):
         now = 0.1 * number
         heading = 1.0 + math.radians(off_deg) * math.sin(math.tau * now / 8.0)
         state = NavState(now, heading, 0.0, 3.0, 0.0, 0.0, 0.0, True)
         command = RudderCommand(now, 0.0, True)
-        recorder.record(Tick(number, now, (), order, state, Reference(1.0), 0.0, command, mode, ()), [])
+        ground = (CourseSample(now, heading + math.radians(beside_deg), "gps"),)
+        recorder.record(Tick(number, now, ground, order, state, Reference(1.0), 0.0, command, mode, ()), [])
     recorder.close()
 
 
-def holding(off_deg: float, mode: Mode = Mode.ENGAGED) -> Callable[[Sequence[str]], int]:
+def holding(off_deg: float, mode: Mode = Mode.ENGAGED, beside_deg: float = 30.0) -> Callable[[Sequence[str]], int]:
     """Return a child that does every step, and whose hold is such a one."""
 
     def child(command: Sequence[str]) -> int:
         if "run" in command:
-            hold(Path(command[command.index("--log") + 1]), off_deg, mode)
+            hold(Path(command[command.index("--log") + 1]), off_deg, mode, beside_deg)
         elif "--log" in command:
             Path(command[command.index("--log") + 1]).write_text("")
         return 0
@@ -296,15 +298,17 @@ def holding(off_deg: float, mode: Mode = Mode.ENGAGED) -> Callable[[Sequence[str
 
 
 @pytest.mark.parametrize(
-    ("off_deg", "mode", "said"),
+    ("off_deg", "mode", "beside_deg", "said"),
     [
-        (20.0, Mode.ENGAGED, "is not done: poor: held it within 20"),
-        (0.0, Mode.STANDBY, "is not done: no course was held"),
+        (20.0, Mode.ENGAGED, 0.0, "is not done: poor: held it within 20"),
+        (0.0, Mode.STANDBY, 180.0, "is not done: no course was held"),
+        (0.0, Mode.ENGAGED, 180.0, "is not done: over the ground the boat went 180 deg to"),
     ],
 )
 def test_a_hold_that_swings_is_not_ticked_off(
     off_deg: float,
     mode: Mode,
+    beside_deg: float,
     said: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -312,7 +316,7 @@ def test_a_hold_that_swings_is_not_ticked_off(
 ) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text(dump_vessel(load_vessel("lanxin")))
-    monkeypatch.setattr(new_boat, "run_child", holding(off_deg, mode))
+    monkeypatch.setattr(new_boat, "run_child", holding(off_deg, mode, beside_deg))
     assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"]) == 4
     error = capsys.readouterr().err
     assert said in error and "Good enough is: its last lines say good or fair" in error and "If not: it swings" in error
