@@ -92,10 +92,10 @@ def watched_run(setting: Setting, workspace: Workspace, limits: AlarmLimits, jam
                 seen = seen_at(
                     pilot_state.model, setting.campaign.config.estimator.noises, pilot_state.fusion, past, at
                 )
-                was_off = away[3]
+                was_off = away.is_off
                 error = shortest_turn(target, seen.heading)
                 away = course_step(limits, pilot_state.model.time_constant, away, now, error)
-                if away[3] and not was_off:
+                if away.is_off and not was_off:
                     alarms += 1
                     first = min(first, now)
                 true = abs(shortest_turn(target, state.heading))

@@ -311,8 +311,8 @@ class LiveFilter:
         self._worked += min(dt / WORKS_S, 1.0) * (moved * moved - self._worked)
         # in rudder of the weaker boat: where the rudder answers a gust, a boat that hardly turns has neither of them.
         # But a file that is surely too weak, by the doubt of `estimate`, would shut out the boat that needs it most
-        share = self._pushed / max(a * a * self._worked, 1.0e-300)
-        doubt = math.sqrt(float(weight @ (P[:, A, A] + (x[:, A] - a) ** 2)) + 2.0 * share * a * a)
+        by_push = 2.0 * self._pushed / max(self._worked, 1.0e-300)
+        doubt = math.sqrt(float(weight @ (P[:, A, A] + (x[:, A] - a) ** 2)) + by_push)
         self._weaker = min(a, max(self._unit[0], a - SURE_OF_IT * doubt))
         if self.learns:
             # moments count as much as they tell: rudder over push, squared

@@ -75,10 +75,17 @@ SEA_SIGMAS = math.sqrt(2.0 * math.log(DAY_S / (2.0 * LONGEST_WAVE_S)))
 of the sea that was there when the heading was ordered, for a boat that steering swings since then looks like one."""
 
 
-Away = tuple[float, float, float, bool]
-"""Since when [s] the boat has been off heading, nan: it is on it; since when it has been back, nan: it is not; to which
-side it was off last, 1 or -1; and whether that is an alarm."""
-ON_HEADING: Away = (math.nan, math.nan, 0.0, False)
+class Away(NamedTuple):
+    """since [s]: since when the boat has been off heading, nan: it is on it; back [s]: since when it has been within
+    the limit again, nan: it is not; side: to which it was off last, 1 or -1; is_off: whether that is an alarm."""
+
+    since: float = math.nan
+    back: float = math.nan
+    side: float = 0.0
+    is_off: bool = False
+
+
+ON_HEADING = Away()
 
 
 class OffCourse(NamedTuple):
@@ -107,13 +114,13 @@ def course_step(limits: AlarmLimits, time_constant: float, before: Away, now: fl
     if not -limit <= error <= limit:
         since, to = since if since == since else now, -1.0 if error < 0.0 else 1.0
         swings = back == back and to == -side
-        return since, math.nan, to, is_off or swings or now - since >= limits.off_course_time
+        return Away(since, math.nan, to, is_off or swings or now - since >= limits.off_course_time)
     if since != since:
         return before
     back = back if back == back else now
     settles = ON_COURSE_TIME * (time_constant if time_constant > 1.0 else 1.0)
     settles = settles if settles < limits.off_course_time else limits.off_course_time
-    return ON_HEADING if now - back >= settles else (since, back, side, is_off)
+    return ON_HEADING if now - back >= settles else Away(since, back, side, is_off)
 
 
 def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, error: float, side: float) -> OffCourse:
@@ -128,9 +135,9 @@ def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, 
         limits = limits._replace(off_course_time=min(LED_PAST, limits.off_course_time))
         error = error if abs(error) < 0.5 * math.pi else 0.0
     away = course_step(limits, seen.model.time_constant, before.away, seen.now, error)
-    if not away[3]:
+    if not away.is_off:
         return OffCourse(away)
-    is_back = away[1] == away[1]
+    is_back = away.back == away.back
     if before.found is not None and (is_back or not abs(error - before.reported) > NEWS):
         return OffCourse(away, before.reported, before.found)
     off = f"by {math.degrees(abs(error)):.0f} deg to {'starboard' if error > 0.0 else 'port'}"
@@ -490,9 +497,18 @@ def update(
         found += (AlarmEvent("speeds_disagree"),)
     if off_course.found is not None:
         found += (off_course.found,)
-    at = seen.now, seen.state.heading, seen.wanted
-    return (
-        State(*at, off_course, sweeps, throws, circles, spin, softer, hunts, quickest, side),
-        found,
-        contradicts_speed,
+    after = State(
+        seen.now,
+        seen.state.heading,
+        seen.wanted,
+        off_course,
+        sweeps,
+        throws,
+        circles,
+        spin,
+        softer,
+        hunts,
+        quickest,
+        side,
     )
+    return after, found, contradicts_speed

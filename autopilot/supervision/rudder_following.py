@@ -223,6 +223,7 @@ def is_anothers(history: History, now: float, report: RudderSample | None) -> bo
 def followed(
     before: Following, limits: AlarmLimits, angles: tuple[RudderSample, ...], history: History, since: float
 ) -> Following:
+    """Compare a tick's measured angles with the orders that we have given `since` [s], one after the other."""
     known = [each for each in angles if math.isfinite(each.angle) and math.isfinite(each.time)]
     # of a burst that was read at once, and has one time, the last is the newest
     for sample in sorted({(each.time, each.source): each for each in known}.values(), key=lambda each: each.time):

@@ -333,9 +333,7 @@ class Commands:
         self._actions: dict[int, Callable[[Tick | None, tuple[float, ...]], int]] = {
             int(dialect.MAV_CMD_COMPONENT_ARM_DISARM): self._arm,
             int(dialect.MAV_CMD_DO_SET_MODE): self._set_mode,
-            SET_STANDARD_MODE: lambda tick, parameters: (
-                self.set_mode(TRACK, tick) if parameters[0] == MISSION else UNSUPPORTED
-            ),
+            SET_STANDARD_MODE: self._set_standard_mode,
             int(dialect.MAV_CMD_CONDITION_YAW): self._yaw,
             int(dialect.MAV_CMD_GUIDED_CHANGE_HEADING): self._change_heading,
             int(dialect.MAV_CMD_DO_REPOSITION): self._reposition,
@@ -608,6 +606,9 @@ class Commands:
         if not int(base) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return UNSUPPORTED
         return self.set_mode(int(custom), tick)
+
+    def _set_standard_mode(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
+        return self.set_mode(TRACK, tick) if parameters[0] == MISSION else UNSUPPORTED
 
     def _yaw(self, tick: Tick | None, parameters: tuple[float, ...]) -> int:
         angle_deg, _, direction, relative = parameters[:4]

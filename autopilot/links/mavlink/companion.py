@@ -519,11 +519,13 @@ class CompanionLink(CarriedLink):
     def publish_tick(self, tick: Tick) -> None:
         """Take who has the rudder and what is wrong; send the heading target that is due where the vehicle steers
         itself. LinkError when the transport is gone."""
-        self._write(tick.now, self.session.on_tick(tick))
+        if packets := self.session.on_tick(tick):
+            self._write(tick.now, packets)
 
     def poll(self, now: float) -> None:
         """Send what falls due; let go of a peer without a word of the vehicle. LinkError when the transport is gone."""
-        self._write(now, self.session.poll(now))
+        if packets := self.session.poll(now):
+            self._write(now, packets)
         heard = self.session.received_time
         if self._vacant_since is None:
             self._vacant_since = now
