@@ -13,7 +13,14 @@ import numpy.typing as npt
 from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample, Sample
-from autopilot.supervision import against_rudder, compass_watch, course_watch, rudder_following, rudder_watch
+from autopilot.supervision import (
+    against_rudder,
+    compass_watch,
+    course_watch,
+    frozen_heading,
+    rudder_following,
+    rudder_watch,
+)
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.monitors import NOTHING_SEEN, State, judged, on_samples, without_past
 from autopilot.supervision.panel import sentences_of
@@ -128,7 +135,7 @@ class Frozen(Stepped):
     """The monitor of a heading that stands still."""
 
     def __init__(self) -> None:
-        super().__init__(self._seen, (compass_watch.Standing(), compass_watch.Sea()))
+        super().__init__(self._seen, (frozen_heading.Standing(), frozen_heading.Sea()))
         self.headings = list[HeadingSample]()
 
     def on_sample(self, sample: HeadingSample) -> None:
@@ -137,7 +144,7 @@ class Frozen(Stepped):
 
     def _seen(self, before: Any, seen: MonitorInput) -> Any:
         headings, self.headings = tuple(self.headings), []
-        return compass_watch.frozen_step(*before, seen, headings)
+        return frozen_heading.frozen_step(*before, seen, headings)
 
     def is_frozen(self, seen: MonitorInput) -> bool:
         """Return whether it stands still."""

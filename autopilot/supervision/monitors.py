@@ -51,6 +51,7 @@ from autopilot.signals import (
 from autopilot.supervision import compass_watch, course_watch, rudder_watch
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.supervision.failsafe import WIND_FRESH
+from autopilot.supervision.heading_jump import held_events
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.rudder_following import History
 from autopilot.supervision.tuning import NEWS, ROLL_SECONDS
@@ -329,7 +330,7 @@ def judged(
     if conditions:
         found = (*(event for _, event in conditions), *found)
     if consistency.held.is_said:
-        found += compass_watch.held_events(consistency.held, seen.now)
+        found += held_events(consistency.held, seen.now)
     if seen.waits:
         found += (AlarmEvent("low_speed"),)
     if roll.text:

@@ -57,8 +57,8 @@ from autopilot.steering import (
     steered_by,
     turning_at,
 )
-from autopilot.supervision.compass_watch import NO_TURNS, Turns, are_opposite, turns_step, unturned_most
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
+from autopilot.supervision.heading_jump import NO_TURNS, Turns, are_opposite, turns_step, unturned_most
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.response_filter import NO_SEAWAY
 from autopilot.supervision.rudder_response import FILED, enough, other_verdict, verdict

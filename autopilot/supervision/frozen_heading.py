@@ -1,0 +1,245 @@
+"""A heading that stands still while the boat must be turning: by the rate beside it, by its rudder, or in a sea.
+
+Its functions are scalar, over NamedTuples. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from autopilot.angles import PI, wrap
+from autopilot.estimation.tuning import WAVE_MEMORY
+from autopilot.models.norrbin import rate_step
+from autopilot.models.steering_gear import clip
+from autopilot.signals import HeadingSample
+from autopilot.supervision.monitor_input import MonitorInput
+from autopilot.supervision.tuning import (
+    FINE_DIGIT,
+    FINE_DIGITS,
+    FINE_SAME,
+    FROZEN_BEFORE,
+    FROZEN_BY_RATE,
+    FROZEN_BY_RUDDER,
+    FROZEN_REPEATED,
+    FROZEN_SAMPLES,
+    NOUGHT_FORGOTTEN,
+    RATE_FORGOTTEN,
+    SEA_DIGITS,
+    SEA_FELT,
+    SEA_PROVEN,
+    SEA_STOOD,
+    TREMBLES_DIGITS,
+    TREMBLES_LEAST,
+    TREMBLES_SAME,
+    TREMBLES_SIGMAS,
+    TREMBLES_TIME,
+)
+
+LONGEST_STEP_S = 0.5
+FLOAT_DIGIT = 2.0**-22
+"""[rad]: of a float of 32 bits near pi."""
+
+
+class Standing(NamedTuple):
+    """A heading that is the same to the last digit: the `samples` that say so, the first of them [s] and the last; the
+    turn that the rate beside it adds up to [rad], nan where none came, and its span; last_rate: that rate the time
+    before, nan where none was, and whether it has moved since the model's turn was reckoned; that turn, which the model
+    makes of the rudder while the rate stands: when it was reckoned last [s], the bias [rad], the rate [rad/s], and how
+    far it has turned [rad]; is_frozen: until it moves again; source: whose heading it is; off [rad]: how far it was
+    from the boat's as that was estimated when it began to stand, and unknown [rad^2]: the variance of that; steered:
+    the rate [rad/s] and the turn [rad] that the rudder has made since of a boat that lay on its course; quickest
+    [rad/s]: of late, by the rate beside it and by the model, and beyond [s]: since when either turn is more than its
+    limit, nan: it is not."""
+
+    heading: float = math.nan
+    samples: int = 0
+    since: float = math.nan
+    time: float = math.nan
+    turn: float = math.nan
+    low: float = 0.0
+    high: float = 0.0
+    last_rate: float = math.nan
+    rate_moves: bool = False
+    reckoned: float = math.nan
+    bias: float = 0.0
+    rate: float = 0.0
+    turned: float = 0.0
+    is_frozen: bool = False
+    source: str = ""
+    off: float = 0.0
+    unknown: float = 0.0
+    steered: tuple[float, float] = (0.0, 0.0)
+    quickest: tuple[float, float] = (0.0, 0.0)
+    beyond: tuple[float, float] = (math.nan, math.nan)
+
+
+class Sea(NamedTuple):
+    """What moves the heading: by this standard deviation [rad] when it began to stand, felt on a course that is held
+    since flat water [s]; digit [rad]: the least step of the compass. watched [s]: for how long it had been learnt.
+    kept [rad]: the deviation that was known when it was forgotten, until it is known anew. change [rad]: the newest
+    step; noise [rad^2]: the variance of the compass's own noise, see `trembling`; same: the share of headings that are
+    the same as the one before."""
+
+    digit: float = math.inf
+    deviation: float = math.nan
+    flat: float = math.nan
+    watched: float = 0.0
+    kept: float = 0.0
+    change: float = 0.0
+    noise: float = 0.0
+    same: float = 1.0
+
+
+def trembling(sea: Sea, change: float, step: float, stood: float) -> Sea:
+    """Return what moves the heading after a `change` [rad] in a `step` [s], behind headings that were the same for as
+    long as it `stood` [s].
+
+    White noise n adds n' - n to one change and n'' - n' to the next, so that its variance is -E[change' change]. What
+    turns the boat takes longer than TREMBLES_LEAST, and adds to the same side of both: with that the mean is less.
+    """
+    size = change if change > 0.0 else -change
+    digit = size if size < sea.digit else sea.digit
+    if not (0.0 < step <= TREMBLES_LEAST and size <= PI):
+        return sea._replace(digit=digit, change=0.0)
+    fades = math.exp(-step / TREMBLES_TIME)
+    noise = fades * sea.noise - (1.0 - fades) * change * (sea.change if stood == 0.0 else 0.0)
+    same = fades * (1.0 - (1.0 - sea.same) * math.exp(-stood / TREMBLES_TIME))
+    return sea._replace(digit=digit, change=change, noise=noise, same=same)
+
+
+def felt(sea: Sea, seen: MonitorInput) -> Sea:
+    """Return what moves the heading after a tick in which it moves.
+
+    A sea that the estimate forgets, for it was learnt beside a rate that is found wrong, is no flat water: where it was
+    proven it counts on for WAVE_MEMORY, as long as the estimate would have remembered it.
+    """
+    now, watched, deviation = seen.now, seen.sea_watched, seen.state.wave_deviation
+    kept = sea.deviation if watched < sea.watched and now - sea.flat >= SEA_PROVEN else sea.kept
+    kept = kept if seen.holds_course and watched < WAVE_MEMORY else 0.0
+    deviation = deviation if deviation > kept else kept
+    is_flat = deviation < SEA_FELT or math.isnan(sea.flat) or not seen.holds_course
+    return Sea(sea.digit, deviation, now if is_flat else sea.flat, watched, kept, sea.change, sea.noise, sea.same)
+
+
+def never_stands(standing: Standing, sea: Sea, seen: MonitorInput) -> bool:
+    """Return whether a compass shows something new each time in a boat that has way, whatever the water is: its own
+    noise moved it by its digits, or these are so small that no boat keeps within one, and from one heading to the next
+    it moved by many.
+
+    Noise ends with an engine, and a boat may lie within a digit: then the compass shows the heading that it had, as far
+    as that is known, and the rudder has not turned it since.
+    """
+    digit = sea.digit if sea.digit > FLOAT_DIGIT else FLOAT_DIGIT
+    if not seen.has_way or sea.same > TREMBLES_SAME:
+        return False
+    if digit <= FINE_DIGIT and sea.same <= FINE_SAME and abs(sea.change) >= FINE_DIGITS * digit:
+        return True
+    is_off = abs(standing.off - standing.steered[1]) > digit + TREMBLES_SIGMAS * math.sqrt(max(standing.unknown, 0.0))
+    return is_off and sea.noise >= TREMBLES_DIGITS * TREMBLES_DIGITS * digit * digit
+
+
+def was_moved(standing: Standing, sea: Sea) -> bool:
+    """Return whether it was a sea that moved the heading until it stood."""
+    is_felt = sea.deviation >= max(SEA_FELT, SEA_DIGITS * sea.digit)
+    return is_felt and standing.since - sea.flat >= SEA_PROVEN
+
+
+def stood_by(before: Standing, sample: HeadingSample) -> Standing:
+    """Take a heading that is the same as the one before it."""
+    time, turn_rate = before.time, sample.rate
+    if turn_rate is None or not math.isfinite(time):
+        return before._replace(samples=before.samples + 1, time=sample.time)
+    step = clip(sample.time - time, 0.0, LONGEST_STEP_S)
+    moves = before.rate_moves or not (math.isnan(before.last_rate) or turn_rate == before.last_rate)
+    # what is long past may be the bias of the rate sensor, added up
+    turn = (0.0 if math.isnan(before.turn) else before.turn) * math.exp(-step / RATE_FORGOTTEN) + turn_rate * step
+    return before._replace(
+        samples=before.samples + 1,
+        time=sample.time,
+        turn=turn,
+        low=min(before.low, turn),
+        high=max(before.high, turn),
+        quickest=(quicker(before.quickest[0], turn_rate, step), before.quickest[1]),
+        last_rate=turn_rate,
+        rate_moves=moves,
+    )
+
+
+def beyond(since: float, turn: float, most: float, now: float) -> float:
+    """Return since when [s] a `turn` [rad] is more than `most` [rad], nan where it is not."""
+    return math.nan if not turn > most else now if math.isnan(since) else since
+
+
+def is_unseen(turn: float, quickest: float, most: float, lasts: float) -> bool:
+    """Return whether a `turn` [rad] is more than `most` [rad], and more than a heading that is repeated hides: of a
+    boat that turns by `quickest` [rad/s]; or it `lasts` [s], nan where it is not, for longer than one is repeated,
+    however quickly waves or an outlier of a rate sensor turn the boat."""
+    return lasts >= FROZEN_REPEATED or (turn > most and turn > FROZEN_REPEATED * quickest + FROZEN_BEFORE * most)
+
+
+def quicker(before: float, rate: float, step: float) -> float:
+    """Return the quickest rate of late [rad/s] after one of `rate` [rad/s], a `step` [s] after it was `before`."""
+    return max(abs(rate), before * math.exp(-0.5 * step / FROZEN_REPEATED))
+
+
+def frozen_step(
+    standing: Standing, sea: Sea, seen: MonitorInput, headings: tuple[HeadingSample, ...]
+) -> tuple[Standing, Sea]:
+    """Take a tick's headings, and judge whether the heading stands still while the boat must be turning.
+
+    A compass that shows something new each time stands for no other reason, in flat water neither. Else it is judged by
+    the yaw rate that came with it where there is one that does not stand still too, or by the sea that moved it until
+    then, and by the turn that the model makes of the rudder, the bias being what it was when the heading began to
+    stand: the estimator has learnt the wrong one since. A rate of nought may be made of that very heading, or true for
+    long in flat water: then what a wrong bias adds up to is forgotten.
+    """
+    now, state = seen.now, seen.state
+    for sample in headings:
+        heading, time = sample.heading, sample.time
+        if sample.source != standing.source:
+            # digits and noise are a compass's own, the sea is not
+            sea = Sea(math.inf, sea.deviation, sea.flat, sea.watched, sea.kept)
+        elif heading == standing.heading:
+            standing = stood_by(standing, sample)
+            continue
+        else:
+            change = heading - standing.heading
+            change = change if -PI < change <= PI else wrap(change)
+            sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
+        since = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
+        off = heading - state.heading + state.rate * (now - time)
+        standing = since._replace(source=sample.source, off=wrap(off), unknown=seen.unknown)
+    if standing.is_frozen:
+        return standing, sea
+    if standing.samples < 2:
+        sea = felt(sea, seen)
+    elif (
+        standing.samples >= FROZEN_SAMPLES
+        and standing.time - standing.since >= SEA_STOOD
+        and (never_stands(standing, sea, seen) or was_moved(standing, sea))
+    ):
+        return standing._replace(is_frozen=True), sea
+    if standing.reckoned == now:
+        return standing, sea
+    last, span, by_rate, by_rudder = standing.time, standing.high - standing.low, *standing.beyond
+    by_rate = beyond(by_rate, span, FROZEN_BY_RATE, last)
+    standing = standing._replace(beyond=(by_rate, by_rudder))
+    is_spanned = standing.samples >= FROZEN_SAMPLES
+    is_spanned = is_spanned and is_unseen(span, standing.quickest[0], FROZEN_BY_RATE, last - by_rate)
+    if standing.samples < 2 or is_spanned or not seen.steers:
+        # what somebody else does with the rudder proves nothing
+        since = standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0, steered=(0.0, 0.0))
+        return since._replace(is_frozen=is_spanned), sea
+    step = clip(now - standing.reckoned, 0.0, LONGEST_STEP_S)
+    model, push, (own, steered) = seen.model, state.rudder + standing.bias, standing.steered
+    rate, own = rate_step(model, standing.rate, push, step), rate_step(model, own, push, step)
+    kept = math.exp(-step / NOUGHT_FORGOTTEN) if standing.last_rate == 0.0 else 1.0
+    turned = 0.0 if standing.rate_moves else standing.turned * kept + rate * step
+    quickest = quicker(standing.quickest[1], rate, step)
+    is_frozen = standing.samples >= FROZEN_SAMPLES and seen.has_way
+    by_rudder = beyond(by_rudder, abs(turned), FROZEN_BY_RUDDER, last)
+    is_frozen = is_frozen and is_unseen(abs(turned), quickest, FROZEN_BY_RUDDER, last - by_rudder)
+    standing = standing._replace(steered=(own, 0.0 if standing.rate_moves else steered + own * step))
+    standing = standing._replace(rate_moves=False, reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen)
+    return standing._replace(quickest=(standing.quickest[0], quickest), beyond=(by_rate, by_rudder)), sea
