@@ -208,15 +208,14 @@ def blocks_step(
     noise: Noise,
     rudders: tuple[float, float, float, float],
     newest: tuple[float, float, float],
-    shares: tuple[float, float, float],
-    is_suspect: bool,
+    by_headings: tuple[float, float, float, bool],
 ) -> Blocks:
     """Return what is known after the `newest` heading [rad], at a time [s] and so long [s] after the one before, in a
     slight sea, whatever sea there is: how that differs is learnt. moves: of the boat, in any sea; rudders: as
-    `foreseen` has them; shares: the least of the model's answer of a boat that answers, the usual one, and how much
-    this one slides; is_suspect: by headings a fault may have begun, so that what is left may be no sea's."""
+    `foreseen` has them; by_headings: the least of the model's answer of a boat that answers, the usual one, how much
+    this one slides, and whether a fault may have begun, so that what is left may be no sea's."""
     known, means, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = before
-    (time, dt, heading), (least, usual, slides) = newest, shares
+    (time, dt, heading), (least, usual, slides, is_suspect) = newest, by_headings
     is_gust = unexplained > UNEXPLAINED
     turn, drift, decay, gain, _ = moves
     step, push = (turn, drift, decay, gain, math.exp(-SEA_SLOWEST * dt)), noise.push + GUST if is_gust else noise.push
@@ -251,8 +250,8 @@ def weighed(
     shown: tuple[bool, bool],
 ) -> tuple[tuple[float, float, float, float], Spectrum]:
     """Return the `evidence` of `Blocks`, that the rudder is stuck and reversed, with what a whole block adds to it, and
-    what is known of the sea then. shares: as `blocks_step` has them; shown: a heading showed a gust, and headings
-    make a fault suspect."""
+    what is known of the sea then. shares: the least of the model's answer and the usual one; shown: a heading showed a
+    gust, and headings make a fault suspect."""
     (stuck, stuck_late, wrong, wrong_late), (least, usual), (is_gust, is_suspect) = evidence, shares, shown
     (z, x, x_late, braked), left, spectrum = whitened(spectrum, usual)
     kept = math.exp(-BLOCK_S / FADES_TIME)

@@ -229,9 +229,9 @@ def response_step(
     least = least if least > LEAST[0] else LEAST[0]
     least = weaker * (least if least < LEAST[1] else LEAST[1])
     at = rudder, rudder_late, braked, rudder_slow
-    shares = least, usual / shown, slide_share(slid)
+    slides, is_doubted = slide_share(slid), stuck >= SUSPECT or wrong >= SUSPECT
     step = transition_of(model, rate, noise.pace, dt)
-    blocks = blocks_step(blocks, step, noise, at, (time, dt, heading), shares, stuck >= SUSPECT or wrong >= SUSPECT)
+    blocks = blocks_step(blocks, step, noise, at, (time, dt, heading), (least, usual / shown, slides, is_doubted))
     noises = noise.heading, noise.acceleration, noise.push + GUST if is_gust else noise.push, noise.sea
     covariance, gains, known, means = foreseen(step, known, means, at, noises, dt)
     variance = gains[0]
@@ -249,7 +249,7 @@ def response_step(
     off_some, off_some_late = off - least * s, off - least * s_late
     # how much the boat slides is known by what came before, so that no heading explains itself
     g, left_over = slide[0], off_some
-    off_some -= shares[2] * g
+    off_some -= slides * g
     off_wrong, off_wrong_late = off - REVERSED_SHARE * s, off - REVERSED_SHARE * s_late
     # a sea that may be larger, beside what sea and push may do as they are known, makes the same headings tell less;
     # were the filter to suppose it, what it leaves would not be coloured, by which a sea that is another is known

@@ -96,7 +96,7 @@ def test_the_evidence_of_blocks_is_the_difference_of_log_likelihoods(share: floa
             heading += 0.1 * DT * rate
         shown, rudders = heading + 0.005 * random.standard_normal(), (order, late, slide, trail)
         moves = transition_of(BOAT, rate, NOISE.pace, DT)
-        memory = blocks_step(memory, moves, NOISE, rudders, (now, DT, shown), (LEAST, USUAL, SLIDES), False)
+        memory = blocks_step(memory, moves, NOISE, rudders, (now, DT, shown), (LEAST, USUAL, SLIDES, False))
         judge.on_sample(shown, rate, rudders)
         found = [value for mean in memory.means for value in mean]
         assert found == pytest.approx(np.concatenate([judge.x, *judge.answers.values()]), abs=1e-9)
@@ -111,9 +111,9 @@ def test_the_evidence_of_blocks_is_the_difference_of_log_likelihoods(share: floa
 def test_a_wild_heading_is_in_no_block(wild_so_far: int) -> None:
     before, moves = first_blocks(NOISE, 0.0), transition_of(BOAT, 0.0, NOISE.pace, DT)
     for tick in range(1, 50):
-        before = blocks_step(before, moves, NOISE, (0.0,) * 4, (DT * tick, DT, 0.0), (LEAST, USUAL, SLIDES), False)
+        before = blocks_step(before, moves, NOISE, (0.0,) * 4, (DT * tick, DT, 0.0), (LEAST, USUAL, SLIDES, False))
     before = before._replace(outliers=wild_so_far, stuck=3.0)
-    after = blocks_step(before, moves, NOISE, (0.1,) * 4, (DT * 50, DT, 1.0), (LEAST, USUAL, SLIDES), False)
+    after = blocks_step(before, moves, NOISE, (0.1,) * 4, (DT * 50, DT, 1.0), (LEAST, USUAL, SLIDES, False))
     assert (after.spectrum[1] == before.spectrum[1]) is (wild_so_far < 4)
     assert after.outliers == (wild_so_far + 1 if wild_so_far < 4 else 0)
     if wild_so_far < 4:

@@ -23,6 +23,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -56,40 +57,48 @@ Stream = tuple[int, int, int]
 """Link id, system id, component id: each has timestamps of its own that only grow."""
 
 
-class CountingTimestamps:
-    """Timestamps, each greater than any that was ever used with the key. These begin at a number and are kept nowhere:
-    for one process that never restarts, and for tests."""
-
-    def __init__(self, start: int = 1) -> None:
-        self._used = start
+class Timestamps(Protocol):
+    """Timestamps, each greater than any that was ever used with the key."""
 
     @property
     def current(self) -> int:
         """The greatest timestamp used or seen so far."""
-        return self._used
 
     def next(self) -> int:
         """Use a new timestamp and return it."""
-        self._used += 1
-        return self._used
 
     def saw(self, timestamp: int) -> None:
         """Take note of a timestamp that a correctly signed packet carried: ours go on from there."""
-        self._used = max(self._used, timestamp)
+
+
+class CountingTimestamps:
+    """`Timestamps` that begin at a number and are kept nowhere: for one process that never restarts, and for tests."""
+
+    def __init__(self, start: int = 1) -> None:
+        self.current = start
+
+    def next(self) -> int:
+        """See `Timestamps`."""
+        self.current += 1
+        return self.current
+
+    def saw(self, timestamp: int) -> None:
+        """See `Timestamps`."""
+        self.current = max(self.current, timestamp)
 
 
 class Signing:
     """One key in this process, shared by all its links: a packet recorded on one cannot be replayed on another.
 
     Args:
-        key: 32 bytes.  timestamps: see `CountingTimestamps`.
+        key: 32 bytes.  timestamps: used by all its links.
         first_link: number of the first link, another one in each process of a machine that shares the key.
 
     Attributes:
         refused: how many packets were refused, by reason.  last_refusal: the reason of the newest of them.
     """
 
-    def __init__(self, key: bytes, timestamps: CountingTimestamps, first_link: int = FIRST_LINK) -> None:
+    def __init__(self, key: bytes, timestamps: Timestamps, first_link: int = FIRST_LINK) -> None:
         if len(key) != KEY_SIZE:
             raise ValueError(f"a signing key has {KEY_SIZE} bytes, not {len(key)}")
         self.timestamps = timestamps
@@ -247,8 +256,8 @@ def clock_timestamp() -> int:
     return max(0, int((time.time() - EPOCH_S) * UNITS_PER_S))
 
 
-class TimestampBlocks(CountingTimestamps):
-    """Timestamps from blocks reserved on disk beside the key. Raises InputError where none can be.
+class TimestampBlocks:
+    """`Timestamps` from blocks reserved on disk beside the key. Raises InputError where none can be.
 
     `next` never waits: blocks are taken by `renew`, in a thread of its own once `keep_renewing` is called. Should the
     disk fail, timestamps go on past what is reserved and `complaint` says so. `key`: what the file held at the start.
@@ -270,11 +279,11 @@ class TimestampBlocks(CountingTimestamps):
 
     @property
     def current(self) -> int:
-        """The greatest timestamp used or seen so far; where none was, the one reserved first."""
+        """See `Timestamps`; where none was used or seen, the one reserved first."""
         return max(self._used, self._seen, self._fresh[0] if self._fresh else 0)
 
     def next(self) -> int:
-        """Use a new timestamp and return it."""
+        """See `Timestamps`."""
         fresh = self._fresh
         if fresh is not None:
             self._fresh = None

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -73,6 +73,10 @@ class SteeringChannel(NamedTuple):
                 raise ValueError(f"{name}: minimum, trim and maximum do not rise: {low:g}, {trim:g}, {high:g} us")
 
 
+INPUT_FIELDS = dict(zip(RC_SUFFIXES, ("rc_min", "rc_trim", "rc_max", "rc_dead_zone", "rc_reversed"), strict=True))
+OUTPUT_FIELDS = dict(zip(SERVO_SUFFIXES, ("servo_min", "servo_trim", "servo_max", "servo_reversed"), strict=True))
+
+
 def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
     """Return the way from steering input to rudder servo; None while a piece of it is unknown."""
     rc, servo, expo = parameters.steering_input, parameters.steering_servo, parameters.get(EXPO) or 0.0
@@ -80,24 +84,27 @@ def channel_of(parameters: VehicleParameters) -> SteeringChannel | None:
         return None
     if not parameters.drive.is_mixed:
         return way_through(parameters, rc, servo, expo)
-    given = calibration(parameters, f"RC{rc}", RC_SUFFIXES)
-    return SteeringChannel._make((*given, *MIXED_US, False, expo, None)) if given else None
+    low, trim, high = MIXED_US
+    read = calibration(parameters, f"RC{rc}", INPUT_FIELDS)
+    return SteeringChannel(**read, servo_min=low, servo_trim=trim, servo_max=high, expo=expo) if read else None
 
 
 def way_through(parameters: VehicleParameters, rc: int, servo: int, expo: float = 0.0) -> SteeringChannel | None:
     """Return the way from input channel `rc` to output `servo`, whose share is bent by `expo`; None while a piece of it
     is unknown."""
-    given = calibration(parameters, f"RC{rc}", RC_SUFFIXES)
-    sent = calibration(parameters, f"SERVO{servo}", SERVO_SUFFIXES)
-    return SteeringChannel._make((*given, *sent, expo, None)) if given and sent else None
+    read = calibration(parameters, f"RC{rc}", INPUT_FIELDS)
+    sent = calibration(parameters, f"SERVO{servo}", OUTPUT_FIELDS)
+    return SteeringChannel(**read, **sent, expo=expo) if read and sent else None
 
 
-def calibration(parameters: VehicleParameters, channel: str, suffixes: Sequence[str]) -> list[Any]:
-    """Return the pulses [us] of a channel (`RC1`, `SERVO3`) and whether it is reversed, the last of the `suffixes`;
-    nothing while one of them is unknown."""
-    found = [parameters.get(f"{channel}_{suffix}") for suffix in suffixes]
-    pulses = [round(value) for value in found if value is not None]
-    return [*pulses[:-1], bool(pulses[-1])] if len(pulses) == len(suffixes) else []
+def calibration(parameters: VehicleParameters, channel: str, fields: Mapping[str, str]) -> dict[str, Any]:
+    """Return what `SteeringChannel` has of an input or output (`RC1`, `SERVO3`): the pulses [us], and whether it is
+    reversed. fields: their names by the parameters' endings. Nothing while one of them is unknown."""
+    known = {field: parameters.get(f"{channel}_{suffix}") for suffix, field in fields.items()}
+    pulses = {field: round(value) for field, value in known.items() if value is not None}
+    if len(pulses) < len(fields):
+        return {}
+    return {field: bool(pulse) if field.endswith("reversed") else pulse for field, pulse in pulses.items()}
 
 
 def mixing_of(parameters: VehicleParameters, exponent: float, astern_share: float) -> Mixing:

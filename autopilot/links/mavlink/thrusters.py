@@ -34,12 +34,12 @@ from autopilot.links.mavlink.requests import (
     RADIO_TIMEOUT,
     SAFE_MASK,
     SCALED,
-    SERVO_SUFFIXES,
     VehicleParameters,
 )
 from autopilot.links.mavlink.steering import (
     FIRST_HIGH,
     LEAVE_ALONE,
+    OUTPUT_FIELDS,
     InputTable,
     ServoPulses,
     SteeringChannel,
@@ -68,11 +68,9 @@ class Shown(NamedTuple):
 
 def output_channel(parameters: VehicleParameters, number: int) -> SteeringChannel | None:
     """Return the end points of an output; None while they are not known, or are none."""
-    found = calibration(parameters, f"SERVO{number}", SERVO_SUFFIXES)
-    if not found or not found[0] < found[1] < found[2]:
-        return None
-    low, trim, high, is_reversed = found
-    return SteeringChannel(servo_min=low, servo_trim=trim, servo_max=high, servo_reversed=is_reversed)
+    found = calibration(parameters, f"SERVO{number}", OUTPUT_FIELDS)
+    channel = SteeringChannel(**found)
+    return channel if found and channel.servo_min < channel.servo_trim < channel.servo_max else None
 
 
 def share_of_output(parameters: VehicleParameters, number: int, message: Message) -> float | None:
