@@ -335,7 +335,7 @@ def referred(
     if limits.watches and is_ours:
         boat = couple(model, limits, boat, state, dt)
     boat = turn_step(model, limits, boat, guide.heading, dt, is_late)
-    if not math.isfinite(boat.heading + boat.rate + boat.rudder):
+    if not -math.inf < boat.heading + boat.rate + boat.rudder < math.inf:
         # far quicker than the model of a boat that has lost its way allows: the turn is planned anew
         return started(guide, limits, state)
     planned = 0.0 if is_late else boat.rate

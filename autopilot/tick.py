@@ -37,7 +37,6 @@ from autopilot.estimation.rudder_observer import (
     angle_of,
     begun_at,
     is_fed_back,
-    pushes_about,
     rudder_rate_step,
     write_command,
 )
@@ -356,8 +355,8 @@ def with_rudder_rate(
     limits = gear.angle_max, gear.rate_max
     on_course = way.order.kind is OrderKind.HEADING and steady.time >= way.guide.turning_until
     density, gusty = estimate.fusion.state.intensity.density, config.estimator.noises.usual.gusty_bias
-    is_swept = pushes_about(steady.wave_deviation, density, gusty)
-    rate = rudder_rate_step(estimate.model, before, (steady.rate, command, is_swept, on_course), limits, dt)
+    sea = steady.wave_deviation, density, gusty
+    rate = rudder_rate_step(estimate.model, before, (steady.rate, command, on_course), sea, limits, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))

@@ -46,7 +46,7 @@ def limit(limits: RudderLimits, previous: float, demand: float, dt: float) -> fl
     A demand that is not finite keeps the previous command: the supervisor ends the engagement, the limiter
     only makes sure that nothing worse leaves in this tick. Never outside +-angle_max.
     """
-    if not math.isfinite(demand):
+    if not -math.inf < demand < math.inf:
         demand = previous
     # inf * 0 is nan: a rudder of unlimited rate gets anywhere in no time
     angle_max, rate_max, to_port, to_starboard = limits

@@ -115,13 +115,8 @@ class Fusion(NamedTuple):
 def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
     """Return whether the innovations lie to one side, by a lot for seconds or by a little for the time of gusts."""
     is_even = -INNOVATION_LASTING < fusion.innovation_mean < INNOVATION_LASTING
-    return not is_even or does_lean(fusion.leans, noise)
-
-
-def does_lean(leans: float, noise: FilterNoise) -> bool:
-    """Return whether the headings have leant to one side for the time `leans` [s], and not for longer than a push takes
-    to be learnt: that is something else, instruments that contradict one another."""
-    return 0.0 < leans < LEARNT * noise.gust_time
+    # what leans for longer than a push takes to be learnt is something else, instruments that contradict one another
+    return not is_even or 0.0 < fusion.leans < LEARNT * noise.gust_time
 
 
 NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -251,8 +246,8 @@ def fuse_measured(
     state = carried(model, noises, fusion, past, time)
     unknown = state.p11 + 2.0 * state.p14 + state.p44 + doubt
     apart = rate - state.rate - state.wave_rate
-    is_far = abs(apart) > noises.rate_most + GATE_SIGMAS * math.sqrt(unknown + of_rate)
-    if is_far and not is_pushed(fusion, noises.usual):
+    most = noises.rate_most + GATE_SIGMAS * math.sqrt(unknown + of_rate)
+    if (apart > most or apart < -most) and not is_pushed(fusion, noises.usual):
         # no rudder makes it, and no heading shows that anything else does
         rate = raw = math.nan
     off, innovation, deviation = innovations(state, variances, heading, rate)
@@ -274,8 +269,8 @@ def fuse_measured(
         is_off = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share
         leans = leans + dt if is_off else 0.0
         if noise.waves and leans > 0.0:
-            lasts = does_lean(leans, noise)
-            intensity = raised_intensity(state.intensity, changes, dt) if lasts else reset_density(state.intensity)
+            is_push = leans < LEARNT * noise.gust_time
+            intensity = raised_intensity(state.intensity, changes, dt) if is_push else reset_density(state.intensity)
             state = FilterState(*state[:-1], intensity)
     if rate == rate:
         rates = noise_step(rates, filed_rate, apart, unknown, time, longest)
@@ -497,7 +492,7 @@ def estimated(
         if type(sample) is HeadingSample or type(sample) is RateSample:
             headings.append(sample)
         elif type(sample) is RudderSample:
-            if -RUDDER_MOST <= sample.angle <= RUDDER_MOST and math.isfinite(sample.time):
+            if -RUDDER_MOST <= sample.angle <= RUDDER_MOST and -math.inf < sample.time < math.inf:
                 rudder, path = with_rudder_shown(config, state.memory, rudder, path, now, sample)
         elif type(sample) is SpeedSample or type(sample) is ThrustSample:
             if is_plausible(sample):
@@ -511,7 +506,12 @@ def estimated(
         state = state._replace(path=path)
     if speeds is not state.speeds:
         state = _scheduled(config, state._replace(speeds=speeds))
-    return _with_headings(config, state, rudder, now, headings)
+    if not state.beliefs.takes_rates:
+        headings = without_rates(headings)
+    headings.sort(key=MEASURED_AT)
+    for heading in headings:
+        state = _with_heading(config, state, rudder, now, heading)
+    return state if state.rudder is rudder else _with_rudder(state, rudder)
 
 
 def with_rudder_shown(
@@ -540,23 +540,6 @@ def with_rudder_shown(
     return with_feedback(rudder, time, angle), path
 
 
-def _with_headings(
-    config: EstimatorConfig,
-    state: EstimatorState,
-    rudder: RudderObserver,
-    now: float,
-    headings: list[HeadingSample | RateSample],
-) -> EstimatorState:
-    """Return the state after headings and rates, the `rudder` having been observed until `now` [s]."""
-    if not state.beliefs.takes_rates:
-        headings = without_rates(headings)
-    if len(headings) > 1:
-        headings.sort(key=MEASURED_AT)
-    for heading in headings:
-        state = _with_heading(config, state, rudder, now, heading)
-    return state if state.rudder is rudder else _with_rudder(state, rudder)
-
-
 def _with_rudder(state: EstimatorState, rudder: RudderObserver) -> EstimatorState:
     return EstimatorState(state.model, rudder, *state[2:])
 
@@ -579,11 +562,12 @@ def _with_heading(
     now: float,
     sample: HeadingSample | RateSample,
 ) -> EstimatorState:
+    """Return the state after a heading or a rate, the `rudder` having been observed until `now` [s]."""
     heading = sample.heading if type(sample) is HeadingSample else 0.0
     time, rate, taken, newest = sample.time, sample.rate, state.taken, state.fusion.state.time
     is_bounded = rate is None or -RATE_MOST <= rate <= RATE_MOST
     # a sum is finite only where every part of it is
-    if not (is_bounded and math.isfinite(time + heading)):
+    if not (is_bounded and -math.inf < time + heading < math.inf):
         return state
     # a clock that is a little ahead must not carry the filter into the future
     if time > now:

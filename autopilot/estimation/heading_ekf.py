@@ -552,7 +552,7 @@ def is_sound(state: FilterState) -> bool:
     density, bias, rudder, variance = state.intensity
     # a sum is finite only where every part of it is
     return (
-        math.isfinite(sum((*state[:-2], *state.sea, density, *bias, *rudder, variance)))
+        -math.inf < sum((*state[:-2], *state.sea, density, *bias, *rudder, variance)) < math.inf
         and state.p00 >= 0.0
         and state.p11 >= 0.0
         and state.p22 >= 0.0

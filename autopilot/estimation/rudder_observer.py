@@ -280,25 +280,23 @@ def gone_by(gear: SteeringGear, state: RudderRate) -> SteeringGear:
     return gear if state.slower == 1.0 else gear._replace(rate_max=gear.rate_max / state.slower)
 
 
-def pushes_about(wave_deviation: float, density: float, gusty: float) -> bool:
-    """Return whether a sea pushes a boat about: waves of that deviation [rad], or a density of gusts that is a good
-    share of the most there may be, `gusty` [rad^2/s]."""
-    return wave_deviation >= WAVE_DEVIATION_FIRST or density >= GUSTY * gusty
-
-
 def rudder_rate_step(
     model: Norrbin,
     before: RudderRate,
-    steered: tuple[float, float, bool, bool],
+    steered: tuple[float, float, bool],
+    sea: tuple[float, float, float],
     limits: tuple[float, float],
     dt: float,
 ) -> RudderRate:
-    """Return what is known `dt` [s] later. steered: the boat's rate [rad/s] and the rudder's command [rad] since;
-    whether a sea pushes the boat about, which lasts longer than the mean of y, and what the boat does says as much
-    less; and whether it is on its course too, where the rudder answers the sea. limits: the rudder's angle [rad] and
-    filed rate [rad/s]."""
+    """Return what is known `dt` [s] later. steered: the boat's rate [rad/s] and the rudder's command [rad] since, and
+    whether it is on its course, where the rudder answers the sea. sea: the waves' deviation [rad], the density of the
+    gusts and the most there may be [rad^2/s]. limits: the rudder's angle [rad] and filed rate [rad/s].
+
+    What pushes the boat about, such waves or a good share of those gusts, lasts longer than the mean of y, and what the
+    boat does says as much less.
+    """
     gears, last, damped, time, found, squared, slower, is_sure = before
-    (rate, command, is_swept, on_course), (angle_max, rate_max) = steered, limits
+    (rate, command, on_course), (waves, density, gusty), (angle_max, rate_max) = steered, sea, limits
     gain, time_constant, n3, n2, n1, n0, _ = model
     if not dt > 0.0 or not rate_max < math.inf or n1 <= 0.0:
         return before
@@ -329,7 +327,7 @@ def rudder_rate_step(
     y = time_constant * (slow - last) / dt + damped
     lasts = passed if passed > GEAR_SEA else GEAR_SEA
     longer = time_constant if time_constant > GEAR_SEA else GEAR_SEA
-    is_swept = is_swept and longer > lasts
+    is_swept = (waves >= WAVE_DEVIATION_FIRST or density >= GUSTY * gusty) and longer > lasts
     dt = dt * lasts / longer if is_swept else dt
     answers = is_swept and on_course
     time, found, squared = kept * time + dt, kept * found + dt * y, kept * squared + dt * y * y

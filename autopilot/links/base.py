@@ -216,17 +216,17 @@ OFF_HEADING = math.radians(10.0)
 
 
 class AlarmNews:
-    """Says an alarm under `source` when it begins, becomes another, or ends."""
+    """Says an alarm under `source` when it begins, becomes another, or ends. Attribute: said, the alarm said last."""
 
     def __init__(self, source: str) -> None:
         self._source = source
-        self._said: AlarmEvent | None = None
+        self.said: AlarmEvent | None = None
 
     def of(self, now: float, alarm: AlarmEvent | None) -> list[Sample]:
         """Return what is to be said of the alarm of `now` [s]."""
-        if alarm == self._said:
+        if alarm == self.said:
             return []
-        self._said = alarm
+        self.said = alarm
         return [AlarmSample(now, alarm, self._source)]
 
 
@@ -248,7 +248,8 @@ class GuideAlarms(Link):
 
     def receive(self, now: float) -> list[Sample]:
         """Return what is new."""
-        return self._news.of(now, self._guide.alarm)
+        alarm = self._guide.alarm
+        return [] if alarm == self._news.said else self._news.of(now, alarm)
 
 
 class HelmNews:

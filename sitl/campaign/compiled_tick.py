@@ -36,7 +36,6 @@ from autopilot.estimation.rudder_observer import (
     advanced,
     angle_from,
     ordered,
-    pushes_about,
     rudder_rate_step,
 )
 from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
@@ -212,9 +211,9 @@ def tick(
     # numba takes no condition inside the call below
     gear = config.estimator.gear
     gusty = config.estimator.noises.usual.gusty_bias
-    is_swept = pushes_about(state.wave_deviation, listened.fusion.state.intensity.density, gusty)
-    steered = state.rate, pilot_state.command, is_swept, now >= pilot_state.guide.turning_until
-    rate = rudder_rate_step(model, pilot_state.rate, steered, (gear.angle_max, gear.rate_max), dt)
+    sea = state.wave_deviation, listened.fusion.state.intensity.density, gusty
+    steered = state.rate, pilot_state.command, now >= pilot_state.guide.turning_until
+    rate = rudder_rate_step(model, pilot_state.rate, steered, sea, (gear.angle_max, gear.rate_max), dt)
     gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
     return State(

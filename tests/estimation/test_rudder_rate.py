@@ -17,6 +17,9 @@ MOST, RATE = math.radians(30.0), math.radians(5.0)
 DT = 0.1
 
 
+CALM = 0.0, 0.0, 1.0
+
+
 def found(
     slower: float,
     seconds: float = 30.0,
@@ -32,9 +35,8 @@ def found(
         command = 0.0 if now < 2.0 else size if now % 30.0 < 15.0 else -size
         rudder += min(max(command - rudder, -RATE / slower * DT), RATE / slower * DT)
         rate += DT * yaw_acceleration(boat, rate, rudder + push(now))
-        state = rudder_rate_step(
-            BOAT, state, (rate + noise * random.standard_normal(), command, False, False), (MOST, RATE), DT
-        )
+        shown = rate + noise * random.standard_normal()
+        state = rudder_rate_step(BOAT, state, (shown, command, False), CALM, (MOST, RATE), DT)
     return state, rudder
 
 
@@ -65,6 +67,6 @@ def test_a_rudder_that_hardly_moves_tells_nothing() -> None:
 
 
 def test_a_course_unstable_boat_and_a_rudder_without_a_rate_are_left_alone() -> None:
-    steered = 0.1, MOST, False, False
-    assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, (MOST, RATE), DT) is AS_FILED
-    assert rudder_rate_step(BOAT, AS_FILED, steered, (MOST, math.inf), DT) is AS_FILED
+    steered = 0.1, MOST, False
+    assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, CALM, (MOST, RATE), DT) is AS_FILED
+    assert rudder_rate_step(BOAT, AS_FILED, steered, CALM, (MOST, math.inf), DT) is AS_FILED

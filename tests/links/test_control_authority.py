@@ -283,14 +283,14 @@ def test_who_steers_and_sees_no_report_for_three_seconds_is_blind(guided: bool) 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_stick_moved_by_more_than_150_microseconds_takes_the_helm(sign: int) -> None:
     found = watch()
-    found.stick(2, 1100)
+    found.sticks([2], [0, 0, 1100])
     found.commanded(0.0, 1500)
-    found.stick(2, 1500)
-    found.stick(2, 0)
-    found.stick(2, 1500 + sign * 20)
-    found.stick(2, 1500 + sign * 170)
+    found.sticks([2], [0, 0, 1500])
+    found.sticks([2], [0, 0, 0])
+    found.sticks([2], [0, 0, 1500 + sign * 20])
+    found.sticks([2], [0, 0, 1500 + sign * 170])
     assert not found.disobeyed
-    found.stick(2, 1500 + sign * 171)
+    found.sticks([2], [0, 0, 1500 + sign * 171])
     assert found.reason(0.0, parameters(), 255) == "the stick on RC channel 2 was moved: the helm is yours"
 
 

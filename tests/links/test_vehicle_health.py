@@ -117,9 +117,8 @@ def test_status_texts_without_fence_or_shallow_raise_no_condition(words: str) ->
 RECEIVER = int(dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
 
 
-def channels(throttle: int = 1500, rssi: int = 255, count: int = 16) -> Any:
-    pulses = [1500, 1500, throttle, *[1500] * 13, 0, 0]
-    return sent(dialect.MAVLink_rc_channels_message(0, count, *pulses, rssi))
+def channels(throttle: int = 1500, rssi: int = 255, count: int = 16) -> tuple[list[int], int]:
+    return [count, 1500, 1500, throttle, *[1500] * 13, 0, 0], rssi
 
 
 def parameters(**values: float) -> VehicleParameters:
@@ -139,15 +138,15 @@ def parameters(**values: float) -> VehicleParameters:
 )
 def test_a_lost_radio_shows_in_rc_channels(well: dict[str, int], lost: dict[str, int], word: str) -> None:
     radio, known = RadioWatch(), parameters(FS_THR_ENABLE=1.0)
-    radio.channels(0.0, channels(**well), known)
+    radio.channels(0.0, *channels(**well), known)
     for n in range(4):
-        radio.channels(1.0 + n * LASTS_S / 4, channels(**lost), known)
+        radio.channels(1.0 + n * LASTS_S / 4, *channels(**lost), known)
     assert radio.reason(known) == "", "not for a moment"
-    radio.channels(1.01 + LASTS_S, channels(**lost), known)
+    radio.channels(1.01 + LASTS_S, *channels(**lost), known)
     assert radio.reason(known).startswith("the radio is lost: ")
     assert word in radio.reason(known)
     assert radio.reason(parameters(FS_THR_ENABLE=0.0)) == ""
-    radio.channels(2.0, channels(**well), known)
+    radio.channels(2.0, *channels(**well), known)
     assert radio.reason(known) == ""
 
 
@@ -155,7 +154,7 @@ def test_a_lost_radio_shows_in_rc_channels(well: dict[str, int], lost: dict[str,
 def test_a_radio_that_never_was_is_not_lost(never: dict[str, int]) -> None:
     radio, known = RadioWatch(), parameters()
     for n in range(50):
-        radio.channels(0.1 * n, channels(**never), known)
+        radio.channels(0.1 * n, *channels(**never), known)
         radio.status(0, 0)
         radio.status(RECEIVER, 0)
     assert radio.reason(known) == ""
@@ -235,18 +234,18 @@ def test_a_radio_is_lost_beyond_its_limits_and_not_at_them(
     before: dict[str, int], now_: dict[str, int], lost: bool
 ) -> None:
     radio, known = RadioWatch(), parameters()
-    radio.channels(-1.0, channels(**before), known)
+    radio.channels(-1.0, *channels(**before), known)
     for now in (0.0, 0.29):
-        radio.channels(now, channels(**now_), known)
+        radio.channels(now, *channels(**now_), known)
         assert radio.reason(known) == "", "not for a moment"
-    radio.channels(0.3, channels(**now_), known)
+    radio.channels(0.3, *channels(**now_), known)
     assert bool(radio.reason(known)) is lost
 
 
 def test_a_radio_that_comes_and_goes_is_not_lost() -> None:
     radio, known = RadioWatch(), parameters()
     for step in range(20):
-        radio.channels(0.2 * step, channels(throttle=(1500, 900)[step % 2]), known)
+        radio.channels(0.2 * step, *channels(throttle=(1500, 900)[step % 2]), known)
         assert radio.reason(known) == ""
 
 

@@ -21,11 +21,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.requests import OVERRIDE_TIME, SPEED_SCALING, TWO_PADDLES, VehicleParameters
 from autopilot.models.drives import DRIVES
 from autopilot.signals import HelmCause
@@ -246,7 +245,7 @@ class ControlAuthority:
         self._strange_until = -math.inf
         self._contested = (-math.inf, -math.inf)
         """Since when, and when last, the input has shown pulses that are none of ours."""
-        self._sticks: dict[int, int] = {}
+        self._stood: dict[int, int] = {}
         self.cause = HelmCause.TAKEN
         """What kind the reason given last is of."""
         self.stood_still = 0.0
@@ -323,12 +322,11 @@ class ControlAuthority:
         assert number is not None
         if switch is not None:
             self.switch(0 < pulses[switch] < SWITCH_LOW_US)
-        for stick in parameters.free_sticks:
-            self.stick(stick, pulses[stick])
         pulse = pulses[number]
         if self._guided:
-            self.stick(number, pulse)  # nobody overrides it: it shows the hand
+            self.sticks((*parameters.free_sticks, number), pulses)  # nobody overrides it: it shows the hand
             return False
+        self.sticks(parameters.free_sticks, pulses)
         if recent := self.echo.pulses:
             self.seen(now, f"RC channel {number}", pulse, recent, is_input=True)
         is_meant = self.steering or self.another_steers or self._may_share
@@ -336,8 +334,6 @@ class ControlAuthority:
 
     def others_override(self, now: float) -> bool:
         """Return whether the steering input has shown pulses of late that are none of ours, while we steer."""
-        if len(self._strange) == STRANGE_REPORTS and self._strange[-1] - self._strange[0] <= STRANGE_S:
-            self._strange_until = self._strange[-1] + STRANGE_LASTS_S
         return self.steering and now <= self._strange_until
 
     def seen(self, now: float, what: str, pulse: int, expected: Collection[int], is_input: bool = False) -> None:
@@ -349,6 +345,8 @@ class ControlAuthority:
         # nobody else's: what was reported before our first command of all arrived there, and an echo that comes late
         if is_input and not agrees and now - echo.began > ECHO_PATIENCE_S and not echo.is_late(pulse):
             self._strange.append(now)
+            if len(self._strange) == STRANGE_REPORTS and now - self._strange[0] <= STRANGE_S:
+                self._strange_until = now + STRANGE_LASTS_S
             since, last = self._contested
             self._contested = (since if now - last <= CONTEST_GAP_S else now, now)
             if now - self._contested[0] > CONTEST_S and not self._may_share:
@@ -364,15 +362,18 @@ class ControlAuthority:
         """Give the helm up for a reason that was found elsewhere."""
         self.disobeyed = sentence
 
-    def stick(self, number: int, pulse: int) -> None:
-        """Take where a stick stands that does not steer: moved while we steer, it takes the helm."""
-        stood = self._sticks.get(number)
-        if not self.steering or not pulse:
-            self._sticks.pop(number, None)
-        elif stood is None:
-            self._sticks[number] = pulse
-        elif not -STICK_MOVED_US <= pulse - stood <= STICK_MOVED_US:
-            self.disobeyed = f"the stick on RC channel {number} was moved: the helm is yours"
+    def sticks(self, numbers: Iterable[int], pulses: Sequence[int]) -> None:
+        """Take where the sticks of these `numbers` stand, none of which steers: moved while we steer, it takes the
+        helm."""
+        stood = self._stood
+        for number in numbers:
+            pulse = pulses[number]
+            if not self.steering or not pulse:
+                stood.pop(number, None)
+            elif number not in stood:
+                stood[number] = pulse
+            elif not -STICK_MOVED_US <= pulse - stood[number] <= STICK_MOVED_US:
+                self.disobeyed = f"the stick on RC channel {number} was moved: the helm is yours"
 
     def cleared_by_stick(self) -> None:
         """Take that the firmware has ended our overrides because a stick was moved (RC_OPTIONS bit 14)."""
@@ -533,15 +534,16 @@ class RadioWatch:
         """Return why the radio counts as lost; empty where it does not, or where the firmware does without it."""
         return "" if parameters.get("FS_THR_ENABLE") == 0.0 else next(iter(self.found.values()), "")
 
-    def channels(self, now: float, message: Message, parameters: VehicleParameters) -> None:
-        """Take RC_CHANNELS. A vehicle without a radio does not lose it."""
-        seen, rssi, count = self._seen, message.rssi, message.chancount
+    def channels(self, now: float, pulses: Sequence[int], rssi: int, parameters: VehicleParameters) -> None:
+        """Take RC_CHANNELS: how many channels there are, and behind it their pulses [us], each at its number. A vehicle
+        without a radio does not lose it."""
+        seen, count = self._seen, pulses[0]
         if RSSI_THERE <= rssi < RSSI_UNKNOWN:
             seen.add("rssi")
         if count > 0 and "count" not in seen:
             seen.add("count")
         limit, channel = parameters.throttle_failsafe, parameters.throttle_input
-        pulse = getattr(message, f"chan{channel}_raw") if limit is not None else 0
+        pulse = pulses[channel] if limit is not None else 0
         is_low = limit is not None and 0 < pulse < limit
         is_weak, has_none = "rssi" in seen and rssi <= RSSI_GONE, "count" in seen and count == 0
         if is_low or is_weak or has_none or self._since:

@@ -183,6 +183,18 @@ class ServoPulses(dict[int, int]):
         return servo
 
 
+class ServoAngles(dict[int, float]):
+    """The rudder's angle [rad] for each pulse [us] of its servo that is shown; worked out once."""
+
+    def __init__(self, channel: SteeringChannel, share_per_radian: float) -> None:
+        super().__init__()
+        self._channel, self._share_per_radian = channel, share_per_radian
+
+    def __missing__(self, pulse: int) -> float:
+        angle = self[pulse] = share_from_servo(self._channel, pulse) / self._share_per_radian
+        return angle
+
+
 class InputTable:
     """The input, pulse or stick, for every share of full rudder that the servo can show."""
 
@@ -271,6 +283,7 @@ class SteeringOutput:
         channel: its way from steering input to rudder servo, None while unknown.
         commanded_pulse: input pulse [us] that the last steering message asks for.
         servo_pulses: the servo's pulse [us] for an input pulse [us], by the channel in force.
+        servo_angles: the rudder's angle [rad] for a pulse [us] of the servo.
         share_per_radian: share of full steering for each radian of rudder, negative where full steering is port.
         mixing: how a skid-steered frame mixes, and what its thrusters do.
         throttle: that beside which a skid-steered frame steers, a share of full; whoever sees it sets it.
@@ -292,8 +305,9 @@ class SteeringOutput:
         self.channel: SteeringChannel | None = None
         self.commanded_pulse = 0
         self._by_pulse = method != "manual_control"
-        self.servo_pulses = ServoPulses(SteeringChannel())
         self.share_per_radian = (-1.0 if reversed_ else 1.0) / rudder_at_full
+        self.servo_pulses = ServoPulses(SteeringChannel())
+        self.servo_angles = ServoAngles(SteeringChannel(), self.share_per_radian)
         self._scale, self._angle_max = servo_us, angle_max
         self.mixing, self.throttle = thrusters, 0.0
         self.bow: BowThrusterOutput | None = None
@@ -325,7 +339,8 @@ class SteeringOutput:
             self._table = pulse_table(channel) if self._by_pulse else manual_table(channel)
         except ValueError as error:
             return f"the vehicle's parameters leave no room to steer ({error}); correct them"
-        self._number, self.channel, self.servo_pulses = number, channel, ServoPulses(channel)
+        self._number, self.channel = number, channel
+        self.servo_pulses, self.servo_angles = ServoPulses(channel), ServoAngles(channel, self.share_per_radian)
         return self._short_of_angle(channel, parameters.steering_servo)
 
     def _short_of_angle(self, channel: SteeringChannel, servo: int | None) -> str:
@@ -352,7 +367,7 @@ class SteeringOutput:
     def steer(self, now: float, angle: float, thruster: float = 0.0) -> Message | None:
         """Return the message for rudder `angle` [rad] and a bow thruster's share of full, -1 to 1; None where the
         vehicle is not known well enough."""
-        if self._table is None or self.channel is None or not math.isfinite(angle):
+        if self._table is None or self.channel is None or not -math.inf < angle < math.inf:
             return None
         share = angle * self.share_per_radian
         if self._is_mixed:

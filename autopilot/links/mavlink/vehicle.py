@@ -342,9 +342,9 @@ class VehicleReader:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
         authority = self.authority
         authority.received_time = now
-        handler = self.handlers.get(message._header.msgId)
-        if handler is not None:
-            handler(now, message, samples)
+        identity = message._header.msgId
+        if identity in self.handlers:
+            self.handlers[identity](now, message, samples)
         # PX4 leaves Offboard for a lost radio by itself, where it is set to
         authority.radio = self.radio.reason(self.parameters) if self.radio.found and not self.is_px4 else ""
 
@@ -378,7 +378,8 @@ class VehicleReader:
         measured = self._sample_time(now, message.time_boot_ms * 1.0e-3)
         if measured is None:
             return
-        self.streams.age = min(self.streams.age, now - measured)
+        if now - measured < self.streams.age:
+            self.streams.age = now - measured
         time = measured - self._latency
         yaw, rate, roll, roll_rate = message.yaw, message.yawspeed, message.roll, message.rollspeed
         # These comparisons are also false for nan.
@@ -447,8 +448,8 @@ class VehicleReader:
         if recent := self.authority.echo.pulses:
             asked = [output.servo_pulses[sent] for sent in recent]
             self.authority.seen(now, f"servo {servo}", pulse, asked)
-        angle = share_from_servo(channel, pulse) / output.share_per_radian
-        samples.append(RudderSample(self._servo_time(now, message.time_usec), angle, True, SERVO_SOURCE))
+        time = self._servo_time(now, message.time_usec)
+        samples.append(RudderSample(time, output.servo_angles[pulse], True, SERVO_SOURCE))
 
     def _throttle(self, now: float, number: int, message: Message, samples: list[Sample]) -> None:
         """Take what the one motor is given at that output, where thrust steers."""
@@ -484,11 +485,11 @@ class VehicleReader:
         if self._is_overtaken(now, CHANNELS, message.time_boot_ms * 1.0e-3, WRAP_S):
             return
         self._channels_time = now
-        self.radio.channels(now, message, parameters)
-        number = parameters.steering_input
+        shown, number = INPUTS_OF(message), parameters.steering_input
+        self.radio.channels(now, shown, message.rssi, parameters)
         if number is None:
             return
-        pulses = [0 if pulse == NO_CHANNEL else pulse for pulse in INPUTS_OF(message)]
+        pulses = [0 if pulse == NO_CHANNEL else pulse for pulse in shown]
         acts_again = authority.inputs(now, pulses, parameters)
         if self.bow is not None:
             self.bow.report(now, pulses[self.bow.channel])
