@@ -190,6 +190,12 @@ FASTEST_SHARE = 0.75
 """The fastest group stands at this quantile of all slopes, weighted by travel: a few flukes are not a rate."""
 FEWEST_MOVEMENTS = 3
 """One straight line may be a hand on the wheel, or a gap in the record that was bridged."""
+SLOWEST_SENSOR_S = 1.0
+"""A rudder sensor with fewer samples than one in so long is taken to have no noise between them."""
+GAP_GROWS = 1.25
+"""Each gap over which noise is looked for is at most so many times the one before, or one sample wider."""
+NOISE_STAYS = 1.15
+"""White noise of 100 samples tells its deviation to a tenth; movement adds as much as the gap grows, or its square."""
 WORST_ERROR = 0.1
 """A slope with a larger standard error, as a share of it, says nothing."""
 
@@ -254,10 +260,15 @@ def _fastest_group(slopes: Sequence[_Slope]) -> list[_Slope]:
 
 
 def _slopes(time: FloatArray, rudder: FloatArray) -> list[_Slope]:
-    """Return the slope of every straight piece of a stretch that is long enough to be slewing."""
+    """Return the slope of every straight piece of a stretch that is long enough to be slewing.
+
+    A value that stands is a slower sensor's that was written again, or a rudder at rest: its first sample says it all.
+    """
+    news = np.concatenate([[True], np.diff(rudder) != 0.0])
+    time, rudder = time[news], rudder[news]
     if time.size < FEWEST_SAMPLES + 2:
         return []
-    noise = _noise(rudder)
+    noise = _noise(time, rudder)
     least = max(SMALLEST_TRAVEL, TRAVEL_NOISES * noise)
     corners = _corners(time, rudder, max(CORNER_NOISES * noise, 0.05 * SMALLEST_TRAVEL))
     pieces = [
@@ -288,7 +299,7 @@ def small_swings(segments: Sequence[Segment]) -> float:
     a zigzag, much of it where a hand or a pilot steers a course."""
     small = whole = 0.0
     for segment in segments:
-        noise = _noise(segment.rudder) if segment.rudder.size > FEWEST_SAMPLES else 0.0
+        noise = _noise(segment.time, segment.rudder) if segment.rudder.size > FEWEST_SAMPLES else 0.0
         at = _corners(segment.time, segment.rudder, max(CORNER_NOISES * noise, 0.05 * SMALLEST_TRAVEL))
         moved = np.diff(segment.rudder[at])
         turns = np.flatnonzero(np.diff(np.sign(moved))) + 1
@@ -302,13 +313,30 @@ SMALL_SWING = 0.4
 """Share of the largest swing below which one is small: of zigzags with 10 and 20 deg in one record none is."""
 
 
-def _noise(rudder: FloatArray) -> float:
+def _noise(time: FloatArray, rudder: FloatArray) -> float:
     """Return the standard deviation of the noise [rad] from second differences, which straight lines do not have.
 
     Their median keeps corners out of it; 0.6745 is a normal distribution's median of absolute values, 6 the variance
-    of a second difference of white noise.
+    of a second difference of white noise. Between the samples of a slower sensor a record is interpolated and straight,
+    so that the differences of neighbours tell too little: over wider gaps they grow until each gap spans one of the
+    sensor's, and stay where the noise is. What grows on is movement, and neighbours are what tells least of that.
     """
-    return float(np.median(np.abs(np.diff(rudder, 2)))) / (0.6745 * math.sqrt(6.0))
+    if rudder.size < FEWEST_SAMPLES:
+        return 0.0
+    first = here = _second_difference(rudder, 1)
+    gap, widest = 2, min((rudder.size - 1) // 2, math.ceil(SLOWEST_SENSOR_S / float(np.median(np.diff(time)))))
+    while gap <= widest:
+        wider = _second_difference(rudder, gap)
+        if wider <= NOISE_STAYS * here:
+            return here
+        gap, here = max(gap + 1, int(GAP_GROWS * gap)), wider
+    return first
+
+
+def _second_difference(rudder: FloatArray, gap: int) -> float:
+    """Return the deviation [rad] of a noise whose second differences over `gap` samples are the record's."""
+    differences = rudder[2 * gap :] - 2.0 * rudder[gap:-gap] + rudder[: -2 * gap]
+    return float(np.median(np.abs(differences))) / (0.6745 * math.sqrt(6.0))
 
 
 def _corners(time: FloatArray, rudder: FloatArray, tolerance: float) -> list[int]:

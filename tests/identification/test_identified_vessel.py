@@ -208,6 +208,23 @@ def test_the_rudders_rate_is_measured_within_a_tenth_and_knows_its_error(rate_de
     assert max(np.abs(scores)) < 6.0  # corners leave a little beside the noise: 3 would be by noise alone
 
 
+@pytest.mark.parametrize("is_held", [True, False])
+@pytest.mark.parametrize("sensor_hz", [2.0, 5.0])
+@pytest.mark.parametrize("rate_deg_s", [3.0, 5.0])
+def test_a_rudder_sensor_slower_than_the_record_shows_the_rate(
+    rate_deg_s: float, sensor_hz: float, is_held: bool
+) -> None:
+    """Neighbours in the record are then one sample, or lie on one line: they do not show the sensor's noise."""
+    for seed in range(6):
+        shown = slewing(rate_deg_s, 0.3, seed)
+        took = shown.time[:: round(10.0 / sensor_hz)]
+        angles = shown.rudder[:: round(10.0 / sensor_hz)]
+        held = angles[np.searchsorted(took, shown.time, side="right") - 1]
+        found = measured_rate([(shown.time, held if is_held else np.interp(shown.time, took, angles))])
+        assert found is not None
+        assert math.degrees(found.rate) == pytest.approx(rate_deg_s, rel=0.03)
+
+
 def slewing(rate_deg_s: float, noise_deg: float, seed: int) -> Segment:
     """Return 200 s of a rudder that goes from 15 deg to one side to 15 deg to the other at its rate, at 10 Hz."""
     random = np.random.default_rng(seed)
