@@ -33,12 +33,13 @@ from autopilot.identification.likelihood_record import (
 from autopilot.identification.likelihood_search import (
     GUST_TIME_S,
     GUST_TIME_WIDTH,
+    NEAR,
     RATE_NAMES,
     SWAY,
     Space,
     approached,
     inverse,
-    maximised,
+    settled,
 )
 from autopilot.identification.marginal_likelihood import (
     Rates,
@@ -202,14 +203,18 @@ def likelihood_fit(
     if not math.isfinite(space.found(space.start).loss):
         return None
     draws = DRAWS if record.nodes <= LONG else DRAWS // 2
-    tried = [_without_white(space, usual)]
-    space = tried[0][0]
+    space, best, loss = _without_white(space, usual)
+    best, loss, curvature = settled(space, best, loss)
+    bare = space, best, loss, curvature
     progress()
-    tried += [(other, *maximised(other, other.start)) for other in _with_waves(space, *tried[0][1:3], usual)]
+    waves = [(other, *approached(other, other.start)) for other in _with_waves(space, best, loss, usual)]
+    least = min(loss, *(each[2] for each in waves)) if waves else loss
+    # a difference, not a sum: a loss may be so large that the limit is lost in it
+    hopeful = [each for each in waves if each[2] - least < NO_KIND + NEAR]
+    tried = [bare, *((each[0], *settled(*each)) for each in hopeful)]
     progress()
     space, best, loss, _ = min(tried, key=lambda each: each[2])
-    # a difference, not a sum: a loss may be so large that the limit is lost in it
-    likely = [each for each in tried if each[2] - loss < (NO_PART if each[0] is tried[0][0] else NO_KIND)]
+    likely = [each for each in tried if each[2] - loss < (NO_PART if each is bare else NO_KIND)]
     found = [averaged(*each[:2], each[3], draws) for each in likely]
     progress()
     space, best, *_ = likely[max(range(len(found)), key=lambda k: found[k].evidence)]
@@ -585,24 +590,24 @@ def largest_rate(segments: Sequence[Segment]) -> float:
     return max([1.0e-5, *found])
 
 
-def _without_white(space: Space, usual: Weather) -> tuple[Space, FloatArray, float, FloatArray]:
-    """Return what `maximised` finds in a space, with the space; where it ends in white pushes, of a second search that
+def _without_white(space: Space, usual: Weather) -> tuple[Space, FloatArray, float]:
+    """Return what `approached` finds in a space, with the space; where it ends in white pushes, of a second search that
     begins in lasting gusts, if that ends better.
 
     White pushes stand for gusts, for waves and for what the model misses alike, and take the instruments' noise with
     them: whatever comes next would be beside the noise that they ended with.
     """
-    z, loss, curvature = maximised(space, space.start)
+    z, loss = approached(space, space.start)
     rates, weather, train = space.opened(z)
     if weather.white > ROUGH_WHITE * usual.white:
         lasting = _long_gusts(weather, usual.white)._replace(gyro=usual.gyro, compass=usual.compass)
         other = Space(space.record, rates, lasting, train, space.parts, space.scale, space.beside_at(z), space.groups)
         other.priors, other.path = space.priors, space.path
         if math.isfinite(other.found(other.start).loss):
-            again = maximised(other, other.start)
+            again = approached(other, other.start)
             if again[1] < loss:
                 return other, *again
-    return space, z, loss, curvature
+    return space, z, loss
 
 
 def _long_gusts(weather: Weather, white: float) -> Weather:
@@ -645,9 +650,10 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
                 start.start[-len(space.strengths) :] = z[-len(space.strengths) :]
             # the boat's own path is near, whatever the waves
             start.path[:, :3] = space.path
-            tried.append((start, start.found(start.start).loss))
-        likeliest, least = min(tried, key=lambda each: each[1])
-        if least < loss - maybe or hurried:
+            # one step of Newton's tells sizes from one another
+            tried.append((start, start.found(start.start, rounds=1).loss))
+        likeliest, _ = min(tried, key=lambda each: each[1])
+        if hurried or likeliest.found(likeliest.start).loss < loss - maybe:
             found.append(likeliest)
     return found
 

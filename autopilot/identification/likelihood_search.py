@@ -411,13 +411,12 @@ class Space:
         return path.loss
 
 
-def maximised(space: Space, start: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-    """Return the vector of the least loss near `start`, the loss, and the curvature there.
+def settled(space: Space, z: FloatArray, loss: float) -> tuple[FloatArray, float, FloatArray]:
+    """Return the vector of the least loss near `z`, where `approached` ended, the loss, and the curvature there.
 
     With the curvature the search goes on until what is left to gain is nothing beside the doubt, so that the end is the
     same from wherever it came.
     """
-    z, loss = approached(space, start)
     for _ in range(STAGES):
         curvature, slope = _curvature(space, z)
         axes = _axes(curvature)

@@ -297,6 +297,7 @@ def motion_of(
     begin, end, S = record.begin, record.begin + 1, record.substeps
     a, b, d, e = rates
     h, r, push = record.step / S, states[begin, 1], pushed_by(states[begin], pushing)
+    half, sixth, small = 0.5 * h, h / 6.0, h / 24.0
     # how the rate changes with the rate at the step's begin, and with the gust
     by = np.stack([np.ones_like(r), np.zeros_like(r)])
     turned, turned_by = np.zeros_like(r), np.zeros_like(by)
@@ -304,20 +305,20 @@ def motion_of(
     for s in range(S):
         steering = record.scales.steering[s]
         drive = steering * (a * rudder[0][s] - e) + push + record.push[s]
-        half = (0.5 * a) * steering * rudder[1][s]
+        rise = (0.5 * a) * steering * rudder[1][s]
         terms = b * record.scales.linear[s], d * record.scales.higher[s], record.power
-        k1, by1 = _turning(terms, drive - half, r, by)
-        k2, by2 = _turning(terms, drive, r + 0.5 * h * k1, by + 0.5 * h * by1)
-        k3, by3 = _turning(terms, drive, r + 0.5 * h * k2, by + 0.5 * h * by2)
-        k4, by4 = _turning(terms, drive + half, r + h * k3, by + h * by3)
+        k1, by1 = _turning(terms, drive - rise, r, by)
+        k2, by2 = _turning(terms, drive, r + half * k1, by + half * by1)
+        k3, by3 = _turning(terms, drive, r + half * k2, by + half * by2)
+        k4, by4 = _turning(terms, drive + rise, r + h * k3, by + h * by3)
         middle, by_middle = k2 + k3, by2 + by3
-        turned = turned + h * (r + h / 6.0 * (k1 + middle))
-        turned_by = turned_by + h * (by + h / 6.0 * (by1 + by_middle))
+        turned += h * (r + sixth * (k1 + middle))
+        turned_by += h * (by + sixth * (by1 + by_middle))
         points[0, 2 * s], points[1:, 2 * s] = r, by
-        points[0, 2 * s + 1] = r + h / 24.0 * (5.0 * k1 + 4.0 * middle - k4)
-        points[1:, 2 * s + 1] = by + h / 24.0 * (5.0 * by1 + 4.0 * by_middle - by4)
-        r = r + h / 6.0 * (k1 + 2.0 * middle + k4)
-        by = by + h / 6.0 * (by1 + 2.0 * by_middle + by4)
+        points[0, 2 * s + 1] = r + small * (5.0 * k1 + 4.0 * middle - k4)
+        points[1:, 2 * s + 1] = by + small * (5.0 * by1 + 4.0 * by_middle - by4)
+        r = r + sixth * (k1 + 2.0 * middle + k4)
+        by = by + sixth * (by1 + 2.0 * by_middle + by4)
     points[0, 2 * S], points[1:, 2 * S] = r, by
     psi, rate = states[:, 0], states[:, 1]
     return Motion(psi[end] - psi[begin] - turned, rate[end] - r, turned_by[0], turned_by[1], by[0], by[1], points)

@@ -197,17 +197,23 @@ def _pairs(band: FloatArray, factor: FloatArray, record: Record, D: int) -> Floa
 
 
 def _inverted(matrices: FloatArray) -> FloatArray:
-    """Return the inverses of positive matrices side by side, shape (n, n, M), in their place: by sweeps of Gauss and
-    Jordan, each for all of them at once, row after row: one array for all rows would be fetched anew from the system
-    every time."""
-    taken = np.empty(matrices.shape[1:])
-    for k in range(matrices.shape[0]):
-        pivot, column = 1.0 / matrices[k, k], matrices[:, k].copy()
-        row = matrices[k] * pivot
-        for left, share in zip(matrices, column, strict=True):
-            left -= np.multiply(row, share, out=taken)
-        matrices[k], matrices[:, k] = row, -column * pivot
-        matrices[k, k] = pivot
+    """Return the inverses of positive matrices side by side, shape (n, n, M), in their place: by symmetric sweeps of
+    Gauss and Jordan (Goodnight 1979) of the lower triangle, each for all of them at once, row after row: one array for
+    all rows would be fetched anew from the system every time."""
+    n = matrices.shape[0]
+    taken, column = np.empty(matrices.shape[1:]), np.empty(matrices.shape[1:])
+    for k in range(n):
+        column[:k], column[k:] = matrices[k, :k], matrices[k:, k]
+        pivot = 1.0 / column[k]
+        row = column * pivot
+        for i in range(n):
+            if i != k:
+                matrices[i, : i + 1] -= np.multiply(row[: i + 1], column[i], out=taken[: i + 1])
+        matrices[k, :k], matrices[k:, k] = row[:k], row[k:]
+        matrices[k, k] = -pivot
+    for i in range(n):
+        np.negative(matrices[i, : i + 1], out=matrices[i, : i + 1])
+        matrices[:i, i] = matrices[i, :i]
     return matrices
 
 

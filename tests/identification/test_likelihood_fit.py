@@ -24,7 +24,7 @@ from autopilot.identification.identify import at_least_as_doubtful, identify
 from autopilot.identification.interval import interval_of
 from autopilot.identification.likelihood_fit import likelihood_fit, memory_of, scales
 from autopilot.identification.likelihood_record import Form, record_of, rudder_on, without_noise
-from autopilot.identification.likelihood_search import Space, maximised
+from autopilot.identification.likelihood_search import Space, approached, settled
 from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path, wave_noise
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
@@ -373,13 +373,13 @@ def space_in_waves() -> Space:
 def test_the_search_ends_at_one_place_from_wherever_it_begins() -> None:
     space = space_in_waves()
     begin = space.path
-    end, loss, _ = maximised(space, space.start)
+    end, loss, _ = settled(space, *approached(space, space.start))
     errors = np.sqrt(np.diag(np.linalg.inv(space.slope(end, whole=True)[2])))
     start = space.start.copy()
     start[:2] *= 1.5
     start[4:] += np.where(np.arange(start.size - 4) % 2, 0.7, -0.7)
     space.path = begin
-    other, its_loss, _ = maximised(space, start)
+    other, its_loss, _ = settled(space, *approached(space, start))
     assert its_loss == pytest.approx(loss, abs=1.0e-5)
     assert np.max(np.abs(other - end) / errors) < 3.0e-3
 
@@ -400,7 +400,7 @@ def test_a_fit_in_waves_does_not_follow_the_last_digits_of_the_rudder() -> None:
 
 def test_what_a_record_tells_of_the_weather_is_near_the_curvature_of_the_loss() -> None:
     space = space_in_waves()
-    end, _, curvature = maximised(space, space.start)
+    end, _, curvature = settled(space, *approached(space, space.start))
     known = space.slope(end, whole=True)[2]
     for i in space.sky:
         assert 0.4 < known[i, i] / curvature[i, i] < 2.5, space.names[i]
@@ -409,7 +409,7 @@ def test_what_a_record_tells_of_the_weather_is_near_the_curvature_of_the_loss() 
 
 def test_the_worth_of_a_late_or_clipped_rudder_is_that_of_a_boat_fitted_to_it() -> None:
     space = space_in_waves()
-    end, loss, _ = maximised(space, space.start)
+    end, loss, _ = settled(space, *approached(space, space.start))
     rates, weather, train = space.opened(end)
     short = space.record._replace(
         paths=tuple((time, np.clip(angle, -0.33, 0.33)) for time, angle in space.record.paths)
