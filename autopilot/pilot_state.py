@@ -15,8 +15,8 @@ from autopilot.control.law import LawInForce
 from autopilot.control.limits import Rest, RudderLimits
 from autopilot.control.roll_damping import RollDamper, RollDamping
 from autopilot.estimation import estimator
-from autopilot.estimation.estimator import EstimatorConfig, EstimatorState, noises_of
-from autopilot.estimation.heading_ekf import FilterNoise
+from autopilot.estimation.disturbance import FilterNoise, noises_of
+from autopilot.estimation.estimator import EstimatorConfig, EstimatorState
 from autopilot.estimation.rudder_observer import AS_FILED, RudderRate, gone_by
 from autopilot.estimation.tuning import RATE_BEYOND
 from autopilot.models.drives import RUDDER_LAW, DriveLaw, Needs

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from autopilot.angles import PI, shortest_turn, wrap
 from autopilot.control.limits import RudderLimits
-from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED, slide_planned
-from autopilot.estimation.estimator import EstimatorConfig, sliding
+from autopilot.estimation.disturbance import EXTREME_LEAST_SQUARED, EXTREME_SQUARED, slide_planned, sliding
+from autopilot.estimation.estimator import EstimatorConfig
 from autopilot.estimation.tuning import WAVE_SHARPNESS, WAVE_STIFFENING
 from autopilot.guidance.manoeuvres import zigzag_side
 from autopilot.guidance.stop import TurnLimits, preset_rate, turn_limits

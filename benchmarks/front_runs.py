@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from autopilot.angles import wrap
 from autopilot.control.registry import own_step
-from autopilot.estimation.estimator import Measured
+from autopilot.estimation.fusion import Measured
 from autopilot.estimation.heading_ekf import FilterState, initial
 from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.runtime.build import gear_of, model_of

@@ -28,7 +28,7 @@ import numpy as np
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
-from autopilot.estimation.estimator import Measured, Moment, seen_at
+from autopilot.estimation.fusion import Measured, Moment, seen_at
 from autopilot.runtime.build import alarm_limits_of
 from autopilot.supervision.course_watch import ON_HEADING, course_step
 from autopilot.supervision.monitor_input import AlarmLimits

@@ -22,7 +22,7 @@ from off_course import SIDES_DEG, STATE_5
 
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
-from autopilot.estimation.estimator import Measured
+from autopilot.estimation.fusion import Measured
 from autopilot.supervision.rudder_response import by_blocks, by_headings, enough, verdict
 from sitl.boat import boat_step
 from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, readings

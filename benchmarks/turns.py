@@ -34,7 +34,7 @@ from autopilot.angles import wrap
 from autopilot.control.backstepping import Backstepping
 from autopilot.control.design import design_backstepping
 from autopilot.control.registry import own_step
-from autopilot.estimation.estimator import Measured
+from autopilot.estimation.fusion import Measured
 from autopilot.estimation.heading_ekf import initial
 from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.norrbin import Norrbin, rate_step

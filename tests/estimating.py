@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from autopilot.estimation.disturbance import FilterNoise, noises_of
 from autopilot.estimation.estimator import (
     Beliefs,
     EstimatorConfig,
@@ -12,9 +13,7 @@ from autopilot.estimation.estimator import (
     estimated,
     first_state,
     nav_state,
-    noises_of,
 )
-from autopilot.estimation.heading_ekf import FilterNoise
 from autopilot.estimation.rudder_observer import (
     RudderObserver,
     RudderPast,

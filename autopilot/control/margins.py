@@ -38,7 +38,8 @@ from autopilot.control.design import ahead_gains
 from autopilot.control.law import NO_ROLL, LawInForce, LawInput, LoopGains
 from autopilot.control.limits import RudderLimits, limit
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading, fuse_rate
+from autopilot.estimation.disturbance import FilterNoise
+from autopilot.estimation.heading_ekf import FilterState, fuse_heading, fuse_rate
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
 from autopilot.signals import NavState, Reference

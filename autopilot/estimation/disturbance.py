@@ -1,4 +1,5 @@
-"""What moves the boat beside its rudder, learnt on the way: the waves, and how quickly wind and current change.
+"""What moves the boat beside its rudder: what the file says of it, and what is learnt on the way, the waves, and how
+quickly wind and current change.
 
 The waves' part of the heading is a lightly damped oscillator whose size and frequency are learnt,
 
@@ -38,14 +39,27 @@ import math
 from typing import NamedTuple
 
 from autopilot.estimation.tuning import (
+    BIAS_CHANGE,
+    BIAS_CHANGE_IN_WAVES,
+    BIAS_CHANGE_PUSHED,
+    BIAS_CHANGE_STOPPED,
+    BIAS_TIME,
+    DISTURBANCE_TIME,
     DOUBT_SHARE,
+    GUST,
     GUST_BIAS_FOUND,
     GUST_BIAS_UNKNOWN,
     GUST_LONGER,
     GUST_MEMORY,
     GUST_SPREAD,
     GUST_SURGE,
+    GUST_TIME_LEAST,
+    GUST_TIME_SHARE,
     LEAN_GROWTH,
+    MODEL_ERROR,
+    MODEL_ERROR_UNSTABLE,
+    RATE_UNKNOWN,
+    SEA,
     SLIDE_LASTS,
     SLIDE_UNKNOWN,
     STRENGTH_ERROR,
@@ -62,7 +76,7 @@ from autopilot.estimation.tuning import (
     WAVE_STIFFENING,
     WAVE_VARIANCE_LEAST,
 )
-from autopilot.models.norrbin import Norrbin
+from autopilot.models.norrbin import Norrbin, quickest_turn
 
 
 class Sea(NamedTuple):
@@ -263,3 +277,109 @@ def slide_planned(model: Norrbin, before: float, rate: float, most: float, dt: f
     left = before * math.exp(-dt / (SLIDE_LASTS * model.time_constant))
     added = slide * slide - left * left
     return slide, SLIDE_UNKNOWN * SLIDE_UNKNOWN * added / dt if dt > 0.0 and added > 0.0 else 0.0
+
+
+class FilterNoise(NamedTuple):
+    """Variances: heading [rad^2], rate [(rad/s)^2]; densities a second: acceleration [(rad/s)^2/s], bias [rad^2/s].
+
+    model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share, as white noise. With `waves` the
+    sea is learnt and kept out of psi and r, and so is learnt how quickly the bias wanders, from `bias` to `gusty_bias`
+    [rad^2/s], by what it does over `gust_time` [s] (`intensity`). `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take
+    the places of `acceleration` and of that while the boat is pushed further than waves would; `gust_bias` also while
+    the measurements lie to one side of what was expected for seconds. While the rudder is further over than `stop`
+    [rad] the bias wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong
+    rudder until the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is
+    learnt. rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates
+    that no ship turns with, and what a heavy one is once assumed to do it takes minutes to correct. slide [rad^2/s]:
+    the ordered turn makes the boat slide.
+    """
+
+    heading: float
+    rate: float
+    acceleration: float
+    bias: float
+    model_error: float = 0.0
+    waves: bool = False
+    gust: float = 0.0
+    gust_bias: float = 0.0
+    stop: float = math.inf
+    stop_bias: float = 0.0
+    rate_unknown: float = RATE_UNKNOWN
+    gusty_bias: float = 0.0
+    gust_time: float = 1.0
+    slide: float = 0.0
+
+
+class Filtered(NamedTuple):
+    """What the noise is worked out from: variances of heading [rad^2] and rate [(rad/s)^2], the time [s] in which wind
+    and trim change, the rudder's stop [rad], beyond what order it counts as at its stop [rad], inf: never, and whether
+    waves are filtered."""
+
+    heading: float
+    rate: float
+    bias_time: float
+    rudder_max: float
+    stop: float
+    waves: bool
+
+
+def filter_noise(model: Norrbin, given: Filtered) -> FilterNoise:
+    """Return the noise of a boat's filter: disturbances are rudder angles [rad], whose moment is K/T times them."""
+    moment = model.gain / model.time_constant
+    calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if given.waves else (SEA, BIAS_CHANGE)
+    lasts = manoeuvre_time(model, given.rudder_max)
+    error = MODEL_ERROR * math.sqrt(lasts) if model.n1 > 0.0 else MODEL_ERROR_UNSTABLE
+    return FilterNoise(
+        heading=given.heading,
+        rate=given.rate,
+        acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
+        bias=bias * bias / given.bias_time,
+        model_error=error if given.waves else 0.0,
+        waves=given.waves,
+        gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
+        gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / given.bias_time,
+        stop=given.stop,
+        stop_bias=BIAS_CHANGE_STOPPED * BIAS_CHANGE_STOPPED / BIAS_TIME,
+        gusty_bias=BIAS_CHANGE * BIAS_CHANGE / given.bias_time,
+        gust_time=max(GUST_TIME_LEAST, GUST_TIME_SHARE * given.bias_time),
+        rate_unknown=min(quickest_turn(model, given.rudder_max) ** 2, RATE_UNKNOWN),
+    )
+
+
+def manoeuvre_time(model: Norrbin, rudder_max: float) -> float:
+    """Return the time [s] in which a wrong model looks like wind: the time constant, but no longer than the rudder hard
+    over, up to `rudder_max` [rad], takes to turn the boat by a radian from rest, t = sqrt(2 T/(K rudder_max)).
+
+    A boat of neutral stability has any T that is long beside its manoeuvres, and K/T alone says what it does.
+    """
+    return min(model.time_constant, math.sqrt(2.0 * model.time_constant / (model.gain * rudder_max)))
+
+
+def usual_bias_time(model: Norrbin, rudder_max: float) -> float:
+    """Return the time [s] in which wind, current and trim change where nobody says."""
+    return max(BIAS_TIME, 2.0 * manoeuvre_time(model, rudder_max))
+
+
+class Noises(NamedTuple):
+    """The filter's noise, that of a boat which something lasting pushes, and with the rudder at its stop; rate_most
+    [rad/s]: a rate that lies further from what is expected, and not for noise, is none."""
+
+    usual: FilterNoise
+    pushed: FilterNoise
+    stopped: FilterNoise
+    rate_most: float
+
+
+def noises_of(noise: FilterNoise, rate_most: float = math.inf) -> Noises:
+    """Return the noises; without waves the bias is quick anyway where something pushes."""
+    pushed = noise._replace(bias=noise.gust_bias) if noise.waves else noise
+    wandered, gusty = max(pushed.bias, noise.stop_bias), max(noise.gust_bias, noise.stop_bias)
+    return Noises(noise, pushed, noise._replace(bias=wandered, gust_bias=gusty), rate_most)
+
+
+def sliding(noises: Noises, slide: float) -> Noises:
+    """Return the noises of a boat in which an ordered turn adds so much unknown `slide` [rad^2/s]."""
+    usual, pushed, stopped, rate_most = noises
+    return Noises(
+        FilterNoise(*usual[:-1], slide), FilterNoise(*pushed[:-1], slide), FilterNoise(*stopped[:-1], slide), rate_most
+    )

@@ -11,28 +11,15 @@ import math
 from operator import attrgetter
 from typing import NamedTuple
 
-from autopilot.angles import PI, wrap
+from autopilot.angles import wrap
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.disturbance import NO_SEA, frequency, known, raised_intensity, reset_density
-from autopilot.estimation.heading_ekf import (
-    FilterNoise,
-    FilterState,
-    fused,
-    innovations,
-    is_sound,
-    predict,
-    predict_mean,
-)
+from autopilot.estimation.disturbance import NO_SEA, Noises
+from autopilot.estimation.fusion import NOT_BEGUN, Fusion, carried, fuse_measured, seen_at
+from autopilot.estimation.heading_ekf import innovations, is_sound
 from autopilot.estimation.instruments import (
-    NO_NOISE,
-    NO_RATE_BIAS,
-    Noise,
-    RateBias,
     Speeds,
     measured_speed,
     model_at,
-    noise_step,
-    rate_bias_step,
     scheduled_speed,
     share_ahead,
     while_fresh,
@@ -43,39 +30,25 @@ from autopilot.estimation.path_delay import NOT_ECHOED, Motion, PathDelay, behin
 from autopilot.estimation.rudder_observer import (
     RudderMemory,
     RudderObserver,
-    RudderPast,
     advanced,
     all_effective,
-    angle_at,
     newest_angle,
     ordered,
     rudder_memory,
-    stretch,
     with_feedback,
 )
 from autopilot.estimation.tuning import (
-    BIAS_MOST,
-    GATE_LEAST,
     GATE_PATIENCE,
     GATE_SIGMAS,
-    GRAIN_SHARE,
-    INNOVATION_LASTING,
-    INNOVATION_MEAN_TIME,
-    INNOVATION_MOST,
-    LEAN_SIGMAS,
-    LEARNT,
-    LONGEST_SHARE,
-    NOISE_GAP,
     PATH_GRAIN,
     PATH_LASTS,
     PATH_MOVED,
     PREDICT_LONGEST,
-    RATE_BIAS_FELT,
     RATE_MOST,
     RUDDER_MOST,
     SAMPLES_KEPT,
+    SPEED_FRESH,
     SPEED_MOST,
-    UNLEARNT_TIME,
     WAVE_MEMORY,
 )
 from autopilot.models.drives import RUDDER_LAW, DriveLaw, quickness, way_of
@@ -92,216 +65,7 @@ from autopilot.signals import (
     ThrustSample,
 )
 
-
-class Fusion(NamedTuple):
-    """What the measurements have left: the filter's state, what lies between expectation and measurement on average
-    [standard deviations], how many spikes in a row agree, and the newest of them [rad]; lean: the average of the
-    headings alone over the time of gusts, and leans [s]: for how long it has been more than white noise leaves; gyro:
-    what is known of the rate sensor's standing error; headings and rates: how noisy they turn out to be; unlearnt [rad
-    of rudder]: what pushes the boat beyond model and bias, see `unlearnt_step`."""
-
-    state: FilterState
-    innovation_mean: float = 0.0
-    spikes: int = 0
-    spike: float = 0.0
-    lean: float = 0.0
-    leans: float = 0.0
-    gyro: RateBias = NO_RATE_BIAS
-    headings: Noise = NO_NOISE
-    rates: Noise = NO_NOISE
-    unlearnt: float = 0.0
-
-
-def is_pushed(fusion: Fusion, noise: FilterNoise) -> bool:
-    """Return whether the innovations lie to one side, by a lot for seconds or by a little for the time of gusts."""
-    is_even = -INNOVATION_LASTING < fusion.innovation_mean < INNOVATION_LASTING
-    # what leans for longer than a push takes to be learnt is something else, instruments that contradict one another
-    return not is_even or 0.0 < fusion.leans < LEARNT * noise.gust_time
-
-
-NOT_BEGUN = Fusion(FilterState(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-"""Before the first heading."""
-
-
-class Measured(NamedTuple):
-    """A measurement at `time` [s]: heading [rad] and rate [rad/s], nan where they were not measured."""
-
-    time: float
-    heading: float
-    rate: float
-
-
-class Moment(NamedTuple):
-    """When the boat is looked at [s], its speed then [m/s], and when the newest heading was measured [s]."""
-
-    now: float
-    speed: float
-    heading_time: float
-
-
-class Noises(NamedTuple):
-    """The filter's noise, that of a boat which something lasting pushes, and with the rudder at its stop; rate_most
-    [rad/s]: a rate that lies further from what is expected, and not for noise, is none."""
-
-    usual: FilterNoise
-    pushed: FilterNoise
-    stopped: FilterNoise
-    rate_most: float
-
-
-def noises_of(noise: FilterNoise, rate_most: float = math.inf) -> Noises:
-    """Return the noises; without waves the bias is quick anyway where something pushes."""
-    pushed = noise._replace(bias=noise.gust_bias) if noise.waves else noise
-    wandered, gusty = max(pushed.bias, noise.stop_bias), max(noise.gust_bias, noise.stop_bias)
-    return Noises(noise, pushed, noise._replace(bias=wandered, gust_bias=gusty), rate_most)
-
-
-def sliding(noises: Noises, slide: float) -> Noises:
-    """Return the noises of a boat in which an ordered turn adds so much unknown `slide` [rad^2/s]."""
-    usual, pushed, stopped, rate_most = noises
-    return Noises(
-        FilterNoise(*usual[:-1], slide), FilterNoise(*pushed[:-1], slide), FilterNoise(*stopped[:-1], slide), rate_most
-    )
-
-
-def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:
-    """Return the filter's state carried to the time `to` [s] under the rudder that was."""
-    state = fusion.state
-    at = state.time
-    end = at + PREDICT_LONGEST
-    end = end if end < to else to
-    longest, grain = LONGEST_SHARE * model.time_constant, GRAIN_SHARE * model.time_constant
-    moving = noises.pushed if is_pushed(fusion, noises.usual) else noises.usual
-    stop = noises.usual.stop
-    while at < end:
-        until, angle = stretch(past, at, end, grain)
-        noise = moving if -stop < angle < stop else noises.stopped
-        if until - at > longest:
-            for left in range(math.ceil((until - at) / longest), 1, -1):
-                at += (until - at) / left
-                state = predict(model, noise, state, angle, at)
-        state, at = predict(model, noise, state, angle, until), until
-    return state if at == to else FilterState(to, *state[1:])
-
-
-def seen_at(
-    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, at: tuple[float, float, float]
-) -> NavState:
-    """Return what the filter knows of the boat; the waves that are not yet known count as the boat's own. at: see
-    `Moment`."""
-    (now, speed, heading_time), (_, angles, ticks) = at, past
-    psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, now)
-    sea, bias = fusion.state.sea, fusion.state.bias
-    unknown = 1.0 - known(sea)
-    psi, rate = psi + unknown * wave, rate + unknown * wave_rate
-    wave, wave_rate = wave - unknown * wave, wave_rate - unknown * wave_rate
-    heading = psi + wave
-    return NavState(
-        now,
-        heading if -PI < heading <= PI else wrap(heading),
-        rate + wave_rate,
-        speed,
-        angles[(ticks - 1) & (len(angles) - 1)],
-        -BIAS_MOST if bias < -BIAS_MOST else BIAS_MOST if bias > BIAS_MOST else bias,
-        now - heading_time,
-        True,
-        wave,
-        wave_rate,
-        math.sqrt(sea.heading),
-        frequency(sea),
-    )
-
-
-def _moved(
-    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, now: float
-) -> tuple[float, float, float, float]:
-    """Return psi, r, h and s as the filter has them at `now` [s]; what is a moment away needs no covariance."""
-    state = fusion.state
-    begun = state.time
-    if now <= begun:
-        return state.psi, state.rate, state.wave, state.wave_rate
-    latest = begun + PREDICT_LONGEST
-    end = latest if latest < now else now
-    until, angle = stretch(past, begun, end, GRAIN_SHARE * model.time_constant)
-    if until >= end and until - begun <= LONGEST_SHARE * model.time_constant:
-        return predict_mean(model, state, angle, until)
-    ahead = carried(model, noises, fusion, past, now)
-    return ahead.psi, ahead.rate, ahead.wave, ahead.wave_rate
-
-
-def fuse_measured(
-    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, measured: tuple[float, float, float]
-) -> tuple[Fusion, bool]:
-    """Return what a measurement leaves, and whether it was fused: a spike is not. measured: see `Measured`."""
-    time, heading, raw = measured
-    before, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt = fusion
-    noise, dt = noises.usual, time - before.time
-    filed_heading, filed_rate = noise.heading, noise.rate
-    longest = model.time_constant if model.time_constant < NOISE_GAP else NOISE_GAP
-    of_heading = headings[0] if headings[0] > filed_heading else filed_heading
-    of_rate = rates[0] if rates[0] > filed_rate else filed_rate
-    rate = raw - gyro.bias
-    doubt = gyro.p11 if gyro.p11 > RATE_BIAS_FELT * of_rate else 0.0
-    variances, changes = (of_heading, of_rate + doubt), (noise.bias, noise.gusty_bias, noise.gust_time)
-    state = carried(model, noises, fusion, past, time)
-    unknown = state.p11 + 2.0 * state.p14 + state.p44 + doubt
-    apart = rate - state.rate - state.wave_rate
-    most = noises.rate_most + GATE_SIGMAS * math.sqrt(unknown + of_rate)
-    if (apart > most or apart < -most) and not is_pushed(fusion, noises.usual):
-        # no rudder makes it, and no heading shows that anything else does
-        rate = raw = math.nan
-    off, innovation, deviation = innovations(state, variances, heading, rate)
-    off = -INNOVATION_MOST if off < -INNOVATION_MOST else INNOVATION_MOST if off > INNOVATION_MOST else off
-    mean -= math.expm1(-dt / INNOVATION_MEAN_TIME) * (off - mean)
-    if heading == heading:  # what is no number is not itself
-        gate = GATE_SIGMAS * deviation
-        gate = gate if gate > GATE_LEAST else GATE_LEAST
-        if innovation > gate or innovation < -gate:
-            agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
-            spikes = spikes + 1 if agrees else 1
-            return Fusion(before, mean, spikes, heading, lean, leans, gyro, headings, rates, unlearnt), False
-        spikes = 0
-        shown = deviation * deviation - of_heading
-        headings = noise_step(headings, filed_heading, innovation, shown, time, longest)
-        share = -math.expm1(-dt / noise.gust_time)
-        lean += share * (innovation / deviation - lean)
-        # the mean of white noise has the variance share/(2 - share)
-        is_off = lean * lean * (2.0 - share) > LEAN_SIGMAS * LEAN_SIGMAS * share
-        leans = leans + dt if is_off else 0.0
-        if noise.waves and leans > 0.0:
-            is_push = leans < LEARNT * noise.gust_time
-            intensity = raised_intensity(state.intensity, changes, dt) if is_push else reset_density(state.intensity)
-            state = FilterState(*state[:-1], intensity)
-    if rate == rate:
-        rates = noise_step(rates, filed_rate, apart, unknown, time, longest)
-    # what lies to one side for seconds is neither sea nor gusts
-    learns = noise.waves and -INNOVATION_LASTING < mean < INNOVATION_LASTING
-    rudder = angle_at(past, time) if learns else math.nan
-    gyro = rate_bias_step(gyro, (time, heading, raw), (of_heading, of_rate))
-    expected, state = state, fused(state, changes, variances, (heading, rate), rudder, dt)
-    unlearnt = unlearnt_step(model, unlearnt, expected, state, dt)
-    return Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt), True
-
-
-def unlearnt_step(model: Norrbin, before: float, expected: FilterState, found: FilterState, dt: float) -> float:
-    """Return what pushes the boat beyond model and bias [rad of rudder], `dt` [s] after it was `before`.
-
-    By T r' + n1 r = K (delta + b + d), d is what a measurement has corrected, `expected` to `found`, in the time
-    since the last: d = (T dr + n1 dpsi)/(K dt), averaged over as long as the boat shows a push. A bias that is slow,
-    as waves are not to move it, has not learnt it yet.
-    """
-    if dt <= SHORTEST:
-        return before
-    turned = found.psi - expected.psi
-    turned = turned if -PI < turned <= PI else wrap(turned)
-    corrected = model.time_constant * (found.rate - expected.rate) + model.n1 * turned
-    share = -math.expm1(-dt / (UNLEARNT_TIME * model.time_constant))
-    return before + share * (corrected / (model.gain * dt) - before)
-
-
 MEASURED_AT = attrgetter("time")
-SHORTEST = 1.0e-9
-"""[s]: clocks count nanoseconds; what is closer is of one moment."""
 
 
 class Taken(NamedTuple):
@@ -494,14 +258,14 @@ def estimated(
         elif type(sample) is RudderSample:
             if -RUDDER_MOST <= sample.angle <= RUDDER_MOST and -math.inf < sample.time < math.inf:
                 rudder, path = with_rudder_shown(config, state.memory, rudder, path, now, sample)
-        elif type(sample) is SpeedSample or type(sample) is ThrustSample:
-            if is_plausible(sample):
-                speeds = with_speed(speeds, now, sample)
+        elif (type(sample) is SpeedSample or type(sample) is ThrustSample) and is_plausible(sample):
+            speeds = with_speed(speeds, now, sample)
         elif type(sample) is CourseSample and state.has_begun and math.isfinite(sample.course):
             speeds = with_course(speeds, now, sample.course - state.fusion.state.psi)
     gear, late = config.gear, path.late
     rudder = advanced(gear if late == 0.0 else behind(gear, late), rudder, state.memory, now)
-    speeds = while_fresh(speeds, now)
+    if speeds.oldest <= now - SPEED_FRESH:
+        speeds = while_fresh(speeds, now)
     if path is not state.path:
         state = state._replace(path=path)
     if speeds is not state.speeds:

@@ -25,6 +25,7 @@ from autopilot.estimation.disturbance import (
     LAG,
     NO_INTENSITY,
     NO_SEA,
+    FilterNoise,
     Intensity,
     Sea,
     adapt_intensity,
@@ -34,27 +35,8 @@ from autopilot.estimation.disturbance import (
     reset_intensity,
     wave_step,
 )
-from autopilot.estimation.tuning import (
-    BIAS_CHANGE,
-    BIAS_CHANGE_IN_WAVES,
-    BIAS_CHANGE_PUSHED,
-    BIAS_CHANGE_STOPPED,
-    BIAS_TIME,
-    BIAS_UNKNOWN,
-    DISTURBANCE_TIME,
-    GUST,
-    GUST_TIME_LEAST,
-    GUST_TIME_SHARE,
-    MODEL_ERROR,
-    MODEL_ERROR_UNSTABLE,
-    RATE_UNKNOWN,
-    SEA,
-    SLIDE_LASTS,
-    STEEPEST_GROWTH,
-    WAVE_CORNER,
-    WAVE_STIFFENING,
-)
-from autopilot.models.norrbin import Norrbin, steady_rate, yaw_acceleration
+from autopilot.estimation.tuning import BIAS_UNKNOWN, SLIDE_LASTS, STEEPEST_GROWTH, WAVE_CORNER, WAVE_STIFFENING
+from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
 
 class FilterState(NamedTuple):
@@ -117,37 +99,6 @@ NO_WAVES = (
 """h, s, e and p03 to p55."""
 
 
-class FilterNoise(NamedTuple):
-    """Variances: heading [rad^2], rate [(rad/s)^2]; densities a second: acceleration [(rad/s)^2/s], bias [rad^2/s].
-
-    model_error [s^(1/2)]: the rudder's yaw acceleration is wrong by this share, as white noise. With `waves` the
-    sea is learnt and kept out of psi and r, and so is learnt how quickly the bias wanders, from `bias` to `gusty_bias`
-    [rad^2/s], by what it does over `gust_time` [s] (`intensity`). `gust` [(rad/s)^2/s] and `gust_bias` [rad^2/s] take
-    the places of `acceleration` and of that while the boat is pushed further than waves would; `gust_bias` also while
-    the measurements lie to one side of what was expected for seconds. While the rudder is further over than `stop`
-    [rad] the bias wanders by `stop_bias` [rad^2/s]: a boat that needs all of it is pushed, and comes back with a wrong
-    rudder until the end of the push is learnt. It may be quick there: a rudder at its stop does not move with what is
-    learnt. rate_unknown [(rad/s)^2]: of a rate of which nothing is known; two noisy headings a moment apart show rates
-    that no ship turns with, and what a heavy one is once assumed to do it takes minutes to correct. slide [rad^2/s]:
-    the ordered turn makes the boat slide.
-    """
-
-    heading: float
-    rate: float
-    acceleration: float
-    bias: float
-    model_error: float = 0.0
-    waves: bool = False
-    gust: float = 0.0
-    gust_bias: float = 0.0
-    stop: float = math.inf
-    stop_bias: float = 0.0
-    rate_unknown: float = RATE_UNKNOWN
-    gusty_bias: float = 0.0
-    gust_time: float = 1.0
-    slide: float = 0.0
-
-
 def slide_goes(
     model: Norrbin, noise: FilterNoise, slide: float, unknown: float, dt: float
 ) -> tuple[float, float, float]:
@@ -155,64 +106,6 @@ def slide_goes(
     unknown than the variance `unknown` [rad^2]."""
     fades = -math.expm1(-dt / (SLIDE_LASTS * model.time_constant))
     return fades, fades * slide, noise.slide * dt - fades * (2.0 - fades) * unknown
-
-
-class Filtered(NamedTuple):
-    """What the noise is worked out from: variances of heading [rad^2] and rate [(rad/s)^2], the time [s] in which wind
-    and trim change, the rudder's stop [rad], beyond what order it counts as at its stop [rad], inf: never, and whether
-    waves are filtered."""
-
-    heading: float
-    rate: float
-    bias_time: float
-    rudder_max: float
-    stop: float
-    waves: bool
-
-
-def filter_noise(model: Norrbin, given: Filtered) -> FilterNoise:
-    """Return the noise of a boat's filter: disturbances are rudder angles [rad], whose moment is K/T times them."""
-    moment = model.gain / model.time_constant
-    calm, bias = (GUST, BIAS_CHANGE_IN_WAVES) if given.waves else (SEA, BIAS_CHANGE)
-    lasts = manoeuvre_time(model, given.rudder_max)
-    error = MODEL_ERROR * math.sqrt(lasts) if model.n1 > 0.0 else MODEL_ERROR_UNSTABLE
-    return FilterNoise(
-        heading=given.heading,
-        rate=given.rate,
-        acceleration=(moment * calm) ** 2 * DISTURBANCE_TIME,
-        bias=bias * bias / given.bias_time,
-        model_error=error if given.waves else 0.0,
-        waves=given.waves,
-        gust=(moment * SEA) ** 2 * DISTURBANCE_TIME,
-        gust_bias=BIAS_CHANGE_PUSHED * BIAS_CHANGE_PUSHED / given.bias_time,
-        stop=given.stop,
-        stop_bias=BIAS_CHANGE_STOPPED * BIAS_CHANGE_STOPPED / BIAS_TIME,
-        gusty_bias=BIAS_CHANGE * BIAS_CHANGE / given.bias_time,
-        gust_time=max(GUST_TIME_LEAST, GUST_TIME_SHARE * given.bias_time),
-        rate_unknown=min(quickest_turn(model, given.rudder_max) ** 2, RATE_UNKNOWN),
-    )
-
-
-def manoeuvre_time(model: Norrbin, rudder_max: float) -> float:
-    """Return the time [s] in which a wrong model looks like wind: the time constant, but no longer than the rudder hard
-    over, up to `rudder_max` [rad], takes to turn the boat by a radian from rest, t = sqrt(2 T/(K rudder_max)).
-
-    A boat of neutral stability has any T that is long beside its manoeuvres, and K/T alone says what it does.
-    """
-    return min(model.time_constant, math.sqrt(2.0 * model.time_constant / (model.gain * rudder_max)))
-
-
-def usual_bias_time(model: Norrbin, rudder_max: float) -> float:
-    """Return the time [s] in which wind, current and trim change where nobody says."""
-    return max(BIAS_TIME, 2.0 * manoeuvre_time(model, rudder_max))
-
-
-def quickest_turn(model: Norrbin, rudder_max: float) -> float:
-    """Return the steady rate [rad/s] with the rudder hard over, to the quicker side; inf where the model has none."""
-    try:
-        return max(abs(steady_rate(model, rudder_max)), abs(steady_rate(model, -rudder_max)))
-    except ValueError:
-        return math.inf
 
 
 def initial(

@@ -1,6 +1,4 @@
-"""What instruments say, believed as far as they deserve: which speed is followed, and how compass and gyro err.
-
-Which speed the model and the gains follow: that through the water, and over the ground only half the way.
+"""Which speed the model and the gains follow: that through the water, and over the ground only half the way.
 
 K ~ U and T ~ 1/U, so a loop designed for the ratio s of the trial's speed has (U/s)^2 times the gain that it was
 designed for where the boat goes at the ratio U. A loop bears an error of two either way; with a third of the true speed
@@ -11,26 +9,6 @@ too, drift and a stream across are taken out. s counts for no less than STREAM_L
 current of two thirds of the boat's speed, and more. Where log and ground differ by more than SPEEDS_APART, one of them
 is wrong or the current is strong, and the mean of both is taken in the same way. A speed that the boat's own turns have
 proven wrong (`autopilot.supervision.rudder_watch`) is not gone by at all.
-
-How compass and rate sensor err, learnt on the way: the rate sensor's standing error, and the noise of both.
-
-x = (psi, g): the measured rate w carries the heading, psi' = w - g, and g' = 0 + noise; a compass shows psi. A Kalman
-filter of two states on measurements alone: no model of boat or rudder is in it, so that neither wind nor a wrong model
-is taken for an error of the gyro, nor the other way round. Sensors that lag, deviate or are read at different moments
-lie apart by an angle that goes with the rate of turn, for which a heading counts for less in a turn. Where they drift
-apart all the same, the heading is begun anew and g is looked for again: an angle that stays is none of a gyro's.
-
-Noise is what an instrument's successive innovations v go back and forth by, d(k) = v(k) - v(k-1). With the innovation's
-variance P + R, P what the filter does not know of the boat, white innovations have E[-d(k) d(k-1)] = P + R, so
-
-    R += share (-d(k) d(k-1) - P - R),
-
-and what lies to one side for longer, or comes and stays, wind, a wrong model, a lag, counts for nothing. R is at least
-the file's: an instrument that seems better than that may be damped, and its errors no white noise.
-
-Source: the complementary filter of compass and gyro with the gyro's bias as a state, Farrell 2008, Aided Navigation,
-section 10.3; noise by what innovations correlate with those before, Mehra 1970; scalar code over NamedTuples, which
-campaigns compile as it is.
 """
 
 from __future__ import annotations
@@ -38,16 +16,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import PI, wrap
 from autopilot.estimation.tuning import (
-    NOISE_MEMORY,
-    NOISE_MOST,
-    RATE_BIAS_APART,
-    RATE_BIAS_CHANGE,
-    RATE_BIAS_UNKNOWN,
-    RATE_COMPASS_LAG,
-    RATE_HELD,
-    RATE_MEAN_TIME,
     SPEED_FRESH,
     SPEED_RATIO_MOST,
     SPEED_SMOOTHING,
@@ -84,6 +53,7 @@ class Speeds(NamedTuple):
 
     throttle [share of full] and reach [rad] as the newest ThrustSample has them, not smoothed: thrust follows at once.
     ahead: the share of the speed over the ground that is ahead rather than across, by the course over the ground.
+    oldest [s]: the time of what has not been confirmed for longest.
     """
 
     water: Smoothed = NO_SPEED
@@ -91,6 +61,7 @@ class Speeds(NamedTuple):
     throttle: Smoothed = NO_SPEED
     reach: float = math.inf
     ahead: Smoothed = NO_SPEED
+    oldest: float = math.inf
 
     @property
     def ground_ahead(self) -> float:
@@ -108,34 +79,36 @@ class Speeds(NamedTuple):
 def with_speed(speeds: Speeds, now: float, sample: SpeedSample | ThrustSample) -> Speeds:
     """Return the speeds after a sample that came at `now` [s]."""
     if isinstance(sample, ThrustSample):
-        return Speeds(speeds.water, speeds.ground, Smoothed(sample.throttle, now), sample.reach, speeds.ahead)
+        return _dated(speeds._replace(throttle=Smoothed(sample.throttle, now), reach=sample.reach))
     if sample.over_ground:
-        return Speeds(speeds.water, smoothed(speeds.ground, now, sample.speed), *speeds[2:])
-    return Speeds(smoothed(speeds.water, now, sample.speed), *speeds[1:])
+        return _dated(speeds._replace(ground=smoothed(speeds.ground, now, sample.speed)))
+    return _dated(speeds._replace(water=smoothed(speeds.water, now, sample.speed)))
 
 
 def with_course(speeds: Speeds, now: float, drift: float) -> Speeds:
     """Return the speeds after a course over the ground that came at `now` [s], `drift` [rad] off the heading."""
-    return speeds._replace(ahead=smoothed(speeds.ahead, now, math.cos(drift)))
+    return _dated(speeds._replace(ahead=smoothed(speeds.ahead, now, math.cos(drift))))
+
+
+def _dated(speeds: Speeds) -> Speeds:
+    water, ground, throttle, _, ahead, _ = speeds
+    # a time that is nan is of what is not known anyway
+    times = [each.time for each in (water, ground, throttle, ahead) if each.time == each.time]
+    return speeds._replace(oldest=min(times, default=math.inf))
 
 
 def while_fresh(speeds: Speeds, now: float) -> Speeds:
     """Return the speeds at `now` [s] without what nobody has confirmed for long."""
-    water, ground, throttle, reach, ahead = speeds
-    _, of_water = water
-    _, of_ground = ground
-    _, of_throttle = throttle
-    _, of_course = ahead
-    # a time that is nan is of what is not known anyway
-    oldest = now - SPEED_FRESH
-    if not (of_water <= oldest or of_ground <= oldest or of_throttle <= oldest or of_course <= oldest):
-        return speeds
-    return Speeds(
-        NO_SPEED if of_water <= oldest else water,
-        NO_SPEED if of_ground <= oldest else ground,
-        NO_SPEED if of_throttle <= oldest else throttle,
-        math.inf if of_throttle <= oldest else reach,
-        NO_SPEED if of_course <= oldest else ahead,
+    water, ground, throttle, reach, ahead, _ = speeds
+    stale = now - SPEED_FRESH
+    return _dated(
+        Speeds(
+            NO_SPEED if water.time <= stale else water,
+            NO_SPEED if ground.time <= stale else ground,
+            NO_SPEED if throttle.time <= stale else throttle,
+            math.inf if throttle.time <= stale else reach,
+            NO_SPEED if ahead.time <= stale else ahead,
+        )
     )
 
 
@@ -199,93 +172,3 @@ def model_at(reference: Norrbin, speed: float, law: DriveLaw = RUDDER_LAW, throt
     most = SPEED_RATIO_MOST * reference.reference_speed
     held = clip(speed, -most, most)
     return at_speed(reference, held) if law.is_rudder else at_point(law, reference, held, throttle)
-
-
-class RateBias(NamedTuple):
-    """What is known of g at `time` [s], the newest heading having come at `seen` [s].
-
-    heading [rad]: psi, nan before the first; rate [rad/s]: the newest w, nan where there is no rate sensor, of the time
-    `rated` [s]; bias [rad/s]: g; p00 [rad^2], p01, p11 [(rad/s)^2]: the covariance of both; apart [rad]: how far the
-    compass is from psi on the average of late; turning [rad/s]: how fast the boat turned of late.
-    """
-
-    time: float
-    heading: float
-    rate: float
-    bias: float
-    p00: float
-    p01: float
-    p11: float
-    apart: float
-    turning: float
-    seen: float
-    rated: float
-
-
-NO_RATE_BIAS = RateBias(-math.inf, math.nan, math.nan, 0.0, 0.0, 0.0, RATE_BIAS_UNKNOWN, 0.0, 0.0, -math.inf, -math.inf)
-"""Before the first rate: it is supposed to be right, within what such sensors are off."""
-
-
-def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise: tuple[float, float]) -> RateBias:
-    """Return what is known after a heading [rad] and a rate [rad/s] at a time [s], nan where they were not measured.
-
-    noise: the variances of a heading [rad^2] and of a rate [(rad/s)^2].
-    """
-    (time, heading, rate), (of_heading, of_rate) = measured, noise
-    last, psi, held, bias, p00, p01, p11, apart, turning, seen, rated = before
-    is_rate, is_held = rate == rate, time - rated <= RATE_HELD  # what is no number is not itself
-    if not (is_held or is_rate):
-        # headings alone say nothing of a gyro that is silent, or refused
-        return before
-    dt = time - last
-    rate, rated = (rate, time) if is_rate else (held, rated)
-    if not is_held or dt < 0.0 or psi != psi:
-        # g outlasts a gap, and is known as well as before it
-        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time, rated)
-    mean = 0.5 * (held + rate)
-    psi += dt * (mean - bias)
-    turned = mean - bias if mean > bias else bias - mean
-    turning -= math.expm1(-dt / RATE_MEAN_TIME) * (turned - turning)
-    p00 += dt * (dt * (p11 + of_rate) - 2.0 * p01)
-    p01 -= dt * p11
-    p11 += RATE_BIAS_CHANGE * dt
-    if heading != heading:
-        psi = psi if -PI < psi <= PI else wrap(psi)
-        return RateBias(time, psi, rate, bias, p00, p01, p11, apart, turning, seen, rated)
-    off = heading - psi
-    off = off if -PI < off <= PI else wrap(off)
-    lag = RATE_COMPASS_LAG * turning
-    apart -= math.expm1(-(time - seen) / RATE_MEAN_TIME) * (off - apart)
-    if apart * apart > RATE_BIAS_APART + of_heading + 4.0 * lag * lag:
-        p11 = p11 if p11 > RATE_BIAS_UNKNOWN else RATE_BIAS_UNKNOWN
-        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time, rated)
-    total = p00 + of_heading + lag * lag
-    k0, k1 = p00 / total, p01 / total
-    psi += k0 * off
-    psi = psi if -PI < psi <= PI else wrap(psi)
-    bias += k1 * off
-    return RateBias(time, psi, rate, bias, p00 - k0 * p00, p01 - k0 * p01, p11 - k1 * p01, apart, turning, time, rated)
-
-
-Noise = tuple[float, float, float, float]
-"""An instrument's noise: its variance R, 0 before anything is known; the newest innovation, by how much it was more
-than the one before, nan where none came shortly before, and its time [s]."""
-
-NO_NOISE: Noise = (0.0, 0.0, math.nan, -math.inf)
-"""Before the first measurement."""
-
-
-def noise_step(before: Noise, filed: float, innovation: float, unknown: float, time: float, longest: float) -> Noise:
-    """Return what is known of the noise after an `innovation` at `time` [s], of whose variance `unknown` is the boat's;
-    filed: the variance that the file says. Two innovations further apart than `longest` [s] say nothing of it."""
-    known, last, back, seen = before
-    known, most = known if known > filed else filed, NOISE_MOST * NOISE_MOST * filed
-    gap = time - seen
-    if not 0.0 < gap <= longest:
-        forth = math.nan
-    else:
-        forth = innovation - last
-        if back == back:
-            known -= math.expm1(-gap / NOISE_MEMORY) * (-forth * back - unknown - known)
-    known = filed if known < filed else most if known > most else known
-    return known, innovation, forth, time

@@ -13,7 +13,7 @@ from autopilot.control.margins import Delays, OutputFeedbackLoop, refusal_of, st
 from autopilot.control.registry import LAWS
 from autopilot.control.roll_damping import RollDamping, checked
 from autopilot.errors import RefusedError
-from autopilot.estimation.heading_ekf import Filtered, FilterNoise, filter_noise, usual_bias_time
+from autopilot.estimation.disturbance import Filtered, FilterNoise, filter_noise, usual_bias_time
 from autopilot.guidance.stop import lag_of_plan, preset_rate, stop_angle, symmetric_of, turn_limits
 from autopilot.guidance.track import LEADS_AHEAD, LEADS_AHEAD_SLUGGISH, SLUGGISH, TrackSettings
 from autopilot.guidance.tuning import HARD_OVER

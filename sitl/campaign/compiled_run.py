@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.angles import wrap
-from autopilot.estimation.estimator import Measured
+from autopilot.estimation.fusion import Measured
 from autopilot.estimation.heading_ekf import FilterState
 from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.weather import WaveState

@@ -16,17 +16,10 @@ from autopilot.angles import shortest_turn
 from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.control.limits import Rest, limited
 from autopilot.control.registry import law_step
-from autopilot.estimation.estimator import (
-    Fusion,
-    Measured,
-    Moment,
-    Noises,
-    fuse_measured,
-    seen_at,
-    sliding,
-)
+from autopilot.estimation.disturbance import Noises, sliding
+from autopilot.estimation.fusion import NO_NOISE, NO_RATE_BIAS, Fusion, Measured, Moment, fuse_measured, seen_at
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
-from autopilot.estimation.instruments import NO_NOISE, NO_RATE_BIAS, Smoothed, model_at, smoothed
+from autopilot.estimation.instruments import Smoothed, model_at, smoothed
 from autopilot.estimation.rudder_observer import (
     AS_FILED,
     RudderMemory,

@@ -16,7 +16,8 @@ from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.heading_ekf import FilterNoise, fuse_heading, fuse_rate
+from autopilot.estimation.disturbance import FilterNoise
+from autopilot.estimation.heading_ekf import fuse_heading, fuse_rate
 from autopilot.models.drives import DriveLaw, quickness
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.estimator import Fusion, Measured, Moment, carried, fuse_measured, noises_of, seen_at, sliding
-from autopilot.estimation.heading_ekf import FilterNoise, FilterState, fuse_heading
-from autopilot.estimation.instruments import NO_RATE_BIAS
+from autopilot.estimation.disturbance import Filtered, FilterNoise, filter_noise, noises_of, sliding
+from autopilot.estimation.fusion import NO_RATE_BIAS, Fusion, Measured, Moment, carried, fuse_measured, seen_at
+from autopilot.estimation.heading_ekf import FilterState, fuse_heading
 from autopilot.estimation.tuning import GUST_BIAS_UNKNOWN, SLIDE_LASTS
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
@@ -200,7 +200,7 @@ def test_headings_that_lie_to_one_side_for_the_time_of_gusts_make_the_bias_quick
 def after_a_turn(reckons: bool, side: float) -> list[FilterState]:
     """Return what is known every 0.1 s of a boat that a slide pushes by 0.1 rad of rudder at first, and a wind by 0.01:
     with what a turn leaves unknown, or without."""
-    noises = noises_of(ekf.filter_noise(BOAT, ekf.Filtered(2.7e-5, 1.2e-5, 10.0, 0.5, math.inf, waves=True)))
+    noises = noises_of(filter_noise(BOAT, Filtered(2.7e-5, 1.2e-5, 10.0, 0.5, math.inf, waves=True)))
     noise, random, found = noises.usual, np.random.default_rng(7), []
     now = Fusion(ekf.initial(0.0, 0.0, 0.0, noise)._replace(bias=side * 0.01, p22=1e-5))
     if reckons:

@@ -14,15 +14,8 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 
 from autopilot.estimation import disturbance as wave_motion
 from autopilot.estimation import heading_ekf as ekf
-from autopilot.estimation.disturbance import NO_SEA, Sea, frequency
-from autopilot.estimation.heading_ekf import (
-    FilterNoise,
-    FilterState,
-    fuse_heading,
-    fuse_rate,
-    innovations,
-    is_sound,
-)
+from autopilot.estimation.disturbance import NO_SEA, FilterNoise, Sea, frequency
+from autopilot.estimation.heading_ekf import FilterState, fuse_heading, fuse_rate, innovations, is_sound
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
 NOMOTO = Norrbin(0.2, 5.0)

@@ -13,7 +13,7 @@ from boats import BOATS, vessel_of
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.estimation.instruments import NO_NOISE, NO_RATE_BIAS, RateBias, noise_step, rate_bias_step
+from autopilot.estimation.fusion import NO_NOISE, NO_RATE_BIAS, RateBias, noise_step, rate_bias_step
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, RateSample, Sample, SpeedSample
 from autopilot.vessel.file import load_vessel

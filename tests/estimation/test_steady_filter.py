@@ -24,7 +24,7 @@ from autopilot.control.margins import (
     refusal_of,
     steady_filter,
 )
-from autopilot.estimation.heading_ekf import FilterNoise
+from autopilot.estimation.disturbance import FilterNoise
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
