@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import stat
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 
 
 ROUTE_MOST_BYTES = 1 << 20
+NOT_READ = (
+    "orders are typed at a terminal: what comes by a pipe is not read; over SSH use ssh -t, from programs --serve"
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -144,6 +149,8 @@ def run(arguments: argparse.Namespace) -> int:
         shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, MOB_HELP]
         shown += [SWING_HELP] * (vessel.drive.kind == "two_thrusters") + [LEARN_HELP] * arguments.learn  # fmt: skip
         print("  ".join(shown), PATTERN_HELP, sep="\n")
+    elif sys.stdin is not None and not sys.stdin.closed and stat.S_ISFIFO(os.fstat(sys.stdin.fileno()).st_mode):
+        print(NOT_READ, flush=True)
 
     def watch(app: App, tick: Tick) -> bool:
         for line in typed.poll() if typed is not None else ():

@@ -58,3 +58,12 @@ def test_no_file_that_is_opened_later_becomes_a_standard_stream(closing: str) ->
         "start('test', run)"
     )
     assert started(closing, "-c", script).returncode == 43
+
+
+def test_that_orders_by_a_pipe_are_not_read_is_said() -> None:
+    words = f"run lanxin --link udpin:127.0.0.1:{free_port(socket.SOCK_DGRAM)} --wait 0.3".split(" ")
+    program = [sys.executable, "-m", "autopilot", *words]
+    for given, is_said in ({"input": "+10\n"}, True), ({"stdin": subprocess.DEVNULL}, False):
+        done = subprocess.run(program, capture_output=True, text=True, timeout=120, check=False, cwd=ROOT, **given)
+        assert ("what comes by a pipe is not read" in done.stdout) is is_said, done.stdout
+        assert done.returncode == 3
