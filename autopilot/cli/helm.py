@@ -226,7 +226,7 @@ class HelmKeys:
 
 def request_of(line: str) -> dict[str, Any]:
     """Return the request of a typed line. Raises InputError."""
-    from autopilot.operators.skipper import KINDS, PATTERN_HELP
+    from autopilot.operators.trial_script import KINDS, PATTERN_HELP
 
     word, *rest = line.split() or [""]
     if word in PLAIN and not rest:

@@ -110,13 +110,12 @@ def run(arguments: argparse.Namespace) -> int:
         HELP,
         LEARN_HELP,
         MOB_HELP,
-        PATTERN_HELP,
         ROUTE_HELP,
         SWING_HELP,
         WIND_HELP,
         Skipper,
-        heading_of,
     )
+    from autopilot.operators.trial_script import PATTERN_HELP, heading_of
     from autopilot.runtime.build import limits_of
     from autopilot.runtime.build_links import refuse_wind_hold
 

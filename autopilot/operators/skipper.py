@@ -11,21 +11,29 @@ override ends the following of it for good.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 from autopilot.angles import compass_text, wrap
 from autopilot.errors import InputError
-from autopilot.files.outside import SHOWN, typed_number
+from autopilot.files.outside import SHOWN
 from autopilot.files.printable import printable
-from autopilot.guidance import manoeuvres
 from autopilot.guidance.current import Overboard
 from autopilot.guidance.manoeuvres import OneThruster, Pattern, PatternGuide, TrialLimits
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.wind_vane import CONFIRM_S, Manoeuvre, WindGuide
 from autopilot.links.base import LastStop
 from autopilot.links.ground_station.mission import Mission
-from autopilot.operators.trial_script import Step, TrialScript, turning, zigzag
+from autopilot.operators.trial_script import (
+    KINDS,
+    Step,
+    TrialScript,
+    degrees_of,
+    heading_of,
+    pattern_of,
+    pattern_typed,
+    turn_of,
+    turning,
+    zigzag,
+)
 from autopilot.signals import (
     CompassSample,
     CourseSample,
@@ -44,90 +52,6 @@ HELP = (
 )
 LEARN_HELP = "learn: what was learnt  adopt: steer with it  revert: take it back"
 FOLLOW_HELP = "f: follow the chart plotter"
-
-
-def heading_of(text: str) -> float:
-    """Return a heading typed in degrees, 0 to 360, in rad. Raises InputError."""
-    degrees = _number(text)
-    if not 0.0 <= degrees <= 360.0:
-        raise InputError(f"heading {text}: allowed is 0 to 360 degrees")
-    return wrap(math.radians(degrees))
-
-
-def turn_of(text: str) -> float:
-    """Return a change of heading typed in degrees, -360 to 360, in rad. Raises InputError."""
-    degrees = _number(text)
-    if not -360.0 <= degrees <= 360.0:
-        raise InputError(f"change of heading {text}: allowed is -360 to 360 degrees")
-    return math.radians(degrees)
-
-
-def _number(text: str) -> float:
-    try:
-        return typed_number(text)
-    except InputError as error:
-        raise InputError(f"{error} of degrees") from None
-
-
-PATTERN_HELP = (
-    "p u +: U turn to starboard (-: port)  p circle + M  p spiral + M M  p zigzag + DEG M  p square + M  p s + DEG M"
-)
-
-
-class Size(NamedTuple):
-    """A number a pattern takes, in metres or degrees."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-
-
-RADIUS = Size("radius", "m", 1.0, 10000.0)
-GROWTH = Size("change of radius each turn", "m", -1000.0, 1000.0)
-ANGLE = Size("angle", "deg", 1.0, 90.0)
-LEG = Size("leg", "m", 1.0, 100000.0)
-
-KINDS: dict[str, tuple[tuple[Size, ...], Callable[..., Pattern]]] = {
-    "u": ((), manoeuvres.u_turn),
-    "circle": ((RADIUS,), manoeuvres.circle),
-    "spiral": ((RADIUS, GROWTH), manoeuvres.spiral),
-    "zigzag": ((ANGLE, LEG), manoeuvres.zigzag),
-    "square": ((LEG,), manoeuvres.square),
-    "s": ((ANGLE, RADIUS), manoeuvres.s_curve),
-}
-"""In the order of their numbers over MAVLink, from 0; the one behind the last is `Skipper.swing`."""
-
-
-def pattern_of(kind: str, side: float, sizes: Sequence[float]) -> Pattern:
-    """Return a pattern to one side (1 starboard, -1 port) with its sizes in metres and degrees. Raises InputError."""
-    if kind not in KINDS:
-        raise InputError(f"pattern {printable(repr(kind), SHOWN)}: allowed are {', '.join(KINDS)}")
-    if side not in (1.0, -1.0):
-        raise InputError(f"pattern {kind}: the side is + (starboard) or - (port)")
-    takes, make = KINDS[kind]
-    if len(sizes) < len(takes):
-        raise InputError(f"pattern {kind}: give {' and '.join(f'{size.name} [{size.unit}]' for size in takes)}")
-    for size, value in zip(takes, sizes, strict=False):
-        if not size.low <= value <= size.high:
-            raise InputError(
-                f"pattern {kind}: {size.name} {value:g}, allowed is {size.low:g} to {size.high:g} {size.unit}"
-            )
-    given = [math.radians(value) if size.unit == "deg" else value for size, value in zip(takes, sizes, strict=False)]
-    return make(int(side), *given)
-
-
-def pattern_typed(text: str) -> Pattern:
-    """Return the pattern of a typed line, like `circle + 60`. Raises InputError."""
-    kind, *rest = text.split() or [""]
-    side = {"+": 1.0, "-": -1.0}.get(rest[0], 0.0) if rest else 0.0
-    try:
-        sizes = [typed_number(word) for word in rest[1:]]
-    except InputError as error:
-        raise InputError(f"pattern: {error}; {PATTERN_HELP}") from None
-    if kind in KINDS and len(sizes) > len(KINDS[kind][0]):
-        raise InputError(f"pattern {kind}: too many numbers; {PATTERN_HELP}")
-    return pattern_of(kind, side, sizes)
 
 
 ROUTE_HELP = "t [N]: follow the route"
@@ -311,7 +235,7 @@ class Skipper:
             self.engage(heading_of(rest) if rest else None)
             return "engaging"
         if word == "r":
-            angle = math.radians(_number(rest))
+            angle = math.radians(degrees_of(rest))
             if abs(angle) > self._rudder_max:
                 raise InputError(f"rudder {rest}: allowed is up to {math.degrees(self._rudder_max):.0f} deg each side")
             self.plotter.leave()
@@ -374,7 +298,7 @@ class Skipper:
     def _type_wind(self, word: str, rest: str) -> str:
         if word == "w":
             true, degrees = rest.startswith("true"), rest.removeprefix("true").strip()
-            self.hold_wind(true, math.radians(_number(degrees)) if degrees else None)
+            self.hold_wind(true, math.radians(degrees_of(degrees)) if degrees else None)
             return f"holding the {'true' if true else 'apparent'} wind's angle{f' of {degrees} deg' if degrees else ''}"
         if word[0] in "+-":
             self.wind.turn_by(turn_of(f"{word}{rest}".replace(" ", "")))

@@ -1,6 +1,7 @@
 """Orders that follow each other: each holds for its time, counted from the moment the pilot is engaged.
 
-The manoeuvres of `autopilot trial` as steps, from its options.
+The manoeuvres of `autopilot trial` as steps, from its options; and what is typed at the helm: headings, changes, turn
+patterns.
 """
 
 from __future__ import annotations
@@ -12,8 +13,18 @@ from typing import NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
-from autopilot.files.outside import typed_number
-from autopilot.guidance.manoeuvres import BinaryHelm, SteadyRate, TrialLimits, TrialWatch, Turned, spiral_angles
+from autopilot.files.outside import SHOWN, typed_number
+from autopilot.files.printable import printable
+from autopilot.guidance import manoeuvres
+from autopilot.guidance.manoeuvres import (
+    BinaryHelm,
+    Pattern,
+    SteadyRate,
+    TrialLimits,
+    TrialWatch,
+    Turned,
+    spiral_angles,
+)
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import Mode, Order, OrderKind, Tick
 from autopilot.supervision.panel import sentence_of, sentences_of
@@ -284,3 +295,95 @@ def _binary(rudder: float, hold: float, swing: float, seed: int) -> Helm:
         return rudder * binary.side(since, wrap(tick.state.heading - base[0]))
 
     return helm
+
+
+def heading_of(text: str) -> float:
+    """Return a heading typed in degrees, 0 to 360, in rad. Raises InputError."""
+    degrees = degrees_of(text)
+    if not 0.0 <= degrees <= 360.0:
+        raise InputError(f"heading {text}: allowed is 0 to 360 degrees")
+    return wrap(math.radians(degrees))
+
+
+def turn_of(text: str) -> float:
+    """Return a change of heading typed in degrees, -360 to 360, in rad. Raises InputError."""
+    degrees = degrees_of(text)
+    if not -360.0 <= degrees <= 360.0:
+        raise InputError(f"change of heading {text}: allowed is -360 to 360 degrees")
+    return math.radians(degrees)
+
+
+def degrees_of(text: str) -> float:
+    """Return a number of degrees as it was typed. Raises InputError."""
+    try:
+        return typed_number(text)
+    except InputError as error:
+        raise InputError(f"{error} of degrees") from None
+
+
+PATTERN_HELP = (
+    "p u +: U turn to starboard (-: port)  p circle + M  p spiral + M M  p zigzag + DEG M  p square + M  p s + DEG M"
+)
+
+
+class Size(NamedTuple):
+    """A number a pattern takes, in metres or degrees."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+RADIUS = Size("radius", "m", 1.0, 10000.0)
+
+
+GROWTH = Size("change of radius each turn", "m", -1000.0, 1000.0)
+
+
+ANGLE = Size("angle", "deg", 1.0, 90.0)
+
+
+LEG = Size("leg", "m", 1.0, 100000.0)
+
+
+KINDS: dict[str, tuple[tuple[Size, ...], Callable[..., Pattern]]] = {
+    "u": ((), manoeuvres.u_turn),
+    "circle": ((RADIUS,), manoeuvres.circle),
+    "spiral": ((RADIUS, GROWTH), manoeuvres.spiral),
+    "zigzag": ((ANGLE, LEG), manoeuvres.zigzag),
+    "square": ((LEG,), manoeuvres.square),
+    "s": ((ANGLE, RADIUS), manoeuvres.s_curve),
+}
+"""In the order of their numbers over MAVLink, from 0; the one behind the last is `Skipper.swing`."""
+
+
+def pattern_of(kind: str, side: float, sizes: Sequence[float]) -> Pattern:
+    """Return a pattern to one side (1 starboard, -1 port) with its sizes in metres and degrees. Raises InputError."""
+    if kind not in KINDS:
+        raise InputError(f"pattern {printable(repr(kind), SHOWN)}: allowed are {', '.join(KINDS)}")
+    if side not in (1.0, -1.0):
+        raise InputError(f"pattern {kind}: the side is + (starboard) or - (port)")
+    takes, make = KINDS[kind]
+    if len(sizes) < len(takes):
+        raise InputError(f"pattern {kind}: give {' and '.join(f'{size.name} [{size.unit}]' for size in takes)}")
+    for size, value in zip(takes, sizes, strict=False):
+        if not size.low <= value <= size.high:
+            raise InputError(
+                f"pattern {kind}: {size.name} {value:g}, allowed is {size.low:g} to {size.high:g} {size.unit}"
+            )
+    given = [math.radians(value) if size.unit == "deg" else value for size, value in zip(takes, sizes, strict=False)]
+    return make(int(side), *given)
+
+
+def pattern_typed(text: str) -> Pattern:
+    """Return the pattern of a typed line, like `circle + 60`. Raises InputError."""
+    kind, *rest = text.split() or [""]
+    side = {"+": 1.0, "-": -1.0}.get(rest[0], 0.0) if rest else 0.0
+    try:
+        sizes = [typed_number(word) for word in rest[1:]]
+    except InputError as error:
+        raise InputError(f"pattern: {error}; {PATTERN_HELP}") from None
+    if kind in KINDS and len(sizes) > len(KINDS[kind][0]):
+        raise InputError(f"pattern {kind}: too many numbers; {PATTERN_HELP}")
+    return pattern_of(kind, side, sizes)

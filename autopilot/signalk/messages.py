@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, TypeVar
 from autopilot.errors import InputError
 from autopilot.files.outside import ORDER_MOST, SHOWN, is_same_token, number_from, order_object
 from autopilot.files.printable import printable
-from autopilot.links.ground_station.commands import HEADING, TRACK, TRIAL, WIND
+from autopilot.links.ground_station.orders import HEADING, TRACK, TRIAL, WIND
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.web.requests import came_late
 from autopilot.web.station import Station

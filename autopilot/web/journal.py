@@ -17,7 +17,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, parse_json
 from autopilot.files.printable import printable
-from autopilot.firmware.metadata import FtpClient
+from autopilot.firmware.session import FtpClient
 from autopilot.links.ground_station.file_server import ALARMS
 from autopilot.signals import AlarmState
 from autopilot.supervision.alarms import OTHER, SOUNDS, Priority, Sound

@@ -14,23 +14,19 @@ from autopilot.files.printable import printable
 from autopilot.links.base import UNSEEN
 from autopilot.links.ground_station.commands import (
     ACKNOWLEDGE,
-    ADOPT,
     COMPASS,
     CONFIRM,
     DECLINE,
     GYBE,
-    LEARNING,
-    LEVEL,
     MANUAL,
     OVERBOARD,
     PATTERN,
-    REVERT,
     TACK,
-    TRACK,
     TURNING,
     WINDWARD,
     ZIGZAG,
 )
+from autopilot.links.ground_station.orders import ADOPT, LEARNING, LEVEL, REVERT, TRACK
 from autopilot.supervision.alarms import CATALOGUE, OTHER
 from autopilot.web import orders
 from autopilot.web.orders import ARM, Asked, Command

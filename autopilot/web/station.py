@@ -19,9 +19,9 @@ from autopilot.errors import InputError
 from autopilot.files.outside import SHOWN, parse_json
 from autopilot.files.printable import printable
 from autopilot.firmware.download import Download
-from autopilot.firmware.metadata import FtpClient, expanded
+from autopilot.firmware.metadata import expanded
 from autopilot.firmware.protocol import Target, parameter_value, refused_value, set_value
-from autopilot.firmware.session import GROUND_STATION_SYSTEM
+from autopilot.firmware.session import GROUND_STATION_SYSTEM, FtpClient
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.ground_station.file_server import COMPASSES, PARAMETERS, ROUTE
 from autopilot.links.mavlink.codec import MavlinkCodec, Message

@@ -11,8 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
 from autopilot.guidance.track import TrackGuide, TrackSettings, Waypoint
-from autopilot.links.ground_station.commands import Commands, TuningCommands
+from autopilot.links.ground_station.commands import Commands
 from autopilot.links.ground_station.mission import Mission, MissionItem
+from autopilot.links.ground_station.orders import TuningCommands
 from autopilot.signals import (
     HelmCause,
     HelmSample,

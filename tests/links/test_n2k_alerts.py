@@ -9,19 +9,10 @@ import pytest
 from station_doubles import Skipper
 
 from autopilot.guidance.current import Overboard, Place
-from autopilot.links.n2k.node import Device
+from autopilot.links.n2k.node import Alerts, Device, number_of
 from autopilot.links.n2k.packets import Message, text_of
-from autopilot.links.n2k.session import Alerts, N2kSession, N2kSettings, number_of
-from autopilot.signals import (
-    AlarmEvent,
-    AlarmState,
-    Mode,
-    NavState,
-    Order,
-    Reference,
-    RudderCommand,
-    Tick,
-)
+from autopilot.links.n2k.session import N2kSession, N2kSettings
+from autopilot.signals import AlarmEvent, AlarmState, Mode, NavState, Order, Reference, RudderCommand, Tick
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.supervision.panel import sentence_of
 

@@ -18,9 +18,10 @@ from autopilot.links.alarm_outputs import StatusTexts
 from autopilot.links.base import LastStop, LinkError
 from autopilot.links.ground_station.access import AccessPolicy, AccessRules
 from autopilot.links.ground_station.boat_link import BoatLink
-from autopilot.links.ground_station.commands import Instruments, LongCommand, ProgressReports
+from autopilot.links.ground_station.commands import Instruments
 from autopilot.links.ground_station.file_server import alarm_list
 from autopilot.links.ground_station.mission import Mission, MissionItem
+from autopilot.links.ground_station.orders import LongCommand, ProgressReports
 from autopilot.links.ground_station.station_service import ParameterServer, StationService
 from autopilot.links.ground_station.telemetry import Telemetry
 from autopilot.links.mavlink.codec import MavlinkCodec

@@ -21,7 +21,8 @@ from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.ground_station.mission import Mission
-from autopilot.operators.skipper import HELP, Skipper, heading_of
+from autopilot.operators.skipper import HELP, Skipper
+from autopilot.operators.trial_script import heading_of
 from autopilot.signals import (
     AlarmEvent,
     CompassSample,

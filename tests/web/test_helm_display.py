@@ -18,8 +18,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from starlette.responses import JSONResponse
 
 from autopilot.errors import InputError
-from autopilot.firmware.metadata import FtpClient
 from autopilot.firmware.protocol import Target
+from autopilot.firmware.session import FtpClient
 from autopilot.links.alarm_outputs import StatusTexts
 from autopilot.links.base import LinkError
 from autopilot.links.ground_station.file_server import ALARMS, PARAMETERS

@@ -1,16 +1,4 @@
-"""Commands of ground stations as the boat carries them out: always acknowledged, unknown ones UNSUPPORTED. Pure.
-
-The boat's modes: their numbers and names, which of them steers now, and the messages that list them. Pure.
-
-Numbered as the ArduRover modes nearest to them (MANUAL, GUIDED, AUTO, STEERING, ACRO), because ground stations name the
-modes of every surface boat by that list. Who asks for AVAILABLE_MODES gets names of our own.
-
-Commands that take a while: IN_PROGRESS with the percentage while they last, the result at their end. Pure.
-
-Source: https://mavlink.io/en/services/command.html, long running commands.
-
-What ground stations may have changed of the law and the model: a response level, what was learnt, and back. Pure.
-"""
+"""Commands of ground stations as the boat carries them out: always acknowledged, unknown ones UNSUPPORTED. Pure."""
 
 from __future__ import annotations
 
@@ -29,195 +17,24 @@ from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
 from autopilot.links.base import LastStop
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
 from autopilot.links.ground_station.orders import ACKNOWLEDGE as ACKNOWLEDGE
+from autopilot.links.ground_station.orders import (
+    HEADING,
+    LEARNING,
+    LEVEL,
+    MISSION,
+    TRACK,
+    TRIAL,
+    WIND,
+    LongCommand,
+    Run,
+    Tuner,
+    TuningCommands,
+)
 from autopilot.links.ground_station.orders import MANUAL as MANUAL
-from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.frames import AvailableModes, CurrentMode
 from autopilot.links.north import MAGNETIC_LEADS, Variation
 from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.alarms import BY_NUMBER
 from autopilot.supervision.supervisor import NO_HEADING
-
-HEADING, TRACK, TRIAL, WIND = 15, 10, 3, 1
-NON_STANDARD, MISSION = 0, 6
-"""MAV_STANDARD_MODE."""
-NOT_SELECTABLE = 2
-"""MAV_MODE_PROPERTY: a trial is begun by its command."""
-
-
-class BoatMode(NamedTuple):
-    """Our number, what people read, the standard mode it is, and MAV_MODE_PROPERTY bits."""
-
-    number: int
-    name: str
-    standard: int = NON_STANDARD
-    properties: int = 0
-
-
-MODES = (
-    BoatMode(MANUAL, "Manual"),
-    BoatMode(HEADING, "Heading"),
-    BoatMode(TRACK, "Track", MISSION),
-    BoatMode(TRIAL, "Trial", NON_STANDARD, NOT_SELECTABLE),
-    BoatMode(WIND, "Wind"),
-)
-
-
-def mode_of(tick: Tick, follows_route: bool = False, follows_wind: bool = False) -> int:
-    """Return our custom mode: who steers, and what to."""
-    if tick.mode is not Mode.ENGAGED:
-        return MANUAL
-    if tick.order.kind is not OrderKind.HEADING:
-        return TRIAL
-    return TRACK if follows_route else WIND if follows_wind else HEADING
-
-
-def available_modes(index: float) -> list[AvailableModes]:
-    """Return AVAILABLE_MODES of the mode `index`, counted from 1, or of all of them for 0; [] for another."""
-    return [
-        AvailableModes(len(MODES), number, mode.standard, mode.number, mode.properties, mode.name.encode())
-        for number, mode in enumerate(MODES, 1)
-        if index in (0.0, float(number))
-    ]
-
-
-def current_mode(number: int) -> CurrentMode:
-    """Return CURRENT_MODE: we take a mode or refuse it, so that none is ever only intended."""
-    standard = next(mode.standard for mode in MODES if mode.number == number)
-    return CurrentMode(standard, number, number)
-
-
-CANCELLED = 6
-"""MAV_RESULT_CANCELLED, which the dialect does not have."""
-PROGRESS_S = 1.0
-
-
-class Run(Protocol):
-    """Something that takes a while; progress from 0 to 1."""
-
-    is_over: bool
-    is_complete: bool
-
-    @property
-    def progress(self) -> float:
-        """Share that is done."""
-
-
-class LongCommand:
-    """A command that is being carried out."""
-
-    def __init__(self, command: int, parameters: tuple[float, ...], run: Run) -> None:
-        self.command, self.parameters, self.run = command, parameters, run
-        self.is_cancelled = False
-
-    @property
-    def percent(self) -> int:
-        """How much of it is done."""
-        return round(100.0 * self.run.progress)
-
-    @property
-    def result(self) -> int:
-        """MAV_RESULT as of now."""
-        if not self.run.is_over:
-            return int(dialect.MAV_RESULT_IN_PROGRESS)
-        if self.is_cancelled:
-            return CANCELLED
-        return int(dialect.MAV_RESULT_ACCEPTED if self.run.is_complete else dialect.MAV_RESULT_FAILED)
-
-
-class ProgressReports:
-    """What one link tells of the command that came over it."""
-
-    def __init__(self) -> None:
-        self._reported: tuple[LongCommand, tuple[int, int]] | None = None
-        self._next = math.inf
-
-    def begin(self, now: float, command: LongCommand, sender: tuple[int, int]) -> None:
-        """Report to `sender` (system, component) from now [s] on."""
-        self._reported, self._next = (command, sender), now + PROGRESS_S
-
-    def is_for(self, sender: tuple[int, int]) -> bool:
-        """Return whether `sender` is reported to."""
-        return self._reported is not None and sender == self._reported[1]
-
-    def due(self, now: float) -> list[Message]:
-        """Return the acknowledgement that falls due, and the last one at once."""
-        if self._reported is None:
-            return []
-        command, sender = self._reported
-        if now < self._next and not command.run.is_over:
-            return []
-        self._next = now + PROGRESS_S
-        if command.run.is_over:
-            self._reported = None
-        return [acknowledgement(command.command, command.result, sender, command.percent)]
-
-
-def acknowledgement(command: int, result: int, sender: tuple[int, int], percent: int = 0) -> Message:
-    """Return COMMAND_ACK."""
-    return dialect.MAVLink_command_ack_message(command, result, percent, 0, *sender)
-
-
-LEARNING, LEVEL = int(dialect.MAV_CMD_USER_4), int(dialect.MAV_CMD_USER_5)
-"""USER_4: learning; 1 adopts the proved model, 2 goes back to the one before.
-USER_5: response level, 1 calm to 9 quick."""
-ADOPT, REVERT = 1.0, 2.0
-
-
-class Tuning(Run, Protocol):
-    """A change that is being worked out, and how it ended, in words for people."""
-
-    @property
-    def said(self) -> str:
-        """What people should know at its end."""
-
-
-class Tuner(Protocol):
-    """Who works changes out beside the loop and puts them in force between two ticks."""
-
-    level: float
-    """The response level put in force last, not a number before."""
-
-    def set_level(self, level: int) -> Tuning:
-        """Begin to put a response level (1 calm to 9 quick) in force. Raises InputError."""
-
-    def adopt(self) -> Tuning:
-        """Begin to put the proved model in force. Raises InputError."""
-
-    def revert(self) -> Tuning:
-        """Put back in force what was before the latest adoption. Raises InputError."""
-
-    def learnt(self) -> dict[str, float]:
-        """Return what was learnt by names of at most ten characters; empty where nothing is learnt."""
-
-
-class TuningCommands:
-    """The commands that tune, on the way to `tuner`; without one they are not known."""
-
-    def __init__(self, tuner: Tuner | None) -> None:
-        self._tuner = tuner
-        self._begun: Tuning | None = None
-
-    def begin(self, command: int, value: float) -> Tuning | None:
-        """Begin what a command with its first parameter asks for; None where that is not known. Raises InputError."""
-        tuner = self._tuner
-        if tuner is None or (command == LEARNING and value not in (ADOPT, REVERT)):
-            return None
-        if command == LEARNING:
-            self._begun = tuner.adopt() if value == ADOPT else tuner.revert()
-        elif math.isfinite(value) and value == int(value):
-            self._begun = tuner.set_level(int(value))
-        else:
-            raise InputError(f"response level {value:g}: allowed is a whole number from 1 (calm) to 9 (quick)")
-        return self._begun
-
-    def outcome(self) -> str:
-        """Return what a change that has ended came to, once."""
-        begun = self._begun
-        if begun is None or not begun.is_over:
-            return ""
-        self._begun = None
-        return begun.said
-
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)

@@ -20,20 +20,10 @@ from typing import Protocol
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.alarm_outputs import StatusTexts
-from autopilot.links.ground_station.commands import (
-    ACCEPTED,
-    CANCELLED,
-    DENIED,
-    IN_PROGRESS,
-    OVERBOARD,
-    UNSUPPORTED,
-    Commands,
-    ProgressReports,
-    acknowledgement,
-    available_modes,
-)
+from autopilot.links.ground_station.commands import ACCEPTED, DENIED, IN_PROGRESS, OVERBOARD, UNSUPPORTED, Commands
 from autopilot.links.ground_station.file_server import GENERAL, NO_FILES, Content, FileServer, metadata_messages
 from autopilot.links.ground_station.mission import FRAMES, MissionServer
+from autopilot.links.ground_station.orders import CANCELLED, ProgressReports, acknowledgement, available_modes
 from autopilot.links.ground_station.telemetry import Telemetry, version
 from autopilot.links.mavlink.codec import Message, message_id
 from autopilot.links.mavlink.frames import AvailableModes, ComponentInformation, ComponentMetadata

@@ -16,8 +16,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.angles import compass_deg, wrap
 from autopilot.guidance.wind_vane import WindGuide
-from autopilot.links.ground_station.commands import Instruments, Tuner, current_mode, mode_of
+from autopilot.links.ground_station.commands import Instruments
 from autopilot.links.ground_station.mission import Mission
+from autopilot.links.ground_station.orders import Tuner, current_mode, mode_of
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import CurrentMode
 from autopilot.signals import AlarmState, Mode, OrderKind, PositionSample, RollSample, Tick

@@ -1,4 +1,4 @@
-"""How an override of a steering input is proved before we steer, and seen to end afterwards. Pure.
+"""How an override of a steering input is proved before we steer, seen while we do, and seen to end afterwards. Pure.
 
 The override probe finds out, before the pilot may engage and without moving the rudder, that our steering is taken.
 ArduPilot ignores overrides in silence: from a system id that is not its ground station's, while the pilot's override
@@ -17,13 +17,137 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from enum import Enum
 
-from autopilot.links.mavlink.authority import DISOBEDIENCE_S, ECHO_PATIENCE_S, HISTORY_S, PULSE_TOLERANCE_US
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
 from autopilot.links.rudder_order import LONGEST_PERIOD_S, PATIENCE_S, REPORTS
+
+DISOBEDIENCE_S = 1.0
+"""The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
+
+
+AGREEMENT_WEIGHT = 0.5
+"""Reports that agree make good half as much: a rudder that follows somebody else every other time is found out too."""
+
+
+PULSE_TOLERANCE_US = 3
+
+
+HISTORY_S = 1.0
+"""A report may show any pulse sent within this time."""
+
+
+ECHO_PATIENCE_S = 2.5
+"""A slow telemetry radio may take this long from our message to the vehicle's report of it."""
+
+
+STRAGGLER_S = 5.0
+"""One order may come so late that it is seen this long after it was sent: an old one of ours, and nobody else's."""
+
+
+RETURN_GAP_S, RETURNS_S = 0.35, 1.5
+"""Orders that are released and back within the one, for longer than the other: who steers repeats its own at 5 Hz."""
+
+
+class OverrideEcho:
+    """Whether an override shows in what the vehicle reports: one for each channel that is overridden. Times in seconds.
+
+    Attributes:
+        began: when the overriding began.  report_time: when something was reported last, -inf before.
+        pulses: the input pulses [us] commanded in the `HISTORY_S` before the last command, each once with its last
+            time, the newest last.
+    """
+
+    def __init__(self) -> None:
+        self.began = self.report_time = -math.inf
+        self.pulses: dict[int, float] = {}
+        self._earlier: dict[int, float] = {}
+        self._is_held = False
+        self._acted = (-math.inf, -math.inf)
+        """Since when, and when last, orders that are released have been seen to act again."""
+        self._doubts: dict[str, tuple[float, float]] = {}
+
+    def commanded(self, now: float, pulse: int | None) -> None:
+        """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for something else."""
+        if not self._is_held:
+            self._is_held, self._doubts = True, {}
+            self.began = self.report_time = now
+        if pulse is not None:
+            self.pulses.pop(pulse, None)  # its last time orders it
+            self.pulses[pulse] = now
+        for oldest in [*self.pulses]:
+            if now - self.pulses[oldest] <= HISTORY_S:
+                break
+            self._earlier.pop(oldest, None)
+            self._earlier[oldest] = self.pulses.pop(oldest)
+        for oldest in [*self._earlier]:
+            if now - self._earlier[oldest] <= STRAGGLER_S:
+                break
+            del self._earlier[oldest]
+
+    def released(self) -> None:
+        """Take note that nothing is overridden any more."""
+        self._is_held = False
+        for pulse, time in self.pulses.items():
+            self._earlier.pop(pulse, None)
+            self._earlier[pulse] = time
+        self.pulses.clear()
+
+    def is_late(self, pulse: int) -> bool:
+        """Return whether a reported `pulse` [us] was commanded before `pulses`, and not longer ago than a straggler."""
+        return agrees_with(pulse, self._earlier)
+
+    def acts_again(self, now: float, pulse: int) -> bool:
+        """Return whether a reported `pulse` [us] may be an order of ours that came behind its release, which the
+        vehicle obeys until it lets go by itself.
+
+        Such a one goes with the next release. What comes back behind each of them is somebody else who steers, or a
+        stick that stands there: theirs is not to be released.
+        """
+        if self._is_held or not self._earlier:
+            return False
+        recent = [sent for sent, time in self._earlier.items() if now - time <= STRAGGLER_S]
+        if not recent:
+            self._earlier.clear()
+        if not agrees_with(pulse, recent):
+            return False
+        since, last = self._acted
+        self._acted = (since if now - last <= RETURN_GAP_S else now, now)
+        if now - self._acted[0] > RETURNS_S:
+            self._earlier.clear()
+            return False
+        return True
+
+    def shows(self, now: float, what: str, pulse: int, expected: Collection[int]) -> str:
+        """Compare a reported `pulse` [us] with those that the commands of late ask for, the newest last; return what it
+        is that has differed for too long, '' where nothing has.
+
+        It is one of them: between two that lie on either side a pulse that stands still would seem to obey for as long
+        as the order swings about it. `what` names the report, such as "RC channel 1" or "servo 1".
+        """
+        return differing(what, pulse, expected) if self.disagrees(now, what, agrees_with(pulse, expected)) else ""
+
+    def disagrees(self, now: float, what: str, agrees: bool) -> bool:
+        """Take whether the report `what` agrees with what is commanded; return whether it has not for too long."""
+        self.report_time = now
+        last, doubt = self._doubts.get(what, (self.began, 0.0))
+        passed = now - last if now - last < DISOBEDIENCE_S else DISOBEDIENCE_S
+        doubt += -AGREEMENT_WEIGHT * passed if agrees else passed
+        self._doubts[what] = (now, doubt if doubt > 0.0 else 0.0)
+        return doubt > DISOBEDIENCE_S
+
+
+def agrees_with(pulse: int, expected: Collection[int]) -> bool:
+    """Return whether a reported `pulse` [us] is one of those that are expected."""
+    return pulse in expected or any(-PULSE_TOLERANCE_US <= pulse - each <= PULSE_TOLERANCE_US for each in expected)
+
+
+def differing(what: str, pulse: int, expected: Collection[int]) -> str:
+    """Return what is said of a reported `pulse` [us] that is none of those that are expected."""
+    return f"{what} is at {pulse} us while {[*expected][-1]} is commanded"
+
 
 REPEAT_S = 0.1
 RETRY_S = 4.0

@@ -26,16 +26,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
-from autopilot.links.mavlink.authority import OverrideEcho
 from autopilot.links.mavlink.codec import Message
-from autopilot.links.mavlink.overrides import OverrideRelease
-from autopilot.links.mavlink.requests import (
-    OVERRIDE_TIME,
-    RADIO_TIMEOUT,
-    SAFE_MASK,
-    SCALED,
-    VehicleParameters,
-)
+from autopilot.links.mavlink.overrides import OverrideEcho, OverrideRelease
+from autopilot.links.mavlink.requests import OVERRIDE_TIME, RADIO_TIMEOUT, SAFE_MASK, SCALED, VehicleParameters
 from autopilot.links.mavlink.steering import (
     FIRST_HIGH,
     LEAVE_ALONE,
